@@ -1,0 +1,1 @@
+"""Decoders: one message family per module, from rosbags message objects to readings."""

@@ -1,0 +1,112 @@
+"""What decoders make of messages: the internal form of each kind of sensor data."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bagassets.geometry.se3 import SE3
+
+__all__ = ["BoxReading", "CloudReading", "ImageReading", "PoseReading", "RadarReading", "TransformReading"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ImageReading:
+    """One camera image.
+
+    Attributes:
+        stamp_ns: header stamp.
+        frame_id: sensor frame, without leading slash.
+        pixels: (H, W) or (H, W, 3) BGR, uint8 or uint16; None if only `encoded` is at hand.
+        encoded: the bytes of a JPEG or PNG as recorded, else None.
+        encoding: `jpeg`, `png` or the raw encoding as recorded.
+    """
+
+    stamp_ns: int
+    frame_id: str
+    pixels: NDArray[np.uint8] | NDArray[np.uint16] | None
+    encoded: bytes | None
+    encoding: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CloudReading:
+    """Points of one lidar message or revolution.
+
+    Attributes:
+        stamp_ns: the time the points are given for (header stamp, or see the step).
+        frame_id: sensor frame, without leading slash.
+        points: (N, 5) float32: x, y, z in metres in the sensor frame, intensity, ring.
+        times_ns: (N,) int64 absolute time of each point, or None if not recorded.
+        dropped: points dropped because not finite.
+    """
+
+    stamp_ns: int
+    frame_id: str
+    points: NDArray[np.float32]
+    times_ns: NDArray[np.int64] | None
+    dropped: int = 0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RadarReading:
+    """Targets of one radar message.
+
+    Attributes:
+        stamp_ns: header stamp.
+        frame_id: sensor frame, without leading slash.
+        targets: field name of the nuScenes radar format -> (N,) array; x, y, z always present.
+        dropped: targets dropped because not finite.
+    """
+
+    stamp_ns: int
+    frame_id: str
+    targets: dict[str, NDArray[np.float64]]
+    dropped: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class PoseReading:
+    """`parent_SE3_child` at a time."""
+
+    stamp_ns: int
+    parent: str
+    child: str
+    parent_SE3_child: SE3
+
+
+@dataclass(frozen=True, slots=True)
+class TransformReading:
+    """One edge of a TF tree at a time."""
+
+    stamp_ns: int
+    parent: str
+    child: str
+    parent_SE3_child: SE3
+
+
+@dataclass(frozen=True, slots=True)
+class BoxReading:
+    """One 3-D box in the frame it was recorded in.
+
+    Attributes:
+        stamp_ns: time of the box.
+        frame_id: frame of the pose, without leading slash.
+        frame_SE3_box: pose of the box centre; x forward, y left, z up.
+        size_m: width (y), length (x), height (z), as in nuScenes.
+        track_id: the same object over time within a recording.
+        category: as recorded, before mapping.
+        attributes: as recorded.
+        score: confidence, 1.0 for ground truth.
+        source: topic or file.
+    """
+
+    stamp_ns: int
+    frame_id: str
+    frame_SE3_box: SE3
+    size_m: tuple[float, float, float]
+    track_id: str
+    category: str
+    attributes: tuple[str, ...] = ()
+    score: float = 1.0
+    source: str = field(default="")

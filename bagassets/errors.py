@@ -1,0 +1,59 @@
+"""The few errors that this package raises.
+
+Every message is one or two sentences a user can act on: it names the file, topic or
+field, says what was expected, and what to do. Only the command line turns an error into
+an exit status; nothing in the library exits or prints.
+"""
+
+__all__ = [
+    "BagAssetsError",
+    "CalibrationError",
+    "ChangedWhileReadError",
+    "DatasetError",
+    "DecodeError",
+    "LossLimitError",
+    "PoseError",
+    "RecipeError",
+    "RecordingError",
+    "StoreError",
+]
+
+
+class BagAssetsError(Exception):
+    """Base of all errors raised on purpose; its text is meant for users."""
+
+
+class RecipeError(BagAssetsError):
+    """A recipe is missing, malformed, or asks for something that cannot be."""
+
+
+class RecordingError(BagAssetsError):
+    """A recording cannot be opened or read."""
+
+
+class ChangedWhileReadError(RecordingError):
+    """A recording changed between the start and the end of a step that read it."""
+
+
+class DecodeError(BagAssetsError):
+    """One message cannot be decoded; steps count it as lost, up to the recipe's limit."""
+
+
+class LossLimitError(BagAssetsError):
+    """More messages were lost than the recipe allows, or counts do not add up."""
+
+
+class CalibrationError(BagAssetsError):
+    """Intrinsics or extrinsics that a configured channel needs are missing or implausible."""
+
+
+class PoseError(BagAssetsError):
+    """The configured pose source yields no usable trajectory."""
+
+
+class StoreError(BagAssetsError):
+    """The artifact store misses something, holds damaged bytes, or cannot be written."""
+
+
+class DatasetError(BagAssetsError):
+    """A dataset cannot be assembled from the artifacts at hand."""

@@ -1,0 +1,1 @@
+"""Geometry: rigid transforms, TF trees, interpolation, cameras, the WGS84 ellipsoid."""

@@ -1,0 +1,151 @@
+"""Rigid transforms, named `dst_SE3_src`: they map coordinates in `src` to coordinates in `dst`.
+
+All arithmetic is elementwise. What is computed here is written into datasets, and BLAS
+kernels differ between processors in the last bits.
+"""
+
+from dataclasses import dataclass
+from math import sqrt
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+__all__ = ["SE3", "Floats", "quaternion_from_rotation", "quaternion_multiply", "rotate"]
+
+IDENTITY_QUATERNION = (1.0, 0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class SE3:
+    """A rigid transform: rotation by a unit quaternion (w, x, y, z), then translation in metres.
+
+    Both are tuples of floats, so transforms can be compared, hashed and written as JSON.
+    """
+
+    rotation: tuple[float, float, float, float] = IDENTITY_QUATERNION
+    translation: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    @classmethod
+    def create(
+        cls,
+        rotation: "Floats | list[float] | tuple[float, ...]",
+        translation: "Floats | list[float] | tuple[float, ...]",
+    ) -> Self:
+        """Return the transform with `rotation` (w, x, y, z; normalised here) and `translation` (3,).
+
+        Raises:
+            ValueError: a shape is wrong, a number is not finite, or the quaternion is zero.
+        """
+        q = [float(v) for v in rotation]
+        t = [float(v) for v in translation]
+        if len(q) != 4 or len(t) != 3:
+            msg = f"a pose needs 4 + 3 numbers, got {len(q)} + {len(t)}"
+            raise ValueError(msg)
+        norm = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+        if not np.isfinite(t).all() or not np.isfinite(norm) or norm < 1e-6:
+            msg = f"a pose needs finite numbers and a rotation, got rotation {q}, translation {t}"
+            raise ValueError(msg)
+        w, x, y, z = (v / norm for v in q)
+        return cls((w, x, y, z), (t[0], t[1], t[2]))
+
+    @classmethod
+    def from_matrix(cls, matrix: Floats) -> Self:
+        """Return the transform of a (4, 4) or (3, 4) homogeneous matrix."""
+        return cls.create(quaternion_from_rotation(matrix[:3, :3]), matrix[:3, 3])
+
+    @property
+    def rotation_matrix(self) -> Floats:
+        """Rotation as (3, 3) matrix."""
+        w, x, y, z = self.rotation
+        return np.array(
+            [
+                [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+                [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+                [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+            ]
+        )
+
+    @property
+    def matrix(self) -> Floats:
+        """The transform as (4, 4) homogeneous matrix."""
+        matrix = np.eye(4)
+        matrix[:3, :3] = self.rotation_matrix
+        matrix[:3, 3] = self.translation
+        return matrix
+
+    def __matmul__(self, other: "SE3") -> "SE3":
+        """Compose: `a_SE3_b @ b_SE3_c` is `a_SE3_c`."""
+        rotation = quaternion_multiply(np.array(self.rotation), np.array(other.rotation))
+        translation = rotate(np.array(self.rotation), np.array(other.translation)) + np.array(
+            self.translation
+        )
+        return SE3.create(rotation, translation)
+
+    def inverse(self) -> "SE3":
+        """Return `src_SE3_dst`."""
+        w, x, y, z = self.rotation
+        conjugate = np.array([w, -x, -y, -z])
+        return SE3.create(conjugate, -rotate(conjugate, np.array(self.translation)))
+
+    def transform_points(self, points_src: Floats) -> Floats:
+        """Map (N, 3) points in `src` to (N, 3) points in `dst`, metres."""
+        points_dst: Floats = rotate(np.array(self.rotation), points_src) + np.array(self.translation)
+        return points_dst
+
+
+def quaternion_multiply(a: Floats, b: Floats) -> Floats:
+    """Hamilton product of (..., 4) quaternions w, x, y, z."""
+    aw, ax, ay, az = np.moveaxis(a, -1, 0)
+    bw, bx, by, bz = np.moveaxis(b, -1, 0)
+    return np.stack(
+        [
+            aw * bw - ax * bx - ay * by - az * bz,
+            aw * bx + ax * bw + ay * bz - az * by,
+            aw * by - ax * bz + ay * bw + az * bx,
+            aw * bz + ax * by - ay * bx + az * bw,
+        ],
+        axis=-1,
+    )
+
+
+def rotate(quaternion: Floats, vectors: Floats) -> Floats:
+    """Rotate (..., 3) vectors by (..., 4) unit quaternions w, x, y, z; shapes broadcast."""
+    w, x, y, z = np.moveaxis(quaternion, -1, 0)
+    vx, vy, vz = np.moveaxis(vectors, -1, 0)
+    tx = 2 * (y * vz - z * vy)
+    ty = 2 * (z * vx - x * vz)
+    tz = 2 * (x * vy - y * vx)
+    return np.stack(
+        [
+            vx + w * tx + y * tz - z * ty,
+            vy + w * ty + z * tx - x * tz,
+            vz + w * tz + x * ty - y * tx,
+        ],
+        axis=-1,
+    )
+
+
+def quaternion_from_rotation(rotation: Floats) -> tuple[float, float, float, float]:
+    """Unit quaternion (w, x, y, z), w >= 0, of a (3, 3) rotation matrix.
+
+    Shepperd's method: S. W. Shepperd, "Quaternion from rotation matrix", 1978.
+    """
+    m = [[float(v) for v in row] for row in rotation]
+    trace = m[0][0] + m[1][1] + m[2][2]
+    candidates = (trace, m[0][0], m[1][1], m[2][2])
+    best = candidates.index(max(candidates))
+    if best == 0:
+        q = [1 + trace, m[2][1] - m[1][2], m[0][2] - m[2][0], m[1][0] - m[0][1]]
+    else:
+        i = best - 1
+        j, k = (i + 1) % 3, (i + 2) % 3
+        q = [0.0] * 4
+        q[0] = m[k][j] - m[j][k]
+        q[1 + i] = 1 + m[i][i] - m[j][j] - m[k][k]
+        q[1 + j] = m[j][i] + m[i][j]
+        q[1 + k] = m[k][i] + m[i][k]
+    norm = sqrt(sum(v * v for v in q)) * (-1 if q[0] < 0 else 1)
+    return (q[0] / norm, q[1] / norm, q[2] / norm, q[3] / norm)

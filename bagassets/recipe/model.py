@@ -1,0 +1,361 @@
+"""What a recipe may say: the configuration of one dataset build, checked field by field.
+
+A step never sees a `Recipe`. It is handed a small parameter object made from the fields it
+reads (`bagassets.steps`), so that changing any other field cannot make it stale.
+
+Paths in a loaded recipe are absolute; relative ones are relative to the recipe's folder.
+"""
+
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+
+Clock = Literal["header", "log"]
+Vector3 = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+
+
+def _slug(name: str) -> str:
+    if not name or not all(c.isalnum() or c in "-_." for c in name):
+        msg = "must consist of letters, digits, '-', '_' and '.'"
+        raise ValueError(msg)
+    return name
+
+
+def _channel_name(name: str) -> str:
+    if not name or not all(c.isupper() or c.isdigit() or c == "_" for c in name):
+        msg = "a channel is named in capitals, digits and '_', as in CAM_FRONT"
+        raise ValueError(msg)
+    return name
+
+
+Slug = Annotated[str, AfterValidator(_slug)]
+ChannelName = Annotated[str, AfterValidator(_channel_name)]
+
+
+class Model(BaseModel):
+    """Base of all recipe parts: immutable, and an unknown field is an error."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class Transform(Model):
+    """A rigid transform given by hand, `parent <- child`."""
+
+    translation: Vector3 = Field((0.0, 0.0, 0.0), description="x, y, z in metres.")
+    rotation: Quaternion = Field((1.0, 0.0, 0.0, 0.0), description="Unit quaternion w, x, y, z.")
+
+    @model_validator(mode="after")
+    def _unit(self) -> Self:
+        norm = sum(q * q for q in self.rotation) ** 0.5
+        if abs(norm - 1.0) > 1e-3:
+            msg = f"rotation must be a unit quaternion (w, x, y, z), its length is {norm:.4f}"
+            raise ValueError(msg)
+        return self
+
+
+class Intrinsics(Model):
+    """Camera calibration given by hand, for recordings without CameraInfo."""
+
+    model: Literal["plumb_bob", "rational_polynomial", "equidistant"] = Field(
+        "plumb_bob", description="Distortion model, named as in sensor_msgs/CameraInfo."
+    )
+    width: int = Field(gt=0, description="Image width in pixels.")
+    height: int = Field(gt=0, description="Image height in pixels.")
+    fx: float = Field(gt=0, description="Focal length in pixels.")
+    fy: float = Field(gt=0, description="Focal length in pixels.")
+    cx: float = Field(description="Principal point in pixels.")
+    cy: float = Field(description="Principal point in pixels.")
+    distortion: tuple[float, ...] = Field(
+        (), description="Coefficients in the order of the model; empty = none."
+    )
+
+
+class PinholeIntrinsics(Model):
+    """The pinhole matrix that undistorted images are written with."""
+
+    fx: float = Field(gt=0, description="Focal length in pixels.")
+    fy: float = Field(gt=0, description="Focal length in pixels.")
+    cx: float = Field(description="Principal point in pixels.")
+    cy: float = Field(description="Principal point in pixels.")
+
+
+class GreyRange(Model):
+    """How 16-bit grey values become 8 bit: one rule for the whole recording, never per image."""
+
+    range: tuple[float, float] | None = Field(None, description="Fixed grey values mapped to 0 and 255.")
+    percentiles: tuple[float, float] | None = Field(
+        None, description="Percentiles over the whole recording mapped to 0 and 255."
+    )
+
+    @model_validator(mode="after")
+    def _one(self) -> Self:
+        if (self.range is None) == (self.percentiles is None):
+            msg = "give either range or percentiles"
+            raise ValueError(msg)
+        low, high = self.range or self.percentiles or (0.0, 0.0)
+        if not low < high:
+            msg = "the first value must be smaller than the second"
+            raise ValueError(msg)
+        if self.percentiles is not None and not (low >= 0.0 and high <= 100.0):
+            msg = "percentiles lie between 0 and 100"
+            raise ValueError(msg)
+        return self
+
+
+class _Channel(Model):
+    topic: str = Field(description="Topic that carries the data.")
+    frame: str | None = Field(None, description="Sensor frame; default: the header's frame_id.")
+    extrinsics: Transform | None = Field(
+        None, description="ego <- sensor given by hand; default: from TF or the URDF."
+    )
+
+
+class CameraChannel(_Channel):
+    """A camera: Image or CompressedImage messages become image files."""
+
+    modality: Literal["camera"] = "camera"
+    camera_info: str | None = Field(
+        None, description="CameraInfo topic; default: `camera_info` beside the topic."
+    )
+    intrinsics: Intrinsics | None = Field(None, description="Calibration by hand; wins over CameraInfo.")
+    output: Literal["jpeg", "png", "as_recorded"] = Field(
+        "jpeg",
+        description="File format. as_recorded passes a JPEG or PNG through byte for byte if it needs no undistortion.",
+    )
+    quality: int = Field(90, ge=1, le=100, description="JPEG quality.")
+    undistort: bool = Field(True, description="Remove lens distortion (R = identity); needs intrinsics.")
+    target: PinholeIntrinsics | None = Field(
+        None, description="Another K for undistorted images; default: the camera's K."
+    )
+    to_8bit: GreyRange | None = Field(None, description="Rule that makes 16-bit grey 8 bit, needed for jpeg.")
+
+
+class LidarChannel(_Channel):
+    """A lidar: PointCloud2, Velodyne packets or LaserScan messages become `.pcd.bin` files."""
+
+    modality: Literal["lidar"] = "lidar"
+    model: str | None = Field(
+        None, description="Velodyne model for packets, e.g. VLP-16, VLS-128; default: asked from the packets."
+    )
+    stamp: Literal["end", "start", "middle"] = Field(
+        "end", description="Which time of a revolution is its stamp."
+    )
+    header_stamp_is: Literal["end", "start", "middle"] = Field(
+        "start", description="Which time of a revolution the recording's own stamp means, for clouds."
+    )
+    cut_angle_deg: float | None = Field(
+        None, ge=0, lt=360, description="Azimuth at which packets are cut into revolutions; default 0."
+    )
+    deskew: bool = Field(False, description="Move each point to the stamp of its revolution, with ego poses.")
+    min_range_m: float = Field(0.0, ge=0, description="Nearer points are dropped and counted.")
+    max_range_m: float | None = Field(None, gt=0, description="Farther points are dropped and counted.")
+
+
+class RadarChannel(_Channel):
+    """A radar: clouds, RadarScan or track messages become 18-field `.pcd` files."""
+
+    modality: Literal["radar"] = "radar"
+
+
+Channel = Annotated[CameraChannel | LidarChannel | RadarChannel, Field(discriminator="modality")]
+
+
+class _PoseSource(Model):
+    max_gap_s: float = Field(
+        0.5, gt=0, description="Readings inside a longer gap between poses have no pose."
+    )
+    extrapolate_s: float = Field(
+        0.05, ge=0, description="Readings this much before the first or after the last pose take that pose."
+    )
+
+
+class OdometrySource(_PoseSource):
+    """`nav_msgs/Odometry`: the pose of its child frame."""
+
+    source: Literal["odometry"] = "odometry"
+    topic: str = Field(description="Odometry topic.")
+
+
+class PoseTopicSource(_PoseSource):
+    """`PoseStamped` or `PoseWithCovarianceStamped`: the pose of the ego frame."""
+
+    source: Literal["pose"] = "pose"
+    topic: str = Field(description="Topic of stamped poses.")
+    frame: str | None = Field(None, description="Frame whose pose is given; default: the ego frame.")
+
+
+class TfSource(_PoseSource):
+    """A chain of transforms `global_frame -> … -> ego_frame`."""
+
+    source: Literal["tf"] = "tf"
+    global_frame: str = Field("map", description="Fixed frame at the root of the chain.")
+
+
+class NavSatSource(_PoseSource):
+    """`NavSatFix` projected to local metres, with orientation from an Imu or from the course."""
+
+    source: Literal["navsat"] = "navsat"
+    topic: str = Field(description="NavSatFix topic.")
+    imu: str | None = Field(
+        None, description="Imu topic with orientation (ENU); default: course over ground."
+    )
+
+
+class FixedPose(Model):
+    """A sensor rig that does not move."""
+
+    source: Literal["fixed"] = "fixed"
+    pose: Transform = Field(Transform(), description="global <- ego.")
+
+
+PoseSource = Annotated[
+    OdometrySource | PoseTopicSource | TfSource | NavSatSource | FixedPose, Field(discriminator="source")
+]
+
+
+class AnnotationTopic(Model):
+    """Boxes published in the recording."""
+
+    topic: str = Field(description="Detection3DArray, Marker(Array) or ObjectArray topic.")
+    frame: str | None = Field(None, description="Frame of the boxes; default: the header's frame_id.")
+    categories: dict[str, str] = Field(
+        default_factory=dict, description="Recorded class -> category; others pass through by name."
+    )
+    attributes: dict[str, tuple[str, ...]] = Field(
+        default_factory=dict, description="Category -> attributes given to each of its boxes."
+    )
+
+
+class Rig(Model):
+    """One sensor set-up: which recordings it made and what their topics mean."""
+
+    name: Slug = Field(description="Name, used in tokens and logs.")
+    match: tuple[str, ...] = Field(
+        ("**",), description="Globs on the path below the bag root; the first rig that matches wins."
+    )
+    ego_frame: str = Field("base_link", description="Frame that ego poses and extrinsics refer to.")
+    channels: dict[ChannelName, Channel] = Field(min_length=1, description="Canonical channel -> sensor.")
+    required: tuple[ChannelName, ...] = Field(
+        (), description="Channels without which a recording is skipped."
+    )
+    ego_pose: PoseSource = Field(
+        description="Where poses come from; a rig that stands still says `source: fixed`."
+    )
+    tf_static: tuple[str, ...] = Field(("/tf_static",), description="Topics with static transforms.")
+    tf: tuple[str, ...] = Field(
+        ("/tf",), description="Topics with transforms, searched for fixed joints too."
+    )
+    urdf: Path | None = Field(None, description="URDF file whose fixed joints give extrinsics.")
+    annotations: tuple[AnnotationTopic, ...] = Field((), description="Topics with 3-D boxes.")
+    vehicle: str | None = Field(None, description="Vehicle named in the log table; default: the rig's name.")
+    location: str = Field("unknown", description="Place named in the log table.")
+
+    @model_validator(mode="after")
+    def _known_channels(self) -> Self:
+        for channel in self.required:
+            if channel not in self.channels:
+                msg = f"required channel {channel} is not among the channels of rig {self.name}"
+                raise ValueError(msg)
+        return self
+
+
+class Bags(Model):
+    """Where recordings are and which of them count."""
+
+    root: Path = Field(description="Folder searched for recordings.")
+    include: tuple[str, ...] = Field(("**",), description="Globs on the path below the root.")
+    exclude: tuple[str, ...] = Field((), description="Globs of recordings to leave out.")
+    min_duration_s: float = Field(0.0, ge=0, description="Shorter recordings are skipped.")
+    settle_s: float = Field(
+        5.0, ge=0, description="A new file must keep its size this long before it is read."
+    )
+    message_definitions: tuple[Path, ...] = Field(
+        (), description="Folders of .msg files for recordings without type definitions."
+    )
+
+
+class Scenes(Model):
+    """How a recording is cut into scenes and keyframes."""
+
+    reference: ChannelName | None = Field(
+        None, description="Channel whose readings become keyframes; default LIDAR_TOP, else the first camera."
+    )
+    keyframe_hz: float = Field(2.0, gt=0, description="Keyframes per second.")
+    length_s: float = Field(20.0, gt=0, description="Length of a scene.")
+    min_length_s: float = Field(1.0, ge=0, description="A shorter remainder makes no scene (and is counted).")
+    tolerance_s: float = Field(
+        0.1, gt=0, description="A channel's reading may be this far from its keyframe."
+    )
+    missing: Literal["allow", "refuse"] = Field(
+        "allow", description="A keyframe that lacks a channel is kept (allow) or makes no keyframe (refuse)."
+    )
+
+
+class NamedText(Model):
+    """A category or attribute with its description."""
+
+    name: str = Field(description="Name, as in vehicle.car.")
+    description: str = Field("", description="One sentence for people.")
+
+
+class NuScenes(Model):
+    """The nuScenes dataset that is written."""
+
+    output: Path = Field(Path("dataset/nuscenes"), description="Dataroot.")
+    version: Slug = Field("v1.0-custom", description="Version folder.")
+    categories: tuple[NamedText, ...] = Field((), description="Categories; those met in the bags are added.")
+    attributes: tuple[NamedText, ...] = Field((), description="Attributes; those met in the bags are added.")
+    splits: dict[Slug, float] = Field(
+        default_factory=lambda: {"train": 0.8, "val": 0.2},
+        description="Split -> share of the recordings; by a hash of the recording, so none ever moves.",
+    )
+    seed: int = Field(0, description="Seed of the split.")
+
+    @model_validator(mode="after")
+    def _shares(self) -> Self:
+        total = sum(self.splits.values())
+        if not self.splits or min(self.splits.values()) < 0 or abs(total - 1.0) > 1e-6:
+            msg = f"shares of splits must not be negative and must add up to 1, they add up to {total:g}"
+            raise ValueError(msg)
+        return self
+
+
+class Limits(Model):
+    """What may go wrong before a recording counts as failed."""
+
+    lost_messages: float = Field(
+        0.01, ge=0, le=1, description="Share of a channel's messages that may fail to decode."
+    )
+
+
+class Recipe(Model):
+    """Everything that shapes a dataset."""
+
+    name: Slug = Field(description="Name of the project; also names the partitions in Dagster.")
+    bags: Bags = Field(description="Where recordings are and which of them count.")
+    state: Path = Field(Path(".bagassets"), description="Folder that keeps store and Dagster state.")
+    clock: Clock = Field("header", description="Time of a message: its header stamp, or when it was logged.")
+    rigs: tuple[Rig, ...] = Field(min_length=1, description="Sensor set-ups.")
+    scenes: Scenes = Field(Scenes(), description="Scenes and keyframes.")
+    nuscenes: NuScenes = Field(NuScenes(), description="The nuScenes dataset.")
+    limits: Limits = Field(Limits(), description="Accepted losses.")
+
+    @model_validator(mode="after")
+    def _unique_rigs(self) -> Self:
+        names = [rig.name for rig in self.rigs]
+        if len(set(names)) != len(names):
+            msg = "two rigs have the same name"
+            raise ValueError(msg)
+        return self
+
+    @property
+    def store_path(self) -> Path:
+        """Folder of the artifact store."""
+        return self.state / "store"
+
+    @property
+    def dagster_home(self) -> Path:
+        """Folder of the Dagster instance of this recipe."""
+        return self.state / "dagster"

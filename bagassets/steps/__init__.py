@@ -1,0 +1,1 @@
+"""Steps: pure functions from declared inputs and parameters to the files of an artifact."""

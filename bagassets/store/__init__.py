@@ -1,0 +1,1 @@
+"""The store: immutable artifacts named by content, and which action produced which."""

@@ -1,0 +1,62 @@
+"""Actions: what a step did, named by a digest of everything that shaped its bytes."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from importlib.metadata import version
+from typing import Any
+
+from bagassets.store.canonical import digest_json
+
+__all__ = ["Action", "Step"]
+
+
+@dataclass(frozen=True)
+class Step:
+    """A kind of action.
+
+    Attributes:
+        name: step name, stable for ever.
+        version: raised whenever the step's bytes change; a golden test guards it.
+        libraries: distributions whose version shapes the bytes.
+    """
+
+    name: str
+    version: int
+    libraries: tuple[str, ...] = ()
+
+    def action(self, params: Mapping[str, Any], inputs: Mapping[str, str]) -> "Action":
+        """Return the action of this step with `params` (JSON) on `inputs` (name -> digest)."""
+        libraries = {name: _version(name) for name in self.libraries}
+        return Action(self.name, self.version, libraries, dict(params), dict(inputs))
+
+
+@dataclass(frozen=True)
+class Action:
+    """One execution of a step, known before it runs."""
+
+    step: str
+    version: int
+    libraries: Mapping[str, str] = field(default_factory=dict)
+    params: Mapping[str, Any] = field(default_factory=dict)
+    inputs: Mapping[str, str] = field(default_factory=dict)
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the action as JSON, the text that its digest is taken of."""
+        return {
+            "step": self.step,
+            "version": self.version,
+            "libraries": dict(self.libraries),
+            "params": dict(self.params),
+            "inputs": dict(self.inputs),
+        }
+
+    @property
+    def digest(self) -> str:
+        """Digest of the action."""
+        return digest_json(self.as_json())
+
+
+@cache
+def _version(distribution: str) -> str:
+    return version(distribution)

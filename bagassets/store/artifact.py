@@ -1,0 +1,145 @@
+"""Artifacts: immutable folders of files, named by the digest of their manifest."""
+
+import io
+import json
+import threading
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bagassets.errors import StoreError
+from bagassets.store.canonical import canonical_json, digest_bytes
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+__all__ = ["Artifact", "ArtifactWriter", "FileEntry"]
+
+MANIFEST = "manifest.json"
+
+
+@dataclass(frozen=True, slots=True)
+class FileEntry:
+    """One file of an artifact."""
+
+    path: str
+    size: int
+    digest: str
+
+
+@dataclass(frozen=True)
+class Artifact:
+    """A finished artifact.
+
+    Attributes:
+        digest: digest of its manifest; its name, and the data version in Dagster.
+        folder: where it lies in the store.
+    """
+
+    digest: str
+    folder: Path
+
+    @property
+    def files(self) -> Path:
+        """Folder of the artifact's files."""
+        return self.folder / "files"
+
+    def path(self, relative: str) -> Path:
+        """Return the path of one file."""
+        return self.files / relative
+
+    def manifest(self) -> dict[str, Any]:
+        """Return the manifest: `files` (path, size, digest) and `summary` (counts of the step)."""
+        try:
+            manifest: dict[str, Any] = json.loads((self.folder / MANIFEST).read_bytes())
+        except (OSError, ValueError) as err:
+            raise StoreError(
+                f"{self.folder}: the manifest of this artifact cannot be read ({err}); build again to heal the store."
+            ) from err
+        return manifest
+
+    def entries(self) -> list[FileEntry]:
+        """Return the files that belong to the artifact."""
+        return [
+            FileEntry(entry["path"], entry["size"], entry["digest"]) for entry in self.manifest()["files"]
+        ]
+
+    def summary(self) -> dict[str, Any]:
+        """Return what the step reported: counts and other small facts."""
+        summary: dict[str, Any] = self.manifest()["summary"]
+        return summary
+
+    def read_json(self, relative: str) -> Any:
+        """Return the content of a JSON file."""
+        return json.loads(self.path(relative).read_bytes())
+
+    def read_table(self, relative: str, columns: list[str] | None = None) -> "pa.Table":
+        """Return the content of a Parquet file."""
+        import pyarrow.parquet as pq  # noqa: PLC0415  (0.2 s, not paid by commands that read no table)
+
+        return pq.read_table(self.path(relative), columns=columns, memory_map=True)
+
+
+class ArtifactWriter:
+    """Collects the files of an artifact that is being made; safe to use from several threads.
+
+    Every file goes through `write`, which takes its digest on the way.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._files = folder / "files"
+        self._folder = folder
+        self._entries: dict[str, FileEntry] = {}
+        self._made: set[Path] = set()
+        self._lock = threading.Lock()
+        self._files.mkdir(parents=True)
+
+    def write(self, relative: str, data: bytes | memoryview) -> FileEntry:
+        """Write one file.
+
+        Raises:
+            StoreError: the name was used before, or the disk refuses.
+        """
+        entry = FileEntry(relative, len(data), digest_bytes(data))
+        path = self._files / relative
+        with self._lock:
+            if relative in self._entries:
+                raise StoreError(f"{relative}: written twice into one artifact; this is a bug of the step.")
+            self._entries[relative] = entry
+            if path.parent not in self._made:
+                path.parent.mkdir(parents=True, exist_ok=True)
+                self._made.add(path.parent)
+        try:
+            path.write_bytes(data)
+        except OSError as err:
+            raise StoreError(
+                f"{path}: cannot be written ({err.strerror}); free space or mend the folder."
+            ) from err
+        return entry
+
+    def write_json(self, relative: str, value: Any, *, indent: int | None = 1) -> FileEntry:
+        """Write a JSON file with sorted keys."""
+        text = json.dumps(value, sort_keys=True, indent=indent, ensure_ascii=False, allow_nan=False)
+        return self.write(relative, (text + "\n").encode())
+
+    def write_table(self, relative: str, table: "pa.Table") -> FileEntry:
+        """Write a Parquet file, zstd-compressed, the same bytes for the same table."""
+        import pyarrow.parquet as pq  # noqa: PLC0415  (0.2 s, not paid by commands that write no table)
+
+        sink = io.BytesIO()
+        pq.write_table(table, sink, compression="zstd", store_schema=False)
+        return self.write(relative, sink.getbuffer())
+
+    def finish(self, summary: dict[str, Any]) -> str:
+        """Write the manifest and return the digest of the artifact."""
+        entries = [self._entries[name] for name in sorted(self._entries)]
+        manifest = canonical_json(
+            {
+                "files": [{"path": e.path, "size": e.size, "digest": e.digest} for e in entries],
+                "summary": summary,
+            }
+        )
+        (self._folder / MANIFEST).write_bytes(manifest)
+        for name in (self._files, self._folder):
+            name.chmod(0o755)  # noqa: S103  (readable by the training job's user)
+        return digest_bytes(manifest)

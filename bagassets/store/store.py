@@ -1,0 +1,226 @@
+"""The store on disk: artifacts, and the records of actions that made them.
+
+Layout::
+
+    artifacts/<2 hex>/<digest>/manifest.json, files/…
+    actions/<2 hex>/<digest>.json           the artifact that an action produced
+    actions/<2 hex>/<digest>.failed.json    the error it ended with
+    tmp/                                    what is being made
+
+Everything appears by an atomic rename or link, so processes and machines may share a store.
+"""
+
+import json
+import os
+import shutil
+import socket
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from uuid import uuid4
+
+from bagassets.errors import BagAssetsError, StoreError
+from bagassets.store.action import Action
+from bagassets.store.artifact import MANIFEST, Artifact, ArtifactWriter
+
+__all__ = ["Outcome", "Pending", "Store"]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What an action came to.
+
+    Attributes:
+        artifact: what it produced.
+        action_digest: its name.
+        cached: True if the store knew it already.
+        seconds: how long it took when it ran.
+    """
+
+    artifact: Artifact
+    action_digest: str
+    cached: bool
+    seconds: float
+
+
+class Pending:
+    """An action that runs now: write into `out`, then `commit`, or `discard`."""
+
+    def __init__(self, store: "Store", action: Action) -> None:
+        self.action = action
+        self._store = store
+        self._folder = store.make_temporary_folder()
+        self._started = time.perf_counter()
+        self.out = ArtifactWriter(self._folder)
+
+    def commit(self, summary: dict[str, Any]) -> Outcome:
+        """Put the artifact in place and record the action."""
+        seconds = time.perf_counter() - self._started
+        digest = self.out.finish(summary)
+        artifact = self._store.adopt(self._folder, digest)
+        self._store.record(self.action, artifact, seconds)
+        return Outcome(artifact, self.action.digest, cached=False, seconds=seconds)
+
+    def discard(self) -> None:
+        """Forget what was written."""
+        shutil.rmtree(self._folder, ignore_errors=True)
+
+
+class Store:
+    """An artifact store in a folder; cheap to make, safe for several processes."""
+
+    def __init__(self, root: Path) -> None:
+        self.root = root
+
+    # --- artifacts -------------------------------------------------------------------
+
+    def artifact(self, digest: str) -> Artifact:
+        """Return an artifact by its digest.
+
+        Raises:
+            StoreError: it is not in the store.
+        """
+        artifact = Artifact(digest, self._artifact_folder(digest))
+        if not (artifact.folder / MANIFEST).is_file():
+            raise StoreError(
+                f"artifact {digest[:16]} is not in the store {self.root}; materialize the asset that makes it again."
+            )
+        return artifact
+
+    def has(self, digest: str) -> bool:
+        """Tell whether an artifact is in the store (by its manifest; see `verify` for its bytes)."""
+        return (self._artifact_folder(digest) / MANIFEST).is_file()
+
+    def make_temporary_folder(self) -> Path:
+        """Make an empty folder on the store's file system."""
+        folder = self.root / "tmp" / f"{os.getpid()}-{uuid4().hex}"
+        try:
+            folder.mkdir(parents=True)
+        except OSError as err:
+            raise StoreError(f"{folder}: the store cannot be written ({err.strerror}).") from err
+        return folder
+
+    def adopt(self, folder: Path, digest: str) -> Artifact:
+        """Move a finished temporary folder to its place; the first one wins."""
+        target = self._artifact_folder(digest)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            folder.rename(target)
+        except OSError:
+            if not (target / MANIFEST).is_file():
+                raise
+            shutil.rmtree(folder, ignore_errors=True)
+        return Artifact(digest, target)
+
+    # --- actions ---------------------------------------------------------------------
+
+    def lookup(self, action: Action) -> Outcome | None:
+        """Return the outcome of an action that is known and whose artifact is there."""
+        path = self._action_file(action.digest)
+        try:
+            record = json.loads(path.read_bytes())
+            digest, seconds = record["artifact"], record["seconds"]
+        except FileNotFoundError:
+            return None
+        except (ValueError, KeyError):
+            path.unlink(missing_ok=True)  # torn by a power loss: as good as unknown
+            return None
+        if not self.has(digest):
+            return None
+        return Outcome(
+            Artifact(digest, self._artifact_folder(digest)), action.digest, cached=True, seconds=seconds
+        )
+
+    def begin(self, action: Action) -> Pending:
+        """Start an action that is not known; the caller commits or discards it."""
+        return Pending(self, action)
+
+    def run(self, action: Action, make: Callable[[ArtifactWriter], dict[str, Any]]) -> Outcome:
+        """Return the known outcome of `action`, or let `make` produce it; `make` returns the summary.
+
+        An error of `make` is recorded under the action's digest and raised again.
+        """
+        known = self.lookup(action)
+        if known is not None:
+            return known
+        pending = self.begin(action)
+        try:
+            summary = make(pending.out)
+        except BagAssetsError as err:
+            pending.discard()
+            self.record_failure(action, str(err))
+            raise
+        except BaseException:
+            pending.discard()
+            raise
+        return pending.commit(summary)
+
+    def record(self, action: Action, artifact: Artifact, seconds: float) -> None:
+        """Record that `action` produced `artifact`; the first writer wins.
+
+        Raises:
+            StoreError: the action is on record with other bytes, so the step is not deterministic.
+        """
+        path = self._action_file(action.digest)
+        content = {"action": action.as_json(), "artifact": artifact.digest, "seconds": round(seconds, 3),
+                   "host": socket.gethostname()}  # fmt: skip
+        created = self._create(path, content)
+        self._failure_file(action.digest).unlink(missing_ok=True)
+        if not created:
+            recorded = json.loads(path.read_bytes())["artifact"]
+            if recorded == artifact.digest:
+                return
+            if self.has(recorded):
+                raise StoreError(
+                    f"step {action.step} is not deterministic: action {action.digest[:16]} made artifact "
+                    f"{recorded[:16]} before and {artifact.digest[:16]} now; please report this."
+                )
+            path.unlink(missing_ok=True)  # its artifact is gone, so the record is worth nothing
+            self.record(action, artifact, seconds)
+
+    def failure(self, action_digest: str) -> str | None:
+        """Return the error that an action is on record with."""
+        try:
+            text = json.loads(self._failure_file(action_digest).read_bytes())["error"]
+        except (OSError, ValueError, KeyError):
+            return None
+        return str(text)
+
+    def record_failure(self, action: Action, error: str) -> None:
+        """Record that `action` failed; the newest error is kept."""
+        path = self._failure_file(action.digest)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        temporary = path.with_name(f".{path.name}.{uuid4().hex}")
+        temporary.write_text(
+            json.dumps({"action": action.as_json(), "error": error}, sort_keys=True), "utf-8"
+        )
+        temporary.replace(path)
+
+    # --- places ----------------------------------------------------------------------
+
+    def _artifact_folder(self, digest: str) -> Path:
+        return self.root / "artifacts" / digest[:2] / digest
+
+    def _action_file(self, digest: str) -> Path:
+        return self.root / "actions" / digest[:2] / f"{digest}.json"
+
+    def _failure_file(self, digest: str) -> Path:
+        return self.root / "actions" / digest[:2] / f"{digest}.failed.json"
+
+    @staticmethod
+    def _create(path: Path, content: dict[str, Any]) -> bool:
+        """Create `path` whole or not at all; return False if it existed before."""
+        path.parent.mkdir(parents=True, exist_ok=True)
+        temporary = path.with_name(f".{path.name}.{uuid4().hex}")
+        temporary.write_text(json.dumps(content, sort_keys=True), "utf-8")
+        try:
+            os.link(temporary, path)
+        except FileExistsError:
+            return False
+        finally:
+            with suppress(OSError):
+                temporary.unlink()
+        return True
