@@ -3,11 +3,11 @@
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Any, Literal, Protocol, Self
 
 Format = Literal["ros1", "ros2", "mcap"]
 
-__all__ = ["Found", "Format", "RawMessage", "Recording", "TopicInfo"]
+__all__ = ["Format", "Found", "RawMessage", "Recording", "TopicInfo"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,6 +98,6 @@ class Recording(Protocol):
         """Close the files."""
         ...
 
-    def __enter__(self) -> "Recording": ...
+    def __enter__(self) -> Self: ...
 
     def __exit__(self, *exc: object) -> None: ...

@@ -141,5 +141,5 @@ class ArtifactWriter:
         )
         (self._folder / MANIFEST).write_bytes(manifest)
         for name in (self._files, self._folder):
-            name.chmod(0o755)  # noqa: S103  (readable by the training job's user)
+            name.chmod(0o755)
         return digest_bytes(manifest)
