@@ -1,13 +1,14 @@
-"""Time-ordered poses of the ego frame and their interpolation."""
+"""Time-ordered poses of a moving frame and their interpolation."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bagassets.geometry.portable import arctan_unit, sinc
 from bagassets.geometry.se3 import SE3, Floats
 
-__all__ = ["Trajectory"]
+__all__ = ["Trajectory", "slerp"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,15 +31,95 @@ class Trajectory:
     extrapolate_ns: int
     fixed: bool = False
 
+    def __post_init__(self) -> None:
+        """Check shapes and order.
+
+        Raises:
+            ValueError: the arrays do not belong together, or stamps do not increase.
+        """
+        number = len(self.stamps_ns)
+        if self.positions_m.shape != (number, 3) or self.rotations.shape != (number, 4):
+            raise ValueError(
+                f"{number} stamps need positions ({number}, 3) and rotations ({number}, 4), "
+                f"got {self.positions_m.shape} and {self.rotations.shape}"
+            )
+        if self.fixed and number != 1:
+            raise ValueError(f"a fixed trajectory has one pose, got {number}")
+        if not (self.stamps_ns[1:] > self.stamps_ns[:-1]).all():
+            raise ValueError("stamps of a trajectory must strictly increase")
+
     def at(self, stamps_ns: NDArray[np.int64]) -> tuple[Floats, Floats, NDArray[np.bool_]]:
         """Interpolate (linear in position, slerp in rotation) at (M,) stamps.
 
+        A recorded pose holds at its own stamp even if both its neighbours are far away.
+
         Returns:
-            positions (M, 3), rotations (M, 4), and a mask (M,) that is False where there is no pose.
+            positions (M, 3), rotations (M, 4), and a mask (M,) that is False where there is no pose;
+            there the numbers are NaN.
         """
-        raise NotImplementedError
+        stamps = np.asarray(stamps_ns, dtype=np.int64)
+        if self.fixed:
+            everywhere = np.zeros(len(stamps), dtype=np.intp)
+            return self.positions_m[everywhere], self.rotations[everywhere], np.ones(len(stamps), np.bool_)
+        if not len(self.stamps_ns):
+            nowhere = np.full((len(stamps), 7), np.nan)
+            return nowhere[:, :3], nowhere[:, 3:], np.zeros(len(stamps), np.bool_)
+
+        last = len(self.stamps_ns) - 1
+        after = np.searchsorted(self.stamps_ns, stamps, side="right")
+        left = np.clip(after - 1, 0, last)
+        right = np.clip(after, 0, last)
+        gap_ns = self.stamps_ns[right] - self.stamps_ns[left]
+        since_ns = stamps - self.stamps_ns[left]  # negative before the first, unbounded after the last
+        inside = gap_ns > 0
+        valid = np.where(
+            inside,
+            (gap_ns <= self.max_gap_ns) | (since_ns == 0),
+            np.abs(since_ns) <= self.extrapolate_ns,
+        )
+        fraction = np.where(inside, since_ns, 0) / np.where(inside, gap_ns, 1)
+
+        start, end = self.positions_m[left], self.positions_m[right]
+        positions = start + (end - start) * fraction[:, None]
+        rotations = slerp(self.rotations[left], self.rotations[right], fraction)
+        positions[~valid] = np.nan
+        rotations[~valid] = np.nan
+        return positions, rotations, valid
 
     def pose_at(self, stamp_ns: int) -> SE3 | None:
         """Return `global_SE3_ego` at one time, or None where there is no pose."""
         positions, rotations, valid = self.at(np.array([stamp_ns], dtype=np.int64))
         return SE3.create(rotations[0], positions[0]) if valid[0] else None
+
+
+def slerp(start: Floats, end: Floats, fraction: Floats) -> Floats:
+    """Interpolate between unit quaternions at constant angular speed along the shorter arc.
+
+    K. Shoemake, "Animating rotation with quaternion curves", 1985, with the weights written as
+    t sinc(t θ) / sinc(θ), which has no singularity at θ = 0.
+
+    Args:
+        start: (M, 4) quaternions w, x, y, z at fraction 0.
+        end: (M, 4) quaternions at fraction 1.
+        fraction: (M,) between 0 and 1.
+
+    Returns:
+        (M, 4) unit quaternions; at fraction 0 exactly `start`.
+    """
+    near = np.where(_dot(start, end)[:, None] < 0, -end, end)
+    difference, total = near - start, near + start
+    # θ, the angle between the quaternions, is at most 90 degrees on the shorter arc.
+    theta = 2.0 * arctan_unit(np.minimum(np.sqrt(_dot(difference, difference) / _dot(total, total)), 1.0))
+    whole = sinc(theta)
+    rest = 1.0 - fraction
+    from_start = rest * sinc(rest * theta) / whole
+    from_end = fraction * sinc(fraction * theta) / whole
+    mixed = start * from_start[:, None] + near * from_end[:, None]
+    mixed = mixed / np.sqrt(_dot(mixed, mixed))[:, None]
+    return np.where(fraction[:, None] == 0, start, mixed)
+
+
+def _dot(a: Floats, b: Floats) -> Floats:
+    """Dot product of (M, 4) rows, in a fixed order of additions."""
+    dot: Floats = a[:, 0] * b[:, 0] + a[:, 1] * b[:, 1] + a[:, 2] * b[:, 2] + a[:, 3] * b[:, 3]
+    return dot
