@@ -16,6 +16,7 @@ __all__ = [
     "RecipeError",
     "RecordingError",
     "StoreError",
+    "TopicError",
 ]
 
 
@@ -29,6 +30,12 @@ class RecipeError(BagAssetsError):
 
 class RecordingError(BagAssetsError):
     """A recording cannot be opened or read."""
+
+
+class TopicError(RecordingError, KeyError):
+    """A topic was asked for that the recording, or the declared part of it, does not have."""
+
+    __str__ = BagAssetsError.__str__  # KeyError would show the sentence in quotes
 
 
 class ChangedWhileReadError(RecordingError):

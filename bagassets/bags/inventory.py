@@ -10,7 +10,7 @@ from functools import cached_property
 from types import MappingProxyType
 from typing import Any, Literal, Self
 
-from bagassets.bags.model import Format
+from bagassets.bags.model import Definition, Format
 from bagassets.errors import RecordingError
 
 __all__ = ["Definition", "Gap", "GnssFix", "HeaderOffset", "Inventory", "TopicRecord"]
@@ -51,19 +51,6 @@ class GnssFix:
 
 
 @dataclass(frozen=True, slots=True)
-class Definition:
-    """The message definition that packed messages of a topic are decoded with.
-
-    Attributes:
-        format: `msg` (ROS, with `MSG:` sections), `idl`, or `none` if there is none.
-        text: the definition.
-    """
-
-    format: Literal["msg", "idl", "none"]
-    text: str
-
-
-@dataclass(frozen=True, slots=True)
 class TopicRecord:
     """One topic of a recording.
 
@@ -84,6 +71,7 @@ class TopicRecord:
         header_offset_s: log time minus header stamp; None without header.
         unordered_stamps: messages whose header stamp is smaller than the one before.
         frame_ids: the first few distinct frames, without leading slash.
+        serialization: how messages are encoded: `ros1`, `cdr`, or what the file says.
         packed: its messages are kept in `messages.parquet`.
         problem: why its messages cannot be decoded; None if they can.
         definition: what its messages are decoded with.
@@ -105,6 +93,7 @@ class TopicRecord:
     header_offset_s: HeaderOffset | None
     unordered_stamps: int
     frame_ids: tuple[str, ...]
+    serialization: str
     packed: bool
     problem: str | None
     definition: Definition

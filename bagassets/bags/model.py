@@ -7,7 +7,20 @@ from typing import Any, Literal, Protocol, Self
 
 Format = Literal["ros1", "ros2", "mcap"]
 
-__all__ = ["Format", "Found", "RawMessage", "Recording", "TopicInfo"]
+__all__ = ["Definition", "Format", "Found", "RawMessage", "Recording", "TopicInfo"]
+
+
+@dataclass(frozen=True, slots=True)
+class Definition:
+    """The definition of a message type.
+
+    Attributes:
+        format: `msg` (ROS, with `MSG:` sections for nested types), `idl`, or `none` if there is none.
+        text: the definition.
+    """
+
+    format: Literal["msg", "idl", "none"]
+    text: str
 
 
 @dataclass(frozen=True, slots=True)
