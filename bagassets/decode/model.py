@@ -39,6 +39,8 @@ class CloudReading:
         points: (N, 5) float32: x, y, z in metres in the sensor frame, intensity, ring.
         times_ns: (N,) int64 absolute time of each point, or None if not recorded.
         dropped: points dropped because not finite.
+        span_ns: time of the first and of the last measurement, whether or not it hit anything,
+            where the message tells; else None.
     """
 
     stamp_ns: int
@@ -46,6 +48,7 @@ class CloudReading:
     points: NDArray[np.float32]
     times_ns: NDArray[np.int64] | None
     dropped: int = 0
+    span_ns: tuple[int, int] | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

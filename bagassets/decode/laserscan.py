@@ -1,0 +1,73 @@
+"""`sensor_msgs/LaserScan`: a flat cloud in the plane of the sensor."""
+
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bagassets.decode.fields import stamp_and_frame
+from bagassets.decode.model import CloudReading
+from bagassets.decode.point_times import Moment
+from bagassets.decode.pointcloud2 import NO_INTENSITY
+from bagassets.errors import DecodeError
+from bagassets.geometry.portable import sin_cos
+
+__all__ = ["decode_laserscan"]
+
+Floats = NDArray[np.float64]
+
+
+def decode_laserscan(message: Any, header_stamp_is: Moment = "start") -> CloudReading:
+    """Return the rays that hit something, as points with z = 0 and ring 0.
+
+    Rays that are not finite, or outside `range_min` to `range_max`, are no measurements by the
+    definition of the message; they are dropped and counted. Ray i was measured
+    `i * time_increment` after the first one; the header stamp is the time of the first ray
+    unless `header_stamp_is` says otherwise.
+
+    Raises:
+        DecodeError: angles or intensities do not fit the ranges.
+    """
+    stamp, frame_id = stamp_and_frame(message.header)
+    ranges = np.asarray(message.ranges, dtype=np.float64)
+    intensities = np.asarray(message.intensities, dtype=np.float32)
+    if len(intensities) not in (0, len(ranges)):
+        raise DecodeError("it has another number of intensities than of ranges")
+    if not np.isfinite([message.angle_min, message.angle_increment]).all():
+        raise DecodeError("its angles are not finite")
+    with np.errstate(invalid="ignore"):
+        hit = np.isfinite(ranges) & (ranges >= message.range_min) & (ranges <= message.range_max)
+    sines, cosines = _directions(float(message.angle_min), float(message.angle_increment), len(ranges))
+    points = np.zeros((int(hit.sum()), 5), dtype=np.float32)
+    points[:, 0] = (ranges * cosines)[hit]
+    points[:, 1] = (ranges * sines)[hit]
+    points[:, 3] = NO_INTENSITY
+    if len(intensities):
+        points[:, 3] = np.where(np.isfinite(intensities), intensities, np.float32(NO_INTENSITY))[hit]
+    times = _ray_times_ns(float(message.time_increment), len(ranges), stamp, header_stamp_is)
+    return CloudReading(
+        stamp_ns=stamp,
+        frame_id=frame_id,
+        points=points,
+        times_ns=None if times is None else times[hit],
+        dropped=len(ranges) - len(points),
+        span_ns=None if times is None else (int(times.min()), int(times.max())),
+    )
+
+
+def _ray_times_ns(
+    increment_s: float, number: int, stamp_ns: int, header_stamp_is: Moment
+) -> NDArray[np.int64] | None:
+    if not number or not np.isfinite(increment_s) or increment_s == 0.0:
+        return None
+    offsets = np.rint(np.arange(number, dtype=np.float64) * increment_s * 1e9).astype(np.int64)
+    duration = int(offsets[-1])
+    anchor = {"start": 0, "middle": duration // 2, "end": duration}[header_stamp_is]
+    return offsets + (stamp_ns - anchor)
+
+
+@lru_cache(maxsize=8)
+def _directions(angle_min: float, increment: float, number: int) -> tuple[Floats, Floats]:
+    """Sines and cosines of all rays, made once per scanner."""
+    return sin_cos(angle_min + np.arange(number, dtype=np.float64) * increment)

@@ -1,0 +1,148 @@
+"""`sensor_msgs/PointCloud2`: clouds of any field layout.
+
+Fields are found by name, without regard to case, whatever their type, order, offset, padding
+and byte order. Written are x, y, z in metres, intensity and ring:
+
+* intensity stays as recorded, without scaling: nuScenes' own files hold 0 to 255, and so do
+  most drivers; one that publishes 0 to 1 or 16-bit reflectivities keeps its range. It is
+  `NO_INTENSITY` where the cloud has none, or where it is not finite.
+* ring is the number of the laser; it is `NO_RING` where the cloud does not tell. It is not
+  guessed from the rows of an organised cloud, because drivers disagree on what a row is.
+
+Per-point times are described in `bagassets.decode.point_times`.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bagassets.decode.fields import stamp_and_frame
+from bagassets.decode.model import CloudReading
+from bagassets.decode.point_times import Moment, point_times_ns
+from bagassets.errors import DecodeError
+
+__all__ = ["NO_INTENSITY", "NO_RING", "decode_pointcloud2", "first_of", "point_fields"]
+
+NO_INTENSITY = 0.0
+NO_RING = -1.0
+
+# Names of drivers: intensity (most), reflectivity (Ouster, Livox), i (LeddarTech), signal (Ouster), remission.
+INTENSITY_NAMES = ("intensity", "intensities", "i", "reflectivity", "reflectance", "remission", "signal")
+# ring (Velodyne, Ouster, Hesai, RoboSense), channel (Nebula), line (Livox), laser_id and beam (others).
+RING_NAMES = ("ring", "channel", "laser_id", "laserid", "line", "beam", "beam_id", "ring_id", "row")
+
+# sensor_msgs/PointField 1 to 8; 9 to 11 are PCL's extensions for 64-bit integers and booleans.
+_TYPES = {
+    1: "i1",
+    2: "u1",
+    3: "i2",
+    4: "u2",
+    5: "i4",
+    6: "u4",
+    7: "f4",
+    8: "f8",
+    9: "i8",
+    10: "u8",
+    11: "u1",
+}
+
+
+def point_fields(cloud: Any) -> dict[str, NDArray[Any]]:
+    """Return field name in lower case -> (height, width) view of the values, nothing copied.
+
+    Of a field with several elements per point the first is taken, of two fields of the same
+    name the first.
+
+    Raises:
+        DecodeError: sizes contradict each other, or a field lies outside its point.
+    """
+    height, width = int(cloud.height), int(cloud.width)
+    step, row_step = int(cloud.point_step), int(cloud.row_step)
+    data = np.ascontiguousarray(cloud.data).view(np.uint8)
+    if row_step == 0 and height == 1:  # several drivers leave it out
+        row_step = width * step
+    if row_step < width * step or len(data) != row_step * height:
+        raise DecodeError("its data has another size than height, width, point_step and row_step say")
+    order = ">" if cloud.is_bigendian else "<"
+    views: dict[str, NDArray[Any]] = {}
+    for field in cloud.fields:
+        name, offset = str(field.name).lower(), int(field.offset)
+        if int(field.datatype) not in _TYPES:
+            raise DecodeError(f"its field {name} has an unknown datatype")
+        dtype = np.dtype(order + _TYPES[int(field.datatype)])
+        if offset + dtype.itemsize * max(1, int(field.count)) > step:
+            raise DecodeError(f"its field {name} does not lie within point_step")
+        if name in views:
+            continue
+        if height * width == 0:
+            views[name] = np.zeros((height, width), dtype)
+        else:
+            views[name] = np.ndarray(
+                (height, width), dtype, buffer=data, offset=offset, strides=(row_step, step)
+            )
+    return views
+
+
+def first_of(fields: Mapping[str, NDArray[Any]], names: tuple[str, ...]) -> NDArray[Any] | None:
+    """Return the first field that has one of `names`, in the order of `names`."""
+    for name in names:
+        if name in fields:
+            return fields[name]
+    return None
+
+
+def decode_pointcloud2(message: Any, header_stamp_is: Moment = "start") -> CloudReading:
+    """Return the points of a lidar cloud; those that are not finite are dropped and counted.
+
+    Args:
+        message: a `sensor_msgs/PointCloud2`.
+        header_stamp_is: which moment of the revolution the header stamp means; relative point
+            times are read accordingly.
+
+    Raises:
+        DecodeError: x, y or z is missing, or the layout contradicts itself.
+    """
+    stamp, frame_id = stamp_and_frame(message.header)
+    fields = point_fields(message)
+    missing = [axis for axis in "xyz" if axis not in fields]
+    if missing:
+        raise DecodeError(f"it has no field {', '.join(missing)}")
+    height, width = fields["x"].shape
+    grid = np.empty((height, width, 5), dtype=np.float32)
+    with np.errstate(over="ignore"):  # a float64 beyond float32 becomes infinite and is dropped
+        for column, axis in enumerate("xyz"):
+            grid[:, :, column] = fields[axis]
+        _fill(grid[:, :, 3], first_of(fields, INTENSITY_NAMES), NO_INTENSITY)
+        _fill(grid[:, :, 4], first_of(fields, RING_NAMES), NO_RING)
+    points: NDArray[np.float32] = grid.reshape(-1, 5)
+    finite = finite_rows(points)
+    if finite is not None:
+        points = points[finite]
+    return CloudReading(
+        stamp_ns=stamp,
+        frame_id=frame_id,
+        points=points,
+        times_ns=point_times_ns(fields, finite, stamp, header_stamp_is),
+        dropped=height * width - len(points),
+    )
+
+
+def finite_rows(points: NDArray[np.float32]) -> NDArray[np.bool_] | None:
+    """Return which of (N, >=3) points have finite x, y, z, or None if all have."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        # One test of the sum instead of three; huge but finite numbers may fail it too.
+        if np.isfinite(points[:, 0] + points[:, 1] + points[:, 2]).all():
+            return None
+    x, y, z = (np.isfinite(points[:, column]) for column in range(3))
+    return np.asarray(x & y & z)
+
+
+def _fill(column: NDArray[np.float32], values: NDArray[Any] | None, default: float) -> None:
+    if values is None:
+        column[:] = default
+        return
+    column[:] = values
+    if values.dtype.kind == "f":
+        column[~np.isfinite(column)] = default
