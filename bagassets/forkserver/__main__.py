@@ -1,0 +1,91 @@
+"""Start a server in the background: `python -m bagassets.forkserver SPEC STAMP TIMEOUT_S`.
+
+The command returns 0 as soon as a server with this stamp answers, be it this one or
+another that was quicker, and 1 if it cannot start; what it has to say goes to its log.
+"""
+
+import json
+import logging
+import os
+import socket
+import sys
+import time
+from pathlib import Path
+
+from bagassets.errors import BagAssetsError
+from bagassets.forkserver.lock import ServerLock, remove_leftovers
+from bagassets.forkserver.places import Places
+from bagassets.forkserver.server import Server
+from bagassets.forkserver.spec import SOURCE_CHANGED, ServerSpec
+
+_LOG = logging.getLogger(__name__)
+_POLL_S = 0.05
+_KEPT_LOGS = 200
+
+
+def main(arguments: list[str]) -> int:
+    """Fork the server and wait until it answers."""
+    logging.basicConfig(format="%(asctime)s %(name)s: %(message)s", level=logging.INFO)
+    spec, stamp, timeout_s = ServerSpec.from_json(json.loads(arguments[0])), arguments[1], float(arguments[2])
+    ready, tell = os.pipe()
+    pid = os.fork()
+    if pid == 0:
+        os.close(ready)
+        code = 1
+        try:
+            code = _serve(spec, Places(spec.state_folder, stamp), timeout_s, tell)
+        finally:
+            logging.shutdown()
+            os._exit(code)
+    os.close(tell)
+    if os.read(ready, 1):
+        return 0
+    return os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
+
+
+def _serve(spec: ServerSpec, places: Places, timeout_s: float, tell: int) -> int:
+    deadline = time.monotonic() + timeout_s
+    while (lock := ServerLock.try_acquire(places.lock)) is None:
+        if _answers(places):
+            return 0
+        if time.monotonic() > deadline:
+            _LOG.error("another server holds %s and does not answer", places.lock)
+            return 1
+        time.sleep(_POLL_S)
+    remove_leftovers(spec.state_folder)
+    _remove_old_logs(places.folder / "logs")
+    server = Server(spec, places, lock)
+    try:
+        server.prepare()
+    except BagAssetsError as err:
+        _LOG.error("%s", err)
+        return 1
+    except Exception:  # noqa: BLE001  (modules of users may raise anything)
+        _LOG.exception("the modules cannot be imported")
+        return 1
+    if spec.stamp() != places.stamp:
+        _LOG.info("the code, the recipe or an installed package changed meanwhile")
+        return SOURCE_CHANGED
+
+    def on_ready() -> None:
+        os.write(tell, b"1")
+        os.close(tell)
+
+    server.serve(on_ready)
+    return 0
+
+
+def _answers(places: Places) -> bool:
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
+        probe.settimeout(1.0)
+        return probe.connect_ex(str(places.socket)) == 0
+
+
+def _remove_old_logs(folder: Path) -> None:
+    logs = sorted(folder.glob("*.log"), key=lambda path: path.stat().st_mtime_ns, reverse=True)
+    for log in logs[_KEPT_LOGS:]:
+        log.unlink(missing_ok=True)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

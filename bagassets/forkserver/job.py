@@ -1,0 +1,143 @@
+"""One job of the server: a forked worker, and what became of it."""
+
+import os
+import signal
+import socket
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Self
+
+from bagassets.forkserver.process import ProcessId
+from bagassets.forkserver.protocol import Lines, Message, encode
+from bagassets.forkserver.worker import run_job
+
+__all__ = ["Job"]
+
+_VMSTAT = Path("/proc/vmstat")
+
+
+@dataclass(eq=False)
+class Job:
+    """A worker and its record.
+
+    Attributes:
+        id: name of the job on this server.
+        request: what the client asked for: `function`, `args`, `label`, `env`, `cwd`, `on_lost`, `detached`.
+        process: the worker.
+        channel: the server's end of the line to the worker.
+        notes: facts the worker told so far.
+        end: `result` or `error`, once the worker told.
+        is_cancelled: True once somebody asked to end it.
+        kill_at: monotonic time at which a cancelled worker is killed.
+    """
+
+    id: str
+    request: Message
+    process: ProcessId
+    channel: socket.socket
+    lines: Lines = field(default_factory=Lines)
+    notes: dict[str, Any] = field(default_factory=dict)
+    end: Message = field(default_factory=dict)
+    is_cancelled: bool = False
+    kill_at: float | None = None
+    started: float = field(default_factory=time.monotonic)
+    oom_kills: int = field(default_factory=lambda: _oom_kills())  # noqa: PLW0108  (defined below)
+
+    @classmethod
+    def start(cls, job_id: str, request: Message, log: Path, close_inherited: Callable[[], None]) -> Self:
+        """Fork the worker of a job; `close_inherited` closes the server's own files in it."""
+        ours, theirs = socket.socketpair()
+        # A signal for the server must not run the server's handler in the child.
+        blocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTERM, signal.SIGINT, signal.SIGCHLD})
+        pid = os.fork()
+        if pid == 0:
+            os.setsid()
+            ours.close()
+            close_inherited()
+            run_job(theirs, request, log)
+        signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
+        theirs.close()
+        ours.setblocking(False)
+        return cls(job_id, request, ProcessId.of(pid), ours)
+
+    @property
+    def label(self) -> str:
+        """Name given by the client, such as a run id."""
+        return str(self.request["label"])
+
+    def listen(self) -> list[Message]:
+        """Take in what the worker sent; return its notes, each as sent."""
+        messages = self.lines.receive(self.channel)
+        notes = [message["note"] for message in messages if "note" in message]
+        for note in notes:
+            self.notes.update(note)
+        for message in messages:
+            if "note" not in message:
+                self.end = message
+        return notes
+
+    def cancel(self, grace_s: float) -> None:
+        """Ask the worker to stop, and have it killed after `grace_s` seconds."""
+        self.kill_at = min(self.kill_at or float("inf"), time.monotonic() + grace_s)
+        if self.is_cancelled:
+            return
+        self.is_cancelled = True
+        try:
+            self.channel.send(encode({"op": "cancel"}))
+            os.kill(self.process.pid, signal.SIGTERM)
+        except OSError:
+            return  # it has just ended, and is about to be collected
+
+    def kill(self) -> None:
+        """Kill the worker and everything it started; only before it is collected."""
+        try:
+            os.killpg(self.process.pid, signal.SIGKILL)
+        except ProcessLookupError:  # it has not yet made its group
+            os.kill(self.process.pid, signal.SIGKILL)
+
+    def collect(self) -> int | None:
+        """Return the wait status of a worker that has ended, or None.
+
+        What the worker started and left behind is killed while the zombie still holds
+        the group's number.
+        """
+        if os.waitid(os.P_PID, self.process.pid, os.WEXITED | os.WNOHANG | os.WNOWAIT) is None:
+            return None
+        self.kill()
+        return os.waitpid(self.process.pid, 0)[1]
+
+    def describe_end(self, status: int) -> Message:
+        """Return the event that tells how the worker ended."""
+        if os.WIFSIGNALED(status) and "result" not in self.end:
+            name = signal.Signals(os.WTERMSIG(status)).name
+            return {"event": "killed", "job": self.id, "signal": name, "reason": self._why(name)}
+        code = 0 if "result" in self.end else os.waitstatus_to_exitcode(status)
+        end = self.end
+        if not end:
+            message = f"The worker ended with exit code {code} and told no result."
+            end = {"error": {"type": "ExitError", "message": message, "traceback": ""}}
+            code = code or 1
+        return {"event": "finished", "job": self.id, "exit": code, **end}
+
+    def _why(self, name: str) -> str:
+        if self.is_cancelled:
+            return f"The worker was cancelled and was ended by {name}."
+        text = f"The worker ({self.process}) was killed by {name}"
+        if name != "SIGKILL":
+            return f"{text}."
+        if _oom_kills() > self.oom_kills:
+            return f"{text}; the system ran out of memory meanwhile and killed processes."
+        return f"{text}, maybe because the system ran out of memory."
+
+
+def _oom_kills() -> int:
+    """Processes killed by the system since boot because memory ran out; 0 if it does not say."""
+    try:
+        for line in _VMSTAT.read_text("ascii").splitlines():
+            if line.startswith("oom_kill "):
+                return int(line.split()[1])
+    except OSError:
+        return 0
+    return 0

@@ -1,0 +1,326 @@
+"""The server: one thread, one loop, a fork per job."""
+
+import gc
+import logging
+import os
+import selectors
+import signal
+import socket
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any
+
+from bagassets.errors import BagAssetsError
+from bagassets.forkserver.connection import Connection
+from bagassets.forkserver.job import Job
+from bagassets.forkserver.loaded import LoadedSources
+from bagassets.forkserver.lock import ServerLock
+from bagassets.forkserver.places import Places
+from bagassets.forkserver.process import ProcessId
+from bagassets.forkserver.protocol import Message
+from bagassets.forkserver.spec import ServerSpec
+from bagassets.forkserver.worker import load_function
+
+__all__ = ["Server"]
+
+_LOG = logging.getLogger(__name__)
+_TICK_S = 0.5
+_AGE_CHECK_S = 5.0
+_END_GRACE_S = 10.0
+_LOST_GRACE_S = 60.0  # what reporting the loss of a worker may take
+
+
+class Server:
+    """Serves one spec until it is idle for long, grows old, or is told to end."""
+
+    def __init__(self, spec: ServerSpec, places: Places, lock: ServerLock) -> None:
+        self._spec = spec
+        self._places = places
+        self._lock = lock
+        self._process = ProcessId.current()
+        self._selector = selectors.DefaultSelector()
+        self._listener: socket.socket | None = None
+        self._wakeup: tuple[socket.socket, socket.socket] = socket.socketpair()
+        self._connections: set[Connection] = set()
+        self._jobs: dict[str, Job] = {}
+        self._owners: dict[str, Connection] = {}
+        self._held_back: dict[str, tuple[str, Message]] = {}  # reporting job -> lost job and its event
+        self._count = 0
+        self._last_use = self._last_age_check = time.monotonic()
+        self._loaded: LoadedSources | None = None
+        self._is_told_to_end = False
+        self._ops: dict[str, Callable[[Connection, Message], Message]] = {
+            "hello": self._hello,
+            "submit": self._submit,
+            "cancel": self._cancel,
+            "status": self._status,
+            "drain": self._drain_op,
+            "shutdown": self._shutdown_op,
+        }
+
+    # --- life ------------------------------------------------------------------------
+
+    def prepare(self) -> None:
+        """Import everything that workers share.
+
+        Raises:
+            BagAssetsError: a thread was started, so that forking would be unsafe.
+        """
+        if self._spec.preload:
+            load_function(self._spec.preload)(list(self._spec.modules))
+        others = [thread.name for thread in threading.enumerate() if thread is not threading.main_thread()]
+        if others:
+            raise BagAssetsError(
+                f"importing {', '.join(self._spec.modules)} started threads ({', '.join(sorted(others))}), and a "
+                "process with threads cannot be forked safely; start them inside assets or resources instead."
+            )
+        self._loaded = LoadedSources()
+        gc.collect()
+        gc.freeze()  # keeps the collector of a worker from copying the pages it shares
+
+    def serve(self, on_ready: Callable[[], None]) -> None:
+        """Answer clients until the server ends; `on_ready` is called once they can connect."""
+        self._listen()
+        on_ready()
+        _LOG.info(
+            "serving %s, stamp %s", ", ".join(self._spec.modules) or "nothing ahead", self._places.stamp
+        )
+        try:
+            while not self._is_done():
+                for key, _ in self._selector.select(_TICK_S):
+                    key.data()
+                self._collect()
+                self._tick()
+        finally:
+            self._stop_listening()
+        _LOG.info("ended")
+
+    def _listen(self) -> None:
+        path = self._places.socket
+        path.unlink(missing_ok=True)  # left by a server that was killed; the lock says it is ours
+        listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        mask = os.umask(0o177)
+        try:
+            listener.bind(str(path))
+        finally:
+            os.umask(mask)
+        listener.listen(64)
+        listener.setblocking(False)
+        self._listener = listener
+        self._selector.register(listener, selectors.EVENT_READ, self._accept)
+        for end in self._wakeup:
+            end.setblocking(False)
+        self._selector.register(self._wakeup[0], selectors.EVENT_READ, self._on_signal)
+        signal.set_wakeup_fd(self._wakeup[1].fileno(), warn_on_full_buffer=False)
+        signal.signal(signal.SIGCHLD, lambda *_: None)
+        signal.signal(signal.SIGTERM, self._on_sigterm)
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        signal.signal(signal.SIGHUP, signal.SIG_IGN)
+
+    def _stop_listening(self) -> None:
+        if self._listener is not None:
+            self._selector.unregister(self._listener)
+            self._listener.close()
+            self._listener = None
+            self._places.socket.unlink(missing_ok=True)
+            self._lock.release()
+
+    def _is_done(self) -> bool:
+        return self._listener is None and not self._jobs
+
+    def _on_sigterm(self, *_: object) -> None:
+        self._is_told_to_end = True  # acted on by the loop, which may be anywhere now
+
+    def _on_signal(self) -> None:
+        with suppress(BlockingIOError):
+            self._wakeup[0].recv(4096)
+
+    def _tick(self) -> None:
+        now = time.monotonic()
+        if self._is_told_to_end:
+            self._is_told_to_end = False
+            self._shutdown(_END_GRACE_S)
+        for job in self._jobs.values():
+            if job.kill_at is not None and now >= job.kill_at:
+                job.kill()
+        if self._jobs or self._connections:
+            self._last_use = now
+        elif now - self._last_use > self._spec.idle_timeout_s:
+            _LOG.info("idle for %.0f s", now - self._last_use)
+            self._stop_listening()
+        if now - self._last_age_check > _AGE_CHECK_S:
+            self._drain_if_old()
+
+    def _drain_if_old(self) -> bool:
+        """Stop taking jobs if the world is no longer the one that was imported; tell whether."""
+        self._last_age_check = time.monotonic()
+        if self._listener is None:
+            return True
+        changed = self._loaded.changed() if self._loaded is not None else []
+        if changed or self._spec.stamp() != self._places.stamp:
+            _LOG.info("grown old (%s); draining", changed[0] if changed else "another stamp")
+            self._stop_listening()
+            return True
+        return False
+
+    # --- clients ---------------------------------------------------------------------
+
+    def _accept(self) -> None:
+        if self._listener is None:
+            return
+        try:
+            accepted, _ = self._listener.accept()
+        except OSError:
+            return  # the client has given up
+        connection = Connection(accepted, self._selector, self._on_message, self._on_close)
+        self._connections.add(connection)
+
+    def _on_message(self, connection: Connection, message: Message) -> None:
+        answer = self._ops.get(str(message.get("op")))
+        if answer is None:
+            connection.send({"reply": "error", "message": f"no such request: {message.get('op')}"})
+            return
+        connection.send(answer(connection, message))
+
+    def _on_close(self, connection: Connection) -> None:
+        self._connections.discard(connection)
+        for job_id in [job_id for job_id, owner in self._owners.items() if owner is connection]:
+            del self._owners[job_id]
+            job = self._jobs.get(job_id)
+            if job is not None:
+                _LOG.info("job %s: its client is gone; cancelled", job.label)
+                job.cancel(job.request["grace_s"])
+
+    def _hello(self, _connection: Connection, _message: Message) -> Message:
+        return {
+            "reply": "hello",
+            "stamp": self._places.stamp,
+            "process": self._process.as_json(),
+            "draining": self._drain_if_old(),
+        }
+
+    def _submit(self, connection: Connection, message: Message) -> Message:
+        if self._listener is None or self._drain_if_old():
+            return {"reply": "refused", "message": "the server is old and drains"}
+        job = self._start(message["job"])
+        if not job.request["detached"]:
+            self._owners[job.id] = connection
+        return {"reply": "submitted", "job": job.id, "process": job.process.as_json()}
+
+    def _cancel(self, _connection: Connection, message: Message) -> Message:
+        job = self._jobs.get(message["job"])
+        if job is not None:
+            job.cancel(message["grace_s"])
+        return {"reply": "cancelled", "found": job is not None}
+
+    def _status(self, _connection: Connection, _message: Message) -> Message:
+        now = time.monotonic()
+        jobs = [
+            {
+                "job": job.id,
+                "label": job.label,
+                "function": job.request["function"],
+                "process": job.process.as_json(),
+                "seconds": round(now - job.started, 3),
+                "notes": job.notes,
+                "cancelled": job.is_cancelled,
+            }
+            for job in self._jobs.values()
+        ]
+        return {
+            "reply": "status",
+            "stamp": self._places.stamp,
+            "process": self._process.as_json(),
+            "draining": self._listener is None,
+            "jobs": jobs,
+        }
+
+    def _drain_op(self, _connection: Connection, _message: Message) -> Message:
+        self._stop_listening()
+        return {"reply": "draining", "jobs": len(self._jobs)}
+
+    def _shutdown_op(self, _connection: Connection, message: Message) -> Message:
+        self._shutdown(message["grace_s"])
+        return {"reply": "ending", "jobs": len(self._jobs)}
+
+    def _shutdown(self, grace_s: float) -> None:
+        self._stop_listening()
+        for job in self._jobs.values():
+            job.cancel(grace_s)
+
+    # --- jobs ------------------------------------------------------------------------
+
+    def _start(self, request: Message) -> Job:
+        self._count += 1
+        job = Job.start(
+            f"{self._process.pid}-{self._count}",
+            request,
+            self._places.job_log(request["label"]),
+            self._close_inherited,
+        )
+        self._jobs[job.id] = job
+        self._selector.register(job.channel, selectors.EVENT_READ, lambda: self._on_note(job))
+        _LOG.info("job %s: %s in process %d", job.label, request["function"], job.process.pid)
+        return job
+
+    def _close_inherited(self) -> None:
+        """Run in a worker: close the server's files, so that they close when the server does."""
+        signal.set_wakeup_fd(-1)
+        self._selector.close()
+        for end in self._wakeup:
+            end.close()
+        if self._listener is not None:
+            self._listener.close()
+        for connection in self._connections:
+            connection.close_file()
+        for job in self._jobs.values():
+            job.channel.close()
+        self._lock.close()
+
+    def _on_note(self, job: Job) -> None:
+        for facts in job.listen():
+            self._tell(job.id, {"event": "note", "job": job.id, "note": facts})
+        if job.lines.is_closed:
+            self._selector.unregister(job.channel)
+
+    def _collect(self) -> None:
+        for job in list(self._jobs.values()):
+            status = job.collect()
+            if status is None:
+                continue
+            job.lines.is_drained = False
+            while not (job.lines.is_closed or job.lines.is_drained):
+                self._on_note(job)
+            if not job.lines.is_closed:
+                self._selector.unregister(job.channel)
+            job.channel.close()
+            self._on_end(job, job.describe_end(status))
+
+    def _on_end(self, job: Job, event: Message) -> None:
+        lost = event["event"] == "killed" or event["exit"] != 0
+        _LOG.info("job %s: %s", job.label, event.get("reason") or f"exit code {event['exit']}")
+        reporter = job.request.get("on_lost")
+        if lost and reporter:
+            # The event waits until the loss is reported, so that whoever hears of it finds it reported.
+            reason = event.get("reason") or event["error"]["message"]
+            args = {"args": job.request["args"], "notes": job.notes, "reason": reason}
+            request = {**job.request, "function": reporter, "args": args, "on_lost": None, "detached": True}
+            reporting = self._start(request)
+            reporting.kill_at = time.monotonic() + _LOST_GRACE_S
+            self._held_back[reporting.id] = (job.id, event)
+        else:
+            self._tell(job.id, event)
+            self._owners.pop(job.id, None)
+        held_back = self._held_back.pop(job.id, None)
+        if held_back is not None:
+            lost_id, lost_event = held_back
+            self._tell(lost_id, lost_event)
+            self._owners.pop(lost_id, None)
+        del self._jobs[job.id]
+
+    def _tell(self, job_id: str, event: dict[str, Any]) -> None:
+        owner = self._owners.get(job_id)
+        if owner is not None:
+            owner.send(event)

@@ -1,0 +1,213 @@
+"""What a server is made for, and the stamp that tells whether it still fits.
+
+The stamp is taken over the interpreter, the installed distributions, the source of this
+package and of the modules that are imported ahead, the recipe and the environment that
+counts. A client computes it from file stats in a few milliseconds, without importing
+anything heavy, and the server does the same again to notice that it has grown old.
+"""
+
+import os
+import site
+import sys
+import sysconfig
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field
+from functools import cache
+from importlib.machinery import PathFinder
+from pathlib import Path
+from typing import Any, Self
+
+import bagassets
+from bagassets.errors import BagAssetsError
+from bagassets.store.canonical import digest_json
+
+__all__ = ["IDLE_TIMEOUT_S", "SOURCE_CHANGED", "ServerSpec"]
+
+IDLE_TIMEOUT_S = 900.0
+SOURCE_CHANGED = 75  # exit status of a server whose stamp was outdated before it could serve
+
+# Read once when Python or a library is loaded, so a worker cannot change them any more.
+_STARTUP_VARIABLES = ("PYTHONHASHSEED", "PYTHONHOME", "PYTHONOPTIMIZE", "PYTHONPATH", "PYTHONUTF8",
+                      "LD_LIBRARY_PATH", "LD_PRELOAD")  # fmt: skip
+_STARTUP_PREFIXES = ("BAGASSETS_", "BLIS_", "MALLOC_", "MKL_", "OMP_", "OPENBLAS_", "OPENCV_")
+
+
+@dataclass(frozen=True)
+class ServerSpec:
+    """What a server is started for.
+
+    Attributes:
+        state_folder: folder that keeps its socket and logs.
+        recipe: recipe file that the modules read, if any.
+        modules: modules imported ahead.
+        paths: folders put on the module search path, for modules that are not installed.
+        preload: `module:function` called with the names of the modules before the server serves.
+        environment: variables that count, but those that the recipe's `.env` sets anyway.
+        sources: files and folders of source code that the stamp covers.
+        idle_timeout_s: seconds without a job or client after which the server ends.
+    """
+
+    state_folder: Path
+    recipe: Path | None = None
+    modules: tuple[str, ...] = ()
+    paths: tuple[str, ...] = ()
+    preload: str = ""
+    environment: Mapping[str, str] = field(default_factory=dict)
+    sources: tuple[str, ...] = ()
+    idle_timeout_s: float = IDLE_TIMEOUT_S
+
+    @classmethod
+    def of(
+        cls,
+        state_folder: Path,
+        recipe: Path | None = None,
+        *,
+        modules: tuple[str, ...] = (),
+        paths: tuple[str, ...] = (),
+        preload: str = "",
+        idle_timeout_s: float = IDLE_TIMEOUT_S,
+    ) -> Self:
+        """Return what a server must be like to serve this process.
+
+        Raises:
+            BagAssetsError: a module cannot be found.
+        """
+        recipe = None if recipe is None else recipe.expanduser().resolve()
+        sources, folders = _locate((bagassets.__name__, *modules), paths)
+        return cls(
+            state_folder.expanduser().resolve(),
+            recipe,
+            tuple(modules),
+            folders,
+            preload,
+            _environment(recipe),
+            sources,
+            idle_timeout_s,
+        )
+
+    @classmethod
+    def from_json(cls, value: dict[str, Any]) -> Self:
+        """Return the spec that `as_json` wrote."""
+        recipe = value["recipe"]
+        return cls(
+            Path(value["state_folder"]),
+            None if recipe is None else Path(recipe),
+            tuple(value["modules"]),
+            tuple(value["paths"]),
+            value["preload"],
+            value["environment"],
+            tuple(value["sources"]),
+            value["idle_timeout_s"],
+        )
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the spec as JSON."""
+        paths = {
+            "state_folder": str(self.state_folder),
+            "recipe": self.recipe and str(self.recipe),
+        }
+        return asdict(self) | paths
+
+    def stamp(self) -> str:
+        """Return the digest of everything that shapes what a worker of this server would do now."""
+        files = [] if self.recipe is None else [self.recipe, self.recipe.with_name(".env")]
+        return digest_json(
+            {
+                "interpreter": [sys.executable, sys.version],
+                "distributions": _distributions(),
+                "sources": [[root, list(_signatures(Path(root)))] for root in self.sources],
+                "files": [[str(path), _text(path)] for path in files],
+                "asked": [list(self.modules), list(self.paths), self.preload],
+                "environment": dict(self.environment),
+            }
+        )
+
+
+def _locate(modules: tuple[str, ...], paths: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return the source of each module's top package, and the folders that must be searched for them."""
+    sources: list[str] = []
+    folders: list[str] = []
+    for name in modules:
+        top = name.partition(".")[0]
+        root = _source_root(top, paths)
+        if root is None:
+            raise BagAssetsError(
+                f"module {name}: not found by {sys.executable}; install the package that holds it, or set "
+                "PYTHONPATH to the folder it lies in."
+            )
+        if str(root) not in sources:
+            sources.append(str(root))
+        if root.parent not in _site_folders() and str(root.parent) not in folders:
+            folders.append(str(root.parent))
+    return tuple(sources), tuple(folders)
+
+
+@cache
+def _source_root(top: str, paths: tuple[str, ...]) -> Path | None:
+    """Return the folder of a package or the file of a module, without importing it."""
+    loaded = getattr(sys.modules.get(top), "__file__", None)
+    found = PathFinder.find_spec(top, [*sys.path, *paths])
+    origin = loaded or (found.origin if found is not None else None)
+    if origin is None:
+        return None
+    file = Path(origin).resolve()
+    return file.parent if file.stem == "__init__" else file
+
+
+@cache
+def _site_folders() -> tuple[Path, ...]:
+    """Return the folders that this interpreter installs packages into, whatever the current folder is."""
+    names = [sysconfig.get_path("purelib"), sysconfig.get_path("platlib")]
+    if site.ENABLE_USER_SITE:
+        names.append(site.getusersitepackages())
+    return tuple(dict.fromkeys(Path(name).resolve() for name in names))
+
+
+def _distributions() -> list[list[Any]]:
+    """Return name and time of each installed distribution; an upgrade changes one or the other."""
+    found = []
+    for folder in _site_folders():
+        try:
+            entries = list(os.scandir(folder))
+        except OSError:
+            continue
+        found += [
+            [entry.name, entry.stat().st_mtime_ns]
+            for entry in entries
+            if entry.name.endswith((".dist-info", ".egg-info", ".pth", ".egg-link"))
+        ]
+    return sorted(found)
+
+
+def _signatures(root: Path) -> Iterator[list[Any]]:
+    """Yield path, size and modification time of the source files below `root`, in order."""
+    if root.is_file():
+        found = root.stat()
+        yield [root.name, found.st_size, found.st_mtime_ns]
+        return
+    for folder, folders, files in os.walk(root):
+        folders[:] = sorted(name for name in folders if name != "__pycache__" and not name.startswith("."))
+        for name in sorted(files):
+            if name.endswith((".py", ".so", ".yaml", ".json", ".msg")):
+                path = Path(folder) / name
+                with suppress(FileNotFoundError):  # an editor's passing file
+                    found = path.stat()
+                    yield [str(path.relative_to(root)), found.st_size, found.st_mtime_ns]
+
+
+def _text(path: Path) -> str | None:
+    try:
+        return path.read_text("utf-8", "replace")
+    except OSError:
+        return None
+
+
+def _environment(recipe: Path | None) -> dict[str, str]:
+    """Return the variables that count; the recipe's own is left out, as the spec names the recipe."""
+    names = {name for name in os.environ if name in _STARTUP_VARIABLES or name.startswith(_STARTUP_PREFIXES)}
+    names.discard("BAGASSETS_RECIPE")
+    dotenv = _text(recipe.with_name(".env")) if recipe is not None else None
+    for line in (dotenv or "").splitlines():
+        names.discard(line.strip().removeprefix("export ").partition("=")[0].strip())
+    return {name: os.environ[name] for name in sorted(names)}

@@ -1,0 +1,137 @@
+"""The worker's side: what happens in the child between the fork and its end.
+
+A function that runs in a worker takes one JSON object and returns JSON. It may call `note`
+to tell the server and the client something on the way, and `cancel_requested` to learn
+why it was interrupted.
+"""
+
+import io
+import json
+import logging
+import os
+import signal
+import socket
+import sys
+import time
+import traceback
+from collections.abc import Mapping
+from importlib import import_module
+from pathlib import Path
+from typing import Any, NoReturn
+
+from bagassets.errors import BagAssetsError
+from bagassets.forkserver.protocol import Lines, Message, encode
+
+__all__ = ["cancel_requested", "load_function", "note", "run_job"]
+
+
+class _Channel:
+    """The worker's end of its line to the server; without a server, silence."""
+
+    def __init__(self) -> None:
+        self._socket: socket.socket | None = None
+        self._lines = Lines()
+        self._cancelled = False
+
+    def open(self, connection: socket.socket) -> None:
+        self._socket = connection
+        self._lines = Lines()
+        self._cancelled = False
+
+    def send(self, message: Message) -> None:
+        if self._socket is None:
+            return
+        try:
+            self._socket.sendall(encode(message))
+        except OSError:
+            self._socket = None  # the server is gone; what was begun is still worth finishing
+
+    def is_cancelled(self) -> bool:
+        if self._socket is not None and not self._cancelled:
+            self._socket.setblocking(False)
+            messages = self._lines.receive(self._socket)
+            self._socket.setblocking(True)
+            self._cancelled = any(message.get("op") == "cancel" for message in messages)
+        return self._cancelled
+
+
+_CHANNEL = _Channel()
+
+
+def note(facts: Mapping[str, Any]) -> None:
+    """Tell the server, and the client if it listens, facts about the job that runs here."""
+    _CHANNEL.send({"note": dict(facts)})
+
+
+def cancel_requested() -> bool:
+    """Tell whether a client asked to cancel this job; an interrupt without it comes from elsewhere."""
+    return _CHANNEL.is_cancelled()
+
+
+def load_function(name: str) -> Any:
+    """Return the function named `module:function`.
+
+    Raises:
+        BagAssetsError: there is none.
+    """
+    module, _, function = name.partition(":")
+    try:
+        return getattr(import_module(module), function)
+    except (ImportError, AttributeError) as err:
+        raise BagAssetsError(
+            f"{name}: a worker cannot load this function ({err}); it is named as module:function."
+        ) from err
+
+
+def run_job(connection: socket.socket, job: Message, log: Path) -> NoReturn:
+    """Run a job in a process that was just forked, report its result, and end the process."""
+    code = 1
+    try:
+        _become_worker(job, log)
+        _CHANNEL.open(connection)
+        code = _call(job)
+    finally:
+        # The server's exit handlers are not ours to run.
+        for stream in (sys.stdout, sys.stderr):
+            stream.flush()
+        os._exit(code)
+
+
+def _become_worker(job: Message, log: Path) -> None:
+    for signum in (signal.SIGTERM, signal.SIGCHLD, signal.SIGHUP):
+        signal.signal(signum, signal.SIG_DFL)
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.pthread_sigmask(signal.SIG_SETMASK, ())
+    os.environ.clear()
+    os.environ.update(job["env"])
+    time.tzset()
+    output = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
+    empty = os.open(os.devnull, os.O_RDONLY)
+    for source, target in ((empty, 0), (output, 1), (output, 2)):
+        os.dup2(source, target)
+    os.close(output)
+    os.close(empty)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(line_buffering=True)
+    try:
+        os.chdir(job["cwd"])
+    except OSError as err:
+        logging.getLogger(__name__).warning("%s: the job starts elsewhere (%s)", job["cwd"], err.strerror)
+
+
+def _call(job: Message) -> int:
+    try:
+        result = load_function(job["function"])(job["args"])
+        _CHANNEL.send({"result": json.loads(json.dumps(result))})
+    except BaseException as err:  # whatever it was, the client is told
+        if not isinstance(err, BagAssetsError):
+            logging.getLogger(__name__).exception("%s failed", job["function"])
+        error = {
+            "type": type(err).__name__,
+            "message": str(err),
+            "traceback": "".join(traceback.format_exception(err)),
+        }
+        _CHANNEL.send({"error": error})
+        return 1
+    return 0
