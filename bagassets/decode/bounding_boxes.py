@@ -1,0 +1,34 @@
+"""`jsk_recognition_msgs/BoundingBoxArray`: boxes with a number as label and no track."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from bagassets.decode.fields import rigid_transform, stamp_and_frame
+from bagassets.decode.model import BoxReading
+
+__all__ = ["decode_box", "items"]
+
+
+def items(message: Any) -> Sequence[Any]:
+    """Return the boxes of a `BoundingBoxArray`."""
+    boxes: Sequence[Any] = message.boxes
+    return boxes
+
+
+def decode_box(message: Any, box: Any) -> BoxReading:
+    """Return a `BoundingBox`; its class is its label in digits, its `value` the score.
+
+    Raises:
+        DecodeError: the pose is not usable.
+    """
+    stamp_ns, frame_id = stamp_and_frame(box.header)
+    array_stamp_ns, array_frame_id = stamp_and_frame(message.header)
+    return BoxReading(
+        stamp_ns=stamp_ns or array_stamp_ns,
+        frame_id=frame_id or array_frame_id,
+        frame_SE3_box=rigid_transform(box.pose.position, box.pose.orientation),
+        size_m=(float(box.dimensions.y), float(box.dimensions.x), float(box.dimensions.z)),
+        track_id="",
+        category=str(int(box.label)),
+        score=float(box.value),
+    )

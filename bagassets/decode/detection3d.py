@@ -1,0 +1,49 @@
+"""`vision_msgs/Detection3DArray`: detections with a box, hypotheses and, since ROS 2 Humble, an id."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from bagassets.decode.fields import rigid_transform, stamp_and_frame
+from bagassets.decode.model import BoxReading
+from bagassets.errors import DecodeError
+
+__all__ = ["decode_detection", "items"]
+
+
+def items(message: Any) -> Sequence[Any]:
+    """Return the detections of a `Detection3DArray`."""
+    detections: Sequence[Any] = message.detections
+    return detections
+
+
+def decode_detection(message: Any, detection: Any) -> BoxReading:
+    """Return the box of a `Detection3D` with the class of its most probable hypothesis.
+
+    Detections mostly leave their own header empty; then that of the array holds.
+
+    Raises:
+        DecodeError: the pose is not usable, or there is no hypothesis that names a class.
+    """
+    stamp_ns, frame_id = stamp_and_frame(detection.header)
+    array_stamp_ns, array_frame_id = stamp_and_frame(message.header)
+    hypotheses = [_hypothesis(result) for result in detection.results]
+    if not hypotheses:
+        raise DecodeError("its detection names no class")
+    score, category = max(hypotheses, key=lambda pair: pair[0])
+    size = detection.bbox.size
+    return BoxReading(
+        stamp_ns=stamp_ns or array_stamp_ns,
+        frame_id=frame_id or array_frame_id,
+        frame_SE3_box=rigid_transform(detection.bbox.center.position, detection.bbox.center.orientation),
+        size_m=(float(size.y), float(size.x), float(size.z)),
+        track_id=str(getattr(detection, "id", "")),
+        category=category,
+        score=score,
+    )
+
+
+def _hypothesis(result: Any) -> tuple[float, str]:
+    """Score and class: fields of their own since ROS 2 Galactic, of the result itself before."""
+    inner = getattr(result, "hypothesis", result)
+    category = getattr(inner, "class_id", None)
+    return float(inner.score), str(inner.id if category is None else category)

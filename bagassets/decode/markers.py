@@ -1,0 +1,45 @@
+"""`visualization_msgs/Marker` and `MarkerArray`: cubes, as many labelling and tracking nodes publish them."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from bagassets.decode.fields import rigid_transform, stamp_and_frame
+from bagassets.decode.model import BoxReading
+
+__all__ = ["decode_marker", "items", "single_item"]
+
+CUBE = 1
+ADD = 0
+
+
+def items(message: Any) -> Sequence[Any]:
+    """Return the markers of a `MarkerArray`."""
+    markers: Sequence[Any] = message.markers
+    return markers
+
+
+def single_item(message: Any) -> Sequence[Any]:
+    """Return the one marker that a `Marker` message is."""
+    return (message,)
+
+
+def decode_marker(message: Any, marker: Any) -> BoxReading | None:  # noqa: ARG001  (as BoxDecoder.decode)
+    """Return the box of a cube: the namespace is its class, namespace and id its track.
+
+    Returns:
+        None for other shapes (arrows, texts, …) and for markers that delete.
+
+    Raises:
+        DecodeError: the pose is not usable.
+    """
+    if marker.type != CUBE or marker.action != ADD:
+        return None
+    stamp_ns, frame_id = stamp_and_frame(marker.header)
+    return BoxReading(
+        stamp_ns=stamp_ns,
+        frame_id=frame_id,
+        frame_SE3_box=rigid_transform(marker.pose.position, marker.pose.orientation),
+        size_m=(float(marker.scale.y), float(marker.scale.x), float(marker.scale.z)),
+        track_id=f"{marker.ns}/{marker.id}",
+        category=str(marker.ns),
+    )

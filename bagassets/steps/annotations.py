@@ -1,0 +1,188 @@
+"""The step `annotations`: boxes in a recording's topics become one table in the global frame."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+from bagassets.annotations.collect import UNKNOWN_FRAME, BoxCollector, SourceRules
+from bagassets.annotations.frames import BoxFrames
+from bagassets.annotations.table import BoxTable
+from bagassets.bags.inventory import Inventory
+from bagassets.bags.model import RawMessage, Recording
+from bagassets.decode.boxes import BoxDecoder, box_decoder, box_message_types
+from bagassets.errors import DecodeError, LossLimitError, RecipeError
+from bagassets.geometry.se3 import SE3
+from bagassets.geometry.trajectory import Trajectory
+from bagassets.recipe.model import Clock, Limits, Rig
+from bagassets.steps.channel import Counts, Request
+from bagassets.store.action import Step
+from bagassets.store.artifact import Artifact, ArtifactWriter
+
+__all__ = ["STEP", "make", "request"]
+
+STEP = Step("annotations", 1, ("pyarrow",))
+
+TABLE = "annotations.parquet"
+COUNTS = "annotations.json"
+
+
+def request(
+    rig: Rig,
+    clock: Clock,
+    limits: Limits,
+    inventory: Inventory,
+    *,
+    calibration: Mapping[str, Any],
+    ego_poses: Artifact,
+) -> Request:
+    """Return what the step reads of this recording.
+
+    Without a topic of boxes it reads nothing at all, and no change of poses makes it stale.
+
+    Args:
+        rig: the rig that made the recording.
+        clock: which time of a message counts.
+        limits: accepted losses.
+        inventory: what is in the recording.
+        calibration: content of `calibration.json`.
+        ego_poses: the artifact of poses.
+    """
+    sources = [source for source in rig.annotations if inventory.has(source.topic)]
+    absent = sorted({source.topic for source in rig.annotations} - {source.topic for source in sources})
+    params: dict[str, Any] = {"absent": absent}
+    if not sources:
+        return Request(params, ())
+    extrinsics = {entry["frame"]: entry["ego_SE3_sensor"] for entry in calibration["channels"].values()}
+    params |= {
+        "clock": clock,
+        "lost_messages": limits.lost_messages,
+        "sources": {source.topic: source.model_dump(mode="json", exclude={"topic"}) for source in sources},
+        "global_frame": ego_poses.read_json("ego_poses.json")["global_frame"],
+        "ego_frame": rig.ego_frame,
+        "ego_SE3_frame": extrinsics,
+    }
+    return Request(params, tuple(sorted(source.topic for source in sources)), {"ego_poses": ego_poses.digest})
+
+
+def make(
+    params: Mapping[str, Any], recording: Recording, out: ArtifactWriter, *, trajectory: Trajectory
+) -> dict[str, Any]:
+    """Write `annotations.parquet` and `annotations.json`; return the summary.
+
+    Args:
+        params: as made by `request`.
+        recording: offers the topics of boxes.
+        out: the artifact.
+        trajectory: `global_SE3_ego`, the content of `ego_poses`.
+
+    Raises:
+        RecipeError: a topic carries no boxes.
+        DecodeError: a box cannot be used and the recipe refuses such boxes.
+        LossLimitError: more messages or boxes were lost to decoding than the recipe allows.
+    """
+    sources: Mapping[str, Any] = params.get("sources", {})
+    decoders = {topic: _decoder(topic, recording) for topic in sources}
+    collector = BoxCollector(
+        _frames(params, trajectory), {topic: _rules(source) for topic, source in sources.items()}
+    )
+    messages = {topic: Counts() for topic in sources}
+    ignored = dict.fromkeys(sources, 0)
+    for message in recording.messages(sorted(sources)) if sources else ():
+        counts = messages[message.topic]
+        counts.read += 1
+        try:
+            decoded = recording.decode(message)
+        except DecodeError as err:
+            counts.lose(str(err))
+            continue
+        counts.written += 1
+        ignored[message.topic] += _add_boxes(
+            collector, decoders[message.topic], message, decoded, params["clock"]
+        )
+    for topic, counts in messages.items():
+        _check_limits(topic, counts, collector, params["lost_messages"])
+    table = collector.finish()
+    out.write_table(TABLE, table.to_arrow())
+    summary = {
+        "counts": {
+            topic: {
+                "messages": messages[topic].as_json(),
+                "boxes": collector.counts[topic].as_json(),
+                "ignored": ignored[topic],
+            }
+            for topic in sorted(sources)
+        },
+        "absent": list(params["absent"]),
+        **_facts(table),
+    }
+    out.write_json(COUNTS, summary)
+    return summary
+
+
+def _decoder(topic: str, recording: Recording) -> BoxDecoder:
+    msgtype = recording.topics[topic].msgtype
+    decoder = box_decoder(msgtype)
+    if decoder is None:
+        raise RecipeError(
+            f"rigs[].annotations: topic {topic} has type {msgtype}, which carries no boxes that are known here; "
+            f"expected one of {', '.join(box_message_types())}."
+        )
+    return decoder
+
+
+def _rules(source: Mapping[str, Any]) -> SourceRules:
+    attributes = {category: tuple(names) for category, names in source["attributes"].items()}
+    return SourceRules(source["frame"], source["categories"], attributes, source["bad_boxes"] == "refuse")
+
+
+def _frames(params: Mapping[str, Any], trajectory: Trajectory) -> BoxFrames:
+    extrinsics = {
+        frame: SE3.create(transform["rotation"], transform["translation"])
+        for frame, transform in params.get("ego_SE3_frame", {}).items()
+    }
+    return BoxFrames(params.get("global_frame", ""), params.get("ego_frame", ""), extrinsics, trajectory)
+
+
+def _add_boxes(
+    collector: BoxCollector, decoder: BoxDecoder, message: RawMessage, decoded: Any, clock: Clock
+) -> int:
+    """Hand the boxes of one message to the collector; return the number of items that are no boxes."""
+    ignored = 0
+    for item in decoder.items(decoded):
+        try:
+            box = decoder.decode(decoded, item)
+        except DecodeError as err:
+            collector.lose_undecoded(message.topic, str(err))
+            continue
+        if box is None:
+            ignored += 1
+            continue
+        stamp_ns = message.log_time_ns if clock == "log" else box.stamp_ns
+        collector.add(replace(box, stamp_ns=stamp_ns, source=message.topic))
+    return ignored
+
+
+def _check_limits(topic: str, messages: Counts, collector: BoxCollector, limit: float) -> None:
+    lost = sum(messages.lost.values())
+    if lost > limit * messages.read:
+        reason = max(messages.lost, key=lambda name: messages.lost[name])
+        raise LossLimitError(
+            f"{topic}: {lost} of {messages.read} messages with boxes cannot be decoded, most often because {reason}; "
+            f"limits.lost_messages accepts a share of {limit:g}."
+        )
+    boxes = collector.counts[topic]
+    astray = boxes.lost.get(UNKNOWN_FRAME, 0)
+    if astray > limit * boxes.read:
+        raise LossLimitError(
+            f"{topic}: {astray} of {boxes.read} boxes are given in frame {' and '.join(sorted(collector.unknown_frames[topic]))}, but known are "
+            f"{collector.frames.known()}; name the frame of the boxes in rigs[].annotations[].frame, "
+            "or choose an ego_pose source with that global frame."
+        )
+
+
+def _facts(table: BoxTable) -> dict[str, Any]:
+    return {
+        "boxes": len(table),
+        "tracks": len(set(zip(table.sources, table.tracks, strict=True))),
+        "categories": sorted(set(table.categories)),
+    }
