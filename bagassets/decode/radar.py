@@ -1,0 +1,136 @@
+"""Radar messages of any type: clouds, scans of returns, lists of tracks, single tracks.
+
+Which kind a message is follows from its structure:
+
+* a `PointCloud2`, or a message that holds one with points (`targets` of SICK's RadarScan);
+* a message with a list of returns, tracks or objects (`radar_msgs/RadarScan`, `RadarTracks`, …);
+* a message that is one track itself (`delphi_esr_msgs/EsrTrack`); the step collects those.
+
+Azimuths are positive to the left (anticlockwise from above, REP 103) in clouds and in messages
+not named here. They are positive to the right in `radar_msgs` ("negative angles are
+anticlockwise", RadarReturn.msg) and in the Delphi drivers, which publish the radar's own
+clockwise angles. Drivers are known to disagree with the definition they publish, so the recipe
+can name the side.
+"""
+
+from dataclasses import fields, is_dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bagassets.decode.fields import stamp_and_frame
+from bagassets.decode.model import RadarReading
+from bagassets.decode.pointcloud2 import point_fields
+from bagassets.decode.radar_fields import ANGLES_LEFT, ANGLES_RIGHT, Side, radar_reading
+from bagassets.errors import DecodeError
+
+__all__ = ["decode_radar", "is_single_track"]
+
+_PACKAGES_ANGLES_RIGHT = ("radar_msgs/", "delphi_esr_msgs/", "delphi_srr_msgs/", "delphi_mrr_msgs/")
+# Where several lists are in a message, these are looked at first.
+_LISTS = ("returns", "tracks", "detections", "targets", "objects", "clusters", "points")
+
+
+def decode_radar(message: Any, msgtype: str, azimuth_positive: Side | None = None) -> RadarReading:
+    """Return the targets of a radar message.
+
+    Args:
+        message: the decoded message.
+        msgtype: its type, `pkg/msg/Type`.
+        azimuth_positive: the side on which azimuths are positive; None as the type defines it.
+
+    Raises:
+        DecodeError: nothing in it is known to be a position.
+    """
+    if not hasattr(message, "header"):
+        raise DecodeError("it has no header")
+    stamp, frame_id = stamp_and_frame(message.header)
+    cloud = _cloud_of(message)
+    elements = None if cloud is not None else _elements_of(message)
+    if cloud is not None and (cloud is message or _size(cloud) or elements is None):
+        side = azimuth_positive or ANGLES_LEFT
+        values = {name: column.reshape(-1) for name, column in point_fields(cloud).items()}
+        return radar_reading(stamp, frame_id, values, side)
+    right = msgtype.startswith(_PACKAGES_ANGLES_RIGHT)
+    side = azimuth_positive or (ANGLES_RIGHT if right else ANGLES_LEFT)
+    if elements is None:
+        elements = [message]
+    if not elements:
+        nothing = np.zeros(0)
+        return radar_reading(stamp, frame_id, {"x": nothing, "y": nothing}, side)
+    return radar_reading(stamp, frame_id, _columns(elements), side)
+
+
+def is_single_track(message: Any) -> bool:
+    """Tell whether a message is one track of a cycle, rather than all of them."""
+    return _cloud_of(message) is None and _elements_of(message) is None
+
+
+def _is_cloud(value: Any) -> bool:
+    return hasattr(value, "point_step") and hasattr(value, "fields")
+
+
+def _size(cloud: Any) -> int:
+    return int(cloud.width) * int(cloud.height)
+
+
+def _cloud_of(message: Any) -> Any | None:
+    if _is_cloud(message):
+        return message
+    members = (getattr(message, name) for name in _members(message))
+    return next((member for member in members if _is_cloud(member) and _size(member)), None)
+
+
+def _elements_of(message: Any) -> list[Any] | None:
+    """Return the list of targets in a message, None if it has no list of messages."""
+    names = _members(message)
+    lists = [name for name in (*_LISTS, *names) if name in names and _is_list(getattr(message, name))]
+    if not lists:
+        return None
+    filled = next((name for name in lists if getattr(message, name)), lists[0])
+    elements: list[Any] = getattr(message, filled)
+    return elements
+
+
+def _is_list(value: Any) -> bool:
+    return isinstance(value, list) and (not value or is_dataclass(value[0]))
+
+
+def _members(message: Any) -> tuple[str, ...]:
+    return tuple(field.name for field in fields(message)) if is_dataclass(message) else ()
+
+
+def _columns(elements: list[Any]) -> dict[str, NDArray[np.float64]]:
+    """Return dotted member name in lower case -> (N,) values, of all members that are numbers."""
+    rows = [_flat(element) for element in elements]
+    return {name: np.array([row[name] for row in rows], dtype=np.float64) for name in rows[0]}
+
+
+def _flat(element: Any, prefix: str = "") -> dict[str, float]:
+    numbers: dict[str, float] = {}
+    for name in _members(element):
+        value = getattr(element, name)
+        dotted = f"{prefix}{name.lower()}"
+        if isinstance(value, bool | int | float | np.number | np.bool_):
+            numbers[dotted] = float(value)
+        elif name == "uuid":
+            numbers["uuid"] = _short_id(value)
+        elif name == "track_shape":
+            numbers.update(_centroid(value, f"{dotted}.centroid."))
+        elif is_dataclass(value) and name not in ("header", "stamp"):
+            numbers.update(_flat(value, f"{dotted}."))
+    return numbers
+
+
+def _short_id(uuid: Any) -> float:
+    """Return 15 bits of a `unique_identifier_msgs/UUID`, as many as the radar format keeps."""
+    values = [int(v) for v in uuid.uuid]
+    return float((values[0] << 8 | values[1]) & 0x7FFF)
+
+
+def _centroid(polygon: Any, prefix: str) -> dict[str, float]:
+    if not polygon.points:
+        return {prefix + axis: float("nan") for axis in "xyz"}
+    number = len(polygon.points)
+    return {prefix + axis: sum(getattr(p, axis) for p in polygon.points) / number for axis in "xyz"}
