@@ -1,0 +1,1 @@
+"""The nuScenes format: point files, tables, tokens, and datasets put together from recordings."""

@@ -1,0 +1,77 @@
+"""Tokens of nuScenes rows: hashes of what a row is about, never random.
+
+A row of a recording is named by rig, partition key, table, channel and stamp. Re-indexing or
+re-compressing the recording changes none of these, two recordings never share one, and no
+token has to be rewritten when datasets are merged. Rows that all recordings share are named
+by what they are called.
+"""
+
+from blake3 import blake3
+
+from bagassets.store.canonical import canonical_json
+
+__all__ = [
+    "RecordingTokens",
+    "attribute_token",
+    "category_token",
+    "map_token",
+    "sensor_token",
+    "token",
+    "visibility_token",
+]
+
+HEX_DIGITS = 32  # as in nuScenes
+VISIBILITY_LEVELS = ("v0-40", "v40-60", "v60-80", "v80-100")
+
+
+def token(*parts: str | int) -> str:
+    """Return the token of a tuple of names and numbers: 32 hex digits of its BLAKE3 digest."""
+    return blake3(canonical_json(parts)).hexdigest(length=HEX_DIGITS // 2)
+
+
+class RecordingTokens:
+    """Tokens of the rows of one recording.
+
+    Args:
+        rig: name of the rig.
+        key: partition key of the recording.
+    """
+
+    def __init__(self, rig: str, key: str) -> None:
+        self._rig, self._key = rig, key
+
+    def row(self, table: str, channel: str = "", stamp_ns: int = 0) -> str:
+        """Return the token of a row that is told apart by channel and time."""
+        return token(self._rig, self._key, table, channel, stamp_ns)
+
+    def track(self, table: str, source: str, track_id: str, stamp_ns: int) -> str:
+        """Return the token of a row about a track: an instance of a scene, or one of its boxes."""
+        return token(self._rig, self._key, table, source, track_id, stamp_ns)
+
+
+def sensor_token(channel: str, modality: str) -> str:
+    """Return the token of a sensor."""
+    return token("sensor", channel, modality)
+
+
+def category_token(name: str) -> str:
+    """Return the token of a category."""
+    return token("category", name)
+
+
+def attribute_token(name: str) -> str:
+    """Return the token of an attribute."""
+    return token("attribute", name)
+
+
+def visibility_token(level: str) -> str:
+    """Return the token of a visibility level: 1 to 4.
+
+    nuScenes itself uses these, and training code converts them to integers.
+    """
+    return str(VISIBILITY_LEVELS.index(level) + 1)
+
+
+def map_token(name: str) -> str:
+    """Return the token of a map."""
+    return token("map", name)
