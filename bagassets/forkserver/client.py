@@ -35,14 +35,22 @@ class Client:
     """A connection to one server; as long as it is open, the server does not end for idleness.
 
     Jobs that were not submitted as detached are cancelled when it is closed, or its process dies.
+
+    Attributes:
+        places: files of the server.
+        process: the server.
+        is_draining: True if it took no more jobs when the connection was made.
     """
 
     def __init__(self, connection: socket.socket, places: Places, variables: Mapping[str, str]) -> None:
+        self.places = places
         self._socket = connection
-        self._places = places
         self._variables = variables
         self._lines = Lines()
         self._events: deque[Message] = deque()
+        hello = self._ask({"op": "hello"})
+        self.is_draining: bool = hello["draining"]
+        self.process = ProcessId.from_json(hello["process"])
 
     # --- finding a server ------------------------------------------------------------
 
@@ -77,11 +85,11 @@ class Client:
         except OSError:
             connection.close()
             return None
-        client = cls(connection, places, variables or {})
         with suppress(ServerRefusedError):
-            if not client._ask({"op": "hello"})["draining"]:
+            client = cls(connection, places, variables or {})
+            if not client.is_draining:
                 return client
-        client.close()
+        connection.close()
         return None
 
     @classmethod
@@ -103,6 +111,7 @@ class Client:
         label: str,
         on_lost: str | None = None,
         detached: bool = False,
+        once: bool = False,
         grace_s: float = _GRACE_S,
     ) -> str:
         """Have `function(args)` called in a worker of its own; return the name of the job.
@@ -116,6 +125,7 @@ class Client:
             on_lost: `module:function` called in another worker with `args`, `notes` and `reason` if the
                 worker was killed or failed; the event that tells of it comes after that.
             detached: the job goes on when this client is gone, and no events tell of it.
+            once: do nothing if this server had a job with this label before; the job is then unnamed.
             grace_s: seconds a cancelled worker has before it is killed.
 
         Raises:
@@ -127,6 +137,7 @@ class Client:
             "label": label,
             "on_lost": on_lost,
             "detached": detached,
+            "once": once,
             "grace_s": grace_s,
             "env": {**os.environ, **self._variables},
             "cwd": str(Path.cwd()),
@@ -165,15 +176,6 @@ class Client:
 
     # --- the server ------------------------------------------------------------------
 
-    @property
-    def places(self) -> Places:
-        """Files of the server."""
-        return self._places
-
-    def server_process(self) -> ProcessId:
-        """Return the server's process."""
-        return ProcessId.from_json(self.status()["process"])
-
     def drain(self) -> int:
         """Let the server end after the jobs it has; return their number."""
         return int(self._ask({"op": "drain"})["jobs"])
@@ -207,7 +209,7 @@ class Client:
         """Read once; keep events and return answers."""
         messages = self._lines.receive(self._socket)
         if self._lines.is_closed:
-            raise ServerRefusedError(f"the fork server is gone; see {self._places.log}.")
+            raise ServerRefusedError(f"the fork server is gone; see {self.places.log}.")
         self._events.extend(message for message in messages if "event" in message)
         return [message for message in messages if "reply" in message]
 

@@ -47,6 +47,7 @@ class Server:
         self._jobs: dict[str, Job] = {}
         self._owners: dict[str, Connection] = {}
         self._held_back: dict[str, tuple[str, Message]] = {}  # reporting job -> lost job and its event
+        self._done_once: set[str] = set()
         self._count = 0
         self._last_use = self._last_age_check = time.monotonic()
         self._loaded: LoadedSources | None = None
@@ -204,7 +205,12 @@ class Server:
     def _submit(self, connection: Connection, message: Message) -> Message:
         if self._listener is None or self._drain_if_old():
             return {"reply": "refused", "message": "the server is old and drains"}
-        job = self._start(message["job"])
+        request = message["job"]
+        if request["once"]:
+            if request["label"] in self._done_once:
+                return {"reply": "submitted", "job": ""}
+            self._done_once.add(request["label"])
+        job = self._start(request)
         if not job.request["detached"]:
             self._owners[job.id] = connection
         return {"reply": "submitted", "job": job.id, "process": job.process.as_json()}

@@ -1,0 +1,296 @@
+"""Launching runs of the web UI, the sensor and the daemon on the fork server.
+
+Set in `dagster.yaml`::
+
+    run_launcher:
+      module: bagassets.defs.launcher
+      class: BagAssetsRunLauncher
+      config:                     # all of it optional
+        recipe: recipe.yaml       # default: the variable BAGASSETS_RECIPE
+        state_folder: .bagassets  # default: the recipe's, else the folder of the instance
+        idle_timeout_s: 900       # the server ends when nobody used it for so long
+        grace_s: 30               # a cancelled worker is killed after that
+
+The launcher goes well with a short `dequeue_interval_seconds` of the run coordinator, or
+with `DefaultRunCoordinator`, which launches at once.
+"""
+
+import logging
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, Self
+
+import dagster as dg
+from dagster._config import Field, IntSource, StringSource
+from dagster._core.code_pointer import ModuleCodePointer
+from dagster._core.instance import T_DagsterInstance
+from dagster._core.launcher import CheckRunHealthResult, LaunchRunContext, RunLauncher, WorkerStatus
+from dagster._core.storage.tags import GRPC_INFO_TAG
+from dagster._serdes import ConfigurableClass, ConfigurableClassData
+
+from bagassets.defs.run_worker import end_worker
+from bagassets.defs.runs import pack_instance
+from bagassets.defs.worker_tag import WORKER_TAG, RunWorker
+from bagassets.errors import BagAssetsError
+from bagassets.forkserver.client import Client, ServerRefusedError
+from bagassets.forkserver.places import Places
+from bagassets.forkserver.process import ProcessId
+from bagassets.forkserver.spec import IDLE_TIMEOUT_S, ServerSpec
+from bagassets.forkserver.tasks import END_WORKER, server_spec, submit_recovery, submit_run
+from bagassets.recipe import load_recipe
+
+__all__ = ["BagAssetsRunLauncher"]
+
+_LOG = logging.getLogger(__name__)
+_DEBUG_LINES = 30
+_LOCAL_HOSTS = {"localhost", "127.0.0.1", "::1", "0.0.0.0"}  # noqa: S104  (compared with, not bound to)
+
+
+class BagAssetsRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
+    """Has runs executed by workers of the fork server; if there can be none, by Dagster's own launcher.
+
+    It keeps no record of its runs: a tag on each names the worker, so that any process can
+    cancel it or tell whether it lives. As long as a launcher that launched something exists
+    (the web server's, the daemon's), the server stays up.
+    """
+
+    def __init__(
+        self,
+        inst_data: ConfigurableClassData | None = None,
+        *,
+        recipe: str | None = None,
+        state_folder: str | None = None,
+        idle_timeout_s: float = IDLE_TIMEOUT_S,
+        grace_s: float = 30.0,
+    ) -> None:
+        self._inst_data = inst_data
+        self._recipe = recipe
+        self._state_folder = state_folder
+        self._idle_timeout_s = idle_timeout_s
+        self._grace_s = grace_s
+        self._default = dg.DefaultRunLauncher()
+        self._client: Client | None = None
+        self._mutex = threading.Lock()  # the web server launches from several threads
+        super().__init__()  # type: ignore[no-untyped-call]  # Dagster's mixin has no annotations
+
+    # --- what Dagster configures it by -----------------------------------------------
+
+    @property
+    def inst_data(self) -> ConfigurableClassData | None:
+        """Configuration that this object was made from."""
+        return self._inst_data
+
+    @classmethod
+    def config_type(cls) -> dict[str, Field]:
+        """Return the fields of `config` in `dagster.yaml`."""
+        return {
+            "recipe": Field(StringSource, is_required=False),
+            "state_folder": Field(StringSource, is_required=False),
+            "idle_timeout_s": Field(IntSource, is_required=False),
+            "grace_s": Field(IntSource, is_required=False),
+        }
+
+    @classmethod
+    def from_config_value(cls, inst_data: ConfigurableClassData, config_value: Mapping[str, Any]) -> Self:
+        """Return the launcher that `dagster.yaml` describes."""
+        return cls(inst_data, **config_value)
+
+    def register_instance(self, instance: T_DagsterInstance) -> None:
+        """Take the instance whose runs are launched."""
+        super().register_instance(instance)
+        self._default.register_instance(instance)
+
+    def dispose(self) -> None:
+        """Let go of the server."""
+        with self._mutex:
+            self._drop_client()
+        self._default.dispose()
+
+    # --- launching -------------------------------------------------------------------
+
+    def launch_run(self, context: LaunchRunContext) -> None:
+        """Hand a run to the fork server, or to Dagster's own launcher, saying why."""
+        run = context.dagster_run
+        reason = _why_not_here(run)
+        if reason is None:
+            try:
+                self._submit(run)
+            except (BagAssetsError, OSError) as err:
+                reason = str(err)
+        if reason is None:
+            return
+        self._instance.report_engine_event(
+            f"The run is left to Dagster's default launcher, which takes longer to start: {reason}",
+            dagster_run=run,
+            cls=self.__class__,
+        )
+        if WORKER_TAG in run.tags:
+            self._instance.add_run_tags(run.run_id, {WORKER_TAG: ""})
+        self._default.launch_run(context)
+
+    def _submit(self, run: dg.DagsterRun) -> None:
+        spec = self._spec(run)
+        with self._mutex:
+            for is_last in (False, True):
+                client = self._client_for(spec)
+                # Written before the worker exists, so that a run is never without anybody to ask for.
+                self._instance.add_run_tags(run.run_id, RunWorker(run.run_id, client.process).tags())
+                try:
+                    submit_run(client, pack_instance(self._instance), run.run_id, detached=True)
+                except ServerRefusedError:
+                    self._drop_client()
+                    if is_last:
+                        raise
+                else:
+                    return
+
+    def _client_for(self, spec: ServerSpec) -> Client:
+        if self._client is not None and self._client.places.stamp == spec.stamp():
+            return self._client
+        self._drop_client()
+        self._client = Client.ensure(spec)
+        submit_recovery(self._client, pack_instance(self._instance))
+        return self._client
+
+    def _drop_client(self) -> None:
+        if self._client is not None:
+            self._client.close()
+            self._client = None
+
+    def _spec(self, run: dg.DagsterRun) -> ServerSpec:
+        recipe = self._recipe_file()
+        pointer = run.job_code_origin.repository_origin.code_pointer if run.job_code_origin else None
+        modules: tuple[str, ...] = ()
+        paths: tuple[str, ...] = ()
+        if isinstance(pointer, ModuleCodePointer):
+            modules = (pointer.module,)
+            paths = (pointer.working_directory,) if pointer.working_directory else ()
+        return server_spec(
+            self._folder(recipe), recipe, modules=modules, paths=paths, idle_timeout_s=self._idle_timeout_s
+        )
+
+    def _recipe_file(self) -> Path | None:
+        named = self._recipe or os.environ.get("BAGASSETS_RECIPE")
+        if named:
+            return Path(named)
+        here = Path("recipe.yaml")
+        return here if here.is_file() else None
+
+    def _folder(self, recipe: Path | None) -> Path:
+        if self._state_folder is not None:
+            return Path(self._state_folder)
+        return load_recipe(recipe).state if recipe is not None else Path(self._instance.root_directory)
+
+    # --- ending ----------------------------------------------------------------------
+
+    def terminate(self, run_id: str) -> bool:
+        """Cancel a run from any process of this machine; return False if it cannot be.
+
+        The run is marked CANCELING, its worker gets SIGTERM, and SIGKILL if it has not stopped
+        after `grace_s` seconds.
+        """
+        run = self._instance.get_run_by_id(run_id)
+        if run is None or run.is_finished:
+            return False
+        worker = RunWorker.of(run)
+        if worker is None and GRPC_INFO_TAG in run.tags:
+            terminate: Callable[[str], bool] = self._default.terminate
+            return terminate(run_id)
+        if worker is None or not worker.is_on_this_host:
+            where = "another program executes it" if worker is None else f"it is executed by {worker}"
+            self._instance.report_engine_event(
+                f"The run cannot be cancelled from here, because {where}.",
+                dagster_run=run,
+                cls=self.__class__,
+            )
+            return False
+        self._instance.report_run_canceling(run)
+        if self._cancel_job(run_id):
+            return True
+        if worker.process is None or not worker.process.send(signal.SIGTERM):
+            self._instance.report_run_canceled(run, f"The worker ({worker}) of the run is gone.")
+            return True
+        self._end_later(run, worker.process)
+        return True
+
+    def _cancel_job(self, run_id: str) -> bool:
+        """Let the server cancel the run, if one that still answers has it."""
+        try:
+            for client in Client.all_of(self._folder(self._recipe_file())):
+                for job in client.status()["jobs"]:
+                    if job["label"] == run_id and client.cancel(job["job"], grace_s=self._grace_s):
+                        return True
+        except BagAssetsError as err:
+            _LOG.warning("run %s: no fork server could be asked (%s)", run_id, err)
+        return False
+
+    def _end_later(self, run: dg.DagsterRun, process: ProcessId) -> None:
+        """See to the end of a worker that no server that answers knows."""
+        args = {
+            "instance": pack_instance(self._instance),
+            "run_id": run.run_id,
+            "process": process.as_json(),
+            "grace_s": self._grace_s,
+        }
+        try:
+            with Client.ensure(self._spec(run)) as client:
+                client.submit(END_WORKER, args, label=f"end-{run.run_id}", detached=True)
+        except BagAssetsError as err:
+            _LOG.warning("run %s: its worker is ended by this process (%s)", run.run_id, err)
+            threading.Thread(target=end_worker, args=(args,), daemon=True).start()
+
+    # --- health ----------------------------------------------------------------------
+
+    @property
+    def supports_check_run_worker_health(self) -> bool:
+        """True: the daemon's run monitoring may ask."""
+        return True
+
+    def check_run_worker_health(self, run: dg.DagsterRun) -> CheckRunHealthResult:
+        """Tell whether the worker of a run lives.
+
+        A run that this launcher knows nothing of counts as running: run monitoring fails
+        every run that is said to be anything else.
+        """
+        worker = RunWorker.of(run)
+        if worker is None:
+            return CheckRunHealthResult(
+                WorkerStatus.RUNNING, "Executed by another program, which answers for it."
+            )
+        if not worker.is_on_this_host or worker.is_alive():
+            return CheckRunHealthResult(WorkerStatus.RUNNING, str(worker), run_worker_id=str(worker))
+        return CheckRunHealthResult(
+            WorkerStatus.FAILED, f"The worker ({worker}) is gone.", run_worker_id=str(worker)
+        )
+
+    def get_run_worker_debug_info(
+        self, run: dg.DagsterRun, include_container_logs: bool | None = True
+    ) -> str | None:
+        """Return the last lines that the worker of a run wrote, if it wrote any."""
+        if RunWorker.of(run) is None or not include_container_logs:
+            return None
+        log = Places(self._folder(self._recipe_file()), "").job_log(run.run_id)
+        try:
+            lines = log.read_text("utf-8", "replace").splitlines()
+        except OSError:
+            return None
+        return "\n".join([f"Last lines of {log}:", *lines[-_DEBUG_LINES:]])
+
+
+def _why_not_here(run: dg.DagsterRun) -> str | None:
+    """Return why a run's code cannot be run by a server of this Python environment."""
+    if run.job_code_origin is None or run.remote_job_origin is None:
+        return "it does not say where its code is."
+    code = run.job_code_origin.repository_origin
+    if code.container_image is not None:
+        return f"its code lives in the container image {code.container_image}."
+    if Path(code.executable_path).parent != Path(sys.executable).parent:
+        return f"its code belongs to another Python environment ({code.executable_path})."
+    host = getattr(run.remote_job_origin.repository_origin.code_location_origin, "host", None)
+    if host not in {None, *_LOCAL_HOSTS}:
+        return f"its code lives on {host}."
+    return None

@@ -1,0 +1,208 @@
+"""What workers of the fork server do for Dagster: execute runs, and report those that were lost.
+
+Every function takes and returns JSON, is named in a job as `bagassets.defs.run_worker:name`,
+and opens the instance itself: database connections must not be made before a fork.
+"""
+
+import os
+import signal
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import dagster as dg
+
+from bagassets.defs.exclusive import exclusive
+from bagassets.defs.runs import (
+    CodeLocation,
+    RunOutcome,
+    capture_interrupts,
+    create_run,
+    dotenv_variables,
+    execute_run,
+    is_interrupted,
+    open_instance,
+    preload_definitions,
+)
+from bagassets.defs.worker_tag import RunWorker
+from bagassets.errors import BagAssetsError
+from bagassets.forkserver.process import ProcessId
+from bagassets.forkserver.worker import cancel_requested
+
+__all__ = ["build", "end_worker", "execute", "preload", "recover", "report_lost"]
+
+_UNFINISHED = [
+    dg.DagsterRunStatus.NOT_STARTED,
+    dg.DagsterRunStatus.STARTING,
+    dg.DagsterRunStatus.STARTED,
+    dg.DagsterRunStatus.CANCELING,
+]
+_PARTITION_TAG = "dagster/partition"
+_POLL_S = 0.5
+
+# What opening a SQLite instance and executing a run import; 0.4 s that no worker has to pay.
+_AHEAD = (
+    "alembic.command",
+    "alembic.runtime.migration",
+    "dagster._core.execution.plan.execute_plan",
+    "dagster._core.launcher",
+    "dagster._core.run_coordinator",
+    "dagster._core.scheduler",
+    "dagster._core.secrets.env_file",
+    "dagster._core.storage.local_compute_log_manager",
+    "dagster._core.storage.root",
+    "dagster._core.storage.sqlite_storage",
+    "sqlalchemy.dialects.sqlite",
+)
+
+
+def preload(modules: list[str]) -> None:
+    """Import what workers share, before the server forks; opens no instance and starts no thread."""
+    _apply_dotenv()
+    for module in _AHEAD:
+        import_module(module)
+    for module in modules:
+        preload_definitions(module)
+
+
+def execute(args: dict[str, Any]) -> dict[str, Any]:
+    """Execute the run `run_id` of `instance`; return its outcome.
+
+    Runs of one partition take turns, by the lock files in the folder `locks`.
+    """
+    with capture_interrupts(), ExitStack() as stack:
+        instance = _open(args, stack)
+        run_id = str(args["run_id"])
+        run = instance.get_run_by_id(run_id)
+        if run is None:
+            raise BagAssetsError(
+                f"run {run_id}: not in the Dagster instance; it was deleted before it started."
+            )
+        instance.add_run_tags(run_id, RunWorker.here(run_id).tags())
+
+        def tell() -> None:
+            message = f"Waiting for another run of {run.tags[_PARTITION_TAG]} to end."
+            instance.report_engine_event(message, dagster_run=run)
+
+        _take_turn(args["locks"], run.tags.get(_PARTITION_TAG), stack, tell)
+        return execute_run(instance, run_id, cancel_requested=cancel_requested).as_json()
+
+
+def build(args: dict[str, Any]) -> dict[str, Any]:
+    """Create the run `run_id` of `assets` for `partition_key` and execute it; return its outcome.
+
+    `tags` are put on it; `location` holds the fields of a `CodeLocation`; `locks` as in `execute`.
+    """
+    with capture_interrupts(), ExitStack() as stack:
+        instance = _open(args, stack)
+        run_id, partition_key = str(args["run_id"]), args["partition_key"]
+        if not _take_turn(args["locks"], partition_key, stack, lambda: None):
+            return RunOutcome(run_id, dg.DagsterRunStatus.CANCELED.value).as_json()
+        create_run(
+            instance,
+            args["assets"],
+            partition_key=partition_key,
+            tags={**args["tags"], **RunWorker.here(run_id).tags()},
+            location=CodeLocation(**args["location"]),
+            run_id=run_id,
+        )
+        return execute_run(instance, run_id, cancel_requested=cancel_requested).as_json()
+
+
+def report_lost(args: dict[str, Any]) -> None:
+    """Report the run of a worker that was killed or failed, unless it has ended."""
+    with ExitStack() as stack:
+        _report_ended(_open(args["args"], stack), args["args"]["run_id"], args["reason"])
+
+
+def recover(args: dict[str, Any]) -> list[str]:
+    """Report runs of this machine whose worker and server are gone, and return their ids.
+
+    Stays as long as workers of former servers are at work, as nobody else would notice their end.
+    """
+    reported: list[str] = []
+    server = os.getppid()
+
+    def has_server(_asked: int = 0) -> bool:
+        return os.getppid() == server
+
+    with ExitStack() as stack:
+        if not stack.enter_context(exclusive(Path(args["locks"]), "/recover", keep_waiting=has_server)):
+            return reported
+        instance = _open(args, stack)
+        while True:
+            orphans = 0
+            for record in instance.get_run_records(dg.RunsFilter(statuses=_UNFINISHED)):
+                worker = RunWorker.of(record.dagster_run)
+                if worker is None or not worker.is_on_this_host or worker.is_watched():
+                    continue
+                if worker.is_alive():
+                    orphans += 1
+                    continue
+                reason = f"The worker ({worker}) is gone, and so is the server that watched it."
+                if _report_ended(instance, record.dagster_run.run_id, reason):
+                    reported.append(record.dagster_run.run_id)
+            if not orphans or not has_server():
+                return reported
+            time.sleep(_POLL_S)
+
+
+def end_worker(args: dict[str, Any]) -> bool:
+    """End the worker of the run `run_id`, which is marked CANCELING; return True if it was killed.
+
+    The worker got its SIGTERM already. After `grace_s` seconds it is killed, and the run reported
+    unless its server does that.
+    """
+    process = ProcessId.from_json(args["process"])
+    deadline = time.monotonic() + args["grace_s"]
+    while process.is_alive() and time.monotonic() < deadline:
+        time.sleep(_POLL_S)
+    killed = process.send(signal.SIGKILL)
+    with ExitStack() as stack:
+        instance = _open(args, stack)
+        run = instance.get_run_by_id(args["run_id"])
+        worker = RunWorker.of(run) if run is not None else None
+        if worker is not None and not worker.is_watched():
+            what = "was killed, as it did not stop" if killed else "is gone"
+            _report_ended(instance, args["run_id"], f"The worker ({worker}) {what}.")
+    return killed
+
+
+def _open(args: dict[str, Any], stack: ExitStack) -> dg.DagsterInstance:
+    _apply_dotenv()
+    return stack.enter_context(open_instance(args["instance"]))
+
+
+def _apply_dotenv() -> None:
+    """Set what the `.env` beside the recipe says, as Dagster does for the folder it is started in."""
+    recipe = os.environ.get("BAGASSETS_RECIPE")
+    if recipe is not None:
+        os.environ.update(dotenv_variables(Path(recipe).parent))
+
+
+def _take_turn(locks: str, partition_key: str | None, stack: ExitStack, on_wait: Callable[[], None]) -> bool:
+    """Wait until no other run works on the partition; return False if this one is to end."""
+    if partition_key is None:
+        return True
+
+    def keep_waiting(asked: int) -> bool:
+        if asked == 0:
+            on_wait()
+        return not (is_interrupted() or cancel_requested())
+
+    return stack.enter_context(exclusive(Path(locks), partition_key, keep_waiting=keep_waiting))
+
+
+def _report_ended(instance: dg.DagsterInstance, run_id: str, reason: str) -> bool:
+    """Report a run whose worker is gone as cancelled or failed; return False if it had ended anyway."""
+    run = instance.get_run_by_id(run_id)
+    if run is None or run.is_finished:
+        return False
+    if run.status == dg.DagsterRunStatus.CANCELING:
+        instance.report_run_canceled(run, reason)
+    else:
+        instance.report_run_failed(run, reason)
+    return True

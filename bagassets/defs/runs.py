@@ -1,0 +1,365 @@
+"""Creating and executing runs: the one module that uses Dagster's private API.
+
+`dagster.materialize` and its kin leave runs without a code location, which the web UI can
+neither execute again nor trace (design, trap 12). Here a run gets the origins that the web
+server would give it, never enters a queue, and is executed in this process.
+
+Each private use has a test in `test_runs.py`; the package pins Dagster's minor version.
+"""
+
+import sys
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import dagster as dg
+from dagster._core.code_pointer import CodePointer
+from dagster._core.errors import DagsterExecutionInterruptedError, DagsterUnknownPartitionError
+from dagster._core.events import DagsterEvent, DagsterEventType
+from dagster._core.execution import compute_logs
+from dagster._core.execution.plan.objects import ErrorSource
+from dagster._core.instance.ref import InstanceRef
+from dagster._core.origin import DEFAULT_DAGSTER_ENTRY_POINT, JobPythonOrigin, RepositoryPythonOrigin
+from dagster._core.remote_origin import ManagedGrpcPythonEnvCodeLocationOrigin, RemoteRepositoryOrigin
+from dagster._core.secrets.env_file import get_env_var_dict
+from dagster._core.types.loadable_target_origin import LoadableTargetOrigin
+from dagster._grpc.impl import core_execute_run
+from dagster._serdes import deserialize_value, serialize_value
+from dagster._utils.hosted_user_process import recon_job_from_origin, recon_repository_from_origin
+from dagster._utils.interrupts import capture_interrupts, check_captured_interrupt
+from dagster_shared.error import SerializableErrorInfo
+
+from bagassets.errors import BagAssetsError
+
+__all__ = [
+    "CodeLocation",
+    "RunOutcome",
+    "StepError",
+    "capture_interrupts",
+    "create_run",
+    "dotenv_variables",
+    "execute_run",
+    "is_interrupted",
+    "open_instance",
+    "pack_instance",
+    "preload_definitions",
+]
+
+_TAIL = "tail_to_stream"  # what `compute_logs` starts the processes with
+_WRAPPERS = ("Dagster", "RetryRequested")
+_INTERRUPTS = {DagsterExecutionInterruptedError.__name__, KeyboardInterrupt.__name__}
+
+
+@dataclass(frozen=True)
+class CodeLocation:
+    """A code location as `workspace.yaml` names it.
+
+    Attributes:
+        module: Python module (`python_module.module_name`).
+        attribute: its `Definitions`.
+        name: the location's name; default: as Dagster names it, like the module.
+        working_directory: folder put on the module search path; default: the current one.
+    """
+
+    module: str = "bagassets.definitions"
+    attribute: str = "defs"
+    name: str | None = None
+    working_directory: str | None = None
+
+    def python_origin(self) -> RepositoryPythonOrigin:
+        """Return where a process finds the definitions."""
+        folder = self.working_directory or str(Path.cwd())
+        pointer = CodePointer.from_module(self.module, self.attribute, folder)
+        return RepositoryPythonOrigin(
+            executable_path=sys.executable, code_pointer=pointer, entry_point=DEFAULT_DAGSTER_ENTRY_POINT
+        )
+
+    def remote_origin(self, repository_name: str) -> RemoteRepositoryOrigin:
+        """Return where the web UI finds the definitions: by the location's name."""
+        target = LoadableTargetOrigin(
+            executable_path=sys.executable,
+            module_name=self.module,
+            working_directory=self.working_directory or str(Path.cwd()),
+        )
+        location = ManagedGrpcPythonEnvCodeLocationOrigin(target, self.name or self.module)
+        return RemoteRepositoryOrigin(location, repository_name)
+
+
+@dataclass(frozen=True)
+class StepError:
+    """Why a step failed.
+
+    Attributes:
+        step: step key.
+        error: class of the error that the step's code raised.
+        message: its text.
+    """
+
+    step: str
+    error: str
+    message: str
+
+
+@dataclass(frozen=True)
+class RunOutcome:
+    """How a run ended.
+
+    Attributes:
+        run_id: the run.
+        status: SUCCESS, FAILURE or CANCELED.
+        failures: the steps that failed, in order.
+    """
+
+    run_id: str
+    status: str
+    failures: tuple[StepError, ...] = ()
+
+    @property
+    def success(self) -> bool:
+        """True if the run ended well."""
+        return self.status == dg.DagsterRunStatus.SUCCESS.value
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the outcome as JSON."""
+        return asdict(self)
+
+
+def pack_instance(instance: dg.DagsterInstance) -> str:
+    """Return text from which another process opens the same instance."""
+    return serialize_value(instance.get_ref())
+
+
+def open_instance(place: str) -> dg.DagsterInstance:
+    """Open the instance in a Dagster home folder, or one that `pack_instance` wrote down."""
+    if place.startswith("{"):
+        return dg.DagsterInstance.from_ref(deserialize_value(place, InstanceRef))
+    return dg.DagsterInstance.from_config(place)
+
+
+def dotenv_variables(folder: Path) -> dict[str, str]:
+    """Return what the `.env` of a folder sets, read as Dagster reads it."""
+    return get_env_var_dict(str(folder))
+
+
+def preload_definitions(module: str) -> None:
+    """Import a module of definitions and build what all runs of it share, but open nothing."""
+    for value in vars(import_module(module)).values():
+        if isinstance(value, dg.Definitions):
+            repository = value.get_repository_def()
+            if repository.asset_graph.executable_asset_keys:
+                repository.get_implicit_job_def_for_assets(repository.asset_graph.executable_asset_keys)
+
+
+def is_interrupted() -> bool:
+    """Tell whether a signal came under `capture_interrupts` and was not yet raised."""
+    return check_captured_interrupt()
+
+
+def create_run(
+    instance: dg.DagsterInstance,
+    assets: Iterable[str | dg.AssetKey] | dg.AssetSelection,
+    *,
+    partition_key: str | None = None,
+    tags: Mapping[str, str] | None = None,
+    location: CodeLocation | None = None,
+    run_id: str | None = None,
+) -> str:
+    """Create a run that looks as if the web UI had launched it, and return its id.
+
+    The asset checks of the selected assets belong to it. It is in state NOT_STARTED until
+    `execute_run` takes it; create it only then.
+
+    Raises:
+        BagAssetsError: no such asset or partition, or the assets cannot share a run.
+    """
+    location = location or CodeLocation()
+    origin = location.python_origin()
+    repository = recon_repository_from_origin(origin).get_definition()
+    selection = (
+        assets
+        if isinstance(assets, dg.AssetSelection)
+        else dg.AssetSelection.assets(*(dg.AssetKey.from_coercible(key) for key in assets))
+    )
+    try:
+        keys = selection.resolve(repository.asset_graph)
+    except dg.DagsterInvalidSubsetError as err:
+        raise BagAssetsError(f"{location.module}: no such assets ({err}).") from err
+    job = repository.get_implicit_job_def_for_assets(keys) if keys else None
+    if job is None:
+        names = ", ".join(sorted(key.to_user_string() for key in keys)) or "none"
+        raise BagAssetsError(
+            f"{location.module}: these assets cannot share a run: {names}; select assets with the same partitions."
+        )
+    run_tags = dict(tags or {})
+    if partition_key is not None:
+        with dg.partition_loading_context(dynamic_partitions_store=instance) as context:
+            try:
+                job.validate_partition_key(partition_key, selected_asset_keys=keys, context=context)
+            except DagsterUnknownPartitionError as err:
+                raise BagAssetsError(
+                    f"{partition_key}: no such partition; it was removed, or never registered."
+                ) from err
+            run_tags |= job.get_tags_for_partition_key(partition_key, selected_asset_keys=keys)
+    run = instance.create_run_for_job(
+        job_def=job,
+        run_id=run_id,
+        asset_selection=frozenset(keys),
+        tags=run_tags,
+        remote_job_origin=location.remote_origin(repository.name).get_job_origin(job.name),
+        job_code_origin=JobPythonOrigin(job.name, origin),
+    )
+    return run.run_id
+
+
+def execute_run(
+    instance: dg.DagsterInstance,
+    run_id: str,
+    *,
+    cancel_requested: Callable[[], bool] = lambda: False,
+    on_event: Callable[[DagsterEvent], None] = lambda _event: None,
+) -> RunOutcome:
+    """Execute a run in this process and return how it ended; a failed step is no error here.
+
+    An interrupt (SIGTERM, SIGINT) stops it. The run is then CANCELED if somebody asked for
+    that (it is marked CANCELING, or `cancel_requested` says so), else failed, and no retry
+    policy revives it, other than Dagster would have it.
+
+    Args:
+        instance: the instance that holds the run.
+        run_id: a run in state NOT_STARTED or STARTING.
+        cancel_requested: asked when an interrupt came.
+        on_event: called with each event after it was recorded.
+
+    Raises:
+        BagAssetsError: there is no such run, or nobody knows where its code is.
+    """
+    run = instance.get_run_by_id(run_id)
+    if run is None or run.job_code_origin is None:
+        raise BagAssetsError(
+            f"run {run_id}: not in this Dagster instance, or it does not say where its code is."
+        )
+    follower = _Follower(instance, run_id, cancel_requested)
+    with capture_interrupts(), _compute_logs_without_tails():
+        if follower.is_cancel_wanted():
+            instance.report_run_canceled(run, "The run was cancelled before it started.")
+        elif not run.is_finished:
+            events = core_execute_run(
+                recon_job_from_origin(run.job_code_origin), run, instance, inject_env_vars=True
+            )
+            for event in follower.follow(events):
+                on_event(event)
+            follower.settle()
+    ended = instance.get_run_by_id(run_id)
+    status = ended.status if ended is not None else dg.DagsterRunStatus.FAILURE
+    return RunOutcome(run_id, status.value, tuple(follower.failures))
+
+
+class _Follower:
+    """Follows the events of one run and sets right what Dagster does with interrupts."""
+
+    def __init__(
+        self, instance: dg.DagsterInstance, run_id: str, cancel_requested: Callable[[], bool]
+    ) -> None:
+        self.failures: list[StepError] = []
+        self._instance = instance
+        self._run_id = run_id
+        self._cancel_requested = cancel_requested
+
+    def is_cancel_wanted(self) -> bool:
+        """Tell whether somebody wants the run to end.
+
+        The log is asked too, since the start of a run overwrites a mark that came just before.
+        """
+        run = self._instance.get_run_by_id(self._run_id)
+        return (
+            (run is not None and run.status == dg.DagsterRunStatus.CANCELING)
+            or self._cancel_requested()
+            or bool(self._instance.all_logs(self._run_id, of_type=DagsterEventType.RUN_CANCELING))
+        )
+
+    def follow(self, events: Generator[DagsterEvent, None, None]) -> Iterator[DagsterEvent]:
+        """Yield the events, steering the generator on the way."""
+        has_started = False
+        # Dagster has recorded the interrupt by the time it raises it.
+        with suppress(DagsterExecutionInterruptedError, KeyboardInterrupt):
+            event = next(events, None)
+            while event is not None:
+                yield event
+                kind = event.event_type
+                has_started = has_started or kind == DagsterEventType.PIPELINE_START
+                if not has_started and self.is_cancel_wanted():
+                    # Dagster would take the state CANCELING for a second start, and fail the run.
+                    events.close()
+                    break
+                if kind == DagsterEventType.STEP_FAILURE:
+                    self._note_failure(event)
+                if self._is_retry_of_interrupt(event):
+                    self._mark_cancelling()
+                    event = events.throw(DagsterExecutionInterruptedError("The run was interrupted."))
+                else:
+                    event = next(events, None)
+
+    def settle(self) -> None:
+        """Make a run that somebody wanted to end, and that did not end well, CANCELED."""
+        run = self._instance.get_run_by_id(self._run_id)
+        good = {dg.DagsterRunStatus.CANCELED, dg.DagsterRunStatus.SUCCESS}
+        if run is not None and run.status not in good and self.is_cancel_wanted():
+            self._instance.report_run_canceled(run, "The run was cancelled.")
+
+    def _note_failure(self, event: DagsterEvent) -> None:
+        data = event.step_failure_data
+        if data.error_source == ErrorSource.INTERRUPT:
+            self._mark_cancelling()
+        else:
+            self.failures.append(_step_error(event.step_key or "", data.error))
+
+    def _mark_cancelling(self) -> None:
+        """Mark the run before Dagster looks at the mark to tell a cancelled run from a failed one."""
+        run = self._instance.get_run_by_id(self._run_id)
+        if run is not None and run.status == dg.DagsterRunStatus.STARTED and self.is_cancel_wanted():
+            self._instance.report_run_canceling(run)
+
+    def _is_retry_of_interrupt(self, event: DagsterEvent) -> bool:
+        if event.event_type != DagsterEventType.STEP_UP_FOR_RETRY:
+            return False
+        error: SerializableErrorInfo | None = event.step_retry_data.error
+        while error is not None:
+            if error.cls_name in _INTERRUPTS:
+                return True
+            error = error.cause
+        return self.is_cancel_wanted()
+
+
+def _step_error(step: str, error: SerializableErrorInfo | None) -> StepError:
+    """Return what the step's own code raised, without Dagster's wrapping."""
+    if error is None:
+        return StepError(step, "", "The step failed and gave no error.")
+    raised = error
+    while (cause := raised.cause) is not None and str(raised.cls_name).startswith(_WRAPPERS):
+        raised = cause
+    name = raised.cls_name or ""
+    header, _, text = raised.message.partition(f"{name}: ")
+    has_header = bool(name and text) and " " not in header
+    return StepError(step, name, (text if has_header else raised.message).strip())
+
+
+@contextmanager
+def _compute_logs_without_tails() -> Iterator[None]:
+    """Keep compute logs from starting two `tail` and two Python processes per run.
+
+    They copy what steps print to the run's own output as well, which nobody sees here.
+    """
+
+    @contextmanager
+    def no_tail(_path: object, _stream: object) -> Iterator[tuple[None, None]]:
+        yield None, None
+
+    original = compute_logs.tail_to_stream
+    setattr(compute_logs, _TAIL, no_tail)
+    try:
+        yield
+    finally:
+        setattr(compute_logs, _TAIL, original)
