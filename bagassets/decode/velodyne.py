@@ -24,7 +24,14 @@ from velodyne_decoder.velodyne_decoder_pylib import TimePair
 from bagassets.decode.fields import stamp_ns
 from bagassets.errors import DecodeError, RecipeError
 
-__all__ = ["Packet", "PacketParser", "PacketPoints", "RevolutionDecoder", "packets_in"]
+__all__ = [
+    "POSITION_PACKET_SIZE",
+    "Packet",
+    "PacketParser",
+    "PacketPoints",
+    "RevolutionDecoder",
+    "packets_in",
+]
 
 PACKET_SIZE = 1206
 POSITION_PACKET_SIZE = 512  # NMEA sentences and temperatures, sent to another port of the same host

@@ -157,6 +157,10 @@ class RadarChannel(_Channel):
     """A radar: clouds, RadarScan or track messages become 18-field `.pcd` files."""
 
     modality: Literal["radar"] = "radar"
+    azimuth_positive: Literal["left", "right"] | None = Field(
+        None,
+        description="Side on which recorded azimuths are positive; default: as the message type defines it.",
+    )
 
 
 Channel = Annotated[CameraChannel | LidarChannel | RadarChannel, Field(discriminator="modality")]

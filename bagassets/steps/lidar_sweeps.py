@@ -1,0 +1,223 @@
+"""Lidar readings become `.pcd.bin` files: clouds message by message, packets turn by turn.
+
+The stamp of a file is the end (recipe: start or middle) of its revolution. When that was follows
+
+* for packets from the packets at both cuts (`bagassets.steps.revolutions`);
+* for clouds with point times, and laser scans, from the first and the last of them;
+* for other clouds from the message's stamp, which means the moment `header_stamp_is`, and the
+  mean period of the topic, pauses left out. Of a single message the period is not known: its
+  stamp is taken as it is.
+"""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bagassets.bags.model import RawMessage
+from bagassets.decode.clouds import CLOUD_DECODERS
+from bagassets.decode.fields import stamp_and_frame
+from bagassets.decode.model import CloudReading
+from bagassets.decode.point_times import Moment
+from bagassets.decode.velodyne import POSITION_PACKET_SIZE, PacketParser, RevolutionDecoder, packets_in
+from bagassets.errors import DecodeError, RecipeError
+from bagassets.geometry.se3 import SE3
+from bagassets.geometry.trajectory import Trajectory
+from bagassets.nuscenes.lidar_file import lidar_bytes
+from bagassets.steps.deskew import deskewed
+from bagassets.steps.revolutions import Revolution, RevolutionCutter
+from bagassets.steps.sweep_files import SweepFiles
+
+__all__ = ["CloudSweeps", "LidarWriter", "PacketSweeps", "revolution_span_ns"]
+
+Span = tuple[int, int]
+
+
+def revolution_span_ns(
+    reading: CloudReading, period_ns: int | None, header_stamp_is: Moment
+) -> tuple[int, int]:
+    """Return when the revolution of a cloud began and ended, on the clock of its stamp."""
+    if reading.span_ns is not None:
+        return reading.span_ns
+    if reading.times_ns is not None:
+        return int(reading.times_ns.min()), int(reading.times_ns.max())
+    duration = period_ns or 0
+    before = {"start": 0, "middle": duration // 2, "end": duration}[header_stamp_is]
+    return reading.stamp_ns - before, reading.stamp_ns - before + duration
+
+
+class LidarWriter:
+    """Applies range limits and deskewing to revolutions, and writes them.
+
+    Args:
+        params: of the step.
+        files: where they go.
+        trajectory: ego poses, needed to deskew.
+    """
+
+    def __init__(self, params: Mapping[str, Any], files: SweepFiles, trajectory: Trajectory | None) -> None:
+        self.files = files
+        self._topic: str = params["topic"]
+        self._channel: str = params["channel"]
+        self._stamp: Moment = params["stamp"]
+        self._min_m: float = params["min_range_m"]
+        self._max_m: float | None = params["max_range_m"]
+        self._trajectory = trajectory
+        self._ego_SE3_sensor: SE3 | None = None
+        if params["deskew"]:
+            pose = params["ego_SE3_sensor"]
+            self._ego_SE3_sensor = SE3.create(pose["rotation"], pose["translation"])
+
+    def write(
+        self,
+        points: NDArray[np.float32],
+        times_ns: NDArray[np.int64] | None,
+        span_ns: Span,
+        log_time_ns: int,
+        *,
+        parts: int = 1,
+    ) -> None:
+        """Write one revolution; all times on the clock of the recipe.
+
+        Raises:
+            RecipeError: the recipe wants it deskewed, but its points have no times.
+        """
+        points, times_ns = self._within_limits(points, times_ns)
+        if not len(points):
+            self.files.lose("no point in it", parts)
+            return
+        start, end = span_ns
+        stamp = {"start": start, "middle": (start + end) // 2, "end": end}[self._stamp]
+        if self._ego_SE3_sensor is not None and self._trajectory is not None:
+            if times_ns is None:
+                raise RecipeError(
+                    f"{self._channel}: the points of {self._topic} have no times, so they cannot be "
+                    "deskewed; set deskew: false."
+                )
+            moved = deskewed(points, times_ns, stamp, self._trajectory, self._ego_SE3_sensor)
+            if moved is None:
+                self.files.lose("no ego pose to deskew with", parts, len(points))
+                return
+            points = moved
+        data = lidar_bytes(points)
+        self.files.write(stamp, log_time_ns, data, len(points), parts=parts, span_ns=span_ns)
+
+    def _within_limits(
+        self, points: NDArray[np.float32], times_ns: NDArray[np.int64] | None
+    ) -> tuple[NDArray[np.float32], NDArray[np.int64] | None]:
+        if self._min_m <= 0.0 and self._max_m is None:
+            return points, times_ns
+        x, y, z = (points[:, axis].astype(np.float64) for axis in range(3))
+        distance = np.sqrt(x * x + y * y + z * z)
+        near = distance < self._min_m
+        far = distance > (np.inf if self._max_m is None else self._max_m)
+        self.files.points.drop("nearer than min_range_m", int(near.sum()))
+        self.files.points.drop("farther than max_range_m", int(far.sum()))
+        keep = ~(near | far)
+        return points[keep], None if times_ns is None else times_ns[keep]
+
+
+class CloudSweeps:
+    """One file per PointCloud2 or LaserScan message."""
+
+    def __init__(self, params: Mapping[str, Any], writer: LidarWriter) -> None:
+        self._writer = writer
+        self._decode = CLOUD_DECODERS[params["msgtype"]]
+        self._header_stamp_is: Moment = params["header_stamp_is"]
+        self._period_ns: int | None = params["period_ns"]
+        self._by_log_time = params["clock"] == "log"
+
+    def add(self, message: Any, raw: RawMessage) -> str:
+        """Write one cloud; return its frame.
+
+        Raises:
+            DecodeError: the message is no usable cloud.
+            RecipeError: see `LidarWriter.write`.
+        """
+        reading = self._decode(message, self._header_stamp_is)
+        files = self._writer.files
+        files.counts.read += 1
+        files.points.read += len(reading.points) + reading.dropped
+        files.points.drop("not a finite measurement", reading.dropped)
+        # With log times all times of the message move by as much as its stamp.
+        shift = raw.log_time_ns - reading.stamp_ns if self._by_log_time else 0
+        start, end = revolution_span_ns(reading, self._period_ns, self._header_stamp_is)
+        times = reading.times_ns if reading.times_ns is None or not shift else reading.times_ns + shift
+        self._writer.write(reading.points, times, (start + shift, end + shift), raw.log_time_ns)
+        return reading.frame_id
+
+    def finish(self) -> None:
+        """Do nothing: no message waits for another."""
+
+
+class PacketSweeps:
+    """One file per complete revolution of a Velodyne; messages are counted by packets.
+
+    Revolutions that were recorded in part, mostly the first and the last one, are lost: training
+    code expects whole ones, and a part would be stamped wrong.
+
+    Args:
+        params: of the step.
+        writer: writes the revolutions.
+        fail: told the text of an error for each packet that could not be used.
+    """
+
+    def __init__(
+        self, params: Mapping[str, Any], writer: LidarWriter, fail: Callable[[str, int], None]
+    ) -> None:
+        self._writer = writer
+        self._fail = fail
+        self._parser = PacketParser(params["model"])
+        self._decoder = RevolutionDecoder(params["model"])
+        self._cutter = RevolutionCutter(params["cut_angle_deg"])
+        self._by_log_time = params["clock"] == "log"
+
+    def add(self, message: Any, raw: RawMessage) -> str:
+        """Take the packets of a message; return their frame.
+
+        Raises:
+            DecodeError: the message holds no packets.
+        """
+        if not hasattr(message, "header"):
+            raise DecodeError("it has no header")
+        header_ns, frame_id = stamp_and_frame(message.header)
+        packets = packets_in(message)
+        stamps = [own or header_ns for own, _ in packets]
+        # With log times: what a message brings had arrived by then.
+        shift = raw.log_time_ns - stamps[-1] if self._by_log_time and stamps else 0
+        for stamp, (_, data) in zip(stamps, packets, strict=True):
+            self._writer.files.counts.read += 1
+            if len(data) == POSITION_PACKET_SIZE:
+                self._writer.files.lose("position packet")
+                continue
+            try:
+                packet = self._parser.parse(stamp + shift, data)
+            except DecodeError as err:
+                self._fail(str(err), 1)
+                continue
+            revolution = self._cutter.push(packet, raw.log_time_ns)
+            if revolution is not None:
+                self._write(revolution)
+        return frame_id
+
+    def finish(self) -> None:
+        """Write what was collected since the last cut."""
+        revolution = self._cutter.flush()
+        if revolution is not None:
+            self._write(revolution)
+
+    def _write(self, revolution: Revolution) -> None:
+        parts = len(revolution.packets)
+        if not revolution.complete:
+            self._writer.files.lose("incomplete revolution", parts)
+            return
+        packet_times, end = revolution.times_ns()
+        try:
+            decoded = self._decoder.decode(revolution.packets, packet_times)
+        except DecodeError as err:
+            self._fail(str(err), parts)
+            return
+        self._writer.files.points.read += len(decoded.points)
+        span = (int(packet_times[0]), end)
+        self._writer.write(decoded.points, decoded.times_ns, span, revolution.log_times_ns[-1], parts=parts)

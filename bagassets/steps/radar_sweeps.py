@@ -1,0 +1,124 @@
+"""Radar readings become `.pcd` files: one per message, or one per cycle of single tracks."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bagassets.bags.model import RawMessage
+from bagassets.decode.radar import decode_radar, is_single_track
+from bagassets.nuscenes.radar_file import radar_bytes
+from bagassets.steps.sweep_files import SweepFiles
+
+__all__ = ["RadarSweeps"]
+
+Targets = dict[str, NDArray[np.float64]]
+
+# An ESR sends its 64 tracks, one message each, every 50 ms; slower radars every 100 ms.
+LONGEST_CYCLE_NS = 100_000_000
+
+
+@dataclass(slots=True)
+class _Sweep:
+    """Targets of one or several messages that belong together."""
+
+    stamp_ns: int
+    log_time_ns: int
+    parts: int = 0
+    targets: list[Targets] = field(default_factory=list)
+
+    def add(self, targets: Targets, log_time_ns: int) -> None:
+        self.parts += 1
+        self.log_time_ns = log_time_ns
+        if len(targets["x"]):
+            self.targets.append(targets)
+
+    @property
+    def number(self) -> int:
+        return sum(len(targets["x"]) for targets in self.targets)
+
+    def joined(self) -> Targets:
+        if not self.targets:
+            return {"x": np.zeros(0), "y": np.zeros(0)}
+        return {name: np.concatenate([part[name] for part in self.targets]) for name in self.targets[0]}
+
+
+class RadarSweeps:
+    """Writes radar readings; a message without targets makes a file without targets.
+
+    Single tracks are collected into cycles: a new one begins with a track whose number is not
+    greater than that of the one before, or 0.1 s after the first. A cycle has the stamp of its
+    first track.
+
+    Some drivers publish the same reading again and again while they fill it. Of readings with the
+    same stamp, one after the other, the one with most targets is kept (of equals the first); the
+    others are counted as duplicates.
+    """
+
+    def __init__(self, params: Mapping[str, Any], files: SweepFiles) -> None:
+        self._files = files
+        self._by_log_time = params["clock"] == "log"
+        self._side = params["azimuth_positive"]
+        self._pending: _Sweep | None = None
+        self._cycle: _Sweep | None = None
+        self._last_id = -1.0
+
+    def add(self, message: Any, raw: RawMessage) -> str:
+        """Take one message; return its frame.
+
+        Raises:
+            DecodeError: the message is no usable radar reading.
+        """
+        reading = decode_radar(message, raw.msgtype, self._side)
+        self._files.counts.read += 1
+        self._files.points.read += len(reading.targets["x"]) + reading.dropped
+        self._files.points.drop("not a finite measurement", reading.dropped)
+        stamp = raw.log_time_ns if self._by_log_time else reading.stamp_ns
+        sweep = _Sweep(stamp, raw.log_time_ns)
+        if is_single_track(message):
+            self._collect(sweep, reading.targets)
+        else:
+            sweep.add(reading.targets, raw.log_time_ns)
+            self._offer(sweep)
+        return reading.frame_id
+
+    def finish(self) -> None:
+        """Write what waits for further messages."""
+        if self._cycle is not None:
+            self._offer(self._cycle)
+        if self._pending is not None:
+            self._write(self._pending)
+
+    def _collect(self, sweep: _Sweep, targets: Targets) -> None:
+        """Add a single track, which came with `sweep`, to its cycle."""
+        ids = targets.get("id", np.zeros(0))
+        # A track that was dropped as no target has no number here; it cannot begin a cycle.
+        this_id = float(ids[0]) if len(ids) else self._last_id + 0.5
+        cycle = self._cycle
+        if cycle is not None and not (
+            this_id > self._last_id and sweep.stamp_ns - cycle.stamp_ns <= LONGEST_CYCLE_NS
+        ):
+            self._offer(cycle)
+            cycle = None
+        self._cycle = cycle or sweep
+        self._cycle.add(targets, sweep.log_time_ns)
+        self._last_id = this_id
+
+    def _offer(self, sweep: _Sweep) -> None:
+        """Write the sweep before this one, unless this one takes its place."""
+        before = self._pending
+        self._pending = sweep
+        if before is None:
+            return
+        if before.stamp_ns // 1000 != sweep.stamp_ns // 1000:
+            self._write(before)
+            return
+        if before.number >= sweep.number:
+            before, self._pending = sweep, before
+        self._files.lose("duplicate stamp", before.parts, before.number)
+
+    def _write(self, sweep: _Sweep) -> None:
+        data = radar_bytes(sweep.joined())
+        self._files.write(sweep.stamp_ns, sweep.log_time_ns, data, sweep.number, parts=sweep.parts)

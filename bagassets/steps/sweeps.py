@@ -1,0 +1,207 @@
+"""The step `sweeps`: one lidar or radar channel of a recording becomes files and an index.
+
+Files: `<stamp_ns>.pcd.bin` or `<stamp_ns>.pcd`, `index.parquet`, `channel.json`.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+from bagassets.bags.inventory import Inventory, TopicRecord
+from bagassets.bags.model import RawMessage, Recording
+from bagassets.decode.clouds import CLOUD_DECODERS
+from bagassets.errors import CalibrationError, DecodeError, LossLimitError, PoseError, RecipeError
+from bagassets.geometry.trajectory import Trajectory
+from bagassets.recipe.model import Clock, LidarChannel, Limits, RadarChannel
+from bagassets.steps.channel import Request
+from bagassets.steps.lidar_sweeps import CloudSweeps, LidarWriter, PacketSweeps
+from bagassets.steps.radar_sweeps import RadarSweeps
+from bagassets.steps.sweep_files import SweepFiles
+from bagassets.store.action import Step
+from bagassets.store.artifact import ArtifactWriter
+
+__all__ = ["STEP", "SweepExtractor", "request"]
+
+STEP = Step("sweeps", 1, ("pyarrow", "velodyne-decoder"))
+
+DEFAULT_CUT_ANGLE_DEG = 0.0
+
+
+def request(
+    name: str,
+    channel: LidarChannel | RadarChannel,
+    clock: Clock,
+    limits: Limits,
+    inventory: Inventory,
+    *,
+    ego_SE3_sensor: Mapping[str, Any] | None,
+    ego_poses_digest: str | None,
+) -> Request:
+    """Return what the step reads of this recording.
+
+    Extrinsics and ego poses enter only if the channel is deskewed; without, no change of them
+    makes the sweeps stale.
+
+    Args:
+        name: canonical channel.
+        channel: its part of the recipe.
+        clock: which time of a message counts.
+        limits: accepted losses.
+        inventory: what is in the recording.
+        ego_SE3_sensor: `translation` and `rotation` as in `calibration.json`; None if not known.
+        ego_poses_digest: content digest of the ego poses; None if not known.
+
+    Raises:
+        RecipeError: the recipe says something about packets, but the topic carries clouds.
+        CalibrationError: the channel is to be deskewed, but its extrinsics are not known.
+        PoseError: the channel is to be deskewed, but there are no ego poses.
+    """
+    topic = inventory.topic(channel.topic)
+    params: dict[str, Any] = {
+        "channel": name,
+        "modality": channel.modality,
+        "topic": channel.topic,
+        "msgtype": topic.msgtype,
+        "clock": clock,
+        "lost_messages": limits.lost_messages,
+    }
+    if isinstance(channel, RadarChannel):
+        params["azimuth_positive"] = channel.azimuth_positive
+        return Request(params, (channel.topic,))
+    params |= channel.model_dump(mode="json", include={"stamp", "deskew", "min_range_m", "max_range_m"})
+    if topic.msgtype in CLOUD_DECODERS:
+        given = [field for field in ("model", "cut_angle_deg") if getattr(channel, field) is not None]
+        if given:
+            raise RecipeError(
+                f"{name}: {' and '.join(given)} can be set for Velodyne packets only, but {channel.topic} "
+                f"carries {topic.msgtype}; remove it from the recipe."
+            )
+        params |= {"header_stamp_is": channel.header_stamp_is, "period_ns": _period_ns(topic)}
+    else:
+        cut = DEFAULT_CUT_ANGLE_DEG if channel.cut_angle_deg is None else channel.cut_angle_deg
+        params |= {"model": channel.model, "cut_angle_deg": cut}
+    if not channel.deskew:
+        return Request(params, (channel.topic,))
+    if ego_SE3_sensor is None:
+        raise CalibrationError(
+            f"{name}: to deskew it, its extrinsics must be known; give them in the recipe or set deskew: false."
+        )
+    if ego_poses_digest is None:
+        raise PoseError(f"{name}: to deskew it, ego poses are needed; mend ego_pose or set deskew: false.")
+    params["ego_SE3_sensor"] = {key: list(ego_SE3_sensor[key]) for key in ("translation", "rotation")}
+    return Request(params, (channel.topic,), {"ego_poses": ego_poses_digest})
+
+
+def _period_ns(topic: TopicRecord) -> int | None:
+    """Return the mean time between two messages, pauses left out."""
+    first, last = topic.first_stamp_ns, topic.last_stamp_ns
+    if first is None or last is None:
+        first, last = topic.first_ns, topic.last_ns
+    periods = topic.count - 1 - len(topic.gaps)
+    if first is None or last is None or periods < 1:
+        return None
+    paused_ns = round(sum(gap.duration_s for gap in topic.gaps) * 1e9)
+    return max(0, last - first - paused_ns) // periods or None
+
+
+class SweepExtractor:
+    """Turns the messages of one lidar or radar channel into the files of an artifact.
+
+    Args:
+        params: as made by `request`.
+        recording: decodes the messages.
+        out: the artifact.
+        trajectory: `global_SE3_ego`, needed if the channel is deskewed.
+    """
+
+    def __init__(
+        self,
+        params: Mapping[str, Any],
+        recording: Recording,
+        out: ArtifactWriter,
+        trajectory: Trajectory | None = None,
+    ) -> None:
+        self.topics: tuple[str, ...] = (params["topic"],)
+        self._params = params
+        self._recording = recording
+        self._messages = 0
+        self._failed_messages = 0
+        self._failed_parts = 0
+        self._first_error: str | None = None
+        self._frame_id: str | None = None
+        lidar = params["modality"] == "lidar"
+        self._files = SweepFiles(out, ".pcd.bin" if lidar else ".pcd", with_span=lidar)
+        self._sweeps: CloudSweeps | PacketSweeps | RadarSweeps
+        if not lidar:
+            self._sweeps = RadarSweeps(params, self._files)
+            return
+        if params["deskew"] and trajectory is None:
+            raise PoseError(f"{params['channel']}: to deskew it, ego poses are needed.")
+        writer = LidarWriter(params, self._files, trajectory)
+        if params["msgtype"] in CLOUD_DECODERS:
+            self._sweeps = CloudSweeps(params, writer)
+        else:
+            self._sweeps = PacketSweeps(params, writer, self._fail_parts)
+
+    def add(self, message: RawMessage) -> None:
+        """Take the next message; one that cannot be decoded is counted as lost."""
+        self._messages += 1
+        failed_before = self._failed_parts
+        try:
+            frame_id = self._sweeps.add(self._recording.decode(message), message)
+            self._frame_id = self._frame_id or frame_id
+        except DecodeError as err:
+            self._files.counts.read += 1
+            self._fail_parts(str(err), 1)
+        self._failed_messages += self._failed_parts > failed_before
+
+    def finish(self) -> dict[str, Any]:
+        """Write what is left and the index; return the summary.
+
+        Raises:
+            LossLimitError: more was lost than the recipe allows, or the counts do not add up.
+        """
+        self._sweeps.finish()
+        self._check()
+        params, files = self._params, self._files
+        facts = {
+            "counts": files.counts.as_json(),
+            "messages": self._messages,
+            "points": files.points.as_json(),
+        }
+        files.finish(
+            {
+                "channel": params["channel"],
+                "modality": params["modality"],
+                "topic": params["topic"],
+                "frame_id": self._frame_id or "",
+                "fileformat": "pcd",
+                "camera_intrinsic": [],
+                **facts,
+            }
+        )
+        return {**facts, "bytes": files.bytes}
+
+    def _fail_parts(self, reason: str, number: int) -> None:
+        self._failed_parts += number
+        self._first_error = self._first_error or reason
+        self._files.lose(reason, number)
+
+    def _check(self) -> None:
+        counts, points = self._files.counts, self._files.points
+        where = f"{self._params['channel']}: topic {self._params['topic']}"
+        shares = (
+            (self._failed_messages, self._messages, "messages"),
+            (self._failed_parts, counts.read, "packets"),
+        )
+        for failed, read, unit in shares:
+            if failed > self._params["lost_messages"] * read:
+                raise LossLimitError(
+                    f"{where} lost {failed} of {read} {unit}; the first: {self._first_error}. "
+                    "If that is acceptable raise limits.lost_messages in the recipe, else remove the channel "
+                    "or mend the recording."
+                )
+        if not (counts.balanced and points.balanced):
+            raise LossLimitError(
+                f"{where}: counts do not add up, {counts.as_json()}, points {points.as_json()}; "
+                "this is a bug of the step, please report it."
+            )
