@@ -9,7 +9,9 @@ import numpy as np
 
 from bagassets.annotations.table import BoxTable
 from bagassets.annotations.tracks import Track, tracks_of
-from bagassets.nuscenes.points import count_points, read_lidar_xyz, read_radar_xyz
+from bagassets.nuscenes.lidar_file import read_lidar_file
+from bagassets.nuscenes.points import count_points
+from bagassets.nuscenes.radar_file import read_radar_file
 from bagassets.nuscenes.readings import ChannelReadings
 from bagassets.nuscenes.scene_plan import SceneParams, ScenePlan
 from bagassets.nuscenes.table_file import quaternion, rounded
@@ -147,8 +149,11 @@ def _measure(
                 width, height = channel.sizes_px[reading]
                 views.append(CameraView(global_SE3_sensor, channel.intrinsic_matrix(), width, height))
             continue
-        read = read_lidar_xyz if channel.modality == "lidar" else read_radar_xyz
-        xyz = read(channel.path(reading))
+        if channel.modality == "lidar":
+            xyz = read_lidar_file(channel.path(reading))[:, :3]
+        else:
+            targets = read_radar_file(channel.path(reading))
+            xyz = np.stack([targets[axis] for axis in "xyz"], axis=1)
         points[channel.modality] += count_points(xyz, global_SE3_sensor, centers, rotations, sizes)
     levels = visibility_levels(views, centers, rotations, sizes)
     for number, row in enumerate(annotations):

@@ -1,52 +1,11 @@
-"""How many points of a lidar or radar file lie inside boxes."""
-
-from pathlib import Path
+"""How many points lie inside boxes."""
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bagassets.errors import DatasetError
 from bagassets.geometry.se3 import SE3, Floats, rotate
 
-__all__ = ["count_points", "read_lidar_xyz", "read_radar_xyz"]
-
-LIDAR_COLUMNS = 5
-_PCD_TYPES = {("F", 4): "<f4", ("F", 8): "<f8", ("I", 1): "<i1", ("I", 2): "<i2", ("I", 4): "<i4",
-              ("U", 1): "<u1", ("U", 2): "<u2", ("U", 4): "<u4"}  # fmt: skip
-
-
-def read_lidar_xyz(path: Path) -> NDArray[np.float32]:
-    """Return the (N, 3) points of a `.pcd.bin` file, metres in the sensor frame."""
-    values = np.fromfile(path, dtype="<f4")
-    if len(values) % LIDAR_COLUMNS:
-        raise DatasetError(
-            f"{path}: {values.nbytes} bytes are no whole number of points; the artifact is damaged, build again."
-        )
-    return values.reshape(-1, LIDAR_COLUMNS)[:, :3]
-
-
-def read_radar_xyz(path: Path) -> NDArray[np.float32]:
-    """Return the (N, 3) targets of a binary `.pcd` file, metres in the sensor frame.
-
-    A file without targets holds one of NaN, as nuScenes has it; it is inside no box.
-    """
-    data = path.read_bytes()
-    head, found, body = data.partition(b"DATA binary\n")
-    header = {
-        line.split(" ", 1)[0]: line.split(" ")[1:] for line in head.decode("ascii", "replace").splitlines()
-    }
-    try:
-        columns = zip(header["FIELDS"], header["TYPE"], header["SIZE"], strict=True)
-        dtype = np.dtype([(name, _PCD_TYPES[kind, int(size)]) for name, kind, size in columns])
-        targets = np.frombuffer(body, dtype, count=int(header["POINTS"][0]))
-        xyz = np.stack([targets[axis] for axis in "xyz"], axis=1)
-    except (KeyError, ValueError) as err:
-        raise DatasetError(
-            f"{path}: not a binary radar file ({err}); the artifact is damaged, build again."
-        ) from err
-    if not found:
-        raise DatasetError(f"{path}: not a binary radar file; the artifact is damaged, build again.")
-    return xyz.astype(np.float32)
+__all__ = ["count_points"]
 
 
 def count_points(
