@@ -1,0 +1,63 @@
+"""LaserScan: rays become points in the plane of the sensor."""
+
+import math
+
+import numpy as np
+import pytest
+
+from bagassets.decode.laserscan import decode_laserscan
+from bagassets.errors import DecodeError
+from bagassets_tests.sweep_data import Scan, header
+
+STAMP = 1_600_000_000_000_000_000
+
+
+def scan(ranges, intensities=(), **fields):
+    return Scan(header(STAMP), np.array(ranges, np.float32), np.array(intensities, np.float32), **fields)
+
+
+def test_rays_lie_at_their_angles():
+    reading = decode_laserscan(scan([2.0, 3.0, 4.0], [1, 2, 3], angle_min=-0.5, angle_increment=0.25))
+    expected = [
+        [r * math.cos(a), r * math.sin(a), 0.0, i, 0.0]
+        for r, a, i in ((2, -0.5, 1), (3, -0.25, 2), (4, 0.0, 3))
+    ]
+    assert np.allclose(reading.points, expected, atol=1e-6)
+    assert reading.times_ns is None
+    assert reading.span_ns is None
+
+
+def test_what_is_no_measurement_is_dropped_and_counted():
+    reading = decode_laserscan(scan([np.nan, np.inf, -np.inf, 0.05, 31.0, 0.1, 30.0], range_min=0.1))
+    assert reading.dropped == 5
+    assert len(reading.points) == 2
+
+
+@pytest.mark.parametrize(("meaning", "first"), [("start", 0), ("middle", -1_000_000), ("end", -2_000_000)])
+def test_each_ray_has_its_time(meaning, first):
+    reading = decode_laserscan(scan([1, np.nan, 3], time_increment=0.001), meaning)
+    assert (reading.times_ns - STAMP).tolist() == [first, first + 2_000_000]
+    # Rays that hit nothing belong to the revolution too.
+    assert reading.span_ns == (STAMP + first, STAMP + first + 2_000_000)
+
+
+def test_the_span_counts_rays_that_hit_nothing():
+    reading = decode_laserscan(scan([np.nan, 2, np.nan], time_increment=0.001))
+    assert reading.span_ns == (STAMP, STAMP + 2_000_000)
+    assert reading.times_ns.tolist() == [STAMP + 1_000_000]
+
+
+def test_intensities_that_do_not_fit_are_refused():
+    with pytest.raises(DecodeError, match="intensities"):
+        decode_laserscan(scan([1, 2], [1]))
+
+
+def test_angles_that_are_no_numbers_are_refused():
+    with pytest.raises(DecodeError, match="angles"):
+        decode_laserscan(scan([1, 2], angle_increment=float("nan")))
+
+
+def test_an_empty_scan_has_no_points():
+    reading = decode_laserscan(scan([], time_increment=0.001))
+    assert len(reading.points) == 0
+    assert reading.dropped == 0

@@ -1,0 +1,169 @@
+"""PointCloud2: every layout gives the points that were put in."""
+
+import struct
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bagassets.decode.pointcloud2 import NO_INTENSITY, NO_RING, decode_pointcloud2, point_fields
+from bagassets.errors import DecodeError
+from bagassets_tests.sweep_data import CODES, Cloud, Field, cloud, header
+
+STRUCT = {"i1": "b", "u1": "B", "i2": "h", "u2": "H", "i4": "i", "u4": "I", "f4": "f", "f8": "d"}
+NUMBERS = {"f4": [0.0, 1.5, -2.25, 1e4, float("nan"), float("inf"), -float("inf"), 3e38],
+           "f8": [0.0, -1.5, 1e5, 0.125, float("nan"), 1e300, float("inf")]}  # fmt: skip
+
+
+def number(kind: str) -> st.SearchStrategy:
+    if kind in NUMBERS:
+        return st.sampled_from(NUMBERS[kind])
+    info = np.iinfo(kind)
+    return st.integers(int(info.min), int(info.max))
+
+
+@st.composite
+def layouts(draw):
+    """A cloud of random layout, and its values by field as plain lists."""
+    names = ["x", "y", "z", *draw(st.permutations(["intensity", "ring", "noise", "rgb"]))]
+    names = draw(st.permutations(names[: draw(st.integers(3, 7))]))
+    kinds = {name: draw(st.sampled_from(["f4", "f8"] if name in "xyz" else sorted(STRUCT))) for name in names}
+    offset, fields = 0, []
+    for name in names:
+        offset += draw(st.integers(0, 5))
+        count = draw(st.integers(0, 2)) if name == "noise" else 1
+        fields.append(Field(name, offset, CODES[kinds[name]], count))
+        offset += np.dtype(kinds[name]).itemsize * max(1, count)
+    step = offset + draw(st.integers(0, 7))
+    height, width = draw(st.integers(1, 3)), draw(st.integers(0, 5))
+    row_step = width * step + draw(st.integers(0, 9))
+    big = draw(st.booleans())
+    data = bytearray(draw(st.binary(min_size=row_step * height, max_size=row_step * height)))
+    rows = []
+    for row in range(height):
+        for column in range(width):
+            point = {name: draw(number(kinds[name])) for name in names}
+            for spec in fields:
+                where = row * row_step + column * step + spec.offset
+                struct.pack_into(
+                    (">" if big else "<") + STRUCT[kinds[spec.name]], data, where, point[spec.name]
+                )
+            rows.append(point)
+    message = Cloud(header(10**18), height, width, fields, big, step, row_step, np.frombuffer(data, np.uint8))
+    return message, rows
+
+
+@settings(max_examples=150, deadline=None)
+@given(layouts())
+def test_any_layout_gives_the_points_that_were_put_in(layout):
+    message, rows = layout
+    with np.errstate(over="ignore"):
+        expected = [
+            [
+                np.float32(p["x"]),
+                np.float32(p["y"]),
+                np.float32(p["z"]),
+                np.float32(p.get("intensity", NO_INTENSITY)),
+                np.float32(p.get("ring", NO_RING)),
+            ]
+            for p in rows
+            if np.isfinite(np.array([p["x"], p["y"], p["z"]]).astype(np.float32)).all()
+        ]
+    reading = decode_pointcloud2(message)
+    assert reading.points.dtype == np.float32
+    assert reading.points.shape == (len(expected), 5)
+    assert reading.dropped == len(rows) - len(expected)
+    wanted = np.array(expected, np.float32).reshape(-1, 5)
+    wanted[~np.isfinite(wanted[:, 3]), 3] = NO_INTENSITY
+    wanted[~np.isfinite(wanted[:, 4]), 4] = NO_RING
+    assert np.array_equal(reading.points, wanted)
+
+
+def test_stamp_and_frame_come_from_the_header_without_leading_slash():
+    reading = decode_pointcloud2(cloud(1_600_000_000_123_456_789, xyz(2), frame_id="/velodyne"))
+    assert reading.stamp_ns == 1_600_000_000_123_456_789
+    assert reading.frame_id == "velodyne"
+    assert reading.times_ns is None
+
+
+def xyz(count: int) -> dict[str, np.ndarray]:
+    return {axis: np.arange(1, count + 1, dtype=np.float32) * (k + 1) for k, axis in enumerate("xyz")}
+
+
+@pytest.mark.parametrize("name", ["intensity", "Intensity", "reflectivity", "i"])
+def test_intensity_goes_by_several_names_and_keeps_its_scale(name):
+    reading = decode_pointcloud2(cloud(0, xyz(3) | {name: np.array([0, 300, 65535], np.uint16)}))
+    assert reading.points[:, 3].tolist() == [0, 300, 65535]
+
+
+@pytest.mark.parametrize("name", ["ring", "channel", "line", "laser_id"])
+def test_ring_goes_by_several_names(name):
+    reading = decode_pointcloud2(cloud(0, xyz(3) | {name: np.array([5, 0, 127], np.uint16)}))
+    assert reading.points[:, 4].tolist() == [5, 0, 127]
+
+
+def test_intensity_wins_over_reflectivity():
+    fields = xyz(1) | {"reflectivity": np.array([9], np.uint16), "intensity": np.array([4], np.float32)}
+    assert decode_pointcloud2(cloud(0, fields)).points[0, 3] == 4
+
+
+def test_row_step_may_be_left_out_of_an_unorganised_cloud():
+    message = cloud(0, xyz(3))
+    message.row_step = 0
+    assert len(decode_pointcloud2(message).points) == 3
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"width": 4},
+        {"width": 2},
+        {"height": 2},
+        {"point_step": 13},
+        {"row_step": 35},
+        {"row_step": 37},
+        {"data": np.zeros(35, np.uint8)},
+        {"data": np.zeros(0, np.uint8)},
+    ],
+)
+def test_sizes_that_contradict_each_other_are_refused(change):
+    message = replace(cloud(0, xyz(3)), **change)
+    if change == {"width": 2}:  # a row with padding is legal
+        assert len(decode_pointcloud2(message).points) == 2
+        return
+    with pytest.raises(DecodeError, match="size"):
+        decode_pointcloud2(message)
+
+
+def test_a_field_outside_its_point_is_refused():
+    message = cloud(0, xyz(3))
+    message.fields[2].offset = 9
+    with pytest.raises(DecodeError, match="field z"):
+        decode_pointcloud2(message)
+
+
+def test_an_unknown_datatype_is_refused():
+    message = cloud(0, xyz(3))
+    message.fields[1].datatype = 77
+    with pytest.raises(DecodeError, match="field y"):
+        decode_pointcloud2(message)
+
+
+def test_a_cloud_without_z_is_refused():
+    columns = xyz(2)
+    del columns["z"]
+    with pytest.raises(DecodeError, match="no field z"):
+        decode_pointcloud2(cloud(0, columns))
+
+
+def test_an_empty_cloud_has_no_points():
+    reading = decode_pointcloud2(cloud(0, xyz(0)))
+    assert reading.points.shape == (0, 5)
+    assert reading.dropped == 0
+
+
+def test_views_copy_nothing():
+    message = cloud(0, xyz(3))
+    assert all(view.base is not None for view in point_fields(message).values())
