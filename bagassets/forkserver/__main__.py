@@ -25,7 +25,8 @@ _KEPT_LOGS = 200
 
 def main(arguments: list[str]) -> int:
     """Fork the server and wait until it answers."""
-    logging.basicConfig(format="%(asctime)s %(name)s: %(message)s", level=logging.INFO)
+    logging.basicConfig(format="%(asctime)s %(name)s: %(message)s", level=logging.WARNING)
+    logging.getLogger("bagassets").setLevel(logging.INFO)
     spec, stamp, timeout_s = ServerSpec.from_json(json.loads(arguments[0])), arguments[1], float(arguments[2])
     ready, tell = os.pipe()
     pid = os.fork()
