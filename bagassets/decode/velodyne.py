@@ -40,7 +40,6 @@ _HEAD = Struct("<HH")  # flag and azimuth of the first block
 _TAIL = Struct("<IBB")  # microseconds, return mode, product id
 _TAIL_OFFSET = PACKET_SIZE - _TAIL.size
 _FIRST_FLAG = 0xEEFF
-_HDL64E_FLAGS = (0xEEFF, 0xDDFF)
 
 _RETURNS = 12 * 32  # most returns of one packet, in any mode
 # So many packets are decoded at a time that their points stay in the processor's cache.
@@ -49,11 +48,8 @@ _CHUNK = 64
 _PAYLOAD_NAMES = ("payload", "data", "packet", "raw", "bytes")
 
 _Model = velodyne_decoder.Model
-# Name without punctuation -> model, product id in its packets (None: has none).
-_MODELS: dict[str, tuple[Any, int | None]] = {
-    "HDL64ES1": (_Model.HDL64E_S1, None),
-    "HDL64ES2": (_Model.HDL64E_S2, None),
-    "HDL64ES3": (_Model.HDL64E_S3, None),
+# Name without punctuation -> model, product id in its packets.
+_MODELS: dict[str, tuple[Any, int]] = {
     "HDL32E": (_Model.HDL32E, 0x21),
     "VLP16": (_Model.VLP16, 0x22),
     "PUCK": (_Model.VLP16, 0x22),
@@ -67,7 +63,7 @@ _MODELS: dict[str, tuple[Any, int | None]] = {
     "ALPHAPRIME": (_Model.VLS128, 0xA1),
 }
 _SELF_EXPLANATORY = {0x21, 0x22, 0x24, 0x28, 0xA1}
-MODEL_NAMES = "HDL-32E, HDL-64E S1, S2, S3, VLP-16, Puck Hi-Res, VLP-32A, VLP-32B, VLP-32C, VLS-128"
+MODEL_NAMES = "HDL-32E, VLP-16, Puck Hi-Res, VLP-32A, VLP-32B, VLP-32C, VLS-128"
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,11 +124,7 @@ class PacketParser:
     """
 
     def __init__(self, model: str | None) -> None:
-        self._product: int | None = None
-        self._has_product = True
-        if model is not None:
-            self._product = _model(model)[1]
-            self._has_product = self._product is not None
+        self._product = None if model is None else _model(model)[1]
 
     def parse(self, host_ns: int, data: bytes) -> Packet:
         """Return the packet.
@@ -144,16 +136,12 @@ class PacketParser:
             raise DecodeError(f"it holds no data packet of {PACKET_SIZE} bytes")
         flag, azimuth = _HEAD.unpack_from(data)
         device_us, _, product = _TAIL.unpack_from(data, _TAIL_OFFSET)
-        if not self._has_product:
-            known_flag = flag in _HDL64E_FLAGS
-        else:
-            known_flag = flag == _FIRST_FLAG
-            if self._product is None and known_flag:
-                self._product = self._first(product)
-            if product != self._product:
-                raise DecodeError("its packet is of another Velodyne model than the channel's")
-        if not known_flag or azimuth >= 36_000:
+        if flag != _FIRST_FLAG or azimuth >= 36_000:
             raise DecodeError("its packet does not start with the flag and azimuth of a Velodyne block")
+        if self._product is None:
+            self._product = self._first(product)
+        if product != self._product:
+            raise DecodeError("its packet is of another Velodyne model than the channel's")
         return Packet(host_ns, device_us, azimuth, data)
 
     def _first(self, product: int) -> int:
@@ -218,8 +206,13 @@ class RevolutionDecoder:
         return np.asarray(cloud)
 
 
-def _model(name: str) -> tuple[Any, int | None]:
+def _model(name: str) -> tuple[Any, int]:
     plain = "".join(c for c in name.upper() if c.isalnum())
+    if plain.startswith("HDL64"):
+        raise RecipeError(
+            f"model {name!r} cannot be read: its packets need the calibration of the single unit; record "
+            "its point cloud, or convert the packets to PointCloud2."
+        )
     try:
         return _MODELS[plain]
     except KeyError:

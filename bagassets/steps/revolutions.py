@@ -78,7 +78,7 @@ def packet_times_ns(packets: Sequence[Packet]) -> NDArray[np.int64]:
 
     The host's stamps carry the jitter of network and driver, often a millisecond; the lidar's
     own microseconds do not. So differences come from the lidar, and the offset between both
-    clocks is the median over the packets. Where the lidar's clock does not run (HDL-64E S1, or
+    clocks is the median over the packets. Where the lidar's clock does not run (as in
     data that were made up), the host's stamps stand for themselves.
     """
     host = np.array([packet.host_ns for packet in packets], dtype=np.int64)
