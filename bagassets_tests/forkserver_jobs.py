@@ -1,0 +1,85 @@
+"""Functions that the tests of the fork server have called in workers."""
+
+import os
+import signal
+import subprocess
+import time
+from contextlib import suppress
+from pathlib import Path
+
+from bagassets.forkserver.worker import cancel_requested, note
+
+
+def preload(modules):
+    for module in modules:
+        __import__(module)
+
+
+def add(args):
+    note({"half": args["x"]})
+    print("adding")  # noqa: T201  (it goes to the job's log)
+    return args["x"] + args["y"]
+
+
+def surroundings(args):
+    return {
+        "env": os.environ.get("SURROUNDING"),
+        "cwd": str(Path.cwd()),
+        "leader": os.getsid(0) == os.getpid(),
+    }
+
+
+def open_files(args):
+    found = []
+    for entry in Path("/proc/self/fd").iterdir():
+        with suppress(FileNotFoundError):  # the one that lists the folder
+            found.append(str(entry.readlink()))
+    return found
+
+
+def fail(args):
+    raise ValueError("no such luck")
+
+
+def leave(args):
+    os._exit(3)
+
+
+def wait(args):
+    """Say so when started, and wait until the file appears."""
+    note({"started": True})
+    while not Path(args["until"]).exists():
+        time.sleep(0.02)
+    return "waited"
+
+
+def sleep(args):
+    note({"started": True})
+    time.sleep(600)
+
+
+def stop_politely(args):
+    interrupted = []
+    signal.signal(signal.SIGTERM, lambda *_: interrupted.append(cancel_requested()))
+    note({"started": True})
+    while not interrupted:
+        time.sleep(0.02)
+    return interrupted
+
+
+def be_stubborn(args):
+    """Ignore SIGTERM, with a child that does so too and writes its number."""
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    child = subprocess.Popen(["sleep", "600"])
+    note({"child": child.pid})
+    time.sleep(600)
+
+
+def write_down(args):
+    """Reporter of lost jobs: writes what it was told where the job's `report` says."""
+    Path(args["args"]["report"]).write_text(f"{args['notes']} {args['reason']}", "utf-8")
+
+
+def touch(args):
+    with Path(args["file"]).open("a", encoding="utf-8") as file:
+        file.write("x")

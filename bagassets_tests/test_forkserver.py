@@ -1,0 +1,409 @@
+"""The fork server: jobs, ends of all kinds, one server per stamp, and its own end."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+
+from bagassets.errors import BagAssetsError
+from bagassets.forkserver.client import Client, ServerRefusedError
+from bagassets.forkserver.places import Places
+from bagassets.forkserver.process import ProcessId
+from bagassets.forkserver.spec import ServerSpec
+
+JOBS = "forkserver_jobs"
+TESTS = Path(__file__).parent
+WAIT_S = 60
+
+
+def eventually(condition, what="it happens"):
+    deadline = time.monotonic() + WAIT_S
+    while not (found := condition()):
+        assert time.monotonic() < deadline, f"waited {WAIT_S} s until {what}"
+        time.sleep(0.02)
+    return found
+
+
+def spec_in(folder, **options):
+    defaults = {"modules": (JOBS,), "paths": (str(TESTS),), "preload": f"{JOBS}:preload"}
+    return ServerSpec.of(folder, options.pop("recipe", None), **(defaults | options))
+
+
+@pytest.fixture
+def client(tmp_path):
+    with Client.ensure(spec_in(tmp_path / "state")) as client:
+        yield client
+        with suppress(ServerRefusedError):  # the test ended it
+            client.shutdown(grace_s=0.0)
+
+
+def end_of(client, job):
+    """The event that tells of a job's end."""
+    while True:
+        event = client.wait(WAIT_S)
+        assert event is not None, "the job ends"
+        if event["job"] == job and event["event"] in {"finished", "killed"}:
+            return event
+
+
+def await_start(client, key="started"):
+    event = client.wait(WAIT_S)
+    assert event is not None
+    return event["note"][key]
+
+
+# --- jobs --------------------------------------------------------------------------------
+
+
+def test_a_worker_returns_json_and_tells_on_the_way(client):
+    job = client.submit(f"{JOBS}:add", {"x": 1, "y": 2}, label="sum")
+    assert client.wait(WAIT_S) == {"event": "note", "job": job, "note": {"half": 1}}
+    assert client.wait(WAIT_S) == {"event": "finished", "job": job, "exit": 0, "result": 3}
+    assert client.places.job_log("sum").read_text() == "adding\n"
+
+
+def test_a_worker_has_the_clients_surroundings_and_a_session_of_its_own(client, monkeypatch, tmp_path):
+    monkeypatch.setenv("SURROUNDING", "of the client")
+    monkeypatch.chdir(tmp_path)
+    job = client.submit(f"{JOBS}:surroundings", {}, label="s")
+    assert end_of(client, job)["result"] == {"env": "of the client", "cwd": str(tmp_path), "leader": True}
+
+
+@pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="needs /proc")
+def test_a_worker_inherits_none_of_the_servers_files(client):
+    with Client.connect(client.places) as other:
+        other.submit(f"{JOBS}:sleep", {}, label="another job")
+        files = end_of(client, client.submit(f"{JOBS}:open_files", {}, label="files"))["result"]
+    sockets = [name for name in files if name.startswith("socket:")]
+    assert len(sockets) == 1, "its own line to the server"
+    assert not [name for name in files if name.endswith(".lock") or "eventpoll" in name]
+
+
+def test_an_error_is_told_with_its_text(client):
+    event = end_of(client, client.submit(f"{JOBS}:fail", {}, label="f"))
+    assert event["exit"] == 1
+    assert (event["error"]["type"], event["error"]["message"]) == ("ValueError", "no such luck")
+    assert "ValueError: no such luck" in client.places.job_log("f").read_text()
+
+
+def test_an_unknown_function_is_named(client):
+    event = end_of(client, client.submit(f"{JOBS}:nothing", {}, label="n"))
+    assert f"{JOBS}:nothing" in event["error"]["message"]
+
+
+def test_an_exit_without_result_is_an_error(client):
+    event = end_of(client, client.submit(f"{JOBS}:leave", {}, label="leave"))
+    assert event["exit"] == 3
+    assert "exit code 3" in event["error"]["message"]
+
+
+def test_a_killed_worker_is_reported_before_the_client_hears_of_it(client, tmp_path):
+    report = tmp_path / "report"
+    args = {"report": str(report)}
+    job = client.submit(f"{JOBS}:sleep", args, label="k", on_lost=f"{JOBS}:write_down")
+    await_start(client)
+    (found,) = client.status()["jobs"]
+    assert ProcessId.from_json(found["process"]).send(signal.SIGKILL)
+    event = end_of(client, job)
+    assert (event["event"], event["signal"]) == ("killed", "SIGKILL")
+    assert "out of memory" in event["reason"]
+    assert report.read_text() == f"{{'started': True}} {event['reason']}"
+
+
+def test_a_failed_worker_is_reported_too(client, tmp_path):
+    report = tmp_path / "report"
+    job = client.submit(f"{JOBS}:fail", {"report": str(report)}, label="f", on_lost=f"{JOBS}:write_down")
+    assert end_of(client, job)["exit"] == 1
+    assert "no such luck" in report.read_text()
+
+
+def test_jobs_run_side_by_side(client, tmp_path):
+    go = tmp_path / "go"
+    jobs = {client.submit(f"{JOBS}:wait", {"until": str(go)}, label=f"w{n}") for n in range(5)}
+    for _ in jobs:
+        await_start(client)
+    go.touch()
+    assert {client.wait(WAIT_S)["job"] for _ in jobs} == jobs
+
+
+def test_a_job_asked_for_once_runs_once(client, tmp_path):
+    args = {"file": str(tmp_path / "file")}
+    first = client.submit(f"{JOBS}:touch", args, label="one", once=True)
+    assert end_of(client, first)["exit"] == 0
+    assert client.submit(f"{JOBS}:touch", args, label="one", once=True) == ""
+    assert (tmp_path / "file").read_text() == "x"
+
+
+# --- cancelling --------------------------------------------------------------------------
+
+
+def test_cancelling_interrupts_and_says_why(client):
+    job = client.submit(f"{JOBS}:stop_politely", {}, label="c")
+    await_start(client)
+    assert client.cancel(job)
+    assert end_of(client, job)["result"] == [True]
+    assert not client.cancel(job)
+
+
+def test_another_client_may_cancel(client):
+    job = client.submit(f"{JOBS}:sleep", {}, label="c")
+    await_start(client)
+    for other in Client.all_of(client.places.state_folder):
+        assert other.cancel(job)
+    assert end_of(client, job)["signal"] == "SIGTERM"
+
+
+def test_a_worker_that_does_not_stop_is_killed_with_its_children(client):
+    job = client.submit(f"{JOBS}:be_stubborn", {}, label="b")
+    child = ProcessId.of(await_start(client, "child"))
+    assert child.is_alive()
+    client.cancel(job, grace_s=0.2)
+    event = end_of(client, job)
+    assert event["signal"] == "SIGKILL"
+    assert "cancelled" in event["reason"]
+    eventually(lambda: not child.is_alive(), "the child is gone")
+
+
+def test_jobs_end_with_their_client_unless_detached(client, tmp_path):
+    with Client.connect(client.places) as passing:
+        for label in ("bound", "free"):
+            args = {"until": str(tmp_path / "go")}
+            passing.submit(f"{JOBS}:wait", args, label=label, detached=label == "free")
+    eventually(lambda: [job["label"] for job in client.status()["jobs"]] == ["free"])
+
+
+# --- finding and starting ----------------------------------------------------------------
+
+
+def test_a_second_client_finds_the_server(client, tmp_path):
+    with Client.ensure(spec_in(tmp_path / "state")) as other:
+        assert other.process == client.process
+
+
+def test_clients_that_start_at_once_share_one_server(tmp_path):
+    spec = spec_in(tmp_path)
+    with ThreadPoolExecutor(4) as pool:
+        clients = list(pool.map(lambda _: Client.ensure(spec), range(4)))
+    assert len({client.process for client in clients}) == 1
+    clients[0].shutdown()
+    for client in clients:
+        client.close()
+
+
+def write_module(folder, name, text):
+    folder.mkdir(exist_ok=True)
+    (folder / f"{name}.py").write_text(text, "utf-8")
+    return {"modules": (JOBS, name), "paths": (str(TESTS), str(folder))}
+
+
+def test_changed_code_starts_a_server_and_the_old_one_drains(tmp_path):
+    options = write_module(
+        tmp_path / "code", "edited_module", "VERSION = 1\n\n\ndef version(args):\n    return VERSION\n"
+    )
+    go = tmp_path / "go"
+    with Client.ensure(spec_in(tmp_path, **options)) as old:
+        busy = old.submit(f"{JOBS}:wait", {"until": str(go)}, label="busy")
+        await_start(old)
+        write_module(tmp_path / "code", "edited_module", "def version(args):\n    return 'second'\n")
+        with Client.ensure(spec_in(tmp_path, **options)) as new:
+            assert new.process != old.process
+            job = new.submit("edited_module:version", {}, label="v")
+            assert end_of(new, job)["result"] == "second"
+            with pytest.raises(ServerRefusedError):
+                old.submit("edited_module:version", {}, label="v")
+            go.touch()
+            assert end_of(old, busy)["result"] == "waited"
+            eventually(lambda: not old.process.is_alive(), "the old server is gone")
+            new.shutdown()
+
+
+def test_a_module_that_another_imports_counts_as_code(tmp_path):
+    """Such a module, say of a plug-in, is not covered by the stamp; the server itself remembers it."""
+    write_module(tmp_path / "plug_in", "plugged_in", "VALUE = 1\n")
+    inserting = f"import sys\nsys.path.append({str(tmp_path / 'plug_in')!r})\nimport plugged_in\n"
+    options = write_module(tmp_path / "code", "importing_module", inserting)
+    with Client.ensure(spec_in(tmp_path, **options)) as old:
+        write_module(tmp_path / "plug_in", "plugged_in", "VALUE = 'another'\n")
+        with Client.ensure(spec_in(tmp_path, **options)) as new:
+            assert new.places == old.places, "the stamps are the same"
+            assert new.process != old.process
+            new.shutdown()
+
+
+def test_the_stamp_covers_what_counts(tmp_path, monkeypatch):
+    recipe = tmp_path / "recipe.yaml"
+    recipe.write_text("name: a\n", "utf-8")
+
+    def stamp():
+        return spec_in(tmp_path, recipe=recipe).stamp()
+
+    seen = [stamp()]
+    monkeypatch.setenv("SOME_VARIABLE", "1")
+    assert stamp() == seen[0], "other variables reach each worker, so they do not count"
+    monkeypatch.setenv("OPENBLAS_CORETYPE", "Haswell")
+    seen.append(stamp())
+    recipe.write_text("name: b\n", "utf-8")
+    seen.append(stamp())
+    (tmp_path / ".env").write_text("OPENBLAS_CORETYPE=Zen\n", "utf-8")
+    seen.append(stamp())
+    monkeypatch.setenv("OPENBLAS_CORETYPE", "overridden by .env")
+    assert stamp() == seen[-1]
+    assert len(set(seen)) == len(seen)
+    recipe.write_text("name: a\n", "utf-8")
+    (tmp_path / ".env").unlink()
+    monkeypatch.delenv("OPENBLAS_CORETYPE")
+    assert stamp() == seen[0], "a change taken back finds the first server again"
+
+
+def test_a_server_that_cannot_start_shows_the_end_of_its_log(tmp_path):
+    options = write_module(tmp_path / "code", "broken_module", "raise RuntimeError('broken beyond repair')\n")
+    with pytest.raises(BagAssetsError, match="broken beyond repair"):
+        Client.ensure(spec_in(tmp_path, **options))
+
+
+def test_a_module_that_starts_a_thread_is_refused(tmp_path):
+    text = "import threading\nthreading.Thread(target=threading.Event().wait, name='a thread', daemon=True).start()\n"
+    options = write_module(tmp_path / "code", "threading_module", text)
+    with pytest.raises(BagAssetsError, match="a thread"):
+        Client.ensure(spec_in(tmp_path, **options))
+
+
+def test_a_module_that_is_not_there_is_named(tmp_path):
+    with pytest.raises(BagAssetsError, match="no_such_module"):
+        spec_in(tmp_path, modules=("no_such_module",))
+
+
+def test_a_long_state_folder_still_gets_a_socket(tmp_path, monkeypatch):
+    runtime = tmp_path / "run"
+    runtime.mkdir()
+    monkeypatch.setenv("XDG_RUNTIME_DIR", "/tmp" if len(str(runtime)) > 40 else str(runtime))
+    folder = tmp_path / ("long" * 30)
+    with Client.ensure(spec_in(folder)) as client:
+        assert len(os.fsencode(client.places.socket)) <= 100
+        assert client.places.socket.is_socket()
+        assert client.places.socket.parent.stat().st_mode & 0o077 == 0
+        assert [other.process for other in Client.all_of(folder)] == [client.process]
+        client.shutdown()
+
+
+# --- its own end -------------------------------------------------------------------------
+
+
+def test_an_idle_server_ends_but_not_while_a_client_is_there(tmp_path):
+    spec = spec_in(tmp_path, idle_timeout_s=0.2)
+    client = Client.ensure(spec)
+    stays = not eventually_within(2.0, lambda: not client.process.is_alive())
+    assert stays
+    client.close()
+    eventually(lambda: not client.process.is_alive(), "the idle server is gone")
+    assert not client.places.socket.exists()
+    assert Client.connect(client.places) is None
+
+
+def eventually_within(seconds, condition):
+    deadline = time.monotonic() + seconds
+    while time.monotonic() < deadline:
+        if condition():
+            return True
+        time.sleep(0.05)
+    return False
+
+
+def test_a_killed_server_has_a_successor_and_its_workers_finish(tmp_path):
+    go = tmp_path / "go"
+    spec = spec_in(tmp_path / "state")
+    old = Client.ensure(spec)
+    old.submit(f"{JOBS}:wait", {"until": str(go)}, label="orphan", detached=True)
+    worker = ProcessId.from_json(old.status()["jobs"][0]["process"])
+    assert old.process.send(signal.SIGKILL)
+    eventually(lambda: not old.process.is_alive())
+    old.close()
+    assert old.places.socket.exists(), "a killed server leaves its socket"
+    with Client.ensure(spec) as new:
+        assert new.process != old.process
+        assert worker.is_alive()
+        go.touch()
+        eventually(lambda: not worker.is_alive(), "the orphan finishes")
+        new.shutdown()
+
+
+def test_a_client_of_a_dead_server_is_told(client):
+    client.process.send(signal.SIGKILL)
+    with pytest.raises(ServerRefusedError):
+        client.wait(WAIT_S)
+    with Client.ensure(spec_in(client.places.state_folder)) as successor:
+        successor.shutdown()
+    with pytest.raises(ServerRefusedError):
+        client.status()
+
+
+def test_sigterm_ends_server_and_jobs(client):
+    job = client.submit(f"{JOBS}:sleep", {}, label="s")
+    await_start(client)
+    client.process.send(signal.SIGTERM)
+    assert end_of(client, job)["signal"] == "SIGTERM"
+    eventually(lambda: not client.process.is_alive(), "the server is gone")
+
+
+def test_leftovers_of_dead_servers_are_removed(tmp_path):
+    folder = tmp_path / "forkserver"
+    folder.mkdir()
+    for name in ("feed.lock", "feed.log"):
+        (folder / name).touch()
+    with Client.ensure(spec_in(tmp_path)) as client:
+        assert not list(folder.glob("feed.*"))
+        client.shutdown()
+
+
+# --- what it is made of ------------------------------------------------------------------
+
+
+def test_clients_import_neither_dagster_nor_numpy():
+    code = (
+        "import sys, bagassets.forkserver.tasks\n"
+        "print([name for name in ('dagster', 'numpy', 'yaml', 'click') if name in sys.modules])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=TESTS.parent, capture_output=True, text=True, check=True
+    )
+    assert done.stdout.strip() == "[]"
+
+
+def test_a_process_is_known_by_more_than_its_number():
+    sleeper = subprocess.Popen(["sleep", "600"])
+    process = ProcessId.of(sleeper.pid)
+    assert process.is_alive()
+    assert ProcessId.from_json(process.as_json()) == process
+    earlier = ProcessId(process.host, process.space, process.pid, process.started + "0")
+    assert not earlier.is_alive()
+    assert not earlier.send(signal.SIGKILL)
+    rebooted = ProcessId(process.host, process.space + "x", process.pid, process.started)
+    assert rebooted.is_on_this_host
+    assert not rebooted.is_alive()
+    elsewhere = ProcessId("another-machine", process.space, process.pid, process.started)
+    assert not elsewhere.is_on_this_host
+    assert not elsewhere.send(signal.SIGKILL)
+    assert sleeper.poll() is None
+    assert process.send(signal.SIGKILL)
+    sleeper.wait()
+    assert not process.is_alive()
+    assert not process.send(signal.SIGTERM)
+
+
+def test_a_zombie_does_not_count_as_alive():
+    child = subprocess.Popen(["true"])
+    process = ProcessId.of(child.pid)
+    eventually(lambda: not process.is_alive(), "it has ended, though nobody waited for it")
+    child.wait()
+
+
+def test_places_of_a_stamp(tmp_path):
+    places = Places(tmp_path, "0123456789abcdef0123")
+    assert places.lock.name == "0123456789abcdef.lock"
+    assert places.job_log("a/../b c").parent == tmp_path / "forkserver" / "logs"
