@@ -1,0 +1,237 @@
+"""Creating and executing runs in this process: every use of Dagster's private API."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import dagster as dg
+import pytest
+import small_definitions
+from dagster._core.execution import compute_logs
+
+from bagassets.defs import runs
+from bagassets.defs.runs import (
+    CodeLocation,
+    StepError,
+    create_run,
+    dotenv_variables,
+    execute_run,
+    open_instance,
+    pack_instance,
+)
+from bagassets.errors import BagAssetsError
+
+TESTS = Path(__file__).parent
+LOCATION = CodeLocation("small_definitions", working_directory=str(TESTS))
+
+
+@pytest.fixture
+def instance(tmp_path, monkeypatch):
+    monkeypatch.setenv("SMALL_DEFINITIONS", str(tmp_path))
+    home = tmp_path / "home"
+    home.mkdir()
+    (home / "dagster.yaml").write_text("telemetry: {enabled: false}\n", "utf-8")
+    with open_instance(str(home)) as instance:
+        instance.add_dynamic_partitions(small_definitions.recordings.name, ["drive", "walk"])
+        yield instance
+
+
+def create(instance, *assets, partition_key="drive", **options):
+    return create_run(instance, assets, partition_key=partition_key, location=LOCATION, **options)
+
+
+def events(instance, run_id):
+    return [
+        entry.dagster_event.event_type_value for entry in instance.all_logs(run_id) if entry.dagster_event
+    ]
+
+
+def attempts(tmp_path):
+    return (tmp_path / "attempts").read_text().count("attempt")
+
+
+# --- creating ----------------------------------------------------------------------------
+
+
+def test_a_created_run_is_what_the_web_ui_would_create(instance):
+    run = instance.get_run_by_id(create(instance, "first", "second", tags={"why": "stale"}))
+    assert run.status == dg.DagsterRunStatus.NOT_STARTED
+    assert run.asset_selection == {dg.AssetKey("first"), dg.AssetKey("second")}
+    assert run.tags["dagster/partition"] == "drive"
+    assert run.tags["dagster/code_location"] == "small_definitions"
+    assert run.tags["why"] == "stale"
+    assert run.remote_job_origin.location_name == "small_definitions"
+    assert run.remote_job_origin.repository_origin.repository_name == "__repository__"
+    assert run.job_name == run.remote_job_origin.job_name
+    pointer = run.job_code_origin.repository_origin.code_pointer
+    assert (pointer.module, pointer.fn_name, pointer.working_directory) == (
+        "small_definitions",
+        "defs",
+        str(TESTS),
+    )
+    assert run.job_code_origin.repository_origin.executable_path == sys.executable
+    assert instance.get_runs(dg.RunsFilter(tags={".dagster/repository": "__repository__@small_definitions"}))
+
+
+def test_the_location_may_have_a_name_and_the_run_an_id(instance):
+    location = CodeLocation("small_definitions", name="named", working_directory=str(TESTS))
+    run_id = "8b9e1c1e-7a57-4a52-a6a5-3a1f2f6f0a11"
+    assert create_run(instance, ["whole"], location=location, run_id=run_id) == run_id
+    assert instance.get_run_by_id(run_id).remote_job_origin.location_name == "named"
+
+
+def test_assets_may_be_selected_by_selection(instance):
+    selection = dg.AssetSelection.assets("second").upstream()
+    run_id = create_run(instance, selection, partition_key="walk", location=LOCATION)
+    assert instance.get_run_by_id(run_id).asset_selection == {dg.AssetKey("first"), dg.AssetKey("second")}
+
+
+@pytest.mark.parametrize(
+    ("assets", "key", "word"),
+    [
+        (["nothing"], "drive", "nothing"),
+        ([], "drive", "none"),
+        (["first"], "no such drive", "no such drive"),
+    ],
+)
+def test_what_cannot_be_run_is_refused_in_words(instance, assets, key, word):
+    with pytest.raises(BagAssetsError, match=word):
+        create(instance, *assets, partition_key=key)
+    assert instance.get_runs_count() == 0
+
+
+# --- executing ---------------------------------------------------------------------------
+
+
+def test_an_executed_run_succeeds_without_having_been_queued(instance):
+    run_id = create(instance, "first", "second")
+    seen = []
+    outcome = execute_run(instance, run_id, on_event=lambda event: seen.append(event.event_type_value))
+    assert outcome.success
+    assert outcome.as_json() == {"run_id": run_id, "status": "SUCCESS", "failures": ()}
+    found = events(instance, run_id)
+    assert "PIPELINE_ENQUEUED" not in found
+    assert found.count("ASSET_MATERIALIZATION") == seen.count("ASSET_MATERIALIZATION") == 2
+    assert "ASSET_CHECK_EVALUATION" in found, "checks belong to the run"
+    event = instance.get_latest_materialization_event(dg.AssetKey("second"))
+    assert event.run_id == run_id
+    assert event.asset_materialization.partition == "drive"
+
+
+def test_an_unpartitioned_asset_needs_no_key(instance):
+    assert execute_run(instance, create(instance, "whole", partition_key=None)).success
+
+
+def test_a_failure_is_told_in_the_librarys_own_words(instance):
+    outcome = execute_run(instance, create(instance, "broken"))
+    assert not outcome.success
+    assert outcome.status == "FAILURE"
+    sentence = "drive.bag: the recording is truncated; copy it again."
+    assert outcome.failures == (StepError("broken", "RecordingError", sentence),)
+
+
+def test_an_unknown_run_is_refused(instance):
+    with pytest.raises(BagAssetsError, match="00000000"):
+        execute_run(instance, "00000000-0000-0000-0000-000000000000")
+
+
+def test_compute_logs_are_kept_without_processes_that_copy_them(instance, monkeypatch):
+    started = []
+    real = subprocess.Popen
+    monkeypatch.setattr(subprocess, "Popen", lambda *a, **k: started.append(a) or real(*a, **k))
+    original = compute_logs.tail_to_stream
+    run_id = create(instance, "first")
+    execute_run(instance, run_id)
+    assert started == []
+    assert compute_logs.tail_to_stream is original
+    (captured,) = [
+        entry.dagster_event.logs_captured_data
+        for entry in instance.all_logs(run_id)
+        if entry.dagster_event and entry.dagster_event.event_type_value == "LOGS_CAPTURED"
+    ]
+    key = [run_id, "compute_logs", captured.file_key]
+    assert b"printed by first" in instance.compute_log_manager.get_log_data(key).stdout
+
+
+# --- cancelling --------------------------------------------------------------------------
+
+
+def test_a_run_cancelled_before_it_starts_is_canceled(instance, tmp_path):
+    run_id = create(instance, "patient")
+    instance.report_run_canceling(instance.get_run_by_id(run_id))
+    assert execute_run(instance, run_id).status == "CANCELED"
+    assert not (tmp_path / "attempts").exists()
+
+
+def test_a_run_cancelled_while_its_code_loads_is_canceled(instance, tmp_path, monkeypatch):
+    run_id = create(instance, "patient")
+    real = runs.core_execute_run
+
+    def mark_first(job, run, *args, **kwargs):
+        instance.report_run_canceling(run)
+        return real(job, run, *args, **kwargs)
+
+    monkeypatch.setattr(runs, "core_execute_run", mark_first)
+    assert execute_run(instance, run_id).status == "CANCELED"
+    assert "PIPELINE_FAILURE" not in events(instance, run_id)
+    assert not (tmp_path / "attempts").exists()
+
+
+def test_a_run_canceled_by_force_is_not_executed(instance, tmp_path):
+    run_id = create(instance, "patient")
+    instance.report_run_canceled(instance.get_run_by_id(run_id))
+    assert execute_run(instance, run_id).status == "CANCELED"
+    assert not (tmp_path / "attempts").exists()
+
+
+def test_an_interrupted_run_that_is_marked_is_canceled_and_not_retried(instance, tmp_path):
+    (tmp_path / "mark").touch()
+    outcome = execute_run(instance, create(instance, "signalled"))
+    assert outcome.status == "CANCELED"
+    assert attempts(tmp_path) == 1, "a retry policy revived a cancelled run"
+
+
+def test_an_interrupted_run_is_canceled_if_its_client_asked(instance, tmp_path):
+    run_id = create(instance, "signalled")
+    outcome = execute_run(instance, run_id, cancel_requested=(tmp_path / "attempts").exists)
+    assert outcome.status == "CANCELED"
+    assert "PIPELINE_CANCELED" in events(instance, run_id)
+    assert attempts(tmp_path) == 1
+
+
+def test_an_interrupt_nobody_asked_for_is_a_failure(instance, tmp_path):
+    assert execute_run(instance, create(instance, "signalled")).status == "FAILURE"
+    assert attempts(tmp_path) == 1
+
+
+# --- the rest ----------------------------------------------------------------------------
+
+
+def test_an_instance_is_opened_from_its_packed_form(instance):
+    with open_instance(pack_instance(instance)) as again:
+        assert again.root_directory == instance.root_directory
+
+
+def test_dotenv_is_read_as_dagster_does(tmp_path):
+    assert dotenv_variables(tmp_path) == {}
+    (tmp_path / ".env").write_text('A=1\nexport B="two words"\n# C=3\n', "utf-8")
+    assert dotenv_variables(tmp_path) == {"A": "1", "B": "two words"}
+
+
+def test_preloading_starts_no_thread_and_opens_no_database():
+    code = (
+        "import sys, threading\n"
+        "from pathlib import Path\n"
+        "from bagassets.defs.run_worker import preload\n"
+        "preload(['small_definitions'])\n"
+        "databases = [file for file in Path('/proc/self/fd').glob('*') if '.db' in str(file.resolve())]\n"
+        "print(threading.active_count(), databases, 'small_definitions' in sys.modules)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        env={"PYTHONPATH": f"{TESTS}:{TESTS.parent}"},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout.strip() == "1 [] True"
