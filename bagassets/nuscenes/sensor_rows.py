@@ -4,8 +4,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Any
-from urllib.parse import quote
 
+from bagassets.nuscenes.filenames import filename
 from bagassets.nuscenes.readings import ChannelReadings
 from bagassets.nuscenes.scene_plan import ScenePlan
 from bagassets.nuscenes.table_file import quaternion, rounded
@@ -142,7 +142,14 @@ def _add_readings(
     for position, (number, stamp) in enumerate(zip(numbers, stamps, strict=True)):
         is_keyframe = bool(plan.is_keyframe[position])
         sample_ns = int(scene.keyframes_ns[plan.sample[position]])
-        filename = _filename(identity, readings, number, is_keyframe=is_keyframe)
+        path = filename(
+            identity.key,
+            readings.channel,
+            microseconds(stamp),
+            readings.digests[number],
+            readings.files[number].partition(".")[2],
+            is_keyframe=is_keyframe,
+        )
         pose = tokens.row("ego_pose", readings.channel, stamp)
         width, height = readings.sizes_px[number]
         rows.tables["ego_pose"].append(
@@ -164,25 +171,12 @@ def _add_readings(
                 "is_key_frame": is_keyframe,
                 "height": height,
                 "width": width,
-                "filename": filename,
+                "filename": path,
                 "prev": data[position - 1] if position else "",
                 "next": data[position + 1] if position + 1 < len(data) else "",
             }
         )
         rows.files.append(
-            {"filename": filename, "artifact": readings.artifact.digest, "file": readings.files[number]}
+            {"filename": path, "artifact": readings.artifact.digest, "file": readings.files[number]}
         )
         (rows.keyframes if is_keyframe else rows.sweeps)[readings.channel] += 1
-
-
-def _filename(identity: Identity, readings: ChannelReadings, number: int, *, is_keyframe: bool) -> str:
-    """Return where a file lies in the dataset.
-
-    As in nuScenes it is told apart by recording, channel and time. The first digits of its content's
-    digest make it immutable: a reader of the old tables never meets the new content.
-    """
-    folder = "samples" if is_keyframe else "sweeps"
-    extension = readings.files[number].partition(".")[2]
-    stamp_us = microseconds(int(readings.stamps_ns[number]))
-    recording = f"{quote(identity.key, safe='')}-{readings.digests[number][:8]}"
-    return f"{folder}/{readings.channel}/{recording}__{readings.channel}__{stamp_us}.{extension}"

@@ -11,12 +11,17 @@ between processors, should an operation ever have any.
 import json
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, Protocol
 
 from bagassets.errors import DatasetError
 from bagassets.nuscenes.schema import TABLES, Row
 
-__all__ = ["copy_rows", "quaternion", "read_table", "rounded", "table_bytes", "write_joined"]
+__all__ = ["copy_rows", "json_bytes", "quaternion", "read_table", "rounded", "table_bytes", "write_joined"]
+
+
+class _Writable(Protocol):
+    def write(self, data: bytes, /) -> object: ...
+
 
 METRE_DIGITS = 6
 QUATERNION_DIGITS = 9
@@ -41,6 +46,11 @@ def table_bytes(name: str, rows: Sequence[Row]) -> bytes:
     columns = TABLES[name].columns
     lines = [_line({column: row[column] for column in columns}) for row in rows]
     return _joined(lines)
+
+
+def json_bytes(value: Any) -> bytes:
+    """Return the file of anything but a table, for people to read."""
+    return (json.dumps(value, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()
 
 
 def read_table(folder: Path, name: str) -> list[dict[str, Any]]:
@@ -70,7 +80,7 @@ def copy_rows(path: Path) -> Iterator[bytes]:
                 yield text
 
 
-def write_joined(file: BinaryIO, rows: Iterable[bytes]) -> int:
+def write_joined(file: _Writable, rows: Iterable[bytes]) -> int:
     """Write a table of rows given as JSON text; return their number."""
     number = 0
     for number, row in enumerate(rows, start=1):

@@ -1,0 +1,234 @@
+"""A nuScenes dataset put together from the tables of recordings.
+
+Files appear first, under names that contain the digest of their content; then the folder of tables
+is exchanged; then files that only the old tables named are removed. Killed at any point, it leaves
+a complete dataset, the old or the new one, and the next run removes what the killed one left.
+"""
+
+import fcntl
+import json
+import shutil
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+from uuid import uuid4
+
+from bagassets.errors import DatasetError
+from bagassets.nuscenes.blank_map import blank_png
+from bagassets.nuscenes.dataset_tables import LOCK, BagPart, Entry, WrittenTables, write_tables
+from bagassets.nuscenes.linking import Linker
+from bagassets.nuscenes.shared_rows import MAP_FILE
+from bagassets.nuscenes.stale import named_files, remove_files
+from bagassets.nuscenes.swap import swap_in
+from bagassets.nuscenes.table_file import json_bytes
+from bagassets.recipe.model import NuScenes
+from bagassets.store.canonical import digest_json
+from bagassets.store.store import Store
+
+__all__ = ["BagPart", "DatasetSummary", "assemble", "read_lock"]
+
+MAP_SIZE_PX = 64
+GUARD = ".bagassets.lock"
+
+
+@dataclass(frozen=True)
+class DatasetSummary:
+    """What a dataset came to.
+
+    Attributes:
+        digest: digest of all tables; equal digests mean equal datasets.
+        folder: the version folder.
+        rows: table -> number of rows.
+        splits: name in splits.json -> number of scenes.
+        files: way (linked, cloned, copied, kept, removed) -> number of files.
+        duplicates: recording that was left out -> recording with the same content.
+        changed: the tables were exchanged; False if they were the same already.
+    """
+
+    digest: str
+    folder: Path
+    rows: Mapping[str, int]
+    splits: Mapping[str, int]
+    files: Mapping[str, int] = field(default_factory=dict)
+    duplicates: Mapping[str, str] = field(default_factory=dict)
+    changed: bool = True
+
+
+def assemble(
+    parts: Sequence[BagPart],
+    settings: NuScenes,
+    store: Store,
+    output: Path,
+    *,
+    skipped: Mapping[str, str] | None = None,
+    failed: Mapping[str, str] | None = None,
+) -> DatasetSummary:
+    """Bring the dataset in the dataroot `output` up to date.
+
+    The result does not depend on the order of `parts`, nor on what was in the dataroot before. Without
+    any recording it is a dataset of empty tables, which the devkit loads.
+
+    Args:
+        parts: the recordings to put in.
+        settings: the recipe's `nuscenes`.
+        store: where the artifacts are.
+        output: the dataroot.
+        skipped: recordings that take no part -> why, for the lock file.
+        failed: recordings that failed -> why, for the lock file.
+
+    Raises:
+        DatasetError: the version folder holds something else, or files cannot be written.
+        StoreError: an artifact is not in the store.
+    """
+    chosen, duplicates = _without_copies(parts)
+    entries = [Entry(part, store.artifact(part.tables)) for part in chosen]
+    current = output / settings.version
+    with _guarded(output):
+        _refuse_foreign(current)
+        leftovers = sorted(output.glob(f"{settings.version}.tmp-*"))
+        new = output / f"{settings.version}.tmp-{uuid4().hex}"
+        new.mkdir()
+        written = write_tables(new, entries, settings)
+        left_out = {"duplicates": duplicates, "skipped": dict(skipped or {}), "failed": dict(failed or {})}
+        lock = _lock(settings, entries, written, left_out)
+        (new / LOCK).write_bytes(json_bytes(lock))
+        linker = Linker(output)
+        _put_files(linker, entries, store, output)
+        changed = not _same_lock(new, current)
+        old = swap_in(new, current) if changed else new
+        removed = _retire(output, current, [*leftovers, *([old] if old is not None else [])])
+    files = {**linker.counts, "removed": removed}
+    return DatasetSummary(
+        digest=digest_json(written.digests),
+        folder=current,
+        rows=written.rows,
+        splits={name: len(scenes) for name, scenes in written.splits.items()},
+        files=dict(sorted(files.items())),
+        duplicates=duplicates,
+        changed=changed,
+    )
+
+
+def read_lock(output: Path, version: str) -> dict[str, Any] | None:
+    """Return the lock file of a dataset, or None if there is no such dataset."""
+    try:
+        lock: dict[str, Any] = json.loads((output / version / LOCK).read_bytes())
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError) as err:
+        raise DatasetError(
+            f"{output / version / LOCK}: cannot be read ({err}); remove the folder and build the dataset again."
+        ) from err
+    return lock
+
+
+def _without_copies(parts: Sequence[BagPart]) -> tuple[list[BagPart], dict[str, str]]:
+    """Return the parts in the order of their keys, and those left out -> the one that stands for them."""
+    chosen: dict[str, BagPart] = {}
+    duplicates: dict[str, str] = {}
+    for part in sorted(parts, key=lambda part: part.key):
+        first = chosen.setdefault(part.content, part)
+        if first is not part:
+            duplicates[part.key] = first.key
+    return list(chosen.values()), duplicates
+
+
+def _lock(
+    settings: NuScenes,
+    entries: Sequence[Entry],
+    written: WrittenTables,
+    left_out: Mapping[str, Mapping[str, str]],
+) -> dict[str, Any]:
+    """Return everything that this dataset can be made from again, and what is not in it and why."""
+    return {
+        "format": 1,
+        "nuscenes": settings.model_dump(mode="json", exclude={"output"}),
+        "bags": [
+            {
+                "key": entry.part.key,
+                "content": entry.part.content,
+                "nuscenes_tables": entry.part.tables,
+                "rig": entry.facts["rig"],
+                "split": written.split_of[entry.part.key],
+                "scenes": entry.facts["counts"]["scenes"],
+                "samples": entry.facts["counts"]["samples"],
+            }
+            for entry in entries
+        ],
+        **left_out,
+        "tables": written.digests,
+    }
+
+
+def _put_files(linker: Linker, entries: Sequence[Entry], store: Store, output: Path) -> None:
+    for folder in ("samples", "sweeps", "maps"):
+        (output / folder).mkdir(exist_ok=True)
+    for entry in entries:
+        artifacts = {}
+        for file in entry.files():
+            digest = file["artifact"]
+            if digest not in artifacts:
+                artifacts[digest] = store.artifact(digest)
+            linker.put(artifacts[digest].path(file["file"]), file["filename"])
+    picture = blank_png(MAP_SIZE_PX, MAP_SIZE_PX)
+    path = output / MAP_FILE
+    if not path.is_file() or path.read_bytes() != picture:
+        temporary = path.with_name(f".{path.name}.{uuid4().hex}")
+        temporary.write_bytes(picture)
+        temporary.replace(path)
+
+
+def _same_lock(new: Path, current: Path) -> bool:
+    try:
+        return (current / LOCK).read_bytes() == (new / LOCK).read_bytes()
+    except FileNotFoundError:
+        return False
+
+
+def _retire(output: Path, current: Path, retired: Sequence[Path]) -> int:
+    """Remove folders of old tables and the files that no tables name any more; return their number."""
+    others = [path.parent for path in sorted(output.glob("*/sample_data.json")) if path.parent not in retired]
+    now = _bags(current)
+    removed = 0
+    for folder in retired:
+        # Recordings whose tables are the same now as then have the same files.
+        gone = {key for key, tables in _bags(folder).items() if now.get(key) != tables}
+        stale = named_files(folder, gone) if gone else set()
+        for other in others if stale else ():
+            stale -= named_files(other, gone)
+        removed += remove_files(output, stale)
+        shutil.rmtree(folder, ignore_errors=True)
+    return removed
+
+
+def _bags(folder: Path) -> dict[str, str]:
+    """Return recording -> digest of its tables of a version folder; nothing if it never got its lock."""
+    try:
+        lock = read_lock(folder.parent, folder.name)
+    except DatasetError:  # torn by a power loss, in a folder that is removed anyway
+        return {}
+    return {} if lock is None else {bag["key"]: bag["nuscenes_tables"] for bag in lock["bags"]}
+
+
+def _refuse_foreign(current: Path) -> None:
+    if current.exists() and not (current / LOCK).is_file() and any(current.iterdir()):
+        raise DatasetError(
+            f"{current}: this folder was not made by bagassets (it has no {LOCK}), so it is left alone; "
+            "choose another nuscenes.output or nuscenes.version."
+        )
+
+
+@contextmanager
+def _guarded(output: Path) -> Iterator[None]:
+    """Keep other processes from assembling into the same dataroot meanwhile."""
+    try:
+        output.mkdir(parents=True, exist_ok=True)
+        guard = (output / GUARD).open("w")
+    except OSError as err:
+        raise DatasetError(f"{output}: the dataset cannot be written ({err.strerror}).") from err
+    with guard:
+        with suppress(OSError):  # some network file systems have no locks; then builds must not overlap
+            fcntl.flock(guard, fcntl.LOCK_EX)
+        yield

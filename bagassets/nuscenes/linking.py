@@ -1,0 +1,95 @@
+"""Putting files of the store into a dataset without copying them, if the file system allows."""
+
+import errno
+import os
+import shutil
+from collections import Counter
+from contextlib import suppress
+from fcntl import ioctl
+from pathlib import Path
+from uuid import uuid4
+
+from bagassets.errors import DatasetError
+
+__all__ = ["Linker"]
+
+FICLONE = 0x40049409  # linux/fs.h: make a file share the blocks of another
+# Hard links do not cross file systems, and some file systems have none or only so many per file.
+_NO_HARD_LINK = {errno.EXDEV, errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS, errno.EACCES}
+
+
+class Linker:
+    """Makes files appear in a dataset: hard link, else reflink, else copy.
+
+    A file is there whole or not at all, and one that is there already is left alone: names of the
+    dataset contain the digest of the content.
+
+    Attributes:
+        counts: way -> number of files; `kept` for those that were there.
+    """
+
+    def __init__(self, root: Path) -> None:
+        self.counts: Counter[str] = Counter()
+        self._root = root
+        self._folders: set[Path] = set()
+        self._hard_links = True
+
+    def put(self, source: Path, filename: str) -> None:
+        """Make `source` appear as `filename` below the root.
+
+        Raises:
+            DatasetError: the source is gone, or the dataset cannot be written.
+        """
+        target = self._root / filename
+        try:
+            if target.parent not in self._folders:
+                target.parent.mkdir(parents=True, exist_ok=True)
+                self._folders.add(target.parent)
+            self.counts[self._put(source, target)] += 1
+        except FileNotFoundError as err:
+            raise DatasetError(
+                f"{source}: this file of the store is gone, so {filename} cannot be made; build again to heal the store."
+            ) from err
+        except OSError as err:
+            raise DatasetError(
+                f"{target}: cannot be written ({err.strerror}); free space or mend the folder."
+            ) from err
+
+    def _put(self, source: Path, target: Path) -> str:
+        if self._hard_links:
+            try:
+                os.link(source, target)
+            except FileExistsError:
+                return "kept"
+            except OSError as err:
+                if err.errno in _NO_HARD_LINK:
+                    self._hard_links = False
+                elif err.errno != errno.EMLINK:  # too many links to this one file: copy just this one
+                    raise
+            else:
+                return "linked"
+        if target.exists():
+            return "kept"
+        temporary = target.with_name(f".{target.name}.{uuid4().hex}")
+        try:
+            way = "cloned" if _clone(source, temporary) else _copy(source, temporary)
+            temporary.replace(target)
+        finally:
+            with suppress(FileNotFoundError):
+                temporary.unlink()
+        return way
+
+
+def _clone(source: Path, target: Path) -> bool:
+    """Make a reflink; return False if the file system cannot."""
+    with source.open("rb") as original, target.open("wb") as clone:
+        try:
+            ioctl(clone.fileno(), FICLONE, original.fileno())
+        except OSError:
+            return False
+    return True
+
+
+def _copy(source: Path, target: Path) -> str:
+    shutil.copyfile(source, target)
+    return "copied"
