@@ -22,10 +22,10 @@ from numpy.typing import NDArray
 from bagassets.decode.fields import stamp_and_frame
 from bagassets.decode.model import RadarReading
 from bagassets.decode.pointcloud2 import point_fields
-from bagassets.decode.radar_fields import ANGLES_LEFT, ANGLES_RIGHT, Side, radar_reading
+from bagassets.decode.radar_fields import ANGLES_LEFT, ANGLES_RIGHT, TRACK_NUMBERS, Side, radar_reading
 from bagassets.errors import DecodeError
 
-__all__ = ["decode_radar", "is_single_track"]
+__all__ = ["decode_radar", "is_single_track", "track_number"]
 
 _PACKAGES_ANGLES_RIGHT = ("radar_msgs/", "delphi_esr_msgs/", "delphi_srr_msgs/", "delphi_mrr_msgs/")
 # Where several lists are in a message, these are looked at first.
@@ -65,6 +65,12 @@ def decode_radar(message: Any, msgtype: str, azimuth_positive: Side | None = Non
 def is_single_track(message: Any) -> bool:
     """Tell whether a message is one track of a cycle, rather than all of them."""
     return _cloud_of(message) is None and _elements_of(message) is None
+
+
+def track_number(message: Any) -> float | None:
+    """Return the number of a single track, whether or not it has a target; None if it has no number."""
+    numbers = _flat(message)
+    return next((numbers[name] for name in TRACK_NUMBERS if name in numbers), None)
 
 
 def _is_cloud(value: Any) -> bool:

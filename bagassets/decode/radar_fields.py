@@ -18,7 +18,7 @@ from bagassets.decode.model import RadarReading
 from bagassets.errors import DecodeError
 from bagassets.geometry.portable import sin_cos
 
-__all__ = ["ANGLES_LEFT", "ANGLES_RIGHT", "Side", "radar_reading"]
+__all__ = ["ANGLES_LEFT", "ANGLES_RIGHT", "TRACK_NUMBERS", "Side", "radar_reading"]
 
 Floats = NDArray[np.float64]
 Side = Literal["left", "right"]
@@ -79,10 +79,12 @@ _VY = (
 )
 _RCS = ("rcs", "radar_cross_section", "amplitude", "power", "intensity", "snr", "can_tx_detect_amplitude")
 
+TRACK_NUMBERS = ("id", "track_id", "object_id", "target_id", "detection_id", "cluster_id", "objid", "uuid")
+
 # Field of the nuScenes format -> names it is recorded under, taken as they are.
 _AS_RECORDED: dict[str, tuple[str, ...]] = {
     "rcs": _RCS,
-    "id": ("id", "track_id", "object_id", "target_id", "detection_id", "cluster_id", "objid", "uuid"),
+    "id": TRACK_NUMBERS,
     "vx_comp": ("vx_comp", "vx_compensated", "v_x_comp"),
     "vy_comp": ("vy_comp", "vy_compensated", "v_y_comp"),
     "dyn_prop": ("dyn_prop", "dynprop", "dynamic_property"),

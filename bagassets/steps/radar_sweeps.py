@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bagassets.bags.model import RawMessage
-from bagassets.decode.radar import decode_radar, is_single_track
+from bagassets.decode.radar import decode_radar, is_single_track, track_number
 from bagassets.nuscenes.radar_file import radar_bytes
 from bagassets.steps.sweep_files import SweepFiles
 
@@ -63,7 +63,7 @@ class RadarSweeps:
         self._side = params["azimuth_positive"]
         self._pending: _Sweep | None = None
         self._cycle: _Sweep | None = None
-        self._last_id = -1.0
+        self._last_number = -1.0
 
     def add(self, message: Any, raw: RawMessage) -> str:
         """Take one message; return its frame.
@@ -78,7 +78,7 @@ class RadarSweeps:
         stamp = raw.log_time_ns if self._by_log_time else reading.stamp_ns
         sweep = _Sweep(stamp, raw.log_time_ns)
         if is_single_track(message):
-            self._collect(sweep, reading.targets)
+            self._collect(sweep, reading.targets, track_number(message))
         else:
             sweep.add(reading.targets, raw.log_time_ns)
             self._offer(sweep)
@@ -91,20 +91,18 @@ class RadarSweeps:
         if self._pending is not None:
             self._write(self._pending)
 
-    def _collect(self, sweep: _Sweep, targets: Targets) -> None:
-        """Add a single track, which came with `sweep`, to its cycle."""
-        ids = targets.get("id", np.zeros(0))
-        # A track that was dropped as no target has no number here; it cannot begin a cycle.
-        this_id = float(ids[0]) if len(ids) else self._last_id + 0.5
+    def _collect(self, sweep: _Sweep, targets: Targets, number: float | None) -> None:
+        """Add a single track, which came with `sweep`, to its cycle; without numbers time decides."""
         cycle = self._cycle
+        number = self._last_number + 1.0 if number is None else number
         if cycle is not None and not (
-            this_id > self._last_id and sweep.stamp_ns - cycle.stamp_ns <= LONGEST_CYCLE_NS
+            number > self._last_number and sweep.stamp_ns - cycle.stamp_ns <= LONGEST_CYCLE_NS
         ):
             self._offer(cycle)
             cycle = None
         self._cycle = cycle or sweep
         self._cycle.add(targets, sweep.log_time_ns)
-        self._last_id = this_id
+        self._last_number = number
 
     def _offer(self, sweep: _Sweep) -> None:
         """Write the sweep before this one, unless this one takes its place."""
