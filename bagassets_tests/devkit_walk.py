@@ -9,10 +9,6 @@ import json
 import sys
 from collections import Counter
 
-import matplotlib
-
-matplotlib.use("Agg")
-
 import numpy as np
 from nuscenes.nuscenes import NuScenes
 from nuscenes.utils.data_classes import LidarPointCloud, RadarPointCloud
@@ -108,8 +104,8 @@ def main(dataroot, version):
         cloud, lags = LidarPointCloud.from_file_multisweep(nusc, sample, lidar, lidar, nsweeps=5)
         facts["sweeps"] = [int(cloud.nbr_points()), float(lags.min()), float(lags.max())]
         facts["static_spread_m"] = static_spread(nusc, sample, lidar)
-        nusc.render_sample_data(sample["data"][lidar], underlay_map=False, verbose=False)
-        nusc.render_pointcloud_in_image(sample["token"], camera_channel=sorted(facts["rendered"])[0], verbose=False)
+        nusc.render_sample_data(sample["data"][lidar], verbose=False)
+        nusc.render_pointcloud_in_image(sample["token"], camera_channel=min(facts["rendered"]), verbose=False)
     for channel in sorted({row["channel"] for row in nusc.sensor if row["modality"] == "radar"}):
         clouds = [
             RadarPointCloud.from_file(nusc.get_sample_data_path(row["token"]))
@@ -118,7 +114,7 @@ def main(dataroot, version):
         ]
         facts["radar"][channel] = [len(clouds), int(sum(cloud.nbr_points() for cloud in clouds))]
     facts["splits"] = {name: get_scenes_of_split(name, nusc) for name in sys.argv[3:]}
-    print(json.dumps(facts))
+    sys.stdout.write(json.dumps(facts) + "\n")
 
 
 def static_spread(nusc, sample, lidar):

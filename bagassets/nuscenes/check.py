@@ -5,12 +5,14 @@ A sentence counts the offenders and names the first.
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Set as AbstractSet
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from bagassets.nuscenes.schema import TABLES, Row
+from bagassets.nuscenes.table_file import read_table
 
-__all__ = ["check_files", "check_tables"]
+__all__ = ["check_dataset", "check_files", "check_tables"]
 
 Tables = Mapping[str, Sequence[Row]]
 
@@ -48,8 +50,14 @@ def check_tables(tables: Tables) -> list[str]:
     ]
 
 
-def check_files(dataroot: Path, tables: Tables) -> list[str]:
-    """Check that the files that the tables name are on disk and not empty, and that there are no others."""
+def check_files(dataroot: Path, tables: Tables, elsewhere: AbstractSet[str] = frozenset()) -> list[str]:
+    """Check that the files that the tables name are on disk and not empty, and that there are no others.
+
+    Args:
+        dataroot: folder of samples, sweeps and maps.
+        tables: table -> rows.
+        elsewhere: files that tables of other versions in this dataroot name.
+    """
     named = {row["filename"] for name in ("sample_data", "map") for row in tables.get(name, ())}
     present = {
         path.relative_to(dataroot).as_posix(): path
@@ -60,10 +68,31 @@ def check_files(dataroot: Path, tables: Tables) -> list[str]:
     empty = [name for name in sorted(named & present.keys()) if present[name].stat().st_size == 0]
     return [
         *_sentence("{} files of the tables are not on disk, the first is {}", sorted(named - present.keys())),
-        *_sentence("{} files on disk belong to no table, the first is {}", sorted(present.keys() - named)),
+        *_sentence(
+            "{} files on disk belong to no table, the first is {}", sorted(present.keys() - named - elsewhere)
+        ),
         # An empty lidar file is a revolution without points.
         *_sentence("{} files are empty, the first is {}", [n for n in empty if not n.endswith(".pcd.bin")]),
     ]
+
+
+def check_dataset(dataroot: Path, version: str) -> list[str]:
+    """Check the tables and files of a finished dataset.
+
+    Raises:
+        DatasetError: a table is missing or cannot be read.
+    """
+    tables = {name: read_table(dataroot / version, name) for name in TABLES}
+    others = [
+        path.parent for path in sorted(dataroot.glob("*/sample_data.json")) if path.parent.name != version
+    ]
+    elsewhere = {
+        row["filename"]
+        for folder in others
+        for name in ("sample_data", "map")
+        for row in read_table(folder, name)
+    }
+    return [*check_tables(tables), *check_files(dataroot, tables, elsewhere)]
 
 
 def _sentence(text: str, offenders: Sequence[str]) -> list[str]:

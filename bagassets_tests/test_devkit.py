@@ -1,0 +1,102 @@
+"""The real nuscenes-devkit loads, walks, renders and evaluates what we write."""
+
+import numpy as np
+import pytest
+from devkit import run_devkit
+from handmade import IMAGE, Drive, make_tables
+
+from bagassets.nuscenes.dataset import BagPart, assemble
+from bagassets.recipe.model import NuScenes
+from bagassets.store.store import Store
+
+pytestmark = pytest.mark.devkit
+
+VERSION = "v1.0-test"
+SPLITS = {"train": 0.5, "val": 0.5}
+
+
+@pytest.fixture(scope="module")
+def dataroot(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("devkit")
+    store = Store(folder / "store")
+    drives = {"drive_1": Drive(seconds=4.2), "drive_2": Drive(seconds=5.5, seed=1, box_phase_s=0.031)}
+    parts = [
+        BagPart(key, key, make_tables(store, drive, key=key, length_s=3.0).artifact.digest)
+        for key, drive in drives.items()
+    ]
+    assemble(parts, NuScenes(version=VERSION, splits=SPLITS), store, folder / "nuscenes")
+    return folder / "nuscenes"
+
+
+@pytest.fixture(scope="module")
+def facts(dataroot):
+    return run_devkit("devkit_walk.py", dataroot, VERSION, "custom_train", "custom_val")
+
+
+def test_all_tables_load_and_all_chains_can_be_walked(facts):
+    assert facts["tables"]["scene"] == 4
+    assert facts["tables"]["sample"] == sum(scene["samples"] for scene in facts["scenes"].values())
+    assert sum(facts["readings"].values()) == facts["tables"]["sample_data"]
+    assert {scene["location"] for scene in facts["scenes"].values()} == {"yard"}
+
+
+def test_lidar_is_drawn_into_the_images(facts):
+    assert set(facts["rendered"]) == {"CAM_FRONT", "CAM_BACK"}
+    for points, size in facts["rendered"].values():
+        assert points > 20
+        assert size == list(IMAGE)
+    assert min(facts["depths"]) > 0.5
+
+
+def test_sweeps_are_aggregated_over_time(facts):
+    points, nearest_s, farthest_s = facts["sweeps"]
+    assert points > 5 * 300
+    assert nearest_s == 0.0
+    assert farthest_s == pytest.approx(0.4, abs=1e-3)
+
+
+def test_radar_files_are_read_with_all_their_targets(facts):
+    files, targets = facts["radar"]["RADAR_FRONT"]
+    assert targets == files * 12
+
+
+def test_the_devkit_counts_the_points_that_we_counted(facts):
+    assert len(facts["points"]) == facts["tables"]["sample_annotation"]
+    for _, counted, written in facts["points"]:
+        # The devkit goes through float32 and its own order of operations: points on a face may differ.
+        assert abs(counted - written) <= 1
+        assert written == 60
+
+
+def test_static_boxes_stand_still_in_the_global_frame(facts):
+    assert facts["static_spread_m"] < 1e-5
+
+
+def test_velocities_are_those_of_the_objects(facts):
+    cars = [np.array(track) for track in facts["velocities"]["vehicle.car"]]
+    speeds = sorted(round(float(np.linalg.norm(track, axis=1).mean()), 2) for track in cars)
+    assert speeds == [0.0] * 4 + [4.0] * 4
+    for track in facts["velocities"]["human.pedestrian.adult"]:
+        np.testing.assert_allclose(track, np.tile([0.0, -1.0, 0.0], (len(track), 1)), atol=1e-3)
+
+
+def test_splits_are_found_under_names_of_our_own(facts):
+    assert sorted(name for scenes in facts["splits"].values() for name in scenes) == sorted(facts["scenes"])
+
+
+def test_true_boxes_score_perfectly_in_the_detection_evaluation(dataroot, facts, tmp_path):
+    (split, *_) = [name for name, scenes in facts["splits"].items() if scenes]
+    scores = run_devkit("devkit_eval.py", dataroot, VERSION, split, tmp_path)
+    assert scores["samples"] > 0
+    for name in ("car", "pedestrian"):
+        assert scores["aps"][name] == pytest.approx(1.0)
+        errors = scores["errors"][name]
+        assert all(errors[kind] < 1e-6 for kind in ("trans_err", "scale_err", "orient_err"))
+        assert errors["vel_err"] < 1e-6
+        assert name == "pedestrian" or errors["attr_err"] < 1e-6
+
+
+def test_a_dataset_without_recordings_loads_too(tmp_path):
+    assemble([], NuScenes(version=VERSION), Store(tmp_path / "store"), tmp_path / "empty")
+    facts = run_devkit("devkit_walk.py", tmp_path / "empty", VERSION)
+    assert facts["tables"]["sample"] == 0

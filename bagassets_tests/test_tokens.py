@@ -1,0 +1,161 @@
+"""Tokens, splits and the form of tables: stable for ever."""
+
+import json
+import struct
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bagassets.nuscenes.blank_map import blank_png
+from bagassets.nuscenes.filenames import filename, recording_of
+from bagassets.nuscenes.schema import RECORDING_TABLES, SHARED_TABLES, TABLES
+from bagassets.nuscenes.splits import DEVKIT_SPLITS, devkit_split_name, split_of
+from bagassets.nuscenes.table_file import (
+    copy_rows,
+    quaternion,
+    read_table,
+    rounded,
+    table_bytes,
+    write_joined,
+)
+from bagassets.nuscenes.tokens import RecordingTokens, category_token, sensor_token, token, visibility_token
+
+KEYS = [f"drive_{number}" for number in range(2000)]
+SHARES = {"train": 0.7, "val": 0.2, "test": 0.1}
+
+
+class TestTokens:
+    def test_they_never_change(self):
+        """A change here makes every dataset ever built incompatible with its next build."""
+        tokens = RecordingTokens("rig", "drive_1")
+        assert (
+            tokens.row("sample_data", "CAM_FRONT", 1_700_000_000_123_456_789)
+            == "c802d3af6d18501cce0a3c31382a679f"
+        )
+        assert tokens.track("instance", "/boxes", "7", 5) == "e9cbfb088727b9b5c60cdf343719d8ef"
+        assert sensor_token("LIDAR_TOP", "lidar") == "d327cd130744b64578e77865ba729004"
+        assert category_token("vehicle.car") == "86d8918b25e0dc388c5e05aa279e11a3"
+
+    @given(
+        st.lists(
+            st.tuples(
+                st.text(max_size=3), st.text(max_size=3), st.sampled_from(["", "A", "B"]), st.integers(0, 3)
+            ),
+            unique=True,
+            max_size=50,
+        )
+    )
+    def test_different_rows_have_different_tokens(self, rows):
+        tokens = [
+            RecordingTokens(rig, key).row("sample", channel, stamp) for rig, key, channel, stamp in rows
+        ]
+        assert len(set(tokens)) == len(rows)
+        assert all(len(name) == 32 and int(name, 16) >= 0 for name in tokens)
+
+    def test_parts_do_not_run_into_each_other(self):
+        assert token("a", "bc") != token("ab", "c")
+        assert token("a", 1) != token("a", "1")
+
+    def test_visibility_uses_the_numbers_of_nuscenes(self):
+        assert [visibility_token(level) for level in ("v0-40", "v40-60", "v60-80", "v80-100")] == [
+            "1",
+            "2",
+            "3",
+            "4",
+        ]
+
+
+class TestSplits:
+    def test_shares_are_met_approximately(self):
+        counts = {name: sum(split_of(key, SHARES, 0) == name for key in KEYS) for name in SHARES}
+        for name, share in SHARES.items():
+            assert counts[name] / len(KEYS) == pytest.approx(share, abs=0.03)
+
+    def test_a_recording_stays_where_it_is_whatever_else_there_is(self):
+        # Fixed for ever by the hash.
+        assert [split_of(key, SHARES, 0) for key in KEYS[2:8]] == [
+            "train",
+            "test",
+            "train",
+            "train",
+            "train",
+            "val",
+        ]
+        reordered = dict(reversed(SHARES.items()))
+        assert [split_of(key, reordered, 0) for key in KEYS] == [split_of(key, SHARES, 0) for key in KEYS]
+
+    def test_growing_a_share_only_moves_recordings_into_it(self):
+        before = {key: split_of(key, {"a": 0.5, "b": 0.5}, 0) for key in KEYS}
+        after = {key: split_of(key, {"a": 0.6, "b": 0.4}, 0) for key in KEYS}
+        assert all(after[key] == "a" for key in KEYS if before[key] == "a")
+        assert 0.05 < sum(before[key] != after[key] for key in KEYS) / len(KEYS) < 0.15
+
+    def test_another_seed_deals_anew(self):
+        assert [split_of(key, SHARES, 0) for key in KEYS] != [split_of(key, SHARES, 1) for key in KEYS]
+
+    def test_a_split_without_share_stays_empty(self):
+        assert {split_of(key, {"all": 1.0, "none": 0.0, "also_none": 0.0}, 3) for key in KEYS} == {"all"}
+
+    def test_names_that_the_devkit_answers_itself_are_renamed(self):
+        assert devkit_split_name("train") == "custom_train"
+        assert devkit_split_name("night") == "night"
+        assert not {devkit_split_name(name) for name in DEVKIT_SPLITS} & DEVKIT_SPLITS
+
+
+class TestTableFiles:
+    def test_thirteen_tables(self):
+        assert len(TABLES) == 13
+        assert {*RECORDING_TABLES, *SHARED_TABLES} == set(TABLES)
+
+    @given(st.lists(st.text(max_size=10), max_size=5))
+    def test_joined_tables_are_the_same_as_one_table(self, tmp_path_factory, names):
+        folder = tmp_path_factory.mktemp("tables")
+        rows = [{"token": name, "name": "],[\n{", "description": ""} for name in names]
+        for number in range(3):
+            (folder / f"{number}.json").write_bytes(table_bytes("category", rows[number::3]))
+        ordered = [row for number in range(3) for row in rows[number::3]]
+        with (folder / "category.json").open("wb") as file:
+            count = write_joined(
+                file, (line for number in range(3) for line in copy_rows(folder / f"{number}.json"))
+            )
+        assert count == len(rows)
+        assert (folder / "category.json").read_bytes() == table_bytes("category", ordered)
+        assert read_table(folder, "category") == ordered
+
+    def test_a_row_that_lacks_a_column_is_an_error(self):
+        with pytest.raises(KeyError):
+            table_bytes("category", [{"token": "1", "name": "car"}])
+
+    def test_not_a_number_is_never_written(self):
+        with pytest.raises(ValueError, match="JSON"):
+            table_bytes("category", [{"token": "1", "name": "car", "description": float("nan")}])
+
+    def test_rounding_leaves_no_negative_zero(self):
+        assert json.dumps(rounded([-1e-9, 1.23456789])) == "[0.0, 1.234568]"
+        assert json.dumps(quaternion([-1e-12, 1.0])) == "[0.0, 1.0]"
+
+
+class TestFilenames:
+    @given(st.text(min_size=1, max_size=20), st.sampled_from(["CAM_FRONT", "CAM__A"]), st.booleans())
+    def test_the_recording_is_found_again(self, key, channel, is_keyframe):
+        name = filename(key, channel, 17, "abcdef0123", "pcd.bin", is_keyframe=is_keyframe)
+        assert recording_of(name) == key
+        assert name.count("/") == 2
+        assert name.isascii()
+
+    def test_other_names_belong_to_no_recording(self):
+        assert recording_of("maps/blank.png") is None
+        assert recording_of("samples/CAM_FRONT/notes.txt") is None
+
+
+@pytest.mark.parametrize("size", [(1, 1), (64, 64), (300, 400)])
+def test_the_blank_map_is_a_real_picture(size):
+    data = blank_png(*size)
+    picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    assert picture.shape == (size[1], size[0])
+    assert picture.dtype == np.uint8
+    assert not picture.any()
+    assert struct.unpack(">II", data[16:24]) == size
