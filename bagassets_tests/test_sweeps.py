@@ -240,7 +240,7 @@ def test_range_limits_drop_and_count(run):
 def test_points_that_are_not_finite_are_counted(run):
     columns = {axis: np.array([1, np.nan, 3], np.float32) for axis in "xyz"}
     result = run(request(lidar(), CLOUD), [raw(cloud(START_NS, columns), CLOUD, START_NS)])
-    assert result.summary["points"] == {"read": 3, "written": 2, "dropped": {"not a finite measurement": 1}}
+    assert result.summary["points"] == {"read": 3, "written": 2, "dropped": {"no measurement": 1}}
 
 
 def test_a_cloud_without_points_is_lost_and_counted(run):
@@ -301,6 +301,25 @@ def test_a_lost_scan_of_many_packets_weighs_as_a_message(run):
     broken = raw(DecodeError("its bytes do not fit its type"), SCAN, START_NS)
     with pytest.raises(LossLimitError, match="lost 1 of 4 messages"):
         run(request(lidar(), SCAN, limit=0.2), [*good, broken])
+
+
+def test_messages_without_stamps_ask_for_the_log_clock(run):
+    messages = [raw(cloud(0, {axis: np.ones(2) for axis in "xyz"}), CLOUD, START_NS + n) for n in range(3)]
+    with pytest.raises(LossLimitError, match="clock: log"):
+        run(request(lidar(), CLOUD), messages)
+    packets = [raw(EthernetPacket(header(0), message.data.payload), PACKET, 1) for message in singles(1)]
+    with pytest.raises(LossLimitError, match="clock: log"):
+        run(request(lidar(), PACKET), packets)
+
+
+def test_simulated_time_may_start_at_zero(run):
+    messages = [raw(cloud(n * PERIOD_NS, {axis: np.ones(2) for axis in "xyz"}), CLOUD, n) for n in range(3)]
+    assert len(run(request(lidar(), CLOUD), messages).index) == 3
+
+
+def test_radar_without_header_is_lost_not_a_crash(run):
+    with pytest.raises(LossLimitError, match="header"):
+        run(request(RadarChannel(topic="/sensor"), "x/msg/Y"), [raw(object(), "x/msg/Y", 1)] * 2)
 
 
 # --- packets --------------------------------------------------------------------------------
@@ -504,7 +523,7 @@ def test_single_tracks_are_collected_into_cycles(run):
     assert targets["id"].tolist() == [10, 20, 30, 40, 50, 60]
     assert targets["x"].tolist() == [20, 30, 40, 50, 60, 70]
     assert result.summary["counts"] == {"read": 192, "written": 3, "merged": 189, "lost": {}}
-    assert result.summary["points"]["dropped"] == {"not a finite measurement": 174}
+    assert result.summary["points"]["dropped"] == {"no measurement": 174}
 
 
 def test_a_pause_between_single_tracks_ends_a_cycle(run):

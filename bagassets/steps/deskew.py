@@ -19,6 +19,7 @@ from bagassets.geometry.trajectory import Trajectory
 __all__ = ["deskewed"]
 
 KNOT_NS = 1_000_000
+_CHUNK = 16_384  # points at a time, so that what is computed stays in the processor's cache
 
 
 def deskewed(
@@ -49,18 +50,36 @@ def deskewed(
     transforms = _sensor_motion(knots, stamp_ns, trajectory, ego_SE3_sensor)
     if transforms is None:
         return None
-    since_ns = times_ns - first
-    left = np.minimum(since_ns // KNOT_NS, len(knots) - 2)
-    widths = np.maximum(np.diff(knots), 1)
-    fraction = (since_ns - (knots[left] - first)) / widths[left]
-    steps = np.diff(transforms, axis=0)
-    local = transforms[left] + steps[left] * fraction[:, None]
-    x, y, z = (points[:, axis].astype(np.float64) for axis in range(3))
     moved = points.copy()
-    for axis in range(3):
-        a, b, c, d = (local[:, 4 * axis + column] for column in range(4))
-        moved[:, axis] = a * x + b * y + c * z + d
+    for begin in range(0, len(points), _CHUNK):
+        part = slice(begin, begin + _CHUNK)
+        _move(moved[part], times_ns[part] - first, knots - first, transforms)
     return moved
+
+
+def _move(
+    points: NDArray[np.float32], since_ns: NDArray[np.int64], knots_ns: NDArray[np.int64], transforms: Floats
+) -> None:
+    """Transform (N, >=3) points in place, each by the transform of its time.
+
+    Args:
+        points: changed in their first three columns.
+        since_ns: (N,) time of each point after the first knot.
+        knots_ns: (M,) times of the knots, the first one 0.
+        transforms: (M, 12) rows of 3x4 matrices at the knots.
+    """
+    left = np.minimum(since_ns // KNOT_NS, len(knots_ns) - 2)
+    widths = np.maximum(np.diff(knots_ns), 1)
+    fraction = (since_ns - knots_ns[left]) / widths[left]
+    # Entries by rows and points by columns: what is added and multiplied lies side by side.
+    at_left, steps = transforms.T, np.diff(transforms, axis=0).T
+    x, y, z = (points[:, axis].astype(np.float64) for axis in range(3))
+    for axis in range(3):
+        a, b, c, d = (
+            at_left[row].take(left) + steps[row].take(left) * fraction
+            for row in range(4 * axis, 4 * axis + 4)
+        )
+        points[:, axis] = a * x + b * y + c * z + d
 
 
 def _sensor_motion(

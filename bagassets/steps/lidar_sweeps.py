@@ -20,7 +20,13 @@ from bagassets.decode.clouds import CLOUD_DECODERS
 from bagassets.decode.fields import stamp_and_frame
 from bagassets.decode.model import CloudReading
 from bagassets.decode.point_times import Moment
-from bagassets.decode.velodyne import POSITION_PACKET_SIZE, PacketParser, RevolutionDecoder, packets_in
+from bagassets.decode.velodyne import (
+    POSITION_PACKET_SIZE,
+    Packet,
+    PacketParser,
+    RevolutionDecoder,
+    packets_in,
+)
 from bagassets.errors import DecodeError, RecipeError
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.trajectory import Trajectory
@@ -29,9 +35,11 @@ from bagassets.steps.deskew import deskewed
 from bagassets.steps.revolutions import Revolution, RevolutionCutter
 from bagassets.steps.sweep_files import SweepFiles
 
-__all__ = ["CloudSweeps", "LidarWriter", "PacketSweeps", "revolution_span_ns"]
+__all__ = ["NO_STAMP", "CloudSweeps", "LidarWriter", "PacketSweeps", "revolution_span_ns"]
 
 Span = tuple[int, int]
+
+NO_STAMP = "its header has no stamp; set clock: log in the recipe"
 
 
 def revolution_span_ns(
@@ -139,7 +147,7 @@ class CloudSweeps:
         files = self._writer.files
         files.counts.read += 1
         files.points.read += len(reading.points) + reading.dropped
-        files.points.drop("not a finite measurement", reading.dropped)
+        files.points.drop("no measurement", reading.dropped)
         # With log times all times of the message move by as much as its stamp.
         shift = raw.log_time_ns - reading.stamp_ns if self._by_log_time else 0
         start, end = revolution_span_ns(reading, self._period_ns, self._header_stamp_is)
@@ -179,9 +187,7 @@ class PacketSweeps:
         Raises:
             DecodeError: the message holds no packets.
         """
-        if not hasattr(message, "header"):
-            raise DecodeError("it has no header")
-        header_ns, frame_id = stamp_and_frame(message.header)
+        header_ns, frame_id = stamp_and_frame(message.header) if hasattr(message, "header") else (0, "")
         packets = packets_in(message)
         stamps = [own or header_ns for own, _ in packets]
         # With log times: what a message brings had arrived by then.
@@ -192,7 +198,7 @@ class PacketSweeps:
                 self._writer.files.lose("position packet")
                 continue
             try:
-                packet = self._parser.parse(stamp + shift, data)
+                packet = self._parse(stamp + shift, data)
             except DecodeError as err:
                 self._fail(str(err), 1)
                 continue
@@ -206,6 +212,11 @@ class PacketSweeps:
         revolution = self._cutter.flush()
         if revolution is not None:
             self._write(revolution)
+
+    def _parse(self, host_ns: int, data: bytes) -> Packet:
+        if host_ns == 0:
+            raise DecodeError(NO_STAMP)
+        return self._parser.parse(host_ns, data)
 
     def _write(self, revolution: Revolution) -> None:
         parts = len(revolution.packets)

@@ -74,7 +74,7 @@ class RadarSweeps:
         reading = decode_radar(message, raw.msgtype, self._side)
         self._files.counts.read += 1
         self._files.points.read += len(reading.targets["x"]) + reading.dropped
-        self._files.points.drop("not a finite measurement", reading.dropped)
+        self._files.points.drop("no measurement", reading.dropped)
         stamp = raw.log_time_ns if self._by_log_time else reading.stamp_ns
         sweep = _Sweep(stamp, raw.log_time_ns)
         if is_single_track(message):

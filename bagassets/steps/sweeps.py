@@ -9,11 +9,12 @@ from typing import Any
 from bagassets.bags.inventory import Inventory, TopicRecord
 from bagassets.bags.model import RawMessage, Recording
 from bagassets.decode.clouds import CLOUD_DECODERS
+from bagassets.decode.fields import stamp_ns
 from bagassets.errors import CalibrationError, DecodeError, LossLimitError, PoseError, RecipeError
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.recipe.model import Clock, LidarChannel, Limits, RadarChannel
 from bagassets.steps.channel import Request
-from bagassets.steps.lidar_sweeps import CloudSweeps, LidarWriter, PacketSweeps
+from bagassets.steps.lidar_sweeps import NO_STAMP, CloudSweeps, LidarWriter, PacketSweeps
 from bagassets.steps.radar_sweeps import RadarSweeps
 from bagassets.steps.sweep_files import SweepFiles
 from bagassets.store.action import Step
@@ -129,6 +130,7 @@ class SweepExtractor:
         self._first_error: str | None = None
         self._frame_id: str | None = None
         lidar = params["modality"] == "lidar"
+        self._holds_packets = lidar and params["msgtype"] not in CLOUD_DECODERS
         self._files = SweepFiles(out, ".pcd.bin" if lidar else ".pcd", with_span=lidar)
         self._sweeps: CloudSweeps | PacketSweeps | RadarSweeps
         if not lidar:
@@ -137,17 +139,17 @@ class SweepExtractor:
         if params["deskew"] and trajectory is None:
             raise PoseError(f"{params['channel']}: to deskew it, ego poses are needed.")
         writer = LidarWriter(params, self._files, trajectory)
-        if params["msgtype"] in CLOUD_DECODERS:
-            self._sweeps = CloudSweeps(params, writer)
-        else:
+        if self._holds_packets:
             self._sweeps = PacketSweeps(params, writer, self._fail_parts)
+        else:
+            self._sweeps = CloudSweeps(params, writer)
 
     def add(self, message: RawMessage) -> None:
         """Take the next message; one that cannot be decoded is counted as lost."""
         self._messages += 1
         failed_before = self._failed_parts
         try:
-            frame_id = self._sweeps.add(self._recording.decode(message), message)
+            frame_id = self._sweeps.add(self._decoded(message), message)
             self._frame_id = self._frame_id or frame_id
         except DecodeError as err:
             self._files.counts.read += 1
@@ -180,6 +182,20 @@ class SweepExtractor:
             }
         )
         return {**facts, "bytes": files.bytes}
+
+    def _decoded(self, message: RawMessage) -> Any:
+        decoded = self._recording.decode(message)
+        if not self._holds_packets:
+            if not hasattr(decoded, "header"):
+                raise DecodeError("it has no header")
+            # Simulated time may start at 0, but does not stay there.
+            if (
+                self._params["clock"] == "header"
+                and self._messages > 1
+                and not stamp_ns(decoded.header.stamp)
+            ):
+                raise DecodeError(NO_STAMP)
+        return decoded
 
     def _fail_parts(self, reason: str, number: int) -> None:
         self._failed_parts += number
