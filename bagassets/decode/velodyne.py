@@ -9,6 +9,8 @@ as `ethernet_msgs/Packet`.
 The arithmetic is that of velodyne-decoder, which brings factory calibrations and firing times. It
 is handed times of our own: what it would make of the packets' microseconds and a floating-point
 host time is a quarter of a microsecond off, and follows the lidar's clock instead of the recipe's.
+Its tables of sines are the C library's in single precision: the one thing here that another
+library or processor might round differently.
 """
 
 from collections.abc import Sequence

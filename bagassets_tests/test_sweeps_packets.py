@@ -1,0 +1,156 @@
+"""Velodyne packets through the step `sweeps`: revolutions, clocks, deskewing."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from bagassets.errors import LossLimitError, PoseError, RecipeError
+from bagassets_tests.sweep_data import (
+    VLP16_PACKET_NS,
+    EthernetPacket,
+    header,
+    raw,
+    vlp16_packets,
+)
+from bagassets_tests.sweep_run import (
+    CLOUD,
+    MOUNT,
+    PACKET,
+    PERIOD_NS,
+    SCAN,
+    START_NS,
+    Runner,
+    clouds,
+    driving,
+    lidar,
+    request,
+    scans,
+    singles,
+)
+
+
+@pytest.fixture
+def run(tmp_path):
+    return Runner(tmp_path)
+
+
+def test_packets_become_complete_revolutions(run):
+    result = run(request(lidar(), SCAN), scans(4.5, start_deg=90.0))
+    # 270 degrees, three turns, 45 degrees
+    assert len(result.index) == 3
+    assert set(result.lost) == {"incomplete revolution"}
+    counts = result.summary["counts"]
+    assert counts["read"] == len(vlp16_packets(4.5))
+    assert result.summary["messages"] == len(list(scans(4.5)))
+    first_cut_ns = 75_000_000
+    for number, row in enumerate(result.index):
+        assert abs(row["start_ns"] - START_NS - first_cut_ns - number * PERIOD_NS) < 2 * VLP16_PACKET_NS
+        assert abs(row["end_ns"] - row["start_ns"] - PERIOD_NS) < 2 * VLP16_PACKET_NS
+        assert row["stamp_ns"] == row["end_ns"]
+    for row, following in itertools.pairwise(result.index):
+        assert abs(row["end_ns"] - following["start_ns"]) <= 2_000
+    azimuth = np.degrees(np.arctan2(-result.points()[:, 1], result.points()[:, 0])) % 360
+    assert azimuth[:16].max() < 10
+    assert np.abs((azimuth[-16:] + 180) % 360 - 180).max() < 10
+
+
+def test_the_size_of_messages_does_not_matter(run):
+    one = run(request(lidar(), SCAN), scans(3.5, per_message=50))
+    other = run(request(lidar(), SCAN), scans(3.5, per_message=7))
+    assert [row["digest"] for row in one.index] == [row["digest"] for row in other.index]
+    assert one.summary["counts"] == other.summary["counts"]
+
+
+def test_single_packets_give_what_scans_give(run):
+    one = run(request(lidar(), SCAN), scans(3.2))
+    other = run(request(lidar(), PACKET), singles(3.2))
+    keys = ("stamp_ns", "digest", "points", "start_ns", "end_ns")
+    assert [[row[key] for key in keys] for row in one.index] == [
+        [row[key] for key in keys] for row in other.index
+    ]
+
+
+def test_the_cut_angle_moves_the_revolutions(run):
+    result = run(request(lidar(cut_angle_deg=180.0), SCAN), scans(4))
+    assert len(result.index) == 3
+    assert result.index[0]["start_ns"] - START_NS == pytest.approx(PERIOD_NS / 2, abs=2 * VLP16_PACKET_NS)
+
+
+def test_with_log_times_packets_had_arrived_when_they_were_logged(run):
+    result = run(request(lidar(stamp="start"), PACKET, "log"), singles(2))
+    assert result.index[0]["stamp_ns"] == pytest.approx(START_NS + 3_000_000, abs=1_000)
+    scanned = run(request(lidar(stamp="start"), SCAN, "log"), scans(2))
+    assert scanned.index[0]["stamp_ns"] == pytest.approx(START_NS + VLP16_PACKET_NS, abs=1_000)
+
+
+def test_position_packets_are_no_failure(run):
+    messages = list(singles(2))
+    position = raw(EthernetPacket(header(START_NS), np.zeros(512, np.uint8)), PACKET, START_NS)
+    result = run(request(lidar(), PACKET), [position, *messages, position])
+    assert result.lost == {"position packet": 2}
+    assert len(result.index) == 2
+
+
+def test_bytes_that_are_no_packets_fail_the_channel(run):
+    junk = [raw(EthernetPacket(header(START_NS), np.zeros(1000, np.uint8)), PACKET, START_NS)] * 3
+    with pytest.raises(LossLimitError, match="1206"):
+        run(request(lidar(), PACKET), junk)
+
+
+def test_range_limits_hold_for_packets(run):
+    with_limit = run(request(lidar(max_range_m=10.0), SCAN), scans(2))
+    assert with_limit.index == []
+    assert set(with_limit.lost) == {"no point in it"}
+    assert set(with_limit.summary["points"]["dropped"]) == {"farther than max_range_m"}
+
+
+# --- deskewing -----
+
+
+def test_deskewed_points_are_where_they_are_at_the_stamp(run):
+    asked = request(lidar(deskew=True), CLOUD, mount=MOUNT, poses="p")
+    times = np.array([0, 30, 60, 100], np.uint32) * 1_000_000
+    result = run(asked, clouds(1, t=times), driving(10.0))
+    # At 10 m/s what was seen 0.1 s before the stamp is 1 m nearer now.
+    assert np.allclose(result.points()[:, 0], [1 - 1.0, 2 - 0.7, 3 - 0.4, 4 - 0.0], atol=1e-4)
+    assert np.allclose(result.points()[:, 1], [1, 2, 3, 4])
+
+
+def test_packets_are_deskewed_too(run):
+    asked = request(lidar(deskew=True), SCAN, mount=MOUNT, poses="p")
+    still = run(request(lidar(), SCAN), scans(2))
+    result = run(asked, scans(2), driving(10.0))
+    moved = still.points()[:, 0].astype(float) - result.points()[:, 0]
+    row = result.index[0]
+    assert moved[0] == pytest.approx((row["stamp_ns"] - row["start_ns"]) * 1e-9 * 10.0, abs=1e-4)
+    assert np.abs(moved[-16:]).max() < 0.02
+
+
+def test_a_revolution_without_poses_is_lost_and_counted(run):
+    asked = request(lidar(deskew=True), CLOUD, mount=MOUNT, poses="p")
+    times = np.array([0, 30, 60, 100], np.uint32) * 1_000_000
+    result = run(asked, clouds(3, t=times), driving(10.0, start_ns=START_NS + 50_000_000))
+    assert result.lost == {"no ego pose to deskew with": 1}
+    assert len(result.index) == 2
+
+
+def test_points_without_times_cannot_be_deskewed(run):
+    asked = request(lidar(deskew=True), CLOUD, mount=MOUNT, poses="p")
+    with pytest.raises(RecipeError, match=r"LIDAR_TOP.*/sensor.*deskew: false"):
+        run(asked, clouds(2), driving(10.0))
+
+
+def test_a_missing_trajectory_is_refused(run):
+    asked = request(lidar(deskew=True), CLOUD, mount=MOUNT, poses="p")
+    with pytest.raises(PoseError):
+        run(asked, [])
+
+
+# --- determinism ----
+
+
+def test_the_same_messages_give_the_same_artifact(run):
+    asked = request(lidar(deskew=True), SCAN, mount=MOUNT, poses="p")
+    digests = {run(asked, scans(3), driving(10.0)).digest for _ in range(2)}
+    assert len(digests) == 1
