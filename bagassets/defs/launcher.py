@@ -1,18 +1,29 @@
 """Launching runs of the web UI, the sensor and the daemon on the fork server.
 
-Set in `dagster.yaml`::
+Set in `dagster.yaml`; all of `config` is optional, its paths absolute or relative to the folder
+that Dagster is started in::
 
     run_launcher:
       module: bagassets.defs.launcher
       class: BagAssetsRunLauncher
-      config:                     # all of it optional
-        recipe: recipe.yaml       # default: the variable BAGASSETS_RECIPE
+      config:
+        recipe: recipe.yaml       # default: BAGASSETS_RECIPE, else recipe.yaml if there is one
         state_folder: .bagassets  # default: the recipe's, else the folder of the instance
         idle_timeout_s: 900       # the server ends when nobody used it for so long
         grace_s: 30               # a cancelled worker is killed after that
 
-The launcher goes well with a short `dequeue_interval_seconds` of the run coordinator, or
-with `DefaultRunCoordinator`, which launches at once.
+What goes well with it: a queue that is looked at every second and lets no two runs of one
+recording start (workers of one recording take turns anyway, but the second one would wait in
+memory), and monitoring, which notices workers that died with their machine or container::
+
+    run_coordinator:
+      module: dagster._core.run_coordinator
+      class: QueuedRunCoordinator
+      config:
+        dequeue_interval_seconds: 1
+        tag_concurrency_limits:
+          - {key: dagster/partition, value: {applyLimitPerUniqueValue: true}, limit: 1}
+    run_monitoring: {enabled: true, start_timeout_seconds: 86400}  # a run that waits its turn is "starting"
 """
 
 import logging

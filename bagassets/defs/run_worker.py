@@ -42,20 +42,30 @@ _UNFINISHED = [
 ]
 _PARTITION_TAG = "dagster/partition"
 _POLL_S = 0.5
+_ASKS_PER_LOOK = 5  # once a second
 
 # What opening a SQLite instance and executing a run import; 0.4 s that no worker has to pay.
 _AHEAD = (
     "alembic.command",
     "alembic.runtime.migration",
+    "dagster._core.execution.plan.active",
     "dagster._core.execution.plan.execute_plan",
+    "dagster._core.executor.in_process",
+    "dagster._core.instance.factory",
     "dagster._core.launcher",
     "dagster._core.run_coordinator",
     "dagster._core.scheduler",
     "dagster._core.secrets.env_file",
     "dagster._core.storage.local_compute_log_manager",
+    "dagster._core.storage.migration.utils",
     "dagster._core.storage.root",
     "dagster._core.storage.sqlite_storage",
+    "dagster._core.system_config.composite_descent",
+    "dagster._core.utility_ops",
+    "dagster._core.workspace.autodiscovery",
+    "dagster._utils.test.definitions",
     "sqlalchemy.dialects.sqlite",
+    "upath.implementations.local",
 )
 
 
@@ -83,11 +93,16 @@ def execute(args: dict[str, Any]) -> dict[str, Any]:
             )
         instance.add_run_tags(run_id, RunWorker.here(run_id).tags())
 
-        def tell() -> None:
-            message = f"Waiting for another run of {run.tags[_PARTITION_TAG]} to end."
-            instance.report_engine_event(message, dagster_run=run)
+        def is_wanted(asked: int) -> bool:
+            if asked == 0:
+                message = f"Waiting for another run of {run.tags[_PARTITION_TAG]} to end."
+                instance.report_engine_event(message, dagster_run=run)
+            if asked % _ASKS_PER_LOOK:
+                return True
+            found = instance.get_run_by_id(run_id)  # the web UI cancels a run that starts without a signal
+            return found is not None and not found.is_finished
 
-        _take_turn(args["locks"], run.tags.get(_PARTITION_TAG), stack, tell)
+        _take_turn(args["locks"], run.tags.get(_PARTITION_TAG), stack, is_wanted)
         return execute_run(instance, run_id, cancel_requested=cancel_requested).as_json()
 
 
@@ -99,7 +114,7 @@ def build(args: dict[str, Any]) -> dict[str, Any]:
     with capture_interrupts(), ExitStack() as stack:
         instance = _open(args, stack)
         run_id, partition_key = str(args["run_id"]), args["partition_key"]
-        if not _take_turn(args["locks"], partition_key, stack, lambda: None):
+        if not _take_turn(args["locks"], partition_key, stack, lambda _asked: True):
             return RunOutcome(run_id, dg.DagsterRunStatus.CANCELED.value).as_json()
         create_run(
             instance,
@@ -183,15 +198,15 @@ def _apply_dotenv() -> None:
         os.environ.update(dotenv_variables(Path(recipe).parent))
 
 
-def _take_turn(locks: str, partition_key: str | None, stack: ExitStack, on_wait: Callable[[], None]) -> bool:
+def _take_turn(
+    locks: str, partition_key: str | None, stack: ExitStack, is_wanted: Callable[[int], bool]
+) -> bool:
     """Wait until no other run works on the partition; return False if this one is to end."""
     if partition_key is None:
         return True
 
     def keep_waiting(asked: int) -> bool:
-        if asked == 0:
-            on_wait()
-        return not (is_interrupted() or cancel_requested())
+        return is_wanted(asked) and not (is_interrupted() or cancel_requested())
 
     return stack.enter_context(exclusive(Path(locks), partition_key, keep_waiting=keep_waiting))
 
