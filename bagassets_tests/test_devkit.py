@@ -9,7 +9,7 @@ from bagassets.nuscenes.dataset import BagPart, assemble
 from bagassets.recipe.model import NuScenes
 from bagassets.store.store import Store
 
-pytestmark = pytest.mark.devkit
+pytestmark = [pytest.mark.devkit, pytest.mark.xdist_group("devkit")]
 
 VERSION = "v1.0-test"
 SPLITS = {"train": 0.5, "val": 0.5}
