@@ -156,11 +156,24 @@ class TestIncrement:
             name: (tmp_path / name).stat().st_ctime_ns for name in content(tmp_path) if name.startswith("s")
         }
         more = assemble(parts, SETTINGS, store, tmp_path)
-        assert (more.files["linked"], more.files["kept"], more.files["removed"]) == (per_bag, 3 * per_bag, 0)
+        assert (more.files["linked"], more.files["removed"]) == (per_bag, 0)
         assert all((tmp_path / name).stat().st_ctime_ns == ctime for name, ctime in before.items())
         fewer = assemble(parts[1:], SETTINGS, store, tmp_path)
         assert fewer.files["removed"] == per_bag
         assert check_dataset(tmp_path, VERSION) == []
+
+    def test_files_of_recordings_that_stay_are_not_even_looked_at(self, store, parts, tmp_path, monkeypatch):
+        per_bag = assemble(parts[:3], SETTINGS, store, tmp_path).files["linked"] // 3
+        lock = tmp_path / VERSION / "dataset.lock.json"
+        later = (
+            lock.stat().st_mtime + 60
+        )  # as if some time had passed since: clocks of file systems are coarse
+        os.utime(lock, (later, later))
+        put = []
+        monkeypatch.setattr(linking.Linker, "put", lambda _, source, name: put.append(name))
+        assemble(parts, SETTINGS, store, tmp_path)
+        assert len(put) == per_bag
+        assert all("/drive_3-" in name for name in put)
 
     def test_nothing_new_changes_nothing(self, store, parts, tmp_path):
         assert assemble(parts, SETTINGS, store, tmp_path).changed

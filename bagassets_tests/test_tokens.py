@@ -18,6 +18,7 @@ from bagassets.nuscenes.table_file import (
     quaternion,
     read_table,
     rounded,
+    rows_text,
     table_bytes,
     write_joined,
 )
@@ -118,9 +119,9 @@ class TestTableFiles:
             (folder / f"{number}.json").write_bytes(table_bytes("category", rows[number::3]))
         ordered = [row for number in range(3) for row in rows[number::3]]
         with (folder / "category.json").open("wb") as file:
-            count = write_joined(
-                file, (line for number in range(3) for line in copy_rows(folder / f"{number}.json"))
-            )
+            count = write_joined(file, (rows_text(folder / f"{number}.json") for number in range(3)))
+        copied = [json.loads(line) for number in range(3) for line in copy_rows(folder / f"{number}.json")]
+        assert copied == ordered
         assert count == len(rows)
         assert (folder / "category.json").read_bytes() == table_bytes("category", ordered)
         assert read_table(folder, "category") == ordered

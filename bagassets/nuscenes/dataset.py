@@ -7,6 +7,7 @@ a complete dataset, the old or the new one, and the next run removes what the ki
 
 import fcntl
 import json
+import os
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -31,6 +32,7 @@ __all__ = ["BagPart", "DatasetSummary", "assemble", "read_lock"]
 
 MAP_SIZE_PX = 64
 GUARD = ".bagassets.lock"
+_FOLDERS = ("samples", "sweeps", "maps")
 
 
 @dataclass(frozen=True)
@@ -42,7 +44,7 @@ class DatasetSummary:
         folder: the version folder.
         rows: table -> number of rows.
         splits: name in splits.json -> number of scenes.
-        files: way (linked, cloned, copied, kept, removed) -> number of files.
+        files: way (linked, cloned, copied, removed; kept: looked at and found in place) -> number of files.
         duplicates: recording that was left out -> recording with the same content.
         changed: the tables were exchanged; False if they were the same already.
     """
@@ -91,14 +93,17 @@ def assemble(
         new = output / f"{settings.version}.tmp-{uuid4().hex}"
         new.mkdir()
         written = write_tables(new, entries, settings)
-        left_out = {"duplicates": duplicates, "skipped": dict(skipped or {}), "failed": dict(failed or {})}
+        left_out = {"duplicates": duplicates, "skipped": skipped or {}, "failed": failed or {}}
         lock = _lock(settings, entries, written, left_out)
         (new / LOCK).write_bytes(json_bytes(lock))
         linker = Linker(output)
-        _put_files(linker, entries, store, output)
+        known = {} if _touched_by_others(output, current) else _bags(current)
+        _put_files(linker, [e for e in entries if known.get(e.part.key) != e.part.tables], store, output)
+        _put_map(output)
         changed = not _same_lock(new, current)
         old = swap_in(new, current) if changed else new
         removed = _retire(output, current, [*leftovers, *([old] if old is not None else [])])
+        (current / LOCK).touch()  # later than all that was done here: see `_touched_by_others`
     files = {**linker.counts, "removed": removed}
     return DatasetSummary(
         digest=digest_json(written.digests),
@@ -157,21 +162,24 @@ def _lock(
             }
             for entry in entries
         ],
-        **left_out,
+        **{why: dict(sorted(keys.items())) for why, keys in left_out.items()},
         "tables": written.digests,
     }
 
 
 def _put_files(linker: Linker, entries: Sequence[Entry], store: Store, output: Path) -> None:
-    for folder in ("samples", "sweeps", "maps"):
+    for folder in _FOLDERS:
         (output / folder).mkdir(exist_ok=True)
     for entry in entries:
-        artifacts = {}
+        folders: dict[str, str] = {}
         for file in entry.files():
             digest = file["artifact"]
-            if digest not in artifacts:
-                artifacts[digest] = store.artifact(digest)
-            linker.put(artifacts[digest].path(file["file"]), file["filename"])
+            if digest not in folders:
+                folders[digest] = str(store.artifact(digest).files)
+            linker.put(f"{folders[digest]}/{file['file']}", file["filename"])
+
+
+def _put_map(output: Path) -> None:
     picture = blank_png(MAP_SIZE_PX, MAP_SIZE_PX)
     path = output / MAP_FILE
     if not path.is_file() or path.read_bytes() != picture:
@@ -212,6 +220,21 @@ def _bags(folder: Path) -> dict[str, str]:
     return {} if lock is None else {bag["key"]: bag["nuscenes_tables"] for bag in lock["bags"]}
 
 
+def _touched_by_others(output: Path, current: Path) -> bool:
+    """Tell whether files may have come or gone since the dataset was made.
+
+    If not, those of recordings that stay the same need no look: with millions of files that is
+    what an update would cost. A folder's time of change is that of its last new or removed entry.
+    """
+    folders = [output / name for name in _FOLDERS]
+    try:
+        made_ns = (current / LOCK).stat().st_mtime_ns
+        channels = [Path(entry.path) for folder in folders for entry in os.scandir(folder) if entry.is_dir()]
+        return any(folder.stat().st_mtime_ns >= made_ns for folder in (*folders, *channels))
+    except FileNotFoundError:
+        return True
+
+
 def _refuse_foreign(current: Path) -> None:
     if current.exists() and not (current / LOCK).is_file() and any(current.iterdir()):
         raise DatasetError(
@@ -222,13 +245,14 @@ def _refuse_foreign(current: Path) -> None:
 
 @contextmanager
 def _guarded(output: Path) -> Iterator[None]:
-    """Keep other processes from assembling into the same dataroot meanwhile."""
+    """Keep other processes from assembling into the same dataroot meanwhile, and name it in errors."""
     try:
         output.mkdir(parents=True, exist_ok=True)
-        guard = (output / GUARD).open("w")
+        with (output / GUARD).open("w") as guard:
+            with suppress(OSError):  # some network file systems have no locks; then builds must not overlap
+                fcntl.flock(guard, fcntl.LOCK_EX)
+            yield
     except OSError as err:
-        raise DatasetError(f"{output}: the dataset cannot be written ({err.strerror}).") from err
-    with guard:
-        with suppress(OSError):  # some network file systems have no locks; then builds must not overlap
-            fcntl.flock(guard, fcntl.LOCK_EX)
-        yield
+        raise DatasetError(
+            f"{err.filename or output}: the dataset cannot be written ({err.strerror}); free space or mend the folder."
+        ) from err

@@ -1,6 +1,6 @@
 """The folder of tables of a dataset: rows of recordings joined, shared rows made once, splits, lock."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -11,7 +11,7 @@ from blake3 import blake3
 from bagassets.nuscenes import shared_rows
 from bagassets.nuscenes.schema import RECORDING_TABLES, TABLES
 from bagassets.nuscenes.splits import devkit_split_name, split_of
-from bagassets.nuscenes.table_file import copy_rows, json_bytes, table_bytes, write_joined
+from bagassets.nuscenes.table_file import json_bytes, rows_text, table_bytes, write_joined
 from bagassets.recipe.model import NuScenes
 from bagassets.store.artifact import Artifact
 
@@ -49,9 +49,9 @@ class Entry:
         facts: dict[str, Any] = self.artifact.read_json("facts.json")
         return facts
 
-    def rows(self, table: str) -> Iterator[bytes]:
-        """Yield the rows of a table as JSON text."""
-        return copy_rows(self.artifact.path(f"{table}.json"))
+    def rows(self, table: str) -> bytes:
+        """Return the rows of a table as JSON text."""
+        return rows_text(self.artifact.path(f"{table}.json"))
 
     def files(self) -> list[dict[str, str]]:
         """Return `filename`, `artifact` and `file` of each file that the tables name."""
@@ -90,7 +90,7 @@ def write_tables(folder: Path, entries: Sequence[Entry], settings: NuScenes) -> 
     digests: dict[str, str] = {}
     for table in RECORDING_TABLES:
         with _HashedFile(folder / f"{table}.json") as file:
-            rows[table] = write_joined(file, (row for entry in entries for row in entry.rows(table)))
+            rows[table] = write_joined(file, (entry.rows(table) for entry in entries))
             digests[f"{table}.json"] = file.digest
     for table, shared in _shared(entries, settings).items():
         rows[table] = len(shared)

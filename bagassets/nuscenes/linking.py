@@ -30,21 +30,23 @@ class Linker:
 
     def __init__(self, root: Path) -> None:
         self.counts: Counter[str] = Counter()
-        self._root = root
-        self._folders: set[Path] = set()
+        self._root = str(root)
+        self._folders: set[str] = set()
         self._hard_links = True
 
-    def put(self, source: Path, filename: str) -> None:
-        """Make `source` appear as `filename` below the root.
+    def put(self, source: str, filename: str) -> None:
+        """Make the file `source` appear as `filename` below the root.
 
         Raises:
             DatasetError: the source is gone, or the dataset cannot be written.
         """
-        target = self._root / filename
+        # Plain strings: datasets have millions of files, and a Path costs more than a link.
+        target = f"{self._root}/{filename}"
+        folder = target.rpartition("/")[0]
         try:
-            if target.parent not in self._folders:
-                target.parent.mkdir(parents=True, exist_ok=True)
-                self._folders.add(target.parent)
+            if folder not in self._folders:
+                Path(folder).mkdir(parents=True, exist_ok=True)
+                self._folders.add(folder)
             self.counts[self._put(source, target)] += 1
         except FileNotFoundError as err:
             raise DatasetError(
@@ -55,7 +57,7 @@ class Linker:
                 f"{target}: cannot be written ({err.strerror}); free space or mend the folder."
             ) from err
 
-    def _put(self, source: Path, target: Path) -> str:
+    def _put(self, source: str, target: str) -> str:
         if self._hard_links:
             try:
                 os.link(source, target)
@@ -68,9 +70,9 @@ class Linker:
                     raise
             else:
                 return "linked"
-        if target.exists():
+        if os.path.lexists(target):
             return "kept"
-        temporary = target.with_name(f".{target.name}.{uuid4().hex}")
+        temporary = Path(f"{target}.{uuid4().hex}")
         try:
             way = "cloned" if _clone(source, temporary) else _copy(source, temporary)
             temporary.replace(target)
@@ -80,9 +82,9 @@ class Linker:
         return way
 
 
-def _clone(source: Path, target: Path) -> bool:
+def _clone(source: str, target: Path) -> bool:
     """Make a reflink; return False if the file system cannot."""
-    with source.open("rb") as original, target.open("wb") as clone:
+    with Path(source).open("rb") as original, target.open("wb") as clone:
         try:
             ioctl(clone.fileno(), FICLONE, original.fileno())
         except OSError:
@@ -90,6 +92,6 @@ def _clone(source: Path, target: Path) -> bool:
     return True
 
 
-def _copy(source: Path, target: Path) -> str:
+def _copy(source: str, target: Path) -> str:
     shutil.copyfile(source, target)
     return "copied"

@@ -7,6 +7,9 @@ from bagassets.geometry.se3 import SE3, Floats, rotate
 
 __all__ = ["count_points"]
 
+# What float32 and the way there and back may move a point by.
+ROUNDING_M = 1e-3
+
 
 def count_points(
     points: NDArray[np.float32], global_SE3_sensor: SE3, centers_m: Floats, rotations: Floats, sizes_m: Floats
@@ -26,14 +29,13 @@ def count_points(
     sensor_SE3_global = global_SE3_sensor.inverse()
     centers = sensor_SE3_global.transform_points(centers_m)
     counts = np.zeros(len(centers_m), dtype=np.int64)
-    # Along x and y sorted slices leave few candidates: revolutions hold 10^5 points, scenes 10^2 boxes.
-    order = np.argsort(points[:, 0], kind="stable")
-    ordered = points[order].astype(np.float64)
-    radii = np.sqrt((sizes_m * sizes_m).sum(axis=1)) / 2
+    # Sorted along x, each box has few candidates: revolutions hold 10^5 points, scenes 10^2 boxes.
+    ordered = points[np.argsort(points[:, 0])]
+    radii = np.sqrt((sizes_m * sizes_m).sum(axis=1)) / 2 + ROUNDING_M
     lows = np.searchsorted(ordered[:, 0], centers[:, 0] - radii, side="left")
     highs = np.searchsorted(ordered[:, 0], centers[:, 0] + radii, side="right")
     for box in range(len(centers_m)):
-        near = ordered[lows[box] : highs[box]]
+        near = ordered[lows[box] : highs[box]].astype(np.float64)
         near = near[np.abs(near[:, 1] - centers[box, 1]) <= radii[box]]
         if not len(near):
             continue

@@ -16,7 +16,16 @@ from typing import Any, Protocol
 from bagassets.errors import DatasetError
 from bagassets.nuscenes.schema import TABLES, Row
 
-__all__ = ["copy_rows", "json_bytes", "quaternion", "read_table", "rounded", "table_bytes", "write_joined"]
+__all__ = [
+    "copy_rows",
+    "json_bytes",
+    "quaternion",
+    "read_table",
+    "rounded",
+    "rows_text",
+    "table_bytes",
+    "write_joined",
+]
 
 
 class _Writable(Protocol):
@@ -71,6 +80,11 @@ def read_table(folder: Path, name: str) -> list[dict[str, Any]]:
     return rows
 
 
+def rows_text(path: Path) -> bytes:
+    """Return the rows of a file made by `table_bytes` as they stand there, without the brackets."""
+    return path.read_bytes().removeprefix(b"[").removesuffix(b"]\n").strip(b"\n")
+
+
 def copy_rows(path: Path) -> Iterator[bytes]:
     """Yield the rows of a file made by `table_bytes`, each as its JSON text."""
     with path.open("rb") as file:
@@ -80,12 +94,14 @@ def copy_rows(path: Path) -> Iterator[bytes]:
                 yield text
 
 
-def write_joined(file: _Writable, rows: Iterable[bytes]) -> int:
-    """Write a table of rows given as JSON text; return their number."""
+def write_joined(file: _Writable, tables: Iterable[bytes]) -> int:
+    """Write one table of the rows of several, given as `rows_text`; return the number of rows."""
     number = 0
-    for number, row in enumerate(rows, start=1):
-        file.write(b"[\n" if number == 1 else b",\n")
-        file.write(row)
+    for text in tables:
+        if text:
+            file.write(b",\n" if number else b"[\n")
+            file.write(text)
+            number += text.count(b"\n") + 1
     file.write(b"\n]\n" if number else b"[]\n")
     return number
 
