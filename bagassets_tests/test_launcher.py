@@ -20,7 +20,7 @@ from bagassets.defs.runs import CodeLocation, create_run, open_instance
 from bagassets.defs.worker_tag import WORKER_TAG, RunWorker
 from bagassets.forkserver.client import Client
 from bagassets.forkserver.process import ProcessId
-from bagassets.forkserver.tasks import server_spec, submit_build, submit_recovery, submit_run
+from bagassets.forkserver.tasks import connect, server_spec, submit_build, submit_run
 
 TESTS = Path(__file__).parent
 LOCATION = CodeLocation("small_definitions", working_directory=str(TESTS))
@@ -412,8 +412,7 @@ def test_a_run_whose_server_died_before_the_fork_is_reported(instance, place):
     run_id = create_run(instance, ["whole"], location=LOCATION)
     gone = ProcessId(**{**ProcessId.current().as_json(), "started": "long ago"})
     instance.add_run_tags(run_id, RunWorker(run_id, gone).tags())
-    with Client.ensure(server_spec(place / "recovering", None, modules=())) as client:
-        submit_recovery(client, instance.root_directory)
+    with connect(server_spec(place / "recovering", None, modules=()), instance.root_directory) as client:
         assert ended(instance, run_id) == "FAILURE"
         client.shutdown()
 

@@ -51,7 +51,7 @@ from bagassets.forkserver.client import Client, ServerRefusedError
 from bagassets.forkserver.places import Places
 from bagassets.forkserver.process import ProcessId
 from bagassets.forkserver.spec import IDLE_TIMEOUT_S, ServerSpec
-from bagassets.forkserver.tasks import END_WORKER, server_spec, submit_recovery, submit_run
+from bagassets.forkserver.tasks import END_WORKER, connect, server_spec, submit_run
 from bagassets.recipe import load_recipe
 
 __all__ = ["BagAssetsRunLauncher"]
@@ -147,11 +147,8 @@ class BagAssetsRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
         spec = self._spec(run)
         with self._mutex:
             for is_last in (False, True):
-                client = self._client_for(spec)
-                # Written before the worker exists, so that a run is never without anybody to ask for.
-                self._instance.add_run_tags(run.run_id, RunWorker(run.run_id, client.process).tags())
                 try:
-                    submit_run(client, pack_instance(self._instance), run.run_id, detached=True)
+                    self._hand_over(run.run_id, self._client_for(spec))
                 except ServerRefusedError:
                     self._drop_client()
                     if is_last:
@@ -159,12 +156,16 @@ class BagAssetsRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
                 else:
                     return
 
+    def _hand_over(self, run_id: str, client: Client) -> None:
+        # Written before the worker exists, so that a run is never without anybody to ask for.
+        self._instance.add_run_tags(run_id, RunWorker(run_id, client.process).tags())
+        submit_run(client, pack_instance(self._instance), run_id, detached=True)
+
     def _client_for(self, spec: ServerSpec) -> Client:
         if self._client is not None and self._client.places.stamp == spec.stamp():
             return self._client
         self._drop_client()
-        self._client = Client.ensure(spec)
-        submit_recovery(self._client, pack_instance(self._instance))
+        self._client = connect(spec, pack_instance(self._instance))
         return self._client
 
     def _drop_client(self) -> None:

@@ -77,9 +77,10 @@ def _serve(spec: ServerSpec, places: Places, timeout_s: float, tell: int) -> int
 
 
 def _answers(places: Places) -> bool:
+    path = places.socket
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
         probe.settimeout(1.0)
-        return probe.connect_ex(str(places.socket)) == 0
+        return path is not None and probe.connect_ex(str(path)) == 0
 
 
 def _remove_old_logs(folder: Path) -> None:

@@ -78,10 +78,13 @@ class Client:
 
         Workers get `variables` besides the environment of this process.
         """
+        path = places.socket
+        if path is None:
+            return None
         connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         connection.settimeout(_ANSWER_S)
         try:
-            connection.connect(str(places.socket))
+            connection.connect(str(path))
         except OSError:
             connection.close()
             return None

@@ -34,6 +34,10 @@ class ServerLock:
                     return cls(path, descriptor)
             os.close(descriptor)
 
+    def write(self, text: str) -> None:
+        """Replace the text of the locked file."""
+        self._path.write_text(text, "utf-8")
+
     def release(self) -> None:
         """Give the lock up and remove its file."""
         if self._descriptor is not None:
@@ -52,6 +56,6 @@ def remove_leftovers(state_folder: Path) -> None:
     for places in Places.known(state_folder):
         lock = ServerLock.try_acquire(places.lock)
         if lock is not None:
-            places.socket.unlink(missing_ok=True)
+            places.remove_socket()
             places.log.unlink(missing_ok=True)
             lock.release()

@@ -35,7 +35,7 @@ class Places:
 
     @property
     def lock(self) -> Path:
-        """File that the server holds locked while it serves."""
+        """File that the server holds locked while it serves; it names the socket."""
         return self.folder / f"{self.stamp[:16]}.lock"
 
     @property
@@ -48,17 +48,31 @@ class Places:
         return self.folder / "logs" / f"{re.sub(r'[^A-Za-z0-9_.-]', '_', label)[:100]}.log"
 
     @property
-    def socket(self) -> Path:
-        """Socket of the server; in a runtime folder if the state folder's path is too long for one.
+    def socket(self) -> Path | None:
+        """Socket of the server that runs or ran here, as it wrote it down; None if there was none."""
+        try:
+            text = self.lock.read_text("utf-8")
+        except OSError:
+            return None
+        return Path(text) if text else None
+
+    def choose_socket(self) -> Path:
+        """Return where a new server puts its socket: here, unless the path is too long for one.
 
         Raises:
-            BagAssetsError: that folder belongs to somebody else.
+            BagAssetsError: the runtime folder that is taken instead belongs to somebody else.
         """
         path = self.folder / f"{self.stamp[:16]}.sock"
         if len(os.fsencode(path)) <= _SOCKET_PATH_LIMIT:
             return path
         owner = hashlib.sha256(os.fsencode(self.folder)).hexdigest()[:16]
         return _runtime_folder() / f"{owner}-{self.stamp[:16]}.sock"
+
+    def remove_socket(self) -> None:
+        """Remove the socket; only while holding the lock."""
+        path = self.socket
+        if path is not None:
+            path.unlink(missing_ok=True)
 
     def make(self) -> None:
         """Make the folders.

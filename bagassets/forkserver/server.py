@@ -99,8 +99,8 @@ class Server:
         _LOG.info("ended")
 
     def _listen(self) -> None:
-        path = self._places.socket
-        path.unlink(missing_ok=True)  # left by a server that was killed; the lock says it is ours
+        self._places.remove_socket()  # left by a server that was killed; the lock says it is ours
+        path = self._places.choose_socket()
         listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         mask = os.umask(0o177)
         try:
@@ -108,6 +108,7 @@ class Server:
         finally:
             os.umask(mask)
         listener.listen(64)
+        self._lock.write(str(path))
         listener.setblocking(False)
         self._listener = listener
         self._selector.register(listener, selectors.EVENT_READ, self._accept)
@@ -125,7 +126,7 @@ class Server:
             self._selector.unregister(self._listener)
             self._listener.close()
             self._listener = None
-            self._places.socket.unlink(missing_ok=True)
+            self._places.remove_socket()
             self._lock.release()
 
     def _is_done(self) -> bool:

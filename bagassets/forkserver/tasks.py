@@ -13,7 +13,7 @@ from uuid import uuid4
 from bagassets.forkserver.client import Client
 from bagassets.forkserver.spec import IDLE_TIMEOUT_S, ServerSpec
 
-__all__ = ["DEFINITIONS", "END_WORKER", "server_spec", "submit_build", "submit_recovery", "submit_run"]
+__all__ = ["DEFINITIONS", "END_WORKER", "connect", "server_spec", "submit_build", "submit_run"]
 
 DEFINITIONS = "bagassets.definitions"
 _WORKER = "bagassets.defs.run_worker"
@@ -41,6 +41,21 @@ def server_spec(
         preload=f"{_WORKER}:preload",
         idle_timeout_s=idle_timeout_s,
     )
+
+
+def connect(spec: ServerSpec, instance: str, *, timeout_s: float = 60.0) -> Client:
+    """Return a client of a server for `spec`, started if need be.
+
+    Once in its life a server reports the runs whose workers died with a former server.
+
+    Raises:
+        BagAssetsError: the server cannot start.
+    """
+    client = Client.ensure(spec, timeout_s=timeout_s)
+    name = hashlib.sha256(instance.encode()).hexdigest()[:12]
+    args = {"instance": instance, "locks": _locks(client)}
+    client.submit(f"{_WORKER}:recover", args, label=f"recover-{name}", detached=True, once=True)
+    return client
 
 
 def submit_build(
@@ -85,13 +100,6 @@ def submit_run(client: Client, instance: str, run_id: str, *, detached: bool = F
     return client.submit(
         f"{_WORKER}:execute", args, label=run_id, on_lost=f"{_WORKER}:report_lost", detached=detached
     )
-
-
-def submit_recovery(client: Client, instance: str) -> None:
-    """Have runs reported whose workers died with a former server; done once by each server."""
-    args = {"instance": instance, "locks": _locks(client)}
-    name = hashlib.sha256(instance.encode()).hexdigest()[:12]
-    client.submit(f"{_WORKER}:recover", args, label=f"recover-{name}", detached=True, once=True)
 
 
 def _locks(client: Client) -> str:
