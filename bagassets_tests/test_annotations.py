@@ -4,6 +4,7 @@ from types import SimpleNamespace as Msg
 
 import numpy as np
 import pytest
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from bagassets.annotations.collect import BoxCollector, SourceRules
 from bagassets.annotations.frames import BoxFrames
@@ -377,3 +378,80 @@ class TestStep:
             update={"name": "other", "vehicle": "v", "location": "l", "required": ("LIDAR_TOP",)}
         )
         assert ask(ego_poses, other).params == base.params
+
+
+VISION_MSGS = {
+    "vision_msgs/msg/Detection3DArray": "std_msgs/Header header\nvision_msgs/Detection3D[] detections",
+    "vision_msgs/msg/Detection3D": (
+        "std_msgs/Header header\nObjectHypothesisWithPose[] results\nBoundingBox3D bbox\nstring id"
+    ),
+    "vision_msgs/msg/ObjectHypothesisWithPose": (
+        "ObjectHypothesis hypothesis\ngeometry_msgs/PoseWithCovariance pose"
+    ),
+    "vision_msgs/msg/ObjectHypothesis": "string class_id\nfloat64 score",
+    "vision_msgs/msg/BoundingBox3D": "geometry_msgs/Pose center\ngeometry_msgs/Vector3 size",
+}
+
+
+class TestSerializedMessages:
+    """The decoders meet the classes that rosbags makes from definitions."""
+
+    @pytest.fixture
+    def types(self):
+        store = get_typestore(Stores.ROS2_HUMBLE)
+        for name, text in VISION_MSGS.items():
+            store.register(get_types_from_msg(text, name))
+        return store
+
+    @staticmethod
+    def parts(types):
+        make = types.types
+        stamped = make["std_msgs/msg/Header"](
+            stamp=make["builtin_interfaces/msg/Time"](sec=T0 // S, nanosec=7), frame_id="map"
+        )
+        center = make["geometry_msgs/msg/Pose"](
+            position=make["geometry_msgs/msg/Point"](x=1.0, y=2.0, z=3.0),
+            orientation=make["geometry_msgs/msg/Quaternion"](x=0.0, y=0.0, z=0.0, w=1.0),
+        )
+        return make, stamped, center, make["geometry_msgs/msg/Vector3"](x=4.0, y=2.0, z=1.5)
+
+    def test_detections(self, types):
+        make, stamped, center, size = self.parts(types)
+        hypothesis = make["vision_msgs/msg/ObjectHypothesis"](class_id="car", score=0.5)
+        covariance = make["geometry_msgs/msg/PoseWithCovariance"](pose=center, covariance=np.zeros(36))
+        item = make["vision_msgs/msg/Detection3D"](
+            header=stamped,
+            results=[
+                make["vision_msgs/msg/ObjectHypothesisWithPose"](hypothesis=hypothesis, pose=covariance)
+            ],
+            bbox=make["vision_msgs/msg/BoundingBox3D"](center=center, size=size),
+            id="7",
+        )
+        name = "vision_msgs/msg/Detection3DArray"
+        message = make[name](header=stamped, detections=[item])
+        (decoded,) = decode_all(name, types.deserialize_cdr(types.serialize_cdr(message, name), name))
+        assert (decoded.stamp_ns, decoded.frame_id, decoded.track_id, decoded.category) == (
+            T0 + 7,
+            "map",
+            "7",
+            "car",
+        )
+        assert decoded.size_m == (2.0, 4.0, 1.5)
+
+    def test_markers(self, types):
+        make, stamped, center, size = self.parts(types)
+        name = "visualization_msgs/msg/MarkerArray"
+        color = make["std_msgs/msg/ColorRGBA"](r=0.0, g=0.0, b=0.0, a=1.0)
+        texture = make["sensor_msgs/msg/CompressedImage"](
+            header=stamped, format="", data=np.zeros(0, np.uint8)
+        )
+        marker = make["visualization_msgs/msg/Marker"](
+            header=stamped, ns="car", id=3, type=1, action=0, pose=center, scale=size, color=color,
+            lifetime=make["builtin_interfaces/msg/Duration"](sec=0, nanosec=0), frame_locked=False, points=[], colors=[],
+            texture_resource="", texture=texture, uv_coordinates=[], text="", mesh_resource="",
+            mesh_file=make["visualization_msgs/msg/MeshFile"](filename="", data=np.zeros(0, np.uint8)),
+            mesh_use_embedded_materials=False,
+        )  # fmt: skip
+        message = make[name](markers=[marker])
+        (decoded,) = decode_all(name, types.deserialize_cdr(types.serialize_cdr(message, name), name))
+        assert (decoded.track_id, decoded.size_m) == ("car/3", (2.0, 4.0, 1.5))
