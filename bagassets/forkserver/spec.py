@@ -30,7 +30,7 @@ SOURCE_CHANGED = 75  # exit status of a server whose stamp was outdated before i
 # Read once when Python or a library is loaded, so a worker cannot change them any more.
 _STARTUP_VARIABLES = ("PYTHONHASHSEED", "PYTHONHOME", "PYTHONOPTIMIZE", "PYTHONPATH", "PYTHONUTF8",
                       "LD_LIBRARY_PATH", "LD_PRELOAD")  # fmt: skip
-_STARTUP_PREFIXES = ("BAGASSETS_", "BLIS_", "MALLOC_", "MKL_", "OMP_", "OPENBLAS_", "OPENCV_")
+_STARTUP_PREFIXES = ("BLIS_", "MALLOC_", "MKL_", "OMP_", "OPENBLAS_", "OPENCV_")
 
 
 @dataclass(frozen=True)
@@ -204,9 +204,8 @@ def _text(path: Path) -> str | None:
 
 
 def _environment(recipe: Path | None) -> dict[str, str]:
-    """Return the variables that count; the recipe's own is left out, as the spec names the recipe."""
+    """Return the variables that count; the definitions read none but the recipe's, which the spec names."""
     names = {name for name in os.environ if name in _STARTUP_VARIABLES or name.startswith(_STARTUP_PREFIXES)}
-    names.discard("BAGASSETS_RECIPE")
     dotenv = _text(recipe.with_name(".env")) if recipe is not None else None
     for line in (dotenv or "").splitlines():
         names.discard(line.strip().removeprefix("export ").partition("=")[0].strip())
