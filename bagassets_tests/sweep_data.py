@@ -98,7 +98,7 @@ def cloud(stamp_ns: int, columns: dict[str, np.ndarray], frame_id: str = "lidar"
 # --- Velodyne packets, as in the VLP-16 and VLS-128 manuals ---------------------------------
 
 BLOCK = np.dtype([("flag", "<u2"), ("azimuth", "<u2"), ("returns", [("distance", "<u2"), ("i", "u1")], 32)])
-PACKET = np.dtype([("blocks", BLOCK, 12), ("us", "<u4"), ("mode", "u1"), ("product", "u1")])
+PACKET_TYPE = np.dtype([("blocks", BLOCK, 12), ("us", "<u4"), ("mode", "u1"), ("product", "u1")])
 VLP16_ELEVATIONS = (-15, 1, -13, 3, -11, 5, -9, 7, -7, 9, -5, 11, -3, 13, -1, 15)
 VLP16_PACKET_NS = 24 * 55_296
 VLS128_PACKET_NS = 173_400
@@ -110,7 +110,7 @@ def vlp16_packets(
     """Packets of a VLP-16 that sees a wall at the same distance everywhere."""
     deg_per_packet = rpm * 6.0 * VLP16_PACKET_NS * 1e-9
     number = round(turns * 360 / deg_per_packet)
-    packets = np.zeros(number, PACKET)
+    packets = np.zeros(number, PACKET_TYPE)
     packets["blocks"]["flag"] = 0xEEFF
     starts = start_deg + np.arange(number)[:, None] * deg_per_packet + np.arange(12) * deg_per_packet / 12
     packets["blocks"]["azimuth"] = np.floor(np.mod(starts, 360) * 100)
@@ -123,7 +123,7 @@ def vlp16_packets(
 
 def vls128_packets(number: int, *, rpm: int = 600) -> np.ndarray:
     """Packets of a VLS-128: three firings of four banks of 32 lasers each."""
-    packets = np.zeros(number, PACKET)
+    packets = np.zeros(number, PACKET_TYPE)
     packets["blocks"]["flag"] = np.tile([0xEEFF, 0xDDFF, 0xCCFF, 0xBBFF], 3)
     deg = rpm * 6.0 * VLS128_PACKET_NS * 1e-9
     starts = np.arange(number)[:, None] * deg + np.repeat(np.arange(3), 4) * deg / 3

@@ -71,7 +71,7 @@ def radar_bytes(targets: Mapping[str, NDArray[np.float64]]) -> bytes:
     values = dict(targets)
     values.setdefault("id", np.arange(number, dtype=np.float64))
     values["id"] = np.mod(_finite(values["id"], 0.0), 1 << 15)
-    if "vx_comp" not in values and "vx" in values:
+    if "vx" in values and not {"vx_comp", "vy_comp"} & values.keys():
         values["vx_comp"] = values["vx"]
         values["vy_comp"] = values.get("vy", np.zeros(number))
     table = np.zeros(number, dtype=_DTYPE)
