@@ -1,20 +1,29 @@
-"""Reading a recipe file: YAML to `Recipe`, with the line of whatever is wrong."""
+"""Reading a recipe file: YAML to `Recipe`, with the line of whatever is wrong.
 
+The result depends on the text and on the recipe's folder only: no environment variables,
+no home folder, no current folder.
+"""
+
+import json
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
 
-import yaml
 from pydantic import ValidationError
 
 from bagassets.errors import RecipeError
+from bagassets.recipe.checks import problems_in
+from bagassets.recipe.explain import Problem, explain
 from bagassets.recipe.model import Recipe
+from bagassets.recipe.yaml_text import Place, read_yaml
+
+__all__ = ["load_recipe", "parse_recipe"]
 
 
 def load_recipe(path: Path | str) -> Recipe:
     """Return the recipe in `path`, its paths made absolute.
 
     Raises:
-        RecipeError: the file is missing or wrong; the message names file, line and field.
+        RecipeError: the file is missing or wrong; each line of the message names file, line and field.
     """
     path = Path(path).absolute()
     try:
@@ -23,75 +32,77 @@ def load_recipe(path: Path | str) -> Recipe:
         raise RecipeError(
             f"{path}: no recipe here; make one with `bagassets init PROJECT --bags DIR`, or name one with --recipe."
         ) from None
-    except (OSError, UnicodeDecodeError) as err:
+    except IsADirectoryError:
         raise RecipeError(
-            f"{path}: the recipe cannot be read ({err}); it must be a UTF-8 text file."
-        ) from err
+            f"{path}: this is a folder; name the recipe file in it, mostly {path / 'recipe.yaml'}."
+        ) from None
+    except UnicodeDecodeError as err:
+        line = err.object[: err.start].count(b"\n") + 1
+        raise RecipeError(
+            f"{path}:{line}: the recipe is not UTF-8 text; save it with that encoding."
+        ) from None
+    except OSError as err:
+        raise RecipeError(f"{path}: the recipe cannot be read ({err.strerror or err}).") from err
     return parse_recipe(text, path)
 
 
 def parse_recipe(text: str, path: Path) -> Recipe:
-    """Return the recipe in `text`, which was read from `path` (for messages and relative paths)."""
-    try:
-        node = yaml.compose(text, Loader=yaml.SafeLoader)
-        data = yaml.safe_load(text)
-    except yaml.YAMLError as err:
-        mark = getattr(err, "problem_mark", None)
-        where = f"{path}:{mark.line + 1}" if mark is not None else str(path)
-        problem = getattr(err, "problem", None) or "not valid YAML"
-        raise RecipeError(f"{where}: the recipe is not valid YAML ({problem}).") from err
+    """Return the recipe in `text`, which was read from `path` (for messages and relative paths).
+
+    Raises:
+        RecipeError: as for `load_recipe`.
+    """
+    path = path.absolute()
+    data, places = read_yaml(text, path)
     if not isinstance(data, dict):
-        raise RecipeError(f"{path}: a recipe is a YAML mapping with the fields name, bags and rigs.")
+        found = (
+            "is empty" if data is None else f"starts with a {'list' if isinstance(data, list) else 'text'}"
+        )
+        raise RecipeError(
+            f"{path}:{places.line}: the recipe {found}; it is a YAML mapping with the fields name, bags and rigs."
+        )
     try:
-        recipe = Recipe.model_validate(data)
+        # Through JSON, because only there does strict mean what a file can say: lists for tuples, text
+        # for paths, but no text for numbers and no numbers for true and false.
+        recipe = Recipe.model_validate_json(json.dumps(data), strict=True)
     except ValidationError as err:
-        raise RecipeError("\n".join(_sentence(problem, node, path) for problem in err.errors())) from err
-    return _absolute(recipe, path.parent)
+        raise _wrong((explain(problem, data) for problem in err.errors()), places, path) from None
+    recipe = _absolute(recipe, path.parent)
+    problems = list(problems_in(recipe, data))
+    if problems:
+        raise _wrong(problems, places, path)
+    return recipe
 
 
-def _sentence(problem: Any, node: yaml.Node | None, path: Path) -> str:
-    keys = [part for part in problem["loc"] if part not in {"camera", "lidar", "radar", "[key]"}]
-    keys = [part for part in keys if part not in {"odometry", "pose", "tf", "navsat", "fixed"}]
-    line = _line(node, problem["loc"])
-    field = ".".join(str(part) for part in keys) or "recipe"
-    text = problem["msg"].removeprefix("Value error, ")
-    if problem["type"] == "extra_forbidden":
-        text = "no such field; `bagassets docs recipe` lists all fields"
-    elif problem["type"] == "missing":
-        text = "this field is required"
-    return f"{path}:{line}: {field}: {text}."
+def _wrong(problems: Iterable[Problem], places: Place, path: Path) -> RecipeError:
+    found = sorted({(places.line_of(at), field_name(at), sentence) for at, sentence in problems})
+    return RecipeError(
+        "\n".join(
+            f"{path}:{line}: {field}: {sentence}{'' if sentence.endswith('?') else '.'}"
+            for line, field, sentence in found
+        )
+    )
 
 
-def _line(node: yaml.Node | None, location: tuple[str | int, ...]) -> int:
-    """Line (from 1) of the deepest node on `location` that the file has."""
-    line = 1
-    for key in location:
-        if isinstance(node, yaml.MappingNode):
-            found = [(k, v) for k, v in node.value if k.value == str(key)]
-            if not found:
-                continue  # a tag of a union or a missing field: stay on the mapping
-            line, node = found[0][0].start_mark.line + 1, found[0][1]
-        elif isinstance(node, yaml.SequenceNode) and isinstance(key, int) and key < len(node.value):
-            node = node.value[key]
-            line = node.start_mark.line + 1
-    return line
+def field_name(location: tuple[str | int, ...]) -> str:
+    """Return a location as users write it: `rigs[0].channels.CAM_FRONT.quality`."""
+    name = ""
+    for part in location:
+        name += f"[{part}]" if isinstance(part, int) else f".{part}" if name else part
+    return name or "recipe"
 
 
 def _absolute(recipe: Recipe, folder: Path) -> Recipe:
     bags = recipe.bags.model_copy(
         update={
-            "root": _resolve(folder, recipe.bags.root),
-            "message_definitions": tuple(_resolve(folder, p) for p in recipe.bags.message_definitions),
+            "root": (folder / recipe.bags.root).resolve(),
+            "message_definitions": tuple((folder / p).resolve() for p in recipe.bags.message_definitions),
         }
     )
     rigs = tuple(
-        rig if rig.urdf is None else rig.model_copy(update={"urdf": _resolve(folder, rig.urdf)})
+        rig if rig.urdf is None else rig.model_copy(update={"urdf": (folder / rig.urdf).resolve()})
         for rig in recipe.rigs
     )
-    nuscenes = recipe.nuscenes.model_copy(update={"output": _resolve(folder, recipe.nuscenes.output)})
-    state = _resolve(folder, recipe.state)
+    nuscenes = recipe.nuscenes.model_copy(update={"output": (folder / recipe.nuscenes.output).resolve()})
+    state = (folder / recipe.state).resolve()
     return recipe.model_copy(update={"bags": bags, "rigs": rigs, "nuscenes": nuscenes, "state": state})
-
-
-def _resolve(folder: Path, path: Path) -> Path:
-    return (folder / path.expanduser()).resolve()

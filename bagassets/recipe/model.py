@@ -6,6 +6,7 @@ reads (`bagassets.steps`), so that changing any other field cannot make it stale
 Paths in a loaded recipe are absolute; relative ones are relative to the recipe's folder.
 """
 
+import re
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
@@ -16,22 +17,44 @@ Vector3 = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 
 
+class FieldValueError(ValueError):
+    """A check across fields failed; `at` leads from the checked mapping to the field to blame."""
+
+    def __init__(self, at: tuple[str | int, ...], problem: str) -> None:
+        super().__init__(problem)
+        self.at = at
+
+
 def _slug(name: str) -> str:
-    if not name or not all(c.isalnum() or c in "-_." for c in name):
-        msg = "must consist of letters, digits, '-', '_' and '.'"
+    if not re.fullmatch(r"[A-Za-z0-9_][A-Za-z0-9_.-]*", name):
+        msg = "must consist of letters, digits, '-', '_' and '.', and not start with '-' or '.'"
         raise ValueError(msg)
     return name
 
 
 def _channel_name(name: str) -> str:
-    if not name or not all(c.isupper() or c.isdigit() or c == "_" for c in name):
+    if not re.fullmatch(r"[A-Z][A-Z0-9_]*", name):
         msg = "a channel is named in capitals, digits and '_', as in CAM_FRONT"
         raise ValueError(msg)
     return name
 
 
+def _frame_name(name: str) -> str:
+    """Recordings write a frame with and without leading slash; we name it without."""
+    return _not_empty(name.lstrip("/"))
+
+
+def _not_empty(text: str) -> str:
+    if not text.strip():
+        msg = "must not be empty"
+        raise ValueError(msg)
+    return text
+
+
 Slug = Annotated[str, AfterValidator(_slug)]
 ChannelName = Annotated[str, AfterValidator(_channel_name)]
+FrameName = Annotated[str, AfterValidator(_frame_name)]
+TopicName = Annotated[str, AfterValidator(_not_empty)]
 
 
 class Model(BaseModel):
@@ -50,8 +73,9 @@ class Transform(Model):
     def _unit(self) -> Self:
         norm = sum(q * q for q in self.rotation) ** 0.5
         if abs(norm - 1.0) > 1e-3:
-            msg = f"rotation must be a unit quaternion (w, x, y, z), its length is {norm:.4f}"
-            raise ValueError(msg)
+            raise FieldValueError(
+                ("rotation",), f"must be a unit quaternion w, x, y, z; its length is {norm:.4f}"
+            )
         return self
 
 
@@ -94,19 +118,18 @@ class GreyRange(Model):
         if (self.range is None) == (self.percentiles is None):
             msg = "give either range or percentiles"
             raise ValueError(msg)
+        field = "percentiles" if self.range is None else "range"
         low, high = self.range or self.percentiles or (0.0, 0.0)
         if not low < high:
-            msg = "the first value must be smaller than the second"
-            raise ValueError(msg)
+            raise FieldValueError((field,), "the first value must be smaller than the second")
         if self.percentiles is not None and not (low >= 0.0 and high <= 100.0):
-            msg = "percentiles lie between 0 and 100"
-            raise ValueError(msg)
+            raise FieldValueError((field,), "percentiles lie between 0 and 100")
         return self
 
 
 class _Channel(Model):
-    topic: str = Field(description="Topic that carries the data.")
-    frame: str | None = Field(None, description="Sensor frame; default: the header's frame_id.")
+    topic: TopicName = Field(description="Topic that carries the data.")
+    frame: FrameName | None = Field(None, description="Sensor frame; default: the header's frame_id.")
     extrinsics: Transform | None = Field(
         None, description="ego <- sensor given by hand; default: from TF or the URDF."
     )
@@ -116,7 +139,7 @@ class CameraChannel(_Channel):
     """A camera: Image or CompressedImage messages become image files."""
 
     modality: Literal["camera"] = "camera"
-    camera_info: str | None = Field(
+    camera_info: TopicName | None = Field(
         None, description="CameraInfo topic; default: `camera_info` beside the topic."
     )
     intrinsics: Intrinsics | None = Field(None, description="Calibration by hand; wins over CameraInfo.")
@@ -179,30 +202,30 @@ class OdometrySource(_PoseSource):
     """`nav_msgs/Odometry`: the pose of its child frame."""
 
     source: Literal["odometry"] = "odometry"
-    topic: str = Field(description="Odometry topic.")
+    topic: TopicName = Field(description="Odometry topic.")
 
 
 class PoseTopicSource(_PoseSource):
     """`PoseStamped` or `PoseWithCovarianceStamped`: the pose of the ego frame."""
 
     source: Literal["pose"] = "pose"
-    topic: str = Field(description="Topic of stamped poses.")
-    frame: str | None = Field(None, description="Frame whose pose is given; default: the ego frame.")
+    topic: TopicName = Field(description="Topic of stamped poses.")
+    frame: FrameName | None = Field(None, description="Frame whose pose is given; default: the ego frame.")
 
 
 class TfSource(_PoseSource):
     """A chain of transforms `global_frame -> … -> ego_frame`."""
 
     source: Literal["tf"] = "tf"
-    global_frame: str = Field("map", description="Fixed frame at the root of the chain.")
+    global_frame: FrameName = Field("map", description="Fixed frame at the root of the chain.")
 
 
 class NavSatSource(_PoseSource):
     """`NavSatFix` projected to local metres, with orientation from an Imu or from the course."""
 
     source: Literal["navsat"] = "navsat"
-    topic: str = Field(description="NavSatFix topic.")
-    imu: str | None = Field(
+    topic: TopicName = Field(description="NavSatFix topic.")
+    imu: TopicName | None = Field(
         None, description="Imu topic with orientation (ENU); default: course over ground."
     )
 
@@ -222,13 +245,19 @@ PoseSource = Annotated[
 class AnnotationTopic(Model):
     """Boxes published in the recording."""
 
-    topic: str = Field(description="Detection3DArray, Marker(Array) or ObjectArray topic.")
-    frame: str | None = Field(None, description="Frame of the boxes; default: the header's frame_id.")
+    topic: TopicName = Field(
+        description="Topic of vision_msgs/Detection3DArray, visualization_msgs/Marker(Array), derived_object_msgs/ObjectArray, "
+        "jsk_recognition_msgs/BoundingBoxArray or Autoware's Detected/TrackedObjects."
+    )
+    frame: FrameName | None = Field(None, description="Frame of the boxes; default: the header's frame_id.")
     categories: dict[str, str] = Field(
         default_factory=dict, description="Recorded class -> category; others pass through by name."
     )
     attributes: dict[str, tuple[str, ...]] = Field(
         default_factory=dict, description="Category -> attributes given to each of its boxes."
+    )
+    bad_boxes: Literal["count", "refuse"] = Field(
+        "count", description="A box that cannot be used is left out and counted, or fails the recording."
     )
 
 
@@ -239,7 +268,7 @@ class Rig(Model):
     match: tuple[str, ...] = Field(
         ("**",), description="Globs on the path below the bag root; the first rig that matches wins."
     )
-    ego_frame: str = Field("base_link", description="Frame that ego poses and extrinsics refer to.")
+    ego_frame: FrameName = Field("base_link", description="Frame that ego poses and extrinsics refer to.")
     channels: dict[ChannelName, Channel] = Field(min_length=1, description="Canonical channel -> sensor.")
     required: tuple[ChannelName, ...] = Field(
         (), description="Channels without which a recording is skipped."
@@ -247,8 +276,8 @@ class Rig(Model):
     ego_pose: PoseSource = Field(
         description="Where poses come from; a rig that stands still says `source: fixed`."
     )
-    tf_static: tuple[str, ...] = Field(("/tf_static",), description="Topics with static transforms.")
-    tf: tuple[str, ...] = Field(
+    tf_static: tuple[TopicName, ...] = Field(("/tf_static",), description="Topics with static transforms.")
+    tf: tuple[TopicName, ...] = Field(
         ("/tf",), description="Topics with transforms, searched for fixed joints too."
     )
     urdf: Path | None = Field(None, description="URDF file whose fixed joints give extrinsics.")
@@ -258,10 +287,12 @@ class Rig(Model):
 
     @model_validator(mode="after")
     def _known_channels(self) -> Self:
-        for channel in self.required:
+        for number, channel in enumerate(self.required):
             if channel not in self.channels:
-                msg = f"required channel {channel} is not among the channels of rig {self.name}"
-                raise ValueError(msg)
+                known = ", ".join(self.channels)
+                raise FieldValueError(
+                    ("required", number), f"{channel} is not a channel of rig {self.name}, which has {known}"
+                )
         return self
 
 
@@ -292,6 +323,12 @@ class Scenes(Model):
     tolerance_s: float = Field(
         0.1, gt=0, description="A channel's reading may be this far from its keyframe."
     )
+    box_gap_s: float = Field(
+        1.0,
+        gt=0,
+        description="Boxes of a track are interpolated to keyframes between observations at most this far apart; "
+        "elsewhere the nearest observation within tolerance_s holds.",
+    )
     missing: Literal["allow", "refuse"] = Field(
         "allow", description="A keyframe that lacks a channel is kept (allow) or makes no keyframe (refuse)."
     )
@@ -321,8 +358,9 @@ class NuScenes(Model):
     def _shares(self) -> Self:
         total = sum(self.splits.values())
         if not self.splits or min(self.splits.values()) < 0 or abs(total - 1.0) > 1e-6:
-            msg = f"shares of splits must not be negative and must add up to 1, they add up to {total:g}"
-            raise ValueError(msg)
+            raise FieldValueError(
+                ("splits",), f"shares must not be negative and must add up to 1; they add up to {total:g}"
+            )
         return self
 
 
@@ -348,10 +386,11 @@ class Recipe(Model):
 
     @model_validator(mode="after")
     def _unique_rigs(self) -> Self:
-        names = [rig.name for rig in self.rigs]
-        if len(set(names)) != len(names):
-            msg = "two rigs have the same name"
-            raise ValueError(msg)
+        names: set[str] = set()
+        for number, rig in enumerate(self.rigs):
+            if rig.name in names:
+                raise FieldValueError(("rigs", number, "name"), f"another rig is called {rig.name} too")
+            names.add(rig.name)
         return self
 
     @property

@@ -1,0 +1,40 @@
+# Two commands matter: `make demo` and `make test`. Each makes the environments it needs.
+
+PYTHON ?= python3.11
+VENV := .venv
+DEVKIT := .devkit-venv
+BIN := $(VENV)/bin
+export BAGASSETS_DEVKIT_PYTHON := $(CURDIR)/$(DEVKIT)/bin/python
+
+.PHONY: demo test lint docs clean
+.DEFAULT_GOAL := demo
+
+# A stamp file each, so that a second run costs nothing.
+$(VENV)/.made: pyproject.toml requirements.lock
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --editable .
+	touch $@
+
+# The nuscenes-devkit needs numpy < 2: it lives in an environment of its own.
+$(DEVKIT)/.made: requirements-devkit.lock
+	$(PYTHON) -m venv $(DEVKIT)
+	$(DEVKIT)/bin/python -m pip install --quiet --disable-pip-version-check -r requirements-devkit.lock
+	touch $@
+
+demo: $(VENV)/.made
+	@$(BIN)/bagassets demo build/demo
+
+test: $(VENV)/.made $(DEVKIT)/.made
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/pytest -n auto --dist loadgroup
+
+lint: $(VENV)/.made
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+clean:
+	rm -rf build $(VENV) $(DEVKIT)

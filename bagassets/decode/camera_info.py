@@ -1,0 +1,166 @@
+"""`sensor_msgs/CameraInfo`: what a camera's calibration says, checked for plausibility."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import isfinite
+from typing import Any
+
+from bagassets.decode.fields import stamp_and_frame
+from bagassets.errors import DecodeError
+
+__all__ = ["CameraCalibration", "CameraInfoReading", "RegionOfInterest", "check_lens", "decode_camera_info"]
+
+IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+
+# Names in the wild -> names of the models this package knows.
+MODELS = {
+    "plumb_bob": "plumb_bob",
+    "rational_polynomial": "rational_polynomial",
+    "equidistant": "equidistant",
+    "fisheye": "equidistant",
+    "kannala_brandt4": "equidistant",
+    "": "none",
+    "none": "none",
+}
+# OpenCV's numbers of coefficients: k1 k2 p1 p2 [k3 [k4 k5 k6 [s1-s4 [tx ty]]]], and k1-k4 of fisheye.
+COEFFICIENTS: Mapping[str, tuple[int, ...]] = {
+    "none": (0,),
+    "plumb_bob": (4, 5),
+    "rational_polynomial": (8, 12, 14),
+    "equidistant": (4,),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class RegionOfInterest:
+    """The part of the full-resolution image that is sent, in unbinned pixels."""
+
+    x_offset: int
+    y_offset: int
+    width: int
+    height: int
+    do_rectify: bool
+
+
+@dataclass(frozen=True, slots=True)
+class CameraCalibration:
+    """Intrinsics and distortion, for the full-resolution image.
+
+    Attributes:
+        model: plumb_bob, rational_polynomial, equidistant or none.
+        width: width of the full-resolution image in pixels.
+        height: height of the full-resolution image in pixels.
+        k: (9,) intrinsic matrix, row by row, pixels.
+        d: coefficients of the model; empty for none.
+        r: (9,) rectification; identity if the message leaves it zero.
+        p: (12,) projection matrix, row by row, as recorded.
+        binning: pixels combined along x and y, at least 1.
+        roi: part of the image that is sent; the whole of it if the message leaves it zero.
+    """
+
+    model: str
+    width: int
+    height: int
+    k: tuple[float, ...]
+    d: tuple[float, ...]
+    r: tuple[float, ...]
+    p: tuple[float, ...]
+    binning: tuple[int, int]
+    roi: RegionOfInterest
+
+    @property
+    def lens(self) -> tuple[object, ...]:
+        """What undistortion depends on: everything except R and P, which describe a stereo pair."""
+        return (self.model, self.width, self.height, self.k, self.d, self.binning, self.roi)
+
+
+@dataclass(frozen=True, slots=True)
+class CameraInfoReading:
+    """One CameraInfo message: when, of which frame, and the calibration."""
+
+    stamp_ns: int
+    frame_id: str
+    calibration: CameraCalibration
+
+
+def decode_camera_info(message: Any) -> CameraInfoReading:
+    """Return the calibration in a CameraInfo of ROS 1 (K, D, R, P) or ROS 2 (k, d, r, p).
+
+    Raises:
+        DecodeError: the camera was never calibrated, the numbers are implausible, or the
+            distortion model is not known.
+    """
+    stamp_ns, frame_id = stamp_and_frame(message.header)
+    k, r, p = (_numbers(message, name) for name in ("k", "r", "p"))
+    width, height = int(message.width), int(message.height)
+    if not any(k):
+        raise DecodeError("its K is all zeros, so the camera was not calibrated")
+    model, d = _distortion(str(message.distortion_model), _numbers(message, "d"))
+    check_lens(model, width, height, k, d)
+    calibration = CameraCalibration(
+        model,
+        width,
+        height,
+        k,
+        d,
+        r if any(r) else IDENTITY,
+        p,
+        (max(1, int(message.binning_x)), max(1, int(message.binning_y))),
+        _region(message.roi, width, height),
+    )
+    return CameraInfoReading(stamp_ns, frame_id, calibration)
+
+
+def check_lens(model: str, width: int, height: int, k: Sequence[float], d: Sequence[float]) -> None:
+    """Check intrinsics for what no camera can have.
+
+    Raises:
+        DecodeError: a number is implausible.
+    """
+    if width <= 0 or height <= 0:
+        raise DecodeError(f"its image size is {width}x{height}")
+    if not all(isfinite(v) for v in (*k, *d)):
+        raise DecodeError("K or D hold numbers that are not finite")
+    fx, skew, cx, _, fy, cy, *bottom = k
+    if fx <= 0 or fy <= 0:
+        raise DecodeError(f"its focal lengths must be positive, they are {fx:g} and {fy:g}")
+    if skew != 0 or k[3] != 0 or bottom != [0, 0, 1]:
+        raise DecodeError("its K is not of the form [fx 0 cx, 0 fy cy, 0 0 1]")
+    if not (0 <= cx <= width and 0 <= cy <= height):
+        raise DecodeError(f"its principal point ({cx:g}, {cy:g}) lies outside the image of {width}x{height}")
+    if len(d) not in COEFFICIENTS[model]:
+        allowed = " or ".join(str(n) for n in COEFFICIENTS[model])
+        raise DecodeError(f"distortion model {model} has {allowed} coefficients, it holds {len(d)}")
+
+
+def _numbers(message: Any, name: str) -> tuple[float, ...]:
+    values = getattr(message, name, None)
+    if values is None:  # ROS 1 spells them in capitals
+        values = getattr(message, name.upper())
+    return tuple(float(v) for v in values)
+
+
+def _distortion(name: str, d: tuple[float, ...]) -> tuple[str, tuple[float, ...]]:
+    model = MODELS.get(name.strip().lower())
+    if model is None:
+        known = ", ".join(name for name in COEFFICIENTS if name != "none")
+        raise DecodeError(f"distortion model '{name}' is not known (known are {known})")
+    if model == "none":
+        if any(d):
+            raise DecodeError("it names no distortion model but has coefficients")
+        return "none", ()
+    # A driver without calibration of the lens may leave D empty: no distortion.
+    return (model, d) if d else ("none", ())
+
+
+def _region(roi: Any, width: int, height: int) -> RegionOfInterest:
+    region = RegionOfInterest(
+        int(roi.x_offset),
+        int(roi.y_offset),
+        int(roi.width) or width - int(roi.x_offset),
+        int(roi.height) or height - int(roi.y_offset),
+        bool(roi.do_rectify),
+    )
+    if region.x_offset + region.width > width or region.y_offset + region.height > height:
+        raise DecodeError(f"its region of interest reaches beyond the image of {width}x{height}")
+    return region

@@ -1,0 +1,52 @@
+"""Fields that many ROS messages share: stamps, frame ids, poses.
+
+The texts of the errors carry no numbers: steps count lost messages by them.
+"""
+
+from math import isfinite, sqrt
+from typing import Any
+
+from bagassets.errors import DecodeError
+from bagassets.geometry.se3 import SE3
+from bagassets.geometry.tf_tree import normalise_frame
+
+__all__ = ["rigid_transform", "stamp_and_frame", "stamp_ns", "unit_quaternion"]
+
+
+def stamp_ns(time: Any) -> int:
+    """Return a `builtin_interfaces/Time` as nanoseconds since the epoch."""
+    return int(time.sec) * 1_000_000_000 + int(time.nanosec)
+
+
+def stamp_and_frame(header: Any) -> tuple[int, str]:
+    """Return stamp in nanoseconds and frame id, without leading slash, of a `std_msgs/Header`."""
+    return stamp_ns(header.stamp), normalise_frame(header.frame_id)
+
+
+def unit_quaternion(orientation: Any) -> tuple[float, float, float, float]:
+    """Return a `geometry_msgs/Quaternion` as w, x, y, z.
+
+    One whose length is within 10 % of one is normalised, as single-precision publishers need
+    it; any other is nonsense, most often all zeros.
+
+    Raises:
+        DecodeError: a number is not finite, or the length is far from one.
+    """
+    w, x, y, z = (float(v) for v in (orientation.w, orientation.x, orientation.y, orientation.z))
+    length = sqrt(w * w + x * x + y * y + z * z)
+    if not 0.9 < length < 1.1:
+        raise DecodeError("its quaternion is not of unit length")
+    return (w / length, x / length, y / length, z / length)
+
+
+def rigid_transform(position: Any, orientation: Any) -> SE3:
+    """Return the transform of a `Point` or `Vector3` in metres and a `Quaternion`.
+
+    Raises:
+        DecodeError: a number is not finite, or the quaternion is not of unit length.
+    """
+    quaternion = unit_quaternion(orientation)
+    translation = (float(position.x), float(position.y), float(position.z))
+    if not all(isfinite(v) for v in translation):
+        raise DecodeError("its position is not finite")
+    return SE3(quaternion, translation)

@@ -1,0 +1,37 @@
+"""`tf2_msgs/TFMessage` and the older `tf/tfMessage`: several edges of a TF tree."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from bagassets.decode.fields import rigid_transform, stamp_and_frame
+from bagassets.decode.model import TransformReading
+from bagassets.errors import DecodeError
+from bagassets.geometry.tf_tree import normalise_frame
+
+__all__ = ["decode_transform", "transforms"]
+
+
+def transforms(message: Any) -> Sequence[Any]:
+    """Return the `TransformStamped` messages inside, each to be decoded by itself.
+
+    One edge that is nonsense must not cost the others of its message.
+    """
+    stamped: Sequence[Any] = message.transforms
+    return stamped
+
+
+def decode_transform(stamped: Any) -> TransformReading:
+    """Return one edge.
+
+    Raises:
+        DecodeError: the transform is not finite, its quaternion is not of unit length, or a
+            frame is missing or its own parent.
+    """
+    stamp_ns, parent = stamp_and_frame(stamped.header)
+    child = normalise_frame(stamped.child_frame_id)
+    if not parent or not child:
+        raise DecodeError("it lacks a frame id")
+    if parent == child:
+        raise DecodeError("its frame is its own parent")
+    transform = stamped.transform
+    return TransformReading(stamp_ns, parent, child, rigid_transform(transform.translation, transform.rotation))

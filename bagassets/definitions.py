@@ -1,0 +1,22 @@
+"""The code location: what `workspace.yaml` and `dagster … -m bagassets.definitions` load.
+
+The recipe is the file named by BAGASSETS_RECIPE (a project's `.env` sets it), else
+`recipe.yaml` in the current folder, else the demo's of a source checkout.
+"""
+
+import os
+from pathlib import Path
+
+from bagassets.defs import build_definitions
+
+_FALLBACKS = (Path("recipe.yaml"), Path("build/demo/recipe.yaml"))
+
+
+def _recipe_file() -> Path:
+    named = os.environ.get("BAGASSETS_RECIPE")
+    if named:
+        return Path(named)
+    return next((path for path in _FALLBACKS if path.is_file()), _FALLBACKS[0])
+
+
+defs = build_definitions(_recipe_file())

@@ -1,0 +1,134 @@
+"""The assets of one recording: `bag`, the ones that read it, and its nuScenes tables."""
+
+import json
+from collections.abc import Iterator
+
+import dagster as dg
+
+from bagassets.bags.digest import recording_digest, recording_stat
+from bagassets.defs.events import STAT, recorded_artifact, recorded_partition
+from bagassets.defs.reporting import failures_in_words, result_metadata
+from bagassets.defs.workspace import Workspace, recording_partitions
+from bagassets.engine.code_version import code_version
+from bagassets.engine.recording_build import ASSETS, UPSTREAM, RecordingBuild, Skipped
+from bagassets.errors import StoreError
+from bagassets.recipe.model import Recipe
+
+__all__ = ["recording_assets"]
+
+GROUP = "recording"
+_DESCRIPTIONS = {
+    "bag": "A recording: its files, format and size. Its data version is the digest of its content.",
+    "inventory": "What is in the recording: topics, types, counts, rates, gaps, clock offsets, digests per topic.",
+    "calibration": "Extrinsics `ego <- sensor` from TF, URDF or recipe, and camera intrinsics with distortion.",
+    "ego_poses": "Poses of the ego frame over time in local metres, with the origin that they refer to.",
+    "annotations": "3-D boxes with track ids in the global frame.",
+    "frames": "Camera images, one artifact per channel: undistorted, encoded, indexed by stamp.",
+    "sweeps": "Lidar and radar point files, one artifact per channel, indexed by stamp.",
+    "nuscenes_tables": "This recording's rows of the nuScenes tables: scenes, keyframes, readings, boxes.",
+}
+_KINDS = {
+    "bag": {"ros"},
+    "inventory": {"json", "parquet"},
+    "calibration": {"json"},
+    "ego_poses": {"parquet"},
+    "annotations": {"parquet"},
+    "frames": {"image", "parquet"},
+    "sweeps": {"pointcloud", "parquet"},
+    "nuscenes_tables": {"nuscenes", "json"},
+}
+# Made together, because passes over the recording are what costs.
+_EXTRACTED = tuple(asset for asset in ASSETS if asset != "nuscenes_tables")
+
+
+def recording_assets(recipe: Recipe) -> list[dg.AssetsDefinition]:
+    """Return the assets that exist once per recording."""
+    partitions = recording_partitions(recipe)
+
+    @dg.asset(
+        name="bag",
+        partitions_def=partitions,
+        group_name=GROUP,
+        kinds=_KINDS["bag"],
+        description=_DESCRIPTIONS["bag"],
+        code_version="1",
+    )
+    def bag(context: dg.AssetExecutionContext, workspace: Workspace) -> dg.MaterializeResult[None]:
+        with failures_in_words():
+            found = workspace.found(context.partition_key)
+            stat = recording_stat(found)
+            digest = recording_digest(found, workspace.index)
+            return dg.MaterializeResult(
+                data_version=dg.DataVersion(digest.digest),
+                metadata={
+                    "path": dg.MetadataValue.path(str(found.path)),
+                    "format": found.format,
+                    "size_bytes": found.size,
+                    "files": len(found.files),
+                    "digest": digest.digest,
+                    "hashed_bytes": digest.hashed_bytes,
+                    STAT: dg.MetadataValue.text(json.dumps(stat.as_json())),
+                },
+            )
+
+    @dg.multi_asset(
+        name="extract",
+        can_subset=True,
+        partitions_def=partitions,
+        specs=[_spec(recipe, asset, skippable=True) for asset in _EXTRACTED],
+    )
+    def extract(context: dg.AssetExecutionContext, workspace: Workspace) -> Iterator[dg.MaterializeResult[None]]:
+        wanted = {key.to_user_string() for key in context.selected_asset_keys}
+        with failures_in_words():
+            yield from _build(context, workspace, wanted)
+
+    @dg.multi_asset(
+        name="tables",
+        partitions_def=partitions,
+        specs=[_spec(recipe, "nuscenes_tables", skippable=True)],
+    )
+    def tables(context: dg.AssetExecutionContext, workspace: Workspace) -> Iterator[dg.MaterializeResult[None]]:
+        with failures_in_words():
+            yield from _build(context, workspace, {"nuscenes_tables"})
+
+    return [bag, extract, tables]
+
+
+def _spec(recipe: Recipe, asset: str, *, skippable: bool) -> dg.AssetSpec:
+    return dg.AssetSpec(
+        asset,
+        deps=["bag", *UPSTREAM[asset]] if asset != "nuscenes_tables" else list(UPSTREAM[asset]),
+        group_name=GROUP,
+        kinds=_KINDS[asset],
+        description=_DESCRIPTIONS[asset],
+        code_version=code_version(recipe, asset),
+        skippable=skippable,
+    )
+
+
+def _build(
+    context: dg.AssetExecutionContext, workspace: Workspace, wanted: set[str]
+) -> Iterator[dg.MaterializeResult[None]]:
+    key = context.partition_key
+    record = recorded_partition(context.instance, "bag", key)
+    if record is None or record.stat is None:
+        raise StoreError(f"{key}: bag is not materialized for this recording; materialize bag first.")
+    upstream = {name for asset in wanted for name in UPSTREAM[asset]} - wanted
+    recorded = {
+        name: recorded_artifact(context.instance, workspace.store, name, key)
+        for name in sorted(upstream)
+        if recorded_partition(context.instance, name, key) is not None
+    }
+    build = RecordingBuild(
+        workspace.recipe, workspace.store, workspace.found(key), record.data_version, record.stat, recorded
+    )
+    for made in build.build(wanted):
+        if isinstance(made, Skipped):
+            context.log.info(f"{key} is skipped: {made.reason}.")
+            return
+        skipped = {"skipped": build.skipped} if made.asset == "inventory" and build.skipped else {}
+        yield dg.MaterializeResult(
+            asset_key=made.asset,
+            data_version=dg.DataVersion(made.artifact.digest),
+            metadata=result_metadata(made) | skipped,
+        )

@@ -1,0 +1,51 @@
+"""From results to what people see in Dagster: metadata, and failures without tracebacks."""
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any
+
+import dagster as dg
+
+from bagassets.engine.recording_build import AssetResult
+from bagassets.errors import BagAssetsError
+
+__all__ = ["failures_in_words", "result_metadata"]
+
+
+def result_metadata(result: AssetResult) -> dict[str, Any]:
+    """Return counts, sizes, digests and durations of a result as Dagster metadata."""
+    files = result.artifact.entries()
+    metadata: dict[str, Any] = {
+        "cached": result.cached,
+        "action_digest": result.action_digest,
+        "artifact": dg.MetadataValue.path(str(result.artifact.folder)),
+        "files": len(files),
+        "size_bytes": sum(entry.size for entry in files),
+        "seconds": round(result.seconds, 3),
+    }
+    for name, value in result.artifact.summary().items():
+        if name == "channels" and isinstance(value, Mapping):
+            metadata["channels"] = dg.MetadataValue.md(channel_table(value))
+        elif isinstance(value, bool | int | float | str):
+            metadata[name] = value
+        elif value is not None:
+            metadata[name] = dg.MetadataValue.json(value)
+    return metadata
+
+
+def channel_table(channels: Mapping[str, Mapping[str, Any]]) -> str:
+    """Return a Markdown table of where the messages of each channel went."""
+    lines = ["| channel | read | written | merged | lost |", "|---|--:|--:|--:|---|"]
+    for name, counts in sorted(channels.items()):
+        lost = ", ".join(f"{number} {reason}" for reason, number in sorted(counts.get("lost", {}).items())) or "0"
+        lines.append(f"| {name} | {counts['read']} | {counts['written']} | {counts.get('merged', 0)} | {lost} |")
+    return "\n".join(lines)
+
+
+@contextmanager
+def failures_in_words() -> Iterator[None]:
+    """Turn our errors into Dagster failures that show the sentence and are not retried."""
+    try:
+        yield
+    except BagAssetsError as err:
+        raise dg.Failure(description=str(err), allow_retries=False) from None

@@ -1,0 +1,87 @@
+"""The resource that assets and users' own steps share: recipe, store and recordings."""
+
+from functools import cached_property
+from pathlib import Path
+
+import dagster as dg
+from pydantic import PrivateAttr
+
+from bagassets.bags.digest import DigestIndex
+from bagassets.bags.discover import Discovery, discover
+from bagassets.bags.model import Found
+from bagassets.errors import RecordingError
+from bagassets.recipe import Recipe, load_recipe
+from bagassets.store.artifact import Artifact
+from bagassets.store.store import Store
+
+__all__ = ["Workspace", "index_of", "partitions_name", "recording_partitions"]
+
+
+def partitions_name(recipe: Recipe) -> str:
+    """Return the name of the recipe's dynamic partitions; such names are global to an instance."""
+    return f"{recipe.name}_recordings"
+
+
+def recording_partitions(recipe: Recipe) -> dg.DynamicPartitionsDefinition:
+    """Return the partitions of all assets per recording: one key per recording."""
+    return dg.DynamicPartitionsDefinition(name=partitions_name(recipe))
+
+
+def index_of(recipe: Recipe) -> DigestIndex:
+    """Return the index of digests, for file systems without extended attributes."""
+    return DigestIndex(recipe.state)
+
+
+class Workspace(dg.ConfigurableResource):  # type: ignore[type-arg]
+    """What a step needs of its surroundings.
+
+    Ask for it in an asset of your own as parameter `workspace: Workspace`.
+    """
+
+    recipe_file: str
+    _recipe: Recipe | None = PrivateAttr(default=None)
+
+    @property
+    def recipe(self) -> Recipe:
+        """The recipe, read once per process."""
+        if self._recipe is None:
+            self._recipe = load_recipe(Path(self.recipe_file))
+        return self._recipe
+
+    @property
+    def store(self) -> Store:
+        """The artifact store."""
+        return Store(self.recipe.store_path)
+
+    @property
+    def index(self) -> DigestIndex:
+        """Digests of recordings whose file system has no extended attributes."""
+        return index_of(self.recipe)
+
+    def discover(self) -> Discovery:
+        """Look for recordings below the bag root (file names and sizes only)."""
+        return discover(self.recipe.bags)
+
+    def found(self, key: str) -> Found:
+        """Return the recording of a partition.
+
+        Raises:
+            RecordingError: there is none (any more).
+        """
+        try:
+            return self.discover().found[key]
+        except KeyError:
+            raise RecordingError(
+                f"{key}: no such recording below {self.recipe.bags.root}; it was removed or renamed, and its "
+                "partition goes at the next `bagassets build` or sensor tick."
+            ) from None
+
+    def artifact(self, context: dg.AssetExecutionContext, asset: str) -> Artifact:
+        """Return the current artifact of `asset` for the partition that is being materialized.
+
+        Raises:
+            StoreError: the asset is not materialized, or its artifact is not in the store.
+        """
+        from bagassets.defs.events import recorded_artifact  # noqa: PLC0415  (events imports this module)
+
+        return recorded_artifact(context.instance, self.store, asset, context.partition_key)

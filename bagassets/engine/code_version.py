@@ -1,0 +1,56 @@
+"""Code versions of assets: step version plus the recipe fields that the asset uses.
+
+Dagster cannot see parameters; through this string a changed recipe shows in its UI as a
+changed code version.
+"""
+
+from typing import Any
+
+from bagassets.recipe.model import CameraChannel, Recipe, Rig
+from bagassets.steps import annotations, calibration, ego_poses, frames, inventory, nuscenes_tables, sweeps
+from bagassets.store.canonical import digest_json
+
+__all__ = ["code_version"]
+
+_STEPS = {
+    "inventory": inventory.STEP,
+    "calibration": calibration.STEP,
+    "ego_poses": ego_poses.STEP,
+    "annotations": annotations.STEP,
+    "frames": frames.STEP,
+    "sweeps": sweeps.STEP,
+    "nuscenes_tables": nuscenes_tables.STEP,
+}
+
+
+def code_version(recipe: Recipe, asset: str) -> str:
+    """Return `<step version>-<digest of the recipe fields>` of one per-recording asset."""
+    fields = {rig.name: _rig_fields(recipe, rig, asset) for rig in recipe.rigs}
+    selection = recipe.bags.model_dump(mode="json", include={"min_duration_s"})
+    digest = digest_json({"rigs": fields, "selection": selection if asset != "inventory" else None})
+    return f"{_STEPS[asset].version}-{digest[:12]}"
+
+
+def _rig_fields(recipe: Recipe, rig: Rig, asset: str) -> Any:
+    channels = {name: channel.model_dump(mode="json") for name, channel in sorted(rig.channels.items())}
+    cameras = {name for name, channel in rig.channels.items() if isinstance(channel, CameraChannel)}
+    common = {"clock": recipe.clock, "limits": recipe.limits.model_dump(mode="json"), "match": rig.match,
+              "required": rig.required}  # fmt: skip
+    match asset:
+        case "inventory":
+            return None
+        case "calibration":
+            keep = ("topic", "frame", "extrinsics", "camera_info", "intrinsics", "undistort")
+            parts = {name: {k: v for k, v in fields.items() if k in keep} for name, fields in channels.items()}
+            return [parts, rig.ego_frame, rig.tf, rig.tf_static, str(rig.urdf and rig.urdf.name)]
+        case "ego_poses":
+            return [common, rig.ego_pose.model_dump(mode="json"), rig.ego_frame, rig.tf, rig.tf_static]
+        case "annotations":
+            return [common, [source.model_dump(mode="json") for source in rig.annotations], rig.ego_frame]
+        case "frames":
+            return [common, {name: fields for name, fields in channels.items() if name in cameras}]
+        case "sweeps":
+            return [common, {name: fields for name, fields in channels.items() if name not in cameras}]
+        case _:
+            scenes = recipe.scenes.model_dump(mode="json")
+            return [scenes, rig.name, rig.vehicle, rig.location, sorted(channels)]

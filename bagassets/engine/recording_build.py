@@ -1,0 +1,291 @@
+"""The assets of one recording: the actions behind them, and running those not known yet.
+
+`RecordingBuild.build` walks the chain inventory -> calibration -> … -> nuscenes_tables. Each
+asset is an action keyed by what it reads; frames and sweeps are one action per channel,
+filled together in one pass over the recording. `RecordingBuild.known` walks the same chain
+without running anything.
+"""
+
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
+from typing import Any
+
+from bagassets.bags.digest import RecordingStat
+from bagassets.bags.inventory import Inventory
+from bagassets.bags.model import Found, Recording
+from bagassets.engine.channel_pass import ChannelJob, run_pass
+from bagassets.engine.source import MessageSource
+from bagassets.errors import BagAssetsError, StoreError
+from bagassets.geometry.trajectory import Trajectory
+from bagassets.recipe.model import CameraChannel, Recipe, Rig
+from bagassets.steps import annotations, calibration, ego_poses, frames, inventory, nuscenes_tables, sweeps
+from bagassets.steps.channel import ChannelExtractor, Request
+from bagassets.steps.selection import choose_rig, present_channels, skip_reason
+from bagassets.store.action import Action, Step
+from bagassets.store.artifact import Artifact, ArtifactWriter
+from bagassets.store.canonical import digest_file
+from bagassets.store.store import Pending, Store
+
+__all__ = ["ASSETS", "UPSTREAM", "AssetResult", "BuildFailure", "NotMadeError", "RecordingBuild", "Skipped"]
+
+# What each asset reads of the others, in the order in which they are made.
+UPSTREAM: dict[str, tuple[str, ...]] = {
+    "inventory": (),
+    "calibration": ("inventory",),
+    "ego_poses": ("inventory",),
+    "annotations": ("inventory", "calibration", "ego_poses"),
+    "frames": ("inventory", "calibration"),
+    "sweeps": ("inventory", "calibration", "ego_poses"),
+    "nuscenes_tables": ("inventory", "calibration", "ego_poses", "annotations", "frames", "sweeps"),
+}
+ASSETS = tuple(UPSTREAM)
+
+# Frames and sweeps come from one pass over the recording.
+_GROUPS = (("calibration",), ("ego_poses",), ("annotations",), ("frames", "sweeps"), ("nuscenes_tables",))
+_INDEX_STEPS = {name: Step(f"{name}_index", 1) for name in ("frames", "sweeps")}
+
+
+@dataclass(frozen=True)
+class AssetResult:
+    """What one asset of the recording came to.
+
+    Attributes:
+        asset: its name.
+        artifact: its content; the digest is the data version.
+        action_digest: the action that made it.
+        cached: nothing had to run.
+        seconds: time it took when it ran.
+    """
+
+    asset: str
+    artifact: Artifact
+    action_digest: str
+    cached: bool
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Skipped:
+    """The recording takes no part in the dataset, for a reason in words."""
+
+    reason: str
+
+
+class BuildFailure(BagAssetsError):  # noqa: N818  (a state of a build, named as users see it)
+    """Some assets of a recording could not be made; one sentence for each."""
+
+    def __init__(self, errors: Mapping[str, BagAssetsError]) -> None:
+        self.errors = dict(errors)
+        super().__init__("\n".join(str(err) for err in self.errors.values()))
+
+
+class NotMadeError(BagAssetsError):
+    """An action is not known to the store, in a walk that must not run it."""
+
+    def __init__(self, action: Action, failure: str | None) -> None:
+        self.action = action
+        self.failure = failure
+        super().__init__(f"step {action.step} has not run on this input")
+
+
+class RecordingBuild:
+    """Makes the assets of one recording.
+
+    Args:
+        recipe: the whole recipe; each step is handed just the fields it declares.
+        store: where artifacts are.
+        found: the recording.
+        digest: its content digest, as the asset `bag` recorded it.
+        stat: sizes and times of its files that the digest holds for.
+        recorded: asset -> artifact that is current upstream, for assets that are not made here.
+        workers: threads that encode images.
+        dry: run nothing; an action that is not known raises `NotMadeError`.
+    """
+
+    def __init__(
+        self,
+        recipe: Recipe,
+        store: Store,
+        found: Found,
+        digest: str,
+        stat: RecordingStat,
+        recorded: Mapping[str, Artifact] | None = None,
+        *,
+        workers: int = 1,
+        dry: bool = False,
+    ) -> None:
+        self.recipe = recipe
+        self.store = store
+        self.found = found
+        self.digest = digest
+        self.source = MessageSource(found, stat, recipe.bags.message_definitions)
+        self._workers = workers
+        self._dry = dry
+        self._artifacts: dict[str, Artifact] = dict(recorded or {})
+
+    def build(self, wanted: Collection[str] = ASSETS) -> Iterator[AssetResult | Skipped]:
+        """Make the `wanted` assets in order and yield each result; what is known is not run again.
+
+        An asset that fails does not stop those that do not read it.
+
+        Raises:
+            BuildFailure: after everything else was made, if anything failed.
+        """
+        if "inventory" in wanted:
+            try:
+                yield self._inventory()
+            except BagAssetsError as err:
+                raise BuildFailure({"inventory": err}) from err
+        if self.skipped is not None:
+            yield Skipped(self.skipped)
+            return
+        failed: dict[str, BagAssetsError] = {}
+        blocked: set[str] = set()
+        for group in _GROUPS:
+            ready = []
+            for asset in group:
+                if asset not in wanted:
+                    continue
+                if self._reads(asset) & (failed.keys() | blocked):
+                    blocked.add(asset)
+                else:
+                    ready.append(asset)
+            for asset, made in self._make(ready).items():
+                if isinstance(made, AssetResult):
+                    yield made
+                else:
+                    failed[asset] = made
+        if failed:
+            raise BuildFailure(failed)
+
+    # --- what steps are handed -----------------------------------------------------------
+
+    @cached_property
+    def inventory(self) -> Inventory:
+        """The typed inventory of the recording."""
+        return Inventory.from_json(self._artifact("inventory").read_json("inventory.json"))
+
+    @cached_property
+    def skipped(self) -> str | None:
+        """Why the recording takes no part in the dataset, or None; known once it has an inventory."""
+        return skip_reason(self.recipe, self._matching_rig, self.inventory)
+
+    @cached_property
+    def rig(self) -> Rig:
+        """The rig that made the recording; only asked for when it is not skipped."""
+        rig = self._matching_rig
+        if rig is None:
+            raise BagAssetsError(f"{self.found.path}: no rig of the recipe matches; correct rigs[].match.")
+        return rig
+
+    @cached_property
+    def _matching_rig(self) -> Rig | None:
+        return choose_rig(self.recipe, self.found.relative)
+
+    @cached_property
+    def _channels(self) -> dict[str, str]:
+        return present_channels(self.rig, self.inventory)
+
+    @cached_property
+    def _calibration_channels(self) -> dict[str, Any]:
+        channels: dict[str, Any] = self._artifact("calibration").read_json("calibration.json")["channels"]
+        return channels
+
+    @cached_property
+    def _trajectory(self) -> Trajectory:
+        return ego_poses.load_trajectory(self._artifact("ego_poses"))
+
+    @cached_property
+    def _deskews(self) -> bool:
+        return any(getattr(channel, "deskew", False) for channel in self.rig.channels.values())
+
+    def _artifact(self, asset: str) -> Artifact:
+        try:
+            return self._artifacts[asset]
+        except KeyError:
+            raise StoreError(
+                f"{self.found.key}: {asset} is not materialized for this recording; materialize {asset} first."
+            ) from None
+
+    def _reads(self, asset: str) -> set[str]:
+        reads = set(UPSTREAM[asset])
+        if asset == "sweeps" and not self._deskews:
+            reads.discard("ego_poses")
+        return reads
+
+    # --- running actions -----------------------------------------------------------------
+
+    def _make(self, assets: Sequence[str]) -> dict[str, AssetResult | BagAssetsError]:
+        makers: dict[str, Callable[[], AssetResult]] = {
+            "calibration": self._calibration,
+            "ego_poses": self._ego_poses,
+            "annotations": self._annotations,
+            "nuscenes_tables": self._nuscenes_tables,
+        }
+        if not assets:
+            return {}
+        if assets[0] not in makers:
+            return self._extract(assets)
+        try:
+            return {assets[0]: makers[assets[0]]()}
+        except BagAssetsError as err:
+            return {assets[0]: err}
+
+    def _run(self, asset: str, action: Action, make: Callable[[ArtifactWriter], dict[str, Any]]) -> AssetResult:
+        if self._dry and self.store.lookup(action) is None:
+            raise NotMadeError(action, self.store.failure(action.digest))
+        outcome = self.store.run(action, make)
+        self._artifacts[asset] = outcome.artifact
+        return AssetResult(asset, outcome.artifact, outcome.action_digest, outcome.cached, outcome.seconds)
+
+    def _action(self, step: Step, request: Request) -> Action:
+        topics = {f"topic:{name}": digest for name, digest in self.inventory.digests(request.topics).items()}
+        return step.action(request.params, {**topics, **request.inputs})
+
+    def _run_on_messages(
+        self,
+        asset: str,
+        step: Step,
+        request: Request,
+        make: Callable[[Mapping[str, Any], Recording, ArtifactWriter], dict[str, Any]],
+    ) -> AssetResult:
+        def run(out: ArtifactWriter) -> dict[str, Any]:
+            with self.source.topics(request.topics, self.inventory, self._artifact("inventory")) as recording:
+                return make(request.params, recording, out)
+
+        return self._run(asset, self._action(step, request), run)
+
+    # --- the assets ----------------------------------------------------------------------
+
+    def _inventory(self) -> AssetResult:
+        definitions = {
+            f"msg:{path.relative_to(folder).as_posix()}": digest_file(path)
+            for folder in self.recipe.bags.message_definitions
+            for path in sorted(folder.rglob("*.msg"))
+        }
+
+        def make(out: ArtifactWriter) -> dict[str, Any]:
+            with self.source.whole() as recording:
+                return inventory.make_inventory(recording, out)
+
+        return self._run("inventory", inventory.STEP.action({}, {"bag": self.digest, **definitions}), make)
+
+    def _calibration(self) -> AssetResult:
+        request = calibration.request(self.rig, self.inventory)
+        urdf = None if self.rig.urdf is None else self.rig.urdf.read_bytes()
+        return self._run_on_messages("calibration", calibration.STEP, request, partial(calibration.make, urdf=urdf))
+
+    def _ego_poses(self) -> AssetResult:
+        request = ego_poses.request(self.rig, self.recipe.clock, self.inventory)
+        return self._run_on_messages("ego_poses", ego_poses.STEP, request, ego_poses.make)
+
+    def _annotations(self) -> AssetResult:
+        raise NotImplementedError
+
+    def _nuscenes_tables(self) -> AssetResult:
+        raise NotImplementedError
+
+    def _extract(self, assets: Sequence[str]) -> dict[str, AssetResult | BagAssetsError]:
+        """Fill all stale channels of `frames` and `sweeps` in one pass."""
+        raise NotImplementedError

@@ -1,0 +1,55 @@
+"""Where the messages of a step come from: the inventory's pack, or the recording itself."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from bagassets.bags.digest import RecordingStat, assert_unchanged
+from bagassets.bags.inventory import Inventory
+from bagassets.bags.model import Found, Recording
+from bagassets.bags.open import open_recording
+from bagassets.bags.pack import PackedRecording
+from bagassets.store.artifact import Artifact
+
+__all__ = ["MessageSource"]
+
+
+class MessageSource:
+    """Opens just the topics that a step declared, at the cheapest place that has them.
+
+    Args:
+        found: the recording.
+        stat: sizes and times of its files when its digest was taken.
+        message_definitions: folders of `.msg` files.
+    """
+
+    def __init__(self, found: Found, stat: RecordingStat, message_definitions: Sequence[Path]) -> None:
+        self.found = found
+        self._stat = stat
+        self._message_definitions = tuple(message_definitions)
+
+    def verify_unchanged(self) -> None:
+        """Check that the recording is still the one that was digested.
+
+        Raises:
+            ChangedWhileReadError: it is not; whatever was read from it must not be recorded.
+        """
+        assert_unchanged(self.found, self._stat)
+
+    @contextmanager
+    def whole(self) -> Iterator[Recording]:
+        """Open the recording itself, checked before and after."""
+        self.verify_unchanged()
+        with open_recording(self.found, self._message_definitions) as recording:
+            yield recording
+        self.verify_unchanged()
+
+    @contextmanager
+    def topics(self, names: Sequence[str], inventory: Inventory, packed: Artifact) -> Iterator[Recording]:
+        """Open `names` only, from the pack of the inventory artifact if it has them all."""
+        if inventory.unpacked(names):
+            with self.whole() as recording:
+                yield recording.restrict(names)
+        else:
+            with PackedRecording(packed.read_json("inventory.json"), packed.path("messages.parquet")) as recording:
+                yield recording.restrict(names)

@@ -1,0 +1,242 @@
+"""Trees of coordinate frames: edges over time, and the transform between any two frames.
+
+An edge is named by its child, as in TF: each frame has one parent. Trees from several sources
+(`/tf_static`, a URDF, `/tf`) are laid over each other, the first source that knows a frame wins.
+"""
+
+from array import array
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bagassets.errors import CalibrationError
+from bagassets.geometry.se3 import SE3, Floats, quaternion_multiply, rotate
+from bagassets.geometry.trajectory import Trajectory
+
+__all__ = ["Edge", "TfTree", "TransformLog", "normalise_frame"]
+
+# Edges that stay within this of their first value are fixed joints: publishers repeat them
+# bit for bit or with the noise of single precision.
+FIXED_M = 1e-6
+FIXED_RAD = 1e-6
+
+MOST_FRAMES_NAMED = 20
+
+
+def normalise_frame(frame_id: str) -> str:
+    """Return a frame id without the leading slash that tf had and tf2 does not allow."""
+    return str(frame_id).strip().lstrip("/")
+
+
+@dataclass(frozen=True, eq=False)
+class Edge:
+    """`parent_SE3_child` over time.
+
+    Attributes:
+        parent: frame nearer to the root.
+        child: frame that the edge belongs to.
+        source: where it is from: tf_static, urdf or tf.
+        stamps_ns: (N,) int64, strictly increasing; N >= 1.
+        translations_m: (N, 3).
+        rotations: (N, 4) unit quaternions w, x, y, z.
+    """
+
+    parent: str
+    child: str
+    source: str
+    stamps_ns: NDArray[np.int64]
+    translations_m: Floats
+    rotations: Floats
+
+    @classmethod
+    def fixed(cls, parent: str, child: str, source: str, parent_SE3_child: SE3) -> "Edge":
+        """Return an edge that holds always."""
+        return cls(
+            parent,
+            child,
+            source,
+            np.zeros(1, dtype=np.int64),
+            np.array([parent_SE3_child.translation]),
+            np.array([parent_SE3_child.rotation]),
+        )
+
+    @property
+    def moves(self) -> bool:
+        """Tell whether the edge ever differs from its first value."""
+        apart_m = np.abs(self.translations_m - self.translations_m[0]).max()
+        same = np.abs(self.rotations - self.rotations[0]).max(axis=1)
+        opposite = np.abs(self.rotations + self.rotations[0]).max(axis=1)
+        return bool(apart_m > FIXED_M or np.minimum(same, opposite).max() > FIXED_RAD / 2)
+
+    @property
+    def first(self) -> SE3:
+        """`parent_SE3_child` at the first stamp."""
+        return SE3.create(self.rotations[0], self.translations_m[0])
+
+    def trajectory(self, max_gap_ns: int, extrapolate_ns: int) -> Trajectory:
+        """Return `parent_SE3_child` as a trajectory; one that holds always if the edge never moves."""
+        if not self.moves:
+            first = slice(0, 1)
+            return Trajectory(
+                self.stamps_ns[first], self.translations_m[first], self.rotations[first], 0, 0, fixed=True
+            )
+        return Trajectory(self.stamps_ns, self.translations_m, self.rotations, max_gap_ns, extrapolate_ns)
+
+
+class TransformLog:
+    """Collects the transforms of one source as they are read, in compact form."""
+
+    def __init__(self, source: str) -> None:
+        self.source = source
+        self.repeated = 0
+        self._samples: dict[tuple[str, str], tuple[array[int], array[float]]] = {}
+
+    def add(self, parent: str, child: str, stamp_ns: int, parent_SE3_child: SE3) -> None:
+        """Take one sample of one edge."""
+        stamps, numbers = self._samples.setdefault((parent, child), (array("q"), array("d")))
+        stamps.append(stamp_ns)
+        numbers.extend(parent_SE3_child.translation)
+        numbers.extend(parent_SE3_child.rotation)
+
+    def edges(self) -> list[Edge]:
+        """Return the edges; of samples with the same stamp the first one counts, as in tf2."""
+        edges = []
+        for (parent, child), (stamps, numbers) in self._samples.items():
+            stamps_ns, first = np.unique(np.array(stamps, dtype=np.int64), return_index=True)
+            table = np.array(numbers).reshape(-1, 7)[first]
+            edges.append(Edge(parent, child, self.source, stamps_ns, table[:, :3], table[:, 3:]))
+        return edges
+
+
+class TfTree:
+    """Frames and the edges between them.
+
+    Args:
+        *layers: edges of each source, the most trusted first. A frame takes its parent from the
+            first layer that has one for it, unless that would close a circle.
+    """
+
+    def __init__(self, *layers: Iterable[Edge]) -> None:
+        self._above: dict[str, list[Edge]] = {}
+        frames: set[str] = set()
+        for layer in layers:
+            new: dict[str, list[Edge]] = {}
+            for edge in layer:
+                frames.update((edge.parent, edge.child))
+                if edge.child not in self._above and edge.child not in self._ancestors(edge.parent):
+                    new.setdefault(edge.child, []).append(edge)
+            self._above.update(new)
+        self.frames = tuple(sorted(frames))
+
+    def chain(self, dst: str, src: str) -> tuple[list[Edge], list[Edge]]:
+        """Return the edges from `src` and from `dst` up to the first frame above both.
+
+        Raises:
+            CalibrationError: a frame is not known, the two are not connected, or a frame on the
+                way has two parents or is above itself.
+        """
+        for frame in (src, dst):
+            if frame not in self.frames:
+                raise CalibrationError(
+                    f"no transform from {src} to {dst}: {frame} is not a frame known here ({self._known()})"
+                )
+        from_src, from_dst = self._way_up(src), self._way_up(dst)
+        above_dst = [dst, *(edge.parent for edge in from_dst)]
+        for steps, frame in enumerate([src, *(edge.parent for edge in from_src)]):
+            if frame in above_dst:
+                return from_src[:steps], from_dst[: above_dst.index(frame)]
+        roots = (from_src[-1].parent if from_src else src), above_dst[-1]
+        raise CalibrationError(
+            f"no transform from {src} to {dst}: they hang on two trees with the roots {roots[0]} "
+            f"and {roots[1]} ({self._known()})"
+        )
+
+    def fixed(self, dst: str, src: str) -> tuple[SE3, tuple[str, ...]]:
+        """Return `dst_SE3_src`, which must not change over the recording, and the sources it is from.
+
+        Raises:
+            CalibrationError: there is no such transform, or it moves.
+        """
+        up, down = self.chain(dst, src)
+        for edge in (*up, *down):
+            if edge.moves:
+                raise CalibrationError(
+                    f"no fixed transform from {src} to {dst}: {edge.parent} -> {edge.child} "
+                    f"({edge.source}) moves during the recording"
+                )
+        common_SE3_src, common_SE3_dst = _compose(up), _compose(down)
+        sources = tuple(sorted({edge.source for edge in (*up, *down)}))
+        return common_SE3_dst.inverse() @ common_SE3_src, sources
+
+    def at(
+        self, dst: str, src: str, stamps_ns: NDArray[np.int64], max_gap_ns: int, extrapolate_ns: int
+    ) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+        """Return `dst_SE3_src` at (M,) stamps, each moving edge interpolated by itself.
+
+        Returns:
+            translations (M, 3) in metres, rotations (M, 4), and a mask (M,) that is False where
+            a moving edge has no value: in a gap longer than `max_gap_ns`, or more than
+            `extrapolate_ns` before its first or after its last sample.
+
+        Raises:
+            CalibrationError: the frames are not connected.
+        """
+        up, down = self.chain(dst, src)
+        number = len(stamps_ns)
+        translations, rotations = np.zeros((number, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (number, 1))
+        valid = np.ones(number, dtype=np.bool_)
+        for edge, inverted in [*((edge, False) for edge in up), *((edge, True) for edge in reversed(down))]:
+            t, q, known = edge.trajectory(max_gap_ns, extrapolate_ns).at(stamps_ns)
+            if inverted:
+                q = q * np.array([1.0, -1.0, -1.0, -1.0])
+                t = -rotate(q, t)
+            translations = rotate(q, translations) + t
+            rotations = quaternion_multiply(q, rotations)
+            valid &= known
+        return translations, rotations, valid
+
+    def _way_up(self, frame: str) -> list[Edge]:
+        """Edges from a frame to its root, nearest first."""
+        way: list[Edge] = []
+        passed = [frame]
+        while above := self._above.get(passed[-1]):
+            if len(above) > 1:
+                parents = " and ".join(f"{edge.parent} ({edge.source})" for edge in above)
+                raise CalibrationError(
+                    f"frame {passed[-1]} has more than one parent: {parents}; the transforms do not "
+                    "form a tree, so two nodes publish it; leave one of their topics out of the recipe"
+                )
+            way.append(above[0])
+            passed.append(above[0].parent)
+            if passed[-1] in passed[:-1]:
+                circle = " -> ".join(reversed(passed[passed.index(passed[-1]) :]))
+                raise CalibrationError(f"the transforms go round in a circle: {circle}")
+        return way
+
+    def _ancestors(self, frame: str) -> set[str]:
+        """Frames at and above a frame, as far as they are known yet."""
+        reached: set[str] = set()
+        todo = [frame]
+        while todo:
+            current = todo.pop()
+            if current not in reached:
+                reached.add(current)
+                todo.extend(edge.parent for edge in self._above.get(current, ()))
+        return reached
+
+    def _known(self) -> str:
+        if not self.frames:
+            return "no frames are known at all"
+        named = ", ".join(self.frames[:MOST_FRAMES_NAMED])
+        more = len(self.frames) - MOST_FRAMES_NAMED
+        return f"known frames: {named}" + (f" and {more} more" if more > 0 else "")
+
+
+def _compose(way_up: list[Edge]) -> SE3:
+    """`top_SE3_bottom` of a way up whose edges do not move."""
+    top_SE3_bottom = SE3()
+    for edge in way_up:
+        top_SE3_bottom = edge.first @ top_SE3_bottom
+    return top_SE3_bottom

@@ -1,0 +1,175 @@
+"""What a well-formed recipe cannot ask for: checks across fields, and against the disk."""
+
+from collections.abc import Iterator
+from pathlib import PurePosixPath
+from typing import Any
+
+from bagassets.recipe.explain import Problem, closest
+from bagassets.recipe.model import CameraChannel, FixedPose, LidarChannel, NavSatSource, Recipe, Rig, TfSource
+
+__all__ = ["problems_in"]
+
+_COEFFICIENTS = {"plumb_bob": (0, 4, 5), "rational_polynomial": (0, 8, 12, 14), "equidistant": (0, 4)}
+"""Lengths of distortion vectors that OpenCV and ROS know, by model."""
+
+
+def problems_in(recipe: Recipe, data: dict[str, Any]) -> Iterator[Problem]:
+    """Yield everything wrong with a recipe whose fields are each fine by themselves.
+
+    Args:
+        recipe: the recipe, its paths absolute.
+        data: the same as plain data, with paths as the user wrote them.
+    """
+    yield from _paths(recipe, data)
+    yield from _globs(recipe)
+    yield from _scenes(recipe)
+    yield from _nuscenes(recipe)
+    for number, rig in enumerate(recipe.rigs):
+        for at, sentence in _rig(rig):
+            yield ("rigs", number, *at), sentence
+
+
+def _paths(recipe: Recipe, data: dict[str, Any]) -> Iterator[Problem]:
+    bags = data["bags"]
+    written: list[tuple[tuple[str | int, ...], Any]] = [
+        (("bags", "root"), bags["root"]),
+        (("state",), data.get("state")),
+        (("nuscenes", "output"), data.get("nuscenes", {}).get("output")),
+        *((("bags", "message_definitions", n), p) for n, p in enumerate(bags.get("message_definitions", []))),
+        *((("rigs", n, "urdf"), rig.get("urdf")) for n, rig in enumerate(data["rigs"])),
+    ]
+    home = [at for at, path in written if isinstance(path, str) and path.startswith("~")]
+    for at in home:
+        yield (
+            at,
+            "`~` is not expanded, since the web UI may run as another user; write the path from / or from the recipe's folder",
+        )
+    for number, rig in enumerate(recipe.rigs):
+        at = ("rigs", number, "urdf")
+        if rig.urdf is not None and at not in home and not rig.urdf.is_file():
+            yield at, f"there is no file {rig.urdf}; give the URDF's path from / or from the recipe's folder"
+    for number, folder in enumerate(recipe.bags.message_definitions):
+        at = ("bags", "message_definitions", number)
+        if at not in home and not folder.is_dir():
+            yield at, f"there is no folder {folder}; it should hold .msg files"
+    if recipe.bags.root.is_file():
+        yield ("bags", "root"), f"{recipe.bags.root} is a file; name the folder that holds the recordings"
+    state, output = recipe.state, recipe.nuscenes.output
+    if output == state or state in output.parents or output in state.parents:
+        yield (
+            ("nuscenes", "output"),
+            f"{output} and the state folder {state} must not be the same nor lie in each other",
+        )
+
+
+def _globs(recipe: Recipe) -> Iterator[Problem]:
+    globs: list[tuple[tuple[str | int, ...], str]] = [
+        *((("bags", "include", n), glob) for n, glob in enumerate(recipe.bags.include)),
+        *((("bags", "exclude", n), glob) for n, glob in enumerate(recipe.bags.exclude)),
+        *(
+            (("rigs", r, "match", n), glob)
+            for r, rig in enumerate(recipe.rigs)
+            for n, glob in enumerate(rig.match)
+        ),
+    ]
+    for at, glob in globs:
+        if not glob:
+            yield at, "an empty glob matches nothing; `**` matches everything"
+        elif glob.startswith("/") or ".." in PurePosixPath(glob).parts:
+            yield (
+                at,
+                f"{glob!r} can match nothing: a glob is matched against the path below bags.root, as in `2024/**`",
+            )
+    for number, rig in enumerate(recipe.rigs):
+        greedy = next((other.name for other in recipe.rigs[:number] if "**" in other.match), None)
+        if greedy is not None:
+            yield (
+                ("rigs", number, "match"),
+                f"rig {rig.name} never gets a recording, because rig {greedy} before it matches `**`; put rig {greedy} last, or narrow its match",
+            )
+
+
+def _scenes(recipe: Recipe) -> Iterator[Problem]:
+    scenes = recipe.scenes
+    channels = sorted({channel for rig in recipe.rigs for channel in rig.channels})
+    if scenes.reference is not None and scenes.reference not in channels:
+        near = closest(scenes.reference, channels)
+        hint = f"did you mean {near}" if near else f"there are {', '.join(channels)}"
+        yield ("scenes", "reference"), f"no rig has the channel {scenes.reference}; {hint}"
+    half_period_s = 0.5 / scenes.keyframe_hz
+    if scenes.tolerance_s >= half_period_s:
+        yield (
+            ("scenes", "tolerance_s"),
+            f"{scenes.tolerance_s:g} s must be less than half the time between keyframes ({half_period_s:g} s at {scenes.keyframe_hz:g} Hz), or one reading would belong to two keyframes",
+        )
+    if scenes.min_length_s > scenes.length_s:
+        yield (
+            ("scenes", "min_length_s"),
+            f"{scenes.min_length_s:g} s is longer than a scene ({scenes.length_s:g} s), so there would be none",
+        )
+    if scenes.length_s < 1.0 / scenes.keyframe_hz:
+        yield (
+            ("scenes", "length_s"),
+            f"{scenes.length_s:g} s is shorter than the time between keyframes ({1.0 / scenes.keyframe_hz:g} s)",
+        )
+
+
+def _nuscenes(recipe: Recipe) -> Iterator[Problem]:
+    for field, entries in (
+        ("categories", recipe.nuscenes.categories),
+        ("attributes", recipe.nuscenes.attributes),
+    ):
+        seen: set[str] = set()
+        for number, entry in enumerate(entries):
+            if entry.name in seen:
+                yield ("nuscenes", field, number, "name"), f"{entry.name} is listed twice"
+            seen.add(entry.name)
+
+
+def _rig(rig: Rig) -> Iterator[Problem]:
+    for name, channel in rig.channels.items():
+        match channel:
+            case CameraChannel():
+                problems = _camera(channel)
+            case LidarChannel():
+                problems = _lidar(channel, rig)
+            case _:
+                continue
+        for field, sentence in problems:
+            yield ("channels", name, *field), sentence
+    pose = rig.ego_pose
+    if isinstance(pose, TfSource):
+        if pose.global_frame == rig.ego_frame:
+            yield (
+                ("ego_pose", "global_frame"),
+                f"{pose.global_frame} is the ego frame itself; name the fixed frame it moves in, as `map`",
+            )
+        if not rig.tf:
+            yield ("tf",), "must name a topic, because ego_pose takes its poses from tf"
+    if isinstance(pose, NavSatSource) and pose.imu == pose.topic:
+        yield ("ego_pose", "imu"), "is the NavSatFix topic; name a topic of sensor_msgs/Imu"
+
+
+def _camera(channel: CameraChannel) -> Iterator[Problem]:
+    if channel.target is not None and not channel.undistort:
+        yield ("target",), "has no effect without undistortion; remove it, or set undistort: true"
+    if channel.intrinsics is not None:
+        found = len(channel.intrinsics.distortion)
+        lengths = _COEFFICIENTS[channel.intrinsics.model]
+        if found not in lengths:
+            yield (
+                ("intrinsics", "distortion"),
+                f"{channel.intrinsics.model} has {' or '.join(str(n) for n in lengths)} coefficients; found {found}",
+            )
+    if channel.to_8bit is not None and channel.output == "as_recorded" and not channel.undistort:
+        yield ("to_8bit",), "contradicts `output: as_recorded`; remove one of them"
+
+
+def _lidar(channel: LidarChannel, rig: Rig) -> Iterator[Problem]:
+    if channel.deskew and isinstance(rig.ego_pose, FixedPose):
+        yield ("deskew",), "needs poses of a moving rig, but ego_pose is fixed; set deskew: false"
+    if channel.max_range_m is not None and channel.max_range_m <= channel.min_range_m:
+        yield (
+            ("max_range_m",),
+            f"{channel.max_range_m:g} m must be greater than min_range_m ({channel.min_range_m:g} m)",
+        )

@@ -1,0 +1,165 @@
+"""What is wrong with a value of the recipe, as a sentence with a suggestion.
+
+Turns pydantic's errors, which speak of models, unions and tags, into the words of
+somebody who writes YAML.
+"""
+
+from collections.abc import Iterable, Mapping
+from difflib import get_close_matches
+from typing import Any, get_args
+
+from pydantic import BaseModel
+
+from bagassets.recipe.model import FieldValueError, Recipe
+from bagassets.recipe.schema import describe, enter, plain, tag_field, variants
+
+__all__ = ["Problem", "closest", "explain"]
+
+Problem = tuple[tuple[str | int, ...], str]
+"""Where in the recipe (field names, keys, indices), and what is wrong there, without full stop."""
+
+_BOUNDS = {
+    "greater_than": ("must be greater than {gt:g}", "gt"),
+    "greater_than_equal": ("must not be smaller than {ge:g}", "ge"),
+    "less_than": ("must be smaller than {lt:g}", "lt"),
+    "less_than_equal": ("must not be greater than {le:g}", "le"),
+}
+
+
+def explain(error: Mapping[str, Any], data: Any) -> Problem:
+    """Return where and what the problem behind one entry of `ValidationError.errors()` is.
+
+    Args:
+        error: the entry.
+        data: the whole recipe as plain data.
+    """
+    at, annotation = _locate(error["loc"])
+    kind, context, value = error["type"], error.get("ctx", {}), _value(data, at)
+    if kind == "extra_forbidden":
+        return at, _unknown_field(str(at[-1]), _siblings(error["loc"]), _value(data, at[:-1]))
+    if kind == "missing":
+        return at, _required(error["loc"], at)
+    if kind in {"union_tag_not_found", "union_tag_invalid"}:
+        return _tag(at, annotation, value)
+    if kind == "value_error":
+        cause = context.get("error")
+        if isinstance(cause, FieldValueError):
+            return (*at, *cause.at), str(cause)
+        return at, f"{cause}; found {_show(value)}" if not isinstance(value, dict) else str(cause)
+    if kind in _BOUNDS:
+        return at, f"{_BOUNDS[kind][0].format(**context)}; found {_show(value)}"
+    if kind in {"too_short", "too_long"} and value in ([], {}):
+        return at, "must have at least one entry"
+    if kind == "finite_number":
+        return at, f"must be a finite number; found {_show(value)}"
+    if value is None and kind != "literal_error":
+        return at, f"has no value; {_purpose(error['loc']) or f'expected {describe(annotation)}'}"
+    if kind == "literal_error":
+        allowed = [str(option) for option in get_args(plain(annotation))]
+        return at, f"must be {_either(allowed)}; found {_show(value)}{_suggestion(value, allowed)}"
+    return at, f"expected {describe(annotation)}; found {_show(value)}{_quoting(annotation, value)}"
+
+
+def closest(word: Any, known: Iterable[str]) -> str:
+    """Return the entry of `known` that `word` was probably meant to be; "" if none is near."""
+    by_lower = {entry.lower(): entry for entry in known}
+    near = get_close_matches(str(word).lower(), by_lower, n=1, cutoff=0.6)
+    return by_lower[near[0]] if near else ""
+
+
+def _locate(location: tuple[str | int, ...]) -> tuple[tuple[str | int, ...], Any]:
+    """Return a location without pydantic's tags of unions and marks of keys, and the type there."""
+    at: list[str | int] = []
+    annotation: Any = Recipe
+    for part in location:
+        if variants(annotation) and part in variants(annotation):
+            annotation = enter(annotation, part)
+        elif part != "[key]":
+            annotation = enter(annotation, part)
+            at.append(part)
+    return tuple(at), annotation
+
+
+def _model(location: tuple[str | int, ...]) -> type[BaseModel] | None:
+    """Return the model that holds the last part of a location."""
+    owner = plain(_locate(location[:-1])[1])
+    return owner if isinstance(owner, type) and issubclass(owner, BaseModel) else None
+
+
+def _siblings(location: tuple[str | int, ...]) -> list[str]:
+    model = _model(location)
+    return [] if model is None else list(model.model_fields)
+
+
+def _purpose(location: tuple[str | int, ...]) -> str:
+    model = _model(location)
+    field = None if model is None else model.model_fields.get(str(location[-1]))
+    text = "" if field is None or field.description is None else field.description.removesuffix(".")
+    return text[:1].lower() + text[1:] if text[1:2].islower() else text
+
+
+def _required(location: tuple[str | int, ...], at: tuple[str | int, ...]) -> str:
+    purpose = _purpose(location)
+    return "this field is required" + (f": {purpose}" if purpose else "") if at else "the recipe is empty"
+
+
+def _unknown_field(name: str, known: list[str], present: Any) -> str:
+    free = [field for field in known if not isinstance(present, dict) or field not in present]
+    near = closest(name, free)
+    if near:
+        return f"no such field here; did you mean {near}? `bagassets docs recipe` lists all fields"
+    return f"no such field here; there are {', '.join(known)}. `bagassets docs recipe` explains them"
+
+
+def _tag(at: tuple[str | int, ...], annotation: Any, value: Any) -> Problem:
+    tag, allowed = tag_field(annotation), list(variants(annotation))
+    if not isinstance(value, dict) or tag not in value:
+        return (*at, tag), f"this field is required; it is {_either(allowed)}"
+    found = value[tag]
+    return (*at, tag), f"must be {_either(allowed)}; found {_show(found)}{_suggestion(found, allowed)}"
+
+
+def _suggestion(value: Any, allowed: list[str]) -> str:
+    near = closest(value, allowed) if isinstance(value, str) else ""
+    return f"; did you mean {near}?" if near else ""
+
+
+def _quoting(annotation: Any, value: Any) -> str:
+    if plain(annotation) is str and isinstance(value, bool | int | float):
+        return "; put it in quotes if it is meant as text"
+    if plain(annotation) in {int, float} and isinstance(value, str):
+        try:
+            float(value)
+        except ValueError:
+            return ""
+        return "; write it without quotes"
+    return ""
+
+
+def _either(options: list[str]) -> str:
+    return options[0] if len(options) == 1 else f"{', '.join(options[:-1])} or {options[-1]}"
+
+
+def _show(value: Any) -> str:
+    match value:
+        case None:
+            return "no value"
+        case bool():
+            return "true" if value else "false"
+        case int() | float():
+            return f"the number {value!r}"
+        case str():
+            return repr(value) if len(value) <= 60 else repr(value[:57] + "...")
+        case list():
+            return f"a list of {len(value)}" if value else "an empty list"
+        case _:
+            return "a mapping"
+
+
+def _value(data: Any, location: tuple[str | int, ...]) -> Any:
+    for part in location:
+        if isinstance(data, list):
+            data = data[part] if isinstance(part, int) and part < len(data) else None
+        else:
+            data = data.get(part) if isinstance(data, dict) else None
+    return data

@@ -1,0 +1,147 @@
+"""The shape of the recipe model, walked by name: what a field holds, in words.
+
+Error messages and the recipe reference both speak from this.
+"""
+
+import types
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
+
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+
+from bagassets.recipe.model import ChannelName, Quaternion, Slug, Transform, Vector3
+
+__all__ = ["describe", "enter", "limits", "models_in", "plain", "tag_field", "variants"]
+
+
+def plain(annotation: Any) -> Any:
+    """Return the type without `Annotated` and without `| None`."""
+    while True:
+        if get_origin(annotation) is Annotated:
+            annotation = get_args(annotation)[0]
+        elif _is_union(annotation) and type(None) in get_args(annotation):
+            rest = [member for member in get_args(annotation) if member is not type(None)]
+            if len(rest) != 1:
+                return Union[tuple(rest)]  # noqa: UP007  built from a list
+            annotation = rest[0]
+        else:
+            return annotation
+
+
+def variants(annotation: Any) -> dict[str, type[BaseModel]]:
+    """Return tag -> model of a union whose members are told apart by a tag field; {} otherwise."""
+    annotation = plain(annotation)
+    if not _is_union(annotation):
+        return {}
+    members = [plain(member) for member in get_args(annotation)]
+    tag = tag_field(annotation)
+    return {get_args(model.model_fields[tag].annotation)[0]: model for model in members} if tag else {}
+
+
+def tag_field(annotation: Any) -> str:
+    """Return the field that tells the members of a union apart; "" if it is no such union."""
+    annotation = plain(annotation)
+    if not _is_union(annotation):
+        return ""
+    members = [plain(member) for member in get_args(annotation)]
+    if not all(_is_model(member) for member in members):
+        return ""
+    for name in members[0].model_fields:
+        if all(_is_tag(member.model_fields.get(name)) for member in members):
+            return str(name)
+    return ""
+
+
+def enter(annotation: Any, part: str | int) -> Any:
+    """Return the type behind one part of a pydantic error location: field, key, index or tag.
+
+    Returns None if there is no such part.
+    """
+    annotation = plain(annotation)
+    if _is_model(annotation):
+        field = annotation.model_fields.get(str(part))
+        return None if field is None else field.annotation
+    tagged = variants(annotation)
+    if tagged:
+        return tagged.get(str(part))
+    arguments = get_args(annotation)
+    if get_origin(annotation) is dict:
+        return arguments[1]
+    if get_origin(annotation) is tuple and isinstance(part, int):
+        return arguments[0] if arguments[-1] is ... else arguments[min(part, len(arguments) - 1)]
+    return None
+
+
+def describe(annotation: Any) -> str:
+    """Return what a value of this type is, in words: `a number`, `a list of texts`."""
+    for known, words in _NAMED:
+        if annotation is known:
+            return words
+    annotation = plain(annotation)
+    for known, words in _NAMED:
+        if annotation is known or annotation == known:
+            return words
+    if get_origin(annotation) is Literal:
+        return " or ".join(f"`{value}`" for value in get_args(annotation))
+    if _is_model(annotation) or variants(annotation):
+        return "a mapping"
+    if get_origin(annotation) is dict:
+        return "a mapping"
+    if get_origin(annotation) is tuple:
+        arguments = get_args(annotation)
+        if arguments[-1] is ...:
+            return f"a list, each entry {describe(arguments[0])}"
+        return f"a list of {len(arguments)}, each {describe(arguments[0])}"
+    return "a value"
+
+
+def limits(field: FieldInfo) -> str:
+    """Return the bounds of a number, as in `> 0, <= 100`; "" without."""
+    signs = (("gt", ">"), ("ge", ">="), ("lt", "<"), ("le", "<="))
+    bounds = [
+        f"{sign} {getattr(entry, name):g}"
+        for entry in field.metadata
+        for name, sign in signs
+        if getattr(entry, name, None) is not None
+    ]
+    return ", ".join(bounds)
+
+
+def models_in(annotation: Any) -> Iterator[type[BaseModel]]:
+    """Yield the models that a value of this type is made of, not those inside them."""
+    annotation = plain(annotation)
+    if _is_model(annotation):
+        yield annotation
+        return
+    for argument in get_args(annotation):
+        yield from models_in(argument)
+
+
+_NAMED: tuple[tuple[Any, str], ...] = (
+    (Vector3, "a list of 3 numbers"),
+    (Quaternion, "a list of 4 numbers"),
+    (Slug, "a name"),
+    (ChannelName, "a channel"),
+    (str, "text"),
+    (int, "a whole number"),
+    (float, "a number"),
+    (bool, "true or false"),
+    (Path, "a path"),
+    (Transform, "a transform"),
+)
+
+
+def _is_union(annotation: Any) -> bool:
+    return get_origin(annotation) in {Union, types.UnionType}
+
+
+def _is_model(annotation: Any) -> bool:
+    return isinstance(annotation, type) and issubclass(annotation, BaseModel)
+
+
+def _is_tag(field: FieldInfo | None) -> bool:
+    return (
+        field is not None and get_origin(field.annotation) is Literal and len(get_args(field.annotation)) == 1
+    )

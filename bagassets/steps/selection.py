@@ -1,0 +1,42 @@
+"""Which rig made a recording, and whether the recording takes part at all."""
+
+from bagassets.bags.discover import matches
+from bagassets.bags.inventory import Inventory
+from bagassets.recipe.model import Recipe, Rig
+
+__all__ = ["choose_rig", "present_channels", "skip_reason"]
+
+
+def choose_rig(recipe: Recipe, relative: str) -> Rig | None:
+    """Return the first rig whose globs match the path below the bag root."""
+    for rig in recipe.rigs:
+        if any(matches(pattern, relative) for pattern in rig.match):
+            return rig
+    return None
+
+
+def present_channels(rig: Rig, inventory: Inventory) -> dict[str, str]:
+    """Return channel -> topic of the channels that have readable messages in the recording."""
+    present = {}
+    for name, channel in sorted(rig.channels.items()):
+        topic = inventory.topics.get(channel.topic)
+        if topic is not None and topic.count > 0 and topic.problem is None:
+            present[name] = channel.topic
+    return present
+
+
+def skip_reason(recipe: Recipe, rig: Rig | None, inventory: Inventory) -> str | None:
+    """Return why a recording takes no part in the dataset, or None if it does."""
+    if rig is None:
+        return "no rig of the recipe matches its path"
+    duration_s = inventory.duration_s
+    if duration_s < recipe.bags.min_duration_s:
+        return f"{duration_s:.1f} s long, bags.min_duration_s asks for {recipe.bags.min_duration_s:g} s"
+    present = present_channels(rig, inventory)
+    missing = [name for name in rig.required if name not in present]
+    if missing:
+        topics = ", ".join(f"{name} ({rig.channels[name].topic})" for name in missing)
+        return f"required channel without readable messages: {topics}"
+    if not present:
+        return f"none of the channels of rig {rig.name} has readable messages"
+    return None
