@@ -34,4 +34,6 @@ def decode_transform(stamped: Any) -> TransformReading:
     if parent == child:
         raise DecodeError("its frame is its own parent")
     transform = stamped.transform
-    return TransformReading(stamp_ns, parent, child, rigid_transform(transform.translation, transform.rotation))
+    return TransformReading(
+        stamp_ns, parent, child, rigid_transform(transform.translation, transform.rotation)
+    )

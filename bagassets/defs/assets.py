@@ -77,7 +77,9 @@ def recording_assets(recipe: Recipe) -> list[dg.AssetsDefinition]:
         partitions_def=partitions,
         specs=[_spec(recipe, asset, skippable=True) for asset in _EXTRACTED],
     )
-    def extract(context: dg.AssetExecutionContext, workspace: Workspace) -> Iterator[dg.MaterializeResult[None]]:
+    def extract(
+        context: dg.AssetExecutionContext, workspace: Workspace
+    ) -> Iterator[dg.MaterializeResult[None]]:
         wanted = {key.to_user_string() for key in context.selected_asset_keys}
         with failures_in_words():
             yield from _build(context, workspace, wanted)
@@ -87,7 +89,9 @@ def recording_assets(recipe: Recipe) -> list[dg.AssetsDefinition]:
         partitions_def=partitions,
         specs=[_spec(recipe, "nuscenes_tables", skippable=True)],
     )
-    def tables(context: dg.AssetExecutionContext, workspace: Workspace) -> Iterator[dg.MaterializeResult[None]]:
+    def tables(
+        context: dg.AssetExecutionContext, workspace: Workspace
+    ) -> Iterator[dg.MaterializeResult[None]]:
         with failures_in_words():
             yield from _build(context, workspace, {"nuscenes_tables"})
 

@@ -28,7 +28,9 @@ def record_inputs(instance: dg.DagsterInstance, inputs: DatasetInputs) -> None:
     """Record `dataset_inputs` without a run (about 10 ms), if it changed."""
     latest = instance.get_latest_materialization_event(dg.AssetKey("dataset_inputs"))
     materialization = latest.asset_materialization if latest is not None else None
-    recorded = (materialization.tags or {}).get("dagster/data_version") if materialization is not None else None
+    recorded = (
+        (materialization.tags or {}).get("dagster/data_version") if materialization is not None else None
+    )
     if recorded == inputs.digest:
         return
     instance.report_runless_asset_event(
@@ -42,6 +44,7 @@ def record_inputs(instance: dg.DagsterInstance, inputs: DatasetInputs) -> None:
 
 def dataset_assets(recipe: Recipe) -> list[dg.AssetsDefinition]:
     """Return the assets that exist once."""
+
     @dg.asset(
         name="dataset_inputs",
         deps=[dg.AssetDep("nuscenes_tables", partition_mapping=dg.AllPartitionMapping())],
@@ -56,7 +59,9 @@ def dataset_assets(recipe: Recipe) -> list[dg.AssetsDefinition]:
     def dataset_inputs(context: dg.AssetExecutionContext, workspace: Workspace) -> dg.MaterializeResult[None]:
         with failures_in_words():
             inputs = current_inputs(context.instance, workspace)
-            return dg.MaterializeResult(data_version=dg.DataVersion(inputs.digest), metadata=inputs.metadata())
+            return dg.MaterializeResult(
+                data_version=dg.DataVersion(inputs.digest), metadata=inputs.metadata()
+            )
 
     @dg.asset(
         name="nuscenes_dataset",
@@ -66,7 +71,9 @@ def dataset_assets(recipe: Recipe) -> list[dg.AssetsDefinition]:
         description="The nuScenes dataroot: samples, sweeps, maps and tables of all recordings, swapped in atomically.",
         code_version=dataset_code_version(recipe),
     )
-    def nuscenes_dataset(context: dg.AssetExecutionContext, workspace: Workspace) -> dg.MaterializeResult[None]:
+    def nuscenes_dataset(
+        context: dg.AssetExecutionContext, workspace: Workspace
+    ) -> dg.MaterializeResult[None]:
         with failures_in_words():
             inputs = current_inputs(context.instance, workspace)
             made = build_dataset(workspace.recipe, workspace.store, inputs)

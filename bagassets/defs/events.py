@@ -62,7 +62,9 @@ def recorded_artifact(instance: dg.DagsterInstance, store: Store, asset: str, pa
     """
     recorded = recorded_partition(instance, asset, partition_key)
     if recorded is None:
-        raise StoreError(f"{partition_key}: {asset} is not materialized for this recording; materialize it first.")
+        raise StoreError(
+            f"{partition_key}: {asset} is not materialized for this recording; materialize it first."
+        )
     return store.artifact(recorded.data_version)
 
 
@@ -87,7 +89,9 @@ def _recorded(materialization: dg.AssetMaterialization) -> Recorded:
     tags: Mapping[str, str] = materialization.tags or {}
     stat = materialization.metadata.get(STAT)
     inputs = {
-        name.removeprefix(INPUT_PREFIX): version for name, version in tags.items() if name.startswith(INPUT_PREFIX)
+        name.removeprefix(INPUT_PREFIX): version
+        for name, version in tags.items()
+        if name.startswith(INPUT_PREFIX)
     }
     return Recorded(
         data_version=tags.get(DATA_VERSION, ""),

@@ -37,8 +37,13 @@ def channel_table(channels: Mapping[str, Mapping[str, Any]]) -> str:
     """Return a Markdown table of where the messages of each channel went."""
     lines = ["| channel | read | written | merged | lost |", "|---|--:|--:|--:|---|"]
     for name, counts in sorted(channels.items()):
-        lost = ", ".join(f"{number} {reason}" for reason, number in sorted(counts.get("lost", {}).items())) or "0"
-        lines.append(f"| {name} | {counts['read']} | {counts['written']} | {counts.get('merged', 0)} | {lost} |")
+        lost = (
+            ", ".join(f"{number} {reason}" for reason, number in sorted(counts.get("lost", {}).items()))
+            or "0"
+        )
+        lines.append(
+            f"| {name} | {counts['read']} | {counts['written']} | {counts.get('merged', 0)} | {lost} |"
+        )
     return "\n".join(lines)
 
 

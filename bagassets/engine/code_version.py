@@ -41,7 +41,9 @@ def _rig_fields(recipe: Recipe, rig: Rig, asset: str) -> Any:
             return None
         case "calibration":
             keep = ("topic", "frame", "extrinsics", "camera_info", "intrinsics", "undistort")
-            parts = {name: {k: v for k, v in fields.items() if k in keep} for name, fields in channels.items()}
+            parts = {
+                name: {k: v for k, v in fields.items() if k in keep} for name, fields in channels.items()
+            }
             return [parts, rig.ego_frame, rig.tf, rig.tf_static, str(rig.urdf and rig.urdf.name)]
         case "ego_poses":
             return [common, rig.ego_pose.model_dump(mode="json"), rig.ego_frame, rig.tf, rig.tf_static]

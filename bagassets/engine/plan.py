@@ -12,7 +12,14 @@ from bagassets.bags.digest import DigestIndex, RecordingStat, recording_stat, st
 from bagassets.bags.discover import Discovery
 from bagassets.bags.model import Found
 from bagassets.engine.code_version import code_version
-from bagassets.engine.recording_build import ASSETS, AssetResult, BuildFailure, NotMadeError, RecordingBuild, Skipped
+from bagassets.engine.recording_build import (
+    ASSETS,
+    AssetResult,
+    BuildFailure,
+    NotMadeError,
+    RecordingBuild,
+    Skipped,
+)
 from bagassets.errors import BagAssetsError
 from bagassets.recipe.model import Recipe
 from bagassets.store.store import Store
@@ -159,7 +166,11 @@ def _bag_state(
 ) -> tuple[str | None, RecordingStat, AssetState]:
     stat = recording_stat(found)
     if recorded is not None and recorded.stat == stat:
-        return recorded.data_version, stat, AssetState("fresh", "size and time unchanged", recorded.data_version)
+        return (
+            recorded.data_version,
+            stat,
+            AssetState("fresh", "size and time unchanged", recorded.data_version),
+        )
     digest = stored_digest(found, index)
     if recorded is None:
         return digest, stat, AssetState("missing", "new recording", digest)

@@ -232,7 +232,9 @@ class RecordingBuild:
         except BagAssetsError as err:
             return {assets[0]: err}
 
-    def _run(self, asset: str, action: Action, make: Callable[[ArtifactWriter], dict[str, Any]]) -> AssetResult:
+    def _run(
+        self, asset: str, action: Action, make: Callable[[ArtifactWriter], dict[str, Any]]
+    ) -> AssetResult:
         if self._dry and self.store.lookup(action) is None:
             raise NotMadeError(action, self.store.failure(action.digest))
         outcome = self.store.run(action, make)
@@ -274,7 +276,9 @@ class RecordingBuild:
     def _calibration(self) -> AssetResult:
         request = calibration.request(self.rig, self.inventory)
         urdf = None if self.rig.urdf is None else self.rig.urdf.read_bytes()
-        return self._run_on_messages("calibration", calibration.STEP, request, partial(calibration.make, urdf=urdf))
+        return self._run_on_messages(
+            "calibration", calibration.STEP, request, partial(calibration.make, urdf=urdf)
+        )
 
     def _ego_poses(self) -> AssetResult:
         request = ego_poses.request(self.rig, self.recipe.clock, self.inventory)

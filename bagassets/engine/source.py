@@ -51,5 +51,7 @@ class MessageSource:
             with self.whole() as recording:
                 yield recording.restrict(names)
         else:
-            with PackedRecording(packed.read_json("inventory.json"), packed.path("messages.parquet")) as recording:
+            with PackedRecording(
+                packed.read_json("inventory.json"), packed.path("messages.parquet")
+            ) as recording:
                 yield recording.restrict(names)

@@ -1,0 +1,86 @@
+"""`sensor_msgs/CompressedImage`: JPEG and PNG, whatever `format` claims."""
+
+import re
+import struct
+from typing import Any
+
+import cv2
+import numpy as np
+
+from bagassets.decode.fields import stamp_and_frame
+from bagassets.decode.image import Pixels, demosaic
+from bagassets.decode.model import ImageReading
+from bagassets.errors import DecodeError
+
+__all__ = ["decode_compressed_image", "image_size", "unpack"]
+
+_JPEG, _PNG = b"\xff\xd8\xff", b"\x89PNG\r\n\x1a\n"
+_BAYER = re.compile(r"bayer_[rgb]{4}(8|16)")
+
+
+def decode_compressed_image(message: Any) -> ImageReading:
+    """Return the image with the bytes as recorded; `encoding` is `jpeg`, `png` or `<type>:<bayer pattern>`.
+
+    The type is told from the first bytes, since `format` is often empty and sometimes wrong.
+
+    Raises:
+        DecodeError: it is neither a JPEG nor a PNG, or it is cut off.
+    """
+    stamp_ns, frame_id = stamp_and_frame(message.header)
+    said = str(message.format)
+    if "compressedDepth" in said:
+        raise DecodeError("compressedDepth images are not supported; record the raw depth topic")
+    data = np.asarray(message.data).tobytes()
+    if data.startswith(_JPEG):
+        kind = "jpeg"
+        # Decoders fill the missing part of a cut-off JPEG with grey; drivers pad with zeros.
+        if b"\xff\xd9" not in data[-1024:].rstrip(b"\x00")[-2:]:
+            raise DecodeError("the JPEG is cut off")
+    elif data.startswith(_PNG):
+        kind = "png"
+        if b"IEND" not in data[-1024:]:
+            raise DecodeError("the PNG is cut off")
+    else:
+        raise DecodeError(f"format '{said}' is neither JPEG nor PNG by its first bytes")
+    # "<original encoding>; jpeg compressed <encoding inside>": the second one counts.
+    inside = _BAYER.search(said.rsplit("compressed", 1)[-1]) or (
+        _BAYER.search(said) if "compressed" not in said else None
+    )
+    return ImageReading(stamp_ns, frame_id, None, data, f"{kind}:{inside.group(0)}" if inside else kind)
+
+
+def unpack(encoded: bytes, encoding: str) -> Pixels:
+    """Return the pixels, (H, W) grey or (H, W, 3) BGR, uint8 or uint16.
+
+    Raises:
+        DecodeError: the bytes do not decode.
+    """
+    pixels = cv2.imdecode(np.frombuffer(encoded, np.uint8), cv2.IMREAD_UNCHANGED)
+    if pixels is None:
+        raise DecodeError(f"the {encoding.partition(':')[0].upper()} does not decode")
+    if pixels.ndim == 3 and pixels.shape[2] == 4:
+        pixels = pixels[:, :, :3]
+    pattern = encoding.partition(":")[2]
+    if not pattern:
+        return np.ascontiguousarray(pixels)
+    return demosaic(np.ascontiguousarray(pixels if pixels.ndim == 2 else pixels[:, :, 0]), pattern)
+
+
+def image_size(encoded: bytes) -> tuple[int, int]:
+    """Return width and height from the header of a JPEG or PNG, without decoding it.
+
+    Raises:
+        DecodeError: there is no such header.
+    """
+    if encoded.startswith(_PNG):
+        width, height = struct.unpack(">II", encoded[16:24])
+        return width, height
+    at = 2
+    while at + 9 < len(encoded):
+        marker = encoded[at + 1]
+        # SOF0-SOF15 hold the size, except DHT, JPG and DAC in between (ITU T.81, table B.1).
+        if 0xC0 <= marker <= 0xCF and marker not in {0xC4, 0xC8, 0xCC}:
+            height, width = struct.unpack(">HH", encoded[at + 5 : at + 9])
+            return width, height
+        at += 2 + struct.unpack(">H", encoded[at + 2 : at + 4])[0]
+    raise DecodeError("the JPEG has no frame header")

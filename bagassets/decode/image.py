@@ -1,0 +1,100 @@
+"""`sensor_msgs/Image`: raw pixels in the encodings of sensor_msgs/image_encodings.hpp."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from bagassets.decode.fields import stamp_and_frame
+from bagassets.decode.model import ImageReading
+from bagassets.errors import DecodeError
+
+__all__ = ["ENCODINGS", "Pixels", "decode_image", "demosaic", "to_bgr_or_grey"]
+
+# uint8 or uint16: OpenCV takes both, and its type hints cannot tell them apart.
+Pixels = NDArray[Any]
+
+
+@dataclass(frozen=True, slots=True)
+class _Encoding:
+    channels: int
+    bytes_per_channel: int
+    conversion: int | None
+
+
+# OpenCV names a Bayer pattern by the second row's second and third pixel, ROS by the first two
+# of the first row: RGGB in ROS is what OpenCV calls BG.
+_BAYER = {
+    "rggb": cv2.COLOR_BayerBG2BGR,
+    "bggr": cv2.COLOR_BayerRG2BGR,
+    "gbrg": cv2.COLOR_BayerGR2BGR,
+    "grbg": cv2.COLOR_BayerGB2BGR,
+}
+ENCODINGS: Mapping[str, _Encoding] = {
+    "rgb8": _Encoding(3, 1, cv2.COLOR_RGB2BGR),
+    "bgr8": _Encoding(3, 1, None),
+    "8uc3": _Encoding(3, 1, None),
+    "rgba8": _Encoding(4, 1, cv2.COLOR_RGBA2BGR),
+    "bgra8": _Encoding(4, 1, cv2.COLOR_BGRA2BGR),
+    "mono8": _Encoding(1, 1, None),
+    "8uc1": _Encoding(1, 1, None),
+    "mono16": _Encoding(1, 2, None),
+    "16uc1": _Encoding(1, 2, None),
+    "yuv422": _Encoding(2, 1, cv2.COLOR_YUV2BGR_UYVY),
+    "uyvy": _Encoding(2, 1, cv2.COLOR_YUV2BGR_UYVY),
+    "yuv422_yuy2": _Encoding(2, 1, cv2.COLOR_YUV2BGR_YUY2),
+    "yuyv": _Encoding(2, 1, cv2.COLOR_YUV2BGR_YUY2),
+    **{f"bayer_{name}8": _Encoding(1, 1, code) for name, code in _BAYER.items()},
+    **{f"bayer_{name}16": _Encoding(1, 2, code) for name, code in _BAYER.items()},
+}
+
+
+def decode_image(message: Any) -> ImageReading:
+    """Return the image with its pixels as recorded: a view of the message, not yet converted.
+
+    Raises:
+        DecodeError: the encoding is not known, or the size does not fit the data.
+    """
+    stamp_ns, frame_id = stamp_and_frame(message.header)
+    encoding = str(message.encoding).lower()
+    layout = ENCODINGS.get(encoding)
+    if layout is None:
+        raise DecodeError(f"image encoding '{message.encoding}' is not supported")
+    width, height, step = int(message.width), int(message.height), int(message.step)
+    data = np.asarray(message.data).view(np.uint8)
+    row_bytes = width * layout.channels * layout.bytes_per_channel
+    if not width or not height or step < row_bytes or len(data) < (height - 1) * step + row_bytes:
+        raise DecodeError(
+            f"an image of {width}x{height} in {encoding} with step {step} does not fit {len(data)} bytes"
+        )
+    if len(data) < height * step:
+        data = np.concatenate([data, np.zeros(height * step - len(data), np.uint8)])
+    rows = data[: height * step].reshape(height, step)[:, :row_bytes]
+    pixels: Any = rows
+    if layout.bytes_per_channel == 2:
+        order = ">u2" if message.is_bigendian else "<u2"
+        pixels = np.ascontiguousarray(rows).view(order).astype(np.uint16, copy=False)
+    if layout.channels > 1:
+        pixels = pixels.reshape(height, width, layout.channels)
+    return ImageReading(stamp_ns, frame_id, pixels, None, encoding)
+
+
+def to_bgr_or_grey(pixels: Pixels, encoding: str) -> Pixels:
+    """Convert pixels as recorded to (H, W) grey or (H, W, 3) BGR of the same depth."""
+    conversion = ENCODINGS[encoding].conversion
+    if conversion is None:
+        return pixels
+    converted: Pixels = cv2.cvtColor(np.ascontiguousarray(pixels), conversion)
+    return converted
+
+
+def demosaic(mosaic: Pixels, encoding: str) -> Pixels:
+    """Convert a (H, W) Bayer mosaic, as it may hide in a compressed image, to (H, W, 3) BGR."""
+    pattern = encoding.lower().removeprefix("bayer_").rstrip("0123456789")
+    if pattern not in _BAYER:
+        raise DecodeError(f"Bayer pattern '{encoding}' is not known")
+    converted: Pixels = cv2.cvtColor(mosaic, _BAYER[pattern])
+    return converted

@@ -1,0 +1,142 @@
+"""Camera models: from the calibration of a lens to pixels of the image that is written.
+
+Distortion models are those of sensor_msgs/CameraInfo; K and D there describe the
+full-resolution image, of which the recorded one is a region of interest, then binned.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from bagassets.errors import CalibrationError
+from bagassets.geometry.se3 import Floats
+
+__all__ = ["CameraModel"]
+
+
+@dataclass(frozen=True, eq=False)
+class CameraModel:
+    """A camera as recorded: pinhole matrix and distortion of the image that is in the recording.
+
+    Attributes:
+        model: plumb_bob, rational_polynomial, equidistant or none.
+        width: pixels of the recorded image.
+        height: pixels of the recorded image.
+        fx, fy, cx, cy: pinhole matrix of the recorded image, pixels.
+        distortion: coefficients in the order of the model.
+    """
+
+    model: str
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    distortion: tuple[float, ...] = ()
+
+    @classmethod
+    def from_calibration(cls, camera: Mapping[str, Any]) -> "CameraModel":
+        """Return the model of the recorded image from `camera` of `calibration.json`.
+
+        ROI and binning as sensor_msgs/CameraInfo defines them: the region is cut out of the
+        full image first, then `binning` pixels become one.
+        """
+        roi, (bx, by) = camera["roi"], camera["binning"]
+        fx, _, cx, _, fy, cy = camera["k"][:6]
+        # The centre of the first binned pixel lies (b - 1) / 2 into the unbinned ones.
+        return cls(
+            model=camera["model"],
+            width=roi["width"] // bx,
+            height=roi["height"] // by,
+            fx=fx / bx,
+            fy=fy / by,
+            cx=(cx - roi["x_offset"] - (bx - 1) / 2) / bx,
+            cy=(cy - roi["y_offset"] - (by - 1) / 2) / by,
+            distortion=tuple(camera["d"]),
+        )
+
+    @property
+    def matrix(self) -> Floats:
+        """K of the recorded image, (3, 3)."""
+        return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
+
+    @property
+    def distorts(self) -> bool:
+        """Tell whether undistortion would change the image at all."""
+        return self.model != "none" and any(self.distortion)
+
+    def undistorted(self, target: Mapping[str, float] | None = None) -> "CameraModel":
+        """Return the pinhole camera that undistorted images are written with (R = identity)."""
+        pinhole = replace(self, model="none", distortion=())
+        if target is None:
+            return pinhole
+        return replace(pinhole, fx=target["fx"], fy=target["fy"], cx=target["cx"], cy=target["cy"])
+
+    def check_size(self, width: int, height: int, name: str) -> None:
+        """Check that an image is the one that was calibrated.
+
+        Raises:
+            CalibrationError: its size differs.
+        """
+        if (width, height) != (self.width, self.height):
+            raise CalibrationError(
+                f"{name}: images are {width}x{height}, but the calibration is for {self.width}x{self.height}; "
+                "correct the CameraInfo or give `intrinsics` in the recipe."
+            )
+
+    def project(self, points_cam: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+        """Project (N, 3) points in the optical frame (z forward), metres.
+
+        Returns:
+            (N, 2) pixels u, v with distortion, and a mask (N,) of the points in front.
+        """
+        x, y, z = points_cam[:, 0], points_cam[:, 1], points_cam[:, 2]
+        in_front: NDArray[np.bool_] = z > 1e-6
+        depth = np.where(in_front, z, 1.0)
+        xn, yn = self._distort(x / depth, y / depth)
+        return np.stack([self.fx * xn + self.cx, self.fy * yn + self.cy], axis=1), in_front
+
+    def _distort(self, x: Floats, y: Floats) -> tuple[Floats, Floats]:
+        if not self.distorts:
+            return x, y
+        if self.model == "equidistant":
+            k1, k2, k3, k4 = self.distortion
+            r = np.sqrt(x * x + y * y)
+            theta = np.arctan(r)
+            t2 = theta * theta
+            bent = theta * (1 + t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4))))
+            scale = np.where(r > 1e-12, bent / np.where(r > 1e-12, r, 1.0), 1.0)
+            return x * scale, y * scale
+        k1, k2, p1, p2, k3, k4, k5, k6 = (*self.distortion, 0.0, 0.0, 0.0, 0.0)[:8]
+        r2 = x * x + y * y
+        radial = (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
+        return (
+            x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
+            y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y,
+        )
+
+    @cached_property
+    def _coefficients(self) -> Floats:
+        return np.array(self.distortion, dtype=np.float64)
+
+    def undistortion_maps(self, target: "CameraModel") -> tuple[NDArray[Any], NDArray[Any]]:
+        """Return fixed-point maps, (H, W, 2) int16 and (H, W) uint16, for `cv2.remap` from this camera's image to `target`'s.
+
+        They take tens of milliseconds to make: once per camera, never per frame.
+        """
+        size = (target.width, target.height)
+        if self.model == "equidistant":
+            maps = cv2.fisheye.initUndistortRectifyMap(
+                self.matrix, self._coefficients, np.eye(3), target.matrix, size, cv2.CV_16SC2
+            )
+        else:
+            maps = cv2.initUndistortRectifyMap(
+                self.matrix, self._coefficients, np.eye(3), target.matrix, size, cv2.CV_16SC2
+            )
+        return maps[0], maps[1]

@@ -1,0 +1,157 @@
+"""The step `ego_poses`: the trajectory of the ego frame in local metres.
+
+Files: `ego_poses.parquet` (stamp_ns, x, y, z, qw, qx, qy, qz) and `ego_poses.json`.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from bagassets.bags.inventory import Inventory
+from bagassets.bags.model import Recording
+from bagassets.errors import PoseError
+from bagassets.geometry.se3 import SE3
+from bagassets.geometry.trajectory import Trajectory
+from bagassets.recipe.model import Clock, FixedPose, NavSatSource, OdometrySource, PoseTopicSource, Rig
+from bagassets.steps.channel import Counts, Request
+from bagassets.steps.pose_sources import PoseSamples, read_samples
+from bagassets.store.action import Step
+from bagassets.store.artifact import Artifact, ArtifactWriter
+
+__all__ = ["STEP", "load_trajectory", "make", "request"]
+
+STEP = Step("ego_poses", 1, ("pyarrow",))
+
+# Coordinates beyond this lose centimetres in the float32 arithmetic of training code.
+FAR_M = 100_000.0
+
+_NUMBERS = ("x", "y", "z", "qw", "qx", "qy", "qz")
+
+
+def request(rig: Rig, clock: Clock, inventory: Inventory) -> Request:
+    """Return what the step reads of this recording.
+
+    Raises:
+        PoseError: the configured topic is not in the recording.
+    """
+    source = rig.ego_pose
+    if isinstance(source, FixedPose):
+        return Request({"source": "fixed", "pose": source.pose.model_dump(mode="json")}, ())
+    params: dict[str, Any] = {"clock": clock, "ego_frame": rig.ego_frame, "imu": None, "frame": None}
+    params |= source.model_dump(mode="json")
+    static = [topic for topic in rig.tf_static if inventory.has(topic)]
+    topics: list[str] = []
+    if isinstance(source, OdometrySource | PoseTopicSource | NavSatSource):
+        _require(rig, inventory, source.topic)
+        topics.append(source.topic)
+        if isinstance(source, NavSatSource):
+            static = []
+            if source.imu is not None:
+                _require(rig, inventory, source.imu)
+                topics.append(source.imu)
+    else:
+        moving = [topic for topic in rig.tf if inventory.has(topic)]
+        if not moving:
+            _require(rig, inventory, rig.tf[0] if rig.tf else "/tf")
+        params["tf"] = moving
+        topics += moving
+    params["tf_static"] = static
+    return Request(params, tuple(sorted({*topics, *static})))
+
+
+def _require(rig: Rig, inventory: Inventory, topic: str) -> None:
+    if inventory.has(topic):
+        return
+    kinds = ("Odometry", "PoseStamped", "PoseWithCovarianceStamped", "NavSatFix", "TFMessage")
+    there = [name for name, record in inventory.topics.items() if record.msgtype.rsplit("/", 1)[-1] in kinds]
+    offer = f"it has {', '.join(there)}" if there else "it has no topic with poses"
+    raise PoseError(
+        f"rig {rig.name}: the recording has no messages on {topic}, which ego_pose reads; {offer}. Correct "
+        "ego_pose in the recipe; a rig that stands still says `source: fixed`."
+    )
+
+
+def make(params: Mapping[str, Any], recording: Recording, out: ArtifactWriter) -> dict[str, Any]:
+    """Write the trajectory and return the summary.
+
+    Raises:
+        PoseError: there is no usable pose.
+    """
+    if params["source"] == "fixed":
+        pose = SE3.create(params["pose"]["rotation"], params["pose"]["translation"])
+        samples = PoseSamples([0], [pose], "global", None, Counts(read=0, written=0))
+    else:
+        samples = read_samples(params, recording)
+        if not samples.poses:
+            lost = "; ".join(f"{number} because {reason}" for reason, number in samples.counts.lost.items())
+            raise PoseError(
+                f"ego poses from {params.get('topic', 'TF')}: none of {samples.counts.read} messages gives a pose"
+                f"{' (' + lost + ')' if lost else ''}; correct ego_pose in the recipe."
+            )
+    stamps_ns, rows, repeated = _ordered(samples)
+    counts = samples.counts
+    if params["source"] != "fixed":
+        counts.merged += repeated
+        counts.written = len(stamps_ns)
+        if not counts.balanced:
+            raise PoseError(f"ego poses: counts do not add up, {counts.as_json()}; please report this.")
+    origin = samples.origin or _recentre(rows)
+    table = {"stamp_ns": pa.array(stamps_ns, pa.int64())}
+    table |= {name: pa.array(rows[:, i], pa.float64()) for i, name in enumerate(_NUMBERS)}
+    out.write_table("ego_poses.parquet", pa.table(table))
+    steps = np.diff(rows[:, :3], axis=0)
+    length_m = round(float(np.sqrt((steps * steps).sum(axis=1)).sum()), 3)
+    facts = {
+        "source": params["source"],
+        "count": len(stamps_ns),
+        "counts": counts.as_json(),
+        "length_m": length_m,
+    }
+    out.write_json(
+        "ego_poses.json",
+        facts
+        | {
+            "fixed": params["source"] == "fixed",
+            "max_gap_s": params.get("max_gap_s", 0.0),
+            "extrapolate_s": params.get("extrapolate_s", 0.0),
+            "global_frame": samples.global_frame,
+            "origin": origin,
+        },
+    )
+    return facts
+
+
+def load_trajectory(artifact: Artifact) -> Trajectory:
+    """Return the trajectory in an artifact of this step."""
+    facts = artifact.read_json("ego_poses.json")
+    table = artifact.read_table("ego_poses.parquet")
+    numbers = np.stack([table[name].to_numpy() for name in _NUMBERS], axis=1)
+    return Trajectory(
+        table["stamp_ns"].to_numpy().astype(np.int64),
+        np.ascontiguousarray(numbers[:, :3]),
+        np.ascontiguousarray(numbers[:, 3:]),
+        round(facts["max_gap_s"] * 1e9),
+        round(facts["extrapolate_s"] * 1e9),
+        fixed=facts["fixed"],
+    )
+
+
+def _ordered(samples: PoseSamples) -> tuple[list[int], np.ndarray[Any, np.dtype[np.float64]], int]:
+    """Sort by stamp; of poses with the same stamp the first one read counts."""
+    first: dict[int, SE3] = {}
+    for stamp_ns, pose in zip(samples.stamps_ns, samples.poses, strict=True):
+        first.setdefault(stamp_ns, pose)
+    stamps_ns = sorted(first)
+    rows = np.array([[*first[stamp].translation, *first[stamp].rotation] for stamp in stamps_ns])
+    return stamps_ns, rows, len(samples.poses) - len(stamps_ns)
+
+
+def _recentre(rows: np.ndarray[Any, np.dtype[np.float64]]) -> dict[str, Any] | None:
+    """Move far-away coordinates (UTM, say) to a local origin, which is returned."""
+    if np.abs(rows[:, :2]).max() <= FAR_M:
+        return None
+    origin = [float(np.floor(v)) for v in rows[0, :3]]
+    rows[:, :3] -= np.array(origin)
+    return {"kind": "local", "x": origin[0], "y": origin[1], "z": origin[2]}

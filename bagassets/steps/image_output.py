@@ -1,0 +1,132 @@
+"""From an image as recorded to the bytes of the file: convert, undistort, encode.
+
+This is the hot path. It runs in worker threads; OpenCV releases the interpreter lock.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+
+from bagassets.decode.compressed_image import image_size, unpack
+from bagassets.decode.image import Pixels, to_bgr_or_grey
+from bagassets.decode.model import ImageReading
+from bagassets.errors import CalibrationError, DecodeError, RecipeError
+from bagassets.geometry.camera import CameraModel
+
+__all__ = ["EncodedImage", "ImageOutput", "raw_pixels"]
+
+
+@dataclass(frozen=True, slots=True)
+class EncodedImage:
+    """A finished image file."""
+
+    data: bytes | memoryview
+    extension: str
+    width: int
+    height: int
+
+
+def raw_pixels(reading: ImageReading) -> Pixels:
+    """Return the pixels of a reading, (H, W) grey or (H, W, 3) BGR.
+
+    Raises:
+        DecodeError: compressed bytes do not decode.
+    """
+    if reading.encoded is not None:
+        return unpack(reading.encoded, reading.encoding)
+    if reading.pixels is None:
+        raise DecodeError("the image has neither pixels nor compressed bytes")
+    return to_bgr_or_grey(reading.pixels, reading.encoding)
+
+
+class ImageOutput:
+    """Makes the files of one channel.
+
+    Args:
+        params: of the step `frames`.
+        grey_range: values that become 0 and 255 when 16-bit grey is made 8 bit, or None.
+    """
+
+    def __init__(self, params: Mapping[str, Any], grey_range: tuple[float, float] | None) -> None:
+        self._name = f"{params['channel']} ({params['topic']})"
+        self._format = params["output"]
+        self._quality = params["quality"]
+        self._range = grey_range
+        camera = params["camera"]
+        self._recorded = None if camera is None else CameraModel.from_calibration(camera)
+        self.written = self._recorded
+        self._maps: tuple[Any, Any] | None = None
+        if self._recorded is not None and params["undistort"]:
+            self.written = self._recorded.undistorted(params["target"])
+            if self._recorded.distorts or params["target"] is not None:
+                self._maps = self._recorded.undistortion_maps(self.written)
+
+    def make(self, reading: ImageReading) -> EncodedImage:
+        """Return the file of one image.
+
+        Raises:
+            DecodeError: the image does not decode.
+            CalibrationError: its size is not that of the calibration.
+            RecipeError: 16-bit grey is to become JPEG without a rule.
+        """
+        if reading.encoded is not None and self._format == "as_recorded" and self._maps is None:
+            return self._as_recorded(reading.encoded, reading.encoding)
+        pixels = raw_pixels(reading)
+        self._check(pixels.shape[1], pixels.shape[0])
+        if pixels.dtype == np.uint16:
+            pixels = self._to_8bit(pixels)
+        if self._maps is not None:
+            pixels = cv2.remap(pixels, self._maps[0], self._maps[1], cv2.INTER_LINEAR)
+        jpeg = self._format == "jpeg" or (
+            self._format == "as_recorded" and reading.encoding.startswith("jpeg")
+        )
+        if jpeg:
+            done, data = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, self._quality])
+        else:
+            done, data = cv2.imencode(".png", pixels, [cv2.IMWRITE_PNG_COMPRESSION, 3])
+        if not done:
+            raise DecodeError("the image cannot be encoded")
+        return EncodedImage(data.data, ".jpg" if jpeg else ".png", pixels.shape[1], pixels.shape[0])
+
+    def _as_recorded(self, encoded: bytes, encoding: str) -> EncodedImage:
+        width, height = image_size(encoded)
+        self._check(width, height)
+        return EncodedImage(encoded, ".png" if encoding.startswith("png") else ".jpg", width, height)
+
+    def _check(self, width: int, height: int) -> None:
+        if self._recorded is not None:
+            self._recorded.check_size(width, height, self._name)
+
+    def _to_8bit(self, pixels: Pixels) -> Pixels:
+        if self._range is None:
+            if self._format == "jpeg":
+                raise RecipeError(
+                    f"{self._name}: 16-bit images become JPEG only by a rule; give the channel `to_8bit` with a "
+                    "range or percentiles, or set `output: png` to keep 16 bit."
+                )
+            return pixels
+        low, high = self._range
+        table = np.clip((np.arange(65536) - low) * (255.0 / (high - low)), 0, 255).round().astype(np.uint8)
+        scaled: Pixels = table[pixels]
+        return scaled
+
+
+def intrinsic_matrix(camera: CameraModel | None) -> list[list[float]]:
+    """Return `camera_intrinsic` as nuScenes has it; empty for a camera without calibration."""
+    return [] if camera is None else [[float(v) for v in row] for row in camera.matrix]
+
+
+def require_calibration(params: Mapping[str, Any]) -> None:
+    """Check that a channel that is to be undistorted has intrinsics.
+
+    Raises:
+        CalibrationError: it has none.
+    """
+    if params["undistort"] and params["camera"] is None:
+        raise CalibrationError(
+            f"{params['channel']} ({params['topic']}): there are no intrinsics to undistort with; name `camera_info`, "
+            "give `intrinsics`, or set `undistort: false` in the recipe."
+        )
