@@ -53,7 +53,7 @@ def explain(error: Mapping[str, Any], data: Any) -> Problem:
     if kind == "finite_number":
         return at, f"must be a finite number; found {_show(value)}"
     if value is None and kind != "literal_error":
-        return at, f"has no value; {_purpose(error['loc']) or f'expected {describe(annotation)}'}"
+        return at, f"needs a value: {_purpose(error['loc']) or describe(annotation)}"
     if kind == "literal_error":
         allowed = [str(option) for option in get_args(plain(annotation))]
         return at, f"must be {_either(allowed)}; found {_show(value)}{_suggestion(value, allowed)}"

@@ -7,6 +7,7 @@ no home folder, no current folder.
 import json
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 from pydantic import ValidationError
 
@@ -66,12 +67,19 @@ def parse_recipe(text: str, path: Path) -> Recipe:
         # for paths, but no text for numbers and no numbers for true and false.
         recipe = Recipe.model_validate_json(json.dumps(data), strict=True)
     except ValidationError as err:
-        raise _wrong((explain(problem, data) for problem in err.errors()), places, path) from None
+        raise _wrong((explain(problem, data) for problem in _causes(err)), places, path) from None
     recipe = _absolute(recipe, path.parent)
     problems = list(problems_in(recipe, data))
     if problems:
         raise _wrong(problems, places, path)
     return recipe
+
+
+def _causes(err: ValidationError) -> list[Any]:
+    """Return the errors without those that only say that a list lacks its wrong entries."""
+    errors = err.errors()
+    inner = {error["loc"][:depth] for error in errors for depth in range(len(error["loc"]))}
+    return [error for error in errors if error["type"] != "too_short" or error["loc"] not in inner]
 
 
 def _wrong(problems: Iterable[Problem], places: Place, path: Path) -> RecipeError:
