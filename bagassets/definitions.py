@@ -7,7 +7,7 @@ The recipe is the file named by BAGASSETS_RECIPE (a project's `.env` sets it), e
 import os
 from pathlib import Path
 
-from bagassets.defs import build_definitions
+from bagassets.defs.location import build_definitions
 
 _FALLBACKS = (Path("recipe.yaml"), Path("build/demo/recipe.yaml"))
 

@@ -3,7 +3,7 @@
 import dagster as dg
 
 from bagassets.defs.events import live_partitions, recorded_states
-from bagassets.defs.reporting import failures_in_words
+from bagassets.defs.reporting import dataset_metadata, failures_in_words
 from bagassets.defs.workspace import Workspace
 from bagassets.engine.dataset_build import DatasetInputs, build_dataset, dataset_code_version, select_inputs
 from bagassets.engine.plan import make_plan
@@ -21,7 +21,7 @@ def current_inputs(instance: dg.DagsterInstance, workspace: Workspace) -> Datase
     recorded = recorded_states(instance)
     live = live_partitions(instance, recipe)
     plan = make_plan(recipe, workspace.store, workspace.discover(), recorded, live, workspace.index)
-    return select_inputs(recipe, plan, recorded, live)
+    return select_inputs(plan, recorded, live)
 
 
 def record_inputs(instance: dg.DagsterInstance, inputs: DatasetInputs) -> None:
@@ -36,7 +36,7 @@ def record_inputs(instance: dg.DagsterInstance, inputs: DatasetInputs) -> None:
     instance.report_runless_asset_event(
         dg.AssetMaterialization(
             asset_key="dataset_inputs",
-            metadata=inputs.metadata(),
+            metadata=dict(inputs.as_json()),
             tags={"dagster/data_version": inputs.digest, "dagster/code_version": "1"},
         )
     )
@@ -60,7 +60,7 @@ def dataset_assets(recipe: Recipe) -> list[dg.AssetsDefinition]:
         with failures_in_words():
             inputs = current_inputs(context.instance, workspace)
             return dg.MaterializeResult(
-                data_version=dg.DataVersion(inputs.digest), metadata=inputs.metadata()
+                data_version=dg.DataVersion(inputs.digest), metadata=dict(inputs.as_json())
             )
 
     @dg.asset(
@@ -77,6 +77,8 @@ def dataset_assets(recipe: Recipe) -> list[dg.AssetsDefinition]:
         with failures_in_words():
             inputs = current_inputs(context.instance, workspace)
             made = build_dataset(workspace.recipe, workspace.store, inputs)
-            return dg.MaterializeResult(data_version=dg.DataVersion(made.digest), metadata=made.metadata())
+            return dg.MaterializeResult(
+                data_version=dg.DataVersion(made.digest), metadata=dataset_metadata(made)
+            )
 
     return [dataset_inputs, nuscenes_dataset]

@@ -8,8 +8,9 @@ import dagster as dg
 
 from bagassets.engine.recording_build import AssetResult
 from bagassets.errors import BagAssetsError
+from bagassets.steps.nuscenes_dataset import DatasetSummary
 
-__all__ = ["failures_in_words", "result_metadata"]
+__all__ = ["dataset_metadata", "failures_in_words", "result_metadata"]
 
 
 def result_metadata(result: AssetResult) -> dict[str, Any]:
@@ -31,6 +32,21 @@ def result_metadata(result: AssetResult) -> dict[str, Any]:
         elif value is not None:
             metadata[name] = dg.MetadataValue.json(value)
     return metadata
+
+
+def dataset_metadata(made: DatasetSummary) -> dict[str, Any]:
+    """Return rows, splits and files of a dataset as Dagster metadata."""
+    return {
+        "dataroot": dg.MetadataValue.path(str(made.folder.parent)),
+        "version": made.folder.name,
+        "scenes": made.rows.get("scene", 0),
+        "keyframes": made.rows.get("sample", 0),
+        "rows": dg.MetadataValue.json(dict(made.rows)),
+        "splits": dg.MetadataValue.json(dict(made.splits)),
+        "files": dg.MetadataValue.json(dict(made.files)),
+        "duplicates": dg.MetadataValue.json(dict(made.duplicates)),
+        "changed": made.changed,
+    }
 
 
 def channel_table(channels: Mapping[str, Mapping[str, Any]]) -> str:

@@ -6,22 +6,33 @@ decompress each chunk once per topic.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
-from bagassets.bags.model import RawMessage, Recording
+from bagassets.bags.model import Recording
 from bagassets.errors import BagAssetsError
 from bagassets.steps.channel import ChannelExtractor
-from bagassets.store.store import Outcome, Pending, Store
+from bagassets.store.action import Action
+from bagassets.store.artifact import ArtifactWriter
+from bagassets.store.store import Outcome, Store
 
 __all__ = ["ChannelJob", "run_pass"]
 
 
 @dataclass(frozen=True)
 class ChannelJob:
-    """A channel to extract: where it goes, and how its extractor is made."""
+    """A channel to extract.
+
+    Attributes:
+        channel: its name.
+        action: what is to be done.
+        topics: what it reads.
+        make_extractor: makes the extractor that writes into an artifact.
+    """
 
     channel: str
-    pending: Pending
-    make_extractor: Callable[[Pending], ChannelExtractor]
+    action: Action
+    topics: tuple[str, ...]
+    make_extractor: Callable[[Recording, ArtifactWriter], ChannelExtractor]
 
 
 def run_pass(
@@ -29,7 +40,6 @@ def run_pass(
     jobs: Sequence[ChannelJob],
     store: Store,
     verify_unchanged: Callable[[], None],
-    on_message: Callable[[RawMessage], None] | None = None,
 ) -> tuple[dict[str, Outcome], dict[str, BagAssetsError]]:
     """Read the topics of all `jobs` once and finish each job.
 
@@ -45,34 +55,34 @@ def run_pass(
     """
     errors: dict[str, BagAssetsError] = {}
     extractors: dict[str, ChannelExtractor] = {}
+    summaries: dict[str, dict[str, Any]] = {}
+    pending = {job.channel: store.begin(job.action) for job in jobs}
     try:
         for job in jobs:
             try:
-                extractors[job.channel] = job.make_extractor(job.pending)
+                extractors[job.channel] = job.make_extractor(recording, pending[job.channel].out)
             except BagAssetsError as err:
                 errors[job.channel] = err
-        _feed(recording, extractors, errors, on_message)
-        summaries = {}
+        _feed(recording, extractors, errors)
         for channel, extractor in extractors.items():
+            if channel in errors:
+                continue
             try:
-                summary = extractor.finish()
+                summaries[channel] = extractor.finish()
             except BagAssetsError as err:
-                errors.setdefault(channel, err)
-            else:
-                if channel not in errors:
-                    summaries[channel] = summary
+                errors[channel] = err
         verify_unchanged()
     except BaseException:
-        for job in jobs:
-            job.pending.discard()
+        for unfinished in pending.values():
+            unfinished.discard()
         raise
     outcomes = {}
-    for job in jobs:
-        if job.channel in errors:
-            job.pending.discard()
-            store.record_failure(job.pending.action, str(errors[job.channel]))
+    for channel, running in pending.items():
+        if channel in errors:
+            running.discard()
+            store.record_failure(running.action, str(errors[channel]))
         else:
-            outcomes[job.channel] = job.pending.commit(summaries[job.channel])
+            outcomes[channel] = running.commit(summaries[channel])
     return outcomes, errors
 
 
@@ -80,8 +90,8 @@ def _feed(
     recording: Recording,
     extractors: Mapping[str, ChannelExtractor],
     errors: dict[str, BagAssetsError],
-    on_message: Callable[[RawMessage], None] | None,
 ) -> None:
+    """Hand each message to the extractors of its topic; one that fails gets no more of them."""
     listeners: dict[str, list[tuple[str, ChannelExtractor]]] = {}
     for channel, extractor in extractors.items():
         for topic in extractor.topics:
@@ -96,5 +106,3 @@ def _feed(
                 extractor.add(message)
             except BagAssetsError as err:
                 errors[channel] = err
-        if on_message is not None:
-            on_message(message)

@@ -25,7 +25,7 @@ from bagassets.steps.selection import choose_rig, present_channels, skip_reason
 from bagassets.store.action import Action, Step
 from bagassets.store.artifact import Artifact, ArtifactWriter
 from bagassets.store.canonical import digest_file
-from bagassets.store.store import Pending, Store
+from bagassets.store.store import Outcome, Store
 
 __all__ = ["ASSETS", "UPSTREAM", "AssetResult", "BuildFailure", "NotMadeError", "RecordingBuild", "Skipped"]
 
@@ -184,13 +184,13 @@ class RecordingBuild:
         return choose_rig(self.recipe, self.found.relative)
 
     @cached_property
-    def _channels(self) -> dict[str, str]:
+    def _present(self) -> dict[str, str]:
         return present_channels(self.rig, self.inventory)
 
     @cached_property
-    def _calibration_channels(self) -> dict[str, Any]:
-        channels: dict[str, Any] = self._artifact("calibration").read_json("calibration.json")["channels"]
-        return channels
+    def _calibration_json(self) -> dict[str, Any]:
+        calibrated: dict[str, Any] = self._artifact("calibration").read_json("calibration.json")
+        return calibrated
 
     @cached_property
     def _trajectory(self) -> Trajectory:
@@ -285,11 +285,147 @@ class RecordingBuild:
         return self._run_on_messages("ego_poses", ego_poses.STEP, request, ego_poses.make)
 
     def _annotations(self) -> AssetResult:
-        raise NotImplementedError
+        request = annotations.request(
+            self.rig,
+            self.recipe.clock,
+            self.recipe.limits,
+            self.inventory,
+            calibration=self._calibration_json,
+            ego_poses=self._artifact("ego_poses"),
+        )
+        make = partial(annotations.make, trajectory=self._trajectory)
+        return self._run_on_messages("annotations", annotations.STEP, request, make)
 
     def _nuscenes_tables(self) -> AssetResult:
-        raise NotImplementedError
+        poses, boxes = self._artifact("ego_poses"), self._artifact("annotations")
+        channels = self._channel_artifacts("frames") | self._channel_artifacts("sweeps")
+        request = nuscenes_tables.request(
+            self.rig,
+            self.recipe.scenes,
+            self.found.key,
+            calibration=self._calibration_json,
+            ego_poses=poses,
+            annotations=boxes,
+            channels=channels,
+        )
+
+        def make(out: ArtifactWriter) -> dict[str, Any]:
+            return nuscenes_tables.make(
+                request.params,
+                out,
+                trajectory=self._trajectory,
+                ego_poses=poses,
+                annotations=boxes,
+                channels=channels,
+            )
+
+        return self._run("nuscenes_tables", self._action(nuscenes_tables.STEP, request), make)
+
+    # --- frames and sweeps ---------------------------------------------------------------
 
     def _extract(self, assets: Sequence[str]) -> dict[str, AssetResult | BagAssetsError]:
-        """Fill all stale channels of `frames` and `sweeps` in one pass."""
-        raise NotImplementedError
+        """Fill all stale channels of `assets` in one pass, then index each asset's channels."""
+        outcomes: dict[str, Outcome] = {}
+        errors: dict[str, BagAssetsError] = {}
+        jobs: list[ChannelJob] = []
+        for name in self._channels_of(assets):
+            try:
+                request = self._channel_request(name)
+                action = self._action(self._channel_step(name), request)
+                known = self.store.lookup(action)
+                if known is not None:
+                    outcomes[name] = known
+                elif self._dry:
+                    errors[name] = NotMadeError(action, self.store.failure(action.digest))
+                else:
+                    jobs.append(
+                        ChannelJob(name, action, request.topics, partial(self._extractor, name, request))
+                    )
+            except BagAssetsError as err:
+                errors[name] = err
+        if jobs:
+            try:
+                topics = {topic for job in jobs for topic in job.topics}
+                with self.source.whole() as recording:
+                    made, failed = run_pass(
+                        recording.restrict(topics), jobs, self.store, self.source.verify_unchanged
+                    )
+            except BagAssetsError as err:
+                made, failed = {}, {job.channel: err for job in jobs}
+            outcomes |= made
+            errors |= failed
+        return {asset: self._index(asset, outcomes, errors) for asset in assets}
+
+    def _index(
+        self, asset: str, outcomes: Mapping[str, Outcome], errors: Mapping[str, BagAssetsError]
+    ) -> AssetResult | BagAssetsError:
+        """Make the artifact of an asset that names the artifacts of its channels."""
+        names = self._channels_of([asset])
+        failed = [errors[name] for name in names if name in errors]
+        if failed:
+            unmade = [err for err in failed if isinstance(err, NotMadeError)]
+            told = [err for err in failed if err not in unmade or unmade[0].failure is not None]
+            return told[0] if told else failed[0]
+        channels = {
+            name: {
+                "artifact": outcomes[name].artifact.digest,
+                "action": outcomes[name].action_digest,
+                "counts": outcomes[name].artifact.summary()["counts"],
+            }
+            for name in names
+        }
+        digests = {f"channel:{name}": entry["artifact"] for name, entry in channels.items()}
+        actions = {name: entry["action"] for name, entry in channels.items()}
+
+        def make(out: ArtifactWriter) -> dict[str, Any]:
+            out.write_json("channels.json", channels)
+            return {
+                "channels": {name: entry["counts"] for name, entry in channels.items()},
+                "bytes": sum(outcomes[name].artifact.summary()["bytes"] for name in names),
+            }
+
+        action = _INDEX_STEPS[asset].action({"actions": actions}, digests)
+        outcome = self.store.run(action, make)
+        self._artifacts[asset] = outcome.artifact
+        cached = outcome.cached and all(outcomes[name].cached for name in names)
+        seconds = sum(outcomes[name].seconds for name in names)
+        return AssetResult(asset, outcome.artifact, outcome.action_digest, cached, seconds)
+
+    def _channels_of(self, assets: Sequence[str]) -> list[str]:
+        wanted = {"frames": "frames" in assets, "sweeps": "sweeps" in assets}
+        return [name for name in self._present if wanted[self._asset_of(name)]]
+
+    def _asset_of(self, channel: str) -> str:
+        return "frames" if isinstance(self.rig.channels[channel], CameraChannel) else "sweeps"
+
+    def _channel_step(self, channel: str) -> Step:
+        return frames.STEP if self._asset_of(channel) == "frames" else sweeps.STEP
+
+    def _channel_request(self, name: str) -> Request:
+        channel, calibrated = self.rig.channels[name], self._calibration_json["channels"][name]
+        clock, limits = self.recipe.clock, self.recipe.limits
+        if isinstance(channel, CameraChannel):
+            return frames.request(name, channel, clock, limits, self.inventory, camera=calibrated["camera"])
+        poses = self._artifact("ego_poses").digest if self._deskews else None
+        return sweeps.request(
+            name,
+            channel,
+            clock,
+            limits,
+            self.inventory,
+            ego_SE3_sensor=calibrated["ego_SE3_sensor"],
+            ego_poses_digest=poses,
+        )
+
+    def _extractor(
+        self, name: str, request: Request, recording: Recording, out: ArtifactWriter
+    ) -> ChannelExtractor:
+        view = recording.restrict(request.topics)
+        if self._asset_of(name) == "frames":
+            return frames.FrameExtractor(request.params, view, out, self._workers)
+        trajectory = self._trajectory if request.params.get("deskew") else None
+        return sweeps.SweepExtractor(request.params, view, out, trajectory)
+
+    def _channel_artifacts(self, asset: str) -> dict[str, Artifact]:
+        channels = self._artifact(asset).read_json("channels.json")
+        return {name: self.store.artifact(entry["artifact"]) for name, entry in channels.items()}

@@ -1,0 +1,126 @@
+"""What all readers share: topics, decoding, restriction to declared topics."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Self
+
+from bagassets.bags.inventory import Definition
+from bagassets.bags.model import Format, RawMessage, TopicInfo
+from bagassets.bags.typestores import MessageTypes, Serialization
+
+__all__ = ["BaseRecording", "RestrictedRecording", "TopicSource", "merge_topics"]
+
+
+@dataclass(frozen=True)
+class TopicSource:
+    """One connection of a recording: a topic, its type, and the definition that came with it."""
+
+    topic: str
+    msgtype: str
+    count: int
+    definition: Definition
+    serialization: Serialization
+    problem: str | None = None
+
+
+class BaseRecording(ABC):
+    """A recording whose messages are read by a subclass."""
+
+    def __init__(
+        self,
+        path: Path,
+        file_format: Format,
+        sources: Iterable[TopicSource],
+        message_definitions: Sequence[Path],
+    ) -> None:
+        self.path = path
+        self.format = file_format
+        merged = merge_topics(sources)
+        self._types: dict[str, MessageTypes] = {}
+        for serialization in ("ros1", "cdr"):
+            definitions = {
+                s.msgtype: s.definition for s in merged.values() if s.serialization == serialization
+            }
+            types = MessageTypes(serialization, definitions, message_definitions)
+            self._types |= {name: types for name, s in merged.items() if s.serialization == serialization}
+        self.definitions: Mapping[str, Definition] = {s.msgtype: s.definition for s in merged.values()}
+        self.topics: dict[str, TopicInfo] = {}
+        for name, source in sorted(merged.items()):
+            problem = source.problem or self._types[name].problem(source.msgtype)
+            self.topics[name] = TopicInfo(name, source.msgtype, source.count, problem)
+
+    @abstractmethod
+    def _read(self, topics: Collection[str]) -> Iterator[RawMessage]:
+        """Yield the messages of `topics`, all known, in order of log time."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Close the files."""
+
+    def messages(self, topics: Collection[str]) -> Iterator[RawMessage]:
+        """Yield the messages of `topics` in order of log time; see `Recording`."""
+        unknown = sorted(set(topics) - self.topics.keys())
+        if unknown:
+            raise KeyError(f"topic {unknown[0]} is not in {self.path} or was not declared by the step")
+        return self._read(topics) if topics else iter(())
+
+    def decode(self, message: RawMessage) -> Any:
+        """Return the message object; see `Recording`."""
+        return self._types[message.topic].decode(message.msgtype, message.data)
+
+    def header(self, message: RawMessage) -> tuple[int, str] | None:
+        """Return header stamp in nanoseconds and frame id (no leading slash), or None without header."""
+        return self._types[message.topic].header(message.msgtype, message.data)
+
+    def header_stamp_ns(self, message: RawMessage) -> int | None:
+        """Return the header stamp, or None without header; see `Recording`."""
+        header = self.header(message)
+        return None if header is None else header[0]
+
+    def restrict(self, topics: Collection[str]) -> "RestrictedRecording":
+        """Return a view that offers `topics` only."""
+        return RestrictedRecording(self, topics)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.close()
+
+
+class RestrictedRecording(BaseRecording):
+    """A view of a recording that offers the topics a step declared; closing it closes nothing."""
+
+    def __init__(self, inner: BaseRecording, topics: Collection[str]) -> None:
+        self.path = inner.path
+        self.format = inner.format
+        self.definitions = inner.definitions
+        self.topics = {name: info for name, info in inner.topics.items() if name in set(topics)}
+        self._types = inner._types  # noqa: SLF001  (a view of the same class)
+        self._inner = inner
+
+    def _read(self, topics: Collection[str]) -> Iterator[RawMessage]:
+        return self._inner.messages(topics)
+
+    def close(self) -> None:
+        """Do nothing: the recording belongs to whoever opened it."""
+
+
+def merge_topics(sources: Iterable[TopicSource]) -> dict[str, TopicSource]:
+    """Join the connections of each topic; a topic with two types cannot be decoded."""
+    merged: dict[str, TopicSource] = {}
+    for source in sources:
+        before = merged.get(source.topic)
+        if before is None:
+            merged[source.topic] = source
+            continue
+        problem = before.problem or source.problem
+        if before.msgtype != source.msgtype:
+            problem = f"it carries two types, {before.msgtype} and {source.msgtype}"
+        definition = before.definition if before.definition.text else source.definition
+        merged[source.topic] = replace(
+            before, count=before.count + source.count, problem=problem, definition=definition
+        )
+    return merged

@@ -1,0 +1,40 @@
+"""Everything of a code location, put together from one recipe."""
+
+import warnings
+from pathlib import Path
+
+import dagster as dg
+
+from bagassets.defs.assets import recording_assets
+from bagassets.defs.checks import recording_checks
+from bagassets.defs.dataset import dataset_assets
+from bagassets.defs.sensor import recordings_sensor
+from bagassets.defs.workspace import Workspace
+from bagassets.recipe import load_recipe
+
+__all__ = ["build_definitions"]
+
+
+def build_definitions(recipe_file: Path) -> dg.Definitions:
+    """Return assets, checks and sensor for a recipe.
+
+    Merge them with your own: `Definitions.merge(build_definitions(file), Definitions(assets=[…]))`.
+
+    Raises:
+        RecipeError: the recipe is missing or wrong.
+    """
+    recipe_file = recipe_file.absolute()
+    recipe = load_recipe(recipe_file)
+    with warnings.catch_warnings():
+        # Partitioned checks are a preview: without partitions one recording's pass would hide
+        # another's failure.
+        warnings.simplefilter("ignore", category=dg.PreviewWarning)
+        checks = recording_checks(recipe)
+    return dg.Definitions(
+        assets=[*recording_assets(recipe), *dataset_assets(recipe)],
+        asset_checks=checks,
+        sensors=[recordings_sensor(recipe)],
+        resources={"workspace": Workspace(recipe_file=str(recipe_file))},
+        # Workers fork from a server: a run is one process, whatever launched it.
+        executor=dg.in_process_executor,
+    )
