@@ -33,12 +33,15 @@ def explain(error: Mapping[str, Any], data: Any) -> Problem:
         error: the entry.
         data: the whole recipe as plain data.
     """
-    at, annotation = _locate(error["loc"])
-    kind, context, value = error["type"], error.get("ctx", {}), _value(data, at)
+    location, kind = error["loc"], error["type"]
+    if kind == "missing" and isinstance(location[-1], int):
+        location, kind = location[:-1], "too_short"  # pydantic blames the absent entry of a vector
+    at, annotation = _locate(location)
+    context, value = error.get("ctx", {}), _value(data, at)
     if kind == "extra_forbidden":
-        return at, _unknown_field(str(at[-1]), _siblings(error["loc"]), _value(data, at[:-1]))
+        return at, _unknown_field(str(at[-1]), _siblings(location), _value(data, at[:-1]))
     if kind == "missing":
-        return at, _required(error["loc"], at)
+        return at, _required(location, at)
     if kind in {"union_tag_not_found", "union_tag_invalid"}:
         return _tag(at, annotation, value)
     if kind == "value_error":
@@ -53,7 +56,7 @@ def explain(error: Mapping[str, Any], data: Any) -> Problem:
     if kind == "finite_number":
         return at, f"must be a finite number; found {_show(value)}"
     if value is None and kind != "literal_error":
-        return at, f"needs a value: {_purpose(error['loc']) or describe(annotation)}"
+        return at, f"needs a value: {_purpose(location) or describe(annotation)}"
     if kind == "literal_error":
         allowed = [str(option) for option in get_args(plain(annotation))]
         return at, f"must be {_either(allowed)}; found {_show(value)}{_suggestion(value, allowed)}"

@@ -1,0 +1,160 @@
+"""The reference of all recipe fields as Markdown, rendered from the model itself."""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path, PurePath
+from typing import Any, Literal, get_args, get_origin
+
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+from pydantic_core import PydanticUndefined
+
+from bagassets.recipe.model import Recipe
+from bagassets.recipe.schema import describe, limits, models_in, plain, tag_field, variants
+
+__all__ = ["render_reference"]
+
+_INTRODUCTION = """\
+# The recipe
+
+<!-- Generated from bagassets/recipe/model.py by `bagassets docs recipe`; do not edit. -->
+
+A recipe is one YAML file that says everything that shapes a dataset. `bagassets init` proposes
+one from the recordings it finds; most need only the fields without default. A small one in full:
+
+```yaml
+{example}```
+
+Rules that hold everywhere:
+
+- Paths are relative to the recipe's folder. `~` and environment variables are not expanded, so that a recipe
+  means the same for everybody who runs it.
+- Globs are matched against the path of a recording below `bags.root`, with `/` between folders; `*` and `?`
+  stay within a folder, `**` crosses folders. A recording in a ROS 2 folder goes by the name of that folder.
+- Frames are named without leading slash; recordings that write one are understood.
+- Transforms are `parent <- child`: they take coordinates in the child (sensor) frame to the parent (ego) frame. Metres;
+  quaternions are w, x, y, z.
+- An unknown field, a field given twice or a value of the wrong type is refused, with its line.
+- Changing a field makes stale only the steps that read it: `scenes` re-extracts no image.
+"""
+
+EXAMPLE = """\
+name: courtyard
+bags:
+  root: /data/recordings
+  include: ["2024/**"]
+rigs:
+  - name: van
+    ego_frame: base_link
+    ego_pose: {source: odometry, topic: /odom}
+    channels:
+      CAM_FRONT: {modality: camera, topic: /camera_front/image_raw}
+      LIDAR_TOP: {modality: lidar, topic: /velodyne_points}
+      RADAR_FRONT: {modality: radar, topic: /radar_front/points}
+scenes: {length_s: 20, keyframe_hz: 2}
+nuscenes: {output: dataset/nuscenes, version: v1.0-courtyard}
+"""
+"""A recipe for readers; a test loads it."""
+
+
+def render_reference() -> str:
+    """Return the reference of every field of the recipe as Markdown."""
+    parts = [_INTRODUCTION.format(example=EXAMPLE)]
+    for model, paths in _sections():
+        parts.append(f"\n## {_title(model, paths)}\n\n{_prose(model)}\n\n{_table(model)}")
+    return "".join(parts)
+
+
+def _sections() -> Iterator[tuple[type[BaseModel], list[str]]]:
+    """Yield each model once, outer ones first, with the paths of all fields that hold it."""
+    paths: dict[type[BaseModel], list[str]] = {Recipe: [""]}
+    queue: list[type[BaseModel]] = [Recipe]
+    for model in queue:
+        for name, field in model.model_fields.items():
+            for inner in models_in(field.annotation):
+                if inner not in paths:
+                    paths[inner] = []
+                    queue.append(inner)
+                prefix = paths[model][0]
+                path = f"{prefix}.{name}" if prefix else name
+                paths[inner].append(path + _suffix(field.annotation))
+    for model in queue:
+        yield model, paths[model]
+
+
+def _suffix(annotation: Any) -> str:
+    origin, arguments = get_origin(plain(annotation)), get_args(plain(annotation))
+    if origin is dict:
+        return ".NAME"
+    return "[]" if origin is tuple and arguments[-1] is ... else ""
+
+
+def _title(model: type[BaseModel], paths: list[str]) -> str:
+    if paths == [""]:
+        return "Top level"
+    tags = [
+        f"`{name}: {get_args(field.annotation)[0]}`"
+        for name, field in model.model_fields.items()
+        if get_origin(field.annotation) is Literal and len(get_args(field.annotation)) == 1
+    ]
+    return ", ".join(f"`{path}`" for path in paths) + (f" with {tags[0]}" if tags else "")
+
+
+def _prose(model: type[BaseModel]) -> str:
+    return " ".join((model.__doc__ or "").split())
+
+
+def _table(model: type[BaseModel]) -> str:
+    rows = ["| field | value | default | meaning |", "|---|---|---|---|"]
+    rows += [
+        f"| `{name}` | {_value(field)} | {_default(field)} | {_cell(field.description or 'Which kind this is.')} |"
+        for name, field in model.model_fields.items()
+    ]
+    return "\n".join(rows) + "\n"
+
+
+def _value(field: FieldInfo) -> str:
+    annotation = plain(field.annotation)
+    if get_origin(annotation) is dict:
+        inner = get_args(annotation)[1]
+        words = f"a mapping of names to {_options(inner) or describe(inner)}"
+    else:
+        words = _options(annotation) or describe(annotation)
+    bounds = limits(field)
+    return _cell(f"{words}, {bounds}" if bounds else words)
+
+
+def _options(annotation: Any) -> str:
+    """Return the alternatives of a tagged union, as in `modality: camera` or …; "" for other types."""
+    tags = variants(annotation)
+    return (
+        "a mapping with " + " or ".join(f"`{tag_field(annotation)}: {tag}`" for tag in tags) if tags else ""
+    )
+
+
+def _default(field: FieldInfo) -> str:
+    if get_origin(field.annotation) is Literal and len(get_args(field.annotation)) == 1:
+        return "required"  # the tag of a union: it has a default in Python only
+    value = field.get_default(call_default_factory=True, validated_data={})
+    if value is PydanticUndefined:
+        return "required"
+    if value is None:
+        return ""
+    if isinstance(value, BaseModel):
+        return "see below"
+    return f"`{_cell(json.dumps(_json(value), ensure_ascii=False).strip(chr(34)))}`"
+
+
+def _json(value: Any) -> Any:
+    if isinstance(value, PurePath):
+        return value.as_posix()
+    return [_json(entry) for entry in value] if isinstance(value, tuple) else value
+
+
+def _cell(text: str) -> str:
+    return text.replace("|", "\\|")
+
+
+def write_reference(path: Path) -> None:
+    """Write the reference to a file."""
+    path.write_text(render_reference(), encoding="utf-8")
