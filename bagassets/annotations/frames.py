@@ -69,7 +69,7 @@ class BoxFrames:
             valid | ~moves,
         )
 
-    def _ego_SE3_frame(self, frame: str) -> SE3 | None:  # noqa: N802  (frames live in names)
+    def _ego_SE3_frame(self, frame: str) -> SE3 | None:
         """Return where a frame is on the vehicle; None for the global frame."""
         if frame == self.global_frame:
             return None

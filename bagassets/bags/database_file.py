@@ -1,5 +1,6 @@
 """Bare `.db3` files: the SQLite storage of ROS 2 without its metadata.yaml."""
 
+import json
 import sqlite3
 from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
@@ -26,14 +27,13 @@ class DatabaseRecording(BaseRecording):
             raise
 
     def _read(self, topics: Collection[str]) -> Iterator[RawMessage]:
-        marks = ",".join("?" * len(topics))
         query = (
             "SELECT topics.name, messages.timestamp, messages.data FROM messages JOIN topics "
-            f"ON messages.topic_id = topics.id WHERE topics.name IN ({marks}) "  # noqa: S608  (marks only)
+            "ON messages.topic_id = topics.id WHERE topics.name IN (SELECT value FROM json_each(?)) "
             "ORDER BY messages.timestamp, messages.id"
         )
         for connection in self._connections:
-            for topic, log_time_ns, data in connection.execute(query, sorted(topics)):
+            for topic, log_time_ns, data in connection.execute(query, [json.dumps(sorted(topics))]):
                 yield RawMessage(topic, self.topics[topic].msgtype, log_time_ns, data)
 
     def close(self) -> None:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from mcap.reader import make_reader
 from mcap.records import Schema
+from mcap.summary import Summary
 
 from bagassets.bags.inventory import Definition
 from bagassets.bags.model import RawMessage
@@ -22,12 +23,8 @@ class McapRecording(BaseRecording):
         self._file = path.open("rb")
         try:
             self._reader = make_reader(self._file)
-            summary = self._reader.get_summary()
-            if summary is None or summary.statistics is None:
-                raise RecordingError(
-                    f"{path}: the MCAP has no summary; run `mcap recover {path.name}` first."
-                )
-            counts = summary.statistics.channel_message_counts
+            summary = _checked(self._reader.get_summary(), path)
+            counts = summary.statistics.channel_message_counts if summary.statistics is not None else {}
             sources = []
             for channel in summary.channels.values():
                 schema = summary.schemas.get(channel.schema_id)
@@ -59,6 +56,12 @@ class McapRecording(BaseRecording):
     def close(self) -> None:
         """Close the file."""
         self._file.close()
+
+
+def _checked(summary: Summary | None, path: Path) -> Summary:
+    if summary is None or summary.statistics is None:
+        raise RecordingError(f"{path}: the MCAP has no summary; run `mcap recover {path.name}` first.")
+    return summary
 
 
 def _definition(schema: Schema | None) -> Definition:

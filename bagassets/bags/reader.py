@@ -74,6 +74,10 @@ class BaseRecording(ABC):
         """Return header stamp in nanoseconds and frame id (no leading slash), or None without header."""
         return self._types[message.topic].header(message.msgtype, message.data)
 
+    def serialization(self, topic: str) -> Serialization:
+        """Return how the messages of a topic are serialized."""
+        return self._types[topic].serialization
+
     def header_stamp_ns(self, message: RawMessage) -> int | None:
         """Return the header stamp, or None without header; see `Recording`."""
         header = self.header(message)

@@ -128,7 +128,7 @@ def _build(
     )
     for made in build.build(wanted):
         if isinstance(made, Skipped):
-            context.log.info(f"{key} is skipped: {made.reason}.")
+            context.log.info("%s is skipped: %s.", key, made.reason)
             return
         skipped = {"skipped": build.skipped} if made.asset == "inventory" and build.skipped else {}
         yield dg.MaterializeResult(

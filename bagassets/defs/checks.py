@@ -4,7 +4,8 @@ import dagster as dg
 
 from bagassets.defs.reporting import failures_in_words
 from bagassets.defs.workspace import Workspace, recording_partitions
-from bagassets.nuscenes.check import RECORDING_TABLES, check_tables
+from bagassets.nuscenes.check import check_tables
+from bagassets.nuscenes.schema import RECORDING_TABLES
 from bagassets.recipe.model import Recipe
 
 __all__ = ["recording_checks"]

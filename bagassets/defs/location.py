@@ -33,7 +33,7 @@ def build_definitions(recipe_file: Path) -> dg.Definitions:
     return dg.Definitions(
         assets=[*recording_assets(recipe), *dataset_assets(recipe)],
         asset_checks=checks,
-        sensors=[recordings_sensor(recipe)],
+        sensors=[recordings_sensor()],
         resources={"workspace": Workspace(recipe_file=str(recipe_file))},
         # Workers fork from a server: a run is one process, whatever launched it.
         executor=dg.in_process_executor,

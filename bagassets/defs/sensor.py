@@ -20,7 +20,6 @@ from bagassets.defs.reporting import failures_in_words
 from bagassets.defs.workspace import Workspace
 from bagassets.engine.dataset_build import DatasetInputs
 from bagassets.engine.plan import RECORDING_ASSETS, BagPlan, make_plan
-from bagassets.recipe.model import Recipe
 from bagassets.steps.nuscenes_dataset import read_lock
 from bagassets.store.canonical import digest_json
 
@@ -88,8 +87,8 @@ class Cursor:
         return settled
 
 
-def recordings_sensor(recipe: Recipe) -> dg.SensorDefinition:
-    """Return the sensor of a recipe."""
+def recordings_sensor() -> dg.SensorDefinition:
+    """Return the sensor; the recipe it works for is its workspace's."""
 
     @dg.sensor(
         name="recordings",
@@ -121,7 +120,7 @@ def _tick(context: dg.SensorEvaluationContext, workspace: Workspace) -> dg.Senso
     recorded = recorded_states(instance)
     plan = make_plan(recipe, workspace.store, discovery, recorded, live, workspace.index)
     active = _active_partitions(instance)
-    requests = []
+    requests: list[dg.RunRequest] = []
     for key in sorted(settled - active):
         request = _request(cursor, plan.bags[key], cursor.seen[key][0])
         if request is not None and len(requests) < MOST_REQUESTS:

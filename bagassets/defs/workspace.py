@@ -1,6 +1,5 @@
 """The resource that assets and users' own steps share: recipe, store and recordings."""
 
-from functools import cached_property
 from pathlib import Path
 
 import dagster as dg
@@ -76,7 +75,9 @@ class Workspace(dg.ConfigurableResource):  # type: ignore[type-arg]
                 "partition goes at the next `bagassets build` or sensor tick."
             ) from None
 
-    def artifact(self, context: dg.AssetExecutionContext, asset: str) -> Artifact:
+    def artifact(
+        self, context: dg.AssetExecutionContext | dg.AssetCheckExecutionContext, asset: str
+    ) -> Artifact:
         """Return the current artifact of `asset` for the partition that is being materialized.
 
         Raises:

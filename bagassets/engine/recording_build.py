@@ -269,7 +269,7 @@ class RecordingBuild:
 
         def make(out: ArtifactWriter) -> dict[str, Any]:
             with self.source.whole() as recording:
-                return inventory.make_inventory(recording, out)
+                return inventory.make_inventory(recording, out, size=self.found.size)
 
         return self._run("inventory", inventory.STEP.action({}, {"bag": self.digest, **definitions}), make)
 

@@ -6,9 +6,10 @@ from pathlib import Path
 
 from bagassets.bags.digest import RecordingStat, assert_unchanged
 from bagassets.bags.inventory import Inventory
-from bagassets.bags.model import Found, Recording
+from bagassets.bags.model import Found
 from bagassets.bags.open import open_recording
 from bagassets.bags.pack import PackedRecording
+from bagassets.bags.reader import BaseRecording
 from bagassets.store.artifact import Artifact
 
 __all__ = ["MessageSource"]
@@ -37,7 +38,7 @@ class MessageSource:
         assert_unchanged(self.found, self._stat)
 
     @contextmanager
-    def whole(self) -> Iterator[Recording]:
+    def whole(self) -> Iterator[BaseRecording]:
         """Open the recording itself, checked before and after."""
         self.verify_unchanged()
         with open_recording(self.found, self._message_definitions) as recording:
@@ -45,7 +46,7 @@ class MessageSource:
         self.verify_unchanged()
 
     @contextmanager
-    def topics(self, names: Sequence[str], inventory: Inventory, packed: Artifact) -> Iterator[Recording]:
+    def topics(self, names: Sequence[str], inventory: Inventory, packed: Artifact) -> Iterator[BaseRecording]:
         """Open `names` only, from the pack of the inventory artifact if it has them all."""
         if inventory.unpacked(names):
             with self.whole() as recording:

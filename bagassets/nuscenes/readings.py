@@ -55,7 +55,7 @@ class ChannelReadings:
     def __len__(self) -> int:
         return len(self.stamps_ns)
 
-    def global_SE3_sensor(self, reading: int) -> SE3:  # noqa: N802  (frames live in names)
+    def global_SE3_sensor(self, reading: int) -> SE3:
         """Return where the sensor was at one reading."""
         return SE3.create(self.rotations[reading], self.translations[reading]) @ self.ego_SE3_sensor
 

@@ -1,0 +1,42 @@
+"""Globs on paths below the bag root, with `**` for any number of folders."""
+
+import re
+from functools import cache
+
+__all__ = ["matches"]
+
+
+def matches(pattern: str, relative: str) -> bool:
+    """Tell whether a glob matches a path with `/`.
+
+    `*` and `?` stay within one folder name, `**` spans folders (also none), `[…]` is a set.
+    """
+    return _compiled(pattern).fullmatch(relative) is not None
+
+
+@cache
+def _compiled(pattern: str) -> re.Pattern[str]:
+    parts = []
+    at = 0
+    while at < len(pattern):
+        if pattern.startswith("**/", at):
+            parts.append("(?:.*/)?")
+            at += 3
+        elif pattern.startswith("**", at):
+            parts.append(".*")
+            at += 2
+        elif pattern[at] == "*":
+            parts.append("[^/]*")
+            at += 1
+        elif pattern[at] == "?":
+            parts.append("[^/]")
+            at += 1
+        elif pattern[at] == "[" and "]" in pattern[at + 2 :]:
+            end = pattern.index("]", at + 2)
+            inside = pattern[at + 1 : end].replace("\\", "\\\\")
+            parts.append(f"[{'^' + inside[1:] if inside.startswith('!') else inside}]")
+            at = end + 1
+        else:
+            parts.append(re.escape(pattern[at]))
+            at += 1
+    return re.compile("".join(parts), re.DOTALL)

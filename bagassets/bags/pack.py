@@ -1,0 +1,52 @@
+"""The pack: small messages of a recording, kept so that later steps need not open it again."""
+
+from collections.abc import Collection, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from bagassets.bags.inventory import Definition
+from bagassets.bags.model import RawMessage
+from bagassets.bags.reader import BaseRecording, TopicSource
+from bagassets.bags.typestores import Serialization
+
+__all__ = ["PACK_SCHEMA", "PackedRecording"]
+
+PACK_SCHEMA = pa.schema({"topic": pa.string(), "log_time_ns": pa.int64(), "data": pa.binary()})
+
+
+class PackedRecording(BaseRecording):
+    """The packed topics of a recording, read from an inventory artifact.
+
+    Args:
+        inventory: content of `inventory.json`.
+        parquet: `messages.parquet` of the same artifact.
+    """
+
+    def __init__(self, inventory: Mapping[str, Any], parquet: Path) -> None:
+        self._parquet = parquet
+        sources = []
+        for topic in inventory["topics"]:
+            if not topic["packed"]:
+                continue
+            definition = Definition(**topic["definition"])
+            serialization: Serialization = topic["serialization"]
+            sources.append(
+                TopicSource(
+                    topic["name"], topic["type"], topic["count"], definition, serialization, topic["problem"]
+                )
+            )
+        super().__init__(parquet, inventory["format"], sources, ())
+
+    def _read(self, topics: Collection[str]) -> Iterator[RawMessage]:
+        table = pq.read_table(self._parquet, filters=[("topic", "in", sorted(topics))])
+        for batch in table.to_batches(max_chunksize=4096):
+            names, stamps, payloads = (batch.column(name) for name in PACK_SCHEMA.names)
+            for name, log_time_ns, data in zip(names, stamps, payloads, strict=True):
+                topic = name.as_py()
+                yield RawMessage(topic, self.topics[topic].msgtype, log_time_ns.as_py(), data.as_py())
+
+    def close(self) -> None:
+        """Do nothing: the file is open during reads only."""
