@@ -102,7 +102,6 @@ class TopicRecord:
     def from_json(cls, value: Mapping[str, Any]) -> Self:
         """Return the record in one entry of `topics`."""
         fields = dict(value)
-        fields.pop("serialization", None)
         offset = fields.pop("header_offset_s")
         return cls(
             msgtype=fields.pop("type"),
