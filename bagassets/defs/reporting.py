@@ -10,6 +10,8 @@ from bagassets.engine.recording_build import AssetResult
 from bagassets.errors import BagAssetsError
 from bagassets.steps.nuscenes_dataset import DatasetSummary
 
+CHANNEL_ASSETS = ("frames", "sweeps")
+
 __all__ = ["dataset_metadata", "failures_in_words", "result_metadata"]
 
 
@@ -25,7 +27,7 @@ def result_metadata(result: AssetResult) -> dict[str, Any]:
         "seconds": round(result.seconds, 3),
     }
     for name, value in result.artifact.summary().items():
-        if name == "channels" and isinstance(value, Mapping):
+        if name == "channels" and result.asset in CHANNEL_ASSETS:
             metadata["channels"] = dg.MetadataValue.md(channel_table(value))
         elif isinstance(value, bool | int | float | str):
             metadata[name] = value

@@ -4,11 +4,17 @@ import re
 from collections.abc import Collection, Iterable
 from typing import Literal
 
-__all__ = ["channel_name", "direction", "is_derived", "sensor_of", "tokens"]
+__all__ = ["channel_name", "direction", "is_derived", "sensor_of", "tokens", "word_set"]
 
 Modality = Literal["camera", "lidar", "radar"]
 
 PREFIX: dict[str, str] = {"camera": "CAM", "lidar": "LIDAR", "radar": "RADAR"}
+
+
+def word_set(text: str) -> frozenset[str]:
+    """Return the words of a text."""
+    return frozenset(text.split())
+
 
 _SIDES = {
     "front": "FRONT",
@@ -42,14 +48,86 @@ _STREAM = re.compile(
     r"packets?|velodyne_(points|packets)|scan|laser_?scan|raw|rgb|data|targets?|tracks?|detections?)$"
 )
 _VAGUE = frozenset(
-    "camera cameras cam cams color colour rgb image images img raw rect compressed mono lidar lidars laser "
-    "radar radars velodyne points point cloud pointcloud scan packets sensor sensors sensing driver node topic "
-    "ros optical frame link data stream msg".split()
+    [
+        "camera",
+        "cameras",
+        "cam",
+        "cams",
+        "color",
+        "colour",
+        "rgb",
+        "image",
+        "images",
+        "img",
+        "raw",
+        "rect",
+        "compressed",
+        "mono",
+        "lidar",
+        "lidars",
+        "laser",
+        "radar",
+        "radars",
+        "velodyne",
+        "points",
+        "point",
+        "cloud",
+        "pointcloud",
+        "scan",
+        "packets",
+        "sensor",
+        "sensors",
+        "sensing",
+        "driver",
+        "node",
+        "topic",
+        "ros",
+        "optical",
+        "frame",
+        "link",
+        "data",
+        "stream",
+        "msg",
+    ]
 )
 _DERIVED = frozenset(
-    "annotated classified cluster clusters costmap crop cropped debug disparity downsampled filtered ground "
-    "heatmap label labels map mask masks matches nonground obstacle obstacles occupancy overlay rendered result "
-    "results segmentation semantic submap thumbnail tracked viz visualization voxel".split()
+    [
+        "annotated",
+        "classified",
+        "cluster",
+        "clusters",
+        "costmap",
+        "crop",
+        "cropped",
+        "debug",
+        "disparity",
+        "downsampled",
+        "filtered",
+        "ground",
+        "heatmap",
+        "label",
+        "labels",
+        "map",
+        "mask",
+        "masks",
+        "matches",
+        "nonground",
+        "obstacle",
+        "obstacles",
+        "occupancy",
+        "overlay",
+        "rendered",
+        "result",
+        "results",
+        "segmentation",
+        "semantic",
+        "submap",
+        "thumbnail",
+        "tracked",
+        "viz",
+        "visualization",
+        "voxel",
+    ]
 )
 
 
