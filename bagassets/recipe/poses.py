@@ -68,7 +68,7 @@ def propose_ego_frame(glance: Glance, sensor_frames: Iterable[str]) -> EgoFrame:
         return EgoFrame(child, f"child frame of {odometry.name}")
     sensors = list(dict.fromkeys(sensor_frames))
     root = _common_root(glance.edges, sensors)
-    if root:
+    if root and (len(sensors) > 1 or root not in sensors):
         return EgoFrame(root, "root of the sensors' TF tree")
     if len(sensors) == 1:
         return EgoFrame(
@@ -85,13 +85,14 @@ def propose_pose(glance: Glance, ego_frame: str) -> PoseProposal:
     poses = [t for t in _usable(glance, _POSES) if _COMMANDS.isdisjoint(tokens(t.name))]
     if poses:
         best = max(poses, key=_pose_rank)
-        notes = (f"{best.name} is taken to be the pose of {ego_frame}; `frame` names another one",)
-        fields = {"source": "pose", "topic": best.name}
-        return PoseProposal(fields, {"topic": _choice(best, poses, "pose topic")}, notes)
+        reasons = {"topic": _choice(best, poses, "pose topic")}
+        note = f"{best.name} is taken to be the pose of {ego_frame}; `frame` names another one"
+        return PoseProposal({"source": "pose", "topic": best.name}, reasons, (note,))
     chain = _global_frame(glance, ego_frame)
     if chain:
         reasons = {"global_frame": f"ancestor of {ego_frame} in TF"}
-        notes = () if glance.moving else ("nothing in TF moved in the first seconds of the recordings",)
+        still = ("nothing in TF moved in the first seconds of the recordings",)
+        notes = () if glance.moving else still
         return PoseProposal({"source": "tf", "global_frame": chain}, reasons, notes)
     fixes = _usable(glance, {"sensor_msgs/msg/NavSatFix"})
     if fixes:

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from bagassets.recipe.glance import Glance, TopicGlance
-from bagassets.recipe.naming import Modality, is_derived, sensor_of, tokens, word_set
+from bagassets.recipe.naming import Modality, is_derived, sensor_of, tokens
 
 __all__ = ["Sensor", "find_sensors", "modality_of"]
 
