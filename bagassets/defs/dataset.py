@@ -8,8 +8,9 @@ from bagassets.defs.workspace import Workspace
 from bagassets.engine.dataset_build import DatasetInputs, build_dataset, dataset_code_version, select_inputs
 from bagassets.engine.plan import make_plan
 from bagassets.recipe.model import Recipe
+from bagassets.steps.nuscenes_dataset import read_lock
 
-__all__ = ["DATASET_ASSETS", "current_inputs", "dataset_assets", "record_inputs"]
+__all__ = ["DATASET_ASSETS", "current_inputs", "dataset_assets", "dataset_is_current", "record_inputs"]
 
 GROUP = "dataset"
 DATASET_ASSETS = ("dataset_inputs", "nuscenes_dataset")
@@ -22,6 +23,20 @@ def current_inputs(instance: dg.DagsterInstance, workspace: Workspace) -> Datase
     live = live_partitions(instance, recipe)
     plan = make_plan(recipe, workspace.store, workspace.discover(), recorded, live, workspace.index)
     return select_inputs(plan, recorded, live)
+
+
+def dataset_is_current(instance: dg.DagsterInstance, recipe: Recipe, inputs: DatasetInputs) -> bool:
+    """Tell whether the dataset on disk was made from `inputs` by this recipe and code."""
+    latest = instance.get_latest_materialization_event(dg.AssetKey("nuscenes_dataset"))
+    made = latest.asset_materialization if latest is not None else None
+    if made is None:
+        return not inputs.parts
+    tags = made.tags or {}
+    return (
+        tags.get("dagster/input_data_version/dataset_inputs") == inputs.digest
+        and tags.get("dagster/code_version") == dataset_code_version(recipe)
+        and read_lock(recipe.nuscenes.output, recipe.nuscenes.version) is not None
+    )
 
 
 def record_inputs(instance: dg.DagsterInstance, inputs: DatasetInputs) -> None:

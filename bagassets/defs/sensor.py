@@ -13,14 +13,13 @@ import dagster as dg
 
 from bagassets.bags.digest import recording_stat
 from bagassets.bags.model import Found
-from bagassets.defs.dataset import current_inputs, record_inputs
+from bagassets.defs.dataset import current_inputs, dataset_is_current, record_inputs
 from bagassets.defs.events import live_partitions, recorded_states
 from bagassets.defs.partitions import add_partitions, remove_partition
 from bagassets.defs.reporting import failures_in_words
 from bagassets.defs.workspace import Workspace
 from bagassets.engine.dataset_build import DatasetInputs
 from bagassets.engine.plan import RECORDING_ASSETS, BagPlan, make_plan
-from bagassets.steps.nuscenes_dataset import read_lock
 from bagassets.store.canonical import digest_json
 
 __all__ = ["recordings_sensor"]
@@ -155,17 +154,10 @@ def _request(cursor: Cursor, bag: BagPlan, state: str) -> dg.RunRequest | None:
 def _dataset_request(
     context: dg.SensorEvaluationContext, workspace: Workspace, cursor: Cursor, inputs: DatasetInputs
 ) -> Iterable[dg.RunRequest]:
-    recipe = workspace.recipe
-    latest = context.instance.get_latest_materialization_event(dg.AssetKey("nuscenes_dataset"))
-    made = latest.asset_materialization if latest is not None else None
-    version = (made.tags or {}).get("dagster/input_data_version/dataset_inputs") if made is not None else None
-    lock = read_lock(recipe.nuscenes.output, recipe.nuscenes.version)
-    if version == inputs.digest and lock is not None:
+    if dataset_is_current(context.instance, workspace.recipe, inputs):
         return []
-    if latest is None and not inputs.parts:
-        return []
-    if cursor.asked.get("") == inputs.digest and lock is not None:
-        return []
+    if cursor.asked.get("") == inputs.digest:
+        return []  # asked for already: it runs, or failed and waits for a change
     cursor.asked[""] = inputs.digest
     cursor.attempts += 1
     return [
