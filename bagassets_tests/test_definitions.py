@@ -1,0 +1,169 @@
+"""Assets, checks and the sensor in a real Dagster instance."""
+
+import os
+import shutil
+import time
+
+import dagster as dg
+import pytest
+
+from bagassets.defs.events import live_partitions, recorded_states
+from bagassets.defs.location import build_definitions
+from bagassets.defs.partitions import add_partitions
+from bagassets.defs.workspace import Workspace
+from bagassets.engine.plan import RECORDING_ASSETS, make_plan
+from bagassets.recipe import load_recipe
+from bagassets_tests.small_drive import RECIPE, write_drive
+
+
+@pytest.fixture
+def project(tmp_path):
+    write_drive(tmp_path / "bags" / "a.bag", "ros1", duration_s=2.0)
+    (tmp_path / "recipe.yaml").write_text(RECIPE.format(name="test", root="bags"))
+    with dg.DagsterInstance.ephemeral() as instance:
+        yield tmp_path / "recipe.yaml", instance
+
+
+def materialize(recipe_file, instance, key, assets=None):
+    job = build_definitions(recipe_file).resolve_implicit_global_asset_job_def()
+    selection = None if assets is None else [dg.AssetKey(name) for name in assets]
+    return job.execute_in_process(
+        partition_key=key, instance=instance, asset_selection=selection, raise_on_error=False
+    )
+
+
+def plan_of(recipe_file, instance):
+    workspace = Workspace(recipe_file=str(recipe_file))
+    recipe, discovery = workspace.recipe, workspace.discover()
+    return make_plan(
+        recipe,
+        workspace.store,
+        discovery,
+        recorded_states(instance),
+        live_partitions(instance, recipe),
+        workspace.index,
+    )
+
+
+def states(plan, key):
+    return {name: asset.state for name, asset in plan.bags[key].assets.items()}
+
+
+def materialized(result):
+    return {e.asset_key.to_user_string() for e in result.all_events if e.is_step_materialization}
+
+
+def test_everything_materializes_and_is_fresh_afterwards(project):
+    recipe_file, instance = project
+    recipe = load_recipe(recipe_file)
+    add_partitions(instance, recipe, ["a.bag"])
+    assert set(states(plan_of(recipe_file, instance), "a.bag").values()) == {"missing"}
+    result = materialize(recipe_file, instance, "a.bag")
+    assert result.success
+    assert materialized(result) == {*RECORDING_ASSETS, "dataset_inputs", "nuscenes_dataset"}
+    assert set(states(plan_of(recipe_file, instance), "a.bag").values()) == {"fresh"}
+    assert (recipe.nuscenes.output / "v1.0-test" / "sample.json").is_file()
+    checks = [
+        e.event_specific_data for e in result.all_events if e.event_type_value == "ASSET_CHECK_EVALUATION"
+    ]
+    assert len(checks) == 3
+    assert all(check.passed for check in checks)
+
+
+def test_materializing_again_is_a_recorded_hit(project):
+    recipe_file, instance = project
+    add_partitions(instance, load_recipe(recipe_file), ["a.bag"])
+    materialize(recipe_file, instance, "a.bag")
+    result = materialize(recipe_file, instance, "a.bag", ["frames"])
+    (event,) = [e for e in result.all_events if e.is_step_materialization]
+    metadata = event.event_specific_data.materialization.metadata
+    assert metadata["cached"].value is True
+    assert len(metadata["action_digest"].value) == 64
+
+
+def test_a_missing_upstream_fails_in_words_without_traceback(project):
+    recipe_file, instance = project
+    add_partitions(instance, load_recipe(recipe_file), ["a.bag"])
+    result = materialize(recipe_file, instance, "a.bag", ["nuscenes_tables"])
+    assert not result.success
+    (failure,) = [e for e in result.all_events if e.is_step_failure]
+    assert "bag is not materialized" in failure.event_specific_data.user_failure_data.description
+
+
+def test_an_unreadable_recording_fails_alone_in_words(project):
+    recipe_file, instance = project
+    (recipe_file.parent / "bags" / "broken.bag").write_bytes(b"#ROSBAG V2.0\n" + b"x" * 100)
+    add_partitions(instance, load_recipe(recipe_file), ["a.bag", "broken.bag"])
+    assert materialize(recipe_file, instance, "a.bag", RECORDING_ASSETS).success
+    result = materialize(recipe_file, instance, "broken.bag", RECORDING_ASSETS)
+    (failure,) = [e for e in result.all_events if e.is_step_failure]
+    sentence = failure.event_specific_data.user_failure_data.description
+    assert "broken.bag" in sentence
+    assert "rosbag reindex" in sentence
+    assert plan_of(recipe_file, instance).bags["broken.bag"].failed is not None
+
+
+def tick(recipe_file, instance, cursor=None):
+    definitions = build_definitions(recipe_file)
+    sensor = definitions.resolve_sensor_def("recordings")
+    context = dg.build_sensor_context(
+        instance=instance,
+        cursor=cursor,
+        definitions=definitions,
+        resources={"workspace": Workspace(recipe_file=str(recipe_file))},
+    )
+    return sensor(context)
+
+
+def age(path, seconds=60):
+    stamp = time.time() - seconds
+    os.utime(path, (stamp, stamp))
+
+
+def settle(recipe_file, settle_s):
+    recipe_file.write_text(recipe_file.read_text().replace("settle_s: 0", f"settle_s: {settle_s}"))
+
+
+def test_the_sensor_asks_for_a_new_recording_once_it_has_settled(project):
+    recipe_file, instance = project
+    settle(recipe_file, 30)
+    first = tick(recipe_file, instance)
+    assert list(first.run_requests) == []
+    assert live_partitions(instance, load_recipe(recipe_file)) == frozenset()
+    age(recipe_file.parent / "bags" / "a.bag")
+    second = tick(recipe_file, instance, first.cursor)
+    assert [request.partition_key for request in second.run_requests] == ["a.bag"]
+    assert live_partitions(instance, load_recipe(recipe_file)) == {"a.bag"}
+    third = tick(recipe_file, instance, second.cursor)
+    assert [request.partition_key for request in third.run_requests if request.partition_key] == []
+
+
+def test_the_sensor_asks_for_the_changed_recording_only(project):
+    recipe_file, instance = project
+    bags = recipe_file.parent / "bags"
+    write_drive(bags / "b.mcap", "mcap", duration_s=2.0)
+    first = tick(recipe_file, instance)
+    assert {request.partition_key for request in first.run_requests} == {"a.bag", "b.mcap"}
+    for key in ("a.bag", "b.mcap"):
+        assert materialize(recipe_file, instance, key, RECORDING_ASSETS).success
+    quiet = tick(recipe_file, instance, first.cursor)
+    assert [request.asset_selection for request in quiet.run_requests] == [[dg.AssetKey("nuscenes_dataset")]]
+    write_drive(bags / "b.mcap", "mcap", duration_s=2.5)
+    changed = tick(recipe_file, instance, quiet.cursor)
+    assert [request.partition_key for request in changed.run_requests if request.partition_key] == ["b.mcap"]
+
+
+def test_the_sensor_drops_what_was_removed_and_updates_the_dataset(project):
+    recipe_file, instance = project
+    recipe = load_recipe(recipe_file)
+    bags = recipe_file.parent / "bags"
+    shutil.copy(bags / "a.bag", bags / "z.bag")
+    write_drive(bags / "b.mcap", "mcap", duration_s=2.0)
+    first = tick(recipe_file, instance)
+    for key in ("a.bag", "b.mcap"):
+        materialize(recipe_file, instance, key)
+    (bags / "z.bag").unlink()
+    (bags / "b.mcap").unlink()
+    after = tick(recipe_file, instance, first.cursor)
+    assert live_partitions(instance, recipe) == {"a.bag"}
+    assert [request.asset_selection for request in after.run_requests] == [[dg.AssetKey("nuscenes_dataset")]]

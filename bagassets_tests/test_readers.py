@@ -1,0 +1,109 @@
+"""Reading recordings: every format, odd ones, broken ones."""
+
+import sqlite3
+
+import pytest
+from rosbags.rosbag1 import Writer as Rosbag1Writer
+
+from bagassets.bags.open import open_recording
+from bagassets.errors import RecordingError
+from bagassets_tests.small_drive import START_NS, STORE1, messages, write_drive
+
+TOPICS = ["/cam/camera_info", "/cam/image_raw", "/odom", "/points", "/tf_static"]
+
+
+@pytest.fixture(params=[("ros1", "a.bag"), ("ros2", "b"), ("mcap", "c.mcap")], ids=lambda p: p[0])
+def drive(request, tmp_path):
+    file_format, name = request.param
+    return write_drive(tmp_path / name, file_format, duration_s=1.0)
+
+
+def test_topics_and_messages_in_order_of_log_time(drive):
+    with open_recording(drive) as recording:
+        assert list(recording.topics) == TOPICS
+        read = [(m.topic, m.log_time_ns) for m in recording.messages(TOPICS)]
+        assert len(read) == sum(info.count for info in recording.topics.values())
+        assert [time for _, time in read] == sorted(time for _, time in read)
+
+
+def test_headers_are_read_without_decoding(drive):
+    with open_recording(drive) as recording:
+        for message in recording.messages(TOPICS):
+            decoded = recording.decode(message)
+            header = decoded.transforms[0].header if message.topic == "/tf_static" else decoded.header
+            stamp_ns = header.stamp.sec * 10**9 + header.stamp.nanosec
+            assert recording.header(message) == (stamp_ns, header.frame_id)
+
+
+def test_a_view_offers_the_declared_topics_only(drive):
+    with open_recording(drive) as recording:
+        view = recording.restrict(["/odom"])
+        assert list(view.topics) == ["/odom"]
+        assert len(list(view.messages(["/odom"]))) == 51
+        with pytest.raises(KeyError, match="/points"):
+            view.messages(["/points"])
+
+
+@pytest.mark.parametrize(
+    "compression", [Rosbag1Writer.CompressionFormat.LZ4, Rosbag1Writer.CompressionFormat.BZ2]
+)
+def test_compressed_ros1_bags_hold_the_same(tmp_path, compression):
+    plain = write_drive(tmp_path / "plain.bag", "ros1", duration_s=1.0)
+    writer = Rosbag1Writer(tmp_path / "small.bag")
+    writer.set_compression(compression)
+    with writer:
+        connections = {}
+        for topic, msgtype, stamp_ns, message in messages(STORE1, 1.0, ros1=True):
+            if topic not in connections:
+                connections[topic] = writer.add_connection(topic, msgtype, typestore=STORE1)
+            writer.write(connections[topic], stamp_ns + 3_000_000, STORE1.serialize_ros1(message, msgtype))
+    with open_recording(plain) as a, open_recording(tmp_path / "small.bag") as b:
+        both = [[(m.topic, m.log_time_ns, bytes(m.data)) for m in r.messages(TOPICS)] for r in (a, b)]
+    assert both[0] == both[1]
+
+
+def test_a_bare_database_is_read_without_metadata(tmp_path):
+    folder = write_drive(tmp_path / "b", "ros2", duration_s=1.0)
+    (database,) = folder.glob("*.db3")
+    bare = database.rename(tmp_path / "bare.db3")
+    with open_recording(bare) as recording:
+        assert list(recording.topics) == TOPICS
+        first = next(recording.messages(["/odom"]))
+        assert recording.decode(first).header.stamp.sec == START_NS // 10**9
+
+
+def test_a_bad_type_costs_its_topic_only(tmp_path):
+    folder = write_drive(tmp_path / "b", "ros2", duration_s=1.0)
+    (database,) = folder.glob("*.db3")
+    with sqlite3.connect(database) as connection:
+        connection.execute("UPDATE topics SET type = 'nobody_msgs/msg/Knows' WHERE name = '/points'")
+    bare = database.rename(tmp_path / "bare.db3")
+    with open_recording(bare) as recording:
+        assert "nobody_msgs/msg/Knows" in recording.topics["/points"].problem
+        assert recording.topics["/odom"].problem is None
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "advice"),
+    [
+        ("empty.bag", b"", "the file is empty"),
+        ("text.bag", b"not a bag at all\n" * 50, "rosbag reindex"),
+        ("cut.bag", b"#ROSBAG V2.0\nxxxx", "rosbag reindex"),
+        ("text.mcap", b"not an mcap\n" * 50, "mcap recover"),
+        ("text.db3", b"not a database\n" * 100, "recover"),
+    ],
+)
+def test_broken_files_are_refused_with_what_to_do(tmp_path, name, content, advice):
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(RecordingError, match=advice) as caught:
+        open_recording(tmp_path / name)
+    assert name in str(caught.value)
+
+
+@pytest.mark.parametrize(("file_format", "name"), [("ros1", "a.bag"), ("mcap", "c.mcap")])
+def test_truncated_files_are_refused(tmp_path, file_format, name):
+    path = write_drive(tmp_path / name, file_format, duration_s=1.0)
+    data = path.read_bytes()
+    path.write_bytes(data[: len(data) // 2])
+    with pytest.raises(RecordingError, match=r"cannot be read|no summary"):
+        open_recording(path)
