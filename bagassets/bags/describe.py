@@ -1,0 +1,108 @@
+"""A recording in words and a table, for `bagassets inspect`."""
+
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime, timedelta
+from typing import Any
+
+__all__ = ["describe_text"]
+
+_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+_FORMATS = {"ros1": "ROS 1 bag", "ros2": "ROS 2 bag", "mcap": "MCAP"}
+_COLUMNS = ("topic", "type", "count", "Hz", "max gap", "clock offset", "frames", "problem")
+_NUMBERS = frozenset({"count", "Hz", "max gap", "clock offset"})
+
+
+def describe_text(inventory: Mapping[str, Any]) -> str:
+    """Return the content of `inventory.json` as aligned plain text, ending in a newline.
+
+    The clock offset is the median of log time minus header stamp.
+    """
+    facts = _facts(inventory)
+    width = max(len(name) for name, _ in facts)
+    lines = [f"{name:<{width}}  {value}" for name, value in facts]
+    if inventory["topics"]:
+        lines += ["", *_table([_row(topic) for topic in inventory["topics"]])]
+    if inventory["notes"]:
+        lines += ["", *(f"note: {_plain(note)}" for note in inventory["notes"])]
+    return "\n".join(lines) + "\n"
+
+
+def _facts(inventory: Mapping[str, Any]) -> list[tuple[str, str]]:
+    topics = inventory["topics"]
+    facts = [
+        ("format", _FORMATS.get(inventory["format"], inventory["format"])),
+        ("size", _bytes(inventory["size"])),
+    ]
+    if inventory["start_ns"] is None:
+        facts.append(("span", "no messages"))
+    else:
+        facts.append(("span", f"{_utc(inventory['start_ns'])} to {_utc(inventory['end_ns'])}"))
+        facts.append(("duration", f"{inventory['duration_s']:.3f} s"))
+    messages = sum(topic["count"] for topic in topics)
+    facts.append(("messages", f"{messages} on {len(topics)} topic{'' if len(topics) == 1 else 's'}"))
+    gnss = inventory["gnss"]
+    if gnss is None:
+        facts.append(("GNSS", "none"))
+    else:
+        facts.append(("GNSS", f"first {_fix(gnss['first'])}; last {_fix(gnss['last'])}"))
+    facts.append(("daylight", inventory["daylight"] or "unknown (no GNSS)"))
+    return facts
+
+
+def _row(topic: Mapping[str, Any]) -> list[str]:
+    offset = topic["header_offset_s"]
+    return [
+        _plain(topic["name"]),
+        _plain(topic["type"]),
+        str(topic["count"]),
+        "-" if topic["rate_hz"] is None else f"{topic['rate_hz']:.2f}",
+        "-" if topic["max_gap_s"] is None else f"{topic['max_gap_s']:.3f} s",
+        "-" if offset is None else f"{offset['median']:+.3f} s",
+        _plain(", ".join(topic["frame_ids"])) or "-",
+        _plain(topic["problem"] or ""),
+    ]
+
+
+def _table(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Return rows below their headings; numbers flush right, no blanks at the end of a line."""
+    shown = [i for i, name in enumerate(_COLUMNS) if name != "problem" or any(row[i] for row in rows)]
+    table = [_COLUMNS, *rows]
+    widths = {i: max(len(row[i]) for row in table) for i in shown}
+    return [
+        "  ".join(
+            row[i].rjust(widths[i]) if _COLUMNS[i] in _NUMBERS else row[i].ljust(widths[i]) for i in shown
+        ).rstrip()
+        for row in table
+    ]
+
+
+def _utc(stamp_ns: int) -> str:
+    """Return a time in UTC to the millisecond; log times beyond year 9999 stay numbers."""
+    try:
+        when = _EPOCH + timedelta(microseconds=stamp_ns // 1000)
+    except OverflowError:
+        return f"{stamp_ns} ns"
+    return f"{when:%Y-%m-%d %H:%M:%S}.{when.microsecond // 1000:03d}Z"
+
+
+def _fix(fix: Mapping[str, Any]) -> str:
+    height = "" if fix["alt"] is None else f", {fix['alt']:.1f} m"
+    return f"{fix['lat']:.6f}, {fix['lon']:.6f}{height}"
+
+
+def _bytes(size: int) -> str:
+    if size < 1000:
+        return f"{size} B"
+    value = float(size)
+    for unit in ("kB", "MB", "GB"):
+        value /= 1000
+        if value < 999.95:
+            return f"{value:.1f} {unit}"
+    return f"{value / 1000:.1f} TB"
+
+
+def _plain(text: str) -> str:
+    """Return text of a recording without what a terminal would obey."""
+    return "".join(
+        character if character.isprintable() else "\N{REPLACEMENT CHARACTER}" for character in text
+    )
