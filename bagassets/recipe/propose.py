@@ -22,6 +22,7 @@ def propose(
     name: str,
     root: Path | str,
     unreadable: Mapping[str, str] | None = None,
+    found: int | None = None,
 ) -> str:
     """Return the text of a recipe for the recordings, with a comment at each guess.
 
@@ -33,10 +34,15 @@ def propose(
         name: name of the project.
         root: bag root as it should be written.
         unreadable: path below the bag root -> why that recording could not be read.
+        found: number of recordings there are, if not all were looked at.
     """
     groups, bare = group_recordings(glances)
     sheet = Sheet()
-    _head(sheet, len(glances), groups, bare, glances, unreadable or {})
+    looked_at = len(glances) + len(unreadable or {})
+    count = f"{looked_at} recording{'' if looked_at == 1 else 's'}"
+    if found is not None and found > looked_at:
+        count += f" out of {found}"
+    _head(sheet, count, groups, bare, glances, unreadable or {})
     sheet.field(0, f"name: {scalar(_slug(name))}")
     sheet.field(0, "bags:")
     sheet.field(1, f"root: {scalar(str(root))}")
@@ -61,14 +67,13 @@ def propose(
 
 def _head(
     sheet: Sheet,
-    count: int,
+    count: str,
     groups: Sequence[Group],
     bare: Sequence[str],
     glances: Mapping[str, Glance],
     unreadable: Mapping[str, str],
 ) -> None:
-    recordings = f"{count} recording{'s' if count != 1 else ''}"
-    sheet.note(0, f"Proposed by `bagassets init` from the first seconds of {recordings}.")
+    sheet.note(0, f"Proposed by `bagassets init` from the first seconds of {count}.")
     sheet.note(0, '"guess:" marks what was inferred, "not guessed:" what only you know; look at both.')
     sheet.note(0, "All fields: `bagassets docs recipe`.")
     if len(groups) > 1:

@@ -1,0 +1,133 @@
+"""The command `bagassets`: its subcommands by name, and the one place that ends the process.
+
+Subcommands are imported when they are called, so that `bagassets --help` pays for none of them.
+"""
+
+import importlib
+import os
+import sys
+from collections.abc import Sequence
+
+import click
+
+from bagassets import __version__
+from bagassets.errors import BagAssetsError
+
+__all__ = ["COMMANDS", "main", "root"]
+
+# Name -> module and attribute, and the line in the overview. A test holds each line against the
+# command's own help.
+COMMANDS: dict[str, tuple[str, str]] = {
+    "init": ("bagassets.cli.init:init", "Make a project folder, with a recipe proposed from recordings."),
+    "inspect": ("bagassets.cli.inspect:inspect", "Print what a recording holds."),
+    "build": (
+        "bagassets.cli.build:build",
+        "Bring all recordings and the dataset up to date, and tell what was done.",
+    ),
+    "status": ("bagassets.cli.status:status", "Tell what is fresh, stale, skipped or failed, and why."),
+    "ui": ("bagassets.cli.ui:ui", "Open the web UI on a project."),
+    "digest": ("bagassets.cli.digest:digest", "Store digests of recordings beside them."),
+    "verify": ("bagassets.cli.verify:verify", "Check that store and dataset are intact."),
+    "sample": ("bagassets.cli.sample:sample", "Write synthetic drives."),
+    "docs": ("bagassets.cli.docs:docs", "Print reference documentation as Markdown."),
+}
+
+EXIT_ERROR = 1
+EXIT_CRASH = 70
+EXIT_INTERRUPTED = 130
+
+
+class LazyGroup(click.Group):
+    """A group whose commands are imported by name; one without module is not offered."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002  (signature of click)
+        """Return the names of the commands in the order of `COMMANDS`."""
+        return [name for name, (target, _) in COMMANDS.items() if _exists(target)]
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Import and return one command."""
+        if cmd_name not in self.list_commands(ctx):
+            return None
+        module, attribute = COMMANDS[cmd_name][0].split(":")
+        command: click.Command = getattr(importlib.import_module(module), attribute)
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the overview without importing anything."""
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, COMMANDS[name][1]) for name in self.list_commands(ctx)])
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Find the command; suggest one if there is none of that name."""
+        from difflib import get_close_matches  # noqa: PLC0415  (only on a mistake)
+
+        if args and not args[0].startswith("-") and args[0] not in (known := self.list_commands(ctx)):
+            near = get_close_matches(args[0], known, n=1)
+            hint = f"Did you mean {near[0]}?" if near else f"There are {', '.join(known)}."
+            ctx.fail(f"No such command '{args[0]}'. {hint}")
+        return super().resolve_command(ctx, args)
+
+
+def _exists(target: str) -> bool:
+    """Tell whether the module of a command is there, without importing it."""
+    name = target.partition(":")[0].rpartition(".")[2]
+    return os.path.exists(os.path.join(os.path.dirname(__file__), f"{name}.py"))  # noqa: PTH110, PTH118, PTH120  (pathlib costs 5 ms here)
+
+
+@click.group(
+    cls=LazyGroup,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+    epilog="""\b
+Examples:
+  bagassets init my-project --bags /data/recordings
+  cd my-project && bagassets build
+  bagassets inspect /data/recordings/monday.bag""",
+)
+@click.version_option(__version__, prog_name="bagassets", message="%(prog)s %(version)s")
+def root() -> None:
+    """Turn robot recordings into machine-learning datasets, built like a program."""
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the command line and return its exit status.
+
+    0 is success, 1 an error that a user can mend, 2 wrong usage, 70 a defect of this program,
+    130 an interruption.
+    """
+    arguments = list(sys.argv[1:] if args is None else args)
+    try:
+        result = root.main(arguments, prog_name="bagassets", standalone_mode=False)
+    except click.exceptions.Abort:
+        click.echo("Interrupted.", err=True)
+        return EXIT_INTERRUPTED
+    except click.ClickException as err:
+        err.show()
+        return err.exit_code
+    except BagAssetsError as err:
+        for line in str(err).splitlines():
+            click.echo(f"error: {line}", err=True)
+        return EXIT_ERROR
+    except Exception as err:  # noqa: BLE001  (a defect; its traceback goes to a file)
+        return _crashed(err, arguments)
+    return result if isinstance(result, int) else 0
+
+
+def _crashed(err: Exception, arguments: list[str]) -> int:
+    """Write the traceback to a file and say where."""
+    import tempfile  # noqa: PLC0415  (only on a defect)
+    import traceback  # noqa: PLC0415  (only on a defect)
+
+    summary = str(err).strip().splitlines()
+    reason = f"{type(err).__name__}: {summary[0]}" if summary else type(err).__name__
+    try:
+        descriptor, path = tempfile.mkstemp(prefix="bagassets-", suffix=".log")
+        with os.fdopen(descriptor, "w", encoding="utf-8", errors="backslashreplace") as log:
+            log.write(f"bagassets {__version__}, Python {sys.version}\narguments: {arguments}\n\n")
+            traceback.print_exception(err, file=log)
+        where = f"the traceback is in {path}; please report it"
+    except OSError:
+        where = "the traceback could not be written"
+    click.echo(f"error: this is a defect of bagassets ({reason}); {where}.", err=True)
+    return EXIT_CRASH
