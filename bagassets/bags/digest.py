@@ -7,6 +7,7 @@ same record goes to an index of our own, which compares inode and change time as
 
 import json
 import os
+import re
 import sqlite3
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -15,7 +16,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from bagassets.bags.model import Found
-from bagassets.errors import ChangedWhileReadError, RecordingError
+from bagassets.errors import ChangedWhileReadError, RecordingError, StoreError
 from bagassets.store.canonical import digest_file, digest_json
 
 __all__ = [
@@ -29,6 +30,7 @@ __all__ = [
 ]
 
 ATTRIBUTE = "user.bagassets.digest"
+_DIGEST = re.compile("[0-9a-f]{64}")
 
 
 @dataclass(frozen=True)
@@ -74,25 +76,38 @@ class DigestIndex:
         """Return the digest on record if nothing about the file differs."""
         if not self._path.is_file():
             return None
-        with self._open() as connection:
-            row = connection.execute(
-                "SELECT digest FROM digests WHERE path = ? AND size = ? AND mtime_ns = ? AND inode = ? AND ctime_ns = ?",
-                (str(path), stat.st_size, stat.st_mtime_ns, stat.st_ino, stat.st_ctime_ns),
-            ).fetchone()
+        try:
+            with self._open() as connection:
+                row = connection.execute(
+                    "SELECT digest FROM digests WHERE path = ? AND size = ? AND mtime_ns = ? AND inode = ? AND ctime_ns = ?",
+                    (str(path), stat.st_size, stat.st_mtime_ns, stat.st_ino, stat.st_ctime_ns),
+                ).fetchone()
+        except sqlite3.Error:
+            return None  # another process is just making the table, or the file is damaged: hash
         return None if row is None else str(row[0])
 
     def put(self, path: Path, stat: os.stat_result, digest: str) -> None:
-        """Record a digest."""
-        self._path.parent.mkdir(parents=True, exist_ok=True)
-        with self._open() as connection:
-            connection.execute(
-                "CREATE TABLE IF NOT EXISTS digests (path TEXT PRIMARY KEY, size INTEGER, mtime_ns INTEGER, "
-                "inode INTEGER, ctime_ns INTEGER, digest TEXT)"
-            )
-            connection.execute(
-                "INSERT OR REPLACE INTO digests VALUES (?, ?, ?, ?, ?, ?)",
-                (str(path), stat.st_size, stat.st_mtime_ns, stat.st_ino, stat.st_ctime_ns, digest),
-            )
+        """Record a digest of the file as it was at `stat`.
+
+        Raises:
+            StoreError: the index cannot be written.
+        """
+        try:
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            with self._open() as connection:
+                connection.execute(
+                    "CREATE TABLE IF NOT EXISTS digests (path TEXT PRIMARY KEY, size INTEGER, mtime_ns INTEGER, "
+                    "inode INTEGER, ctime_ns INTEGER, digest TEXT)"
+                )
+                connection.execute(
+                    "INSERT OR REPLACE INTO digests VALUES (?, ?, ?, ?, ?, ?)",
+                    (str(path), stat.st_size, stat.st_mtime_ns, stat.st_ino, stat.st_ctime_ns, digest),
+                )
+        except (OSError, sqlite3.Error) as err:
+            raise StoreError(
+                f"{self._path}: the index of digests cannot be written ({err}); mend the folder, or delete the file: "
+                "it is made anew."
+            ) from err
 
     @contextmanager
     def _open(self) -> Iterator[sqlite3.Connection]:
@@ -143,6 +158,7 @@ def recording_digest(found: Found, index: DigestIndex | None = None) -> Recordin
     Raises:
         RecordingError: a file cannot be read.
         ChangedWhileReadError: a file changed while it was hashed.
+        StoreError: the index cannot be written.
     """
     digests: dict[str, str] = {}
     hashed = size = 0
@@ -153,7 +169,7 @@ def recording_digest(found: Found, index: DigestIndex | None = None) -> Recordin
             digest = _hash(path, stat)
             hashed += stat.st_size
             if not _write_attribute(path, stat, digest) and index is not None:
-                index.put(path, path.stat(), digest)
+                index.put(path, stat, digest)
         digests[path.name] = digest
     return RecordingDigest(_combined(digests), size, digests, hashed)
 
@@ -177,18 +193,23 @@ def _hash(path: Path, before: os.stat_result) -> str:
         after = path.stat()
     except OSError as err:
         raise RecordingError(f"{path}: cannot be read ({err.strerror}).") from err
-    if (after.st_size, after.st_mtime_ns) != (before.st_size, before.st_mtime_ns):
+    if _identity(after) != _identity(before):
         raise ChangedWhileReadError(
             f"{path}: the file changed while it was hashed; build again when it is complete."
         )
     return digest
 
 
+def _identity(stat: os.stat_result) -> tuple[int, int, int]:
+    return stat.st_ino, stat.st_size, stat.st_mtime_ns
+
+
 def _read_attribute(path: Path, stat: os.stat_result) -> str | None:
     try:
         record = json.loads(os.getxattr(path, ATTRIBUTE))
-        valid = (record["size"], record["mtime_ns"]) == (stat.st_size, stat.st_mtime_ns)
-        return str(record["digest"]) if valid else None
+        digest, held_for = record["digest"], (record["size"], record["mtime_ns"])
+        valid = held_for == (stat.st_size, stat.st_mtime_ns) and _DIGEST.fullmatch(digest) is not None
+        return str(digest) if valid else None
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return None  # none, not supported here, or not ours: hash instead
 

@@ -1,10 +1,11 @@
 """Finding recordings below a folder, by names and sizes only."""
 
+import errno
 import hashlib
 import os
 import re
-from collections.abc import Iterator
-from dataclasses import dataclass
+import unicodedata
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from bagassets.bags.globs import matches
@@ -18,6 +19,10 @@ METADATA = "metadata.yaml"
 # What may lie in a ROS 2 bag folder beside its metadata; zstd when compressed by file.
 _STORAGE = (".db3", ".mcap", ".db3.zstd", ".mcap.zstd")
 _BARE: dict[str, Format] = {".bag": "ros1", ".mcap": "mcap", ".db3": "ros2"}
+# What file systems keep for themselves, readable by root only.
+_NOT_OURS = frozenset({"lost+found", "System Volume Information", "$RECYCLE.BIN"})
+# Keys become parts of file names, which may have 255 bytes.
+_LONGEST_SLUG = 100
 
 
 @dataclass(frozen=True)
@@ -39,19 +44,25 @@ def discover(bags: Bags) -> Discovery:
     Hidden files and those of unfinished copies (`.active`, `.part`, `.tmp`) are no recordings.
 
     Raises:
-        RecordingError: the root is missing or cannot be read.
+        RecordingError: the root is missing, or a folder below it cannot be read and is not excluded.
     """
     if not bags.root.is_dir():
         raise RecordingError(f"{bags.root}: no such folder; correct bags.root in the recipe.")
+    walk = _Walk(bags)
+    walk.folder(bags.root, "", ())
     found: dict[str, Found] = {}
-    excluded: list[tuple[str, str]] = []
-    for recording in _walk(bags.root):
+    for recording in sorted(walk.found, key=lambda recording: recording.relative):
         reason = _exclusion(bags, recording.relative)
         if reason is not None:
-            excluded.append((recording.relative, reason))
+            walk.excluded.append((recording.relative, reason))
+        elif recording.key in found:
+            other = found[recording.key].relative
+            walk.excluded.append(
+                (recording.relative, f"its key {recording.key} is that of {other}; rename one")
+            )
         else:
             found[recording.key] = recording
-    return Discovery(dict(sorted(found.items())), sorted(excluded))
+    return Discovery(dict(sorted(found.items())), sorted(walk.excluded))
 
 
 def find_one(path: Path) -> Found:
@@ -63,19 +74,89 @@ def find_one(path: Path) -> Found:
     path = path.absolute()
     if not path.exists():
         raise RecordingError(f"{path}: no such file or folder.")
-    if path.is_dir():
-        found = _folder_recording(path, path.parent)
-        if found is None:
+    try:
+        if path.is_dir():
+            with os.scandir(path) as entries:
+                found = _folder_recording(path, path.name, list(entries))
+        elif path.suffix in _BARE:
+            found = _found(path, path.name, _BARE[path.suffix], [(path, path.stat())])
+        else:
             raise RecordingError(
-                f"{path}: expected a bag; a ROS 2 bag folder holds metadata.yaml and .db3 or .mcap files."
+                f"{path}: expected a recording: a .bag, .mcap or .db3 file, or a ROS 2 bag folder."
             )
-        return found
-    if path.suffix not in _BARE:
+    except OSError as err:
+        raise RecordingError(f"{path}: cannot be read ({err.strerror}).") from err
+    if found is None:
         raise RecordingError(
-            f"{path}: expected a recording: a .bag, .mcap or .db3 file, or a ROS 2 bag folder."
+            f"{path}: expected a bag; a ROS 2 bag folder holds metadata.yaml and .db3 or .mcap files."
         )
-    stat = path.stat()
-    return _found(path, path.parent, _BARE[path.suffix], (path,), stat.st_size, stat.st_mtime_ns)
+    return found
+
+
+@dataclass
+class _Walk:
+    """A walk below the bag root that collects recordings in no particular order.
+
+    Links are followed like `find -L` does: a folder linked twice is there twice, so that what is
+    found does not hang on the order in which the disk lists names; a folder within itself is not.
+    """
+
+    bags: Bags
+    found: list[Found] = field(default_factory=list)
+    excluded: list[tuple[str, str]] = field(default_factory=list)
+
+    def folder(self, path: Path | str, relative: str, ancestors: tuple[tuple[int, int], ...]) -> None:
+        """Walk one folder; `ancestors` are device and inode of the folders it lies in."""
+        try:
+            status = os.stat(path)  # noqa: PTH116  (a Path per folder is slow)
+            identity = (status.st_dev, status.st_ino)
+            if identity in ancestors:
+                return
+            with os.scandir(path) as scan:
+                entries = [entry for entry in scan if not entry.name.startswith(".")]
+        except FileNotFoundError:
+            return  # removed while we looked
+        except OSError as err:
+            self._unreadable(relative, err)
+            return
+        whole = _folder_recording(Path(path), relative or Path(path).name, entries)
+        if whole is not None:
+            self._take(whole)
+            return
+        for entry in entries:
+            within = f"{relative}/{entry.name}" if relative else entry.name
+            try:
+                self._entry(entry, within, (*ancestors, identity))
+            except FileNotFoundError:
+                continue  # removed while we looked
+            except OSError as err:
+                if err.errno != errno.ELOOP:  # a link to itself leads nowhere, like a broken one
+                    self._unreadable(within, err)
+
+    def _entry(self, entry: os.DirEntry[str], relative: str, ancestors: tuple[tuple[int, int], ...]) -> None:
+        suffix = os.path.splitext(entry.name)[1]  # noqa: PTH122  (a Path per file is slow)
+        if suffix in _BARE and entry.is_file():
+            path = Path(entry.path)
+            self._take(_found(path, relative, _BARE[suffix], [(path, entry.stat())]))
+        elif entry.name not in _NOT_OURS and entry.is_dir():
+            self.folder(entry.path, relative, ancestors)
+
+    def _take(self, recording: Found) -> None:
+        if _decodable(recording.relative):
+            self.found.append(recording)
+        else:
+            self.excluded.append((ascii(recording.relative)[1:-1], "its name is not UTF-8; rename it"))
+
+    def _unreadable(self, relative: str, err: OSError) -> None:
+        """Refuse what cannot be read: taken for empty, its recordings would count as removed."""
+        for pattern in self.bags.exclude:
+            if matches(pattern, relative) or matches(pattern, f"{relative}/"):
+                self.excluded.append((relative, f"cannot be read, and excluded by bags.exclude ({pattern})"))
+                return
+        raise RecordingError(
+            f"{self.bags.root / relative}: cannot be read ({err.strerror}); correct its permissions or name it in "
+            "bags.exclude."
+        ) from err
 
 
 def _exclusion(bags: Bags, relative: str) -> str | None:
@@ -87,66 +168,45 @@ def _exclusion(bags: Bags, relative: str) -> str | None:
     return None
 
 
-def _walk(root: Path) -> Iterator[Found]:
-    """Yield recordings in no particular order; links are followed, circles are not."""
-    todo = [root]
-    visited: set[tuple[int, int]] = set()
-    while todo:
-        folder = todo.pop()
-        try:
-            status = folder.stat()
-            if (status.st_dev, status.st_ino) in visited:
-                continue
-            visited.add((status.st_dev, status.st_ino))
-            whole = _folder_recording(folder, root)
-            if whole is not None:
-                yield whole
-                continue
-            with os.scandir(folder) as entries:
-                for entry in entries:
-                    if entry.name.startswith("."):
-                        continue
-                    suffix = os.path.splitext(entry.name)[1]  # noqa: PTH122  (a Path per file is slow)
-                    if suffix in _BARE and entry.is_file():
-                        stat = entry.stat()
-                        path = Path(entry.path)
-                        yield _found(path, root, _BARE[suffix], (path,), stat.st_size, stat.st_mtime_ns)
-                    elif entry.is_dir():
-                        todo.append(Path(entry.path))
-        except FileNotFoundError:
-            continue  # removed while we looked
-        except PermissionError as err:
-            raise RecordingError(
-                f"{folder}: cannot be read ({err.strerror}); correct its permissions."
-            ) from err
-
-
-def _folder_recording(folder: Path, root: Path) -> Found | None:
-    """Return the ROS 2 bag that a folder is, or None."""
-    if not (folder / METADATA).is_file():
+def _folder_recording(folder: Path, relative: str, entries: list[os.DirEntry[str]]) -> Found | None:
+    """Return the ROS 2 bag that a folder with these entries is, or None."""
+    if not any(entry.name == METADATA for entry in entries):
         return None
-    files = sorted(path for path in folder.iterdir() if path.name == METADATA or path.name.endswith(_STORAGE))
-    if len(files) < 2:
-        return None
-    stats = [path.stat() for path in files]
-    size, mtime_ns = sum(s.st_size for s in stats), max(s.st_mtime_ns for s in stats)
-    return _found(folder, root, "ros2", tuple(files), size, mtime_ns)
+    files = [
+        (folder / entry.name, entry.stat())
+        for entry in entries
+        if entry.name == METADATA or (entry.name.endswith(_STORAGE) and not entry.name.startswith("."))
+    ]
+    return _found(folder, relative, "ros2", sorted(files)) if len(files) > 1 else None
 
 
-def _found(
-    path: Path, root: Path, file_format: Format, files: tuple[Path, ...], size: int, mtime_ns: int
-) -> Found:
-    relative = path.relative_to(root).as_posix() if path != root else path.name
-    return Found(_key(relative), relative, path, file_format, files, size, mtime_ns)
+def _found(path: Path, relative: str, file_format: Format, files: list[tuple[Path, os.stat_result]]) -> Found:
+    size, mtime_ns = sum(stat.st_size for _, stat in files), max(stat.st_mtime_ns for _, stat in files)
+    names = tuple(name for name, _ in files)
+    return Found(_key(relative), relative, path, file_format, names, size, mtime_ns)
+
+
+def _decodable(name: str) -> bool:
+    try:
+        name.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 def _key(relative: str) -> str:
     """Return a readable partition key that depends on the path alone.
 
-    Where the readable form could be that of another path too, a short digest tells them apart.
+    The suffix stays: a recording is often converted next to itself, and a key must not change
+    when that happens. Where the readable form could be that of another path too, a short digest
+    tells them apart.
     """
-    slug = re.sub(r"[^A-Za-z0-9._-]+", "-", relative.replace("/", "__"))
-    slug = re.sub(r"\.{2,}", ".", slug).strip(".-") or "recording"
-    if slug == relative.replace("/", "__") and "__" not in relative:
+    plain = relative.replace("/", "__")
+    folded = unicodedata.normalize("NFKD", plain).encode("ascii", "ignore").decode()
+    slug = re.sub(r"\.{2,}", ".", re.sub(r"[^A-Za-z0-9._-]+", "-", folded)).strip(".-") or "recording"
+    parts = relative.split("/")
+    ambiguous = "__" in relative or (len(parts) > 1 and any(part != part.strip("_") for part in parts))
+    if slug == plain and not ambiguous and len(slug) <= _LONGEST_SLUG:
         return slug
-    return f"{slug}-{hashlib.blake2s(relative.encode(), digest_size=3).hexdigest()}"
+    digest = hashlib.blake2s(relative.encode("utf-8", "surrogateescape"), digest_size=4).hexdigest()
+    return f"{slug[:_LONGEST_SLUG].rstrip('.-')}-{digest}"

@@ -10,6 +10,7 @@ def matches(pattern: str, relative: str) -> bool:
     """Tell whether a glob matches a path with `/`.
 
     `*` and `?` stay within one folder name, `**` spans folders (also none), `[…]` is a set.
+    `drives/**` matches the folder `drives` too, which may be a ROS 2 bag.
     """
     return _compiled(pattern).fullmatch(relative) is not None
 
@@ -19,7 +20,10 @@ def _compiled(pattern: str) -> re.Pattern[str]:
     parts = []
     at = 0
     while at < len(pattern):
-        if pattern.startswith("**/", at):
+        if at > 0 and pattern[at:] == "/**":
+            parts.append("(?:/.*)?")
+            at += 3
+        elif pattern.startswith("**/", at) and pattern[at - 1 : at] in {"", "/"}:
             parts.append("(?:.*/)?")
             at += 3
         elif pattern.startswith("**", at):

@@ -1,0 +1,218 @@
+import json
+import os
+import sqlite3
+from concurrent.futures import ProcessPoolExecutor
+
+import pytest
+from blake3 import blake3
+
+from bagassets.bags import digest as module
+from bagassets.bags.digest import (
+    ATTRIBUTE,
+    DigestIndex,
+    RecordingStat,
+    assert_unchanged,
+    recording_digest,
+    recording_stat,
+    stored_digest,
+)
+from bagassets.bags.discover import find_one
+from bagassets.errors import ChangedWhileReadError, RecordingError, StoreError
+from bagassets.store.canonical import digest_json
+
+
+@pytest.fixture
+def bag(tmp_path):
+    path = tmp_path / "bags" / "a.bag"
+    path.parent.mkdir()
+    path.write_bytes(b"content")
+    return find_one(path)
+
+
+@pytest.fixture
+def no_attributes(monkeypatch):
+    def refuse(*args):
+        raise OSError(95, "Operation not supported")
+
+    monkeypatch.setattr(os, "setxattr", refuse)
+    monkeypatch.setattr(os, "getxattr", refuse)
+
+
+def attributes_work(path):
+    try:
+        os.setxattr(path, "user.bagassets.test", b"1")
+    except OSError:
+        return False
+    return True
+
+
+@pytest.fixture
+def attributes(monkeypatch):
+    """Extended attributes in memory: not every file system of a test run has them."""
+    kept = {}
+
+    def get(path, name):
+        try:
+            return kept[str(path), name]
+        except KeyError:
+            raise OSError(61, "No data available") from None
+
+    monkeypatch.setattr(os, "getxattr", get)
+    monkeypatch.setattr(os, "setxattr", lambda path, name, value: kept.__setitem__((str(path), name), value))
+    return kept
+
+
+def rewrite_in_place(path, content):
+    """Write other content of the same length and put the modification time back."""
+    stat = path.stat()
+    path.write_bytes(content)
+    os.utime(path, ns=(stat.st_atime_ns, stat.st_mtime_ns))
+
+
+def test_digest_of_a_file_is_blake3_of_its_content(bag, attributes):
+    result = recording_digest(bag)
+    assert result.digest == blake3(b"content").hexdigest()
+    assert (result.size, result.hashed_bytes, result.files) == (7, 7, {"a.bag": result.digest})
+
+
+def test_digest_of_a_folder_does_not_hang_on_its_place(tmp_path, attributes):
+    for name in ("one", "two"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "metadata.yaml").write_bytes(b"m")
+        (tmp_path / name / "d_0.db3").write_bytes(b"d")
+    one, two = (recording_digest(find_one(tmp_path / name)) for name in ("one", "two"))
+    files = {"d_0.db3": blake3(b"d").hexdigest(), "metadata.yaml": blake3(b"m").hexdigest()}
+    assert one.digest == two.digest == digest_json(sorted([list(pair) for pair in files.items()]))
+    assert one.files == files
+
+
+def test_the_attribute_is_trusted_while_size_and_time_match(bag, attributes):
+    assert stored_digest(bag) is None
+    digest = recording_digest(bag).digest
+    record = json.loads(attributes[str(bag.path), ATTRIBUTE])
+    assert record == {"digest": digest, "size": 7, "mtime_ns": bag.mtime_ns}
+    assert stored_digest(bag) == digest
+    assert recording_digest(bag).hashed_bytes == 0
+    bag.path.write_bytes(b"CONTENT")
+    os.utime(bag.path, ns=(0, bag.mtime_ns + 1))
+    assert stored_digest(bag) is None
+    assert recording_digest(bag).digest == blake3(b"CONTENT").hexdigest()
+
+
+@pytest.mark.parametrize(
+    "record", [b"", b"\xff", b"[]", b"7", b"{}", b'{"digest": "abc", "size": 7}', b'{"digest": 5, "size": 7}']
+)
+def test_a_strange_attribute_is_no_digest(bag, attributes, record):
+    try:
+        value = json.loads(record) | {"mtime_ns": bag.mtime_ns}
+        attributes[str(bag.path), ATTRIBUTE] = json.dumps(value).encode()
+    except (ValueError, TypeError):
+        attributes[str(bag.path), ATTRIBUTE] = record
+    assert stored_digest(bag) is None
+    assert recording_digest(bag).digest == blake3(b"content").hexdigest()
+
+
+def test_a_real_attribute(bag):
+    if not attributes_work(bag.path):
+        pytest.skip("this file system has no extended attributes")
+    digest = recording_digest(bag).digest
+    assert stored_digest(bag) == digest
+    assert bag.path.stat().st_mtime_ns == bag.mtime_ns
+
+
+def test_the_index_stands_in(bag, tmp_path, no_attributes):
+    index = DigestIndex(tmp_path / "store")
+    assert stored_digest(bag, index) is None
+    assert not (tmp_path / "store").exists()
+    digest = recording_digest(bag, index).digest
+    assert stored_digest(bag, index) == digest
+    assert stored_digest(bag) is None
+    assert recording_digest(bag, DigestIndex(tmp_path / "store")).hashed_bytes == 0
+
+
+def test_the_index_sees_what_size_and_time_do_not_show(bag, tmp_path, no_attributes):
+    index = DigestIndex(tmp_path / "store")
+    recording_digest(bag, index)
+    rewrite_in_place(bag.path, b"CONTENT")
+    assert bag.path.stat().st_mtime_ns == bag.mtime_ns
+    assert stored_digest(bag, index) is None
+    assert recording_digest(bag, index).digest == blake3(b"CONTENT").hexdigest()
+
+
+def test_the_index_holds_for_the_file_that_was_hashed(bag, tmp_path, no_attributes, monkeypatch):
+    index = DigestIndex(tmp_path / "store")
+    monkeypatch.setattr(
+        module, "_write_attribute", lambda path, *args: path.write_bytes(b"longer content") == 0
+    )
+    recording_digest(bag, index)
+    assert stored_digest(bag, index) is None
+
+
+def test_a_damaged_index(bag, tmp_path, no_attributes):
+    (tmp_path / "digests.sqlite").write_bytes(
+        b"this is no database, and long enough to be told from one" * 20
+    )
+    assert stored_digest(bag, DigestIndex(tmp_path)) is None
+    with pytest.raises(StoreError, match="delete the file"):
+        recording_digest(bag, DigestIndex(tmp_path))
+
+
+def test_an_index_without_table_yet(bag, tmp_path, no_attributes):
+    sqlite3.connect(tmp_path / "digests.sqlite").close()
+    (tmp_path / "digests.sqlite").touch()
+    assert stored_digest(bag, DigestIndex(tmp_path)) is None
+
+
+def fill(folder, names):
+    for name in names:
+        DigestIndex(folder).put(folder / name, (folder / name).stat(), "0" * 64)
+
+
+def test_the_index_is_safe_for_several_processes(tmp_path):
+    names = [f"{i}.bag" for i in range(40)]
+    for name in names:
+        (tmp_path / name).touch()
+    with ProcessPoolExecutor(4) as pool:
+        list(pool.map(fill, [tmp_path] * 4, [names[i::4] for i in range(4)]))
+    index = DigestIndex(tmp_path)
+    assert all(index.get(tmp_path / name, (tmp_path / name).stat()) == "0" * 64 for name in names)
+
+
+@pytest.mark.parametrize("change", ["grow", "replace"])
+def test_a_file_that_changes_while_it_is_hashed(bag, attributes, monkeypatch, change):
+    def hash_and_change(path):
+        if change == "grow":
+            path.write_bytes(b"content and more")
+        else:
+            other = path.with_name("other")
+            other.write_bytes(b"CONTENT")
+            os.utime(other, ns=(0, bag.mtime_ns))
+            other.replace(path)
+        return "0" * 64
+
+    monkeypatch.setattr(module, "digest_file", hash_and_change)
+    with pytest.raises(ChangedWhileReadError, match="changed while it was hashed"):
+        recording_digest(bag)
+    assert attributes == {}
+
+
+def test_stat(bag):
+    stat = recording_stat(bag)
+    assert stat.files == (("a.bag", 7, bag.mtime_ns),)
+    assert RecordingStat.from_json(json.loads(json.dumps(stat.as_json()))) == stat
+    assert_unchanged(bag, stat)
+    bag.path.write_bytes(b"longer content")
+    with pytest.raises(ChangedWhileReadError, match="changed while it was read"):
+        assert_unchanged(bag, stat)
+
+
+def test_a_file_that_is_gone(bag):
+    bag.path.unlink()
+    for read in (recording_stat, recording_digest, stored_digest):
+        with pytest.raises(RecordingError, match="was it removed"):
+            read(bag)
+
+
+def test_an_empty_file_has_a_digest(tmp_path, attributes):
+    (tmp_path / "a.bag").touch()
+    assert recording_digest(find_one(tmp_path / "a.bag")).digest == blake3(b"").hexdigest()

@@ -1,0 +1,197 @@
+import os
+import time
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bagassets.bags.discover import _key, discover, find_one, matches
+from bagassets.errors import RecordingError
+from bagassets.recipe.model import Bags
+
+
+def touch(root, *names):
+    for name in names:
+        path = root / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(b"x" * 10)
+
+
+def relatives(root, **options):
+    return sorted(found.relative for found in discover(Bags(root=root, **options)).found.values())
+
+
+def test_formats(tmp_path):
+    touch(tmp_path, "a.bag", "b.mcap", "c.db3", "d/metadata.yaml", "d/d_0.mcap", "d/d_1.mcap", "notes.txt")
+    found = {f.relative: f for f in discover(Bags(root=tmp_path)).found.values()}
+    assert {name: f.format for name, f in found.items()} == {
+        "a.bag": "ros1", "b.mcap": "mcap", "c.db3": "ros2", "d": "ros2",
+    }  # fmt: skip
+    assert [path.name for path in found["d"].files] == ["d_0.mcap", "d_1.mcap", "metadata.yaml"]
+    assert (found["d"].size, found["a.bag"].size) == (30, 10)
+    assert found["a.bag"].mtime_ns == (tmp_path / "a.bag").stat().st_mtime_ns
+
+
+def test_compressed_and_foreign_files_of_a_ros2_folder(tmp_path):
+    touch(tmp_path, "d/metadata.yaml", "d/d_0.db3.zstd", "d/._d_0.db3", "d/readme.md")
+    (found,) = discover(Bags(root=tmp_path)).found.values()
+    assert [path.name for path in found.files] == ["d_0.db3.zstd", "metadata.yaml"]
+
+
+def test_the_root_may_itself_be_a_ros2_folder(tmp_path):
+    touch(tmp_path, "drive/metadata.yaml", "drive/x_0.db3")
+    (found,) = discover(Bags(root=tmp_path / "drive")).found.values()
+    assert (found.key, found.path) == ("drive", tmp_path / "drive")
+
+
+def test_metadata_without_storage_is_a_plain_folder(tmp_path):
+    touch(tmp_path, "d/metadata.yaml", "d/sub/a.bag")
+    assert relatives(tmp_path) == ["d/sub/a.bag"]
+
+
+def test_hidden_and_unfinished_files_are_no_recordings(tmp_path):
+    touch(tmp_path, "a.bag.active", "b.bag.part", "c.mcap.tmp", ".d.bag", ".trash/e.bag", "lost+found/f.bag")
+    assert relatives(tmp_path) == []
+
+
+def test_globs_and_reasons(tmp_path):
+    touch(tmp_path, "day1/a.bag", "day1/calib/b.bag", "day2/c.bag", "other.bag")
+    discovery = discover(Bags(root=tmp_path, include=("day*/**",), exclude=("**/calib/**",)))
+    assert sorted(f.relative for f in discovery.found.values()) == ["day1/a.bag", "day2/c.bag"]
+    assert discovery.excluded == [
+        ("day1/calib/b.bag", "excluded by bags.exclude (**/calib/**)"),
+        ("other.bag", "not matched by bags.include"),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("pattern", "relative", "expected"),
+    [
+        ("**", "a/b.bag", True),
+        ("*.bag", "a.bag", True),
+        ("*.bag", "d/a.bag", False),
+        ("**/*.bag", "a.bag", True),
+        ("**/*.bag", "d/e/a.bag", True),
+        ("d/**/a.bag", "d/a.bag", True),
+        ("d/**", "d/e/a.bag", True),
+        ("d/**", "d", True),
+        ("d/**", "de/a.bag", False),
+        ("a?.bag", "ab.bag", True),
+        ("a?.bag", "a/.bag", False),
+        ("[ab].bag", "b.bag", True),
+        ("[!ab].bag", "b.bag", False),
+        ("run[1].bag", "run1.bag", True),
+        ("a.bag", "axbag", False),
+        ("a+(b).bag", "a+(b).bag", True),
+    ],
+)
+def test_matches(pattern, relative, expected):
+    assert matches(pattern, relative) is expected
+
+
+def test_missing_root(tmp_path):
+    with pytest.raises(RecordingError, match=r"no such folder; correct bags\.root"):
+        discover(Bags(root=tmp_path / "nowhere"))
+
+
+def test_links_are_followed_but_not_in_circles(tmp_path):
+    touch(tmp_path, "real/a.bag")
+    (tmp_path / "real" / "up").symlink_to(tmp_path)
+    (tmp_path / "again").symlink_to(tmp_path / "real")
+    (tmp_path / "b.bag").symlink_to(tmp_path / "real" / "a.bag")
+    (tmp_path / "self").symlink_to(tmp_path / "self")
+    (tmp_path / "self.bag").symlink_to(tmp_path / "self.bag")
+    (tmp_path / "broken.bag").symlink_to(tmp_path / "nothing")
+    assert relatives(tmp_path) == ["again/a.bag", "b.bag", "real/a.bag"]
+
+
+def test_an_unreadable_folder_must_be_excluded_by_name(tmp_path, monkeypatch):
+    touch(tmp_path, "a.bag", "private/b.bag")
+    scandir = os.scandir  # chmod would not stop tests that run as root
+
+    def guarded(path):
+        if str(path).endswith("private"):
+            raise PermissionError(13, "Permission denied", str(path))
+        return scandir(path)
+
+    monkeypatch.setattr(os, "scandir", guarded)
+    with pytest.raises(RecordingError, match=r"private: cannot be read \(Permission denied\)"):
+        discover(Bags(root=tmp_path))
+    discovery = discover(Bags(root=tmp_path, exclude=("private/**",)))
+    assert list(discovery.found) == ["a.bag"]
+    assert discovery.excluded == [("private", "cannot be read, and excluded by bags.exclude (private/**)")]
+
+
+def test_a_name_that_is_no_utf8_is_reported(tmp_path):
+    Path(os.fsdecode(os.fsencode(tmp_path) + b"/caf\xe9.bag")).write_bytes(b"")
+    discovery = discover(Bags(root=tmp_path))
+    assert discovery.found == {}
+    assert discovery.excluded == [("caf\\udce9.bag", "its name is not UTF-8; rename it")]
+
+
+def test_keys_are_readable():
+    assert _key("drive.bag") == "drive.bag"
+    assert _key("2024/munich/drive-1.bag") == "2024__munich__drive-1.bag"
+    assert _key("my drive.bag").startswith("my-drive.bag-")
+    assert _key("Tür.bag").startswith("Tur.bag-")
+    assert _key("東京.bag").startswith("bag-")
+    assert len(_key("x" * 250 + ".bag")) < 120
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [("a/b.bag", "a__b.bag"), ("a_/b.bag", "a/_b.bag"), ("a b.bag", "a-b.bag"), ("a...b.bag", "a.b.bag"),
+     ("ä.bag", "a.bag"), ("x" * 120 + "1.bag", "x" * 120 + "2.bag"), ("a.bag", "a.mcap")],
+)  # fmt: skip
+def test_keys_differ(one, other):
+    assert _key(one) != _key(other)
+
+
+@given(
+    st.lists(st.text(alphabet="ab_-. é|\n/", min_size=1, max_size=8), min_size=2, max_size=30, unique=True)
+)
+def test_keys_are_unique_and_fit_for_dagster(names):
+    keys = [_key(name) for name in names]
+    assert len(set(keys)) == len(names)
+    for key in keys:
+        assert key
+        assert key.isascii()
+        assert key.isprintable()
+        assert "..." not in key
+        assert not set(key) & set("|/ ")
+
+
+def test_a_key_does_not_hang_on_neighbours(tmp_path):
+    touch(tmp_path, "a/b c.bag")
+    before = set(discover(Bags(root=tmp_path)).found)
+    touch(tmp_path, "a/b-c.bag", "a__b c.bag", "a/b c.mcap", "a/b c/metadata.yaml", "a/b c/x.db3")
+    after = discover(Bags(root=tmp_path)).found
+    assert before < set(after)
+    assert len(after) == 5
+    assert list(after) == sorted(after)
+
+
+def test_find_one(tmp_path, monkeypatch):
+    touch(tmp_path, "a.bag", "d/metadata.yaml", "d/d.mcap", "empty/x.txt", "notes.txt")
+    assert find_one(tmp_path / "a.bag").key == "a.bag"
+    assert find_one(tmp_path / "d").format == "ros2"
+    monkeypatch.chdir(tmp_path)
+    assert find_one(Path("d")).path == tmp_path / "d"
+    for name, text in [
+        ("nothing.bag", "no such file"),
+        ("empty", "metadata.yaml"),
+        ("notes.txt", "expected a rec"),
+    ]:
+        with pytest.raises(RecordingError, match=text):
+            find_one(tmp_path / name)
+
+
+def test_thousands_of_files_take_no_time(tmp_path):
+    for day in range(20):
+        (tmp_path / str(day)).mkdir()
+        for number in range(100):
+            (tmp_path / str(day) / f"{number}.bag").touch()
+    start = time.process_time()
+    assert len(discover(Bags(root=tmp_path)).found) == 2000
+    assert time.process_time() - start < 0.5
