@@ -33,8 +33,8 @@ def decode_compressed_image(message: Any) -> ImageReading:
     data = np.asarray(message.data).tobytes()
     if data.startswith(_JPEG):
         kind = "jpeg"
-        # Decoders fill the missing part of a cut-off JPEG with grey; drivers pad with zeros.
-        if b"\xff\xd9" not in data[-1024:].rstrip(b"\x00")[-2:]:
+        # Decoders fill the missing part of a cut-off JPEG with grey; drivers pad whole ones with zeros.
+        if not data.rstrip(b"\x00").endswith(b"\xff\xd9"):
             raise DecodeError("the JPEG is cut off")
     elif data.startswith(_PNG):
         kind = "png"

@@ -157,8 +157,7 @@ def _states(
             states[asset] = AssetState("failed", str(err))
         else:
             cause = next((name for name in ASSETS if name in misses), "bag")
-            state: State = "unknown" if asset in recorded else "missing"
-            states[asset] = AssetState(state, f"waits for {cause}")
+            states[asset] = AssetState("unknown", f"waits for {cause}")
     return states
 
 

@@ -1,0 +1,167 @@
+"""Images of every encoding against known colours; compressed ones that are whole, padded or cut off."""
+
+from types import SimpleNamespace
+
+import cv2
+import numpy as np
+import pytest
+
+from bagassets.decode.compressed_image import decode_compressed_image, image_size
+from bagassets.decode.image import decode_image, to_bgr_or_grey
+from bagassets.errors import DecodeError
+from bagassets.geometry.camera import CameraModel
+
+RGB = (200, 120, 40)
+HEADER = SimpleNamespace(stamp=SimpleNamespace(sec=1, nanosec=2), frame_id="/cam")
+
+
+def image(encoding, rows, *, step=None, big=0):
+    height, width = rows.shape[:2]
+    data = np.ascontiguousarray(rows).view(np.uint8).reshape(height, -1)
+    step = step or data.shape[1]
+    padded = np.zeros((height, step), np.uint8)
+    padded[:, : data.shape[1]] = data
+    return SimpleNamespace(
+        header=HEADER,
+        height=height,
+        width=width,
+        encoding=encoding,
+        is_bigendian=big,
+        step=step,
+        data=padded.reshape(-1),
+    )
+
+
+def mosaic(pattern, dtype):
+    colour = dict(zip("rgb", RGB, strict=True))
+    cell = np.array(
+        [[colour[pattern[0]], colour[pattern[1]]], [colour[pattern[2]], colour[pattern[3]]]], dtype
+    )
+    return np.tile(cell, (8, 8)) * (257 if dtype == np.uint16 else 1)
+
+
+def bgr(message):
+    reading = decode_image(message)
+    return to_bgr_or_grey(reading.pixels, reading.encoding)
+
+
+@pytest.mark.parametrize("pattern", ["rggb", "bggr", "gbrg", "grbg"])
+@pytest.mark.parametrize(("bits", "dtype"), [(8, np.uint8), (16, np.uint16)])
+def test_bayer_patterns_give_the_true_colour(pattern, bits, dtype):
+    pixels = bgr(image(f"bayer_{pattern}{bits}", mosaic(pattern, dtype)))
+    assert pixels.dtype == dtype
+    np.testing.assert_array_equal(pixels[8, 8], np.array(RGB[::-1]) * (257 if bits == 16 else 1))
+
+
+@pytest.mark.parametrize(
+    ("encoding", "pixel"),
+    [
+        ("rgb8", RGB),
+        ("bgr8", RGB[::-1]),
+        ("8UC3", RGB[::-1]),
+        ("rgba8", (*RGB, 9)),
+        ("bgra8", (*RGB[::-1], 9)),
+    ],
+)
+@pytest.mark.parametrize("padding", [0, 5])
+def test_colour_encodings(encoding, pixel, padding):
+    rows = np.full((4, 6, len(pixel)), pixel, np.uint8)
+    pixels = bgr(image(encoding, rows, step=6 * len(pixel) + padding))
+    assert (pixels == RGB[::-1]).all()
+
+
+@pytest.mark.parametrize(
+    ("encoding", "order"), [("uyvy", (1, 0, 2, 0)), ("yuv422", (1, 0, 2, 0)), ("yuyv", (0, 1, 0, 2))]
+)
+def test_yuv_is_grey_where_chroma_is_neutral(encoding, order):
+    values = [128 if component else 235 for component in order]
+    rows = np.tile(np.array(values, np.uint8), (4, 3)).reshape(4, 6, 2)
+    assert np.abs(bgr(image(encoding, rows)).astype(int) - 255).max() <= 1
+
+
+@pytest.mark.parametrize("big", [0, 1])
+@pytest.mark.parametrize("encoding", ["mono16", "16UC1"])
+def test_16_bit_of_either_byte_order(encoding, big):
+    rows = np.full((3, 5), 0x1234, ">u2" if big else "<u2")
+    assert (bgr(image(encoding, rows, big=big)) == 0x1234).all()
+
+
+def test_a_size_that_does_not_fit_is_refused():
+    message = image("rgb8", np.zeros((4, 6, 3), np.uint8))
+    message.height = 5
+    with pytest.raises(DecodeError, match="6x5 in rgb8 with step 18 does not fit 72 bytes"):
+        decode_image(message)
+
+
+def test_an_unknown_encoding_is_named():
+    with pytest.raises(DecodeError, match="'rgb32f'"):
+        decode_image(image("rgb32f", np.zeros((2, 2), np.uint8)))
+
+
+def compressed(data, said="jpeg"):
+    return SimpleNamespace(header=HEADER, format=said, data=np.frombuffer(data, np.uint8))
+
+
+JPEG = cv2.imencode(".jpg", np.full((24, 40, 3), 90, np.uint8))[1].tobytes()
+PNG = cv2.imencode(".png", np.full((24, 40), 7, np.uint16))[1].tobytes()
+
+
+@pytest.mark.parametrize(("data", "kind"), [(JPEG, "jpeg"), (PNG, "png"), (JPEG + bytes(20_000), "jpeg")])
+def test_the_type_is_told_from_the_bytes(data, kind):
+    reading = decode_compressed_image(compressed(data, ""))
+    assert reading.encoding == kind
+    assert reading.encoded == data
+    assert image_size(data) == (40, 24)
+
+
+@pytest.mark.parametrize("data", [JPEG[:-40], PNG[:-40], b"nothing known"])
+def test_cut_off_or_unknown_bytes_are_refused(data):
+    with pytest.raises(DecodeError, match=r"cut off|neither"):
+        decode_compressed_image(compressed(data))
+
+
+LENSES = {
+    "plumb_bob": (-0.2, 0.05, 0.001, -0.002, 0.01),
+    "rational_polynomial": (0.1, -0.05, 0.001, -0.001, 0.01, 0.2, -0.02, 0.003),
+    "equidistant": (0.02, -0.01, 0.003, -0.001),
+}
+
+
+@pytest.mark.parametrize("model", LENSES)
+def test_projection_agrees_with_opencv(model):
+    camera = CameraModel(model, 640, 480, 400.0, 410.0, 320.0, 240.0, LENSES[model])
+    points = np.random.default_rng(1).uniform([-1, -0.8, 2], [1, 0.8, 5], (50, 3))
+    d = np.array(LENSES[model])
+    if model == "equidistant":
+        truth, _ = cv2.fisheye.projectPoints(points[:, None], np.zeros(3), np.zeros(3), camera.matrix, d)
+    else:
+        truth, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), camera.matrix, d)
+    pixels, in_front = camera.project(points)
+    assert in_front.all()
+    np.testing.assert_allclose(pixels, truth[:, 0], atol=1e-6)
+
+
+@pytest.mark.parametrize("model", LENSES)
+def test_undistortion_moves_points_to_where_a_pinhole_sees_them(model):
+    camera = CameraModel(model, 640, 480, 400.0, 410.0, 320.0, 240.0, LENSES[model])
+    pinhole = camera.undistorted()
+    maps = camera.undistortion_maps(pinhole)
+    for point in ([0.0, 0.0, 4.0], [1.2, -0.7, 4.0], [-1.0, 0.9, 4.0]):
+        (u, v), _ = camera.project(np.array([point]))[0][0], None
+        rows, columns = np.mgrid[0:480, 0:640]
+        spot = 255 * np.exp(-((columns - u) ** 2 + (rows - v) ** 2) / 18)
+        straight = cv2.remap(spot.astype(np.float32), maps[0], maps[1], cv2.INTER_LINEAR)
+        centre = [(straight * axis).sum() / straight.sum() for axis in (columns, rows)]
+        np.testing.assert_allclose(centre, pinhole.project(np.array([point]))[0][0], atol=0.3)
+
+
+def test_region_and_binning_shift_and_scale_the_matrix():
+    camera = {
+        "model": "none", "width": 800, "height": 600, "k": [500.0, 0, 400, 0, 500, 300, 0, 0, 1], "d": [],
+        "binning": [2, 2], "roi": {"x_offset": 100, "y_offset": 50, "width": 600, "height": 400, "do_rectify": False},
+    }  # fmt: skip
+    model = CameraModel.from_calibration(camera)
+    assert (model.width, model.height) == (300, 200)
+    assert (model.fx, model.fy) == (250.0, 250.0)
+    # Full-resolution pixel (400, 300) is ROI pixel (300, 250), which lies at (299.5 / 2, 249.5 / 2).
+    assert (model.cx, model.cy) == (149.75, 124.75)
