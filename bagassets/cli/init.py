@@ -65,7 +65,7 @@ def init(project: Path, bags: Path | None, look_at: int, force: bool) -> None:
     present = [name for name in FILES if (project / name).exists()]
     if present and not force:
         raise RecipeError(
-            f"{project}: {' and '.join(present)} would be replaced; --force does that, another folder avoids it."
+            f"{project}: {', '.join(present)} would be replaced; --force does that, another folder avoids it."
         )
     write_project(project, _propose(project, bags.resolve(), look_at))
     _tell_next(project, recipe_file)

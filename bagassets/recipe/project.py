@@ -37,13 +37,14 @@ compute_logs:
   config:
     base_dir: {logs}
 
-# Gives every code server the variables in .env, whichever folder Dagster is started in.
+# Gives code locations the variables in .env, whichever folder Dagster is started in.
 secrets:
   custom:
     module: dagster._core.secrets.env_file
-    class: EnvFileLoader
+    class: PerProjectEnvFileLoader
     config:
-      base_dir: {project}
+      location_paths:
+        bagassets.definitions: {project}
 
 # Runs start in 0.3 s instead of 5 s: they are forked from a process that has imported everything.
 run_launcher:

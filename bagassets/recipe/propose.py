@@ -5,10 +5,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from bagassets.recipe.commented_yaml import Sheet, scalar
-from bagassets.recipe.glance import Glance
+from bagassets.recipe.glance import Glance, TopicGlance
 from bagassets.recipe.grouping import Group, group_recordings, match_globs
 from bagassets.recipe.propose_rig import RigProposal, propose_rig, write_rig
-from bagassets.recipe.sensors import find_sensors
+from bagassets.recipe.sensors import find_sensors, modality_of
 
 __all__ = ["propose"]
 
@@ -46,6 +46,16 @@ def propose(
     sheet.field(0, f"name: {scalar(_slug(name))}")
     sheet.field(0, "bags:")
     sheet.field(1, f"root: {scalar(str(root))}")
+    undefined = sorted(
+        {t.msgtype for g in glances.values() for t in g.topics.values() if _lacks_definition(t)}
+    )
+    if undefined:
+        sheet.note(
+            1,
+            f"not guessed: where the .msg files of {', '.join(undefined)} are; without them, these topics are left "
+            "out. Name their folders and add the channels:",
+        )
+        sheet.off(1, "message_definitions: [msg]")
     _clock(sheet, groups)
     sheet.blank()
     sheet.field(0, "rigs:")
@@ -112,6 +122,10 @@ def _clock(sheet: Sheet, groups: Sequence[Group]) -> None:
         )
     else:
         sheet.field(0, "clock: header")
+
+
+def _lacks_definition(topic: TopicGlance) -> bool:
+    return topic.problem is not None and "definition" in topic.problem and modality_of(topic) is not None
 
 
 def _offsets(group: Group) -> list[float]:

@@ -1,0 +1,64 @@
+"""`bagassets inspect`: the inventory of one recording, without a project."""
+
+from pathlib import Path
+
+import click
+
+__all__ = ["inspect"]
+
+
+@click.command(
+    epilog="""\b
+Examples:
+  bagassets inspect /data/recordings/monday.bag
+  bagassets inspect /data/recordings/tuesday --json | jq '.topics[].name'
+  bagassets inspect old.db3 --definitions my_msgs/msg"""
+)
+@click.argument("bag", type=click.Path(path_type=Path))
+@click.option(
+    "--json", "as_json", is_flag=True, help="Print the inventory as JSON, with digests, gaps and definitions."
+)
+@click.option(
+    "--definitions",
+    type=click.Path(exists=True, file_okay=False, path_type=Path),
+    metavar="DIR",
+    multiple=True,
+    help="Folder of .msg files, for recordings without type definitions; may be repeated.",
+)
+@click.option(
+    "--recipe",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Recipe whose bags.message_definitions are used too.",
+)
+def inspect(bag: Path, as_json: bool, definitions: tuple[Path, ...], recipe: Path | None) -> None:
+    """Print what a recording holds.
+
+    BAG is a .bag, .mcap or .db3 file, or a ROS 2 bag folder. All of it is read: topics, types,
+    counts, rates, gaps, frames, the offset of header stamps from log time, the place and the daylight.
+    """
+    import tempfile  # noqa: PLC0415  (not for --help)
+
+    from bagassets.bags.describe import describe_text  # noqa: PLC0415  (numpy, pyarrow and the readers)
+    from bagassets.bags.discover import find_one  # noqa: PLC0415
+    from bagassets.bags.open import open_recording  # noqa: PLC0415
+    from bagassets.steps.inventory import make_inventory  # noqa: PLC0415
+    from bagassets.store.artifact import ArtifactWriter  # noqa: PLC0415
+
+    folders = list(definitions)
+    if recipe is not None:
+        from bagassets.recipe import load_recipe  # noqa: PLC0415
+
+        folders += load_recipe(recipe).bags.message_definitions
+    found = find_one(bag)
+    with tempfile.TemporaryDirectory(prefix="bagassets-inspect-") as folder:
+        writer = ArtifactWriter(Path(folder) / "inventory")
+        with open_recording(found, folders) as recording:
+            make_inventory(recording, writer, size=found.size)
+        text = next(Path(folder).rglob("inventory.json")).read_text(encoding="utf-8")
+    if as_json:
+        click.echo(text, nl=False)
+        return
+    import json  # noqa: PLC0415
+
+    click.echo(f"{bag}\n\n{describe_text(json.loads(text))}", nl=False)
