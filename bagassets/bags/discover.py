@@ -23,6 +23,9 @@ _BARE: dict[str, Format] = {".bag": "ros1", ".mcap": "mcap", ".db3": "ros2"}
 _NOT_OURS = frozenset({"lost+found", "System Volume Information", "$RECYCLE.BIN"})
 # Keys become parts of file names, which may have 255 bytes.
 _LONGEST_SLUG = 100
+# Paths that are their own key but for the slashes; most are, and thousands must take no time.
+_WORD = "[A-Za-z0-9]+(?:[._-][A-Za-z0-9]+)*"
+_PLAIN = re.compile(f"{_WORD}(?:/{_WORD})*")
 
 
 @dataclass(frozen=True)
@@ -202,6 +205,8 @@ def _key(relative: str) -> str:
     tells them apart.
     """
     plain = relative.replace("/", "__")
+    if len(plain) <= _LONGEST_SLUG and _PLAIN.fullmatch(relative):
+        return plain
     folded = unicodedata.normalize("NFKD", plain).encode("ascii", "ignore").decode()
     slug = re.sub(r"\.{2,}", ".", re.sub(r"[^A-Za-z0-9._-]+", "-", folded)).strip(".-") or "recording"
     parts = relative.split("/")

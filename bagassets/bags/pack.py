@@ -1,6 +1,6 @@
 """The pack: small messages of a recording, kept so that later steps need not open it again."""
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,10 +11,24 @@ from bagassets.bags.inventory import Definition
 from bagassets.bags.model import RawMessage
 from bagassets.bags.reader import BaseRecording, TopicSource
 from bagassets.bags.typestores import Serialization
+from bagassets.store.artifact import ArtifactWriter
 
-__all__ = ["PACK_SCHEMA", "PackedRecording"]
+__all__ = ["PACK_FILE", "PackedRecording", "write_pack"]
+
+PACK_FILE = "messages.parquet"
 
 PACK_SCHEMA = pa.schema({"topic": pa.string(), "log_time_ns": pa.int64(), "data": pa.binary()})
+
+
+def write_pack(out: ArtifactWriter, messages: Sequence[RawMessage]) -> None:
+    """Write messages, which come in order of log time, into the pack of an artifact."""
+    columns = (
+        [message.topic for message in messages],
+        [message.log_time_ns for message in messages],
+        [message.data for message in messages],
+    )
+    arrays = [pa.array(column, field.type) for column, field in zip(columns, PACK_SCHEMA, strict=True)]
+    out.write_table(PACK_FILE, pa.Table.from_arrays(arrays, schema=PACK_SCHEMA))
 
 
 class PackedRecording(BaseRecording):

@@ -74,6 +74,10 @@ class BaseRecording(ABC):
         """Return header stamp in nanoseconds and frame id (no leading slash), or None without header."""
         return self._types[message.topic].header(message.msgtype, message.data)
 
+    def definition(self, topic: str) -> Definition:
+        """Return what the messages of a topic are decoded with."""
+        return self._types[topic].definition(self.topics[topic].msgtype)
+
     def serialization(self, topic: str) -> Serialization:
         """Return how the messages of a topic are serialized."""
         return self._types[topic].serialization

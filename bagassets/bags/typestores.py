@@ -75,6 +75,19 @@ class MessageTypes:
         except (SerdeError, AssertionError, ValueError, IndexError, struct.error, UnicodeDecodeError) as err:
             raise DecodeError(f"its bytes do not fit {msgtype}") from err
 
+    def definition(self, msgtype: str) -> Definition:
+        """Return what messages of a type are decoded with, wherever it came from.
+
+        A recording's own definition as it is; one from a `.msg` folder or a default type store as
+        text that holds without them.
+        """
+        own = self._definitions.get(msgtype, Definition("none", ""))
+        store = self._store(msgtype)
+        if (own.format != "none" and own.text) or isinstance(store, str):
+            return own
+        text, _ = store.generate_msgdef(msgtype, ros_version=1 if self.serialization == "ros1" else 2)
+        return Definition("msg", text)
+
     def header(self, msgtype: str, data: bytes | memoryview) -> tuple[int, str] | None:
         """Return stamp in nanoseconds and frame id from the bytes of a message, without decoding it.
 
@@ -88,8 +101,8 @@ class MessageTypes:
             return None
         try:
             return _read_header(data, self.serialization, sequence=layout == "sequence")
-        except struct.error:
-            return None
+        except (struct.error, IndexError):
+            return None  # too short to hold a header
 
     def _layout(self, msgtype: str) -> str:
         store = self._store(msgtype)

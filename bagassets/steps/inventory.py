@@ -3,13 +3,12 @@
 Files: `inventory.json`, and `messages.parquet` with the small messages that later steps read.
 """
 
+from dataclasses import replace
+from operator import itemgetter
 from typing import Any
 
-import pyarrow as pa
-
-from bagassets.bags.inventory import Definition
 from bagassets.bags.model import RawMessage
-from bagassets.bags.pack import PACK_SCHEMA
+from bagassets.bags.pack import write_pack
 from bagassets.bags.reader import BaseRecording
 from bagassets.decode.navsat import FixReading, decode_navsat
 from bagassets.errors import DecodeError
@@ -37,6 +36,10 @@ BULK = frozenset(
 )
 MOST_MEAN_BYTES = 64 * 1024
 MOST_TOPIC_BYTES = 64 * 1024 * 1024
+# A fix stamped before GNSS was in use carries simulated or unset time: it tells no time of day.
+FIRST_GNSS_NS = 631_152_000 * 1_000_000_000  # 1990-01-01
+# Header stamps further from the log time than this are remarked upon.
+MOST_OFFSET_S = 1.0
 NAVSAT = "sensor_msgs/msg/NavSatFix"
 
 
@@ -49,28 +52,28 @@ def make_inventory(recording: BaseRecording, out: ArtifactWriter, *, size: int) 
         size: bytes of its files.
     """
     logs = {name: TopicLog(info.msgtype) for name, info in recording.topics.items()}
-    packed: dict[str, list[RawMessage] | None] = {
-        name: None if info.msgtype in BULK else [] for name, info in recording.topics.items()
+    kept: dict[str, list[tuple[int, RawMessage]]] = {
+        name: [] for name, info in recording.topics.items() if info.msgtype not in BULK
     }
     fixes: list[FixReading] = []
-    for message in recording.messages(list(recording.topics)):
-        log = logs[message.topic]
-        log.add(message, recording.header(message))
-        kept = packed[message.topic]
-        if kept is not None:
-            kept.append(message)
-            if log.bytes > MOST_TOPIC_BYTES or log.bytes > MOST_MEAN_BYTES * max(len(kept), 8):
-                packed[message.topic] = None
-        if message.msgtype == NAVSAT:
+    for number, message in enumerate(recording.messages(list(recording.topics))):
+        name, info = message.topic, recording.topics[message.topic]
+        log = logs[name]
+        log.add(message, recording.header(message) if info.problem is None else None)
+        if name in kept:
+            kept[name].append((number, replace(message, data=bytes(message.data))))
+            if log.bytes > MOST_TOPIC_BYTES:
+                del kept[name]
+        if info.msgtype == NAVSAT and info.problem is None:
             _take_fix(recording, message, fixes)
-    small = [message for kept in packed.values() if kept for message in kept]
-    small.sort(key=lambda message: message.log_time_ns)  # stable: file order within one time
-    columns = [[m.topic for m in small], [m.log_time_ns for m in small], [bytes(m.data) for m in small]]
-    arrays = [pa.array(column, field.type) for column, field in zip(columns, PACK_SCHEMA, strict=True)]
-    out.write_table("messages.parquet", pa.Table.from_arrays(arrays, schema=PACK_SCHEMA))
-    value = _inventory_json(
-        recording, logs, {name for name, kept in packed.items() if kept is not None}, fixes
-    )
+    kept = {
+        name: messages
+        for name, messages in kept.items()
+        if logs[name].bytes <= MOST_MEAN_BYTES * len(messages)
+    }
+    in_order = sorted((entry for entries in kept.values() for entry in entries), key=itemgetter(0))
+    write_pack(out, [message for _, message in in_order])
+    value = _inventory_json(recording, logs, set(kept), fixes)
     out.write_json("inventory.json", value | {"size": size})
     problems = [topic["name"] for topic in value["topics"] if topic["problem"] is not None]
     return {
@@ -95,7 +98,7 @@ def _inventory_json(
 ) -> dict[str, Any]:
     topics = []
     for name, info in sorted(recording.topics.items()):
-        definition = recording.definitions.get(info.msgtype, Definition("none", ""))
+        definition = recording.definition(name)
         topics.append(
             {
                 "name": name,
@@ -120,9 +123,15 @@ def _inventory_json(
         "duration_s": 0.0 if start is None or end is None else round((end - start) / 1e9, 6),
         "topics": topics,
         "gnss": gnss,
-        "daylight": daylight(fixes[0].lat_deg, fixes[0].lon_deg, fixes[0].stamp_ns) if fixes else None,
-        "notes": _notes(topics),
+        "daylight": _daylight(fixes),
+        "notes": _notes(recording, topics),
     }
+
+
+def _daylight(fixes: list[FixReading]) -> str | None:
+    if not fixes or fixes[0].stamp_ns < FIRST_GNSS_NS:
+        return None
+    return daylight(fixes[0].lat_deg, fixes[0].lon_deg, fixes[0].stamp_ns)
 
 
 def _fix_json(fix: FixReading) -> dict[str, Any]:
@@ -130,17 +139,29 @@ def _fix_json(fix: FixReading) -> dict[str, Any]:
     return {"lat": fix.lat_deg, "lon": fix.lon_deg, "alt": alt, "stamp_ns": fix.stamp_ns}
 
 
-def _notes(topics: list[dict[str, Any]]) -> list[str]:
+def _notes(recording: BaseRecording, topics: list[dict[str, Any]]) -> list[str]:
+    """Return sentences about what is unusual; what several topics share is said once."""
     notes = []
+    unset, apart = [], []
     for topic in topics:
+        name, offset = topic["name"], topic["header_offset_s"]
         if topic["problem"] is not None:
-            notes.append(f"{topic['name']} cannot be decoded: {topic['problem']}.")
-        offset = topic["header_offset_s"]
-        if offset is not None and abs(offset["median"]) > 1.0:
-            notes.append(
-                f"{topic['name']}: header stamps are {offset['median']:.1f} s behind the log time; choose the clock "
-                "in the recipe with care."
-            )
+            notes.append(f"{name} cannot be decoded: {topic['problem']}.")
+        announced = recording.topics[name].count
+        if announced != topic["count"]:
+            notes.append(f"{name}: the recording announces {announced} messages and holds {topic['count']}.")
         if topic["unordered_stamps"]:
-            notes.append(f"{topic['name']}: {topic['unordered_stamps']} header stamps go back in time.")
+            notes.append(f"{name}: {topic['unordered_stamps']} header stamps go back in time.")
+        if offset is None:
+            continue
+        if topic["first_stamp_ns"] == topic["last_stamp_ns"] == 0:
+            unset.append(name)
+        elif abs(offset["median"]) > MOST_OFFSET_S:
+            apart.append(f"{name} ({offset['median']:+.1f} s)")
+    if unset:
+        notes.append(f"Header stamps are all zero on {', '.join(unset)}: only the log time tells when.")
+    if apart:
+        notes.append(
+            f"Log times are far from header stamps on {', '.join(apart)}: choose the clock in the recipe with care."
+        )
     return notes
