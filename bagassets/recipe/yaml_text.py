@@ -75,7 +75,9 @@ def read_yaml(text: str, path: Path) -> tuple[Any, Place]:
         loader = _Loader(text.removeprefix("\ufeff"))
         node = loader.get_single_node()
     except yaml.YAMLError as err:
-        raise RecipeError(_syntax_error(err, path)) from err
+        raise RecipeError(_syntax_error(err, text, path)) from err
+    except RecursionError:
+        raise RecipeError(f"{path}:1: the recipe is nested too deeply for a recipe.") from None
     finally:
         if loader is not None:
             loader.dispose()
@@ -84,9 +86,12 @@ def read_yaml(text: str, path: Path) -> tuple[Any, Place]:
     return _Reader(path).value(node, 1 if isinstance(node, yaml.MappingNode) else _line(node), ())
 
 
-def _syntax_error(err: yaml.YAMLError, path: Path) -> str:
+def _syntax_error(err: yaml.YAMLError, text: str, path: Path) -> str:
     if isinstance(err, yaml.reader.ReaderError):
-        return f"{path}: the recipe holds a character that YAML does not allow ({err.reason}, at {err.position})."
+        line = text.count("\n", 0, err.position) + 1
+        return (
+            f"{path}:{line}: the recipe holds a character that YAML does not allow ({text[err.position]!r})."
+        )
     mark = getattr(err, "problem_mark", None)
     where = f"{path}:{mark.line + 1}" if mark is not None else str(path)
     problem = str(getattr(err, "problem", None) or "not valid YAML")
@@ -112,7 +117,7 @@ class _Reader:
         """Return data and place of `node`, whose key stands in `line`."""
         if isinstance(node, yaml.ScalarNode):
             return self._scalar(node, at), Place(line)
-        self._enter(node, at)
+        self._enter(node, line, at)
         try:
             if isinstance(node, yaml.SequenceNode) and node.tag == _TAG + "seq":
                 pairs = [
@@ -127,40 +132,44 @@ class _Reader:
                 return data, Place(line, places)
         finally:
             self._open.discard(id(node))
-        raise self._error(node, at, f"the tag {node.tag} means nothing in a recipe; remove it")
+        raise self._error(_line(node), at, f"the tag {node.tag} means nothing in a recipe; remove it")
 
     def _mapping(
         self, node: yaml.MappingNode, at: tuple[str, ...]
     ) -> tuple[dict[str, Any], dict[str | int, Place]]:
         data: dict[str, Any] = {}
         places: dict[str | int, Place] = {}
-        merged: list[yaml.Node] = []
+        merged: list[tuple[yaml.Node, int]] = []
         for key_node, value_node in node.value:
             if not isinstance(key_node, yaml.ScalarNode):
-                raise self._error(key_node, at, "a field's name is plain text, this is a list or mapping")
+                raise self._error(
+                    _line(key_node), at, "a field's name is plain text, this is a list or mapping"
+                )
             if key_node.tag == _TAG + "merge":
-                merged += value_node.value if isinstance(value_node, yaml.SequenceNode) else [value_node]
+                several = isinstance(value_node, yaml.SequenceNode)
+                sources = value_node.value if several else [value_node]
+                merged += [(source, _line(key_node)) for source in sources]
                 continue
             key = str(key_node.value)
             if key in data:
                 first = places[key].line
                 raise self._error(
-                    key_node, (*at, key), f"given twice, first in line {first}; remove one of the two"
+                    _line(key_node), (*at, key), f"given twice, first in line {first}; remove one of the two"
                 )
             data[key], places[key] = self.value(value_node, _line(key_node), (*at, key))
-        for source in merged:
+        for source, line in merged:
             if not isinstance(source, yaml.MappingNode):
-                raise self._error(source, at, "`<<` takes an alias of a mapping, or a list of such aliases")
-            self._enter(source, at)
+                raise self._error(line, at, "`<<` takes an alias of a mapping, or a list of such aliases")
+            self._enter(source, line, at)
             inherited, their_places = self._mapping(source, at)
             self._open.discard(id(source))
             data = inherited | data
             places = their_places | places
         return data, places
 
-    def _enter(self, node: yaml.Node, at: tuple[str, ...]) -> None:
+    def _enter(self, node: yaml.Node, line: int, at: tuple[str, ...]) -> None:
         if id(node) in self._open:
-            raise self._error(node, at, "the alias refers to a value that contains it")
+            raise self._error(line, at, "the alias refers to a value that contains it")
         self._open.add(id(node))
 
     def _scalar(self, node: yaml.ScalarNode, at: tuple[str, ...]) -> str | int | float | bool | None:
@@ -178,12 +187,12 @@ class _Reader:
                 case "str":
                     return text
         except ValueError:
-            raise self._error(node, at, f"{text!r} is not a number") from None
-        raise self._error(node, at, f"the tag {node.tag} means nothing in a recipe; remove it")
+            raise self._error(_line(node), at, f"{text!r} is not a number") from None
+        raise self._error(_line(node), at, f"the tag {node.tag} means nothing in a recipe; remove it")
 
-    def _error(self, node: yaml.Node, at: tuple[str, ...], problem: str) -> RecipeError:
+    def _error(self, line: int, at: tuple[str, ...], problem: str) -> RecipeError:
         field = f"{'.'.join(at)}: " if at else ""
-        return RecipeError(f"{self._path}:{_line(node)}: {field}{problem}.")
+        return RecipeError(f"{self._path}:{line}: {field}{problem}.")
 
 
 def _line(node: yaml.Node) -> int:
