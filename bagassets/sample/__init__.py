@@ -1,0 +1,1 @@
+"""Sample drives: a small world, physically consistent, recorded in every format, its truth known."""

@@ -1,0 +1,172 @@
+"""What the sensors of the sample car see: images, lidar revolutions, radar targets."""
+
+from functools import cached_property
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from bagassets.geometry.camera import CameraModel
+from bagassets.geometry.se3 import SE3, Floats, quaternion_multiply, rotate
+from bagassets.sample.cast import Hits, cast
+from bagassets.sample.rig import EGO_SE3_LIDAR, EGO_SE3_RADAR, LIDAR, RADAR, Camera, Lidar
+from bagassets.sample.world import RADIUS_M, World
+
+__all__ = ["CameraView", "lidar_points", "radar_targets", "rays_of"]
+
+SUN = np.array([0.45, 0.3, 0.84])
+SKY = np.array([205.0, 220.0, 235.0])
+# How bright the faces of a box are: front and back, sides, top.
+_FACE_LIGHT = np.array([0.72, 0.86, 1.0])
+
+
+def rays_of(model: CameraModel) -> Floats:
+    """Return the unit ray of each pixel centre, (H, W, 3), in the optical frame."""
+    columns, rows = np.meshgrid(np.arange(model.width), np.arange(model.height))
+    pixels = np.stack([columns, rows], axis=-1).reshape(-1, 1, 2).astype(np.float64)
+    xy: NDArray[Any]
+    d = np.array(model.distortion)
+    if not model.distorts:
+        xy = (pixels - [model.cx, model.cy]) / [model.fx, model.fy]
+    elif model.model == "equidistant":
+        xy = cv2.fisheye.undistortPoints(pixels, model.matrix, d)
+    else:
+        criteria = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 60, 1e-10)
+        xy = cv2.undistortPointsIter(pixels, model.matrix, d, np.eye(3), np.eye(3), criteria)
+    rays = np.concatenate([xy.reshape(-1, 2), np.ones((len(pixels), 1))], axis=1)
+    unit: Floats = rays / np.sqrt((rays * rays).sum(axis=1))[:, None]
+    return unit.reshape(model.height, model.width, 3)
+
+
+class CameraView:
+    """Renders one camera; the rays of its pixels are found once."""
+
+    def __init__(self, world: World, camera: Camera) -> None:
+        self._world = world
+        self._camera = camera
+
+    @cached_property
+    def _rays(self) -> Floats:
+        return rays_of(self._camera.model).reshape(-1, 3)
+
+    def hits(self, time_s: float) -> Hits:
+        """Return what each pixel sees, row by row."""
+        odom_SE3_cam = self._world.ego.at(time_s) @ self._camera.ego_SE3_cam
+        return self._cast(odom_SE3_cam, time_s)[0]
+
+    def image(self, time_s: float) -> NDArray[np.uint8]:
+        """Return the image as (H, W, 3) BGR."""
+        odom_SE3_cam = self._world.ego.at(time_s) @ self._camera.ego_SE3_cam
+        hits, directions = self._cast(odom_SE3_cam, time_s)
+        colours = np.empty((len(directions), 3))
+        sky = hits.thing < 0
+        colours[sky] = SKY - 60.0 * np.clip(directions[sky, 2:3], 0.0, 1.0)
+        ground = hits.thing == 0
+        spots = np.array(odom_SE3_cam.translation) + directions[ground] * hits.distance_m[ground, None]
+        colours[ground] = _ground_colour(spots)
+        for thing in self._world.things:
+            on_it = hits.thing == thing.track_id
+            if on_it.any():
+                colours[on_it] = np.array(thing.colour) * _FACE_LIGHT[hits.face[on_it]][:, None]
+        haze = np.clip(np.where(sky, 0.0, hits.distance_m) / 220.0, 0.0, 0.8)[:, None]
+        colours = colours * (1 - haze) + SKY * haze
+        shape = (self._camera.model.height, self._camera.model.width, 3)
+        image: NDArray[np.uint8] = np.clip(colours, 0, 255).astype(np.uint8).reshape(shape)[:, :, ::-1]
+        return np.ascontiguousarray(image)
+
+    def _cast(self, odom_SE3_cam: SE3, time_s: float) -> tuple[Hits, Floats]:
+        directions: Floats = rotate(np.array(odom_SE3_cam.rotation), self._rays)
+        origins = np.broadcast_to(np.array(odom_SE3_cam.translation), directions.shape)
+        return cast(self._world.things, origins, directions, np.full(len(directions), time_s)), directions
+
+
+def _ground_colour(spots: Floats) -> Floats:
+    """Asphalt with lane markings along the circle, grass beyond."""
+    x, y = spots[:, 0], spots[:, 1] - RADIUS_M
+    lateral = RADIUS_M - np.sqrt(x * x + y * y)
+    along = np.arctan2(x, -y) * RADIUS_M
+    grain = np.mod(np.floor(x * 4) + np.floor(y * 4), 2) * 6
+    road = np.stack([92 + grain, 94 + grain, 98 + grain], axis=1)
+    grass = np.stack([88 + grain, 128 + 2 * grain, 74 + grain], axis=1)
+    walk = np.stack([150 + grain, 148 + grain, 142 + grain], axis=1)
+    dashes = (np.abs(lateral - 1.8) < 0.09) & (np.mod(along, 6.0) < 3.0)
+    edges = (np.abs(lateral - 5.5) < 0.08) | (np.abs(lateral + 3.3) < 0.08)
+    colours: Floats = np.where(((lateral > -6.2) & (lateral < 6.6))[:, None], road, grass)
+    colours = np.where(
+        (np.abs(lateral - 8.4) < 1.6)[:, None] | (np.abs(lateral + 7.6) < 1.3)[:, None], walk, colours
+    )
+    return np.where((dashes | edges)[:, None], 235.0, colours)
+
+
+def _sweep(world: World, lidar: Lidar, ego_SE3_sensor: SE3, start_s: float) -> tuple[Floats, Hits, Floats]:
+    """Cast one revolution, each column at its own time; return rays, hits and times since the start."""
+    azimuth = -2 * np.pi * np.arange(lidar.columns) / lidar.columns  # clockwise, from straight ahead
+    elevation = np.deg2rad(np.linspace(lidar.lowest_deg, lidar.highest_deg, lidar.rings))
+    offsets_s = np.arange(lidar.columns) / lidar.columns * lidar.period_ns * 1e-9
+    azimuths, elevations = np.meshgrid(azimuth, elevation, indexing="ij")
+    times = np.repeat(start_s + offsets_s, lidar.rings)
+    rays = np.stack(
+        [np.cos(elevations) * np.cos(azimuths), np.cos(elevations) * np.sin(azimuths), np.sin(elevations)],
+        axis=-1,
+    ).reshape(-1, 3)
+    positions, rotations = world.ego.pose(times)
+    origins = positions + rotate(rotations, np.array(ego_SE3_sensor.translation))
+    directions = rotate(quaternion_multiply(rotations, np.array(ego_SE3_sensor.rotation)), rays)
+    return rays, cast(world.things, origins, directions, times), times - start_s
+
+
+def lidar_points(world: World, start_s: float) -> NDArray[Any]:
+    """Return one revolution that begins at a time, as a structured array in the sensor's frame.
+
+    Fields: x, y, z, intensity (float32), ring (uint16), t (uint32, nanoseconds since the begin). A
+    few returns are NaN, as real drivers send them.
+    """
+    rays, hits, offsets_s = _sweep(world, LIDAR, EGO_SE3_LIDAR, start_s)
+    seen = (hits.distance_m < LIDAR.range_m) & (hits.thing >= 0)
+    kind = [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4"), ("ring", "<u2"), ("t", "<u4")]
+    points = np.zeros(int(seen.sum()), kind)
+    xyz = rays[seen] * hits.distance_m[seen, None]
+    for i, name in enumerate(("x", "y", "z")):
+        points[name] = xyz[:, i]
+    points["intensity"] = 20 + (hits.thing[seen] * 37) % 200
+    points["ring"] = np.tile(np.arange(LIDAR.rings), LIDAR.columns)[seen]
+    points["t"] = np.round(offsets_s[seen] * 1e9)
+    points["x"][::997] = np.nan
+    return points
+
+
+def radar_targets(world: World, time_s: float) -> list[dict[str, float]]:
+    """Return the radar's targets at a time: one for each vehicle or pedestrian that it sees.
+
+    Position and velocity in the sensor's frame; `vx_comp`, `vy_comp` are over ground.
+    """
+    odom_SE3_radar = world.ego.at(time_s) @ EGO_SE3_RADAR
+    radar_SE3_odom = odom_SE3_radar.inverse()
+    step_s = 1e-3
+    ego_step = world.ego.pose(np.array([time_s, time_s + step_s]))[0]
+    ego_velocity = (ego_step[1] - ego_step[0]) / step_s
+    targets = []
+    for thing in world.things:
+        if not thing.category:
+            continue
+        centres, _ = thing.pose(np.array([time_s, time_s + step_s]))
+        x, y, z = radar_SE3_odom.transform_points(centres[:1])[0]
+        if not (1.0 < x < RADAR.range_m and abs(y) < x):
+            continue
+        velocity = (centres[1] - centres[0]) / step_s
+        still = rotate(np.array(radar_SE3_odom.rotation), velocity)
+        moving = rotate(np.array(radar_SE3_odom.rotation), velocity - ego_velocity)
+        targets.append(
+            {
+                "x": x,
+                "y": y,
+                "z": z,
+                "rcs": 10.0 if "vehicle" in thing.category else -2.0,
+                "vx": moving[0],
+                "vy": moving[1],
+                "vx_comp": still[0],
+                "vy_comp": still[1],
+            }
+        )
+    return targets
