@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Iterator
-from pathlib import Path, PurePath
+from pathlib import PurePath
 from typing import Any, Literal, get_args, get_origin
 
 from pydantic import BaseModel
@@ -77,7 +77,9 @@ def _sections() -> Iterator[tuple[type[BaseModel], list[str]]]:
                     queue.append(inner)
                 prefix = paths[model][0]
                 path = f"{prefix}.{name}" if prefix else name
-                paths[inner].append(path + _suffix(field.annotation))
+                path += _suffix(field.annotation)
+                if path not in paths[inner]:
+                    paths[inner].append(path)
     for model in queue:
         yield model, paths[model]
 
@@ -106,10 +108,9 @@ def _prose(model: type[BaseModel]) -> str:
 
 def _table(model: type[BaseModel]) -> str:
     rows = ["| field | value | default | meaning |", "|---|---|---|---|"]
-    rows += [
-        f"| `{name}` | {_value(field)} | {_default(field)} | {_cell(field.description or 'Which kind this is.')} |"
-        for name, field in model.model_fields.items()
-    ]
+    for name, field in model.model_fields.items():
+        meaning = _cell(field.description or "Which kind this is.")
+        rows.append(f"| `{name}` | {_value(field)} | {_default(field)} | {meaning} |")
     return "\n".join(rows) + "\n"
 
 
@@ -138,7 +139,7 @@ def _default(field: FieldInfo) -> str:
     value = field.get_default(call_default_factory=True, validated_data={})
     if value is PydanticUndefined:
         return "required"
-    if value is None:
+    if value is None or value == "":
         return ""
     if isinstance(value, BaseModel):
         return "see below"
@@ -153,8 +154,3 @@ def _json(value: Any) -> Any:
 
 def _cell(text: str) -> str:
     return text.replace("|", "\\|")
-
-
-def write_reference(path: Path) -> None:
-    """Write the reference to a file."""
-    path.write_text(render_reference(), encoding="utf-8")
