@@ -1,0 +1,420 @@
+"""Proposed recipes: what is guessed, what is left open, and that the text loads."""
+
+from dataclasses import replace
+
+import pytest
+
+from bagassets.bags.globs import matches
+from bagassets.errors import RecipeError
+from bagassets.recipe import parse_recipe
+from bagassets.recipe.commented_yaml import scalar
+from bagassets.recipe.glance import Glance, TopicGlance
+from bagassets.recipe.grouping import match_globs
+from bagassets.recipe.propose import propose
+from bagassets.recipe.yaml_text import read_yaml
+
+IMAGE, COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
+CLOUD, INFO, ODOMETRY = "sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/CameraInfo", "nav_msgs/msg/Odometry"
+
+
+def topic(name, msgtype, count=100, frame=None, **fields):
+    return TopicGlance(
+        name, msgtype, count, frames=() if frame is None else (frame,), offset_s=0.01, **fields
+    )
+
+
+def odometry(name="/odom", child="base_link", count=500):
+    return topic(name, ODOMETRY, count, "odom", child_frames=(child,) if child else ())
+
+
+def info(name, frame, calibrated=True):
+    return topic(name, INFO, 100, frame, calibrated=calibrated)
+
+
+def glance(*topics, edges=(), moving=()):
+    return Glance({t.name: t for t in topics}, frozenset(edges), frozenset(moving))
+
+
+def car(*more, edges=(), without=()):
+    topics = [
+        topic("/cam_front/image_raw", IMAGE, frame="cam_front", encoding="rgb8"),
+        info("/cam_front/camera_info", "cam_front"),
+        topic("/velodyne_points", CLOUD, frame="velodyne"),
+        odometry(),
+        *more,
+    ]
+    tree = {("odom", "base_link"), ("base_link", "cam_front"), ("base_link", "velodyne"), *edges}
+    return glance(*(t for t in topics if t.name not in without), edges=tree, moving={("odom", "base_link")})
+
+
+def text_of(glances, **fields):
+    if isinstance(glances, Glance):
+        glances = {"a.bag": glances}
+    return propose(glances, name="yard", root="/bags", **fields)
+
+
+def proposed(glances, tmp_path, **fields):
+    return parse_recipe(text_of(glances, **fields), tmp_path / "recipe.yaml")
+
+
+def channels_of(one, tmp_path):
+    """Return channel -> topic of the only rig; poses are none of the question."""
+    rig = proposed(replace(one, topics={**one.topics, "/odom": odometry()}), tmp_path).rigs[0]
+    return {name: channel.topic for name, channel in rig.channels.items()}
+
+
+def test_everything_guessable_loads_as_it_stands(tmp_path):
+    recipe = proposed(car(), tmp_path)
+    (rig,) = recipe.rigs
+    assert str(recipe.bags.root) == "/bags"
+    assert recipe.name == "yard"
+    assert recipe.clock == "header"
+    assert rig.match == ("**",)
+    assert rig.ego_frame == "base_link"
+    assert (rig.ego_pose.source, rig.ego_pose.topic) == ("odometry", "/odom")
+    assert rig.channels["CAM_FRONT"].camera_info == "/cam_front/camera_info"
+    assert rig.channels["CAM_FRONT"].undistort
+    assert rig.channels["LIDAR_TOP"].topic == "/velodyne_points"
+    text = text_of(car())
+    assert "not guessed" not in text.split("\n\n", 1)[1]
+    assert "# guess:" in text
+
+
+def test_same_recordings_in_any_order_give_the_same_text():
+    one, other = car(), car(topic("/radar", "radar_msgs/msg/RadarScan", frame="radar"))
+    assert text_of({"a": one, "b": other, "c": one}) == text_of({"c": one, "b": other, "a": one})
+
+
+@pytest.mark.parametrize(
+    ("topics", "expected"),
+    [
+        (["/cam/left/image_raw", "/cam/right/image_raw"], ["CAM_LEFT", "CAM_RIGHT"]),
+        (["/camera_front_left/image_raw", "/camera_rear/image_raw"], ["CAM_FRONT_LEFT", "CAM_BACK"]),
+        (["/cam_fl/image", "/cam_rr/image"], ["CAM_FRONT_LEFT", "CAM_BACK_RIGHT"]),
+        (["/sensing/camera/frontright/image_raw"], ["CAM_FRONT_RIGHT"]),
+        (["/camera/image_raw"], ["CAM_FRONT"]),
+        (
+            ["/t265/fisheye1/image_raw", "/t265/fisheye2/image_raw"],
+            ["CAM_T265_FISHEYE1", "CAM_T265_FISHEYE2"],
+        ),
+        (["/a/front/image", "/b/front/image"], ["CAM_FRONT", "CAM_FRONT_2"]),
+        (["image_raw", "other/image_raw"], ["CAM_A", "CAM_OTHER"]),
+    ],
+)
+def test_cameras_are_named_by_where_they_look(topics, expected, tmp_path):
+    one = glance(*(topic(name, IMAGE, frame=f"f{n}") for n, name in enumerate(topics)))
+    assert sorted(channels_of(one, tmp_path)) == sorted(expected)
+
+
+def test_frames_tell_the_direction_if_topics_do_not(tmp_path):
+    one = glance(
+        topic("/cam0/image_raw", IMAGE, frame="camera_front_optical"),
+        topic("/cam1/image_raw", IMAGE, frame="camera_back_optical"),
+    )
+    assert channels_of(one, tmp_path) == {"CAM_FRONT": "/cam0/image_raw", "CAM_BACK": "/cam1/image_raw"}
+
+
+def test_lidars_the_one_on_top_first_and_flat_ones_last(tmp_path):
+    one = glance(
+        topic("/front/scan", "sensor_msgs/msg/LaserScan", 900, "laser"),
+        topic("/lidar_left/points", CLOUD, frame="lidar_left"),
+        topic("/lidar_roof/points", CLOUD, frame="lidar_roof"),
+    )
+    assert channels_of(one, tmp_path) == {
+        "LIDAR_TOP": "/lidar_roof/points",
+        "LIDAR_LEFT": "/lidar_left/points",
+        "LIDAR_FRONT": "/front/scan",
+    }
+
+
+def test_radars(tmp_path):
+    one = glance(
+        topic("/radar_front/points", CLOUD, frame="radar_front"),
+        topic("/radar_rear_left/scan", "radar_msgs/msg/RadarScan", frame="r2"),
+        topic("/esr/track", "delphi_esr_msgs/msg/EsrTrack", 6400, "esr"),
+        topic("/radar_markers", "visualization_msgs/msg/MarkerArray", frame="radar_front"),
+    )
+    assert channels_of(one, tmp_path) == {
+        "RADAR_FRONT": "/radar_front/points",
+        "RADAR_BACK_LEFT": "/radar_rear_left/scan",
+        "RADAR_ESR": "/esr/track",
+    }
+
+
+@pytest.mark.parametrize(
+    ("counts", "chosen"),
+    [((100, 100), "/cam/image_raw"), ((99, 100), "/cam/image_raw"), ((10, 100), "/cam/image_raw/compressed")],
+)
+def test_of_one_camera_the_topic_with_more_messages_then_the_raw_one(counts, chosen, tmp_path):
+    one = glance(
+        topic("/cam/image_raw", IMAGE, counts[0], "cam"),
+        topic("/cam/image_raw/compressed", COMPRESSED, counts[1], "cam"),
+        topic("/cam/image_rect_color", IMAGE, counts[0], "cam"),
+    )
+    assert channels_of(one, tmp_path) == {"CAM_FRONT": chosen}
+    assert text_of(one).count("# left out: /cam/image_r") == 2
+
+
+def test_packets_before_points_of_the_same_lidar(tmp_path):
+    one = glance(
+        topic("/velodyne_packets", "velodyne_msgs/msg/VelodyneScan", 100, "velodyne"),
+        topic("/velodyne_points", CLOUD, 100, "velodyne"),
+    )
+    assert channels_of(one, tmp_path) == {"LIDAR_TOP": "/velodyne_packets"}
+
+
+def test_lidar_packets_are_told_by_their_size(tmp_path):
+    packets = topic("/eth/lidar", "ethernet_msgs/msg/Packet", frame="v", message_bytes=1250)
+    other = topic("/eth/ptp", "ethernet_msgs/msg/Packet", frame="e", message_bytes=86)
+    assert channels_of(glance(packets, other), tmp_path) == {"LIDAR_TOP": "/eth/lidar"}
+
+
+@pytest.mark.parametrize(
+    ("extra", "reason"),
+    [
+        (topic("/rgbd/depth/image_raw", IMAGE, encoding="16UC1"), "depth, not a picture"),
+        (topic("/rgbd/depth/points", CLOUD), "the cloud of a depth camera"),
+        (topic("/disparity_image", IMAGE, encoding="32FC1"), "depth, not a picture"),
+        (topic("/flow/image", IMAGE, encoding="32FC2"), "32FC2"),
+        (topic("/cam/segmentation/image", IMAGE, encoding="rgb8"), "looks computed"),
+        (topic("/obstacles/cloud", CLOUD), "looks computed"),
+        (topic("/quiet/image_raw", IMAGE, 0), "no messages"),
+        (topic("/odd/image_raw", IMAGE, problem="its bytes are odd"), "its bytes are odd"),
+    ],
+)
+def test_what_is_no_sensor_is_left_out_with_a_reason(extra, reason, tmp_path):
+    assert extra.name not in {c.topic for c in proposed(car(extra), tmp_path).rigs[0].channels.values()}
+    line = next(entry for entry in text_of(car(extra)).splitlines() if f"left out: {extra.name} (" in entry)
+    assert reason in line
+
+
+def test_camera_without_calibration_is_not_undistorted(tmp_path):
+    none = proposed(car(without={"/cam_front/camera_info"}), tmp_path).rigs[0].channels["CAM_FRONT"]
+    assert (none.camera_info, none.undistort) == (None, False)
+    zero = car(info("/cam_front/camera_info", "cam_front", calibrated=False))
+    channel = proposed(zero, tmp_path).rigs[0].channels["CAM_FRONT"]
+    assert (channel.camera_info, channel.undistort) == ("/cam_front/camera_info", False)
+    assert "not calibrated" in text_of(zero)
+
+
+def test_camera_info_elsewhere_is_found_by_its_frame(tmp_path):
+    one = car(info("/calibration/front", "cam_front"), without={"/cam_front/camera_info"})
+    assert proposed(one, tmp_path).rigs[0].channels["CAM_FRONT"].camera_info == "/calibration/front"
+    two = car(
+        info("/calibration/1", "cam_front"),
+        info("/calibration/2", "cam_front"),
+        without={"/cam_front/camera_info"},
+    )
+    assert proposed(two, tmp_path).rigs[0].channels["CAM_FRONT"].camera_info is None
+
+
+def test_compressed_without_undistortion_passes_through(tmp_path):
+    one = glance(topic("/cam/image_raw/compressed", COMPRESSED, frame="cam", encoding="jpeg"), odometry())
+    assert proposed(one, tmp_path).rigs[0].channels["CAM_FRONT"].output == "as_recorded"
+    calibrated = glance(*one.topics.values(), info("/cam/camera_info", "cam"))
+    assert proposed(calibrated, tmp_path).rigs[0].channels["CAM_FRONT"].output == "jpeg"
+
+
+def test_sixteen_bit_grey_gets_a_rule(tmp_path):
+    one = glance(topic("/thermal/image_raw", IMAGE, frame="cam", encoding="mono16"), odometry())
+    assert proposed(one, tmp_path).rigs[0].channels["CAM_FRONT"].to_8bit.percentiles == (1, 99)
+
+
+def test_missing_transform_is_said_and_loads(tmp_path):
+    one = glance(topic("/cam/image_raw", IMAGE, frame="cam"), odometry())
+    assert proposed(one, tmp_path).rigs[0].channels["CAM_FRONT"].extrinsics is None
+    text = text_of(one)
+    assert "not guessed: no transform from base_link to cam was seen" in text
+    given = text.replace("# extrinsics:", "extrinsics:")
+    assert parse_recipe(given, tmp_path / "r.yaml").rigs[0].channels["CAM_FRONT"].extrinsics is not None
+
+
+def test_sensor_without_frame_and_cameras_that_share_one(tmp_path):
+    one = glance(topic("/points", CLOUD), odometry())
+    text = text_of(one).replace("# frame:", "frame:")
+    assert parse_recipe(text, tmp_path / "r.yaml").rigs[0].channels["LIDAR_TOP"].frame == "base_link"
+    two = glance(
+        topic("/cam/left/image", IMAGE, frame="x"), topic("/cam/right/image", IMAGE, frame="x"), odometry()
+    )
+    assert "CAM_LEFT, CAM_RIGHT all name the frame x" in " ".join(text_of(two).replace("#", "").split())
+
+
+NAVSAT, IMU = "sensor_msgs/msg/NavSatFix", "sensor_msgs/msg/Imu"
+POSE = "geometry_msgs/msg/PoseStamped"
+
+
+@pytest.mark.parametrize(
+    ("topics", "tree", "expected"),
+    [
+        ([odometry(), topic("/pose", POSE), topic("/fix", NAVSAT)], [], {"source": "odometry", "topic": "/odom"}),
+        (
+            [odometry("/wheel/odom", count=5000), odometry("/odometry/filtered", count=100)], [],
+            {"source": "odometry", "topic": "/odometry/filtered"},
+        ),
+        ([topic("/slam/pose", POSE), topic("/goal_pose", POSE, 9999)], [], {"source": "pose", "topic": "/slam/pose"}),
+        ([topic("/pose", POSE), topic("/fix", NAVSAT)], [], {"source": "pose", "topic": "/pose"}),
+        ([topic("/fix", NAVSAT)], [("map", "odom"), ("odom", "base_link")], {"source": "tf", "global_frame": "map"}),
+        ([], [("odom", "base_link")], {"source": "tf", "global_frame": "odom"}),
+        ([topic("/fix", NAVSAT), topic("/imu", IMU, oriented=True)], [], {"source": "navsat", "imu": "/imu"}),
+        ([topic("/fix", NAVSAT), topic("/imu", IMU, oriented=False)], [], {"source": "navsat", "imu": None}),
+    ],
+)  # fmt: skip
+def test_pose_source(topics, tree, expected, tmp_path):
+    one = glance(topic("/points", CLOUD, frame="lidar"), *topics, edges=[("base_link", "lidar"), *tree])
+    pose = proposed(one, tmp_path).rigs[0].ego_pose
+    assert {name: getattr(pose, name) for name in expected} == expected
+
+
+@pytest.mark.parametrize(
+    ("topics", "tree"),
+    [
+        ([], []),
+        ([odometry(count=1)], []),
+        ([topic("/goal_pose", POSE)], []),
+        ([topic("/fix", NAVSAT, problem="odd")], []),
+        # The floor of a laboratory: nothing moves in it.
+        ([], [("world", "base_link")]),
+    ],
+)
+def test_without_poses_the_user_decides_at_a_named_line(topics, tree, tmp_path):
+    one = glance(topic("/points", CLOUD, frame="lidar"), *topics, edges=[("base_link", "lidar"), *tree])
+    text = text_of(one)
+    with pytest.raises(RecipeError) as caught:
+        parse_recipe(text, tmp_path / "recipe.yaml")
+    message = str(caught.value)
+    line = int(message.removeprefix(f"{tmp_path / 'recipe.yaml'}:").split(":")[0])
+    assert text.splitlines()[line - 1].strip() == "ego_pose:"
+    assert "source: fixed" in message
+    decided = parse_recipe(text.replace("# source: fixed", "source: fixed"), tmp_path / "recipe.yaml")
+    assert decided.rigs[0].ego_pose.source == "fixed"
+
+
+@pytest.mark.parametrize(
+    ("one", "expected"),
+    [
+        (glance(odometry(child="base_footprint"), edges=[("base_footprint", "base_link")]), "base_footprint"),
+        (glance(odometry(child="odometer"), edges=[("base_link", "lidar")]), "base_link"),
+        (glance(odometry(child="imu_link")), "imu_link"),
+        (glance(edges=[("map", "base_footprint"), ("base_footprint", "lidar")]), "base_footprint"),
+        (glance(edges=[("odom", "trunk"), ("trunk", "lidar"), ("trunk", "cam")]), "trunk"),
+        (glance(), "lidar"),
+    ],
+)
+def test_ego_frame(one, expected):
+    lidar = topic("/points", CLOUD, frame="lidar")
+    text = text_of(replace(one, topics={**one.topics, lidar.name: lidar}))
+    assert f"ego_frame: {expected}  # guess:" in text
+
+
+@pytest.mark.parametrize(
+    ("fields", "clock", "words"),
+    [
+        ({}, "header", ""),
+        ({"offset_s": None, "unstamped": True}, "log", "/velodyne_points are zero"),
+        ({"offset_s": -37.0}, "log", "37.0 s apart"),
+    ],
+)
+def test_clock(fields, clock, words, tmp_path):
+    one = car()
+    lidar = replace(one.topics["/velodyne_points"], **fields)
+    one = replace(one, topics={**one.topics, lidar.name: lidar})
+    assert proposed(one, tmp_path).clock == clock
+    assert words in text_of(one)
+
+
+def test_offset_that_all_sensors_share_keeps_header_stamps(tmp_path):
+    one = car()
+    one = replace(one, topics={name: replace(t, offset_s=3600.0) for name, t in one.topics.items()})
+    assert proposed(one, tmp_path).clock == "header"
+    assert "logged 3600.0 s after its stamp" in " ".join(text_of(one).split())
+
+
+def test_boxes_truth_first_and_the_others_commented_out(tmp_path):
+    boxes = "vision_msgs/msg/Detection3DArray"
+    one = car(
+        topic("/detections", boxes, 900),
+        topic("/ground_truth/boxes", boxes, 100),
+        topic("/lane_markers", "visualization_msgs/msg/MarkerArray", 100),
+    )
+    assert [entry.topic for entry in proposed(one, tmp_path).rigs[0].annotations] == ["/ground_truth/boxes"]
+    assert "# - topic: /detections" in text_of(one)
+    assert "/lane_markers" not in text_of(one)
+
+
+def test_recordings_of_two_rigs_and_of_none(tmp_path):
+    van, drone = car(), glance(topic("/drone/image_raw", IMAGE, frame="d"), odometry("/vio", "drone"))
+    degraded = car(without={"/cam_front/image_raw", "/cam_front/camera_info"})
+    bare = glance(topic("/rosout", "rosgraph_msgs/msg/Log"))
+    text = text_of(
+        {"van/1.bag": van, "van/2/b.bag": degraded, "drone/1.bag": drone, "misc.bag": bare},
+        unreadable={"torn.bag": "it is cut off; reindex it."},
+        found=50,
+    )
+    recipe = parse_recipe(text, tmp_path / "recipe.yaml")
+    assert [(rig.name, rig.match) for rig in recipe.rigs] == [("van", ("van/**",)), ("drone", ("drone/**",))]
+    assert set(recipe.rigs[0].channels) == {"CAM_FRONT", "LIDAR_TOP"}
+    assert "not guessed: misc.bag has no camera, lidar or radar" in text
+    assert "not guessed: torn.bag could not be read: it is cut off; reindex it." in text
+    assert "5 recordings out of 50" in text
+
+
+def test_same_topic_of_another_type_is_another_rig(tmp_path):
+    other = glance(topic("/velodyne_points", "sensor_msgs/msg/LaserScan", frame="velodyne"), odometry())
+    assert len(proposed({"a.bag": car(), "b.bag": other}, tmp_path).rigs) == 2
+
+
+def test_nothing_usable_still_tells_what_a_rig_looks_like(tmp_path):
+    text = text_of(glance(topic("/rosout", "rosgraph_msgs/msg/Log")))
+    with pytest.raises(RecipeError, match=r"recipe.yaml:\d+: rigs: needs a value"):
+        parse_recipe(text, tmp_path / "recipe.yaml")
+    lines = text.splitlines()
+    start = next(n for n, line in enumerate(lines) if line.strip().startswith("# - name"))
+    lines[start:] = [line.replace("# ", "", 1) for line in lines[start:]]
+    assert parse_recipe("\n".join(lines), tmp_path / "recipe.yaml").rigs[0].name == "rig"
+
+
+def test_undefined_message_type_asks_for_its_definition(tmp_path):
+    packets = topic(
+        "/packets", "velodyne_msgs/msg/VelodyneScan", problem="there is no definition of it; name one"
+    )
+    text = text_of(car(packets))
+    assert "message_definitions: [msg]" in text
+    (tmp_path / "msg").mkdir()
+    given = text.replace("# message_definitions", "message_definitions")
+    assert parse_recipe(given, tmp_path / "r.yaml").bags.message_definitions == (tmp_path / "msg",)
+
+
+def test_radar_alone_gets_a_reference_channel(tmp_path):
+    one = glance(topic("/radar/points", CLOUD, frame="radar"), odometry())
+    assert proposed(one, tmp_path).scenes.reference == "RADAR_FRONT"
+
+
+@pytest.mark.parametrize(
+    "name", ["/a", "yes", "Null", "12", "1e3", "a: b", "a #b", "", " x", "ü\n\t", '"', "\\", "*a", "{x}"]
+)
+def test_any_text_survives_as_a_scalar(name, tmp_path):
+    assert read_yaml(f"a: {scalar(name)}", tmp_path)[0] == {"a": name}
+
+
+@pytest.mark.parametrize("name", ["my yard!", "...", "ünï", "-x-"])
+def test_any_project_name_becomes_a_legal_one(name, tmp_path):
+    parse_recipe(propose({"a.bag": car()}, name=name, root="/bags"), tmp_path / "recipe.yaml")
+
+
+@pytest.mark.parametrize(
+    ("recordings", "others", "expected"),
+    [
+        (["a/1", "b/2"], [], ["**"]),
+        (["a/1", "a/b/2"], ["c/1"], ["a/**"]),
+        (["a/x/1", "b/2"], ["a/y/1"], ["a/x/**", "b/**"]),
+        (["van_01.bag", "van_02.bag"], ["bus.bag"], ["van_*"]),
+        (["van_01.bag", "van_02.bag"], ["van_03.bag"], ["van_01.bag", "van_02.bag"]),
+        (["d/van_1.bag", "d/van_2.bag"], ["d/bus.bag"], ["d/van_*"]),
+        (["odd[1]?*.bag"], ["x"], ["odd[[]1][?][*].bag"]),
+    ],
+)
+def test_globs_tell_rigs_apart(recordings, others, expected):
+    globs = match_globs(recordings, others)
+    assert globs == expected
+    assert all(any(matches(glob, name) for glob in globs) for name in recordings)
+    assert not any(matches(glob, name) for glob in globs for name in others)
