@@ -5,7 +5,7 @@ differ in the last bit, and what is computed from it is written into artifacts w
 are digests. Here only additions, multiplications, divisions and square roots are used, which
 IEEE 754 rounds in one way everywhere. The series are Taylor's; after range reduction they
 are cut off where the next term is below half a unit in the last place. Errors stay within a
-few units in the last place.
+few units in the last place. All functions work elementwise on arrays of any shape.
 """
 
 from math import pi
@@ -14,7 +14,15 @@ import numpy as np
 
 from bagassets.geometry.se3 import Floats
 
-__all__ = ["arctan_unit", "sin_cos", "sin_cos_deg", "sinc"]
+__all__ = [
+    "arctan2",
+    "arctan_unit",
+    "arctanh_small",
+    "sin_cos",
+    "sin_cos_deg",
+    "sinc",
+    "sinh_cosh_small",
+]
 
 # (-1)^k / (2k + 1)!  and  (-1)^k / (2k)!
 _SINC = [1.0]
@@ -44,6 +52,26 @@ def arctan_unit(ratios: Floats) -> Floats:
     for _ in range(3):  # arctan(x) = 2 arctan(x / (1 + sqrt(1 + x²))): from 45° down to 5.6°
         x = x / (1.0 + np.sqrt(1.0 + x * x))
     return 8.0 * x * _horner(_ARCTAN, x * x)
+
+
+def arctan2(y: Floats, x: Floats) -> Floats:
+    """Return the angle of (x, y) in radians, between -pi and pi; 0 for the origin."""
+    y, x = np.asarray(y, dtype=np.float64), np.asarray(x, dtype=np.float64)
+    long, short = np.maximum(np.abs(x), np.abs(y)), np.minimum(np.abs(x), np.abs(y))
+    steep = arctan_unit(short / np.where(long == 0, 1.0, long))
+    first_quadrant = np.where(np.abs(y) > np.abs(x), pi / 2 - steep, steep)
+    upper = np.where(x < 0, pi - first_quadrant, first_quadrant)
+    return np.where(y < 0, -upper, upper)
+
+
+def arctanh_small(ratios: Floats) -> Floats:
+    """Return artanh(x) for |x| <= 0.12."""
+    return ratios * _horner(_ARCTAN, -ratios * ratios)
+
+
+def sinh_cosh_small(x: Floats) -> tuple[Floats, Floats]:
+    """Return hyperbolic sine and cosine of |x| <= pi/2."""
+    return x * _horner(_SINC, -x * x), _horner(_COS, -x * x)
 
 
 def sin_cos_deg(angles_deg: Floats) -> tuple[Floats, Floats]:

@@ -41,6 +41,7 @@ class Edge:
         stamps_ns: (N,) int64, strictly increasing; N >= 1.
         translations_m: (N, 3).
         rotations: (N, 4) unit quaternions w, x, y, z.
+        repeated: further samples that were left out because they repeat a stamp.
     """
 
     parent: str
@@ -49,6 +50,7 @@ class Edge:
     stamps_ns: NDArray[np.int64]
     translations_m: Floats
     rotations: Floats
+    repeated: int = 0
 
     @classmethod
     def fixed(cls, parent: str, child: str, source: str, parent_SE3_child: SE3) -> "Edge":
@@ -90,7 +92,6 @@ class TransformLog:
 
     def __init__(self, source: str) -> None:
         self.source = source
-        self.repeated = 0
         self._samples: dict[tuple[str, str], tuple[array[int], array[float]]] = {}
 
     def add(self, parent: str, child: str, stamp_ns: int, parent_SE3_child: SE3) -> None:
@@ -106,7 +107,8 @@ class TransformLog:
         for (parent, child), (stamps, numbers) in self._samples.items():
             stamps_ns, first = np.unique(np.array(stamps, dtype=np.int64), return_index=True)
             table = np.array(numbers).reshape(-1, 7)[first]
-            edges.append(Edge(parent, child, self.source, stamps_ns, table[:, :3], table[:, 3:]))
+            repeated = len(stamps) - len(stamps_ns)
+            edges.append(Edge(parent, child, self.source, stamps_ns, table[:, :3], table[:, 3:], repeated))
         return edges
 
 
@@ -142,16 +144,19 @@ class TfTree:
                 raise CalibrationError(
                     f"no transform from {src} to {dst}: {frame} is not a frame known here ({self._known()})"
                 )
-        from_src, from_dst = self._way_up(src), self._way_up(dst)
+        from_src, trouble_src = self._way_up(src)
+        from_dst, trouble_dst = self._way_up(dst)
         above_dst = [dst, *(edge.parent for edge in from_dst)]
-        for steps, frame in enumerate([src, *(edge.parent for edge in from_src)]):
+        above_src = [src, *(edge.parent for edge in from_src)]
+        for steps, frame in enumerate(above_src):
             if frame in above_dst:
                 return from_src[:steps], from_dst[: above_dst.index(frame)]
-        roots = (from_src[-1].parent if from_src else src), above_dst[-1]
-        raise CalibrationError(
-            f"no transform from {src} to {dst}: they hang on two trees with the roots {roots[0]} "
-            f"and {roots[1]} ({self._known()})"
+        trouble = (
+            trouble_src
+            or trouble_dst
+            or f"they hang on two trees with the roots {above_src[-1]} and {above_dst[-1]} ({self._known()})"
         )
+        raise CalibrationError(f"no transform from {src} to {dst}: {trouble}")
 
     def fixed(self, dst: str, src: str) -> tuple[SE3, tuple[str, ...]]:
         """Return `dst_SE3_src`, which must not change over the recording, and the sources it is from.
@@ -197,23 +202,26 @@ class TfTree:
             valid &= known
         return translations, rotations, valid
 
-    def _way_up(self, frame: str) -> list[Edge]:
-        """Edges from a frame to its root, nearest first."""
+    def _way_up(self, frame: str) -> tuple[list[Edge], str | None]:
+        """Edges from a frame towards its root, nearest first, and why they end before it, if so.
+
+        What is wrong far above two frames does not matter for the transform between them.
+        """
         way: list[Edge] = []
         passed = [frame]
         while above := self._above.get(passed[-1]):
             if len(above) > 1:
                 parents = " and ".join(f"{edge.parent} ({edge.source})" for edge in above)
-                raise CalibrationError(
-                    f"frame {passed[-1]} has more than one parent: {parents}; the transforms do not "
-                    "form a tree, so two nodes publish it; leave one of their topics out of the recipe"
+                return way, (
+                    f"frame {passed[-1]} has more than one parent, {parents}; two nodes publish it, "
+                    "so name only the topic of one of them in the recipe"
                 )
+            if above[0].parent in passed:
+                circle = [*passed[passed.index(above[0].parent) :], above[0].parent]
+                return way, f"the transforms go round in a circle, {' <- '.join(circle)}"
             way.append(above[0])
             passed.append(above[0].parent)
-            if passed[-1] in passed[:-1]:
-                circle = " -> ".join(reversed(passed[passed.index(passed[-1]) :]))
-                raise CalibrationError(f"the transforms go round in a circle: {circle}")
-        return way
+        return way, None
 
     def _ancestors(self, frame: str) -> set[str]:
         """Frames at and above a frame, as far as they are known yet."""

@@ -1,67 +1,121 @@
-"""Fixed joints of a URDF robot description as edges of a TF tree."""
+"""Fixed joints of a URDF robot description, as edges of a tree of frames.
 
-from math import cos, sin
-from xml.etree import ElementTree as ET
+Only what places sensors is read: http://wiki.ros.org/urdf/XML/joint. The XML parser is used
+directly because it alone knows the line of each element.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from math import isfinite
+from xml.parsers import expat
 
 import numpy as np
 
 from bagassets.errors import CalibrationError
-from bagassets.geometry.se3 import SE3, quaternion_from_rotation
+from bagassets.geometry.portable import sin_cos
+from bagassets.geometry.se3 import SE3
 from bagassets.geometry.tf_tree import Edge, normalise_frame
 
-__all__ = ["urdf_edges"]
+__all__ = ["quaternion_from_rpy", "urdf_edges"]
 
 
-def urdf_edges(text: bytes, name: str) -> list[Edge]:
-    """Return the fixed joints of the URDF in `text`, which was read from the file `name`.
+@dataclass
+class _Joint:
+    """A `<joint>` being read: attributes of its elements, and their lines."""
+
+    name: str
+    kind: str
+    line: int
+    elements: dict[str, tuple[int, Mapping[str, str]]] = field(default_factory=dict)
+
+
+def urdf_edges(data: bytes, name: str = "URDF") -> list[Edge]:
+    """Return the fixed joints as `parent_SE3_child`.
+
+    Args:
+        data: the file, XML in any encoding.
+        name: what to call it in errors.
 
     Raises:
-        CalibrationError: it is not XML, declares entities, or a joint is malformed.
+        CalibrationError: it is not a URDF, has a document type or entities, or a fixed joint lacks a
+            frame or a number; the message names the line.
     """
-    if b"<!DOCTYPE" in text or b"<!ENTITY" in text:
-        raise CalibrationError(f"{name}: a URDF with DOCTYPE or entities is refused; expand it first.")
-    try:
-        robot = ET.fromstring(text)  # noqa: S314  (entities were refused above)
-    except ET.ParseError as err:
-        raise CalibrationError(f"{name}: not a URDF ({err}); xacro files must be expanded first.") from err
-    edges = []
-    for joint in robot.iter("joint"):
-        if joint.get("type") != "fixed":
-            continue
-        label = f"{name}: joint {joint.get('name', '?')}"
-        parent, child, origin = joint.find("parent"), joint.find("child"), joint.find("origin")
-        if parent is None or child is None:
-            raise CalibrationError(f"{label} lacks parent or child; correct the URDF.")
-        xyz = _triple(origin, "xyz", label)
-        rpy = _triple(origin, "rpy", label)
-        edges.append(
-            Edge.fixed(
-                normalise_frame(parent.get("link", "")),
-                normalise_frame(child.get("link", "")),
-                "urdf",
-                SE3.create(_quaternion(*rpy), xyz),
+    joints: list[_Joint] = []
+    path: list[str] = []
+    parser = expat.ParserCreate()
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        line = parser.CurrentLineNumber
+        if not path and tag != "robot":
+            raise CalibrationError(
+                f"{name}, line {line}: a URDF starts with <robot>, this file with <{tag}>."
             )
+        path.append(tag)
+        if path == ["robot", "joint"]:
+            joints.append(_Joint(attributes.get("name", "?"), attributes.get("type", ""), line))
+        elif path[:2] == ["robot", "joint"] and len(path) == 3:
+            joints[-1].elements[tag] = (line, attributes)
+
+    def end(_tag: str) -> None:
+        path.pop()
+
+    def document_type(*_: object) -> None:
+        raise CalibrationError(
+            f"{name}, line {parser.CurrentLineNumber}: a URDF with a document type (<!DOCTYPE>) is refused, since "
+            "entities can blow up a file; remove it."
         )
-    return edges
+
+    parser.StartElementHandler = start
+    parser.EndElementHandler = end
+    parser.StartDoctypeDeclHandler = document_type
+    try:
+        parser.Parse(data, True)
+    except expat.ExpatError as err:
+        raise CalibrationError(
+            f"{name}, line {err.lineno}: not XML ({expat.ErrorString(err.code)}); give an expanded URDF."
+        ) from err
+    return [_edge(joint, name) for joint in joints if joint.kind == "fixed"]
 
 
-def _triple(origin: "ET.Element | None", attribute: str, label: str) -> tuple[float, float, float]:
-    text = "0 0 0" if origin is None else origin.get(attribute, "0 0 0")
+def quaternion_from_rpy(
+    roll_rad: float, pitch_rad: float, yaw_rad: float
+) -> tuple[float, float, float, float]:
+    """Return the quaternion (w, x, y, z) of turns about the fixed axes x, then y, then z, radians."""
+    (sr, sp, sy), (cr, cp, cy) = (
+        [float(v) for v in values] for values in sin_cos(np.array([roll_rad, pitch_rad, yaw_rad]) / 2)
+    )
+    return (
+        cr * cp * cy + sr * sp * sy,
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+    )
+
+
+def _edge(joint: _Joint, name: str) -> Edge:
+    place = f"{name}, line {joint.line}: joint {joint.name}"
+    frames = {
+        tag: normalise_frame(joint.elements.get(tag, (0, {}))[1].get("link", ""))
+        for tag in ("parent", "child")
+    }
+    for tag, frame in frames.items():
+        if not frame:
+            raise CalibrationError(f'{place} has no <{tag} link="…"/>; correct the URDF.')
+    line, origin = joint.elements.get("origin", (joint.line, {}))
+    xyz, rpy = (
+        _triple(origin.get(key, "0 0 0"), key, f"{name}, line {line}: joint {joint.name}")
+        for key in ("xyz", "rpy")
+    )
+    return Edge.fixed(frames["parent"], frames["child"], "urdf", SE3.create(quaternion_from_rpy(*rpy), xyz))
+
+
+def _triple(text: str, attribute: str, place: str) -> tuple[float, float, float]:
     try:
         x, y, z = (float(part) for part in text.split())
     except ValueError:
-        raise CalibrationError(f"{label}: {attribute} must be three numbers, it is '{text}'.") from None
+        x = y = z = float("nan")
+    if not (isfinite(x) and isfinite(y) and isfinite(z)):
+        raise CalibrationError(
+            f"{place}: {attribute} must be three numbers, it is '{text}'; correct the URDF, or expand it with xacro."
+        )
     return x, y, z
-
-
-def _quaternion(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:
-    """Quaternion of fixed-axis roll, pitch, yaw (http://wiki.ros.org/urdf/XML/joint)."""
-    cr, sr, cp, sp, cy, sy = cos(roll), sin(roll), cos(pitch), sin(pitch), cos(yaw), sin(yaw)
-    rotation = np.array(
-        [
-            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-            [-sp, cp * sr, cp * cr],
-        ]
-    )
-    return quaternion_from_rotation(rotation)

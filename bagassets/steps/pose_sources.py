@@ -6,7 +6,7 @@ read and lost; `bagassets.steps.ego_poses` sorts, merges and writes them.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from math import atan2, cos, hypot, isnan, sin
+from math import isnan, sqrt
 from typing import Any
 
 import numpy as np
@@ -18,14 +18,15 @@ from bagassets.decode.navsat import FixReading, decode_navsat
 from bagassets.decode.odometry import decode_odometry
 from bagassets.decode.pose import decode_pose
 from bagassets.errors import CalibrationError, DecodeError, PoseError
-from bagassets.geometry.se3 import IDENTITY_QUATERNION, SE3
+from bagassets.geometry.portable import arctan2, sin_cos
+from bagassets.geometry.se3 import IDENTITY_QUATERNION, SE3, Floats
 from bagassets.geometry.tf_tree import TfTree
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.geometry.wgs84 import LocalFrame, utm
 from bagassets.steps.channel import Counts
 from bagassets.steps.transform_logs import read_transforms
 
-__all__ = ["PoseSamples", "read_samples"]
+__all__ = ["PoseSamples", "read_samples", "wgs84_origin"]
 
 # Course over ground is noise while the vehicle stands: below this the last heading holds.
 LEAST_STEP_M = 0.2
@@ -159,26 +160,18 @@ def _from_navsat(params: Mapping[str, Any], recording: Recording) -> PoseSamples
     fixes.sort(key=lambda item: item[0])
     first = fixes[0][1]
     frame = LocalFrame(first.lat_deg, first.lon_deg, 0.0 if isnan(first.alt_m) else first.alt_m)
-    grid = utm(frame.lat_deg, frame.lon_deg)
-    samples.origin = {
-        "kind": "wgs84",
-        "lat": frame.lat_deg,
-        "lon": frame.lon_deg,
-        "alt": frame.alt_m,
-        "utm_zone": grid.zone,
-        "easting": round(grid.easting_m, 4),
-        "northing": round(grid.northing_m, 4),
-    }
-    positions = [
-        frame.to_local(fix.lat_deg, fix.lon_deg, frame.alt_m if isnan(fix.alt_m) else fix.alt_m)
-        for _, fix in fixes
-    ]
+    samples.origin = wgs84_origin(frame)
+    positions_m = frame.to_local(
+        np.array([fix.lat_deg for _, fix in fixes]),
+        np.array([fix.lon_deg for _, fix in fixes]),
+        np.array([frame.alt_m if isnan(fix.alt_m) else fix.alt_m for _, fix in fixes]),
+    )
     stamps = [stamp for stamp, _ in fixes]
     if params["imu"]:
         rotations, valid = _orientations(params, turns, stamps)
     else:
-        rotations, valid = _courses(positions), [True] * len(positions)
-    for stamp, position, rotation, known in zip(stamps, positions, rotations, valid, strict=True):
+        rotations, valid = _courses(positions_m), [True] * len(positions_m)
+    for stamp, position, rotation, known in zip(stamps, positions_m, rotations, valid, strict=True):
         if known:
             samples.stamps_ns.append(stamp)
             samples.poses.append(SE3.create(rotation, position))
@@ -203,19 +196,33 @@ def _orientations(
     return [tuple(float(v) for v in row) for row in rotations], [bool(v) for v in valid]
 
 
-def _courses(positions: list[tuple[float, float, float]]) -> list[tuple[float, ...]]:
-    """Headings along the way; while the vehicle stands, the heading before holds."""
-    headings: list[tuple[float, ...] | None] = [None] * len(positions)
+def _courses(positions_m: Floats) -> list[tuple[float, ...]]:
+    """Headings along (N, 3) positions; while the vehicle stands, the heading before holds."""
+    headings: list[tuple[float, ...] | None] = [None] * len(positions_m)
     anchor = 0
-    for i in range(1, len(positions)):
-        east, north = positions[i][0] - positions[anchor][0], positions[i][1] - positions[anchor][1]
-        if hypot(east, north) < LEAST_STEP_M:
+    for i in range(1, len(positions_m)):
+        east, north = (float(v) for v in positions_m[i, :2] - positions_m[anchor, :2])
+        if sqrt(east * east + north * north) < LEAST_STEP_M:
             headings[i] = headings[anchor]
             continue
-        half = atan2(north, east) / 2
-        heading = (cos(half), 0.0, 0.0, sin(half))
+        sine, cosine = sin_cos(arctan2(np.array(north), np.array(east)) / 2)
+        heading = (float(cosine), 0.0, 0.0, float(sine))
         headings[anchor:i] = [heading] * (i - anchor)
         headings[i] = heading
         anchor = i
     first = next((heading for heading in headings if heading is not None), IDENTITY_QUATERNION)
     return [heading or first for heading in headings]
+
+
+def wgs84_origin(frame: LocalFrame) -> dict[str, Any]:
+    """Return where a local frame lies on Earth, as `ego_poses.json` says it."""
+    origin = {"kind": "wgs84", "lat": frame.lat_deg, "lon": frame.lon_deg, "alt": frame.alt_m}
+    grid = utm(frame.lat_deg, frame.lon_deg)
+    if grid is None:
+        return origin | {"utm_zone": None, "easting": None, "northing": None, "convergence_deg": None}
+    return origin | {
+        "utm_zone": grid.zone,
+        "easting": round(grid.easting_m, 4),
+        "northing": round(grid.northing_m, 4),
+        "convergence_deg": round(grid.convergence_deg, 9),
+    }
