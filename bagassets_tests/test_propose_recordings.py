@@ -1,0 +1,161 @@
+"""Glances at written recordings, and the recipes proposed from them."""
+
+import numpy as np
+import pytest
+from rosbags.rosbag1 import Writer
+from small_drive import START_NS, STORE1, write_drive
+
+from bagassets.bags.open import open_recording
+from bagassets.recipe import parse_recipe
+from bagassets.recipe.glance import glance, merge_glances
+from bagassets.recipe.propose import propose
+
+SUFFIX = {"ros1": ".bag", "ros2": "", "mcap": ".mcap"}
+
+
+def look(path):
+    with open_recording(path) as recording:
+        return glance(recording)
+
+
+class Bag:
+    """A ROS 1 bag with messages at given times after START_NS."""
+
+    def __init__(self, path):
+        self.path, self.messages = path, []
+        self.types = STORE1.types
+
+    def header(self, seconds, frame, stamped=True):
+        stamp_ns = START_NS + int(seconds * 1e9) if stamped else 0
+        stamp = self.types["builtin_interfaces/msg/Time"](stamp_ns // 10**9, stamp_ns % 10**9)
+        return self.types["std_msgs/msg/Header"](0, stamp, frame)
+
+    def transform(self, seconds, parent, child, x=0.0, topic="/tf", w=1.0):
+        vector, quaternion = (
+            self.types["geometry_msgs/msg/Vector3"],
+            self.types["geometry_msgs/msg/Quaternion"],
+        )
+        value = self.types["geometry_msgs/msg/Transform"](vector(x, 0.0, 0.0), quaternion(0.0, 0.0, 0.0, w))
+        stamped = self.types["geometry_msgs/msg/TransformStamped"](self.header(seconds, parent), child, value)
+        self.add(seconds, topic, "tf2_msgs/msg/TFMessage", self.types["tf2_msgs/msg/TFMessage"]([stamped]))
+
+    def image(self, seconds, topic="/cam/image_raw", encoding="mono16", stamped=True):
+        image = self.types["sensor_msgs/msg/Image"]
+        data = np.zeros(8, np.uint8)
+        header = self.header(seconds, "/cam", stamped)
+        self.add(seconds, topic, "sensor_msgs/msg/Image", image(header, 2, 2, encoding, 0, 4, data))
+
+    def imu(self, seconds, topic, covariance):
+        vector = self.types["geometry_msgs/msg/Vector3"](0.0, 0.0, 0.0)
+        quaternion = self.types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
+        first = np.array([covariance, *[0.0] * 8])
+        zero = np.zeros(9)
+        value = self.types["sensor_msgs/msg/Imu"](
+            self.header(seconds, "imu"), quaternion, first, vector, zero, vector, zero
+        )
+        self.add(seconds, topic, "sensor_msgs/msg/Imu", value)
+
+    def add(self, seconds, topic, msgtype, message):
+        self.messages.append((START_NS + int(seconds * 1e9) + 2_000_000, topic, msgtype, message))
+
+    def glance(self):
+        with Writer(self.path) as writer:
+            connections = {}
+            for time_ns, topic, msgtype, message in sorted(self.messages, key=lambda entry: entry[0]):
+                if topic not in connections:
+                    connections[topic] = writer.add_connection(topic, msgtype, typestore=STORE1)
+                writer.write(connections[topic], time_ns, STORE1.serialize_ros1(message, msgtype))
+        return look(self.path)
+
+
+@pytest.mark.parametrize("file_format", ["ros1", "ros2", "mcap"])
+def test_every_format_gives_the_same_recipe(file_format, tmp_path):
+    path = write_drive(tmp_path / f"drive{SUFFIX[file_format]}", file_format)
+    seen = look(path)
+    assert seen.topics["/odom"].child_frames == ("base_link",)
+    assert seen.topics["/cam/camera_info"].calibrated is True
+    assert seen.topics["/cam/image_raw"].encoding == "rgb8"
+    assert seen.topics["/points"].offset_s == pytest.approx(0.003)
+    assert seen.edges == {("base_link", "cam"), ("base_link", "lidar")}
+    text = propose({"drive": seen}, name="drive", root=tmp_path)
+    (rig,) = parse_recipe(text, tmp_path / "recipe.yaml").rigs
+    assert {name: channel.topic for name, channel in rig.channels.items()} == {
+        "CAM_FRONT": "/cam/image_raw",
+        "LIDAR_TOP": "/points",
+    }
+    assert (rig.ego_frame, rig.ego_pose.source) == ("base_link", "odometry")
+    assert "not guessed" not in text.split("\n\n", 1)[1]
+
+
+def test_one_rig_whatever_the_format(tmp_path):
+    seen = {name: look(write_drive(tmp_path / f"drive{s}", name, 0.5)) for name, s in SUFFIX.items()}
+    assert len(parse_recipe(propose(seen, name="x", root=tmp_path), tmp_path / "recipe.yaml").rigs) == 1
+
+
+def test_moving_edges_and_sign_of_quaternions(tmp_path):
+    bag = Bag(tmp_path / "a.bag")
+    for n in range(5):
+        bag.transform(n * 0.1, "/map", "/base_link", x=0.1 * n)
+        bag.transform(n * 0.1, "base_link", "lidar", w=(-1.0) ** n)
+    seen = bag.glance()
+    assert seen.edges == {("map", "base_link"), ("base_link", "lidar")}
+    assert seen.moving == {("map", "base_link")}
+
+
+def test_latched_transforms_that_come_late_are_seen(tmp_path):
+    bag = Bag(tmp_path / "a.bag")
+    for n in range(40):
+        bag.image(n)
+    bag.transform(30, "base_link", "cam", topic="/tf_static")
+    assert bag.glance().edges == {("base_link", "cam")}
+
+
+def test_only_the_first_seconds_are_decoded(tmp_path, monkeypatch):
+    bag = Bag(tmp_path / "a.bag")
+    for n in range(400):
+        bag.transform(n * 0.1, "map", "base_link", x=n)
+        bag.image(n * 0.1)
+    seen = bag.glance()
+    assert seen.topics["/tf"].count == 400
+    decoded = []
+    with open_recording(bag.path) as recording:
+        decode = recording.decode
+        monkeypatch.setattr(
+            recording, "decode", lambda message: decoded.append(message.topic) or decode(message)
+        )
+        glance(recording)
+    assert decoded.count("/cam/image_raw") <= 3
+    assert decoded.count("/tf") <= 20
+
+
+def test_unset_stamps_frames_with_slash_and_orientation(tmp_path):
+    bag = Bag(tmp_path / "a.bag")
+    bag.image(0, stamped=False)
+    bag.image(1, "/good/image_raw")
+    bag.imu(0, "/imu/raw", -1.0)
+    bag.imu(0, "/imu/data", 0.01)
+    topics = bag.glance().topics
+    assert topics["/cam/image_raw"].unstamped
+    assert topics["/cam/image_raw"].offset_s is None
+    assert topics["/cam/image_raw"].frames == ("cam",)
+    assert not topics["/good/image_raw"].unstamped
+    assert topics["/good/image_raw"].offset_s == pytest.approx(0.002)
+    assert (topics["/imu/raw"].oriented, topics["/imu/data"].oriented) == (False, True)
+
+
+def test_merged_glances_add_up(tmp_path):
+    one, other = Bag(tmp_path / "a.bag"), Bag(tmp_path / "b.bag")
+    one.image(0)
+    one.transform(0, "map", "base_link")
+    other.image(0)
+    other.image(1, "/more/image_raw")
+    merged = merge_glances([one.glance(), other.glance()])
+    assert merged.topics["/cam/image_raw"].count == 2
+    assert merged.topics["/more/image_raw"].count == 1
+    assert merged.edges == {("map", "base_link")}
+
+
+def test_empty_recording(tmp_path):
+    seen = Bag(tmp_path / "a.bag").glance()
+    assert not seen.topics
+    assert "a.bag has no camera" in propose({"a.bag": seen}, name="x", root=tmp_path)
