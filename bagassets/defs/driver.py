@@ -20,9 +20,9 @@ from bagassets.defs.workspace import Workspace
 from bagassets.engine.plan import RECORDING_ASSETS, Plan, make_plan
 from bagassets.forkserver.client import Client
 from bagassets.forkserver.tasks import connect, server_spec, submit_build
-from bagassets.recipe.model import Recipe
+from bagassets.recipe.project import dagster_home
 
-__all__ = ["BuildReport", "Event", "build", "dagster_home"]
+__all__ = ["BuildReport", "Event", "build"]
 
 SUCCESS = "SUCCESS"
 
@@ -55,14 +55,6 @@ class BuildReport:
     skipped: dict[str, str] = field(default_factory=dict)
     removed: list[str] = field(default_factory=list)
     dataset: str = "fresh"
-
-
-def dagster_home(recipe_file: Path, recipe: Recipe) -> Path:
-    """Return the Dagster home of a recipe: its project folder, else one below its state."""
-    if (recipe_file.parent / "dagster.yaml").is_file():
-        return recipe_file.parent
-    recipe.dagster_home.mkdir(parents=True, exist_ok=True)
-    return recipe.dagster_home
 
 
 def build(

@@ -13,7 +13,7 @@ from pathlib import Path
 from bagassets.errors import RecipeError
 from bagassets.recipe.model import Recipe
 
-__all__ = ["FILES", "dagster_files", "write_project"]
+__all__ = ["FILES", "dagster_files", "dagster_home", "write_project"]
 
 FILES = ("recipe.yaml", "dagster.yaml", "workspace.yaml", ".env")
 """What a project folder holds."""
@@ -88,16 +88,17 @@ BAGASSETS_RECIPE={recipe}
 """
 
 
-def dagster_files(project: Path, state: Path) -> dict[str, str]:
+def dagster_files(project: Path, state: Path, recipe: Path | None = None) -> dict[str, str]:
     """Return file name -> content of everything in a project folder but the recipe.
 
     Args:
         project: the project folder.
         state: the recipe's state folder; Dagster's part of it is `dagster` below.
+        recipe: the recipe file; default `recipe.yaml` in the project.
     """
     project = project.absolute()
     storage = state.absolute() / "dagster"
-    recipe = project / "recipe.yaml"
+    recipe = project / "recipe.yaml" if recipe is None else recipe.absolute()
     # JSON strings are YAML strings, whatever a path holds.
     dagster_yaml = _DAGSTER_YAML.format(
         state=json.dumps(str(state.absolute())),
@@ -130,11 +131,53 @@ def write_project(project: Path, recipe_text: str | None, state: Path | None = N
         # Dagster refuses a log folder that does not exist.
         (state / "dagster").mkdir(parents=True, exist_ok=True)
         for name, text in files.items():
-            temporary = project / f"{name}.new"
-            temporary.write_text(text, encoding="utf-8")
-            os.replace(temporary, project / name)  # noqa: PTH105  (the same call, but atomic by name)
+            _write(project / name, text)
     except OSError as err:
         raise RecipeError(f"{project}: the project cannot be written ({err.strerror or err}).") from err
+
+
+def dagster_home(recipe_file: Path, recipe: Recipe) -> Path:
+    """Return the Dagster home of a recipe: its project folder, else one below its state.
+
+    The latter is made if need be, with the `dagster.yaml` that a project has.
+
+    Raises:
+        RecipeError: the project is made for another recipe, or the state folder cannot be written.
+    """
+    recipe_file = recipe_file.absolute()
+    project = recipe_file.parent
+    if (project / "dagster.yaml").is_file():
+        _refuse_other_recipe(recipe_file)
+        return project
+    home = recipe.dagster_home
+    config = home / "dagster.yaml"
+    if not config.is_file():
+        text = dagster_files(project, recipe.state, recipe_file)[config.name]
+        try:
+            home.mkdir(parents=True, exist_ok=True)
+            _write(config, text)
+        except OSError as err:
+            raise RecipeError(f"{home}: the Dagster home cannot be made ({err.strerror or err}).") from err
+    return home
+
+
+def _refuse_other_recipe(recipe_file: Path) -> None:
+    """Raise if the `.env` beside a recipe names another, which Dagster's processes would take."""
+    dotenv = recipe_file.with_name(".env")
+    prefix = "BAGASSETS_RECIPE="
+    for line in dotenv.read_text("utf-8").splitlines() if dotenv.is_file() else ():
+        named = Path(line.removeprefix(prefix).strip("'"))
+        if line.startswith(prefix) and named.exists() and not named.samefile(recipe_file):
+            raise RecipeError(
+                f"{recipe_file}: this project is made for {named.name} (its .env says so); keep each recipe in a "
+                "folder of its own."
+            )
+
+
+def _write(path: Path, text: str) -> None:
+    temporary = path.with_name(f"{path.name}.new")
+    temporary.write_text(text, encoding="utf-8")
+    os.replace(temporary, path)  # noqa: PTH105  (the same call, but atomic by name)
 
 
 def _env_value(path: str) -> str:
