@@ -296,7 +296,7 @@ def store(tmp_path):
 @pytest.fixture
 def ego_poses(store):
     pending = store.begin(annotations.STEP.action({"ego": 1}, {}))
-    pending.out.write_json("ego_poses.json", {"global_frame": "map"})
+    pending.out.write_json("ego_poses.json", {"global_frame": "map", "origin": None})
     return pending.commit({}).artifact
 
 

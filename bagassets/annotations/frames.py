@@ -22,12 +22,15 @@ class BoxFrames:
         ego_frame: frame that moves with the vehicle.
         ego_SE3_sensor: sensor frame -> extrinsics.
         trajectory: `global_SE3_ego`.
+        origin_m: where the trajectory's origin lies in the global frame as recorded; boxes in that
+            frame are moved by it like the poses were.
     """
 
     global_frame: str
     ego_frame: str
     ego_SE3_sensor: Mapping[str, SE3]
     trajectory: Trajectory
+    origin_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def knows(self, frame: str) -> bool:
         """Tell whether boxes in a frame can be placed at all."""
@@ -55,6 +58,7 @@ class BoxFrames:
         centers = np.array([box.frame_SE3_box.translation for box in boxes])
         rotations = np.array([box.frame_SE3_box.rotation for box in boxes])
         moves = np.array([frame is not None for frame in ego_SE3_frame])
+        centers = np.where(moves[:, None], centers, centers - np.array(self.origin_m))
         if not moves.any():
             return centers, rotations, np.ones(len(boxes), np.bool_)
 

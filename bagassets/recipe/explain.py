@@ -10,7 +10,8 @@ from typing import Any, get_args
 
 from pydantic import BaseModel
 
-from bagassets.recipe.model import FieldValueError, Recipe
+from bagassets.recipe.model import Recipe
+from bagassets.recipe.model_base import FieldValueError
 from bagassets.recipe.schema import describe, enter, plain, tag_field, variants
 
 __all__ = ["Problem", "closest", "explain"]

@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from bagassets.recipe.model import ChannelName, Quaternion, Slug, Transform, Vector3
+from bagassets.recipe.model_base import ChannelName, Quaternion, Slug, Transform, Vector3
 
 __all__ = ["describe", "enter", "limits", "models_in", "plain", "tag_field", "variants"]
 

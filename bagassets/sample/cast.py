@@ -1,5 +1,6 @@
 """Casting rays into the world: the one way that cameras and lidars of the sample see."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -55,16 +56,18 @@ def cast(things: Sequence[Thing], origins: Floats, directions: Floats, times_s: 
 
 
 def _near(box: Thing, origins: Floats, directions: Floats, times_s: Floats) -> NDArray[Any]:
-    """Return the rays that pass through the sphere around a box."""
-    at_once = times_s[0] == times_s[-1]  # a camera: one pose of the box serves all its rays
-    centres, _ = box.pose(times_s[:1] if at_once else times_s)
-    to_box = centres - (origins[:1] if at_once else origins)
-    along = (
-        directions[:, 0] * to_box[:, 0] + directions[:, 1] * to_box[:, 1] + directions[:, 2] * to_box[:, 2]
-    )
-    off = (to_box * to_box).sum(axis=1) - along * along
-    reach = sum(side * side for side in box.size_m) / 4
-    return np.flatnonzero((off < reach) & (along > -np.sqrt(reach)))
+    """Return the rays that may hit a box: those within the cone around it as seen from the origins.
+
+    Only a first choice, so the rounding of the product does not matter; how far box and origins
+    move between the first and the last ray widens the cone.
+    """
+    ends, _ = box.pose(times_s[[0, -1]])
+    first, last = ends - origins[[0, -1]]
+    move, distance = last - first, math.sqrt((first * first).sum())
+    reach = math.sqrt(sum(side * side for side in box.size_m)) / 2 + math.sqrt((move * move).sum()) + 0.1
+    if distance <= reach:
+        return np.arange(len(directions))
+    return np.flatnonzero(directions @ (first / distance) > math.sqrt(1 - (reach / distance) ** 2))
 
 
 def _slabs(
@@ -82,6 +85,8 @@ def _slabs(
     safe = np.where(np.abs(local_way) < 1e-9, 1e-9, local_way)
     one, other = (-half - local_start) / safe, (half - local_start) / safe
     enter, leave = np.minimum(one, other), np.maximum(one, other)
-    axis = enter.argmax(axis=1).astype(np.int8)
-    first, last = enter.max(axis=1), leave.min(axis=1)
+    # Column by column: reductions over an axis of three are ten times slower.
+    first = np.maximum(np.maximum(enter[:, 0], enter[:, 1]), enter[:, 2])
+    last = np.minimum(np.minimum(leave[:, 0], leave[:, 1]), leave[:, 2])
+    axis = np.where(first == enter[:, 0], 0, np.where(first == enter[:, 1], 1, 2)).astype(np.int8)
     return np.where((first < last) & (first > 0.05), first, np.inf), axis

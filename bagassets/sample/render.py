@@ -15,7 +15,6 @@ from bagassets.sample.world import RADIUS_M, World
 
 __all__ = ["CameraView", "lidar_points", "radar_targets", "rays_of"]
 
-SUN = np.array([0.45, 0.3, 0.84])
 SKY = np.array([205.0, 220.0, 235.0])
 # How bright the faces of a box are: front and back, sides, top.
 _FACE_LIGHT = np.array([0.72, 0.86, 1.0])
@@ -59,16 +58,15 @@ class CameraView:
         """Return the image as (H, W, 3) BGR."""
         odom_SE3_cam = self._world.ego.at(time_s) @ self._camera.ego_SE3_cam
         hits, directions = self._cast(odom_SE3_cam, time_s)
-        colours = np.empty((len(directions), 3))
         sky = hits.thing < 0
-        colours[sky] = SKY - 60.0 * np.clip(directions[sky, 2:3], 0.0, 1.0)
         ground = hits.thing == 0
+        paint = np.zeros((len(self._world.things) + 2, 3))  # the last row is the sky's, at index -1
+        for thing in self._world.things:
+            paint[thing.track_id] = thing.colour
+        colours = paint[hits.thing] * _FACE_LIGHT[hits.face][:, None]
+        colours[sky] = SKY - 60.0 * np.clip(directions[sky, 2:3], 0.0, 1.0)
         spots = np.array(odom_SE3_cam.translation) + directions[ground] * hits.distance_m[ground, None]
         colours[ground] = _ground_colour(spots)
-        for thing in self._world.things:
-            on_it = hits.thing == thing.track_id
-            if on_it.any():
-                colours[on_it] = np.array(thing.colour) * _FACE_LIGHT[hits.face[on_it]][:, None]
         haze = np.clip(np.where(sky, 0.0, hits.distance_m) / 220.0, 0.0, 0.8)[:, None]
         colours = colours * (1 - haze) + SKY * haze
         shape = (self._camera.model.height, self._camera.model.width, 3)

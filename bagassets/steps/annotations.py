@@ -13,7 +13,8 @@ from bagassets.decode.boxes import BoxDecoder, box_decoder, box_message_types
 from bagassets.errors import DecodeError, LossLimitError, RecipeError
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.trajectory import Trajectory
-from bagassets.recipe.model import Clock, Limits, Rig
+from bagassets.recipe.model import Limits, Rig
+from bagassets.recipe.model_base import Clock
 from bagassets.steps.channel import Counts, Request
 from bagassets.store.action import Step
 from bagassets.store.artifact import Artifact, ArtifactWriter
@@ -53,11 +54,13 @@ def request(
     if not sources:
         return Request(params, ())
     extrinsics = {entry["frame"]: entry["ego_SE3_sensor"] for entry in calibration["channels"].values()}
+    poses = ego_poses.read_json("ego_poses.json")
     params |= {
         "clock": clock,
         "lost_messages": limits.lost_messages,
         "sources": {source.topic: source.model_dump(mode="json", exclude={"topic"}) for source in sources},
-        "global_frame": ego_poses.read_json("ego_poses.json")["global_frame"],
+        "global_frame": poses["global_frame"],
+        "origin_m": _origin_m(poses["origin"]),
         "ego_frame": rig.ego_frame,
         "ego_SE3_frame": extrinsics,
     }
@@ -140,7 +143,17 @@ def _frames(params: Mapping[str, Any], trajectory: Trajectory) -> BoxFrames:
         frame: SE3.create(transform["rotation"], transform["translation"])
         for frame, transform in params.get("ego_SE3_frame", {}).items()
     }
-    return BoxFrames(params.get("global_frame", ""), params.get("ego_frame", ""), extrinsics, trajectory)
+    x, y, z = params.get("origin_m", (0.0, 0.0, 0.0))
+    return BoxFrames(
+        params.get("global_frame", ""), params.get("ego_frame", ""), extrinsics, trajectory, (x, y, z)
+    )
+
+
+def _origin_m(origin: Mapping[str, Any] | None) -> list[float]:
+    """Return what `ego_poses` subtracted from the coordinates recorded in the global frame."""
+    if origin is None or origin["kind"] != "local":
+        return [0.0, 0.0, 0.0]
+    return [origin["x"], origin["y"], origin["z"]]
 
 
 def _add_boxes(

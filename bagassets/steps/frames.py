@@ -19,7 +19,8 @@ from bagassets.decode.compressed_image import decode_compressed_image
 from bagassets.decode.image import decode_image
 from bagassets.decode.model import ImageReading
 from bagassets.errors import BagAssetsError, DecodeError, LossLimitError
-from bagassets.recipe.model import CameraChannel, Clock, Limits
+from bagassets.recipe.model import CameraChannel, Limits
+from bagassets.recipe.model_base import Clock
 from bagassets.steps.channel import Counts, Request
 from bagassets.steps.image_output import (
     EncodedImage,

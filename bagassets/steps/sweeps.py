@@ -12,7 +12,8 @@ from bagassets.decode.clouds import CLOUD_DECODERS
 from bagassets.decode.fields import stamp_ns
 from bagassets.errors import CalibrationError, DecodeError, LossLimitError, PoseError, RecipeError
 from bagassets.geometry.trajectory import Trajectory
-from bagassets.recipe.model import Clock, LidarChannel, Limits, RadarChannel
+from bagassets.recipe.model import LidarChannel, Limits, RadarChannel
+from bagassets.recipe.model_base import Clock
 from bagassets.steps.channel import Request
 from bagassets.steps.lidar_sweeps import NO_STAMP, CloudSweeps, LidarWriter, PacketSweeps
 from bagassets.steps.radar_sweeps import RadarSweeps

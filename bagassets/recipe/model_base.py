@@ -1,0 +1,85 @@
+"""What all parts of the recipe model share: strict models, names, and small geometry."""
+
+import re
+from typing import Annotated, Literal, Self
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+
+__all__ = [
+    "ChannelName",
+    "Clock",
+    "FieldValueError",
+    "FrameName",
+    "Model",
+    "Quaternion",
+    "Slug",
+    "TopicName",
+    "Transform",
+    "Vector3",
+]
+
+Clock = Literal["header", "log"]
+Vector3 = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+
+
+class FieldValueError(ValueError):
+    """A check across fields failed; `at` leads from the checked mapping to the field to blame."""
+
+    def __init__(self, at: tuple[str | int, ...], problem: str) -> None:
+        super().__init__(problem)
+        self.at = at
+
+
+def _slug(name: str) -> str:
+    if not re.fullmatch(r"[A-Za-z0-9_][A-Za-z0-9_.-]*", name):
+        msg = "must consist of letters, digits, '-', '_' and '.', and not start with '-' or '.'"
+        raise ValueError(msg)
+    return name
+
+
+def _channel_name(name: str) -> str:
+    if not re.fullmatch(r"[A-Z][A-Z0-9_]*", name):
+        msg = "a channel is named in capitals, digits and '_', as in CAM_FRONT"
+        raise ValueError(msg)
+    return name
+
+
+def _frame_name(name: str) -> str:
+    """Recordings write a frame with and without leading slash; we name it without."""
+    return _not_empty(name.lstrip("/"))
+
+
+def _not_empty(text: str) -> str:
+    if not text.strip():
+        msg = "must not be empty"
+        raise ValueError(msg)
+    return text
+
+
+Slug = Annotated[str, AfterValidator(_slug)]
+ChannelName = Annotated[str, AfterValidator(_channel_name)]
+FrameName = Annotated[str, AfterValidator(_frame_name)]
+TopicName = Annotated[str, AfterValidator(_not_empty)]
+
+
+class Model(BaseModel):
+    """Base of all recipe parts: immutable, and an unknown field is an error."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class Transform(Model):
+    """A rigid transform given by hand, `parent <- child`."""
+
+    translation: Vector3 = Field((0.0, 0.0, 0.0), description="x, y, z in metres.")
+    rotation: Quaternion = Field((1.0, 0.0, 0.0, 0.0), description="Unit quaternion w, x, y, z.")
+
+    @model_validator(mode="after")
+    def _unit(self) -> Self:
+        norm = sum(q * q for q in self.rotation) ** 0.5
+        if abs(norm - 1.0) > 1e-3:
+            raise FieldValueError(
+                ("rotation",), f"must be a unit quaternion w, x, y, z; its length is {norm:.4f}"
+            )
+        return self
