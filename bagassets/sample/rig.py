@@ -7,7 +7,7 @@ import numpy as np
 from bagassets.geometry.camera import CameraModel
 from bagassets.geometry.se3 import SE3, quaternion_from_rotation
 
-__all__ = ["LIDAR", "RADAR", "Camera", "Lidar", "cameras"]
+__all__ = ["EGO_SE3_LIDAR", "EGO_SE3_RADAR", "LIDAR", "RADAR", "Camera", "Lidar", "cameras", "rear_camera"]
 
 
 @dataclass(frozen=True)
@@ -64,13 +64,20 @@ def cameras(width: int, height: int) -> list[Camera]:
     ]
 
 
+def rear_camera(width: int, height: int) -> Camera:
+    """Return a fourth camera, which looks back."""
+    return _camera("CAM_BACK", "cam_back", 180.0, "plumb_bob", "bayer_rggb8", width, height, 0.62)
+
+
 def _camera(
     channel: str, name: str, yaw_deg: float, lens: str, encoding: str, width: int, height: int, focal: float
 ) -> Camera:
     yaw = np.deg2rad(yaw_deg)
     # Columns: where the optical axes x (right), y (down) and z (forward) point in the car.
     rotation = np.array([[np.sin(yaw), 0.0, np.cos(yaw)], [-np.cos(yaw), 0.0, np.sin(yaw)], [0.0, -1.0, 0.0]])
-    ego_SE3_cam = SE3.create(quaternion_from_rotation(rotation), (1.6, 0.25 * np.sign(yaw_deg), 1.45))
+    ego_SE3_cam = SE3.create(
+        quaternion_from_rotation(rotation), (0.5 + 1.1 * np.cos(yaw), 0.3 * np.sin(yaw), 1.45)
+    )
     fx = focal * width
     model = CameraModel(
         lens, width, height, fx, fx, width / 2 - 0.5 + 2.0, height / 2 - 0.5 - 1.0, _DISTORTION[lens]

@@ -1,0 +1,123 @@
+"""Writing sample drives: what `bagassets sample`, the demo, tests and benchmarks call.
+
+The same seed and profile give the same drive in every format: the messages have the same content
+and the same stamps.
+"""
+
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+
+from bagassets.sample.recorder import Compression, RecordingFormat, open_recorder
+from bagassets.sample.rig import cameras
+from bagassets.sample.schedule import Event, drive_events
+from bagassets.sample.throughput import throughput_cameras, throughput_events
+from bagassets.sample.truth import Truth
+from bagassets.sample.world import World
+
+__all__ = ["PROFILES", "Profile", "Target", "drive_start_ns", "write_drive", "write_recordings"]
+
+# The first drive begins on Sunday, 15 June 2025, 15:06:40 UTC; each next seed an hour later.
+FIRST_START_NS, HOUR_NS = 1_750_000_000_000_000_000, 3_600_000_000_000
+
+
+@dataclass(frozen=True)
+class Profile:
+    """A kind of drive.
+
+    Attributes:
+        width: of its images, pixels.
+        height: of its images, pixels.
+        duration_s: unless said otherwise.
+        throughput: for measuring speed: see `bagassets.sample.throughput`.
+    """
+
+    width: int
+    height: int
+    duration_s: float
+    throughput: bool = False
+
+
+PROFILES = {
+    "small": Profile(320, 200, 4.0),
+    "drive": Profile(640, 400, 20.0),
+    "tas": Profile(1920, 1080, 10.0, throughput=True),
+}
+
+
+@dataclass(frozen=True)
+class Target:
+    """A recording to write."""
+
+    path: Path
+    format: RecordingFormat
+    compression: Compression = "none"
+
+
+def drive_start_ns(seed: int) -> int:
+    """Return the stamp with which the drive of a seed begins."""
+    return FIRST_START_NS + seed * HOUR_NS
+
+
+def write_drive(
+    path: Path,
+    format: RecordingFormat = "mcap",  # noqa: A002  (named as on the command line)
+    seed: int = 0,
+    profile: str = "small",
+    duration_s: float | None = None,
+    compression: Compression = "none",
+) -> Truth:
+    """Write one recording of a drive, and return what is true in it.
+
+    Args:
+        path: the file (or, for ros2, the folder) to make.
+        format: ros1, ros2 (a folder with a database) or mcap.
+        seed: another seed is another world, another speed and another hour.
+        profile: name in `PROFILES`.
+        duration_s: length; default: that of the profile.
+        compression: one that the format knows (`bagassets.sample.recorder.COMPRESSIONS`).
+
+    Raises:
+        RecordingError: something is at `path` already, or the format has no such compression.
+    """
+    return write_recordings([Target(path, format, compression)], seed, profile, duration_s)
+
+
+def write_recordings(
+    targets: Iterable[Target],
+    seed: int = 0,
+    profile: str = "small",
+    duration_s: float | None = None,
+    progress: Callable[[float], None] = lambda _seconds: None,
+) -> Truth:
+    """Write several recordings of one drive, which is rendered once; arguments as `write_drive`.
+
+    Args:
+        targets: recordings to write.
+        seed: of the drive.
+        profile: of the drive.
+        duration_s: of the drive.
+        progress: called with the seconds of drive that are written.
+
+    Raises:
+        RecordingError: see `write_drive`.
+    """
+    kind = PROFILES[profile]
+    make_cameras = throughput_cameras if kind.throughput else cameras
+    rig = {camera.channel: camera for camera in make_cameras(kind.width, kind.height)}
+    truth = Truth(World(seed), drive_start_ns(seed), rig)
+    length_s = kind.duration_s if duration_s is None else duration_s
+    with ExitStack() as stack:
+        recorders = [open_recorder(one.path, one.format, one.compression, stack) for one in targets]
+        for event in _events(kind, truth, seed, length_s):
+            for recorder in recorders:
+                recorder.write_raw(event.topic, event.msgtype, event.log_time_ns, event.payload(recorder))
+            progress(truth.seconds(event.log_time_ns))
+    return truth
+
+
+def _events(kind: Profile, truth: Truth, seed: int, length_s: float) -> Iterator[Event]:
+    if kind.throughput:
+        return throughput_events(truth, seed, length_s)
+    return drive_events(truth, length_s)

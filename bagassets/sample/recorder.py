@@ -1,0 +1,138 @@
+"""Writers of sample recordings: one interface, three formats, every compression they know."""
+
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any, Literal, Protocol
+
+from mcap.writer import CompressionType
+from mcap.writer import Writer as McapWriter
+from rosbags.rosbag1 import Writer as Rosbag1Writer
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
+from rosbags.rosbag2 import Writer as Rosbag2Writer
+
+from bagassets.errors import RecordingError
+from bagassets.sample.messages import Messages
+
+__all__ = ["COMPRESSIONS", "FORMATS", "Compression", "Recorder", "RecordingFormat", "open_recorder"]
+
+RecordingFormat = Literal["ros1", "ros2", "mcap"]
+Compression = Literal["none", "lz4", "bz2", "zstd"]
+FORMATS: tuple[RecordingFormat, ...] = ("ros1", "ros2", "mcap")
+
+# What each format knows; ros2 is a folder with an sqlite3 database.
+COMPRESSIONS: dict[RecordingFormat, tuple[Compression, ...]] = {
+    "ros1": ("none", "lz4", "bz2"),
+    "ros2": ("none", "zstd"),
+    "mcap": ("none", "lz4", "zstd"),
+}
+
+
+class Recorder(Protocol):
+    """An open recording."""
+
+    messages: Messages
+
+    def write(self, topic: str, msgtype: str, log_time_ns: int, message: Any) -> None:
+        """Serialize a message and append it."""
+
+    def write_raw(self, topic: str, msgtype: str, log_time_ns: int, data: bytes | bytearray) -> None:
+        """Append a message that is serialized already."""
+
+    def serialize(self, msgtype: str, message: Any) -> bytes:
+        """Return the bytes of a message in this format."""
+
+
+class _Recorder:
+    """What the formats share: `add` makes the connection of a topic, and returns what appends to it."""
+
+    def __init__(self, *, ros1: bool) -> None:
+        self.messages = Messages(ros1=ros1)
+        self._appenders: dict[str, Callable[[int, bytes | bytearray], None]] = {}
+
+    def _add(self, topic: str, msgtype: str) -> Callable[[int, bytes | bytearray], None]:
+        raise NotImplementedError
+
+    def serialize(self, msgtype: str, message: Any) -> bytes:
+        store = self.messages.store
+        serialize = store.serialize_ros1 if self.messages.ros1 else store.serialize_cdr
+        return bytes(serialize(message, msgtype))
+
+    def write(self, topic: str, msgtype: str, log_time_ns: int, message: Any) -> None:
+        self.write_raw(topic, msgtype, log_time_ns, self.serialize(msgtype, message))
+
+    def write_raw(self, topic: str, msgtype: str, log_time_ns: int, data: bytes | bytearray) -> None:
+        if topic not in self._appenders:
+            self._appenders[topic] = self._add(topic, msgtype)
+        self._appenders[topic](log_time_ns, data)
+
+
+class _Ros1Recorder(_Recorder):
+    def __init__(self, path: Path, compression: Compression, stack: ExitStack) -> None:
+        super().__init__(ros1=True)
+        writer = Rosbag1Writer(path)
+        if compression != "none":
+            writer.set_compression(Rosbag1Writer.CompressionFormat[compression.upper()])
+        self._writer = stack.enter_context(writer)
+
+    def _add(self, topic: str, msgtype: str) -> Callable[[int, bytes | bytearray], None]:
+        connection = self._writer.add_connection(topic, msgtype, typestore=self.messages.store)
+        return lambda log_time_ns, data: self._writer.write(connection, log_time_ns, bytes(data))
+
+
+class _Ros2Recorder(_Recorder):
+    def __init__(self, path: Path, compression: Compression, stack: ExitStack) -> None:
+        super().__init__(ros1=False)
+        writer = Rosbag2Writer(path, version=9, storage_plugin=StoragePlugin.SQLITE3)
+        if compression == "zstd":
+            writer.set_compression(CompressionMode.MESSAGE, CompressionFormat.ZSTD)
+        self._writer = stack.enter_context(writer)
+
+    def _add(self, topic: str, msgtype: str) -> Callable[[int, bytes | bytearray], None]:
+        connection = self._writer.add_connection(topic, msgtype, typestore=self.messages.store)
+        return lambda log_time_ns, data: self._writer.write(connection, log_time_ns, bytes(data))
+
+
+class _McapRecorder(_Recorder):
+    def __init__(self, path: Path, compression: Compression, stack: ExitStack) -> None:
+        super().__init__(ros1=False)
+        stream = stack.enter_context(path.open("xb"))
+        self._writer = McapWriter(stream, compression=CompressionType[compression.upper()])
+        self._writer.start(profile="ros2", library="bagassets sample")
+        stack.callback(self._writer.finish)
+        self._schemas: dict[str, int] = {}
+
+    def _add(self, topic: str, msgtype: str) -> Callable[[int, bytes | bytearray], None]:
+        if msgtype not in self._schemas:
+            definition, _ = self.messages.store.generate_msgdef(msgtype, ros_version=2)
+            self._schemas[msgtype] = self._writer.register_schema(msgtype, "ros2msg", definition.encode())
+        channel = self._writer.register_channel(topic, "cdr", self._schemas[msgtype])
+        return lambda log_time_ns, data: self._writer.add_message(
+            channel, log_time_ns, bytes(data), log_time_ns
+        )
+
+
+_RECORDERS: dict[RecordingFormat, Callable[[Path, Compression, ExitStack], Recorder]] = {
+    "ros1": _Ros1Recorder,
+    "ros2": _Ros2Recorder,
+    "mcap": _McapRecorder,
+}
+
+
+def open_recorder(
+    path: Path, file_format: RecordingFormat, compression: Compression, stack: ExitStack
+) -> Recorder:
+    """Begin a recording, which ends with `stack`.
+
+    Raises:
+        RecordingError: something is there already, or the format has no such compression.
+    """
+    if compression not in COMPRESSIONS[file_format]:
+        known = ", ".join(COMPRESSIONS[file_format])
+        raise RecordingError(
+            f"{path}: {file_format} recordings know no compression {compression}; use {known}."
+        )
+    if path.exists():
+        raise RecordingError(f"{path}: there is something already; remove it or give another path.")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return _RECORDERS[file_format](path, compression, stack)
