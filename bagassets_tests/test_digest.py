@@ -1,21 +1,24 @@
 import json
 import os
 import sqlite3
+import time
 from concurrent.futures import ProcessPoolExecutor
 
 import pytest
 from blake3 import blake3
 
 from bagassets.bags import digest as module
+from bagassets.bags import digest_record
 from bagassets.bags.digest import (
-    ATTRIBUTE,
     DigestIndex,
     RecordingStat,
     assert_unchanged,
+    hash_file,
     recording_digest,
     recording_stat,
     stored_digest,
 )
+from bagassets.bags.digest_record import ATTRIBUTE
 from bagassets.bags.discover import find_one
 from bagassets.errors import ChangedWhileReadError, RecordingError, StoreError
 from bagassets.store.canonical import digest_json
@@ -139,10 +142,97 @@ def test_the_index_sees_what_size_and_time_do_not_show(bag, tmp_path, no_attribu
     assert recording_digest(bag, index).digest == blake3(b"CONTENT").hexdigest()
 
 
+def test_an_edit_in_place_is_seen_although_the_attribute_seems_to_hold(bag, tmp_path, attributes):
+    index = DigestIndex(tmp_path / "store")
+    recording_digest(bag, index)
+    rewrite_in_place(bag.path, b"CONTENT")
+    assert stored_digest(bag) == blake3(b"content").hexdigest()  # who sees it for the first time cannot know
+    assert stored_digest(bag, index) is None
+    assert recording_digest(bag, index).digest == blake3(b"CONTENT").hexdigest()
+    assert stored_digest(bag) == stored_digest(bag, index) == blake3(b"CONTENT").hexdigest()
+
+
+def test_an_attribute_of_the_server_is_noted_in_the_index_on_first_use(bag, tmp_path, attributes):
+    server = recording_digest(bag).digest
+    index = DigestIndex(tmp_path / "store")
+    assert stored_digest(bag, index) == server
+    assert recording_digest(bag, index).hashed_bytes == 0
+    bag.path.chmod(0o600)
+    assert stored_digest(bag, index) is None
+    assert recording_digest(bag, index).hashed_bytes == 7
+    assert stored_digest(bag, index) == server
+
+
+def test_where_digests_are_kept(bag, tmp_path, attributes, monkeypatch):
+    index = DigestIndex(tmp_path / "store")
+    assert recording_digest(bag).kept == {"a.bag": "attribute"}
+    attributes.clear()
+
+    def refuse(*args):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(os, "setxattr", refuse)
+    assert recording_digest(bag).kept == {"a.bag": "nowhere"}
+    assert recording_digest(bag, index).kept == {"a.bag": "index"}
+    assert recording_digest(bag, index).kept == {"a.bag": "index"}
+
+
+def test_rehashing_finds_what_no_record_shows(bag, attributes):
+    recording_digest(bag)
+    rewrite_in_place(bag.path, b"CONTENT")
+    assert recording_digest(bag).digest == blake3(b"content").hexdigest()
+    assert recording_digest(bag, rehash=True).digest == blake3(b"CONTENT").hexdigest()
+    assert recording_digest(bag).digest == blake3(b"CONTENT").hexdigest()
+
+
+def test_hashing_waits_until_a_later_write_shows(bag):
+    stat = bag.path.stat()
+    os.utime(bag.path, ns=(0, time.time_ns()))
+    stat = bag.path.stat()
+    hash_file(bag.path, stat)
+    assert time.time_ns() - stat.st_mtime_ns >= 20_000_000
+
+
+def test_hashing_can_be_stopped(tmp_path):
+    path = tmp_path / "a.bag"
+    path.write_bytes(b"x" * (9 << 20))
+    calls = []
+
+    def stop():
+        calls.append(1)
+        if len(calls) == 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        hash_file(path, path.stat(), stop)
+    assert len(calls) == 2
+
+
+def test_a_truncated_file_does_not_kill_the_process(tmp_path):
+    path = tmp_path / "a.bag"
+    path.write_bytes(b"x" * (9 << 20))
+    stat = path.stat()
+    with pytest.raises(ChangedWhileReadError):
+        hash_file(path, stat, lambda: os.truncate(path, 0))
+
+
+def test_the_index_is_read_once_and_again_when_another_process_wrote(bag, tmp_path, no_attributes):
+    ours, theirs = DigestIndex(tmp_path / "store"), DigestIndex(tmp_path / "store")
+    assert ours.row(bag.path) is None
+    theirs.put(bag.path, bag.path.stat(), "1" * 64)
+    assert ours.get(bag.path, bag.path.stat()) == "1" * 64
+    theirs.put(bag.path, bag.path.stat(), "2" * 64)
+    assert ours.get(bag.path, bag.path.stat()) == "2" * 64
+    (tmp_path / "store" / "digests.sqlite").unlink()
+    assert ours.row(bag.path) is None
+    ours.put(bag.path, bag.path.stat(), "3" * 64)
+    assert theirs.get(bag.path, bag.path.stat()) == "3" * 64
+
+
 def test_the_index_holds_for_the_file_that_was_hashed(bag, tmp_path, no_attributes, monkeypatch):
     index = DigestIndex(tmp_path / "store")
     monkeypatch.setattr(
-        module, "_write_attribute", lambda path, *args: path.write_bytes(b"longer content") == 0
+        digest_record, "_write_attribute", lambda path, *args: path.write_bytes(b"longer content") == 0
     )
     recording_digest(bag, index)
     assert stored_digest(bag, index) is None
@@ -153,8 +243,14 @@ def test_a_damaged_index(bag, tmp_path, no_attributes):
         b"this is no database, and long enough to be told from one" * 20
     )
     assert stored_digest(bag, DigestIndex(tmp_path)) is None
-    with pytest.raises(StoreError, match="delete the file"):
-        recording_digest(bag, DigestIndex(tmp_path))
+    digest = recording_digest(bag, DigestIndex(tmp_path)).digest
+    assert stored_digest(bag, DigestIndex(tmp_path)) == digest
+
+
+def test_an_index_that_cannot_be_written(bag, tmp_path, no_attributes):
+    (tmp_path / "state").write_text("a file where the folder should be")
+    with pytest.raises(StoreError, match="index of digests cannot be written"):
+        recording_digest(bag, DigestIndex(tmp_path / "state"))
 
 
 def test_an_index_without_table_yet(bag, tmp_path, no_attributes):
@@ -180,7 +276,7 @@ def test_the_index_is_safe_for_several_processes(tmp_path):
 
 @pytest.mark.parametrize("change", ["grow", "replace"])
 def test_a_file_that_changes_while_it_is_hashed(bag, attributes, monkeypatch, change):
-    def hash_and_change(path):
+    def hash_and_change(path, between):
         if change == "grow":
             path.write_bytes(b"content and more")
         else:

@@ -1,22 +1,15 @@
-"""Content digests of recordings, each file hashed once.
+"""Content digests of recordings, each file hashed once."""
 
-The digest of a file is kept where the file is, as an extended attribute, with the size and
-time it holds for; a watcher on a file server may have put it there. Where that cannot be, the
-same record goes to an index of our own, which compares inode and change time as well.
-"""
-
-import json
 import os
-import re
-import sqlite3
-from collections.abc import Iterator
-from contextlib import contextmanager
+import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
+from bagassets.bags.digest_record import DigestIndex, Kept, keep, kept_digest
 from bagassets.bags.model import Found
-from bagassets.errors import ChangedWhileReadError, RecordingError, StoreError
+from bagassets.errors import ChangedWhileReadError, RecordingError
 from bagassets.store.canonical import digest_file, digest_json
 
 __all__ = [
@@ -24,13 +17,15 @@ __all__ = [
     "RecordingDigest",
     "RecordingStat",
     "assert_unchanged",
+    "hash_file",
     "recording_digest",
     "recording_stat",
+    "stat_files",
     "stored_digest",
 ]
 
-ATTRIBUTE = "user.bagassets.digest"
-_DIGEST = re.compile("[0-9a-f]{64}")
+# Two writes within one tick of the kernel's clock leave the same time of change.
+_TICK_S = 0.02
 
 
 @dataclass(frozen=True)
@@ -58,65 +53,14 @@ class RecordingDigest:
         size: bytes of all files.
         files: name -> digest.
         hashed_bytes: bytes that had to be read for it; 0 if all digests were on record.
+        kept: name -> where its digest is on record now.
     """
 
     digest: str
     size: int
     files: dict[str, str]
     hashed_bytes: int
-
-
-class DigestIndex:
-    """Digests by path, for files without extended attributes; made when first written to."""
-
-    def __init__(self, folder: Path) -> None:
-        self._path = folder / "digests.sqlite"
-
-    def get(self, path: Path, stat: os.stat_result) -> str | None:
-        """Return the digest on record if nothing about the file differs."""
-        if not self._path.is_file():
-            return None
-        try:
-            with self._open() as connection:
-                row = connection.execute(
-                    "SELECT digest FROM digests WHERE path = ? AND size = ? AND mtime_ns = ? AND inode = ? AND ctime_ns = ?",
-                    (str(path), stat.st_size, stat.st_mtime_ns, stat.st_ino, stat.st_ctime_ns),
-                ).fetchone()
-        except sqlite3.Error:
-            return None  # another process is just making the table, or the file is damaged: hash
-        return None if row is None else str(row[0])
-
-    def put(self, path: Path, stat: os.stat_result, digest: str) -> None:
-        """Record a digest of the file as it was at `stat`.
-
-        Raises:
-            StoreError: the index cannot be written.
-        """
-        try:
-            self._path.parent.mkdir(parents=True, exist_ok=True)
-            with self._open() as connection:
-                connection.execute(
-                    "CREATE TABLE IF NOT EXISTS digests (path TEXT PRIMARY KEY, size INTEGER, mtime_ns INTEGER, "
-                    "inode INTEGER, ctime_ns INTEGER, digest TEXT)"
-                )
-                connection.execute(
-                    "INSERT OR REPLACE INTO digests VALUES (?, ?, ?, ?, ?, ?)",
-                    (str(path), stat.st_size, stat.st_mtime_ns, stat.st_ino, stat.st_ctime_ns, digest),
-                )
-        except (OSError, sqlite3.Error) as err:
-            raise StoreError(
-                f"{self._path}: the index of digests cannot be written ({err}); mend the folder, or delete the file: "
-                "it is made anew."
-            ) from err
-
-    @contextmanager
-    def _open(self) -> Iterator[sqlite3.Connection]:
-        connection = sqlite3.connect(self._path, timeout=30)
-        try:
-            with connection:
-                yield connection
-        finally:
-            connection.close()
+    kept: dict[str, Kept]
 
 
 def recording_stat(found: Found) -> RecordingStat:
@@ -125,7 +69,7 @@ def recording_stat(found: Found) -> RecordingStat:
     Raises:
         RecordingError: a file is gone or cannot be read.
     """
-    return RecordingStat(tuple((path.name, s.st_size, s.st_mtime_ns) for path, s in _stats(found)))
+    return RecordingStat(tuple((path.name, s.st_size, s.st_mtime_ns) for path, s in stat_files(found)))
 
 
 def assert_unchanged(found: Found, before: RecordingStat) -> None:
@@ -142,18 +86,29 @@ def assert_unchanged(found: Found, before: RecordingStat) -> None:
 
 
 def stored_digest(found: Found, index: DigestIndex | None = None) -> str | None:
-    """Return the digest if every file has a valid one on record; never reads content."""
+    """Return the digest if every file has a valid one on record; never reads content.
+
+    Raises:
+        RecordingError: a file is gone.
+    """
     digests = {}
-    for path, stat in _stats(found):
-        digest = _read_attribute(path, stat) or (index.get(path, stat) if index is not None else None)
+    for path, stat in stat_files(found):
+        digest = kept_digest(path, stat, index)
         if digest is None:
             return None
         digests[path.name] = digest
-    return _combined(digests)
+    return combined_digest(digests)
 
 
-def recording_digest(found: Found, index: DigestIndex | None = None) -> RecordingDigest:
+def recording_digest(
+    found: Found, index: DigestIndex | None = None, *, rehash: bool = False
+) -> RecordingDigest:
     """Return the digest of a recording, hashing the files that have no valid record.
+
+    Args:
+        found: the recording.
+        index: where digests go that cannot be kept as attributes.
+        rehash: hash every file, whatever is on record.
 
     Raises:
         RecordingError: a file cannot be read.
@@ -161,35 +116,59 @@ def recording_digest(found: Found, index: DigestIndex | None = None) -> Recordin
         StoreError: the index cannot be written.
     """
     digests: dict[str, str] = {}
+    kept: dict[str, Kept] = {}
     hashed = size = 0
-    for path, stat in _stats(found):
+    for path, stat in stat_files(found):
         size += stat.st_size
-        digest = _read_attribute(path, stat) or (index.get(path, stat) if index is not None else None)
+        digest = None if rehash else kept_digest(path, stat, index)
         if digest is None:
-            digest = _hash(path, stat)
+            digest = hash_file(path, stat)
             hashed += stat.st_size
-            if not _write_attribute(path, stat, digest) and index is not None:
-                index.put(path, stat, digest)
+        try:
+            kept[path.name] = keep(path, stat, digest, index)
+        except OSError as err:
+            raise _gone(path, err) from err
         digests[path.name] = digest
-    return RecordingDigest(_combined(digests), size, digests, hashed)
+    return RecordingDigest(combined_digest(digests), size, digests, hashed, kept)
 
 
-def _stats(found: Found) -> list[tuple[Path, os.stat_result]]:
+def stat_files(found: Found) -> list[tuple[Path, os.stat_result]]:
+    """Return the files of a recording as they are now.
+
+    Raises:
+        RecordingError: a file is gone or cannot be read.
+    """
     try:
         return [(path, path.stat()) for path in found.files]
     except OSError as err:
-        raise RecordingError(f"{err.filename}: cannot be read ({err.strerror}); was it removed?") from err
+        raise _gone(err.filename, err) from err
 
 
-def _combined(digests: dict[str, str]) -> str:
+def combined_digest(digests: dict[str, str]) -> str:
+    """Return the digest of a recording out of those of its files (name -> digest)."""
     if len(digests) == 1:
         return next(iter(digests.values()))
     return digest_json(sorted(digests.items()))
 
 
-def _hash(path: Path, before: os.stat_result) -> str:
+def hash_file(path: Path, before: os.stat_result, between: Callable[[], None] | None = None) -> str:
+    """Return the digest of the content of a file.
+
+    Args:
+        path: the file.
+        before: the file as it is expected to stay meanwhile.
+        between: called every few milliseconds; what it raises ends the hashing.
+
+    Raises:
+        RecordingError: the file cannot be read.
+        ChangedWhileReadError: it changed.
+    """
+    # A file that was written just now may be written again without a sign of it in its time of change.
+    age_s = time.time() - before.st_mtime_ns / 1e9
+    if 0 <= age_s < _TICK_S:
+        time.sleep(_TICK_S - age_s)
     try:
-        digest = digest_file(path)
+        digest = digest_file(path, between)
         after = path.stat()
     except OSError as err:
         raise RecordingError(f"{path}: cannot be read ({err.strerror}).") from err
@@ -204,20 +183,5 @@ def _identity(stat: os.stat_result) -> tuple[int, int, int]:
     return stat.st_ino, stat.st_size, stat.st_mtime_ns
 
 
-def _read_attribute(path: Path, stat: os.stat_result) -> str | None:
-    try:
-        record = json.loads(os.getxattr(path, ATTRIBUTE))
-        digest, held_for = record["digest"], (record["size"], record["mtime_ns"])
-        valid = held_for == (stat.st_size, stat.st_mtime_ns) and _DIGEST.fullmatch(digest) is not None
-        return str(digest) if valid else None
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
-        return None  # none, not supported here, or not ours: hash instead
-
-
-def _write_attribute(path: Path, stat: os.stat_result, digest: str) -> bool:
-    record = {"digest": digest, "size": stat.st_size, "mtime_ns": stat.st_mtime_ns}
-    try:
-        os.setxattr(path, ATTRIBUTE, json.dumps(record, sort_keys=True).encode())
-    except (OSError, AttributeError):
-        return False
-    return True
+def _gone(path: Path | str, err: OSError) -> RecordingError:
+    return RecordingError(f"{path}: cannot be read ({err.strerror}); was it removed?")

@@ -1,0 +1,187 @@
+"""Where digests of files are kept: beside the file as an extended attribute, and in an index of our own.
+
+The attribute names the size and time of change that it holds for, and whoever reads the file may read
+it: a watcher on a file server puts it there for all. The index is ours alone and notes inode and change
+time (ctime) as well, so that a file that was edited in place, with its time put back, does not pass.
+"""
+
+import json
+import os
+import re
+import sqlite3
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from bagassets.errors import StoreError
+
+__all__ = ["ATTRIBUTE", "DigestIndex", "Kept", "keep", "kept_digest", "read_attribute"]
+
+ATTRIBUTE = "user.bagassets.digest"
+_DIGEST = re.compile("[0-9a-f]{64}")
+
+Kept = Literal["attribute", "index", "nowhere"]
+
+
+@dataclass(frozen=True, slots=True)
+class IndexRow:
+    """What the index notes of a file."""
+
+    size: int
+    mtime_ns: int
+    inode: int
+    ctime_ns: int
+    digest: str
+
+    def same_size_and_time(self, stat: os.stat_result) -> bool:
+        """Tell whether an attribute that holds for this row holds for `stat`."""
+        return (self.size, self.mtime_ns) == (stat.st_size, stat.st_mtime_ns)
+
+    def same_file(self, stat: os.stat_result) -> bool:
+        """Tell whether nothing at all about the file differs."""
+        return self.same_size_and_time(stat) and (self.inode, self.ctime_ns) == (
+            stat.st_ino,
+            stat.st_ctime_ns,
+        )
+
+
+class DigestIndex:
+    """Digests by path in one SQLite file; made when first written to, read once as long as it stays.
+
+    It is a cache: a damaged one is made anew.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._path = folder / "digests.sqlite"
+        self._rows: dict[str, IndexRow] = {}
+        self._read_at: tuple[int, int, int] | None = None
+
+    def row(self, path: Path) -> IndexRow | None:
+        """Return what is noted of a file, whether it still holds or not."""
+        try:
+            state = self._state()
+            if state is None:
+                return None
+            if state != self._read_at:
+                with self._open() as connection:
+                    found = connection.execute(
+                        "SELECT path, size, mtime_ns, inode, ctime_ns, digest FROM digests"
+                    )
+                    self._rows = {row[0]: IndexRow(*row[1:]) for row in found}
+                self._read_at = state
+        except sqlite3.Error:
+            return None  # no table yet, or the file is damaged: nothing is known
+        return self._rows.get(str(path))
+
+    def get(self, path: Path, stat: os.stat_result) -> str | None:
+        """Return the digest on record if nothing about the file differs."""
+        row = self.row(path)
+        return row.digest if row is not None and row.same_file(stat) else None
+
+    def put(self, path: Path, stat: os.stat_result, digest: str) -> None:
+        """Record a digest of the file as it was at `stat`.
+
+        Raises:
+            StoreError: the index cannot be written.
+        """
+        row = IndexRow(stat.st_size, stat.st_mtime_ns, stat.st_ino, stat.st_ctime_ns, digest)
+        try:
+            try:
+                self._insert(path, row)
+            except sqlite3.OperationalError:
+                raise  # locked, read-only or full: not a damage
+            except sqlite3.DatabaseError:
+                self._path.unlink(missing_ok=True)
+                self._insert(path, row)
+        except (OSError, sqlite3.Error) as err:
+            raise StoreError(
+                f"{self._path}: the index of digests cannot be written ({err}); free space or mend the folder."
+            ) from err
+
+    def _insert(self, path: Path, row: IndexRow) -> None:
+        current = self._read_at is not None and self._read_at == self._state()
+        self._path.parent.mkdir(parents=True, exist_ok=True)
+        with self._open() as connection:
+            connection.execute(
+                "CREATE TABLE IF NOT EXISTS digests (path TEXT PRIMARY KEY, size INTEGER, mtime_ns INTEGER, "
+                "inode INTEGER, ctime_ns INTEGER, digest TEXT)"
+            )
+            connection.execute(
+                "INSERT OR REPLACE INTO digests VALUES (?, ?, ?, ?, ?, ?)",
+                (str(path), row.size, row.mtime_ns, row.inode, row.ctime_ns, row.digest),
+            )
+        # What was read stays valid but for the new row, unless another process wrote meanwhile.
+        self._rows[str(path)] = row
+        self._read_at = self._state() if current else None
+
+    def _state(self) -> tuple[int, int, int] | None:
+        try:
+            stat = self._path.stat()
+        except OSError:
+            return None  # not made yet, or not reachable: writing to it tells
+        return stat.st_ino, stat.st_size, stat.st_mtime_ns
+
+    @contextmanager
+    def _open(self) -> Iterator[sqlite3.Connection]:
+        with closing(sqlite3.connect(self._path, timeout=30)) as connection, connection:
+            yield connection
+
+
+def kept_digest(path: Path, stat: os.stat_result, index: DigestIndex | None) -> str | None:
+    """Return the digest on record for a file as it is at `stat`, or None if it has to be hashed.
+
+    A file that the index knows with this size and time, but as another inode or with another change
+    time, may have been edited in place: then the attribute is not trusted either.
+    """
+    row = None if index is None else index.row(path)
+    if row is not None and row.same_size_and_time(stat):
+        return row.digest if row.same_file(stat) else None
+    return read_attribute(path, stat)
+
+
+def keep(path: Path, stat: os.stat_result, digest: str, index: DigestIndex | None) -> Kept:
+    """Put the digest of a file on record, as an attribute if that is possible, and in the index if there is one.
+
+    Args:
+        path: the file.
+        stat: the file as it was hashed.
+        digest: its digest.
+        index: our own index, if there is one.
+
+    Raises:
+        StoreError: the index cannot be written.
+    """
+    attribute = read_attribute(path, stat) == digest or _write_attribute(path, stat, digest)
+    if index is None:
+        return "attribute" if attribute else "nowhere"
+    if attribute:
+        # Writing an attribute changes ctime, and nothing else if nobody else was at work.
+        after = path.stat()
+        if (after.st_ino, after.st_size, after.st_mtime_ns) != (stat.st_ino, stat.st_size, stat.st_mtime_ns):
+            return "attribute"
+        stat = after
+    if index.get(path, stat) != digest:
+        index.put(path, stat, digest)
+    return "attribute" if attribute else "index"
+
+
+def read_attribute(path: Path, stat: os.stat_result | None = None) -> str | None:
+    """Return the digest in the attribute of a file, if it holds for `stat`; without `stat`, in any case."""
+    try:
+        record = json.loads(os.getxattr(path, ATTRIBUTE))
+        digest, held_for = record["digest"], (record["size"], record["mtime_ns"])
+        valid = stat is None or held_for == (stat.st_size, stat.st_mtime_ns)
+        return str(digest) if valid and _DIGEST.fullmatch(digest) is not None else None
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return None  # none, not supported here, or not ours: hash instead
+
+
+def _write_attribute(path: Path, stat: os.stat_result, digest: str) -> bool:
+    record = {"digest": digest, "size": stat.st_size, "mtime_ns": stat.st_mtime_ns}
+    try:
+        os.setxattr(path, ATTRIBUTE, json.dumps(record, sort_keys=True).encode())
+    except (OSError, AttributeError):
+        return False
+    return True
