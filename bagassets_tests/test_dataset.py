@@ -16,10 +16,12 @@ from bagassets.nuscenes.dataset import BagPart, assemble, read_lock
 from bagassets.nuscenes.schema import TABLES
 from bagassets.nuscenes.table_file import read_table
 from bagassets.recipe.model import NuScenes
+from bagassets.recipe.model_splits import Splits
 from bagassets.store.store import Store
 
 VERSION = "v1.0-test"
-SETTINGS = NuScenes(version=VERSION, splits={"train": 0.5, "night": 0.5})
+SETTINGS = NuScenes(version=VERSION)
+SPLITS = Splits(shares={"train": 0.5, "night": 0.5})
 
 
 @pytest.fixture(scope="module")
@@ -84,7 +86,7 @@ class TestContent:
         assert (tmp_path / row["filename"]).read_bytes().startswith(b"\x89PNG")
 
     def test_splits_have_our_names_and_whole_recordings(self, store, parts, tmp_path):
-        assemble(parts, SETTINGS, store, tmp_path)
+        assemble(parts, SETTINGS, store, tmp_path, splits=SPLITS)
         splits = json.loads((tmp_path / VERSION / "splits.json").read_bytes())
         assert set(splits) == {"custom_train", "night"}
         named = [name for scenes in splits.values() for name in scenes]

@@ -7,12 +7,13 @@ from handmade import IMAGE, Drive, make_tables
 
 from bagassets.nuscenes.dataset import BagPart, assemble
 from bagassets.recipe.model import NuScenes
+from bagassets.recipe.model_splits import Splits
 from bagassets.store.store import Store
 
 pytestmark = [pytest.mark.devkit, pytest.mark.xdist_group("devkit")]
 
 VERSION = "v1.0-test"
-SPLITS = {"train": 0.5, "val": 0.5}
+SPLITS = Splits(shares={"train": 0.5, "val": 0.5})
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +25,7 @@ def dataroot(tmp_path_factory):
         BagPart(key, key, make_tables(store, drive, key=key, length_s=3.0).artifact.digest)
         for key, drive in drives.items()
     ]
-    assemble(parts, NuScenes(version=VERSION, splits=SPLITS), store, folder / "nuscenes")
+    assemble(parts, NuScenes(version=VERSION), store, folder / "nuscenes", splits=SPLITS)
     return folder / "nuscenes"
 
 

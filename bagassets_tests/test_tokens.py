@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from bagassets.nuscenes.blank_map import blank_png
 from bagassets.nuscenes.filenames import filename, recording_of
 from bagassets.nuscenes.schema import RECORDING_TABLES, SHARED_TABLES, TABLES
-from bagassets.nuscenes.splits import DEVKIT_SPLITS, devkit_split_name, split_of
 from bagassets.nuscenes.table_file import (
     copy_rows,
     quaternion,
@@ -23,9 +22,6 @@ from bagassets.nuscenes.table_file import (
     write_joined,
 )
 from bagassets.nuscenes.tokens import RecordingTokens, category_token, sensor_token, token, visibility_token
-
-KEYS = [f"drive_{number}" for number in range(2000)]
-SHARES = {"train": 0.7, "val": 0.2, "test": 0.1}
 
 
 class TestTokens:
@@ -67,43 +63,6 @@ class TestTokens:
             "3",
             "4",
         ]
-
-
-class TestSplits:
-    def test_shares_are_met_approximately(self):
-        counts = {name: sum(split_of(key, SHARES, 0) == name for key in KEYS) for name in SHARES}
-        for name, share in SHARES.items():
-            assert counts[name] / len(KEYS) == pytest.approx(share, abs=0.03)
-
-    def test_a_recording_stays_where_it_is_whatever_else_there_is(self):
-        # Fixed for ever by the hash.
-        assert [split_of(key, SHARES, 0) for key in KEYS[2:8]] == [
-            "train",
-            "test",
-            "train",
-            "train",
-            "train",
-            "val",
-        ]
-        reordered = dict(reversed(SHARES.items()))
-        assert [split_of(key, reordered, 0) for key in KEYS] == [split_of(key, SHARES, 0) for key in KEYS]
-
-    def test_growing_a_share_only_moves_recordings_into_it(self):
-        before = {key: split_of(key, {"a": 0.5, "b": 0.5}, 0) for key in KEYS}
-        after = {key: split_of(key, {"a": 0.6, "b": 0.4}, 0) for key in KEYS}
-        assert all(after[key] == "a" for key in KEYS if before[key] == "a")
-        assert 0.05 < sum(before[key] != after[key] for key in KEYS) / len(KEYS) < 0.15
-
-    def test_another_seed_deals_anew(self):
-        assert [split_of(key, SHARES, 0) for key in KEYS] != [split_of(key, SHARES, 1) for key in KEYS]
-
-    def test_a_split_without_share_stays_empty(self):
-        assert {split_of(key, {"all": 1.0, "none": 0.0, "also_none": 0.0}, 3) for key in KEYS} == {"all"}
-
-    def test_names_that_the_devkit_answers_itself_are_renamed(self):
-        assert devkit_split_name("train") == "custom_train"
-        assert devkit_split_name("night") == "night"
-        assert not {devkit_split_name(name) for name in DEVKIT_SPLITS} & DEVKIT_SPLITS
 
 
 class TestTableFiles:

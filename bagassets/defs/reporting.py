@@ -1,6 +1,6 @@
 """From results to what people see in Dagster: metadata, and failures without tracebacks."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -8,6 +8,7 @@ import dagster as dg
 
 from bagassets.engine.recording_build import AssetResult
 from bagassets.errors import BagAssetsError
+from bagassets.splits import SplitShare
 from bagassets.steps.nuscenes_dataset import DatasetSummary
 
 CHANNEL_ASSETS = ("frames", "sweeps")
@@ -45,6 +46,7 @@ def dataset_metadata(made: DatasetSummary) -> dict[str, Any]:
         "keyframes": made.rows.get("sample", 0),
         "rows": dg.MetadataValue.json(dict(made.rows)),
         "splits": dg.MetadataValue.json(dict(made.splits)),
+        "split_shares": dg.MetadataValue.md(split_table(made.shares)),
         "files": dg.MetadataValue.json(dict(made.files)),
         "duplicates": dg.MetadataValue.json(dict(made.duplicates)),
         "changed": made.changed,
@@ -62,6 +64,17 @@ def channel_table(channels: Mapping[str, Mapping[str, Any]]) -> str:
         lines.append(
             f"| {name} | {counts['read']} | {counts['written']} | {counts.get('merged', 0)} | {lost} |"
         )
+    return "\n".join(lines)
+
+
+def split_table(shares: Sequence[SplitShare]) -> str:
+    """Return a Markdown table of what each split got, by time, against what was asked for."""
+    lines = ["| split | recordings | seconds | share | asked | deviation |", "|---|--:|--:|--:|--:|--:|"]
+    lines += [
+        f"| {share.name} | {share.recordings} | {share.duration_s:.1f} | {share.share:.1%} | {share.asked:.1%} "
+        f"| {share.deviation:+.1%} |"
+        for share in shares
+    ]
     return "\n".join(lines)
 
 

@@ -66,10 +66,20 @@ def build_dataset(recipe: Recipe, store: Store, inputs: DatasetInputs) -> Datase
     """Bring the dataset on disk up to date with `inputs`."""
     settings = recipe.nuscenes
     return assemble(
-        inputs.parts, settings, store, settings.output, skipped=inputs.skipped, failed=inputs.failed
+        inputs.parts,
+        settings,
+        store,
+        settings.output,
+        splits=recipe.splits,
+        skipped=inputs.skipped,
+        failed=inputs.failed,
     )
 
 
 def dataset_code_version(recipe: Recipe) -> str:
     """Return `<version>-<digest of the recipe fields>` of the dataset."""
-    return f"{VERSION}-{digest_json(recipe.nuscenes.model_dump(mode='json', exclude={'output'}))[:12]}"
+    fields = [
+        recipe.nuscenes.model_dump(mode="json", exclude={"output"}),
+        recipe.splits.model_dump(mode="json"),
+    ]
+    return f"{VERSION}-{digest_json(fields)[:12]}"

@@ -25,6 +25,8 @@ from bagassets.nuscenes.stale import named_files, remove_files
 from bagassets.nuscenes.swap import swap_in
 from bagassets.nuscenes.table_file import json_bytes
 from bagassets.recipe.model import NuScenes
+from bagassets.recipe.model_splits import Splits
+from bagassets.splits import SplitShare
 from bagassets.store.canonical import digest_json
 from bagassets.store.store import Store
 
@@ -44,6 +46,7 @@ class DatasetSummary:
         folder: the version folder.
         rows: table -> number of rows.
         splits: name in splits.json -> number of scenes.
+        shares: what each split of the recipe got of the driven time.
         files: way (linked, cloned, copied, removed; kept: looked at and found in place) -> number of files.
         duplicates: recording that was left out -> recording with the same content.
         changed: the tables were exchanged; False if they were the same already.
@@ -53,6 +56,7 @@ class DatasetSummary:
     folder: Path
     rows: Mapping[str, int]
     splits: Mapping[str, int]
+    shares: Sequence[SplitShare]
     files: Mapping[str, int] = field(default_factory=dict)
     duplicates: Mapping[str, str] = field(default_factory=dict)
     changed: bool = True
@@ -64,6 +68,7 @@ def assemble(
     store: Store,
     output: Path,
     *,
+    splits: Splits | None = None,
     skipped: Mapping[str, str] | None = None,
     failed: Mapping[str, str] | None = None,
 ) -> DatasetSummary:
@@ -77,6 +82,7 @@ def assemble(
         settings: the recipe's `nuscenes`.
         store: where the artifacts are.
         output: the dataroot.
+        splits: the recipe's `splits`; None: its defaults.
         skipped: recordings that take no part -> why, for the lock file.
         failed: recordings that failed -> why, for the lock file.
 
@@ -84,6 +90,7 @@ def assemble(
         DatasetError: the version folder holds something else, or files cannot be written.
         StoreError: an artifact is not in the store.
     """
+    splits = splits or Splits()
     chosen, duplicates = _without_copies(parts)
     entries = [Entry(part, store.artifact(part.tables)) for part in chosen]
     current = output / settings.version
@@ -92,9 +99,9 @@ def assemble(
         leftovers = sorted(output.glob(f"{settings.version}.tmp-*"))
         new = output / f"{settings.version}.tmp-{uuid4().hex}"
         new.mkdir()
-        written = write_tables(new, entries, settings)
+        written = write_tables(new, entries, settings, splits)
         left_out = {"duplicates": duplicates, "skipped": skipped or {}, "failed": failed or {}}
-        lock = _lock(settings, entries, written, left_out)
+        lock = _lock(settings, splits, entries, written, left_out)
         (new / LOCK).write_bytes(json_bytes(lock))
         linker = Linker(output)
         known = {} if _touched_by_others(output, current) else _bags(current)
@@ -110,6 +117,7 @@ def assemble(
         folder=current,
         rows=written.rows,
         splits={name: len(scenes) for name, scenes in written.splits.items()},
+        shares=written.shares,
         files=dict(sorted(files.items())),
         duplicates=duplicates,
         changed=changed,
@@ -142,6 +150,7 @@ def _without_copies(parts: Sequence[BagPart]) -> tuple[list[BagPart], dict[str, 
 
 def _lock(
     settings: NuScenes,
+    splits: Splits,
     entries: Sequence[Entry],
     written: WrittenTables,
     left_out: Mapping[str, Mapping[str, str]],
@@ -150,6 +159,8 @@ def _lock(
     return {
         "format": 1,
         "nuscenes": settings.model_dump(mode="json", exclude={"output"}),
+        "splits": splits.model_dump(mode="json"),
+        "shares": {share.name: share.as_json() for share in written.shares},
         "bags": [
             {
                 "key": entry.part.key,

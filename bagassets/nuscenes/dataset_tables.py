@@ -10,9 +10,11 @@ from blake3 import blake3
 
 from bagassets.nuscenes import shared_rows
 from bagassets.nuscenes.schema import RECORDING_TABLES, TABLES
-from bagassets.nuscenes.splits import devkit_split_name, split_of
+from bagassets.nuscenes.splits import devkit_split_name
 from bagassets.nuscenes.table_file import json_bytes, rows_text, table_bytes, write_joined
 from bagassets.recipe.model import NuScenes
+from bagassets.recipe.model_splits import Splits
+from bagassets.splits import SplitShare, shares_of, split_of
 from bagassets.store.artifact import Artifact
 
 __all__ = ["LOCK", "SPLITS", "BagPart", "Entry", "WrittenTables", "write_tables"]
@@ -68,15 +70,19 @@ class WrittenTables:
         digests: file -> digest of its content.
         splits: name in splits.json -> its scenes.
         split_of: partition key -> split of the recipe.
+        shares: what each split got, against what the recipe asks for.
     """
 
     rows: dict[str, int]
     digests: dict[str, str]
     splits: dict[str, list[str]]
     split_of: dict[str, str]
+    shares: list[SplitShare]
 
 
-def write_tables(folder: Path, entries: Sequence[Entry], settings: NuScenes) -> WrittenTables:
+def write_tables(
+    folder: Path, entries: Sequence[Entry], settings: NuScenes, recipe_splits: Splits
+) -> WrittenTables:
     """Write all 13 tables and `splits.json` into a folder that exists.
 
     Memory does not grow with the number of recordings, but for their scenes and logs.
@@ -85,6 +91,7 @@ def write_tables(folder: Path, entries: Sequence[Entry], settings: NuScenes) -> 
         folder: empty folder.
         entries: recordings in the order of their keys.
         settings: the recipe's `nuscenes`.
+        recipe_splits: the recipe's `splits`.
     """
     rows: dict[str, int] = {}
     digests: dict[str, str] = {}
@@ -95,16 +102,16 @@ def write_tables(folder: Path, entries: Sequence[Entry], settings: NuScenes) -> 
     for table, shared in _shared(entries, settings).items():
         rows[table] = len(shared)
         digests[f"{table}.json"] = _write(folder / f"{table}.json", table_bytes(table, shared))
-    split_by_key = {
-        entry.part.key: split_of(entry.part.key, settings.splits, settings.seed) for entry in entries
-    }
-    splits: dict[str, list[str]] = {devkit_split_name(name): [] for name in sorted(settings.splits)}
+    split_by_key = {entry.part.key: split_of(entry.part.key, recipe_splits) for entry in entries}
+    splits: dict[str, list[str]] = {devkit_split_name(name): [] for name in sorted(recipe_splits.shares)}
     for entry in entries:
         names = [row["name"] for row in entry.artifact.read_json("scene.json")]
         splits[devkit_split_name(split_by_key[entry.part.key])] += names
     digests[SPLITS] = _write(folder / SPLITS, json_bytes(splits))
     ordered = {name: rows[name] for name in TABLES}
-    return WrittenTables(ordered, dict(sorted(digests.items())), splits, split_by_key)
+    durations_s = [(entry.part.key, entry.facts["counts"]["duration_s"]) for entry in entries]
+    shares = shares_of(durations_s, recipe_splits)
+    return WrittenTables(ordered, dict(sorted(digests.items())), splits, split_by_key, shares)
 
 
 def _shared(entries: Sequence[Entry], settings: NuScenes) -> Mapping[str, list[dict[str, Any]]]:

@@ -21,6 +21,8 @@ from bagassets.recipe.model_base import (
     TopicName,
     Transform,
 )
+from bagassets.recipe.model_checks import Checks
+from bagassets.recipe.model_splits import Splits
 
 
 class Intrinsics(Model):
@@ -292,20 +294,6 @@ class NuScenes(Model):
     version: Slug = Field("v1.0-custom", description="Version folder.")
     categories: tuple[NamedText, ...] = Field((), description="Categories; those met in the bags are added.")
     attributes: tuple[NamedText, ...] = Field((), description="Attributes; those met in the bags are added.")
-    splits: dict[Slug, float] = Field(
-        default_factory=lambda: {"train": 0.8, "val": 0.2},
-        description="Split -> share of the recordings; by a hash of the recording, so none ever moves.",
-    )
-    seed: int = Field(0, description="Seed of the split.")
-
-    @model_validator(mode="after")
-    def _shares(self) -> Self:
-        total = sum(self.splits.values())
-        if not self.splits or min(self.splits.values()) < 0 or abs(total - 1.0) > 1e-6:
-            raise FieldValueError(
-                ("splits",), f"shares must not be negative and must add up to 1; they add up to {total:g}"
-            )
-        return self
 
 
 class Limits(Model):
@@ -325,8 +313,10 @@ class Recipe(Model):
     clock: Clock = Field("header", description="Time of a message: its header stamp, or when it was logged.")
     rigs: tuple[Rig, ...] = Field(min_length=1, description="Sensor set-ups.")
     scenes: Scenes = Field(Scenes(), description="Scenes and keyframes.")
+    splits: Splits = Field(Splits(), description="Which recordings belong to train, val and so on.")
     nuscenes: NuScenes = Field(NuScenes(), description="The nuScenes dataset.")
     limits: Limits = Field(Limits(), description="Accepted losses.")
+    checks: Checks = Field(Checks(), description="Checks of finished assets.")
 
     @model_validator(mode="after")
     def _unique_rigs(self) -> Self:

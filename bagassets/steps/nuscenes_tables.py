@@ -27,7 +27,7 @@ from bagassets.store.artifact import Artifact, ArtifactWriter
 
 __all__ = ["STEP", "make", "request"]
 
-STEP = Step("nuscenes_tables", 1)
+STEP = Step("nuscenes_tables", 2)
 
 FILES = "files.json"
 FACTS = "facts.json"
@@ -117,6 +117,7 @@ def make(
     counts = {
         "scenes": len(plan.scenes),
         "samples": len(tables["sample"]),
+        "duration_s": round(sum(scene.span.duration_s for scene in plan.scenes), 3),
         "remainder_s": round(plan.remainder_s, 3),
         "scenes_without_keyframe": plan.empty_scenes,
         "refused_keyframes": plan.refused_keyframes,

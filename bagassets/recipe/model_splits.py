@@ -1,0 +1,41 @@
+"""What a recipe may say about splits."""
+
+from typing import Self
+
+from pydantic import Field, model_validator
+
+from bagassets.recipe.model_base import FieldValueError, Model, Slug
+
+__all__ = ["Splits"]
+
+
+class Splits(Model):
+    """How recordings are dealt to train, val and other splits, for all datasets alike.
+
+    A seeded hash of the recording's key decides, so that adding or removing a recording never
+    moves another one. Shares of recordings, and still more of driven time, are met approximately.
+    """
+
+    shares: dict[Slug, float] = Field(
+        default_factory=lambda: {"train": 0.8, "val": 0.2},
+        description="Split -> share of the recordings; they add up to 1.",
+    )
+    seed: int = Field(0, description="Another seed deals all recordings anew.")
+    pinned: dict[str, Slug] = Field(
+        default_factory=dict, description="Recording (its partition key) -> the split it belongs to."
+    )
+
+    @model_validator(mode="after")
+    def _shares(self) -> Self:
+        total = sum(self.shares.values())
+        if not self.shares or min(self.shares.values()) < 0 or abs(total - 1.0) > 1e-6:
+            raise FieldValueError(
+                ("shares",), f"shares must not be negative and must add up to 1; they add up to {total:g}"
+            )
+        for key, split in self.pinned.items():
+            if split not in self.shares:
+                raise FieldValueError(
+                    ("pinned", key),
+                    f"{split} is not a split; shares has {', '.join(self.shares)} (a share may be 0)",
+                )
+        return self
