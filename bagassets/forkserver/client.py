@@ -174,7 +174,11 @@ class Client:
         return bool(self._ask({"op": "cancel", "job": job, "grace_s": grace_s})["found"])
 
     def status(self) -> Message:
-        """Return `stamp`, `process` and `jobs` (job, label, function, process, seconds, notes) of the server."""
+        """Return the state of the server.
+
+        It is an object with `stamp`, `process`, `draining`, `clients` (the number of connections, this
+        one counted) and `jobs` (job, label, function, process, seconds, notes, cancelled).
+        """
         return self._ask({"op": "status"})
 
     # --- the server ------------------------------------------------------------------

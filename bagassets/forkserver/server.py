@@ -241,6 +241,7 @@ class Server:
             "stamp": self._places.stamp,
             "process": self._process.as_json(),
             "draining": self._listener is None,
+            "clients": len(self._connections),
             "jobs": jobs,
         }
 

@@ -1,0 +1,89 @@
+"""`bagassets ui`: the web UI of a project, in the foreground."""
+
+import os
+import signal
+import sys
+import time
+from pathlib import Path
+from types import FrameType
+
+import click
+
+from bagassets.cli.options import recipe_option
+
+__all__ = ["ui"]
+
+_POLL_S = 0.2
+_DEFAULT_PORT = 3000
+
+
+@click.command(
+    epilog="""\b
+Examples:
+  bagassets ui
+  bagassets ui --recipe build/demo/recipe.yaml --port 3001
+  bagassets ui --host 0.0.0.0 --no-browser    # for other machines; there is no password"""
+)
+@recipe_option
+@click.option(
+    "--port",
+    type=click.IntRange(1, 65535),
+    default=_DEFAULT_PORT,
+    show_default=True,
+    metavar="N",
+    help="Port to listen on.",
+)
+@click.option("--host", default="127.0.0.1", show_default=True, metavar="H", help="Address to listen on.")
+@click.option("--no-browser", is_flag=True, help="Open no browser window.")
+@click.option("--verbose", is_flag=True, help="Show what Dagster does, not only what goes wrong.")
+def ui(recipe: Path, port: int, host: str, no_browser: bool, verbose: bool) -> int:
+    """Open the web UI of a project.
+
+    Runs Dagster's web server and daemon with the state of the project, so that the sensor notices
+    new, changed and removed recordings, until Ctrl-C. Runs that are at work then are waited for;
+    another Ctrl-C cancels them.
+    """
+    from bagassets.defs.services import Services  # noqa: PLC0415  (pydantic and YAML, for the recipe)
+
+    signals = _Signals()
+    with Services(recipe, host, port, verbose=verbose) as services:
+        services.wait_until_ready(lambda: signals.count > 0)
+        if not signals.count:
+            click.echo(f"{services.url}  (web UI of {recipe.resolve().parent.name}; Ctrl-C ends it)")
+            if not no_browser and _has_display():
+                click.launch(services.url)
+        while services.is_running and not signals.count:
+            time.sleep(_POLL_S)
+        has_failed = not services.is_running
+        services.stop()
+        seen = signals.count
+        services.end_runs(_tell_waiting, cancel=lambda: signals.count > max(seen, 1) or signals.is_urgent)
+    return 1 if has_failed else 0
+
+
+class _Signals:
+    """Counts requests to end; from now on none ends the process by itself."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.is_urgent = False
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            signal.signal(number, self._note)
+
+    def _note(self, number: int, _frame: FrameType | None) -> None:
+        self.count += 1
+        # Whoever sends SIGTERM, or has closed the terminal, is not there to send another.
+        self.is_urgent = self.is_urgent or number != signal.SIGINT
+
+
+def _tell_waiting(runs: int) -> None:
+    what = "a run" if runs == 1 else f"{runs} runs"
+    click.echo(f"Waiting for {what} to end; Ctrl-C again cancels.", err=True)
+
+
+def _has_display() -> bool:
+    """Tell whether a browser could show a window, rather than take over the terminal."""
+    return sys.stdout.isatty() and (
+        sys.platform in {"darwin", "win32"}
+        or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+    )

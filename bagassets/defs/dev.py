@@ -1,0 +1,35 @@
+"""`python -m bagassets.defs.dev …`: `dagster dev`, ended together with whoever started it.
+
+Standard input is a pipe that the starter holds: when it is closed, or the starter dies, Dagster
+shuts its services down as on Ctrl-C.
+"""
+
+import os
+import signal
+import sys
+import threading
+import warnings
+
+__all__ = ["main"]
+
+_STDIN = 0
+
+
+def main() -> None:
+    """Run `dagster dev` with this process's arguments."""
+    # Dagster recommends a tool for developing code locations here; people who open a web UI do not.
+    warnings.filterwarnings("ignore", message="Function `dev_command` is superseded")
+    from dagster._cli.dev import dev_command  # noqa: PLC0415  (after the filter)
+
+    threading.Thread(target=_follow_starter, daemon=True).start()
+    dev_command(sys.argv[1:], prog_name="dagster dev")
+
+
+def _follow_starter() -> None:
+    while os.read(_STDIN, 1):
+        pass
+    os.kill(os.getpid(), signal.SIGINT)
+
+
+if __name__ == "__main__":
+    main()

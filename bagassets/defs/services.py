@@ -1,0 +1,197 @@
+"""The web server and the daemon of a project, as child processes of whoever wants them.
+
+Imports nothing of Dagster: the processes do.
+"""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from http.client import HTTPConnection, HTTPException
+from pathlib import Path
+from typing import Self
+
+from bagassets.errors import BagAssetsError
+from bagassets.forkserver.client import Client, ServerRefusedError
+from bagassets.forkserver.places import Places
+from bagassets.recipe import load_recipe
+from bagassets.recipe.project import dagster_home
+
+__all__ = ["Services", "free_port", "url_of"]
+
+_POLL_S = 0.2
+_START_S = 120.0
+_STOP_S = 60.0
+_GRACE_S = 10.0
+_ANY_HOST = {"0.0.0.0", "::"}  # noqa: S104  (compared with, not bound to)
+
+
+class Services:
+    """`dagster dev` for one recipe, started at once.
+
+    The fork servers that it starts for its runs belong to it as well. Those that were there before
+    are somebody else's, and stay.
+
+    Args:
+        recipe_file: the recipe.
+        host: address to listen on.
+        port: port to listen on.
+        verbose: have Dagster tell what it does, not just what goes wrong.
+
+    Raises:
+        BagAssetsError: the recipe is wrong, or the port is taken.
+    """
+
+    def __init__(self, recipe_file: Path, host: str, port: int, *, verbose: bool = False) -> None:
+        recipe_file = recipe_file.resolve()
+        recipe = load_recipe(recipe_file)
+        home = dagster_home(recipe_file, recipe).resolve()
+        _refuse_taken_port(host, port)
+        self.url = url_of(host, port)
+        self._address = ("127.0.0.1" if host in _ANY_HOST else host, port)
+        self._state = recipe.state
+        self._servers_before = {places.stamp for places in _alive(recipe.state)}
+        workspace = home / "workspace.yaml"
+        code = ["-w", str(workspace)] if workspace.is_file() else ["-m", "bagassets.definitions"]
+        level = ["--log-level", "info" if verbose else "warning"]
+        options = ["--host", host, "--port", str(port), *level, *code]
+        # A session of its own: Ctrl-C in the terminal reaches us alone, and we end it in order.
+        self._process = subprocess.Popen(  # noqa: S603  (this interpreter, this package)
+            [sys.executable, "-m", "bagassets.defs.dev", *options],
+            stdin=subprocess.PIPE,
+            cwd=home,
+            env={**os.environ, "DAGSTER_HOME": str(home), "BAGASSETS_RECIPE": str(recipe_file)},
+            start_new_session=True,
+        )
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
+
+    @property
+    def is_running(self) -> bool:
+        """True until `dagster dev` has ended."""
+        return self._process.poll() is None
+
+    def wait_until_ready(self, give_up: Callable[[], bool]) -> None:
+        """Return when the web server answers, or `give_up` says True.
+
+        Raises:
+            BagAssetsError: it ended, or did not answer for two minutes.
+        """
+        deadline = time.monotonic() + _START_S
+        while not (give_up() or _answers(*self._address)):
+            if not self.is_running:
+                raise BagAssetsError(
+                    "the web UI ended before it answered; what it wrote above says why (more of it with --verbose)."
+                )
+            if time.monotonic() > deadline:
+                raise BagAssetsError(
+                    f"the web UI did not answer at {self.url} within {_START_S:.0f} s; try again with --verbose."
+                )
+            time.sleep(_POLL_S)
+
+    def stop(self) -> None:
+        """End web server, daemon and code server; runs go on."""
+        if self._process.stdin is not None and not self._process.stdin.closed:
+            self._process.stdin.close()
+        try:
+            self._process.wait(_STOP_S)
+        except subprocess.TimeoutExpired:
+            os.killpg(self._process.pid, signal.SIGKILL)
+            self._process.wait()
+        with suppress(ProcessLookupError):  # mostly: nobody is left
+            os.killpg(self._process.pid, signal.SIGTERM)
+
+    def end_runs(self, tell: Callable[[int], None], *, cancel: Callable[[], bool]) -> None:
+        """End the fork servers started since, once the runs they execute have ended.
+
+        Args:
+            tell: called once, with the number of runs that are waited for, if there are any.
+            cancel: asked five times a second; True cancels the runs.
+        """
+        ours = [places for places in _alive(self._state) if places.stamp not in self._servers_before]
+        told = False
+        for places in ours:
+            client = Client.connect(places)
+            if client is None:
+                continue
+            with client, suppress(ServerRefusedError):
+                if client.status()["clients"] > 1:
+                    continue  # a build uses it as well
+                is_cancelled = False
+                running = client.drain()
+                while running:
+                    if not told:
+                        tell(running)
+                        told = True
+                    if not is_cancelled and cancel():
+                        is_cancelled = True
+                        client.shutdown(grace_s=_GRACE_S)
+                    time.sleep(_POLL_S)
+                    running = len(client.status()["jobs"])
+
+
+def free_port(host: str, start: int) -> int:
+    """Return the first free port from `start` on.
+
+    Raises:
+        BagAssetsError: a hundred ports in a row are taken.
+    """
+    for port in range(start, min(start + 100, 65536)):
+        if not _is_taken(host, port):
+            return port
+    raise BagAssetsError(f"no free port of {host} from {start} on; end a program that holds one.")
+
+
+def url_of(host: str, port: int) -> str:
+    """Return where a browser on this machine finds the web UI."""
+    name = "127.0.0.1" if host in _ANY_HOST else host
+    return f"http://[{name}]:{port}" if ":" in name else f"http://{name}:{port}"
+
+
+def _refuse_taken_port(host: str, port: int) -> None:
+    if _is_taken(host, port):
+        raise BagAssetsError(
+            f"port {port} of {host} is taken, perhaps by another web UI; open {url_of(host, port)} to see, or choose "
+            f"another port: --port {free_port(host, port + 1)}."
+        )
+
+
+def _is_taken(host: str, port: int) -> bool:
+    try:
+        family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+    except OSError as err:
+        raise BagAssetsError(
+            f"{host}: no such address on this machine ({err.strerror}); --host 127.0.0.1 is for this machine only, "
+            "--host 0.0.0.0 for all that reach it."
+        ) from err
+    with socket.socket(family, kind, protocol) as probe:
+        # As the web server does it, so that a port whose last connections are fading counts as free.
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind(address)
+        except OSError:
+            return True
+    return False
+
+
+def _answers(host: str, port: int) -> bool:
+    connection = HTTPConnection(host, port, timeout=5.0)
+    try:
+        connection.request("GET", "/server_info")
+        return connection.getresponse().status == 200
+    except (OSError, HTTPException):
+        return False
+    finally:
+        connection.close()
+
+
+def _alive(state: Path) -> list[Places]:
+    return [client.places for client in Client.all_of(state)]
