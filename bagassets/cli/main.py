@@ -26,8 +26,14 @@ COMMANDS: dict[str, tuple[str, str]] = {
     ),
     "status": ("bagassets.cli.status:status", "Tell what is fresh, stale, skipped or failed, and why."),
     "ui": ("bagassets.cli.ui:ui", "Open the web UI on a project."),
-    "digest": ("bagassets.cli.digest:digest", "Store digests of recordings beside them."),
-    "verify": ("bagassets.cli.verify:verify", "Check that store and dataset are intact."),
+    "digest": (
+        "bagassets.cli.digest:digest",
+        "Print digests of recordings and store them beside the files.",
+    ),
+    "watch": ("bagassets.cli.watch:watch", "Follow a folder of recordings and keep their digests true."),
+    "verify": ("bagassets.cli.verify:verify", "Check that the store is intact, and that actions repeat."),
+    "gc": ("bagassets.cli.gc:gc", "Remove artifacts that nothing refers to any more."),
+    "dataset": ("bagassets.cli.dataset:dataset", "Compare datasets, and make one again from its lock."),
     "sample": ("bagassets.cli.sample:sample", "Write synthetic drives."),
     "docs": ("bagassets.cli.docs:docs", "Print reference documentation as Markdown."),
 }

@@ -4,7 +4,10 @@ from pathlib import Path
 
 import click
 
-__all__ = ["recipe_option"]
+__all__ = ["EXIT_FOUND", "recipe_option"]
+
+EXIT_FOUND = 3
+"""Exit status of a check that found what it looks for: damage, disagreement, difference."""
 
 recipe_option = click.option(
     "--recipe",

@@ -1,0 +1,171 @@
+"""`bagassets digest`: print digests of recordings, and keep them beside the files."""
+
+import json
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from bagassets.cli.options import EXIT_FOUND
+from bagassets.errors import BagAssetsError, RecordingError
+
+if TYPE_CHECKING:
+    from bagassets.bags.digest_record import DigestIndex
+    from bagassets.bags.model import Found
+
+__all__ = ["digest"]
+
+
+@click.command(
+    epilog="""\b
+Examples:
+  bagassets digest /data/recordings/monday.bag
+  bagassets digest /data/recordings --json | jq -r '.recordings[].digest'
+  bagassets digest --recipe project/recipe.yaml
+  bagassets digest /data/recordings --verify
+
+Exit status: 0 success; 1 a recording could not be read; 3 --verify found disagreements."""
+)
+@click.argument("bags", metavar="[BAG]...", nargs=-1, type=click.Path(path_type=Path))
+@click.option(
+    "--recipe",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Recipe whose recordings are meant if no BAG is given, and whose index is used for files that take no "
+    "attributes; default: recipe.yaml, if there is one here.",
+)
+@click.option("--rehash", is_flag=True, help="Hash all content again, whatever is on record.")
+@click.option(
+    "--verify",
+    is_flag=True,
+    help="Hash all content again, report every record that disagrees with it, and change none.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON document.")
+def digest(bags: tuple[Path, ...], recipe: Path | None, rehash: bool, verify: bool, as_json: bool) -> int:
+    """Print digests of recordings and store them beside the files.
+
+    BAG is a recording, or a folder of recordings. Files whose digest is on record for their size and
+    time are not read. The digest of a single file is its BLAKE3, as `b3sum` prints it.
+    """
+    from bagassets.bags.digest_record import DigestIndex  # noqa: PLC0415  (loads BLAKE3 and SQLite)
+    from bagassets.recipe import load_recipe  # noqa: PLC0415  (pydantic and YAML)
+
+    if recipe is None and Path("recipe.yaml").is_file():
+        recipe = Path("recipe.yaml")
+    loaded = None if recipe is None else load_recipe(recipe)
+    if loaded is None and not bags:
+        raise click.UsageError("name a BAG, or a recipe with --recipe.")
+    index = None if loaded is None else DigestIndex(loaded.state)
+    roots = bags or ((loaded.bags.root,) if loaded is not None else ())
+    done: list[dict[str, Any]] = []
+    errors: list[str] = []
+    for found in _recordings(roots, None if bags or loaded is None else loaded.bags, errors):
+        try:
+            entry = _verified(found, index) if verify else _digested(found, index, rehash=rehash)
+        except BagAssetsError as err:
+            errors.append(str(err))
+            continue
+        done.append(entry)
+        if not as_json:
+            _show(entry)
+    for sentence in errors:
+        click.echo(f"error: {sentence}", err=True)
+    wrong = sum(len(entry.get("disagreements", ())) for entry in done)
+    if as_json:
+        click.echo(json.dumps({"recordings": done, "errors": errors}, indent=1))
+    else:
+        _summarize(done, wrong if verify else None)
+    return 1 if errors else EXIT_FOUND if wrong else 0
+
+
+def _recordings(roots: tuple[Path, ...], bags: Any, errors: list[str]) -> Iterator["Found"]:
+    """Yield the recordings at or below `roots`; what is none becomes an error and others go on."""
+    from bagassets.bags.discover import discover, find_one  # noqa: PLC0415
+    from bagassets.recipe.model import Bags  # noqa: PLC0415
+
+    for root in roots:
+        try:
+            if bags is not None:
+                below = discover(bags).found
+            elif root.is_dir() and not (root / "metadata.yaml").is_file():
+                below = discover(Bags(root=root.absolute())).found
+            else:
+                yield find_one(root)
+                continue
+            if not below:
+                raise RecordingError(
+                    f"{root}: no recording found; expected .bag, .mcap or .db3 files, or ROS 2 bag folders."
+                )
+        except BagAssetsError as err:
+            errors.append(str(err))
+            continue
+        yield from below.values()
+
+
+def _digested(found: "Found", index: "DigestIndex | None", *, rehash: bool) -> dict[str, Any]:
+    from bagassets.bags.digest import recording_digest  # noqa: PLC0415
+
+    made = recording_digest(found, index, rehash=rehash)
+    return {
+        "path": str(found.path),
+        "digest": made.digest,
+        "size": made.size,
+        "hashed_bytes": made.hashed_bytes,
+        "files": [
+            {"name": name, "digest": of_file, "kept": made.kept[name]} for name, of_file in made.files.items()
+        ],
+    }
+
+
+def _verified(found: "Found", index: "DigestIndex | None") -> dict[str, Any]:
+    from bagassets.bags.digest_check import check_digests  # noqa: PLC0415
+
+    wrong = list(check_digests(found, index))
+    return {
+        "path": str(found.path),
+        "size": found.size,
+        "disagreements": [
+            {
+                "path": str(w.path),
+                "where": w.where,
+                "recorded": w.recorded,
+                "actual": w.actual,
+                "message": str(w),
+            }
+            for w in wrong
+        ],
+    }
+
+
+def _show(entry: dict[str, Any]) -> None:
+    if "digest" in entry:
+        click.echo(f"{entry['digest']}  {entry['path']}")
+    for disagreement in entry.get("disagreements", ()):
+        click.echo(disagreement["message"])
+    sys.stdout.flush()
+
+
+def _summarize(done: list[dict[str, Any]], wrong: int | None) -> None:
+    """Say to standard error what was done, so that standard output stays a list of digests."""
+    size = sum(entry["size"] for entry in done)
+    number = f"{len(done)} recording{'' if len(done) == 1 else 's'}, {_megabytes(size)}"
+    if wrong is not None:
+        click.echo(
+            f"{number} hashed again: {wrong or 'no'} disagreement{'' if wrong == 1 else 's'}.", err=True
+        )
+        return
+    hashed = sum(entry["hashed_bytes"] for entry in done)
+    nowhere = sum(file["kept"] == "nowhere" for entry in done for file in entry["files"])
+    click.echo(f"{number}; {_megabytes(hashed)} hashed, the rest was on record.", err=True)
+    if nowhere:
+        click.echo(
+            f"{nowhere} digest{'' if nowhere == 1 else 's'} could not be stored: the files take no extended attributes "
+            "from you. Name a recipe with --recipe; its index takes them.",
+            err=True,
+        )
+
+
+def _megabytes(size: int) -> str:
+    return f"{size / 1e6:.1f} MB"
