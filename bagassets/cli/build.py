@@ -6,7 +6,11 @@ from pathlib import Path
 
 import click
 
+from bagassets.cli.options import recipe_option
+
 __all__ = ["build"]
+
+EXIT_INTERRUPTED = 130
 
 
 @click.command(
@@ -15,31 +19,30 @@ Examples:
   bagassets build
   bagassets build --recipe project/recipe.yaml --jobs 4
   bagassets build --retry-failed
-"""
+
+\b
+Exit status: 0 all is up to date, 1 a recording or the dataset failed (the others are done),
+2 wrong usage, 130 interrupted."""
 )
-@click.option("--recipe", type=click.Path(path_type=Path), default=Path("recipe.yaml"), show_default=True,
-              help="Recipe of the project.")  # fmt: skip
+@recipe_option
 @click.option("--jobs", type=click.IntRange(min=1), default=os.cpu_count() or 1, show_default="processors",
               help="Recordings worked on at the same time.")  # fmt: skip
 @click.option("--retry-failed", is_flag=True, help="Try again what failed before on the same input.")
 def build(recipe: Path, jobs: int, retry_failed: bool) -> None:
     """Bring all recordings and the dataset up to date, and tell what was done."""
+    from bagassets.cli.progress import progress_for  # noqa: PLC0415  (not for --help)
+    from bagassets.cli.summary import MOST_ROWS, print_summary, summary_rows  # noqa: PLC0415
     from bagassets.defs import driver  # noqa: PLC0415  (Dagster takes a second to import)
+    from bagassets.engine.build_report import BuildOptions  # noqa: PLC0415
+    from bagassets.recipe import load_recipe  # noqa: PLC0415
 
-    def show(event: driver.Event) -> None:
-        name = event.key or "dataset"
-        click.echo(f"{event.kind:>8}  {name}" + (f": {event.message}" if event.message else ""))
-
-    report = driver.build(recipe.absolute(), jobs=jobs, retry_failed=retry_failed, on_event=show)
-    for key, reason in sorted(report.skipped.items()):
-        click.echo(f" skipped  {key}: {reason}")
-    for key in report.removed:
-        click.echo(f" removed  {key}")
-    click.echo(
-        f"{len(report.built)} built, {len(report.fresh)} fresh, {len(report.skipped)} skipped, "
-        f"{len(report.failed)} failed; dataset {report.dataset}."
-    )
-    if report.failed:
-        for key, sentence in sorted(report.failed.items()):
-            click.echo(f"  failed  {key}: {sentence}", err=True)
+    recipe = recipe.absolute()
+    store = load_recipe(recipe).store_path
+    options = BuildOptions(jobs, retry_failed)
+    with progress_for() as show:
+        report = driver.build(recipe, options, show)
+    print_summary(report, summary_rows(report, store, most=MOST_ROWS), recipe)
+    if report.interrupted:
+        sys.exit(EXIT_INTERRUPTED)
+    if not report.succeeded:
         sys.exit(1)

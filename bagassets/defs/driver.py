@@ -1,10 +1,11 @@
 """The build driver: which recordings need a run, running them side by side, then the dataset.
 
 A run is created only when a worker is free for it. One recording's failure does not stop the
-others.
+others, and an interrupt loses nothing that was finished.
 """
 
 import os
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,150 +13,221 @@ from typing import Any
 
 import dagster as dg
 
-from bagassets.defs.dataset import current_inputs, dataset_is_current, record_inputs
+from bagassets.bags.discover import Discovery
+from bagassets.defs.dataset import dataset_is_current, record_inputs
 from bagassets.defs.events import live_partitions, recorded_states
 from bagassets.defs.partitions import add_partitions, remove_partition
 from bagassets.defs.runs import open_instance
 from bagassets.defs.workspace import Workspace
-from bagassets.engine.plan import RECORDING_ASSETS, Plan, make_plan
+from bagassets.engine.build_report import DATASET, BagOutcome, BuildOptions, BuildReport, Event
+from bagassets.engine.dataset_build import DatasetInputs, select_inputs
+from bagassets.engine.plan import Plan, Recorded, make_plan
 from bagassets.forkserver.client import Client
 from bagassets.forkserver.tasks import connect, server_spec, submit_build
 from bagassets.recipe.project import dagster_home
 
-__all__ = ["BuildReport", "Event", "build"]
+__all__ = ["Situation", "build", "survey"]
 
 SUCCESS = "SUCCESS"
+_CANCEL_GRACE_S = 20.0
+_POLL_S = 0.5
+
+Listener = Callable[[Event], None]
+Records = dict[str, dict[str, Recorded]]
 
 
 @dataclass(frozen=True)
-class Event:
-    """Progress: `started`, `done` or `failed` of a recording, or of the dataset (key empty)."""
-
-    kind: str
-    key: str
-    message: str = ""
-
-
-@dataclass
-class BuildReport:
-    """What a build came to.
+class Situation:
+    """The state of everything as it is now.
 
     Attributes:
-        built: recordings whose runs succeeded.
-        failed: recording -> sentence.
-        fresh: recordings that needed nothing.
-        skipped: recording -> why it takes no part.
-        removed: recordings that were gone.
-        dataset: `updated`, `fresh` or `failed`.
+        plan: state of each asset of each recording.
+        recorded: asset -> partition key -> what Dagster recorded last.
+        inputs: what the dataset would be made from.
+        dataset_is_current: the dataset on disk was made from them.
+        discovery: the recordings on disk.
+        live: the registered partition keys.
     """
 
-    built: list[str] = field(default_factory=list)
-    failed: dict[str, str] = field(default_factory=dict)
-    fresh: list[str] = field(default_factory=list)
-    skipped: dict[str, str] = field(default_factory=dict)
-    removed: list[str] = field(default_factory=list)
-    dataset: str = "fresh"
+    plan: Plan
+    recorded: Records
+    inputs: DatasetInputs
+    dataset_is_current: bool
+    discovery: Discovery
+    live: frozenset[str]
 
 
-def build(
-    recipe_file: Path, *, jobs: int, retry_failed: bool, on_event: Callable[[Event], None]
-) -> BuildReport:
+def survey(instance: dg.DagsterInstance, workspace: Workspace) -> Situation:
+    """Look at everything and decide, changing nothing.
+
+    Raises:
+        BagAssetsError: the recipe or the bag root is not usable.
+    """
+    recipe, discovery = workspace.recipe, workspace.discover()
+    live = live_partitions(instance, recipe)
+    recorded = recorded_states(instance)
+    plan = make_plan(recipe, workspace.store, discovery, recorded, live, workspace.index)
+    inputs = select_inputs(plan, recorded, live)
+    current = dataset_is_current(instance, recipe, inputs)
+    return Situation(plan, recorded, inputs, current, discovery, live)
+
+
+def build(recipe_file: Path, options: BuildOptions, on_event: Listener) -> BuildReport:
     """Bring all recordings and the dataset up to date.
 
     Raises:
         BagAssetsError: the recipe, the bag root or the server is not usable.
     """
+    started = time.monotonic()
+    recipe_file = recipe_file.absolute()
     workspace = Workspace(recipe_file=str(recipe_file))
     recipe = workspace.recipe
     home = str(dagster_home(recipe_file, recipe))
     os.environ["BAGASSETS_RECIPE"] = str(recipe_file)
-    report = BuildReport()
     with open_instance(home) as instance:
-        plan = _plan(instance, workspace, report)
-        todo = _todo(plan, report, retry_failed=retry_failed)
-        inputs = current_inputs(instance, workspace)
-        if not todo and dataset_is_current(instance, recipe, inputs):
-            return report
-        with connect(server_spec(recipe.state, recipe_file), home) as client:
-            _run_all(client, home, todo, jobs, report, on_event)
-            inputs = current_inputs(instance, workspace)
-            report.skipped = dict(inputs.skipped)
-            if not dataset_is_current(instance, recipe, inputs):
-                record_inputs(instance, inputs)
-                report.dataset = _run_dataset(client, home, report, on_event)
+        before = survey(instance, workspace)
+        removed = _register(instance, workspace, before)
+        todo = {
+            key: bag.to_run(retry_failed=options.retry_failed, select=options.select)
+            for key, bag in before.plan.bags.items()
+            if options.bags is None or key in options.bags
+        }
+        todo = {key: assets for key, assets in todo.items() if assets}
+        report = BuildReport(before.plan, dataset_path=recipe.nuscenes.output, removed=removed)
+        with_dataset = options.select is None or DATASET in options.select
+        now = before
+        if todo or (with_dataset and not before.dataset_is_current) or removed:
+            with connect(server_spec(recipe.state, recipe_file), home) as client:
+                sizes = {key: before.discovery.found[key].size for key in todo}
+                on_event(Event("planned", sizes=sizes))
+                runs = _Runs(client, home, options.jobs, on_event)
+                runs.work(todo)
+                now = survey(instance, workspace)
+                if with_dataset and not now.dataset_is_current and not runs.interrupted:
+                    record_inputs(instance, now.inputs)
+                    runs.work({"": (DATASET,)})
+            report.interrupted = runs.interrupted
+            report.outcomes = {
+                key: _outcome(now.recorded, key, ended) for key, ended in runs.ended.items() if key
+            }
+            report.dataset, report.dataset_problem = _dataset_outcome(runs.ended.get(""))
+        if not with_dataset:
+            report.dataset = "not selected"
+        report.plan = now.plan
+        _add_idle(report, options)
+    report.seconds = time.monotonic() - started
     return report
 
 
-def _plan(instance: dg.DagsterInstance, workspace: Workspace, report: BuildReport) -> Plan:
-    """Register what is new, drop what is gone, and decide."""
-    recipe, discovery = workspace.recipe, workspace.discover()
-    live = live_partitions(instance, recipe)
-    for key in sorted(live - discovery.found.keys()):
-        remove_partition(instance, recipe, key)
-        report.removed.append(key)
-    add_partitions(instance, recipe, sorted(discovery.found.keys() - live))
-    live = frozenset(discovery.found)
-    recorded = recorded_states(instance)
-    return make_plan(recipe, workspace.store, discovery, recorded, live, workspace.index)
+def _register(instance: dg.DagsterInstance, workspace: Workspace, situation: Situation) -> tuple[str, ...]:
+    """Make partitions of what is new, drop those of what is gone, and return the latter."""
+    found = situation.discovery.found.keys()
+    removed = tuple(sorted(situation.live - found))
+    for key in removed:
+        remove_partition(instance, workspace.recipe, key)
+    add_partitions(instance, workspace.recipe, sorted(found - situation.live))
+    return removed
 
 
-def _todo(plan: Plan, report: BuildReport, *, retry_failed: bool) -> list[str]:
-    todo = []
-    for key, bag in plan.bags.items():
-        if bag.to_run(retry_failed=retry_failed):
-            todo.append(key)
-        elif bag.skipped is not None:
-            report.skipped[key] = bag.skipped
-        elif bag.failed is not None:
-            report.failed[key] = f"{bag.failed} (failed before; --retry-failed tries again)"
-        else:
-            report.fresh.append(key)
-    return todo
+@dataclass(frozen=True)
+class _Ended:
+    """How one run ended: its id, why it failed (None if it did not), whether it was stopped."""
+
+    run_id: str
+    problem: str | None
+    stopped: bool
+    seconds: float
 
 
-def _run_all(
-    client: Client,
-    home: str,
-    todo: list[str],
-    jobs: int,
-    report: BuildReport,
-    on_event: Callable[[Event], None],
-) -> None:
-    waiting = list(reversed(todo))
-    running: dict[str, str] = {}
-    while waiting or running:
-        while waiting and len(running) < jobs:
-            key = waiting.pop()
-            job, _ = submit_build(client, home, RECORDING_ASSETS, partition_key=key)
-            running[job] = key
-            on_event(Event("started", key))
-        event = client.wait()
+@dataclass
+class _Runs:
+    """Runs on the workers of a server, a limited number at a time."""
+
+    client: Client
+    home: str
+    jobs: int
+    on_event: Listener
+    ended: dict[str, _Ended] = field(default_factory=dict)
+    interrupted: bool = False
+
+    def work(self, todo: dict[str, tuple[str, ...]]) -> None:
+        """Run the assets of each recording; the key of unpartitioned assets is empty.
+
+        On an interrupt the runs are cancelled and their end is awaited; a second one does not wait.
+        """
+        waiting = list(reversed(todo.items()))
+        running: dict[str, tuple[str, str, float]] = {}
+        try:
+            while waiting or running:
+                while waiting and len(running) < self.jobs:
+                    key, assets = waiting.pop()
+                    job, run_id = submit_build(self.client, self.home, assets, partition_key=key or None)
+                    running[job] = (key, run_id, time.monotonic())
+                    self.on_event(Event("started", key))
+                self._take(running, None)
+        except KeyboardInterrupt:
+            self.interrupted = True
+            self._stop(running)
+            for key, _ in waiting:
+                self.ended[key] = _Ended("", None, stopped=True, seconds=0.0)
+
+    def _stop(self, running: dict[str, tuple[str, str, float]]) -> None:
+        for job in running:
+            self.client.cancel(job, grace_s=_CANCEL_GRACE_S)
+        deadline = time.monotonic() + _CANCEL_GRACE_S + 5.0
+        while running and time.monotonic() < deadline:
+            self._take(running, _POLL_S)
+
+    def _take(self, running: dict[str, tuple[str, str, float]], timeout_s: float | None) -> None:
+        """Wait for one event and note the end of a run."""
+        event = self.client.wait(timeout_s)
         if event is None or event["event"] not in {"finished", "killed"} or event["job"] not in running:
-            continue
-        key = running.pop(event["job"])
+            return
+        key, run_id, since = running.pop(event["job"])
         problem = _problem(event)
-        if problem is None:
-            report.built.append(key)
-            on_event(Event("done", key))
+        stopped = problem is not None and self.interrupted
+        self.ended[key] = _Ended(run_id, problem, stopped, time.monotonic() - since)
+        if stopped:
+            self.on_event(Event("stopped", key))
+        elif problem is not None:
+            self.on_event(Event("failed", key, problem))
         else:
-            report.failed[key] = problem
-            on_event(Event("failed", key, problem))
+            self.on_event(Event("done", key))
 
 
-def _run_dataset(client: Client, home: str, report: BuildReport, on_event: Callable[[Event], None]) -> str:
-    on_event(Event("started", ""))
-    job, _ = submit_build(client, home, ["nuscenes_dataset"])
-    while True:
-        event = client.wait()
-        if event is not None and event["event"] in {"finished", "killed"} and event["job"] == job:
-            break
-    problem = _problem(event)
-    if problem is None:
-        on_event(Event("done", ""))
-        return "updated"
-    report.failed["dataset"] = problem
-    on_event(Event("failed", "", problem))
-    return "failed"
+def _outcome(recorded: Records, key: str, ended: _Ended) -> BagOutcome:
+    if ended.stopped:
+        return BagOutcome("stopped", "the build was interrupted; the next one carries on", ended.seconds)
+    if ended.problem is not None:
+        return BagOutcome("failed", ended.problem, ended.seconds)
+    made = [records[key] for asset, records in recorded.items() if key in records and asset != "bag"]
+    ran = any(record.run_id == ended.run_id and record.cached is False for record in made)
+    return BagOutcome("built" if ran else "hit", seconds=ended.seconds)
+
+
+def _dataset_outcome(ended: _Ended | None) -> tuple[str, str]:
+    if ended is None:
+        return "fresh", ""
+    if ended.stopped:
+        return "stopped", ""
+    return ("updated", "") if ended.problem is None else ("failed", ended.problem)
+
+
+def _add_idle(report: BuildReport, options: BuildOptions) -> None:
+    """Add the recordings that had no run, and tell of those with one that they take no part."""
+    for key, bag in report.plan.bags.items():
+        ran = report.outcomes.get(key)
+        if options.bags is not None and key not in options.bags:
+            continue
+        if bag.skipped is not None and (ran is None or ran.result in {"built", "hit"}):
+            report.outcomes[key] = BagOutcome("skipped", bag.skipped, ran.seconds if ran else 0.0)
+        elif ran is None and bag.failed is not None:
+            report.outcomes[key] = BagOutcome(
+                "failed", f"{bag.failed} (failed before; --retry-failed tries again)"
+            )
+        elif ran is None:
+            report.outcomes[key] = BagOutcome("fresh")
+    report.outcomes = dict(sorted(report.outcomes.items()))
 
 
 def _problem(event: dict[str, Any]) -> str | None:

@@ -50,7 +50,7 @@ def recorded_partition(instance: dg.DagsterInstance, asset: str, partition_key: 
     )
     for record in result.records:
         if record.asset_materialization is not None:
-            return _recorded(record.asset_materialization)
+            return _recorded(record.asset_materialization, record.run_id)
     return None
 
 
@@ -81,13 +81,15 @@ def _latest(instance: dg.DagsterInstance, key: dg.AssetKey) -> dict[str, Recorde
         for record in result.records:
             materialization = record.asset_materialization
             if materialization is not None and materialization.partition is not None:
-                latest[materialization.partition] = _recorded(materialization)
+                latest[materialization.partition] = _recorded(materialization, record.run_id)
     return latest
 
 
-def _recorded(materialization: dg.AssetMaterialization) -> Recorded:
+def _recorded(materialization: dg.AssetMaterialization, run_id: str) -> Recorded:
     tags: Mapping[str, str] = materialization.tags or {}
     stat = materialization.metadata.get(STAT)
+    cached = materialization.metadata.get("cached")
+    action = materialization.metadata.get("action_digest")
     inputs = {
         name.removeprefix(INPUT_PREFIX): version
         for name, version in tags.items()
@@ -98,4 +100,7 @@ def _recorded(materialization: dg.AssetMaterialization) -> Recorded:
         code_version=tags.get(CODE_VERSION),
         inputs=inputs,
         stat=None if stat is None else RecordingStat.from_json(json.loads(str(stat.value))),
+        cached=None if cached is None else bool(cached.value),
+        action=None if action is None else str(action.value),
+        run_id=run_id,
     )

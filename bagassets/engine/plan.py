@@ -4,17 +4,18 @@ One function decides for the command line, the sensor and the status table alike
 what Dagster has recorded, what the store knows and what lies on disk; it runs nothing.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from hashlib import sha256
 from typing import Literal
 
 from bagassets.bags.digest import DigestIndex, RecordingStat, recording_stat, stored_digest
 from bagassets.bags.discover import Discovery
-from bagassets.bags.model import Found
+from bagassets.bags.model import Format, Found
 from bagassets.engine.code_version import code_version
 from bagassets.engine.recording_build import (
     ASSETS,
+    UPSTREAM,
     AssetResult,
     BuildFailure,
     NotMadeError,
@@ -25,7 +26,16 @@ from bagassets.errors import BagAssetsError
 from bagassets.recipe.model import Recipe
 from bagassets.store.store import Store
 
-__all__ = ["RECORDING_ASSETS", "AssetState", "BagPlan", "Plan", "Recorded", "State", "make_plan"]
+__all__ = [
+    "RECORDING_ASSETS",
+    "AssetState",
+    "BagPlan",
+    "Plan",
+    "Recorded",
+    "State",
+    "make_plan",
+    "with_upstream",
+]
 
 State = Literal["fresh", "record-only", "stale", "unknown", "failed", "missing", "skipped"]
 
@@ -41,12 +51,18 @@ class Recorded:
         code_version: step version and recipe fields it was made with.
         inputs: upstream asset -> data version that it was made from.
         stat: for `bag`, sizes and times of the files that its digest holds for.
+        cached: nothing had to run for it; None if it does not say.
+        action: digest of the action that made it.
+        run_id: run that recorded it.
     """
 
     data_version: str
     code_version: str | None
     inputs: Mapping[str, str] = field(default_factory=dict)
     stat: RecordingStat | None = None
+    cached: bool | None = None
+    action: str | None = None
+    run_id: str = ""
 
 
 @dataclass(frozen=True)
@@ -70,6 +86,7 @@ class BagPlan:
 
     key: str
     assets: Mapping[str, AssetState]
+    format: Format = "ros1"
 
     @property
     def skipped(self) -> str | None:
@@ -82,14 +99,33 @@ class BagPlan:
         """The sentence of the first asset that failed, or None."""
         return next((state.reason for state in self.assets.values() if state.state == "failed"), None)
 
-    def to_run(self, *, retry_failed: bool = False) -> tuple[str, ...]:
-        """Return the assets that a run should materialize, in order."""
+    def to_run(self, *, retry_failed: bool = False, select: Collection[str] | None = None) -> tuple[str, ...]:
+        """Return the assets that a run should materialize, in order; none if all is well.
+
+        A run takes all assets, fresh ones too: those are hits, and Dagster's own markers agree afterwards.
+
+        Args:
+            retry_failed: try again what failed before on the same input.
+            select: assets that matter; what they read comes along. None = all.
+        """
         idle = {"fresh", "skipped"} | (set() if retry_failed else {"failed"})
         if self.failed is not None and not retry_failed:
             # What hangs on a failed asset is unknown for ever: nothing to gain from a run.
             idle.add("unknown")
-        names = [name for name, state in self.assets.items() if state.state not in idle]
-        return tuple(names)
+        wanted = RECORDING_ASSETS if select is None else with_upstream(select)
+        return wanted if any(self.assets[name].state not in idle for name in wanted) else ()
+
+
+def with_upstream(assets: Iterable[str]) -> tuple[str, ...]:
+    """Return `assets` (those of a recording among them) and everything that they read, in order."""
+    wanted: set[str] = set()
+    waiting = [asset for asset in assets if asset in RECORDING_ASSETS]
+    while waiting:
+        asset = waiting.pop()
+        if asset not in wanted:
+            wanted.add(asset)
+            waiting += ["bag", *UPSTREAM[asset]] if asset != "bag" else []
+    return tuple(name for name in RECORDING_ASSETS if name in wanted)
 
 
 @dataclass(frozen=True)
@@ -123,7 +159,7 @@ def make_plan(
     bags = {}
     for key, found in discovery.found.items():
         latest = {asset: records[key] for asset, records in recorded.items() if key in records}
-        bags[key] = BagPlan(key, _states(recipe, store, found, latest, versions, index))
+        bags[key] = BagPlan(key, _states(recipe, store, found, latest, versions, index), found.format)
     removed = tuple(sorted(registered - discovery.found.keys()))
     return Plan(bags, dict(discovery.excluded), removed)
 

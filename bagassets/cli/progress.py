@@ -1,0 +1,161 @@
+"""What a build shows while it works: a live display on a terminal, plain lines elsewhere."""
+
+import sys
+import time
+from types import TracebackType
+from typing import TYPE_CHECKING, Protocol, Self
+
+import click
+
+from bagassets.engine.build_report import Event
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+    from rich.live import Live
+
+__all__ = ["BuildProgress", "LinesProgress", "LiveProgress", "SilentProgress", "progress_for"]
+
+_BAR_WIDTH = 30
+_MOST_SHOWN = 12
+
+
+class BuildProgress(Protocol):
+    """Takes the events of a build."""
+
+    def __call__(self, event: Event) -> None:
+        """Show an event."""
+        ...
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None: ...
+
+
+class SilentProgress:
+    """Shows nothing."""
+
+    def __call__(self, event: Event) -> None:
+        """Take an event."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+
+class LinesProgress(SilentProgress):
+    """One line when a recording is begun and when it is done, for logs."""
+
+    def __init__(self) -> None:
+        self._total = self._ended = 0
+        self._since: dict[str, float] = {}
+
+    def __call__(self, event: Event) -> None:
+        """Print an event."""
+        now = time.monotonic()
+        if event.kind == "planned":
+            self._total = len(event.sizes)
+            click.echo(f"{self._total} recordings need a run.")
+        elif event.kind == "started":
+            self._since[event.key] = now
+            click.echo(f"start    {event.key or 'dataset'}")
+        else:
+            self._ended += bool(event.key)
+            took = now - self._since.pop(event.key, now)
+            reason = f": {event.message}" if event.message else ""
+            place = f"{self._ended}/{self._total} " if event.key else ""
+            click.echo(f"{event.kind:<8} {place}{event.key or 'dataset'} ({took:.1f} s){reason}")
+
+
+class LiveProgress(SilentProgress):
+    """A bar with done/total and the time left, and a line per recording in work.
+
+    The time left is that of the bytes left at the pace so far; it is shown once something is done.
+    """
+
+    def __init__(self) -> None:
+        self._sizes: dict[str, int] = {}
+        self._since: dict[str, float] = {}
+        self._done: set[str] = set()
+        self._failed = 0
+        self._began = time.monotonic()
+        self._live: Live | None = None
+
+    def __call__(self, event: Event) -> None:
+        """Note an event and draw anew."""
+        now = time.monotonic()
+        if event.kind == "planned":
+            self._sizes = dict(event.sizes)
+            self._began = now
+        elif event.kind == "started":
+            self._since[event.key] = now
+        else:
+            self._since.pop(event.key, None)
+            self._done.add(event.key)
+            self._failed += event.kind == "failed"
+            if event.kind == "failed" and self._live is not None:
+                self._live.console.print(
+                    f"failed {event.key or 'dataset'}: {event.message}", markup=False, soft_wrap=True
+                )
+        if self._live is not None:
+            self._live.refresh()
+
+    def __enter__(self) -> Self:
+        from rich.console import Console  # noqa: PLC0415  (0.1 s, not paid where nothing is drawn)
+        from rich.live import Live  # noqa: PLC0415
+
+        console = Console(stderr=True, highlight=False)
+        self._live = Live(console=console, get_renderable=self.render, transient=True, refresh_per_second=4)
+        self._live.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._live is not None:
+            self._live.stop()
+
+    def render(self) -> "RenderableType":
+        """Return the display as it is now."""
+        from rich.console import Group  # noqa: PLC0415
+        from rich.progress_bar import ProgressBar  # noqa: PLC0415
+        from rich.table import Table  # noqa: PLC0415
+        from rich.text import Text  # noqa: PLC0415
+
+        now = time.monotonic()
+        if not self._sizes and not self._since:
+            return Text("looking at recordings …", style="dim")
+        # Every recording counts a little besides its bytes, so that empty ones move the bar as well.
+        weight = {key: size + 1_000_000 for key, size in self._sizes.items()}
+        total = sum(weight.values())
+        done = sum(weight.get(key, 0) for key in self._done)
+        number = len(self._done & weight.keys())
+        text = f"{number}/{len(weight)} recordings, {clock(now - self._began)}"
+        if done and number < len(weight):
+            text += f", about {clock((now - self._began) * (total - done) / done)} left"
+        if self._failed:
+            text += f", {self._failed} failed"
+        row = Table.grid(padding=(0, 1))
+        row.add_row(ProgressBar(total=max(total, 1), completed=done, width=_BAR_WIDTH), text)
+        in_work = [
+            Text(
+                f"  {clock(now - since)}  {key or 'dataset: linking files and writing tables'}", style="cyan"
+            )
+            for key, since in list(self._since.items())[:_MOST_SHOWN]
+        ]
+        return Group(row, *in_work)
+
+
+def clock(seconds: float) -> str:
+    """Return a duration as minutes and seconds, with hours where there are any."""
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02}:{rest:02}" if hours else f"{minutes}:{rest:02}"
+
+
+def progress_for(*, quiet: bool = False) -> BuildProgress:
+    """Return the display that suits standard error: a terminal, or a log."""
+    if quiet:
+        return SilentProgress()
+    return LiveProgress() if sys.stderr.isatty() else LinesProgress()

@@ -1,0 +1,194 @@
+"""The table at the end of a build: what each recording gave, and what was done about it."""
+
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bagassets.engine.build_report import BagOutcome, BuildReport
+from bagassets.engine.plan import BagPlan
+from bagassets.errors import StoreError
+from bagassets.store.store import Store
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+__all__ = ["SummaryRow", "counts_line", "print_summary", "summary_rows", "ui_command"]
+
+# More rows than this are not read; those where something happened are shown then.
+MOST_ROWS = 60
+_WIDTH_OF_LOGS = 120
+_COLOURS = {"built": "green", "hit": "cyan", "failed": "bold red", "stopped": "yellow", "skipped": "dim"}
+_NUMBERS = ("images", "sweeps", "poses", "boxes", "scenes", "keyframes")
+
+
+@dataclass(frozen=True)
+class SummaryRow:
+    """What one recording gave; None where there is nothing to tell.
+
+    Attributes:
+        recording: partition key.
+        format: ros1, ros2 or mcap.
+        span_s: time from first to last message, seconds.
+        images: image files.
+        sweeps: lidar and radar files.
+        poses: ego poses.
+        boxes: 3-D boxes recorded.
+        scenes: nuScenes scenes.
+        keyframes: nuScenes samples.
+        result: see `BagOutcome`.
+        reason: why it was skipped or failed.
+    """
+
+    recording: str
+    format: str | None
+    span_s: float | None
+    images: int | None
+    sweeps: int | None
+    poses: int | None
+    boxes: int | None
+    scenes: int | None
+    keyframes: int | None
+    result: str
+    reason: str
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the row as JSON."""
+        return asdict(self)
+
+
+def summary_rows(report: BuildReport, store: Store | Path, *, most: int | None = None) -> list[SummaryRow]:
+    """Return a row per recording, from what its current artifacts say.
+
+    Args:
+        report: of the build.
+        store: where the artifacts are, or the folder of the store.
+        most: with more recordings than this, only those that were built, failed or stopped.
+    """
+    outcomes = report.outcomes
+    store = Store(store) if isinstance(store, Path) else store
+    if most is not None and len(outcomes) > most:
+        outcomes = report.having("built", "failed", "stopped")
+    return [_row(store, report.plan.bags[key], outcome) for key, outcome in outcomes.items()]
+
+
+def print_summary(
+    report: BuildReport, rows: Sequence[SummaryRow], recipe_file: Path, console: "Console | None" = None
+) -> None:
+    """Print the table, the dataset's path and the line that opens the web UI."""
+    from rich.console import Console  # noqa: PLC0415  (0.1 s, not paid for --help)
+
+    console = console or Console(highlight=False, width=None if sys.stdout.isatty() else _WIDTH_OF_LOGS)
+    if rows:
+        console.print(_table(rows))
+    for row in rows:
+        if row.reason:
+            console.print(f"[{_COLOURS[row.result]}]{row.result}[/] ", end="")
+            console.print(f"{row.recording}: {row.reason}", markup=False, soft_wrap=True)
+    if len(rows) < len(report.outcomes):
+        console.print(f"{len(report.outcomes) - len(rows)} more recordings; `bagassets status` lists all.")
+    for relative, reason in report.plan.excluded.items():
+        if not reason.startswith("not matched"):
+            console.print(f"left out {relative}: {reason}", markup=False, soft_wrap=True)
+    for key in report.removed:
+        console.print(f"removed {key}", markup=False, soft_wrap=True)
+    console.print(counts_line(report), markup=False, soft_wrap=True)
+    _print_dataset(report, console)
+    console.print(f"web UI:  {ui_command(recipe_file)}", markup=False, soft_wrap=True)
+
+
+def counts_line(report: BuildReport) -> str:
+    """Return one line of what was done."""
+    counts = [f"{number} {result}" for result, number in report.counts().items() if number]
+    return f"{', '.join(counts) or 'no recordings'} in {report.seconds:.1f} s"
+
+
+def ui_command(recipe_file: Path) -> str:
+    """Return the command that opens the web UI, as typed in the current folder."""
+    if recipe_file.absolute() == Path.cwd() / "recipe.yaml":
+        return "bagassets ui"
+    path = recipe_file.absolute()
+    here = Path.cwd()
+    return f"bagassets ui --recipe {_quoted(path.relative_to(here) if path.is_relative_to(here) else path)}"
+
+
+def _quoted(path: Path) -> str:
+    import shlex  # noqa: PLC0415
+
+    return shlex.quote(str(path))
+
+
+def _print_dataset(report: BuildReport, console: "Console") -> None:
+    state = {"fresh": "up to date", "stopped": "not updated"}.get(report.dataset, report.dataset)
+    console.print(f"dataset: {report.dataset_path} ({state})", markup=False, soft_wrap=True)
+    if report.dataset_problem:
+        console.print(f"         {report.dataset_problem}", markup=False, soft_wrap=True)
+
+
+def _row(store: Store, bag: BagPlan, outcome: BagOutcome) -> SummaryRow:
+    inventory, poses = _summary(store, bag, "inventory"), _summary(store, bag, "ego_poses")
+    boxes, tables = _summary(store, bag, "annotations"), _summary(store, bag, "nuscenes_tables")
+    counts = tables.get("counts", {})
+    return SummaryRow(
+        recording=bag.key,
+        format=bag.format,
+        span_s=inventory.get("duration_s"),
+        images=_written(_summary(store, bag, "frames")),
+        sweeps=_written(_summary(store, bag, "sweeps")),
+        poses=poses.get("count"),
+        boxes=boxes.get("boxes"),
+        scenes=counts.get("scenes"),
+        keyframes=counts.get("samples"),
+        result=outcome.result,
+        reason=outcome.reason,
+    )
+
+
+def _summary(store: Store, bag: BagPlan, asset: str) -> dict[str, Any]:
+    digest = bag.assets[asset].data_version
+    if digest is None:
+        return {}
+    try:
+        return store.artifact(digest).summary()
+    except StoreError:
+        return {}
+
+
+def _written(summary: Mapping[str, Any]) -> int | None:
+    channels = summary.get("channels")
+    return None if channels is None else sum(counts["written"] for counts in channels.values())
+
+
+def _table(rows: Sequence[SummaryRow]) -> Any:
+    from rich import box  # noqa: PLC0415
+    from rich.table import Table  # noqa: PLC0415
+    from rich.text import Text  # noqa: PLC0415
+
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=0)
+    table.add_column("recording", overflow="fold", min_width=9)
+    table.add_column("format", no_wrap=True)
+    table.add_column("span", justify="right", no_wrap=True)
+    for name in _NUMBERS:
+        table.add_column(name, justify="right", no_wrap=True)
+    table.add_column("result", no_wrap=True)
+    for row in rows:
+        numbers = [_number(getattr(row, name)) for name in _NUMBERS]
+        result = Text(row.result, style=_COLOURS.get(row.result, ""))
+        table.add_row(row.recording, row.format or "", span_text(row.span_s), *numbers, result)
+    return table
+
+
+def span_text(seconds: float | None) -> str:
+    """Return a duration for people: `7.5 s`, `2:03 min`, `1:02:03 h`."""
+    if seconds is None:
+        return ""
+    if seconds < 60:
+        return f"{seconds:.1f} s"
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02}:{rest:02} h" if hours else f"{minutes}:{rest:02} min"
+
+
+def _number(value: int | None) -> str:
+    return "" if value is None else f"{value}"

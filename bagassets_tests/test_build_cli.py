@@ -1,0 +1,170 @@
+"""`bagassets build`: its table, progress and exit codes, on real projects."""
+
+import io
+import json
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+from rich.console import Console
+
+from bagassets.cli import progress
+from bagassets.cli.main import root
+from bagassets.cli.summary import counts_line, print_summary, span_text, summary_rows, ui_command
+from bagassets.engine.build_report import BagOutcome, BuildReport, Event
+from bagassets.engine.plan import RECORDING_ASSETS, AssetState, BagPlan, Plan
+from bagassets.store.store import Store
+
+
+def bag_plan(key, versions=None):
+    states = {
+        name: AssetState("fresh", "up to date", (versions or {}).get(name)) for name in RECORDING_ASSETS
+    }
+    return BagPlan(key, states, "mcap")
+
+
+def artifact(store, summary):
+    from bagassets.store.action import Action
+
+    action = Action("test", 1, params={"summary": json.dumps(summary)})
+    return store.run(action, lambda _out: summary).artifact.digest
+
+
+@pytest.fixture
+def report(tmp_path):
+    store = Store(tmp_path / "store")
+    channels = {"A": {"read": 3, "written": 3}, "B": {"read": 3, "written": 2, "lost": {"torn": 1}}}
+    versions = {
+        "inventory": artifact(store, {"duration_s": 75.2}),
+        "frames": artifact(store, {"channels": channels}),
+        "sweeps": artifact(store, {"channels": {}}),
+        "ego_poses": artifact(store, {"count": 7}),
+        "annotations": artifact(store, {"boxes": 11}),
+        "nuscenes_tables": artifact(store, {"counts": {"scenes": 2, "samples": 13}}),
+    }
+    plan = Plan({"a": bag_plan("a", versions), "b": bag_plan("b")}, {"c.bag": "its key a is that of a"}, ())
+    outcomes = {"a": BagOutcome("built"), "b": BagOutcome("failed", "b.bag: [torn] at its end.")}
+    return store, BuildReport(plan, outcomes, ("old",), dataset="updated", dataset_path=Path("/data set"))
+
+
+def test_a_row_holds_what_the_current_artifacts_say(report):
+    store, built = report
+    a, b = summary_rows(built, store)
+    assert a.as_json() == {
+        "recording": "a",
+        "format": "mcap",
+        "span_s": 75.2,
+        "images": 5,
+        "sweeps": 0,
+        "poses": 7,
+        "boxes": 11,
+        "scenes": 2,
+        "keyframes": 13,
+        "result": "built",
+        "reason": "",
+    }
+    assert (b.images, b.keyframes, b.result) == (None, None, "failed")
+
+
+def test_an_artifact_that_is_gone_leaves_its_cells_empty(report):
+    store, built = report
+    for folder in (store.root / "artifacts").glob("*/*/manifest.json"):
+        folder.unlink()
+    assert summary_rows(built, store)[0].images is None
+
+
+def test_with_many_recordings_only_those_where_something_happened_are_read(report):
+    store, built = report
+    built.outcomes["b"] = BagOutcome("fresh")
+    assert [row.recording for row in summary_rows(built, store.root, most=1)] == ["a"]
+
+
+def test_the_table_fits_80_columns_and_tells_everything(report):
+    store, built = report
+    stream = io.StringIO()
+    print_summary(built, summary_rows(built, store), Path("/p/recipe.yaml"), Console(file=stream, width=80))
+    text = stream.getvalue()
+    assert "keyframes result" in text
+    (row,) = [line for line in text.splitlines() if line.lstrip().startswith("a ")]
+    assert row.split() == ["a", "mcap", "1:15", "min", "5", "0", "7", "11", "2", "13", "built"]
+    assert "failed b: b.bag: [torn] at its end." in text
+    assert "left out c.bag: its key a is that of a" in text
+    assert "removed old" in text
+    assert "dataset: /data set (updated)" in text
+    assert "bagassets ui --recipe /p/recipe.yaml" in text
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [(None, ""), (0.0, "0.0 s"), (59.94, "59.9 s"), (61.0, "1:01 min"), (3723.4, "1:02:03 h")],
+)
+def test_durations_are_told_for_people(seconds, text):
+    assert span_text(seconds) == text
+
+
+def test_the_line_that_opens_the_ui_can_be_pasted(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert ui_command(Path("recipe.yaml")) == "bagassets ui"
+    assert ui_command(tmp_path / "my demo" / "recipe.yaml") == "bagassets ui --recipe 'my demo/recipe.yaml'"
+    assert ui_command(Path("/elsewhere/recipe.yaml")) == "bagassets ui --recipe /elsewhere/recipe.yaml"
+
+
+def test_counts_name_what_there_is():
+    assert counts_line(BuildReport(Plan({}, {}, ()))) == "no recordings in 0.0 s"
+
+
+def test_without_a_terminal_progress_is_plain_lines(capsys):
+    show = progress.LinesProgress()
+    with show:
+        show(Event("planned", sizes={"a": 1, "b": 2}))
+        show(Event("started", "a"))
+        show(Event("failed", "a", "a.bag: broken."))
+        show(Event("started"))
+        show(Event("done"))
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == "2 recordings need a run."
+    assert lines[2].startswith("failed   1/2 a (0.")
+    assert lines[2].endswith("a.bag: broken.")
+    assert lines[4].startswith("done     dataset")
+
+
+def drawn(show):
+    stream = io.StringIO()
+    Console(file=stream, width=100).print(show.render())
+    return stream.getvalue()
+
+
+def test_on_a_terminal_it_tells_what_is_in_work_done_and_left(monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr(progress.time, "monotonic", lambda: now[0])
+    show = progress.LiveProgress()
+    assert "looking" in drawn(show)
+    show(Event("planned", sizes={"small": 0, "big": 3_000_000}))
+    show(Event("started", "small"))
+    show(Event("started", "big"))
+    now[0] += 10
+    assert "0/2 recordings, 0:10" in drawn(show)
+    assert "left" not in drawn(show), "nothing is known yet"
+    show(Event("done", "small"))
+    text = drawn(show)
+    # A recording weighs its bytes and 1 MB: one of five parts took 10 s.
+    assert "1/2 recordings, 0:10, about 0:40 left" in text
+    assert "0:10  big" in text
+    assert "small" not in text
+    show(Event("failed", "big", "no"))
+    assert "2/2 recordings, 0:10, 1 failed" in drawn(show)
+
+
+def run(*args):
+    return CliRunner().invoke(root, [str(arg) for arg in args])
+
+
+def test_a_missing_recipe_is_refused_in_one_sentence(tmp_path):
+    done = run("build", "--recipe", tmp_path / "recipe.yaml")
+    assert done.exit_code == 1
+    assert "no recipe here" in str(done.exception)
+
+
+@pytest.mark.parametrize("jobs", ["0", "-1", "two"])
+def test_jobs_that_make_no_sense_are_wrong_usage(jobs):
+    assert run("build", "--jobs", jobs).exit_code == 2
