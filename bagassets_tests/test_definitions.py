@@ -12,6 +12,7 @@ from bagassets.defs.location import build_definitions
 from bagassets.defs.partitions import add_partitions
 from bagassets.defs.workspace import Workspace
 from bagassets.engine.plan import RECORDING_ASSETS, make_plan
+from bagassets.quality.catalogue import DATASET_CHECKS, RECORDING_CHECKS
 from bagassets.recipe import load_recipe
 from bagassets_tests.small_drive import RECIPE, write_drive
 
@@ -66,7 +67,7 @@ def test_everything_materializes_and_is_fresh_afterwards(project):
     checks = [
         e.event_specific_data for e in result.all_events if e.event_type_value == "ASSET_CHECK_EVALUATION"
     ]
-    assert len(checks) == 3
+    assert len(checks) == len(RECORDING_CHECKS) + len(DATASET_CHECKS)
     assert all(check.passed for check in checks)
 
 

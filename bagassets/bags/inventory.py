@@ -75,6 +75,7 @@ class TopicRecord:
         packed: its messages are kept in `messages.parquet`.
         problem: why its messages cannot be decoded; None if they can.
         definition: what its messages are decoded with.
+        first_unordered_ns: the first header stamp that is smaller than the one before; None if there is none.
     """
 
     name: str
@@ -97,6 +98,7 @@ class TopicRecord:
     packed: bool
     problem: str | None
     definition: Definition
+    first_unordered_ns: int | None = None
 
     @classmethod
     def from_json(cls, value: Mapping[str, Any]) -> Self:

@@ -1,59 +1,115 @@
-"""Asset checks per recording: what a finished asset must satisfy."""
+"""Asset checks: the rules of `bagassets.quality`, shown per recording and for the dataset."""
+
+from collections.abc import Iterator, Sequence
 
 import dagster as dg
 
 from bagassets.defs.reporting import failures_in_words
 from bagassets.defs.workspace import Workspace, recording_partitions
-from bagassets.nuscenes.check import check_tables
-from bagassets.nuscenes.schema import RECORDING_TABLES
+from bagassets.errors import RecipeError
+from bagassets.quality.catalogue import (
+    DATASET_CHECKS,
+    RECORDING_CHECKS,
+    RecordingCheck,
+    check_dataset_now,
+    severity_of,
+)
+from bagassets.quality.evidence import Evidence
+from bagassets.quality.finding import Finding
 from bagassets.recipe.model import Recipe
+from bagassets.recipe.model_checks import Severity
+from bagassets.steps.selection import choose_rig
 
-__all__ = ["recording_checks"]
+__all__ = ["dataset_checks", "recording_checks"]
+
+MOST_SENTENCES = 20
+DATASET = "nuscenes_dataset"
 
 
 def recording_checks(recipe: Recipe) -> list[dg.AssetChecksDefinition]:
-    """Return the checks; they are partitioned, or one recording's pass would hide another's failure."""
+    """Return the checks of a recording's assets.
+
+    They are partitioned, or one recording's pass would hide another's failure. The checks of
+    what is read from the recording are one operation and those of its tables another, because
+    each operation costs a run 0.1 s, and tables may fail where the rest did not.
+    """
+    wanted = [check for check in RECORDING_CHECKS if severity_of(recipe.checks, check.section) != "skip"]
+    of_tables = [check for check in wanted if check.asset == "nuscenes_tables"]
+    of_extracts = [check for check in wanted if check.asset != "nuscenes_tables"]
+    groups = (("recording_checks", of_extracts), ("tables_checks", of_tables))
+    return [_operation(recipe, name, checks) for name, checks in groups if checks]
+
+
+def _operation(recipe: Recipe, name: str, checks: Sequence[RecordingCheck]) -> dg.AssetChecksDefinition:
     partitions = recording_partitions(recipe)
 
-    def channels_check(asset: str) -> dg.AssetChecksDefinition:
-        @dg.asset_check(
-            asset=asset,
-            name=f"{asset}_complete",
-            partitions_def=partitions,
-            description="Every message read was written or counted as lost, and every channel has readings.",
-        )
-        def check(context: dg.AssetCheckExecutionContext, workspace: Workspace) -> dg.AssetCheckResult:
-            with failures_in_words():
-                channels = workspace.artifact(context, asset).read_json("channels.json")
-            empty = [name for name, entry in sorted(channels.items()) if not entry["counts"]["written"]]
-            lost = {
-                name: sum(entry["counts"]["lost"].values())
-                for name, entry in channels.items()
-                if entry["counts"]["lost"]
-            }
-            return dg.AssetCheckResult(
-                passed=not empty,
-                metadata={"channels": len(channels), "empty": ", ".join(empty) or "none", "lost": lost},
+    @dg.multi_asset_check(
+        name=name,
+        can_subset=True,
+        specs=[
+            dg.AssetCheckSpec(
+                check.name, asset=check.asset, description=check.description, partitions_def=partitions
             )
-
-        return check
-
-    @dg.asset_check(
-        asset="nuscenes_tables",
-        name="tables_consistent",
-        partitions_def=partitions,
-        description="Every token a row refers to exists, none exists twice, chains are closed.",
+            for check in checks
+        ],
     )
-    def tables_consistent(
-        context: dg.AssetCheckExecutionContext, workspace: Workspace
-    ) -> dg.AssetCheckResult:
+    def run(context: dg.AssetCheckExecutionContext, workspace: Workspace) -> Iterator[dg.AssetCheckResult]:
+        selected = {(key.asset_key.to_user_string(), key.name) for key in context.selected_asset_check_keys}
         with failures_in_words():
-            artifact = workspace.artifact(context, "nuscenes_tables")
-            tables = {name: artifact.read_json(f"{name}.json") for name in RECORDING_TABLES}
-        problems = check_tables(tables)
-        return dg.AssetCheckResult(
-            passed=not problems,
-            metadata={"problems": len(problems), "first": problems[0] if problems else "none"},
-        )
+            evidence = _evidence(context, workspace)
+            for check in checks:
+                if (check.asset, check.name) in selected:
+                    severity = severity_of(evidence.checks, check.section)
+                    yield _result(check.asset, check.name, check.rule(evidence), severity)
 
-    return [channels_check("frames"), channels_check("sweeps"), tables_consistent]
+    return run
+
+
+def _evidence(context: dg.AssetCheckExecutionContext, workspace: Workspace) -> Evidence:
+    found = workspace.found(context.partition_key)
+    rig = choose_rig(workspace.recipe, found.relative)
+    if rig is None:
+        raise RecipeError(f"{found.relative}: no rig of the recipe matches; correct rigs[].match.")
+    return Evidence(
+        workspace.recipe.checks, rig, workspace.store, lambda asset: workspace.artifact(context, asset)
+    )
+
+
+def dataset_checks(recipe: Recipe) -> list[dg.AssetChecksDefinition]:
+    """Return the checks of the dataset as it lies on disk."""
+    wanted = [check for check in DATASET_CHECKS if severity_of(recipe.checks, check.section) != "skip"]
+    if not wanted:
+        return []
+
+    @dg.multi_asset_check(
+        name="dataset_checks",
+        specs=[
+            dg.AssetCheckSpec(check.name, asset=DATASET, description=check.description) for check in wanted
+        ],
+    )
+    def run(workspace: Workspace) -> Iterator[dg.AssetCheckResult]:
+        settings, checks = workspace.recipe.nuscenes, workspace.recipe.checks
+        with failures_in_words():
+            findings = check_dataset_now(settings.output, settings.version, checks)
+        for check in wanted:
+            severity = severity_of(checks, check.section)
+            yield _result(DATASET, check.name, findings[check.name], severity)
+
+    return [run]
+
+
+def _result(asset: str, name: str, finding: Finding, severity: Severity) -> dg.AssetCheckResult:
+    sentences = "\n".join(f"- {problem}" for problem in finding.problems[:MOST_SENTENCES])
+    metadata: dict[str, dg.MetadataValue | int] = {"problems": len(finding.problems)}
+    if sentences:
+        metadata["found"] = dg.MetadataValue.md(sentences)
+    if finding.facts:
+        metadata["facts"] = dg.MetadataValue.json(dict(finding.facts))
+    return dg.AssetCheckResult(
+        passed=finding.passed,
+        asset_key=asset,
+        check_name=name,
+        severity=dg.AssetCheckSeverity.WARN if severity == "warn" else dg.AssetCheckSeverity.ERROR,
+        description=finding.problems[0] if finding.problems else None,
+        metadata=metadata,
+    )

@@ -6,7 +6,7 @@ from pathlib import Path
 import dagster as dg
 
 from bagassets.defs.assets import recording_assets
-from bagassets.defs.checks import recording_checks
+from bagassets.defs.checks import dataset_checks, recording_checks
 from bagassets.defs.dataset import dataset_assets
 from bagassets.defs.sensor import recordings_sensor
 from bagassets.defs.workspace import Workspace
@@ -29,7 +29,7 @@ def build_definitions(recipe_file: Path) -> dg.Definitions:
         # Partitioned checks are a preview: without partitions one recording's pass would hide
         # another's failure.
         warnings.simplefilter("ignore", category=dg.PreviewWarning)
-        checks = recording_checks(recipe)
+        checks = [*recording_checks(recipe), *dataset_checks(recipe)]
     return dg.Definitions(
         assets=[*recording_assets(recipe), *dataset_assets(recipe)],
         asset_checks=checks,

@@ -12,7 +12,14 @@ from typing import Any, NamedTuple
 from bagassets.nuscenes.schema import TABLES, Row
 from bagassets.nuscenes.table_file import read_table
 
-__all__ = ["check_dataset", "check_files", "check_tables"]
+__all__ = [
+    "broken_references",
+    "check_dataset",
+    "check_dataset_files",
+    "check_files",
+    "check_tables",
+    "duplicate_tokens",
+]
 
 Tables = Mapping[str, Sequence[Row]]
 
@@ -34,9 +41,17 @@ def check_tables(tables: Tables) -> list[str]:
         tables: table -> rows. References into a table that is not given are not followed, so that
             one recording can be checked by itself.
     """
+    return [*duplicate_tokens(tables), *broken_references(tables)]
+
+
+def broken_references(tables: Tables) -> list[str]:
+    """Check that tokens lead somewhere, chains are closed and in order, and counts are true.
+
+    Args:
+        tables: as for `check_tables`.
+    """
     index = {name: {row["token"]: row for row in rows} for name, rows in tables.items()}
     return [
-        *_duplicates(tables),
         *_references(tables, index),
         *_chains(index),
         *_ends(_Group("scene", "sample", "scene_token", "nbr_samples", "sample_token"), tables, index),
@@ -83,6 +98,15 @@ def check_dataset(dataroot: Path, version: str) -> list[str]:
         DatasetError: a table is missing or cannot be read.
     """
     tables = {name: read_table(dataroot / version, name) for name in TABLES}
+    return [*check_tables(tables), *check_dataset_files(dataroot, version, tables)]
+
+
+def check_dataset_files(dataroot: Path, version: str, tables: Tables) -> list[str]:
+    """Check the files of a dataset whose dataroot may hold further versions.
+
+    Raises:
+        DatasetError: a table of another version cannot be read.
+    """
     others = [
         path.parent for path in sorted(dataroot.glob("*/sample_data.json")) if path.parent.name != version
     ]
@@ -92,11 +116,16 @@ def check_dataset(dataroot: Path, version: str) -> list[str]:
         for name in ("sample_data", "map")
         for row in read_table(folder, name)
     }
-    return [*check_tables(tables), *check_files(dataroot, tables, elsewhere)]
+    return check_files(dataroot, tables, elsewhere)
 
 
 def _sentence(text: str, offenders: Sequence[str]) -> list[str]:
     return [text.format(len(offenders), offenders[0]) + "."] if offenders else []
+
+
+def duplicate_tokens(tables: Tables) -> list[str]:
+    """Check that no token of a table and no file of a reading appears twice."""
+    return list(_duplicates(tables))
 
 
 def _duplicates(tables: Tables) -> Iterable[str]:

@@ -19,7 +19,7 @@ from bagassets.store.artifact import ArtifactWriter
 
 __all__ = ["STEP", "make_inventory"]
 
-STEP = Step("inventory", 1, ("pyarrow",))
+STEP = Step("inventory", 2, ("pyarrow",))
 
 # Types of sensor data in bulk: never packed, whatever their size.
 BULK = frozenset(

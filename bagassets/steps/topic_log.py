@@ -30,6 +30,7 @@ class TopicLog:
         self._stamped_times = array("q")
         self._frames: dict[str, None] = {}
         self._unordered = 0
+        self._first_unordered_ns: int | None = None
 
     def add(self, message: RawMessage, header: tuple[int, str] | None) -> None:
         """Take the next message."""
@@ -45,6 +46,8 @@ class TopicLog:
         stamp_ns, frame = header
         if self._stamps and stamp_ns < self._stamps[-1]:
             self._unordered += 1
+            if self._first_unordered_ns is None:
+                self._first_unordered_ns = stamp_ns
         self._stamps.append(stamp_ns)
         self._stamped_times.append(message.log_time_ns)
         if frame and frame not in self._frames and len(self._frames) < MOST_FRAMES:
@@ -75,6 +78,7 @@ class TopicLog:
                 "max": _seconds(int(offsets.max())),
             },
             "unordered_stamps": self._unordered,
+            "first_unordered_ns": self._first_unordered_ns,
             "frame_ids": list(self._frames),
             **_gaps(times, periods),
         }

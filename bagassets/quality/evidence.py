@@ -1,0 +1,78 @@
+"""What rules about one recording look at: its artifacts, each read when a rule asks for it."""
+
+from collections.abc import Callable
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from bagassets.bags.inventory import Inventory
+from bagassets.geometry.trajectory import Trajectory
+from bagassets.nuscenes.schema import RECORDING_TABLES
+from bagassets.recipe.model import Rig
+from bagassets.recipe.model_checks import Checks
+from bagassets.steps.ego_poses import load_trajectory
+from bagassets.store.artifact import Artifact
+from bagassets.store.store import Store
+from bagassets.timeline.keyframes import Stamps
+
+__all__ = ["Evidence"]
+
+
+class Evidence:
+    """The artifacts of one recording, and what the recipe expects of them.
+
+    Args:
+        checks: thresholds.
+        rig: the rig that made the recording.
+        store: where artifacts are.
+        current: asset -> its current artifact for this recording.
+    """
+
+    def __init__(self, checks: Checks, rig: Rig, store: Store, current: Callable[[str], Artifact]) -> None:
+        self.checks = checks
+        self.rig = rig
+        self.store = store
+        self._current = current
+
+    @cached_property
+    def inventory(self) -> Inventory:
+        """What is in the recording."""
+        return Inventory.from_json(self._current("inventory").read_json("inventory.json"))
+
+    @cached_property
+    def calibration(self) -> dict[str, Any]:
+        """Content of `calibration.json`."""
+        content: dict[str, Any] = self._current("calibration").read_json("calibration.json")
+        return content
+
+    @cached_property
+    def trajectory(self) -> Trajectory:
+        """`global_SE3_ego`."""
+        return load_trajectory(self._current("ego_poses"))
+
+    @cached_property
+    def tables(self) -> dict[str, list[dict[str, Any]]]:
+        """The recording's rows of the nuScenes tables."""
+        artifact = self._current("nuscenes_tables")
+        return {name: artifact.read_json(f"{name}.json") for name in RECORDING_TABLES}
+
+    @cached_property
+    def files(self) -> list[dict[str, str]]:
+        """Content of `files.json`."""
+        files: list[dict[str, str]] = self._current("nuscenes_tables").read_json("files.json")
+        return files
+
+    def channels(self, asset: str) -> dict[str, Any]:
+        """Return the content of `channels.json` of `frames` or `sweeps`."""
+        channels: dict[str, Any] = self._current(asset).read_json("channels.json")
+        return channels
+
+    def stamps_ns(self) -> dict[str, Stamps]:
+        """Return channel -> stamps of its readings, over frames and sweeps."""
+        stamps = {}
+        for asset in ("frames", "sweeps"):
+            for name, entry in sorted(self.channels(asset).items()):
+                index = self.store.artifact(entry["artifact"]).read_table("index.parquet", ["stamp_ns"])
+                stamps[name] = index.column("stamp_ns").to_numpy().astype(np.int64)
+        return stamps

@@ -1,0 +1,61 @@
+"""Rules about files: those that tables name are in the store, whole, and no others are listed."""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+
+from bagassets.errors import StoreError
+from bagassets.nuscenes.schema import Row
+from bagassets.quality.finding import Finding
+from bagassets.store.artifact import Artifact
+
+__all__ = ["files_match"]
+
+
+def files_match(
+    sample_data: Sequence[Row], files: Sequence[Mapping[str, str]], artifact: Callable[[str], Artifact]
+) -> Finding:
+    """Check the files of one recording's tables against the store.
+
+    Args:
+        sample_data: rows of the table.
+        files: content of `files.json`: where each `filename` is in the store.
+        artifact: digest -> artifact; raises StoreError if it is gone.
+    """
+    named = [str(row["filename"]) for row in sample_data]
+    listed = {entry["filename"] for entry in files}
+    nowhere = sorted(set(named) - listed)
+    unnamed = sorted(listed - set(named))
+    problems = [
+        *_sentence("files of sample_data are in no artifact", nowhere),
+        *_sentence("files are listed that sample_data does not name", unnamed),
+    ]
+    sizes: dict[str, dict[str, int]] = {}
+    lost: dict[str, str] = {}
+    missing, torn = [], []
+    total = 0
+    for entry in files:
+        digest = entry["artifact"]
+        if digest not in sizes and digest not in lost:
+            try:
+                sizes[digest] = {file.path: file.size for file in artifact(digest).entries()}
+            except StoreError as err:
+                lost[digest] = str(err)
+                problems.append(f"{entry['filename']}: {err}")
+        if digest in lost:
+            continue
+        try:
+            found = artifact(digest).path(entry["file"]).stat().st_size
+        except FileNotFoundError:
+            missing.append(entry["filename"])
+            continue
+        total += found
+        expected = sizes[digest].get(entry["file"])
+        if found != expected:
+            torn.append(f"{entry['filename']} ({found} bytes instead of {expected})")
+    problems += _sentence("files are not in the store", missing)
+    problems += _sentence("files differ in size from what their artifact was recorded with", torn)
+    return Finding(problems, {"files": len(files), "bytes": total})
+
+
+def _sentence(what: str, offenders: Iterable[str]) -> list[str]:
+    names = list(offenders)
+    return [f"{len(names)} {what}, the first is {names[0]}"] if names else []

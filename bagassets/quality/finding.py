@@ -1,0 +1,32 @@
+"""What a rule finds: sentences about what is wrong, and the numbers it looked at."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from typing import Any
+
+__all__ = ["Finding", "clock"]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """The outcome of one rule.
+
+    Attributes:
+        problems: sentences, each naming its first offender; empty if all is well.
+        facts: numbers that were looked at, for people.
+    """
+
+    problems: Sequence[str] = ()
+    facts: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def passed(self) -> bool:
+        """Tell whether nothing was found."""
+        return not self.problems
+
+
+def clock(stamp_ns: int) -> str:
+    """Return a time as people read it: `2026-11-21T07:30:03.125Z (1763710203125000000)`."""
+    text = datetime.fromtimestamp(stamp_ns // 1_000_000 / 1e3, UTC).isoformat(timespec="milliseconds")
+    return f"{text.replace('+00:00', 'Z')} ({stamp_ns})"

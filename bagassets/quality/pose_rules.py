@@ -1,0 +1,56 @@
+"""Rules about ego poses: readings have one, and the vehicle does not jump."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from bagassets.geometry.trajectory import Trajectory
+from bagassets.quality.finding import Finding, clock
+from bagassets.recipe.model_checks import PosesCheck
+from bagassets.timeline.keyframes import Stamps
+
+__all__ = ["poses_cover_sensors"]
+
+
+def poses_cover_sensors(
+    trajectory: Trajectory, stamps_ns: Mapping[str, Stamps], check: PosesCheck
+) -> Finding:
+    """Check that readings of each channel have an ego pose at their time.
+
+    Args:
+        trajectory: `global_SE3_ego`.
+        stamps_ns: channel -> (N,) stamps of its readings.
+        check: thresholds.
+    """
+    problems = []
+    shares = {}
+    for name, stamps in sorted(stamps_ns.items()):
+        if not len(stamps):
+            continue
+        _, _, valid = trajectory.at(stamps)
+        with_pose = int(np.count_nonzero(valid))
+        shares[name] = round(with_pose / len(stamps), 4)
+        if with_pose < check.min_share * len(stamps):
+            first = int(stamps[~valid][0])
+            problems.append(
+                f"{name}: {len(stamps) - with_pose} of {len(stamps)} readings have no ego pose, "
+                f"the first at {clock(first)}; a share of {check.min_share:g} is expected to have one"
+            )
+    return Finding([*problems, *_jumps(trajectory, check)], {"with_pose": shares})
+
+
+def _jumps(trajectory: Trajectory, check: PosesCheck) -> list[str]:
+    seconds = np.diff(trajectory.stamps_ns) / 1e9
+    moves = np.diff(trajectory.positions_m, axis=0)
+    speeds = np.sqrt((moves * moves).sum(axis=1)) / seconds
+    # Poses logged within a millisecond divide noise by nearly nothing.
+    jumps = np.flatnonzero((speeds > check.max_speed_mps) & (seconds > 1e-3))
+    if not len(jumps):
+        return []
+    first = int(jumps[0])
+    sentence = (
+        f"ego poses jump {len(jumps)} times, first by {speeds[first] * seconds[first]:.1f} m at "
+        f"{clock(int(trajectory.stamps_ns[first]))} ({speeds[first]:.0f} m/s; "
+        f"at most {check.max_speed_mps:g} m/s expected)"
+    )
+    return [sentence]

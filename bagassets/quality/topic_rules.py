@@ -1,0 +1,109 @@
+"""Rules about what was recorded: channels, rates, pauses and header stamps, from the inventory."""
+
+from collections.abc import Mapping
+
+from bagassets.bags.inventory import Inventory, TopicRecord
+from bagassets.quality.finding import Finding, clock
+from bagassets.recipe.model import Rig
+from bagassets.recipe.model_checks import ChannelsCheck, StampsCheck, TopicLimits, TopicsCheck
+
+__all__ = ["channels_present", "stamps_monotonic", "topic_rates", "watched_topics"]
+
+
+def watched_topics(rig: Rig) -> dict[str, str]:
+    """Return topic -> what it is for, of the topics that a dataset of this rig hangs on."""
+    watched = {channel.topic: name for name, channel in sorted(rig.channels.items(), reverse=True)}
+    pose_topic = getattr(rig.ego_pose, "topic", None)
+    if pose_topic is not None:
+        watched[pose_topic] = "ego_pose"
+    return dict(sorted(watched.items()))
+
+
+def channels_present(rig: Rig, inventory: Inventory, check: ChannelsCheck) -> Finding:
+    """Check that each configured channel has readable messages in the recording."""
+    problems = []
+    absent = []
+    for name, channel in sorted(rig.channels.items()):
+        record = inventory.topics.get(channel.topic)
+        if record is not None and record.count and record.problem is None:
+            continue
+        absent.append(name)
+        if name in check.optional:
+            continue
+        if record is None:
+            reason = "is not in the recording"
+        elif not record.count:
+            reason = "has no messages"
+        else:
+            reason = f"cannot be read: {record.problem}"
+        problems.append(f"{name}: topic {channel.topic} {reason}")
+    return Finding(problems, {"channels": len(rig.channels), "absent": absent})
+
+
+def topic_rates(rig: Rig, inventory: Inventory, check: TopicsCheck) -> Finding:
+    """Check mean rates and longest pauses of topics, by log time."""
+    problems = []
+    rates: dict[str, float | None] = {}
+    for topic in sorted({*watched_topics(rig), *check.limits}):
+        limits = check.limits.get(topic, TopicLimits())
+        record = inventory.topics.get(topic)
+        if record is None or not record.count:
+            if limits.required:
+                problems.append(f"{topic}: has no messages in the recording, but checks say it is required")
+            continue
+        rates[topic] = record.rate_hz
+        problems += _rate_problems(record, limits)
+        max_gap_s = check.max_gap_s if limits.max_gap_s is None else limits.max_gap_s
+        if record.max_gap_s is not None and record.max_gap_s > max_gap_s:
+            problems.append(_gap_problem(record, max_gap_s))
+    return Finding(problems, {"rates_hz": rates})
+
+
+def _rate_problems(record: TopicRecord, limits: TopicLimits) -> list[str]:
+    if record.rate_hz is None:
+        if limits.min_hz is None:
+            return []
+        return [f"{record.name}: {record.count} message has no rate, at least {limits.min_hz:g} Hz expected"]
+    if limits.min_hz is not None and record.rate_hz < limits.min_hz:
+        return [f"{record.name}: {record.rate_hz:g} Hz, at least {limits.min_hz:g} Hz expected"]
+    if limits.max_hz is not None and record.rate_hz > limits.max_hz:
+        return [f"{record.name}: {record.rate_hz:g} Hz, at most {limits.max_hz:g} Hz expected"]
+    return []
+
+
+def _gap_problem(record: TopicRecord, max_gap_s: float) -> str:
+    expected = f"at most {max_gap_s:g} s expected"
+    first = next((gap for gap in record.gaps if gap.duration_s > max_gap_s), None)
+    if first is None:
+        return f"{record.name}: a pause of {record.max_gap_s:g} s, {expected}"
+    longest = "" if record.max_gap_s == first.duration_s else f", the longest takes {record.max_gap_s:g} s"
+    return (
+        f"{record.name}: a pause of {first.duration_s:g} s after {clock(first.start_ns)}{longest}; {expected}"
+    )
+
+
+def stamps_monotonic(rig: Rig, inventory: Inventory, check: StampsCheck) -> Finding:
+    """Check that header stamps go forward and are near the log time."""
+    problems = []
+    backward: Mapping[str, int] = {
+        topic: inventory.topics[topic].unordered_stamps
+        for topic in watched_topics(rig)
+        if topic in inventory.topics
+    }
+    for topic, number in backward.items():
+        record = inventory.topics[topic]
+        if number > check.max_backward:
+            first = (
+                ""
+                if record.first_unordered_ns is None
+                else f", the first to {clock(record.first_unordered_ns)}"
+            )
+            problems.append(f"{topic}: {number} of {record.count} header stamps go back in time{first}")
+        offset = record.header_offset_s
+        if offset is not None and abs(offset.median) > check.max_offset_s:
+            side = "before" if offset.median > 0 else "after"
+            problems.append(
+                f"{topic}: header stamps lie {abs(offset.median):g} s {side} the log time, "
+                f"at most {check.max_offset_s:g} s expected"
+            )
+    return Finding(problems, {"backward": {topic: number for topic, number in backward.items() if number}})

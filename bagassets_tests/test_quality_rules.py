@@ -1,0 +1,454 @@
+"""Each rule passes what is right and names the first offender of what is broken."""
+
+import copy
+import json
+
+import numpy as np
+import pytest
+from handmade import Drive, make_tables
+
+from bagassets.bags.inventory import Definition, Gap, HeaderOffset, Inventory, TopicRecord
+from bagassets.geometry.trajectory import Trajectory
+from bagassets.nuscenes.check import broken_references, duplicate_tokens
+from bagassets.nuscenes.dataset import BagPart, assemble
+from bagassets.nuscenes.schema import RECORDING_TABLES
+from bagassets.quality.calibration_rules import calibration_plausible
+from bagassets.quality.channel_rules import channels_complete
+from bagassets.quality.devkit_rules import dataset_tables, devkit_ready
+from bagassets.quality.file_rules import files_match
+from bagassets.quality.pose_rules import poses_cover_sensors
+from bagassets.quality.topic_rules import channels_present, stamps_monotonic, topic_rates
+from bagassets.recipe.model import NuScenes, Rig
+from bagassets.recipe.model_checks import (
+    CalibrationCheck,
+    ChannelsCheck,
+    PosesCheck,
+    StampsCheck,
+    TopicsCheck,
+)
+from bagassets.store.store import Store
+
+S = 1_000_000_000
+T0 = 1_700_000_000 * S
+FORWARD = [0.5, -0.5, 0.5, -0.5]
+
+RIG = Rig.model_validate(
+    {
+        "name": "car",
+        "channels": {
+            "CAM_FRONT": {"modality": "camera", "topic": "/cam"},
+            "CAM_BACK": {"modality": "camera", "topic": "/back"},
+            "LIDAR_TOP": {"modality": "lidar", "topic": "/points"},
+        },
+        "ego_pose": {"source": "odometry", "topic": "/odom"},
+    }
+)
+
+
+def topic(name, **fields):
+    values = {
+        "msgtype": "sensor_msgs/msg/Image", "count": 100, "bytes": 1, "digest": "", "first_ns": T0, "last_ns": T0 + 10 * S,
+        "first_stamp_ns": T0, "last_stamp_ns": T0 + 10 * S, "rate_hz": 9.9, "max_gap_s": 0.1, "gaps": (), "gap_count": 0,
+        "header_offset_s": HeaderOffset(0.0, 0.01, 0.1), "unordered_stamps": 0, "frame_ids": (), "serialization": "cdr",
+        "packed": False, "problem": None, "definition": Definition("none", ""),
+    }  # fmt: skip
+    return TopicRecord(name=name, **{**values, **fields})
+
+
+def inventory(*topics):
+    known = {name: topic(name) for name in ("/back", "/cam", "/odom", "/points")}
+    known |= {record.name: record for record in topics}
+    return Inventory("mcap", 1, T0, T0 + 10 * S, dict(sorted(known.items())), None, None, ())
+
+
+def without(name):
+    whole = inventory()
+    return Inventory("mcap", 1, T0, T0, {k: v for k, v in whole.topics.items() if k != name}, None, None, ())
+
+
+class TestTopics:
+    def test_a_good_recording_passes(self):
+        assert channels_present(RIG, inventory(), ChannelsCheck()).passed
+        assert stamps_monotonic(RIG, inventory(), StampsCheck()).passed
+        finding = topic_rates(RIG, inventory(), TopicsCheck())
+        assert finding.passed
+        assert finding.facts["rates_hz"] == dict.fromkeys(("/back", "/cam", "/odom", "/points"), 9.9)
+
+    @pytest.mark.parametrize(
+        ("recording", "reason"),
+        [
+            (without("/cam"), "is not in the recording"),
+            (inventory(topic("/cam", count=0)), "has no messages"),
+            (inventory(topic("/cam", problem="its type is unknown")), "cannot be read: its type is unknown"),
+        ],
+    )
+    def test_a_channel_that_is_missing_is_named_with_its_topic(self, recording, reason):
+        assert channels_present(RIG, recording, ChannelsCheck()).problems == [
+            f"CAM_FRONT: topic /cam {reason}"
+        ]
+        finding = channels_present(RIG, recording, ChannelsCheck(optional=("CAM_FRONT",)))
+        assert finding.passed
+        assert finding.facts["absent"] == ["CAM_FRONT"]
+
+    def test_rates_out_of_limits_are_named(self):
+        slow = TopicsCheck.model_validate({"limits": {"/cam": {"min_hz": 20}, "/odom": {"max_hz": 5}}})
+        assert topic_rates(RIG, inventory(), slow).problems == [
+            "/cam: 9.9 Hz, at least 20 Hz expected",
+            "/odom: 9.9 Hz, at most 5 Hz expected",
+        ]
+        lone = inventory(topic("/cam", count=1, rate_hz=None, max_gap_s=None))
+        assert "1 message has no rate" in topic_rates(RIG, lone, slow).problems[0]
+
+    def test_a_topic_that_is_no_channel_can_be_limited_and_required(self):
+        check = TopicsCheck.model_validate({"limits": {"/imu": {"min_hz": 50}}})
+        assert topic_rates(RIG, inventory(), check).passed
+        required = TopicsCheck.model_validate({"limits": {"/imu": {"min_hz": 50, "required": True}}})
+        assert topic_rates(RIG, inventory(), required).problems[0].startswith("/imu: has no messages")
+        found = topic_rates(RIG, inventory(topic("/imu", rate_hz=10.0)), check)
+        assert found.problems == ["/imu: 10 Hz, at least 50 Hz expected"]
+
+    def test_the_first_long_pause_is_named_with_its_time_and_the_longest(self):
+        gaps = (Gap(T0 + S, 0.6), Gap(T0 + 2 * S, 1.5), Gap(T0 + 5 * S, 3.0))
+        broken = inventory(topic("/points", max_gap_s=3.0, gaps=gaps))
+        (problem,) = topic_rates(RIG, broken, TopicsCheck()).problems
+        assert problem.startswith(f"/points: a pause of 1.5 s after 2023-11-14T22:13:22.000Z ({T0 + 2 * S})")
+        assert "the longest takes 3 s" in problem
+        patient = TopicsCheck.model_validate({"limits": {"/points": {"max_gap_s": 3.0}}})
+        assert topic_rates(RIG, broken, patient).passed
+
+    def test_stamps_that_go_back_are_counted_and_the_first_is_named(self):
+        broken = inventory(topic("/cam", unordered_stamps=3, first_unordered_ns=T0 + S))
+        (problem,) = stamps_monotonic(RIG, broken, StampsCheck()).problems
+        assert problem.startswith("/cam: 3 of 100 header stamps go back in time, the first to 2023-")
+        assert str(T0 + S) in problem
+        assert stamps_monotonic(RIG, broken, StampsCheck(max_backward=3)).passed
+        elsewhere = inventory(topic("/other", unordered_stamps=3))
+        assert stamps_monotonic(RIG, elsewhere, StampsCheck()).passed
+
+    def test_stamps_far_from_the_log_time_are_named(self):
+        broken = inventory(topic("/odom", header_offset_s=HeaderOffset(3599.0, 3600.0, 3601.0)))
+        (problem,) = stamps_monotonic(RIG, broken, StampsCheck()).problems
+        assert problem.startswith("/odom: header stamps lie 3600 s before the log time")
+
+
+COUNTS = {"read": 100, "written": 99, "merged": 0, "lost": {"too short": 1}}
+STAMPS = {"CAM_FRONT": T0 + np.arange(100, dtype=np.int64) * S // 10}
+
+
+class TestChannels:
+    def find(self, **counts):
+        return channels_complete({"CAM_FRONT": {"counts": {**COUNTS, **counts}}}, ChannelsCheck())
+
+    def test_few_losses_pass_and_are_told(self):
+        finding = self.find()
+        assert finding.passed
+        assert finding.facts == {"files": {"CAM_FRONT": 99}, "lost": {"CAM_FRONT": 1}}
+
+    @pytest.mark.parametrize(
+        ("counts", "words"),
+        [
+            ({"written": 98}, "CAM_FRONT: 100 messages were read, but 98 written, 0 merged and 1 lost"),
+            ({"written": 0, "lost": {"too short": 100}}, "CAM_FRONT: 100 messages became no file"),
+            (
+                {"written": 95, "lost": {"a": 2, "b": 3}},
+                "CAM_FRONT: 5 of 100 messages were lost, most often because b",
+            ),
+        ],
+    )
+    def test_broken_counts_are_named(self, counts, words):
+        (problem,) = self.find(**counts).problems
+        assert problem.startswith(words)
+
+
+def drive_along(speed_mps=10.0, until_s=10.0, jump_at=None):
+    times = np.arange(0, until_s + 1e-9, 0.1)
+    x = speed_mps * times
+    if jump_at is not None:
+        x[jump_at:] += 50.0
+    zeros = np.zeros_like(x)
+    rotations = np.tile([1.0, 0, 0, 0], (len(x), 1))
+    stamps = T0 + np.round(times * S).astype(np.int64)
+    return Trajectory(stamps, np.stack([x, zeros, zeros], 1), rotations, S // 2, 0)
+
+
+class TestPoses:
+    def test_covered_readings_pass(self):
+        finding = poses_cover_sensors(drive_along(), STAMPS, PosesCheck())
+        assert finding.passed
+        assert finding.facts["with_pose"] == {"CAM_FRONT": 1.0}
+
+    def test_the_first_reading_without_pose_is_named(self):
+        stamps = {**STAMPS, "A": np.zeros(0, np.int64)}
+        (problem,) = poses_cover_sensors(drive_along(until_s=8.0), stamps, PosesCheck()).problems
+        assert problem.startswith("CAM_FRONT: 19 of 100 readings have no ego pose, the first at 2023-")
+        assert str(T0 + 81 * S // 10) in problem
+        assert poses_cover_sensors(drive_along(until_s=8.0), stamps, PosesCheck(min_share=0.8)).passed
+
+    def test_a_jump_is_named(self):
+        (problem,) = poses_cover_sensors(drive_along(jump_at=50), STAMPS, PosesCheck()).problems
+        assert problem.startswith("ego poses jump 1 times, first by 51.0 m at ")
+        assert str(T0 + 49 * S // 10) in problem
+
+    def test_a_fixed_rig_passes(self):
+        fixed = Trajectory(
+            np.zeros(1, np.int64), np.zeros((1, 3)), np.array([[1.0, 0, 0, 0]]), 0, 0, fixed=True
+        )
+        assert poses_cover_sensors(fixed, STAMPS, PosesCheck()).passed
+
+
+def calibration(**changes):
+    """Calibration of a sound front camera and a lidar; `changes` replace fields of the camera."""
+    camera = {
+        "model": "plumb_bob", "width": 640, "height": 480, "k": [400.0, 0, 319.5, 0, 400.0, 239.5, 0, 0, 1],
+        "d": [-0.2, 0.05, 0, 0, 0], "r": [], "p": [], "binning": [1, 1], "source": "recipe",
+        "roi": {"x_offset": 0, "y_offset": 0, "width": 640, "height": 480, "do_rectify": False},
+    }  # fmt: skip
+    pose = {
+        "translation": changes.pop("translation", [1.5, 0.0, 1.2]),
+        "rotation": changes.pop("rotation", FORWARD),
+    }
+    channels = {
+        "CAM_FRONT": {"frame": "cam", "ego_SE3_sensor": pose, "camera": {**camera, **changes}},
+        "LIDAR_TOP": {
+            "frame": "lidar",
+            "ego_SE3_sensor": {"translation": [0, 0, 1.8], "rotation": [1, 0, 0, 0]},
+            "camera": None,
+        },
+    }
+    return {"ego_frame": "base_link", "channels": channels}
+
+
+class TestCalibration:
+    def find(self, content):
+        return calibration_plausible(content, RIG, CalibrationCheck()).problems
+
+    def test_a_sound_calibration_passes(self):
+        finding = calibration_plausible(calibration(), RIG, CalibrationCheck())
+        assert finding.problems == []
+        assert finding.facts["cameras"]["CAM_FRONT"]["view_deg"] == pytest.approx(77.3, abs=0.1)
+
+    @pytest.mark.parametrize(
+        ("changes", "words"),
+        [
+            ({"translation": [1500.0, 0, 1200]}, "sits 1920.94 m from the ego frame"),
+            ({"rotation": [1.0, 0, 0, 0]}, "looks 90 degrees up"),
+            ({"rotation": [0.0, 1.0, 0, 0]}, "looks 90 degrees down"),
+            ({"k": [4.0, 0, 319.5, 0, 4.0, 239.5, 0, 0, 1], "d": []}, "a view of 178"),
+            ({"k": [40000.0, 0, 319.5, 0, 40000.0, 239.5, 0, 0, 1]}, "a view of 0.9 degrees"),
+            ({"k": [400.0, 0, 319.5, 0, 225.0, 239.5, 0, 0, 1]}, "differ by a factor of 1.78"),
+            ({"k": [400.0, 0, 639.5, 0, 400.0, 239.5, 0, 0, 1]}, "cx 639.5 lies 50% of 640 pixels off"),
+            ({"k": [400.0, 0, 319.5, 0, 400.0, 0.5, 0, 0, 1]}, "cy 0.5 lies 50% of 480 pixels off"),
+            ({"k": [0.0, 0, 319.5, 0, 400.0, 239.5, 0, 0, 1]}, "are no lens"),
+            ({"d": [-0.9, 0.1, 0, 0, 0]}, "distortion folds the image over"),
+        ],
+    )
+    def test_what_no_vehicle_has_is_named(self, changes, words):
+        check = CalibrationCheck(max_view_deg=170.0)
+        problems = calibration_plausible(calibration(**changes), RIG, check).problems
+        assert problems
+        assert problems[0].startswith("CAM_FRONT: ")
+        assert any(words in problem for problem in problems)
+
+    @pytest.mark.parametrize(
+        ("model", "d"),
+        [
+            ("plumb_bob", [-0.16, 0.03, 0.0008, -0.0006, 0.0]),
+            ("rational_polynomial", [0.12, -0.06, 0.0005, 0.0007, 0.004, 0.31, -0.05, 0.006]),
+            ("equidistant", [0.03, -0.008, 0.002, -0.0005]),
+            ("none", []),
+        ],
+    )
+    def test_real_lenses_of_each_model_pass(self, model, d):
+        assert self.find(calibration(model=model, d=d)) == []
+
+    def test_a_region_of_interest_may_be_off_centre(self):
+        roi = {"x_offset": 0, "y_offset": 0, "width": 640, "height": 120, "do_rectify": False}
+        assert self.find(calibration(roi=roi)) == []
+
+    def test_copied_extrinsics_are_named(self):
+        content = calibration()
+        content["channels"]["CAM_BACK"] = {**content["channels"]["CAM_FRONT"], "frame": "back"}
+        assert self.find(content) == [
+            "CAM_FRONT: has the same extrinsics as CAM_BACK; one of them was probably copied"
+        ]
+        content["channels"]["CAM_BACK"]["frame"] = "cam"  # colour and depth of one sensor
+        assert self.find(content) == []
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    store = Store(tmp_path_factory.mktemp("store"))
+    artifact = make_tables(store, Drive(seconds=3.0)).artifact
+    tables = {name: artifact.read_json(f"{name}.json") for name in RECORDING_TABLES}
+    return store, artifact, tables, artifact.read_json("files.json")
+
+
+class TestTables:
+    """References and tokens; the rules themselves are tested table by table in test_tables."""
+
+    def test_sound_tables_pass(self, made):
+        _, _, tables, _ = made
+        assert broken_references(tables) == duplicate_tokens(tables) == []
+
+    def test_a_dangling_token_is_named(self, made):
+        tables = copy.deepcopy(made[2])
+        row = tables["sample_data"][3]
+        row["ego_pose_token"] = "nowhere"
+        (problem,) = broken_references(tables)
+        assert "1 values of ego_pose_token are in no row of ego_pose" in problem
+        assert row["token"] in problem
+        assert duplicate_tokens(tables) == []
+
+    def test_a_token_twice_is_named(self, made):
+        tables = copy.deepcopy(made[2])
+        tables["ego_pose"].append(dict(tables["ego_pose"][0]))
+        (problem,) = duplicate_tokens(tables)
+        assert tables["ego_pose"][0]["token"] in problem
+
+
+class TestFiles:
+    def find(self, made, *, sample_data=None, files=None):
+        store, _, tables, listed = made
+        return files_match(sample_data or tables["sample_data"], files or listed, store.artifact)
+
+    def test_files_in_the_store_pass(self, made):
+        finding = self.find(made)
+        assert finding.passed
+        assert finding.facts["files"] == len(made[2]["sample_data"])
+
+    def test_a_row_without_file_and_a_file_without_row_are_named(self, made):
+        first, *rest = made[3]
+        assert self.find(made, files=rest).problems == [
+            f"1 files of sample_data are in no artifact, the first is {first['filename']}"
+        ]
+        row = next(row for row in made[2]["sample_data"] if row["filename"] == first["filename"])
+        others = [other for other in made[2]["sample_data"] if other is not row]
+        assert self.find(made, sample_data=others).problems == [
+            f"1 files are listed that sample_data does not name, the first is {first['filename']}"
+        ]
+
+    def test_removed_torn_and_collected_files_are_named(self, tmp_path):
+        store = Store(tmp_path)
+        artifact = make_tables(store, Drive(seconds=2.0)).artifact
+        rows, files = artifact.read_json("sample_data.json"), artifact.read_json("files.json")
+        removed, torn = (store.artifact(entry["artifact"]).path(entry["file"]) for entry in files[:2])
+        removed.unlink()
+        torn.write_bytes(b"x")
+        gone, kept = files_match(rows, files, store.artifact).problems
+        assert gone == f"1 files are not in the store, the first is {files[0]['filename']}"
+        assert kept.startswith(
+            f"1 files differ in size from what their artifact was recorded with, the first is {files[1]['filename']} (1 bytes"
+        )
+        manifest = store.artifact(files[0]["artifact"]).folder / "manifest.json"
+        manifest.unlink()
+        problems = files_match(rows, files, store.artifact).problems
+        assert len(problems) == 1
+        assert "is not in the store" in problems[0]
+
+
+VERSION = "v1.0-test"
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("dataset")
+    store = Store(folder / "store")
+    tables = make_tables(store, Drive(seconds=3.0)).artifact
+    assemble([BagPart("drive_1", "c", tables.digest)], NuScenes(version=VERSION), store, folder / "nuscenes")
+    return folder / "nuscenes", dataset_tables(folder / "nuscenes", VERSION)
+
+
+class TestDevkit:
+    def test_our_datasets_pass(self, dataset):
+        root, tables = dataset
+        finding = devkit_ready(root, VERSION, tables)
+        assert finding.problems == []
+        assert finding.facts["scene"] == 1
+
+    @pytest.mark.parametrize(
+        ("table", "column", "value", "words"),
+        [
+            ("sample_data", "fileformat", ".jpg", "fileformat is none of jpg, png and pcd"),
+            (
+                "sample_data",
+                "filename",
+                "samples/CAM_FRONT/a.gif",
+                "does not end as the devkit's readers expect",
+            ),
+            (
+                "sample",
+                "timestamp",
+                1_700_000_000_000_000_000,
+                "sample.timestamp is no integer in microseconds",
+            ),
+            ("ego_pose", "timestamp", 1.7e15, "ego_pose.timestamp is no integer in microseconds"),
+            ("ego_pose", "rotation", [1.0, 1.0, 0.0, 0.0], "ego_pose.rotation is no unit quaternion"),
+            ("ego_pose", "translation", [690_000.0, 5_330_000.0, 500.0], "too far from the origin"),
+            (
+                "calibrated_sensor",
+                "camera_intrinsic",
+                [[1.0, 0.0], [0.0, 1.0]],
+                "camera_intrinsic is not 3x3",
+            ),
+            ("sample_annotation", "size", [2.0, 0.0, 1.5], "sample_annotation.size is not positive"),
+        ],
+    )
+    def test_what_the_devkit_trips_over_is_named(self, dataset, table, column, value, words):
+        root, tables = dataset
+        broken = copy.deepcopy(tables)
+        row = broken[table][1]
+        row[column] = value
+        problems = devkit_ready(root, VERSION, broken).problems
+        assert any(words in problem for problem in problems)
+        assert any(str(row["token"]) in problem or str(value) in problem for problem in problems)
+
+    def test_a_map_that_is_no_png_or_missing_is_named(self, dataset, tmp_path):
+        root, tables = dataset
+        assert any("no row" in text for text in devkit_ready(root, VERSION, {**tables, "map": []}).problems)
+        other = tmp_path / "map.png"
+        row = {**tables["map"][0], "filename": str(other)}
+        assert any(
+            "cannot be read" in t for t in devkit_ready(root, VERSION, {**tables, "map": [row]}).problems
+        )
+        other.write_bytes(b"GIF89a")
+        assert any("is no PNG" in t for t in devkit_ready(root, VERSION, {**tables, "map": [row]}).problems)
+
+    @pytest.mark.parametrize(
+        ("splits", "words"),
+        [
+            ({"custom_train": ["nowhere"]}, "names scene nowhere, which does not exist"),
+            ({"train": ["drive_1_000"]}, "answers split train with the scenes of nuScenes"),
+            ({"a": ["drive_1_000"], "b": ["drive_1_000"]}, "scene drive_1_000 is in the splits a and b"),
+        ],
+    )
+    def test_splits_must_name_scenes_once(self, dataset, splits, words):
+        root, tables = dataset
+        path = root / VERSION / "splits.json"
+        before = path.read_bytes()
+        try:
+            path.write_text(json.dumps(splits))
+            assert any(words in problem for problem in devkit_ready(root, VERSION, tables).problems)
+        finally:
+            path.write_bytes(before)
+
+    def test_point_files_of_another_layout_are_named(self, dataset):
+        root, tables = dataset
+        lidar = next(row["filename"] for row in tables["sample_data"] if row["filename"].endswith(".pcd.bin"))
+        radar = next(row["filename"] for row in tables["sample_data"] if row["filename"].endswith(".pcd"))
+        for name, damage, words in (
+            (lidar, lambda data: data + b"1234", "does not hold points of 5 float32"),
+            (radar, lambda data: data[:-1], "the devkit's reader wants more"),
+            (radar, lambda data: data.replace(b"DATA binary", b"DATA ascii!"), "is no binary PCD file"),
+            (radar, lambda data: data.replace(b" vy_rms\n", b"\n"), "has 17 fields"),
+            (radar, lambda data: data.replace(b"WIDTH 12", b"WIDTH 0"), "has no points at all"),
+        ):
+            before = (root / name).read_bytes()
+            try:
+                # A new file: the old one is a hard link into the store.
+                (root / name).unlink()
+                (root / name).write_bytes(damage(before))
+                problems = devkit_ready(root, VERSION, tables).problems
+                assert any(words in problem and name in problem for problem in problems), words
+            finally:
+                (root / name).unlink()
+                (root / name).write_bytes(before)
