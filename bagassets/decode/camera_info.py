@@ -149,8 +149,27 @@ def _distortion(name: str, d: tuple[float, ...]) -> tuple[str, tuple[float, ...]
         if any(d):
             raise DecodeError("it names no distortion model but has coefficients")
         return "none", ()
-    # A driver without calibration of the lens may leave D empty: no distortion.
-    return (model, d) if d else ("none", ())
+    if not d:  # a driver without calibration of the lens leaves D empty: no distortion
+        return "none", ()
+    if model == "equidistant":
+        return model, d
+    return _polynomial(model, d)
+
+
+def _polynomial(model: str, d: tuple[float, ...]) -> tuple[str, tuple[float, ...]]:
+    """Return model and coefficients of OpenCV's one family of polynomial lenses, whose length tells the model.
+
+    Drivers write eight numbers under the name plumb_bob, five under rational_polynomial, and fill up
+    with zeros.
+    """
+    known = sorted({*COEFFICIENTS["plumb_bob"], *COEFFICIENTS["rational_polynomial"]})
+    if len(d) not in known:
+        significant = max((i + 1 for i, v in enumerate(d) if v != 0), default=0)
+        length = next((n for n in known if n >= significant), len(d))
+        if length == len(d):
+            return model, d
+        d = (*d[:length], *[0.0] * (length - len(d)))
+    return ("plumb_bob" if len(d) in COEFFICIENTS["plumb_bob"] else "rational_polynomial"), d
 
 
 def _region(roi: Any, width: int, height: int) -> RegionOfInterest:

@@ -7,6 +7,7 @@ full-resolution image, of which the recorded one is a region of interest, then b
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from math import cos, sin
 from typing import Any
 
 import cv2
@@ -69,7 +70,8 @@ class CameraModel:
     @property
     def distorts(self) -> bool:
         """Tell whether undistortion would change the image at all."""
-        return self.model != "none" and any(self.distortion)
+        # The ideal equidistant lens has no coefficients and yet is no pinhole.
+        return self.model == "equidistant" or (self.model != "none" and any(self.distortion))
 
     def undistorted(self, target: Mapping[str, float] | None = None) -> "CameraModel":
         """Return the pinhole camera that undistorted images are written with (R = identity)."""
@@ -113,12 +115,15 @@ class CameraModel:
             bent = theta * (1 + t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4))))
             scale = np.where(r > 1e-12, bent / np.where(r > 1e-12, r, 1.0), 1.0)
             return x * scale, y * scale
-        k1, k2, p1, p2, k3, k4, k5, k6 = (*self.distortion, 0.0, 0.0, 0.0, 0.0)[:8]
+        coefficients = (*self.distortion, *[0.0] * (14 - len(self.distortion)))
+        k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4, tilt_x, tilt_y = coefficients
         r2 = x * x + y * y
         radial = (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
-        return (
-            x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
-            y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y,
+        return _tilt(
+            x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x) + r2 * (s1 + r2 * s2),
+            y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y + r2 * (s3 + r2 * s4),
+            tilt_x,
+            tilt_y,
         )
 
     @cached_property
@@ -140,3 +145,19 @@ class CameraModel:
                 self.matrix, self._coefficients, np.eye(3), target.matrix, size, cv2.CV_16SC2
             )
         return maps[0], maps[1]
+
+
+def _tilt(x: Floats, y: Floats, tilt_x: float, tilt_y: float) -> tuple[Floats, Floats]:
+    """Project normalised coordinates onto a sensor turned by two angles in radians, as OpenCV defines it.
+
+    https://docs.opencv.org/4.x/d9/d0c/group__calib3d.html, "tilted sensor".
+    """
+    if not (tilt_x or tilt_y):
+        return x, y
+    cx, sx, cy, sy = cos(tilt_x), sin(tilt_x), cos(tilt_y), sin(tilt_y)
+    # Rows of R = Ry(tilt_y) Rx(tilt_x), in the signs of OpenCV.
+    turned_x = cy * x + sy * sx * y - sy * cx
+    turned_y = cx * y + sx
+    turned_z = sy * x - cy * sx * y + cy * cx
+    r13, r23, r33 = -sy * cx, sx, cy * cx
+    return (r33 * turned_x - r13 * turned_z) / turned_z, (r33 * turned_y - r23 * turned_z) / turned_z

@@ -1,0 +1,216 @@
+"""Undistortion against world points: what is seen through a lens lands where a pinhole sees it.
+
+The lenses are computed here from the formulas of sensor_msgs/CameraInfo and OpenCV, independently of
+the package: a wall with a blurred dot at a world point is photographed pixel by pixel, and after
+undistortion the centroid of the dot is where the written intrinsics put the point, within a twentieth
+of a pixel.
+"""
+
+from functools import cache
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bagassets.decode.camera_info import decode_camera_info
+from bagassets.decode.model import ImageReading
+from bagassets.errors import CalibrationError
+from bagassets.geometry.camera import CameraModel
+from bagassets.steps.image_output import ImageOutput, intrinsic_matrix
+from bagassets_tests.pose_data import camera_info, region
+
+WIDTH, HEIGHT = 640, 480
+FX, FY, CX, CY = 380.0, 390.0, 327.0, 236.0
+LENSES = {
+    "plumb_bob": (-0.21, 0.06, 0.0012, -0.0021, 0.004),
+    "rational_polynomial": (0.11, -0.05, 0.0009, -0.0011, 0.012, 0.35, -0.04, 0.003),
+    "equidistant": (0.021, -0.011, 0.0031, -0.0012),
+}
+PRISM = (*LENSES["rational_polynomial"], 0.003, -0.001, -0.002, 0.0015)
+TILTED = (*PRISM, 0.03, -0.02)
+RAYS = np.array([[x, y, 1.0] for x in (-0.55, -0.2, 0.17, 0.5) for y in (-0.4, -0.05, 0.36)]) * 4.0
+
+
+def bend(model, d, x, y):
+    """Where a lens puts the ray (x, y, 1), one formula at a time."""
+    r = np.hypot(x, y)
+    if model == "equidistant":
+        theta = np.arctan(r)
+        bent = theta + sum(k * theta ** (2 * i + 3) for i, k in enumerate(d))
+        scale = np.divide(bent, r, out=np.ones_like(r), where=r > 0)
+        return x * scale, y * scale
+    k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4, tx, ty = (*d, *[0.0] * (14 - len(d)))
+    radial = (1 + k1 * r**2 + k2 * r**4 + k3 * r**6) / (1 + k4 * r**2 + k5 * r**4 + k6 * r**6)
+    x, y = (
+        x * radial + 2 * p1 * x * y + p2 * (r**2 + 2 * x**2) + s1 * r**2 + s2 * r**4,
+        y * radial + p1 * (r**2 + 2 * y**2) + 2 * p2 * x * y + s3 * r**2 + s4 * r**4,
+    )
+    turn_x = np.array([[1, 0, 0], [0, np.cos(tx), np.sin(tx)], [0, -np.sin(tx), np.cos(tx)]])
+    turn_y = np.array([[np.cos(ty), 0, -np.sin(ty)], [0, 1, 0], [np.sin(ty), 0, np.cos(ty)]])
+    turn = turn_y @ turn_x
+    onto = np.array([[turn[2, 2], 0, -turn[0, 2]], [0, turn[2, 2], -turn[1, 2]], [0, 0, 1]])
+    x, y, scale = np.tensordot(onto @ turn, np.stack([x, y, np.ones_like(x)]), 1)
+    return x / scale, y / scale
+
+
+@cache
+def rays(model, d):
+    """The ray (x, y, 1) of each pixel, by undoing `bend` iteratively."""
+    rows, columns = np.mgrid[0:HEIGHT, 0:WIDTH]
+    bent_x, bent_y = (columns - CX) / FX, (rows - CY) / FY
+    x, y = bent_x, bent_y
+    for _ in range(30):
+        again_x, again_y = bend(model, d, x, y)
+        x, y = x + bent_x - again_x, y + bent_y - again_y
+    return x, y
+
+
+def photograph(model, d, point, *, crop=(0, 0, WIDTH, HEIGHT), binning=(1, 1)):
+    """A dot on a wall as the sensor records it: the region is cut out, then pixels are averaged."""
+    x, y = rays(model, d)
+    blur = 2.5 * max(binning) / FX
+    dot = 60_000 * np.exp(-((x - point[0] / point[2]) ** 2 + (y - point[1] / point[2]) ** 2) / (2 * blur**2))
+    x, y, width, height = crop
+    bx, by = binning
+    width, height = width // bx * bx, height // by * by
+    part = dot[y : y + height, x : x + width].reshape(height // by, by, width // bx, bx)
+    return part.mean(axis=(1, 3)).round().astype(np.uint16)
+
+
+def calibration(message):
+    """Part of `calibration.json` that the step `frames` is handed."""
+    lens = decode_camera_info(message).calibration
+    roi = {name: getattr(lens.roi, name) for name in ("x_offset", "y_offset", "width", "height")}
+    return {
+        "model": lens.model, "width": lens.width, "height": lens.height, "k": list(lens.k), "d": list(lens.d),
+        "binning": list(lens.binning), "roi": roi,
+    }  # fmt: skip
+
+
+def output(message, *, target=None, undistort=True):
+    params = {
+        "channel": "CAM", "topic": "/cam", "output": "png", "quality": 90, "undistort": undistort,
+        "target": target, "camera": calibration(message),
+    }  # fmt: skip
+    return ImageOutput(params, None)
+
+
+def info(model, d, **changes):
+    return camera_info(model=model, d=d, k=(FX, FY, CX, CY), width=WIDTH, height=HEIGHT, **changes)
+
+
+def centroid(image):
+    weights = image.astype(np.float64)
+    rows, columns = np.mgrid[0 : image.shape[0], 0 : image.shape[1]]
+    return np.array([(weights * columns).sum(), (weights * rows).sum()]) / weights.sum()
+
+
+def assert_dots_are_where_the_pinhole_sees_them(made, model, d, points, **recorded):
+    k = np.array(intrinsic_matrix(made.written))
+    checked = 0
+    for point in points:
+        expected = (k @ (point / point[2]))[:2]
+        size = np.array([made.written.width, made.written.height])
+        image = photograph(model, d, point, **recorded)
+        margin = 14
+        if (expected < margin).any() or (expected > size - 1 - margin).any() or image.max() < 50_000:
+            continue  # the dot is cut off by the border of one of the two images
+        if min(image[0].max(), image[-1].max(), image[:, 0].max(), image[:, -1].max()) > 0:
+            continue
+        reading = ImageReading(1, "cam", image, None, "mono16")
+        written = cv2.imdecode(np.frombuffer(made.make(reading).data, np.uint8), cv2.IMREAD_UNCHANGED)
+        np.testing.assert_allclose(centroid(written), expected, atol=0.05)
+        checked += 1
+    assert checked >= 3
+
+
+@pytest.mark.parametrize("model", LENSES)
+def test_undistortion_of_the_whole_image(model):
+    message = info(model, LENSES[model])
+    assert_dots_are_where_the_pinhole_sees_them(output(message), model, LENSES[model], RAYS)
+
+
+@pytest.mark.parametrize("model", LENSES)
+def test_undistortion_with_other_intrinsics(model):
+    target = {"fx": 250.0, "fy": 260.0, "cx": 300.5, "cy": 250.25}
+    made = output(info(model, LENSES[model]), target=target)
+    assert intrinsic_matrix(made.written) == [[250.0, 0, 300.5], [0, 260.0, 250.25], [0, 0, 1]]
+    assert_dots_are_where_the_pinhole_sees_them(made, model, LENSES[model], RAYS)
+
+
+@pytest.mark.parametrize("model", LENSES)
+@pytest.mark.parametrize("crop", [(0, 0, WIDTH, HEIGHT), (90, 30, 512, 400), (51, 47, 560, 421)])
+@pytest.mark.parametrize("binning", [(1, 1), (2, 2), (1, 2)])
+def test_undistortion_of_a_region_that_is_binned(model, crop, binning):
+    x, y, width, height = crop
+    message = info(
+        model, LENSES[model], roi=region(x, y, width, height), binning_x=binning[0], binning_y=binning[1]
+    )
+    made = output(message)
+    assert (made.written.width, made.written.height) == (width // binning[0], height // binning[1])
+    assert_dots_are_where_the_pinhole_sees_them(
+        made, model, LENSES[model], RAYS[::2], crop=crop, binning=binning
+    )
+
+
+@pytest.mark.parametrize("d", [PRISM, TILTED])
+def test_undistortion_of_thin_prisms_and_tilted_sensors(d):
+    message = info("rational_polynomial", d)
+    assert_dots_are_where_the_pinhole_sees_them(output(message), "rational_polynomial", d, RAYS)
+
+
+def test_an_equidistant_lens_without_coefficients_still_bends():
+    """Its image is not a pinhole's: at 30 degrees it is 10 % smaller."""
+    message = info("equidistant", (0.0,) * 4)
+    made = output(message)
+    assert made.written.model == "none"
+    assert_dots_are_where_the_pinhole_sees_them(made, "equidistant", (0.0,) * 4, RAYS)
+
+
+def test_other_intrinsics_without_distortion():
+    target = {"fx": 300.0, "fy": 300.0, "cx": 320.0, "cy": 240.0}
+    made = output(info("plumb_bob", (0.0,) * 5), target=target)
+    assert_dots_are_where_the_pinhole_sees_them(made, "none", (), RAYS)
+
+
+def test_an_image_that_is_not_undistorted_keeps_its_pixels():
+    made = output(info("plumb_bob", LENSES["plumb_bob"]), undistort=False)
+    image = photograph("plumb_bob", LENSES["plumb_bob"], RAYS[0])
+    data = made.make(ImageReading(1, "cam", image, None, "mono16")).data
+    np.testing.assert_array_equal(cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED), image)
+
+
+@settings(deadline=None)
+@given(
+    st.sampled_from([*LENSES.items(), ("rational_polynomial", PRISM), ("rational_polynomial", TILTED)]),
+    st.floats(-0.6, 0.6),
+    st.floats(-0.45, 0.45),
+    st.floats(0.5, 80.0),
+)
+def test_projection_agrees_with_the_formulas(lens, x, y, depth):
+    model, d = lens
+    camera = CameraModel(model, WIDTH, HEIGHT, FX, FY, CX, CY, d)
+    point = np.array([x, y, 1.0]) * depth + [1e-9, 0, 0]
+    pixels, in_front = camera.project(point[None])
+    assert in_front.all()
+    bent_x, bent_y = bend(model, d, *(point[:2] / point[2]))
+    np.testing.assert_allclose(pixels[0], [FX * bent_x + CX, FY * bent_y + CY], atol=1e-7)
+    _, behind = camera.project(-point[None])
+    assert not behind.any()
+
+
+@pytest.mark.parametrize("model", LENSES)
+def test_the_optical_axis_is_at_the_principal_point(model):
+    camera = CameraModel(model, WIDTH, HEIGHT, FX, FY, CX, CY, LENSES[model])
+    assert camera.project(np.array([[0.0, 0.0, 3.0]]))[0].tolist() == [[CX, CY]]
+
+
+def test_an_image_of_another_size_is_refused():
+    made = output(info("plumb_bob", LENSES["plumb_bob"]))
+    image = np.zeros((240, 320), np.uint8)
+    with pytest.raises(
+        CalibrationError, match=r"CAM \(/cam\): images are 320x240, but the calibration is for 640x480"
+    ):
+        made.make(ImageReading(1, "cam", image, None, "mono8"))

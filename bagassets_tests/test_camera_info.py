@@ -1,0 +1,98 @@
+"""CameraInfo: both spellings, every lens model under the names drivers give it, and nonsense."""
+
+import math
+
+import numpy as np
+import pytest
+
+from bagassets.decode.camera_info import RegionOfInterest, decode_camera_info
+from bagassets.errors import DecodeError
+from bagassets_tests.pose_data import T0, camera_info, region
+
+FIVE = (-0.2, 0.05, 0.001, -0.002, 0.01)
+EIGHT = (0.1, -0.05, 0.001, -0.001, 0.01, 0.2, -0.02, 0.003)
+
+
+@pytest.mark.parametrize("ros1", [True, False])
+def test_fields_of_ros_1_and_ros_2(ros1):
+    reading = decode_camera_info(camera_info(frame="/cam", d=FIVE, ros1=ros1))
+    calibration = reading.calibration
+    assert (reading.stamp_ns, reading.frame_id) == (T0, "cam")
+    assert (calibration.model, calibration.d) == ("plumb_bob", FIVE)
+    assert calibration.k == (400.0, 0, 320.0, 0, 410.0, 240.0, 0, 0, 1)
+    assert calibration.r == (1, 0, 0, 0, 1, 0, 0, 0, 1)
+    assert (calibration.width, calibration.height, calibration.binning) == (640, 480, (1, 1))
+
+
+@pytest.mark.parametrize(
+    ("name", "d", "expected"),
+    [
+        ("plumb_bob", FIVE, ("plumb_bob", FIVE)),
+        ("plumb_bob", FIVE[:4], ("plumb_bob", FIVE[:4])),
+        ("plumb_bob", (), ("none", ())),
+        ("plumb_bob", EIGHT, ("rational_polynomial", EIGHT)),
+        ("plumb_bob", (*FIVE, 0.0, 0.0, 0.0), ("rational_polynomial", (*FIVE, 0.0, 0.0, 0.0))),
+        ("plumb_bob", (*FIVE, 0.0), ("plumb_bob", FIVE)),
+        ("plumb_bob", (0.0,), ("plumb_bob", (0.0,) * 4)),
+        ("plumb_bob", (-0.3, 0.1), ("plumb_bob", (-0.3, 0.1, 0.0, 0.0))),
+        ("rational_polynomial", EIGHT, ("rational_polynomial", EIGHT)),
+        ("rational_polynomial", FIVE, ("plumb_bob", FIVE)),
+        ("rational_polynomial", (*EIGHT, 0.0, 0.0), ("rational_polynomial", EIGHT)),
+        ("rational_polynomial", EIGHT + FIVE[:4], ("rational_polynomial", EIGHT + FIVE[:4])),
+        ("equidistant", FIVE[:4], ("equidistant", FIVE[:4])),
+        ("equidistant", (0.0,) * 4, ("equidistant", (0.0,) * 4)),
+        ("fisheye", FIVE[:4], ("equidistant", FIVE[:4])),
+        ("Kannala_Brandt4 ", FIVE[:4], ("equidistant", FIVE[:4])),
+        ("", (), ("none", ())),
+        ("", (0.0,) * 5, ("none", ())),
+    ],
+)
+def test_models_and_coefficients(name, d, expected):
+    calibration = decode_camera_info(camera_info(model=name, d=d)).calibration
+    assert (calibration.model, calibration.d) == expected
+
+
+def test_region_and_binning():
+    message = camera_info(roi=region(10, 20, 300, 200), binning_x=2, binning_y=0)
+    calibration = decode_camera_info(message).calibration
+    assert calibration.roi == RegionOfInterest(10, 20, 300, 200, do_rectify=False)
+    assert calibration.binning == (2, 1)
+    whole = decode_camera_info(camera_info()).calibration.roi
+    assert (whole.width, whole.height) == (640, 480)
+    rest = decode_camera_info(camera_info(roi=region(40, 80))).calibration.roi
+    assert (rest.width, rest.height) == (600, 400)
+
+
+def test_rectification_left_zero_is_none():
+    assert decode_camera_info(camera_info(r=np.zeros(9))).calibration.r == (1, 0, 0, 0, 1, 0, 0, 0, 1)
+
+
+@pytest.mark.parametrize(
+    ("changes", "problem"),
+    [
+        ({"k": (0, 0, 0, 0)}, r"not of the form|focal lengths"),
+        ({"k": (-400.0, 400.0, 320.0, 240.0)}, "focal lengths must be positive, they are -400 and 400"),
+        (
+            {"k": (400.0, 400.0, 700.0, 240.0)},
+            r"principal point \(700, 240\) lies outside the image of 640x480",
+        ),
+        ({"k": (400.0, math.nan, 320.0, 240.0)}, "not finite"),
+        ({"d": (math.inf,) * 5}, "not finite"),
+        ({"d": (0.1,) * 15}, "distortion model plumb_bob has 4 or 5 coefficients, it holds 15"),
+        ({"model": "equidistant", "d": FIVE}, "equidistant has 4 coefficients, it holds 5"),
+        ({"model": "mei", "d": FIVE}, "'mei' is not known"),
+        ({"model": "", "d": FIVE}, "names no distortion model but has coefficients"),
+        ({"width": 0}, "image size is 0x480"),
+        ({"roi": region(500, 0, 200, 100)}, "region of interest reaches beyond the image"),
+    ],
+)
+def test_nonsense_is_refused(changes, problem):
+    with pytest.raises(DecodeError, match=problem):
+        decode_camera_info(camera_info(**changes))
+
+
+def test_a_camera_that_was_never_calibrated():
+    message = camera_info()
+    message.k = np.zeros(9)
+    with pytest.raises(DecodeError, match="K is all zeros, so the camera was not calibrated"):
+        decode_camera_info(message)
