@@ -1,0 +1,91 @@
+"""`bagassets sample`: synthetic drives, to try things on and to measure with."""
+
+from pathlib import Path
+
+import click
+
+__all__ = ["sample"]
+
+_FORMATS = {".bag": "ros1", ".mcap": "mcap", "": "ros2"}
+
+
+@click.command(
+    epilog="""\b
+Examples:
+  bagassets sample drive.mcap
+  bagassets sample drive.bag --seed 7 --compression lz4
+  bagassets sample big --profile tas --duration 20      # a ROS 2 folder, 90 MB per second
+  bagassets sample drive.mcap --recipe-out recipe.yaml && bagassets build"""
+)
+@click.argument("path", type=click.Path(path_type=Path))
+@click.option(
+    "--format",
+    "file_format",
+    type=click.Choice(["ros1", "ros2", "mcap"]),
+    help="Default: by the name: .bag is ros1, .mcap is mcap, no suffix is ros2 (a folder with a database).",
+)
+@click.option(
+    "--compression",
+    type=click.Choice(["none", "lz4", "bz2", "zstd"]),
+    default="none",
+    show_default=True,
+    help="ros1 knows lz4 and bz2, ros2 zstd, mcap lz4 and zstd.",
+)
+@click.option(
+    "--profile",
+    type=click.Choice(["small", "drive", "tas"]),
+    default="small",
+    show_default=True,
+    help="small: 4 s, images of 320x200; drive: 20 s, 640x400; tas: 10 s of four Bayer cameras of 1920x1080 and "
+    "the packets of a lidar with 128 beams, whose pictures repeat; for measuring throughput.",
+)
+@click.option("--seed", type=click.IntRange(0, 10_000), default=0, show_default=True, help="Another world.")
+@click.option(
+    "--duration", type=click.FloatRange(0.1, 36_000), metavar="S", help="Seconds; default: the profile's."
+)
+@click.option(
+    "--recipe-out",
+    type=click.Path(dir_okay=False, path_type=Path),
+    metavar="FILE",
+    help="Write a recipe for drives of this profile, too.",
+)
+def sample(
+    path: Path,
+    file_format: str | None,
+    compression: str,
+    profile: str,
+    seed: int,
+    duration: float | None,
+    recipe_out: Path | None,
+) -> None:
+    """Write a synthetic drive, whose truth is known.
+
+    A round road with buildings, vehicles and pedestrians, seen by three cameras with lens distortion
+    (one Bayer, one colour, one JPEG), a spinning lidar and a radar; odometry, TF, GNSS, IMU, and the
+    true boxes on /annotations. The same seed gives the same drive in every format.
+    """
+    from bagassets.sample.drive import PROFILES, Target, write_recordings  # noqa: PLC0415  (not for --help)
+
+    kind = file_format or _FORMATS.get(path.suffix)
+    if kind is None:
+        raise click.UsageError(f"{path}: which format? Give --format, or a name that ends in .bag or .mcap.")
+    if recipe_out is not None and recipe_out.exists():
+        raise click.UsageError(f"{recipe_out}: there is a file already; it is left as it is.")
+    length_s = PROFILES[profile].duration_s if duration is None else duration
+    with click.progressbar(length=1000, label=f"Writing {path}") as bar:
+        write_recordings(
+            [Target(path, kind, compression)],  # type: ignore[arg-type]  # click checked the choices
+            seed,
+            profile,
+            length_s,
+            lambda seconds: bar.update(max(0, min(1000, int(1000 * seconds / length_s)) - bar.pos)),
+        )
+    click.echo(f"Wrote {path}: {length_s:g} s of drive, seed {seed}. Look into it: bagassets inspect {path}")
+    if recipe_out is not None:
+        from bagassets.sample.recipe import sample_recipe  # noqa: PLC0415
+
+        recipe_out.write_text(
+            sample_recipe(root=str(path.resolve().parent), throughput=PROFILES[profile].throughput),
+            encoding="utf-8",
+        )
+        click.echo(f"Wrote {recipe_out}. Build the dataset: bagassets build --recipe {recipe_out}")

@@ -1,0 +1,68 @@
+"""A sample drive in three formats, built into a dataset: what tests against truth share."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+from bagassets.bags.digest import recording_digest, recording_stat
+from bagassets.bags.discover import discover
+from bagassets.engine.recording_build import RecordingBuild
+from bagassets.geometry.se3 import SE3
+from bagassets.nuscenes.dataset import BagPart, assemble
+from bagassets.recipe import load_recipe
+from bagassets.sample.drive import Target, write_recordings
+from bagassets.sample.recipe import sample_recipe
+from bagassets.sample.truth import Truth
+from bagassets.store.store import Store
+
+TARGETS = (("drive.bag", "ros1"), ("drive", "ros2"), ("drive.mcap", "mcap"))
+VERSION = "v1.0-sample"
+
+
+@dataclass
+class Built:
+    """A project with its truth, its artifacts by recording and asset, and the tables of its dataset."""
+
+    recipe: object
+    truth: Truth
+    made: dict
+    dataroot: Path
+    tables: dict
+
+    def artifact(self, key, asset):
+        return self.made[key][asset].artifact
+
+    def channel(self, key, asset, channel):
+        """The artifact of one channel."""
+        entry = self.artifact(key, asset).read_json("channels.json")[channel]
+        return Store(self.recipe.store_path).artifact(entry["artifact"])
+
+
+def build_recordings(recipe):
+    """Build every recording of a recipe without Dagster: key -> asset -> what was made."""
+    made = {}
+    for key, found in discover(recipe.bags).found.items():
+        digest = recording_digest(found).digest
+        build = RecordingBuild(recipe, Store(recipe.store_path), found, digest, recording_stat(found))
+        made[key] = {result.asset: result for result in build.build()}
+    return made
+
+
+def build_sample(folder, *, seed=3, duration_s=3.2, targets=TARGETS, profile="small"):
+    """Write a drive in several formats and build the dataset."""
+    files = [Target(folder / "recordings" / name, file_format) for name, file_format in targets]
+    truth = write_recordings(files, seed, profile, duration_s)
+    (folder / "recipe.yaml").write_text(sample_recipe(throughput=profile == "tas"))
+    recipe = load_recipe(folder / "recipe.yaml")
+    made = build_recordings(recipe)
+    store = Store(recipe.store_path)
+    parts = [BagPart(key, key, assets["nuscenes_tables"].artifact.digest) for key, assets in made.items()]
+    assemble(parts, recipe.nuscenes, store, recipe.nuscenes.output)
+    version = recipe.nuscenes.output / VERSION
+    tables = {file.stem: json.loads(file.read_text()) for file in version.glob("*.json")}
+    return Built(recipe, truth, made, recipe.nuscenes.output, tables)
+
+
+def pose_of(row):
+    """The transform of a row of ego_pose, calibrated_sensor or sample_annotation."""
+    return SE3.create(row["rotation"], row["translation"])
