@@ -34,7 +34,9 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "verify": ("bagassets.cli.verify:verify", "Check that the store is intact, and that actions repeat."),
     "gc": ("bagassets.cli.gc:gc", "Remove artifacts that nothing refers to any more."),
     "dataset": ("bagassets.cli.dataset:dataset", "Compare datasets, and make one again from its lock."),
+    "demo": ("bagassets.cli.demo:demo", "Make sample drives and build the dataset from them."),
     "sample": ("bagassets.cli.sample:sample", "Write synthetic drives."),
+    "decoders": ("bagassets.cli.decoders:decoders", "List installed decoders of your own message types."),
     "docs": ("bagassets.cli.docs:docs", "Print reference documentation as Markdown."),
 }
 

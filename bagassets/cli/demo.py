@@ -1,0 +1,51 @@
+"""`bagassets demo`: sample drives and the dataset made from them, with one command."""
+
+from pathlib import Path
+
+import click
+
+__all__ = ["demo"]
+
+
+@click.command(
+    epilog="""\b
+Examples:
+  bagassets demo
+  bagassets demo /tmp/demo
+
+\b
+Exit status: as of `bagassets build`."""
+)
+@click.argument("folder", type=click.Path(file_okay=False, path_type=Path), default=Path("build/demo"))
+@click.pass_context
+def demo(ctx: click.Context, folder: Path) -> None:
+    """Make sample drives and build the dataset from them.
+
+    Writes six synthetic drives (two ROS 1, two ROS 2, two MCAP) into FOLDER/recordings, a project
+    around them, and its nuScenes dataset. FOLDER is build/demo unless given. What is there already
+    is kept: a second call only checks that all is up to date.
+    """
+    from bagassets.cli.build import build  # noqa: PLC0415  (not for --help)
+    from bagassets.recipe import load_recipe  # noqa: PLC0415
+    from bagassets.recipe.project import FILES, write_project  # noqa: PLC0415
+    from bagassets.sample.demo import missing_drives, write_drives  # noqa: PLC0415
+    from bagassets.sample.recipe import sample_recipe  # noqa: PLC0415
+
+    folder = folder.absolute()
+    recordings = folder / "recordings"
+    missing = missing_drives(recordings)
+    if missing:
+        with click.progressbar(
+            write_drives(recordings, missing),
+            length=len(missing),
+            label=f"Writing {len(missing)} sample drives",
+            item_show_func=lambda name: name or "",
+        ) as names:
+            for _ in names:
+                pass
+    recipe = folder / "recipe.yaml"
+    if not recipe.exists():
+        write_project(folder, sample_recipe(name="demo", version="v1.0-demo"))
+    elif not all((folder / name).exists() for name in FILES):
+        write_project(folder, None, load_recipe(recipe).state)
+    ctx.invoke(build, recipe=recipe)
