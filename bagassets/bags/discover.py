@@ -35,23 +35,30 @@ class Discovery:
     Attributes:
         found: partition key -> recording, sorted by key.
         excluded: path below the root and reason of each recording that the globs leave out.
+        unreadable: sentence for each folder or file that cannot be read, if that was to be told so.
     """
 
     found: dict[str, Found]
     excluded: list[tuple[str, str]]
+    unreadable: list[str] = field(default_factory=list)
 
 
-def discover(bags: Bags) -> Discovery:
+def discover(bags: Bags, *, skip_unreadable: bool = False) -> Discovery:
     """Return the recordings that the recipe's `bags` select.
 
     Hidden files and those of unfinished copies (`.active`, `.part`, `.tmp`) are no recordings.
+
+    Args:
+        bags: where to look and what counts.
+        skip_unreadable: go on without folders that cannot be read; only for those who never take
+            a recording that is not found for a removed one.
 
     Raises:
         RecordingError: the root is missing, or a folder below it cannot be read and is not excluded.
     """
     if not bags.root.is_dir():
         raise RecordingError(f"{bags.root}: no such folder; correct bags.root in the recipe.")
-    walk = _Walk(bags)
+    walk = _Walk(bags, skip_unreadable)
     walk.folder(bags.root, "", ())
     found: dict[str, Found] = {}
     for recording in sorted(walk.found, key=lambda recording: recording.relative):
@@ -65,7 +72,7 @@ def discover(bags: Bags) -> Discovery:
             )
         else:
             found[recording.key] = recording
-    return Discovery(dict(sorted(found.items())), sorted(walk.excluded))
+    return Discovery(dict(sorted(found.items())), sorted(walk.excluded), sorted(walk.unreadable))
 
 
 def find_one(path: Path) -> Found:
@@ -105,8 +112,10 @@ class _Walk:
     """
 
     bags: Bags
+    skip_unreadable: bool = False
     found: list[Found] = field(default_factory=list)
     excluded: list[tuple[str, str]] = field(default_factory=list)
+    unreadable: list[str] = field(default_factory=list)
 
     def folder(self, path: Path | str, relative: str, ancestors: tuple[tuple[int, int], ...]) -> None:
         """Walk one folder; `ancestors` are device and inode of the folders it lies in."""
@@ -156,10 +165,13 @@ class _Walk:
             if matches(pattern, relative) or matches(pattern, f"{relative}/"):
                 self.excluded.append((relative, f"cannot be read, and excluded by bags.exclude ({pattern})"))
                 return
-        raise RecordingError(
+        sentence = (
             f"{self.bags.root / relative}: cannot be read ({err.strerror}); correct its permissions or name it in "
             "bags.exclude."
-        ) from err
+        )
+        if not self.skip_unreadable:
+            raise RecordingError(sentence) from err
+        self.unreadable.append(sentence)
 
 
 def _exclusion(bags: Bags, relative: str) -> str | None:

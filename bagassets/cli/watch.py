@@ -1,0 +1,121 @@
+"""`bagassets watch`: the digest service of a file server."""
+
+import json
+import signal
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from bagassets.cli.options import EXIT_FOUND
+
+if TYPE_CHECKING:
+    from bagassets.bags.watch import WatchEvent
+
+__all__ = ["watch"]
+
+
+@click.command(
+    epilog="""\b
+Examples:
+  bagassets watch /data/recordings
+  bagassets watch --recipe project/recipe.yaml
+  bagassets watch /data/recordings --verify --once
+
+Exit status: 0 when stopped by SIGTERM or Ctrl-C; 1 the folder is not there; 3 --once --verify found disagreements."""
+)
+@click.argument("root", required=False, type=click.Path(path_type=Path))
+@click.option(
+    "--recipe",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Recipe that says where recordings are and which count, if no ROOT is given, and whose index is used for "
+    "files that take no attributes; default: recipe.yaml, if there is one here.",
+)
+@click.option(
+    "--settle",
+    "settle_s",
+    type=click.FloatRange(min=0),
+    metavar="SECONDS",
+    help="A recording is finished when it has not changed for so long; default: bags.settle_s of the recipe, or 5.",
+)
+@click.option(
+    "--rescan",
+    "rescan_s",
+    type=click.FloatRange(min=0.1),
+    default=300.0,
+    show_default=True,
+    metavar="SECONDS",
+    help="Look at all files this often even if nobody reports a change; shorten it where the file system reports none.",
+)
+@click.option(
+    "--verify", is_flag=True, help="First hash all content again, report every disagreement and correct it."
+)
+@click.option("--once", is_flag=True, help="Catch up with what is finished, then end.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object per line.")
+def watch(
+    root: Path | None,
+    recipe: Path | None,
+    settle_s: float | None,
+    rescan_s: float,
+    verify: bool,
+    once: bool,
+    as_json: bool,
+) -> int:
+    """Follow a folder of recordings and keep their digests true.
+
+    Meant to run on the machine that has the disks. Each finished recording below ROOT is hashed
+    once; the digest is stored with its files, for size and time, so that builds elsewhere need not read
+    them to know what they are. After a restart it catches up with what it missed.
+    """
+    from bagassets.bags.digest_record import DigestIndex  # noqa: PLC0415  (loads BLAKE3 and SQLite)
+    from bagassets.bags.watch import Watcher, WatchEvent  # noqa: PLC0415
+    from bagassets.recipe import load_recipe  # noqa: PLC0415  (pydantic and YAML)
+    from bagassets.recipe.model import Bags  # noqa: PLC0415
+
+    if recipe is None and Path("recipe.yaml").is_file():
+        recipe = Path("recipe.yaml")
+    loaded = None if recipe is None else load_recipe(recipe)
+    if root is not None:
+        bags = Bags(root=root.absolute())
+    elif loaded is not None:
+        bags = loaded.bags
+    else:
+        raise click.UsageError("name the folder of the recordings, or a recipe with --recipe.")
+    if settle_s is not None:
+        bags = bags.model_copy(update={"settle_s": settle_s})
+    index = None if loaded is None else DigestIndex(loaded.state)
+    wrong = 0
+
+    def tell(event: WatchEvent) -> None:
+        nonlocal wrong
+        wrong += event.kind == "wrong"
+        click.echo(_json_line(event) if as_json else _line(event))
+
+    watcher = Watcher(bags, index, tell, rescan_s=rescan_s)
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: watcher.stop())
+    if not once:
+        tell(WatchEvent("note", f"following {bags.root}", bags.root))
+    watcher.run(verify=verify, once=once)
+    return EXIT_FOUND if once and verify and wrong else 0
+
+
+def _line(event: "WatchEvent") -> str:
+    if event.kind == "hashed":
+        rate = event.size / 1e6 / max(event.seconds, 1e-9)
+        return f"hashed  {event.path}  {event.digest}  {event.size / 1e6:.1f} MB, {rate:.0f} MB/s"
+    return f"{event.kind}  {event.message}"
+
+
+def _json_line(event: "WatchEvent") -> str:
+    return json.dumps(
+        {
+            "event": event.kind,
+            "path": None if event.path is None else str(event.path),
+            "digest": event.digest,
+            "size": event.size,
+            "seconds": round(event.seconds, 3),
+            "message": event.message,
+        }
+    )
