@@ -12,6 +12,7 @@ __all__ = [
     "DatasetError",
     "DecodeError",
     "LossLimitError",
+    "PluginError",
     "PoseError",
     "RecipeError",
     "RecordingError",
@@ -26,6 +27,10 @@ class BagAssetsError(Exception):
 
 class RecipeError(BagAssetsError):
     """A recipe is missing, malformed, or asks for something that cannot be."""
+
+
+class PluginError(BagAssetsError):
+    """A decoder plug-in clashes with another, cannot be loaded, or is not what it says."""
 
 
 class RecordingError(BagAssetsError):

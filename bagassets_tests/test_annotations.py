@@ -263,7 +263,8 @@ class FakeRecording:
 
 
 def inventory(*topics):
-    return Msg(has=lambda name: name in topics)
+    record = Msg(msgtype="vision_msgs/msg/Detection3DArray")
+    return Msg(has=lambda name: name in topics, topic=lambda name: record)
 
 
 def rig(**annotation):

@@ -1,13 +1,24 @@
-"""Code versions of assets: step version plus the recipe fields that the asset uses.
+"""Code versions of assets: step version plus the recipe fields and decoder plug-ins that the asset uses.
 
 Dagster cannot see parameters; through this string a changed recipe shows in its UI as a
 changed code version.
 """
 
+from collections.abc import Mapping
 from typing import Any
 
+from bagassets.plugins import Family, installed_decoders
 from bagassets.recipe.model import CameraChannel, Recipe, Rig
-from bagassets.steps import annotations, calibration, ego_poses, frames, inventory, nuscenes_tables, sweeps
+from bagassets.steps import (
+    annotations,
+    calibration,
+    ego_poses,
+    frames,
+    inventory,
+    nuscenes_tables,
+    sweeps,
+    vision_sequences,
+)
 from bagassets.store.canonical import digest_json
 
 __all__ = ["code_version"]
@@ -20,14 +31,28 @@ _STEPS = {
     "frames": frames.STEP,
     "sweeps": sweeps.STEP,
     "nuscenes_tables": nuscenes_tables.STEP,
+    "vision_sequences": vision_sequences.STEP,
+}
+# Plug-ins of these families may decode what an asset reads.
+_FAMILIES: Mapping[str, tuple[Family, ...]] = {
+    "ego_poses": ("pose",),
+    "annotations": ("boxes",),
+    "frames": ("image",),
+    "sweeps": ("cloud", "radar"),
 }
 
 
 def code_version(recipe: Recipe, asset: str) -> str:
-    """Return `<step version>-<digest of the recipe fields>` of one per-recording asset."""
+    """Return `<step version>-<digest of the recipe fields and plug-ins>` of one per-recording asset."""
     fields = {rig.name: _rig_fields(recipe, rig, asset) for rig in recipe.rigs}
     selection = recipe.bags.model_dump(mode="json", include={"min_duration_s"})
-    digest = digest_json({"rigs": fields, "selection": selection if asset != "inventory" else None})
+    plugins = [
+        [plugin.name, plugin.as_json()]
+        for family in _FAMILIES.get(asset, ())
+        for plugin in installed_decoders().of_family(family)
+    ]
+    used = {"rigs": fields, "selection": selection if asset != "inventory" else None}
+    digest = digest_json(used | ({"plugins": plugins} if plugins else {}))
     return f"{_STEPS[asset].version}-{digest[:12]}"
 
 
@@ -53,6 +78,9 @@ def _rig_fields(recipe: Recipe, rig: Rig, asset: str) -> Any:
             return [common, {name: fields for name, fields in channels.items() if name in cameras}]
         case "sweeps":
             return [common, {name: fields for name, fields in channels.items() if name not in cameras}]
+        case "vision_sequences":
+            vision = recipe.vision and recipe.vision.model_dump(mode="json", exclude={"output", "files"})
+            return [vision, rig.name, rig.tf, rig.tf_static, sorted(cameras)]
         case _:
             scenes = recipe.scenes.model_dump(mode="json")
             return [scenes, rig.name, rig.vehicle, rig.location, sorted(channels)]

@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
+from bagassets.plugins import installed_decoders
 from bagassets.recipe.glance import Edge, Glance, TopicGlance
 from bagassets.recipe.naming import tokens, word_set
 
@@ -82,7 +83,8 @@ def propose_pose(glance: Glance, ego_frame: str) -> PoseProposal:
     odometry = _odometry(glance)
     if odometry is not None:
         return _from_odometry(odometry, glance, ego_frame)
-    poses = [t for t in _usable(glance, _POSES) if _COMMANDS.isdisjoint(tokens(t.name))]
+    types = _POSES | {plugin.msgtype for plugin in installed_decoders().of_family("pose")}
+    poses = [t for t in _usable(glance, types) if _COMMANDS.isdisjoint(tokens(t.name))]
     if poses:
         best = max(poses, key=_pose_rank)
         reasons = {"topic": _choice(best, poses, "pose topic")}

@@ -4,6 +4,7 @@ import re
 from collections.abc import Collection
 from dataclasses import dataclass
 
+from bagassets.plugins import installed_decoders
 from bagassets.recipe.commented_yaml import Sheet, scalar
 from bagassets.recipe.glance import Glance
 from bagassets.recipe.grouping import Group
@@ -202,7 +203,11 @@ def _annotations(glance: Glance) -> list[str]:
         for topic in glance.topics.values()
         if topic.count > 0
         and topic.problem is None
-        and (topic.msgtype in _BOXES or (topic.msgtype in _MARKERS and _TRUTH & set(tokens(topic.name))))
+        and (
+            topic.msgtype in _BOXES
+            or "boxes" in installed_decoders().families(topic.msgtype)
+            or (topic.msgtype in _MARKERS and _TRUTH & set(tokens(topic.name)))
+        )
     ]
     topics.sort(key=lambda topic: (not _TRUTH & set(tokens(topic.name)), -topic.count, topic.name))
     return [topic.name for topic in topics]

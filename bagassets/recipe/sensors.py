@@ -3,11 +3,13 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from bagassets.plugins import Family, installed_decoders
 from bagassets.recipe.glance import Glance, TopicGlance
 from bagassets.recipe.naming import Modality, is_derived, sensor_of, tokens
 
 __all__ = ["Sensor", "find_sensors", "modality_of"]
 
+_BY_FAMILY: dict[Family, Modality] = {"image": "camera", "cloud": "lidar", "radar": "radar"}
 _IMAGES = frozenset({"sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"})
 _PACKETS = frozenset({"velodyne_msgs/msg/VelodyneScan", "ethernet_msgs/msg/Packet"})
 _VELODYNE_PAYLOAD_BYTES = 1206
@@ -57,6 +59,9 @@ class Sensor:
 
 def modality_of(topic: TopicGlance) -> Modality | None:
     """Return the kind of sensor that a topic belongs to by type and name; None if to none."""
+    for family in installed_decoders().families(topic.msgtype):
+        if family in _BY_FAMILY:
+            return _BY_FAMILY[family]
     package, _, name = topic.msgtype.partition("/msg/")
     if topic.msgtype in _IMAGES:
         return "camera"

@@ -1,7 +1,8 @@
 """The step `annotations`: boxes in a recording's topics become one table in the global frame."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 from bagassets.annotations.collect import UNKNOWN_FRAME, BoxCollector, SourceRules
@@ -10,9 +11,12 @@ from bagassets.annotations.table import BoxTable
 from bagassets.bags.inventory import Inventory
 from bagassets.bags.model import RawMessage, Recording
 from bagassets.decode.boxes import BoxDecoder, box_decoder, box_message_types
+from bagassets.decode.model import BoxReading
+from bagassets.decode.registry import decoder_params, plugin_box_decoder
 from bagassets.errors import DecodeError, LossLimitError, RecipeError
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.trajectory import Trajectory
+from bagassets.plugins import installed_decoders
 from bagassets.recipe.model import Limits, Rig
 from bagassets.recipe.model_base import Clock
 from bagassets.steps.channel import Counts, Request
@@ -47,6 +51,9 @@ def request(
         inventory: what is in the recording.
         calibration: content of `calibration.json`.
         ego_poses: the artifact of poses.
+
+    Raises:
+        PluginError: several decoder plug-ins claim the type of a topic.
     """
     sources = [source for source in rig.annotations if inventory.has(source.topic)]
     absent = sorted({source.topic for source in rig.annotations} - {source.topic for source in sources})
@@ -58,7 +65,11 @@ def request(
     params |= {
         "clock": clock,
         "lost_messages": limits.lost_messages,
-        "sources": {source.topic: source.model_dump(mode="json", exclude={"topic"}) for source in sources},
+        "sources": {
+            source.topic: source.model_dump(mode="json", exclude={"topic"})
+            | decoder_params("boxes", inventory.topic(source.topic).msgtype)
+            for source in sources
+        },
         "global_frame": poses["global_frame"],
         "origin_m": _origin_m(poses["origin"]),
         "ego_frame": rig.ego_frame,
@@ -84,7 +95,7 @@ def make(
         LossLimitError: more messages or boxes were lost to decoding than the recipe allows.
     """
     sources: Mapping[str, Any] = params.get("sources", {})
-    decoders = {topic: _decoder(topic, recording) for topic in sources}
+    decoders = {topic: _decoder(topic, source, recording) for topic, source in sources.items()}
     collector = BoxCollector(
         _frames(params, trajectory), {topic: _rules(source) for topic, source in sources.items()}
     )
@@ -95,13 +106,13 @@ def make(
         counts.read += 1
         try:
             decoded = recording.decode(message)
+            items = list(decoders[message.topic].items(decoded))
         except DecodeError as err:
             counts.lose(str(err))
             continue
         counts.written += 1
-        ignored[message.topic] += _add_boxes(
-            collector, decoders[message.topic], message, decoded, params["clock"]
-        )
+        decode = partial(decoders[message.topic].decode, decoded)
+        ignored[message.topic] += _add_boxes(collector, decode, message, items, params["clock"])
     for topic, counts in messages.items():
         _check_limits(topic, counts, collector, params["lost_messages"])
     table = collector.finish()
@@ -122,13 +133,13 @@ def make(
     return summary
 
 
-def _decoder(topic: str, recording: Recording) -> BoxDecoder:
+def _decoder(topic: str, source: Mapping[str, Any], recording: Recording) -> BoxDecoder:
     msgtype = recording.topics[topic].msgtype
-    decoder = box_decoder(msgtype)
+    decoder = plugin_box_decoder(msgtype, source.get("decoder")) or box_decoder(msgtype)
     if decoder is None:
         raise RecipeError(
             f"rigs[].annotations: topic {topic} has type {msgtype}, which carries no boxes that are known here; "
-            f"expected one of {', '.join(box_message_types())}."
+            f"expected one of {', '.join(box_message_types())}; {installed_decoders().advice('boxes', msgtype)}"
         )
     return decoder
 
@@ -157,13 +168,17 @@ def _origin_m(origin: Mapping[str, Any] | None) -> list[float]:
 
 
 def _add_boxes(
-    collector: BoxCollector, decoder: BoxDecoder, message: RawMessage, decoded: Any, clock: Clock
+    collector: BoxCollector,
+    decode: Callable[[Any], BoxReading | None],
+    message: RawMessage,
+    items: Iterable[Any],
+    clock: Clock,
 ) -> int:
     """Hand the boxes of one message to the collector; return the number of items that are no boxes."""
     ignored = 0
-    for item in decoder.items(decoded):
+    for item in items:
         try:
-            box = decoder.decode(decoded, item)
+            box = decode(item)
         except DecodeError as err:
             collector.lose_undecoded(message.topic, str(err))
             continue

@@ -11,6 +11,7 @@ import pyarrow as pa
 
 from bagassets.bags.inventory import Inventory
 from bagassets.bags.model import Recording
+from bagassets.decode.registry import decoder_params
 from bagassets.errors import PoseError
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.trajectory import Trajectory
@@ -36,6 +37,7 @@ def request(rig: Rig, clock: Clock, inventory: Inventory) -> Request:
 
     Raises:
         PoseError: the configured topic is not in the recording.
+        PluginError: several decoder plug-ins claim its type.
     """
     source = rig.ego_pose
     if isinstance(source, FixedPose):
@@ -52,6 +54,8 @@ def request(rig: Rig, clock: Clock, inventory: Inventory) -> Request:
             if source.imu is not None:
                 _require(rig, inventory, source.imu)
                 topics.append(source.imu)
+        else:
+            params |= decoder_params("pose", inventory.topic(source.topic).msgtype)
     else:
         moving = [topic for topic in rig.tf if inventory.has(topic)]
         if not moving:

@@ -4,7 +4,7 @@ Files: `<stamp_ns>.jpg` or `<stamp_ns>.png`, `index.parquet`, `channel.json`.
 """
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any
@@ -18,7 +18,9 @@ from bagassets.bags.model import RawMessage, Recording
 from bagassets.decode.compressed_image import decode_compressed_image
 from bagassets.decode.image import decode_image
 from bagassets.decode.model import ImageReading
+from bagassets.decode.registry import decoder_params, plugin_decoder
 from bagassets.errors import BagAssetsError, DecodeError, LossLimitError
+from bagassets.plugins import installed_decoders
 from bagassets.recipe.model import CameraChannel, Limits
 from bagassets.recipe.model_base import Clock
 from bagassets.steps.channel import Counts, Request
@@ -75,12 +77,14 @@ def request(
     Raises:
         CalibrationError: the channel is to be undistorted and has no intrinsics.
         DecodeError: the topic does not carry images.
+        PluginError: several decoder plug-ins claim its type.
     """
     topic = inventory.topic(channel.topic)
-    if topic.msgtype not in _DECODERS:
+    plugin = decoder_params("image", topic.msgtype)
+    if topic.msgtype not in _DECODERS and not plugin:
         raise DecodeError(
-            f"{name}: {channel.topic} carries {topic.msgtype}, a camera needs Image or CompressedImage; correct the "
-            "topic in the recipe."
+            f"{name}: {channel.topic} carries {topic.msgtype}, a camera needs Image or CompressedImage; "
+            f"{installed_decoders().advice('image', topic.msgtype)}"
         )
     params: dict[str, Any] = channel.model_dump(
         mode="json", include={"topic", "output", "quality", "undistort", "target", "to_8bit"}
@@ -96,6 +100,7 @@ def request(
         "clock": clock,
         "lost_messages": limits.lost_messages,
         "camera": lens,
+        **plugin,
     }
     require_calibration(params)
     return Request(params, (channel.topic,))
@@ -118,6 +123,9 @@ class FrameExtractor:
         self.topics: tuple[str, ...] = (params["topic"],)
         self._params = {"quality": 90, **params}
         self._recording = recording
+        self._decoder: Callable[[Any], ImageReading] = (
+            plugin_decoder("image", params["msgtype"], params.get("decoder")) or _DECODERS[params["msgtype"]]
+        )
         self._out = out
         self._counts = Counts()
         self._output = ImageOutput(self._params, self._grey_range())
@@ -185,7 +193,7 @@ class FrameExtractor:
         return {**facts, "messages": self._counts.read, "bytes": sum(row["size"] for row in rows)}
 
     def _decode(self, message: RawMessage) -> ImageReading:
-        reading: ImageReading = _DECODERS[self._params["msgtype"]](self._recording.decode(message))
+        reading = self._decoder(self._recording.decode(message))
         if self._params["clock"] == "log":
             return replace(reading, stamp_ns=message.log_time_ns)
         if not reading.stamp_ns and self._counts.read > 1:
@@ -241,7 +249,7 @@ class FrameExtractor:
         histogram = np.zeros(65536, np.int64)
         for message in self._recording.messages(self.topics):
             try:
-                pixels = raw_pixels(_DECODERS[self._params["msgtype"]](self._recording.decode(message)))
+                pixels = raw_pixels(self._decoder(self._recording.decode(message)))
             except DecodeError:
                 continue  # counted when the message comes in the pass itself
             histogram += np.bincount(pixels.ravel(), minlength=65536)

@@ -20,6 +20,7 @@ from bagassets.decode.clouds import CLOUD_DECODERS
 from bagassets.decode.fields import stamp_and_frame
 from bagassets.decode.model import CloudReading
 from bagassets.decode.point_times import Moment
+from bagassets.decode.registry import plugin_decoder
 from bagassets.decode.velodyne import (
     POSITION_PACKET_SIZE,
     Packet,
@@ -131,7 +132,8 @@ class CloudSweeps:
 
     def __init__(self, params: Mapping[str, Any], writer: LidarWriter) -> None:
         self._writer = writer
-        self._decode = CLOUD_DECODERS[params["msgtype"]]
+        self._plugin = plugin_decoder("cloud", params["msgtype"], params.get("decoder"))
+        self._msgtype: str = params["msgtype"]
         self._header_stamp_is: Moment = params["header_stamp_is"]
         self._period_ns: int | None = params["period_ns"]
         self._by_log_time = params["clock"] == "log"
@@ -143,7 +145,7 @@ class CloudSweeps:
             DecodeError: the message is no usable cloud.
             RecipeError: see `LidarWriter.write`.
         """
-        reading = self._decode(message, self._header_stamp_is)
+        reading = self._reading(message)
         files = self._writer.files
         files.counts.read += 1
         files.points.read += len(reading.points) + reading.dropped
@@ -157,6 +159,14 @@ class CloudSweeps:
 
     def finish(self) -> None:
         """Do nothing: no message waits for another."""
+
+    def _reading(self, message: Any) -> CloudReading:
+        if self._plugin is None:
+            return CLOUD_DECODERS[self._msgtype](message, self._header_stamp_is)
+        reading: CloudReading = self._plugin(message)
+        if not reading.stamp_ns and not self._by_log_time:
+            raise DecodeError(NO_STAMP)
+        return reading
 
 
 class PacketSweeps:

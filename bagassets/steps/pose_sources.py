@@ -4,7 +4,7 @@ Every source returns stamps and poses in the order read, unsorted, with counts o
 read and lost; `bagassets.steps.ego_poses` sorts, merges and writes them.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from math import isnan, sqrt
 from typing import Any
@@ -17,17 +17,24 @@ from bagassets.decode.model import PoseReading
 from bagassets.decode.navsat import FixReading, decode_navsat
 from bagassets.decode.odometry import decode_odometry
 from bagassets.decode.pose import decode_pose
+from bagassets.decode.registry import plugin_decoder
 from bagassets.errors import CalibrationError, DecodeError, PoseError
 from bagassets.geometry.portable import arctan2, sin_cos
 from bagassets.geometry.se3 import IDENTITY_QUATERNION, SE3, Floats
 from bagassets.geometry.tf_tree import TfTree
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.geometry.wgs84 import LocalFrame, utm
+from bagassets.plugins import installed_decoders
 from bagassets.steps.channel import Counts
 from bagassets.steps.transform_logs import read_transforms
 
 __all__ = ["PoseSamples", "read_samples", "wgs84_origin"]
 
+_DECODERS: Mapping[str, Callable[[Any], PoseReading]] = {
+    "geometry_msgs/msg/PoseStamped": decode_pose,
+    "geometry_msgs/msg/PoseWithCovarianceStamped": decode_pose,
+    "nav_msgs/msg/Odometry": decode_odometry,
+}
 # Course over ground is noise while the vehicle stands: below this the last heading holds.
 LEAST_STEP_M = 0.2
 
@@ -71,7 +78,7 @@ def _stamp(params: Mapping[str, Any], message: RawMessage, header_ns: int) -> in
 
 
 def _from_poses(params: Mapping[str, Any], recording: Recording) -> PoseSamples:
-    decode = decode_odometry if params["source"] == "odometry" else decode_pose
+    decode = _pose_decoder(params, recording)
     samples = PoseSamples()
     readings: list[tuple[int, PoseReading]] = []
     for message in recording.messages([params["topic"]]):
@@ -91,6 +98,17 @@ def _from_poses(params: Mapping[str, Any], recording: Recording) -> PoseSamples:
         samples.poses.append(reading.parent_SE3_child @ child_SE3_ego[child])
         samples.global_frame = samples.global_frame or reading.parent
     return samples
+
+
+def _pose_decoder(params: Mapping[str, Any], recording: Recording) -> Callable[[Any], PoseReading]:
+    msgtype = recording.topics[params["topic"]].msgtype
+    decoder = plugin_decoder("pose", msgtype, params.get("decoder")) or _DECODERS.get(msgtype)
+    if decoder is None:
+        raise PoseError(
+            f"ego poses: topic {params['topic']} carries {msgtype}, expected Odometry, PoseStamped or "
+            f"PoseWithCovarianceStamped; {installed_decoders().advice('pose', msgtype)}"
+        )
+    return decoder
 
 
 def _static(params: Mapping[str, Any], recording: Recording, child: str) -> SE3:

@@ -8,7 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bagassets.bags.model import RawMessage
+from bagassets.decode.model import RadarReading
 from bagassets.decode.radar import decode_radar, is_single_track, track_number
+from bagassets.decode.registry import plugin_decoder
+from bagassets.errors import DecodeError
 from bagassets.nuscenes.radar_file import radar_bytes
 from bagassets.steps.sweep_files import SweepFiles
 
@@ -61,6 +64,7 @@ class RadarSweeps:
         self._files = files
         self._by_log_time = params["clock"] == "log"
         self._side = params["azimuth_positive"]
+        self._plugin = plugin_decoder("radar", params["msgtype"], params.get("decoder"))
         self._pending: _Sweep | None = None
         self._cycle: _Sweep | None = None
         self._last_number = -1.0
@@ -71,13 +75,13 @@ class RadarSweeps:
         Raises:
             DecodeError: the message is no usable radar reading.
         """
-        reading = decode_radar(message, raw.msgtype, self._side)
+        reading = self._reading(message, raw)
         self._files.counts.read += 1
         self._files.points.read += len(reading.targets["x"]) + reading.dropped
         self._files.points.drop("no measurement", reading.dropped)
         stamp = raw.log_time_ns if self._by_log_time else reading.stamp_ns
         sweep = _Sweep(stamp, raw.log_time_ns)
-        if is_single_track(message):
+        if self._plugin is None and is_single_track(message):
             self._collect(sweep, reading.targets, track_number(message))
         else:
             sweep.add(reading.targets, raw.log_time_ns)
@@ -90,6 +94,14 @@ class RadarSweeps:
             self._offer(self._cycle)
         if self._pending is not None:
             self._write(self._pending)
+
+    def _reading(self, message: Any, raw: RawMessage) -> RadarReading:
+        if self._plugin is None:
+            return decode_radar(message, raw.msgtype, self._side)
+        reading: RadarReading = self._plugin(message)
+        if not reading.stamp_ns and not self._by_log_time:
+            raise DecodeError("its stamp is zero; set clock: log in the recipe")
+        return reading
 
     def _collect(self, sweep: _Sweep, targets: Targets, number: float | None) -> None:
         """Add a single track, which came with `sweep`, to its cycle; without numbers time decides."""

@@ -10,6 +10,7 @@ from bagassets.bags.inventory import Inventory, TopicRecord
 from bagassets.bags.model import RawMessage, Recording
 from bagassets.decode.clouds import CLOUD_DECODERS
 from bagassets.decode.fields import stamp_ns
+from bagassets.decode.registry import decoder_params
 from bagassets.errors import CalibrationError, DecodeError, LossLimitError, PoseError, RecipeError
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.recipe.model import LidarChannel, Limits, RadarChannel
@@ -53,7 +54,9 @@ def request(
         ego_poses_digest: content digest of the ego poses; None if not known.
 
     Raises:
-        RecipeError: the recipe says something about packets, but the topic carries clouds.
+        RecipeError: the recipe says something about packets, but the topic carries clouds; or about
+            azimuths, but a plug-in decodes them.
+        PluginError: several decoder plug-ins claim its type.
         CalibrationError: the channel is to be deskewed, but its extrinsics are not known.
         PoseError: the channel is to be deskewed, but there are no ego poses.
     """
@@ -66,11 +69,18 @@ def request(
         "clock": clock,
         "lost_messages": limits.lost_messages,
     }
+    plugin = decoder_params("radar" if isinstance(channel, RadarChannel) else "cloud", topic.msgtype)
+    params |= plugin
     if isinstance(channel, RadarChannel):
+        if plugin and channel.azimuth_positive is not None:
+            raise RecipeError(
+                f"{name}: azimuth_positive has no effect on {channel.topic}, whose {topic.msgtype} a plug-in of "
+                f"{plugin['decoder']['distribution']} decodes; remove it from the recipe."
+            )
         params["azimuth_positive"] = channel.azimuth_positive
         return Request(params, (channel.topic,))
     params |= channel.model_dump(mode="json", include={"stamp", "deskew", "min_range_m", "max_range_m"})
-    if topic.msgtype in CLOUD_DECODERS:
+    if _holds_clouds(params):
         given = [field for field in ("model", "cut_angle_deg") if getattr(channel, field) is not None]
         if given:
             raise RecipeError(
@@ -91,6 +101,11 @@ def request(
         raise PoseError(f"{name}: to deskew it, ego poses are needed; mend ego_pose or set deskew: false.")
     params["ego_SE3_sensor"] = {key: list(ego_SE3_sensor[key]) for key in ("translation", "rotation")}
     return Request(params, (channel.topic,), {"ego_poses": ego_poses_digest})
+
+
+def _holds_clouds(params: Mapping[str, Any]) -> bool:
+    """Tell whether the messages of a lidar are clouds; else they are searched for Velodyne packets."""
+    return params["msgtype"] in CLOUD_DECODERS or "decoder" in params
 
 
 def _period_ns(topic: TopicRecord) -> int | None:
@@ -131,7 +146,7 @@ class SweepExtractor:
         self._first_error: str | None = None
         self._frame_id: str | None = None
         lidar = params["modality"] == "lidar"
-        self._holds_packets = lidar and params["msgtype"] not in CLOUD_DECODERS
+        self._holds_packets = lidar and not _holds_clouds(params)
         self._files = SweepFiles(out, ".pcd.bin" if lidar else ".pcd", with_span=lidar)
         self._sweeps: CloudSweeps | PacketSweeps | RadarSweeps
         if not lidar:
@@ -186,7 +201,7 @@ class SweepExtractor:
 
     def _decoded(self, message: RawMessage) -> Any:
         decoded = self._recording.decode(message)
-        if not self._holds_packets:
+        if not self._holds_packets and "decoder" not in self._params:
             if not hasattr(decoded, "header"):
                 raise DecodeError("it has no header")
             # Simulated time may start at 0, but does not stay there.

@@ -1,0 +1,55 @@
+"""`bagassets decoders`: the decoder plug-ins of this Python environment."""
+
+import click
+
+__all__ = ["decoders"]
+
+
+@click.command(
+    epilog="""\b
+Examples:
+  bagassets decoders
+  bagassets decoders --json | jq -r '.decoders[].type'"""
+)
+@click.option("--json", "as_json", is_flag=True, help="Print names, types, packages and problems as JSON.")
+def decoders(as_json: bool) -> None:
+    """List installed decoders of your own message types.
+
+    A package adds one by an entry point of the group bagassets.decoders; docs/decoders.md tells
+    how. Nothing of the packages is imported. The exit status is 1 if one of them cannot be used.
+    """
+    import json  # noqa: PLC0415  (not for --help)
+
+    from bagassets.errors import PluginError  # noqa: PLC0415
+    from bagassets.plugins import installed_decoders  # noqa: PLC0415
+
+    installed = installed_decoders()
+    problems = list(installed.unusable)
+    rows = []
+    for plugin in installed.plugins:
+        try:
+            installed.find(plugin.family, plugin.msgtype)
+        except PluginError as err:
+            if str(err) not in problems:
+                problems.append(str(err))
+        rows.append(
+            {"name": plugin.name, "family": plugin.family, "type": plugin.msgtype, **plugin.as_json()}
+        )
+    if as_json:
+        click.echo(json.dumps({"decoders": rows, "problems": problems}, indent=2))
+    elif rows:
+        table = [("type", "becomes", "package", "decoder")]
+        table += [
+            (row["type"], row["family"], f"{row['distribution']} {row['version']}", row["object"])
+            for row in rows
+        ]
+        widths = [max(len(row[i]) for row in table) for i in range(4)]
+        for row in table:
+            click.echo("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
+    elif not problems:
+        click.echo("No decoder plug-ins are installed; the types that need none are in docs/decoders.md.")
+    if problems and not as_json:
+        for problem in problems:
+            click.echo(f"error: {problem}", err=True)
+    if problems:
+        click.get_current_context().exit(1)
