@@ -99,6 +99,25 @@ class TestMovingEdges:
         assert valid.tolist() == [True, True, False, True, True, False]
         assert positions[1, 0] == pytest.approx(0.3)
 
+    def test_a_slow_correction_need_not_keep_up_with_the_odometry(self):
+        """map -> odom at 1 Hz, 0.4 s late; odom -> base at 50 Hz; gaps up to 0.1 s are allowed."""
+        drift = lambda t: SE3.create((1, 0, 0, 0), (0.1 * t, 0, 0))  # noqa: E731
+        drive = lambda t: SE3.create((1, 0, 0, 0), (8.0 * t, 0, 0))  # noqa: E731
+        tree = TfTree(
+            [
+                moving("map", "odom", [0.4, 1.4, 2.4, 3.4, 8.0], drift),
+                moving("odom", "base", np.arange(0.0, 8.01, 0.02), drive),
+            ]
+        )
+        times = np.array([0.0, 0.9, 2.01, 3.4, 5.0, 8.0])
+        positions, _, valid = tree.at("map", "base", T0 + np.round(times * S).astype(np.int64), S // 10, 0)
+        assert valid.tolist() == [True, True, True, True, False, True]
+        # Before the first correction the first one holds, between corrections they are interpolated.
+        corrected = [0.1 * max(t, 0.4) + 8.0 * t for t in times[:4]]
+        np.testing.assert_allclose(positions[:4, 0], corrected, atol=1e-6)
+        early = np.array([T0 - round(0.7 * S)])
+        assert not tree.at("map", "base", early, S // 10, S)[2].any()
+
     def test_an_edge_that_is_repeated_but_never_moves_holds_at_all_times(self):
         """Static in /tf: published at 10 Hz, with the noise of single precision in the quaternion's sign."""
         still = moving("base", "cam", [0.0, 0.1, 0.2], lambda t: SE3.create((1, 0, 0, 0), (1.0, 0, 0)))

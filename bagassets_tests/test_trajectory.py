@@ -109,13 +109,63 @@ def test_a_pose_between_two_gaps_holds_at_its_own_time():
     assert np.isnan(positions[[0, 2]]).all()
 
 
-def test_first_and_last_pose_hold_a_little_beyond_the_ends():
-    trajectory = straight([1.0, 1.1], extrapolate_s=0.05)
-    positions, rotations, valid = at(trajectory, 0.949, 0.95, 1.0, 1.1, 1.15, 1.151)
-    assert valid.tolist() == [False, True, True, True, True, False]
-    np.testing.assert_array_equal(positions[1], trajectory.positions_m[0])
-    np.testing.assert_array_equal(positions[4], trajectory.positions_m[1])
-    np.testing.assert_array_equal(rotations[4], trajectory.rotations[1])
+def test_the_motion_goes_on_a_little_beyond_the_ends():
+    trajectory = straight(np.arange(1.0, 2.0, 0.02), extrapolate_s=0.05)
+    times = [0.949, 0.95, 0.97, 1.0, 1.98, 2.0, 2.03, 2.031]
+    positions, rotations, valid = at(trajectory, *times)
+    assert valid.tolist() == [False, True, True, True, True, True, True, False]
+    for i in range(1, 7):
+        np.testing.assert_allclose(positions[i], [2.0 * times[i], 0.0, 1.0], atol=1e-9)
+        np.testing.assert_allclose(rotations[i], about_z(0.4 * times[i]), atol=1e-9)
+
+
+@settings(deadline=None)
+@given(quaternions, st.tuples(numbers, numbers, numbers), st.floats(0.0, 0.1))
+def test_extrapolation_is_uniform_motion_about_any_axis(start, axis, beyond_s):
+    """Truth: a rotation vector that grows with time."""
+
+    def turned(t):
+        vector = np.array(axis) * t
+        angle = float(np.linalg.norm(vector))
+        half = np.array([math.cos(angle / 2), *(vector * (math.sin(angle / 2) / angle if angle else 0.5))])
+        return quaternion_multiply(start, half)
+
+    times = np.array([0.0, 0.03, 0.11, 0.15])
+    trajectory = Trajectory(
+        START + np.round(times * SECOND).astype(np.int64),
+        times[:, None] * [3.0, -1.0, 0.5],
+        np.array([turned(t) for t in times]),
+        SECOND // 2,
+        SECOND // 10,
+    )
+    t = np.array([-beyond_s, 0.15 + beyond_s])
+    positions, rotations, valid = at(trajectory, *t)
+    assert valid.all()
+    np.testing.assert_allclose(positions, t[:, None] * [3.0, -1.0, 0.5], atol=1e-8)
+    for rotation, truth in zip(rotations, map(turned, t), strict=True):
+        assert min(np.abs(rotation - truth).max(), np.abs(rotation + truth).max()) < 1e-7
+
+
+def test_the_last_pose_holds_where_poses_pause_before_it():
+    trajectory = straight([0.0, 0.1, 5.0], max_gap_s=0.5)
+    positions, rotations, valid = at(trajectory, 5.04)
+    assert valid.all()
+    np.testing.assert_array_equal(positions[0], trajectory.positions_m[2])
+    np.testing.assert_array_equal(rotations[0], trajectory.rotations[2])
+
+
+def test_noise_of_poses_close_to_each_other_is_not_amplified():
+    """The last two poses are 1 ms and 1 cm apart; 50 ms on, that velocity would be 50 cm off."""
+    trajectory = straight([0.0, 0.02, 0.04, 0.06, 0.061])
+    noisy = Trajectory(
+        trajectory.stamps_ns,
+        trajectory.positions_m + np.array([[0.0, 0.01 * (i == 4), 0.0] for i in range(5)]),
+        trajectory.rotations,
+        trajectory.max_gap_ns,
+        trajectory.extrapolate_ns,
+    )
+    positions, _, _ = at(noisy, 0.061 + 0.05)
+    assert abs(positions[0, 1]) <= 0.02 + 1e-9
 
 
 def test_one_pose_that_moves_is_known_at_one_time():

@@ -22,6 +22,11 @@ __all__ = ["Edge", "TfTree", "TransformLog", "normalise_frame"]
 FIXED_M = 1e-6
 FIXED_RAD = 1e-6
 
+# An edge with a period this many times that of the fastest one on its way is a slow one, such as the
+# correction that a localisation publishes once a second; it pauses only after so many of its periods.
+SLOW_RATIO = 2
+PAUSE_PERIODS = 3
+
 MOST_FRAMES_NAMED = 20
 
 
@@ -73,18 +78,38 @@ class Edge:
         return bool(apart_m > FIXED_M or np.minimum(same, opposite).max() > FIXED_RAD / 2)
 
     @property
+    def period_ns(self) -> int:
+        """Median time between samples; 0 for fewer than two."""
+        periods = np.sort(np.diff(self.stamps_ns))
+        return int(periods[len(periods) // 2]) if len(periods) else 0
+
+    @property
     def first(self) -> SE3:
         """`parent_SE3_child` at the first stamp."""
         return SE3.create(self.rotations[0], self.translations_m[0])
 
-    def trajectory(self, max_gap_ns: int, extrapolate_ns: int) -> Trajectory:
-        """Return `parent_SE3_child` as a trajectory; one that holds always if the edge never moves."""
+    def at(
+        self, stamps_ns: NDArray[np.int64], max_gap_ns: int, extrapolate_ns: int, fastest_ns: int
+    ) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+        """Return `parent_SE3_child` at (M,) stamps; see `TfTree.at`.
+
+        Args:
+            stamps_ns: when.
+            max_gap_ns: longest gap to interpolate.
+            extrapolate_ns: how far to go on beyond the ends.
+            fastest_ns: period of the fastest edge that this one is combined with.
+        """
+        stamps, positions, rotations = self.stamps_ns, self.translations_m, self.rotations
         if not self.moves:
-            first = slice(0, 1)
-            return Trajectory(
-                self.stamps_ns[first], self.translations_m[first], self.rotations[first], 0, 0, fixed=True
-            )
-        return Trajectory(self.stamps_ns, self.translations_m, self.rotations, max_gap_ns, extrapolate_ns)
+            return Trajectory(stamps[:1], positions[:1], rotations[:1], 0, 0, fixed=True).at(stamps_ns)
+        period_ns = self.period_ns
+        if period_ns <= SLOW_RATIO * fastest_ns:
+            return Trajectory(stamps, positions, rotations, max_gap_ns, extrapolate_ns).at(stamps_ns)
+        hold_ns = max(extrapolate_ns, period_ns)
+        held = np.clip(stamps_ns, stamps[0], stamps[-1])
+        pause_ns = max(max_gap_ns, PAUSE_PERIODS * period_ns)
+        t, q, known = Trajectory(stamps, positions, rotations, pause_ns, 0).at(held)
+        return t, q, known & (np.abs(stamps_ns - held) <= hold_ns)
 
 
 class TransformLog:
@@ -180,6 +205,9 @@ class TfTree:
     ) -> tuple[Floats, Floats, NDArray[np.bool_]]:
         """Return `dst_SE3_src` at (M,) stamps, each moving edge interpolated by itself.
 
+        The limits hold for the fastest edges on the way. One that is several times slower may pause
+        for three of its own periods, and holds its first and last value for one period.
+
         Returns:
             translations (M, 3) in metres, rotations (M, 4), and a mask (M,) that is False where
             a moving edge has no value: in a gap longer than `max_gap_ns`, or more than
@@ -190,10 +218,11 @@ class TfTree:
         """
         up, down = self.chain(dst, src)
         number = len(stamps_ns)
+        fastest_ns = min((edge.period_ns for edge in (*up, *down) if edge.moves), default=0)
         translations, rotations = np.zeros((number, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (number, 1))
         valid = np.ones(number, dtype=np.bool_)
         for edge, inverted in [*((edge, False) for edge in up), *((edge, True) for edge in reversed(down))]:
-            t, q, known = edge.trajectory(max_gap_ns, extrapolate_ns).at(stamps_ns)
+            t, q, known = edge.at(stamps_ns, max_gap_ns, extrapolate_ns, fastest_ns)
             if inverted:
                 q = q * np.array([1.0, -1.0, -1.0, -1.0])
                 t = -rotate(q, t)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bagassets.geometry.portable import arctan_unit, sinc
-from bagassets.geometry.se3 import SE3, Floats
+from bagassets.geometry.se3 import SE3, Floats, quaternion_multiply
 
 __all__ = ["Trajectory", "slerp"]
 
@@ -20,7 +20,8 @@ class Trajectory:
         positions_m: (N, 3) ego origin in the global frame.
         rotations: (N, 4) unit quaternions w, x, y, z.
         max_gap_ns: between two poses farther apart there is no pose.
-        extrapolate_ns: the first and last pose hold this much beyond the ends.
+        extrapolate_ns: beyond the first and last pose the motion goes on for this long, at the
+            velocity over a stretch of the same length at that end.
         fixed: one pose that holds at all times.
     """
 
@@ -49,7 +50,7 @@ class Trajectory:
             raise ValueError("stamps of a trajectory must strictly increase")
 
     def at(self, stamps_ns: NDArray[np.int64]) -> tuple[Floats, Floats, NDArray[np.bool_]]:
-        """Interpolate (linear in position, slerp in rotation) at (M,) stamps.
+        """Interpolate (linear in position, slerp in rotation) at (M,) stamps; extrapolate a little.
 
         A recorded pose holds at its own stamp even if both its neighbours are far away.
 
@@ -82,9 +83,37 @@ class Trajectory:
         start, end = self.positions_m[left], self.positions_m[right]
         positions = start + (end - start) * fraction[:, None]
         rotations = slerp(self.rotations[left], self.rotations[right], fraction)
+        self._go_on(stamps, positions, rotations)
         positions[~valid] = np.nan
         rotations[~valid] = np.nan
         return positions, rotations, valid
+
+    def _go_on(self, stamps: NDArray[np.int64], positions: Floats, rotations: Floats) -> None:
+        """Replace the poses before the first and after the last recorded one by extrapolated ones.
+
+        The velocity is measured from a pose that lies as far inside as extrapolation reaches
+        outside, so that noise is at most doubled. Where poses pause there, the pose at the end holds.
+        """
+        last = len(self.stamps_ns) - 1
+        first_ns, last_ns, reach_ns = self.stamps_ns[0], self.stamps_ns[last], self.extrapolate_ns
+        after_first = int(np.searchsorted(self.stamps_ns, first_ns + reach_ns))
+        before_last = int(np.searchsorted(self.stamps_ns, last_ns - reach_ns, side="right")) - 1
+        for beyond, end, inner in (
+            (stamps < first_ns, 0, max(after_first, 1)),
+            (stamps > last_ns, last, min(before_last, last - 1)),
+        ):
+            if not (beyond.any() and 0 <= inner <= last):
+                continue
+            stretch_ns = abs(int(self.stamps_ns[inner] - self.stamps_ns[end]))
+            if stretch_ns > max(self.max_gap_ns, reach_ns):
+                continue
+            ratio = np.minimum(np.abs(stamps[beyond] - self.stamps_ns[end]) / stretch_ns, 1.0)
+            positions[beyond] += (self.positions_m[end] - self.positions_m[inner]) * ratio[:, None]
+            at_end, at_inner = self.rotations[end], self.rotations[inner]
+            turn = quaternion_multiply(at_inner * np.array([1.0, -1.0, -1.0, -1.0]), at_end)
+            onward = quaternion_multiply(at_end, turn)
+            ends, onwards = (np.tile(q, (len(ratio), 1)) for q in (at_end, onward))
+            rotations[beyond] = slerp(ends, onwards, ratio)
 
     def pose_at(self, stamp_ns: int) -> SE3 | None:
         """Return `global_SE3_ego` at one time, or None where there is no pose."""

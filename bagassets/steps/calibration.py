@@ -1,9 +1,8 @@
 """The step `calibration`: where each sensor sits on the vehicle, and how its camera projects.
 
 Extrinsics come from the recipe, else from `/tf_static`, the URDF and the fixed joints of
-`/tf`, in this order of trust. `/tf` is read only where nothing else could connect the
-sensors: it carries the vehicle's motion, and reading it would make the calibration stale with
-every change of a pose.
+`/tf`, in this order of trust (see `bagassets.steps.rig_frames`). Sources that contradict each
+other are noted; the most trusted one is used.
 """
 
 from collections.abc import Mapping
@@ -15,18 +14,16 @@ from bagassets.bags.model import Recording
 from bagassets.decode.camera_info import CameraInfoReading, check_lens, decode_camera_info
 from bagassets.errors import CalibrationError, DecodeError
 from bagassets.geometry.se3 import SE3
-from bagassets.geometry.tf_tree import Edge, TfTree
-from bagassets.geometry.urdf import urdf_edges
 from bagassets.recipe.model import CameraChannel, Rig
-from bagassets.steps.channel import Request
-from bagassets.steps.transform_logs import read_transforms
+from bagassets.steps.channel import Counts, Request
+from bagassets.steps.rig_frames import RigFrames
 from bagassets.store.action import Step
 from bagassets.store.artifact import ArtifactWriter
 from bagassets.store.canonical import digest_bytes
 
 __all__ = ["STEP", "camera_info_topic", "make", "request"]
 
-STEP = Step("calibration", 1)
+STEP = Step("calibration", 2)
 
 
 def camera_info_topic(channel: CameraChannel) -> str:
@@ -43,7 +40,7 @@ def request(rig: Rig, inventory: Inventory) -> Request:
     """Return what the step reads of this recording.
 
     Raises:
-        CalibrationError: the URDF cannot be read.
+        CalibrationError: the URDF cannot be read, or a topic carries messages of several frames.
     """
     channels: dict[str, Any] = {}
     topics: list[str] = []
@@ -52,16 +49,19 @@ def request(rig: Rig, inventory: Inventory) -> Request:
             continue
         frames = inventory.topic(channel.topic).frame_ids
         fields = channel.model_dump(mode="json", include={"extrinsics", "intrinsics", "undistort"})
+        if channel.frame is None and channel.extrinsics is None and len(frames) > 1:
+            raise CalibrationError(
+                f"{name}: the messages of {channel.topic} are in several frames ({', '.join(frames)}), a channel is "
+                "one sensor; name the one to use in `frame`, or give `extrinsics` in the recipe."
+            )
         fields |= {"topic": channel.topic, "frame": channel.frame or (frames[0] if frames else "")}
         if isinstance(channel, CameraChannel) and channel.intrinsics is None:
             fields["camera_info"] = camera_info_topic(channel)
             topics += [fields["camera_info"]] if inventory.has(fields["camera_info"]) else []
         channels[name] = fields | {"modality": channel.modality}
-    static = [topic for topic in rig.tf_static if inventory.has(topic)]
     by_recipe = all(fields["extrinsics"] is not None for fields in channels.values())
-    moving = [topic for topic in rig.tf if inventory.has(topic)] if not static and rig.urdf is None else []
-    if by_recipe:
-        static, moving = [], []
+    static = [topic for topic in rig.tf_static if inventory.has(topic) and not by_recipe]
+    moving = [topic for topic in rig.tf if inventory.has(topic) and not by_recipe]
     params = {"ego_frame": rig.ego_frame, "channels": channels, "tf_static": static, "tf": moving}
     inputs = {}
     if rig.urdf is not None and not by_recipe:
@@ -80,17 +80,13 @@ def make(
     Raises:
         CalibrationError: extrinsics or intrinsics that a channel needs are missing or implausible.
     """
-    layers: list[list[Edge]] = [
-        read_transforms(recording, params["tf_static"], "tf_static"),
-        [] if urdf is None else urdf_edges(urdf, "urdf"),
-        read_transforms(recording, params["tf"], "tf"),
-    ]
-    tree = TfTree(*layers)
+    frames = RigFrames(recording, params["tf_static"], params["tf"], urdf)
+    notes: list[str] = []
     channels = {}
     sources: dict[str, int] = {}
     for name, fields in params["channels"].items():
-        ego_SE3_sensor, source = _extrinsics(name, fields, params["ego_frame"], tree)
-        camera = _camera(name, fields, recording) if fields["modality"] == "camera" else None
+        ego_SE3_sensor, source = _extrinsics(name, fields, params["ego_frame"], frames, notes)
+        camera = _camera(name, fields, recording, notes) if fields["modality"] == "camera" else None
         sources[source] = sources.get(source, 0) + 1
         channels[name] = {
             "frame": fields["frame"],
@@ -101,12 +97,22 @@ def make(
             "source": source,
             "camera": camera,
         }
-    out.write_json("calibration.json", {"ego_frame": params["ego_frame"], "channels": channels})
+    out.write_json(
+        "calibration.json", {"ego_frame": params["ego_frame"], "channels": channels, "notes": notes}
+    )
     cameras = sum(channel["camera"] is not None for channel in channels.values())
-    return {"sensors": len(channels), "cameras": cameras, "sources": sources}
+    return {
+        "sensors": len(channels),
+        "cameras": cameras,
+        "sources": sources,
+        "transforms": frames.counts.as_json(),
+        "notes": notes,
+    }
 
 
-def _extrinsics(name: str, fields: Mapping[str, Any], ego_frame: str, tree: TfTree) -> tuple[SE3, str]:
+def _extrinsics(
+    name: str, fields: Mapping[str, Any], ego_frame: str, frames: RigFrames, notes: list[str]
+) -> tuple[SE3, str]:
     given = fields["extrinsics"]
     if given is not None:
         return SE3.create(given["rotation"], given["translation"]), "recipe"
@@ -118,16 +124,19 @@ def _extrinsics(name: str, fields: Mapping[str, Any], ego_frame: str, tree: TfTr
     if frame == ego_frame:
         return SE3(), "ego frame"
     try:
-        ego_SE3_sensor, sources = tree.fixed(ego_frame, frame)
+        ego_SE3_sensor, sources = frames.fixed(ego_frame, frame)
     except CalibrationError as err:
         raise CalibrationError(
             f"{name} ({fields['topic']}): {err}. Correct ego_frame or the channel's frame in the recipe, "
             "or give its extrinsics there."
         ) from err
+    notes += [f"{name}: {note}." for note in frames.disagreements(ego_frame, frame)]
     return ego_SE3_sensor, "+".join(sources)
 
 
-def _camera(name: str, fields: Mapping[str, Any], recording: Recording) -> dict[str, Any] | None:
+def _camera(
+    name: str, fields: Mapping[str, Any], recording: Recording, notes: list[str]
+) -> dict[str, Any] | None:
     given = fields["intrinsics"]
     if given is not None:
         return _by_hand(name, given)
@@ -139,7 +148,15 @@ def _camera(name: str, fields: Mapping[str, Any], recording: Recording) -> dict[
             f"{name} ({fields['topic']}): no CameraInfo on {topic}, which undistortion needs; name the topic in "
             "`camera_info`, give `intrinsics`, or set `undistort: false` in the recipe."
         )
-    reading = _one_calibration(name, topic, recording)
+    reading, lost = _one_calibration(name, topic, recording)
+    if reading is None:
+        if fields["undistort"]:
+            raise CalibrationError(
+                f"{name}: no usable CameraInfo on {topic}{_reasons(lost)}; give `intrinsics` or set `undistort: false`."
+            )
+        return None
+    if lost:
+        notes.append(f"{name}: {sum(lost.values())} messages on {topic} cannot be used{_reasons(lost)}.")
     calibration = reading.calibration
     return {
         "model": calibration.model,
@@ -155,15 +172,17 @@ def _camera(name: str, fields: Mapping[str, Any], recording: Recording) -> dict[
     }
 
 
-def _one_calibration(name: str, topic: str, recording: Recording) -> CameraInfoReading:
-    """Return the calibration that all messages of `topic` agree on."""
+def _one_calibration(
+    name: str, topic: str, recording: Recording
+) -> tuple[CameraInfoReading | None, dict[str, int]]:
+    """Return the calibration that all messages of `topic` agree on, and why others cannot be used."""
     first: CameraInfoReading | None = None
-    error: DecodeError | None = None
+    counts = Counts()
     for message in recording.messages([topic]):
         try:
             reading = decode_camera_info(recording.decode(message))
         except DecodeError as err:
-            error = error or err
+            counts.lose(str(err))
             continue
         if first is None:
             first = reading
@@ -172,18 +191,19 @@ def _one_calibration(name: str, topic: str, recording: Recording) -> CameraInfoR
                 f"{name}: the calibration on {topic} changes at {reading.stamp_ns / 1e9:.3f} s; one recording has "
                 "one calibration. Split the recording there, or give `intrinsics` in the recipe."
             )
-    if first is None:
-        reason = f": {error}" if error is not None else ""
-        raise CalibrationError(
-            f"{name}: no usable CameraInfo on {topic}{reason}; give `intrinsics` or set `undistort: false`."
-        )
-    return first
+    return first, counts.lost
+
+
+def _reasons(lost: Mapping[str, int]) -> str:
+    return ": " + "; ".join(lost) if lost else ""
 
 
 def _by_hand(name: str, given: Mapping[str, Any]) -> dict[str, Any]:
     k = [given["fx"], 0.0, given["cx"], 0.0, given["fy"], given["cy"], 0.0, 0.0, 1.0]
     d = list(given["distortion"])
-    model = given["model"] if d else "none"
+    model = given["model"]
+    if not d:  # an equidistant lens is none by its coefficients alone
+        model, d = ("equidistant", [0.0] * 4) if model == "equidistant" else ("none", [])
     width, height = given["width"], given["height"]
     try:
         check_lens(model, width, height, k, d)

@@ -1,0 +1,361 @@
+"""The step `calibration`: extrinsics from every source, intrinsics, contradictions and what is missing."""
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from bagassets.errors import CalibrationError, DecodeError
+from bagassets.geometry.se3 import SE3
+from bagassets.recipe.model import Rig
+from bagassets.steps import calibration
+from bagassets_tests.pose_data import (
+    CAMERA_INFO,
+    CLOUD,
+    IMAGE,
+    T0,
+    TFMESSAGE,
+    Msg,
+    Recorded,
+    S,
+    Written,
+    about_z,
+    camera_info,
+    header,
+    tf,
+    transform,
+)
+
+CAM = SE3.create((0.5, -0.5, 0.5, -0.5), (1.5, 0.1, 1.4))
+LIDAR = SE3.create(about_z(0.3), (0.9, 0.0, 1.8))
+STATIC = ("/tf_static", TFMESSAGE, T0, tf(transform(0, "base_link", "cam", CAM)))
+LENS = ("/cam/camera_info", CAMERA_INFO, T0, camera_info(d=(-0.2, 0.1, 0.0, 0.0, 0.0)))
+
+
+def reading(topic, msgtype, frame, t=0.0):
+    return topic, msgtype, T0 + round(t * S), Msg(header=header(T0 + round(t * S), frame))
+
+
+IMAGES = reading("/cam/image_raw", IMAGE, "cam")
+CLOUDS = reading("/points", CLOUD, "/lidar")
+
+
+def rig(camera=None, lidar=None, **fields):
+    channels = {}
+    if camera is not None:
+        channels["CAM_FRONT"] = {"modality": "camera", "topic": "/cam/image_raw"} | camera
+    if lidar is not None:
+        channels["LIDAR_TOP"] = {"modality": "lidar", "topic": "/points"} | lidar
+    return Rig.model_validate({"name": "car", "channels": channels, "ego_pose": {"source": "fixed"}} | fields)
+
+
+class Calibrated:
+    """The step, run on a recording."""
+
+    def __init__(self, folder, the_rig, *entries, urdf=None):
+        self.recording = Recorded(*entries)
+        if urdf is not None:
+            path = folder / "car.urdf"
+            path.write_bytes(urdf)
+            the_rig = the_rig.model_copy(update={"urdf": path})
+        self.request = calibration.request(the_rig, self.recording.inventory())
+        made = Written(
+            folder / "out",
+            lambda out: calibration.make(self.request.params, self.recording, out, urdf=urdf),
+        )
+        self.summary, self.json = made.summary, made.artifact.read_json("calibration.json")
+        self.digest = made.digest
+        self.channels = self.json["channels"]
+
+    def pose(self, channel):
+        value = self.channels[channel]["ego_SE3_sensor"]
+        return SE3.create(value["rotation"], value["translation"])
+
+
+def assert_same(found, truth):
+    np.testing.assert_allclose(found.matrix, truth.matrix, atol=1e-10)
+
+
+def fixed_joint(parent, child, xyz, rpy="0 0 0"):
+    return (
+        f'<robot name="car"><joint name="j" type="fixed"><origin xyz="{xyz}" rpy="{rpy}"/>'
+        f'<parent link="{parent}"/><child link="{child}"/></joint></robot>'
+    ).encode()
+
+
+class TestExtrinsics:
+    """Where each sensor sits, `ego <- sensor`."""
+
+    def test_from_tf_static(self, tmp_path):
+        made = Calibrated(tmp_path, rig({}), STATIC, IMAGES, LENS)
+        assert_same(made.pose("CAM_FRONT"), CAM)
+        assert made.channels["CAM_FRONT"]["source"] == "tf_static"
+        assert made.summary["notes"] == []
+
+    def test_from_fixed_joints_in_tf(self, tmp_path):
+        """As robot_state_publisher of ROS 1 sends them, among edges that move."""
+        entries = [
+            (
+                "/tf", TFMESSAGE, T0 + i * S // 10,
+                tf(
+                    transform(T0 + i, "/base_link", "/lidar", LIDAR),
+                    transform(T0 + i, "odom", "base_link", SE3.create((1, 0, 0, 0), (i, 0, 0))),
+                ),
+            )
+            for i in range(5)
+        ]  # fmt: skip
+        made = Calibrated(tmp_path, rig(lidar={}), CLOUDS, *entries)
+        assert_same(made.pose("LIDAR_TOP"), LIDAR)
+        assert made.channels["LIDAR_TOP"]["source"] == "tf"
+
+    def test_from_a_urdf(self, tmp_path):
+        urdf = fixed_joint("base_link", "lidar", "0.9 0 1.8", "0 0 0.3")
+        made = Calibrated(tmp_path, rig(lidar={}), CLOUDS, urdf=urdf)
+        assert_same(made.pose("LIDAR_TOP"), LIDAR)
+        assert made.channels["LIDAR_TOP"]["source"] == "urdf"
+        assert set(made.request.inputs) == {"urdf"}
+
+    def test_from_the_recipe_which_wins_and_spares_reading_transforms(self, tmp_path):
+        given_by_hand = {"translation": [1.0, 2.0, 3.0], "rotation": [0.5, 0.5, 0.5, 0.5]}
+        made = Calibrated(tmp_path, rig({"extrinsics": given_by_hand}), STATIC, IMAGES, LENS)
+        assert_same(made.pose("CAM_FRONT"), SE3.create((0.5, 0.5, 0.5, 0.5), (1, 2, 3)))
+        assert made.channels["CAM_FRONT"]["source"] == "recipe"
+        assert made.request.topics == ("/cam/camera_info",)
+
+    def test_a_chain_through_all_sources(self, tmp_path):
+        urdf = fixed_joint("mast", "plate", "0 0 1")
+        moved = tf(transform(T0, "plate", "lidar", SE3.create((1, 0, 0, 0), (0, 0.5, 0))))
+        made = Calibrated(
+            tmp_path, rig(lidar={}), CLOUDS, ("/tf", TFMESSAGE, T0, moved),
+            ("/tf_static", TFMESSAGE, T0, tf(transform(0, "base_link", "mast", SE3((1.0, 0, 0, 0), (2, 0, 0))))), urdf=urdf,
+        )  # fmt: skip
+        assert made.pose("LIDAR_TOP").translation == (2.0, 0.5, 1.0)
+        assert made.channels["LIDAR_TOP"]["source"] == "tf+tf_static+urdf"
+
+    def test_tf_is_not_read_where_static_transforms_suffice(self, tmp_path):
+        entry = ("/tf", TFMESSAGE, T0, tf(transform(T0, "odom", "base_link", SE3())))
+        made = Calibrated(tmp_path, rig({}), STATIC, IMAGES, LENS, entry)
+        assert "/tf" in made.request.topics
+        assert "/tf" not in made.recording.read
+
+    def test_a_sensor_in_the_ego_frame(self, tmp_path):
+        made = Calibrated(tmp_path, rig(lidar={}, ego_frame="lidar"), CLOUDS)
+        assert made.pose("LIDAR_TOP") == SE3()
+
+    def test_the_recipe_may_name_the_frame(self, tmp_path):
+        made = Calibrated(tmp_path, rig(lidar={"frame": "/cam"}), CLOUDS, STATIC)
+        assert_same(made.pose("LIDAR_TOP"), CAM)
+
+    @settings(deadline=None, max_examples=20, suppress_health_check=[HealthCheck.function_scoped_fixture])
+    @given(
+        st.tuples(*[st.floats(-1, 1)] * 4).filter(lambda q: sum(v * v for v in q) > 0.1),
+        st.tuples(*[st.floats(-5, 5)] * 3),
+    )
+    def test_any_mount_survives(self, tmp_path_factory, rotation, translation):
+        mount = SE3.create(rotation, translation)
+        static = ("/tf_static", TFMESSAGE, T0, tf(transform(0, "lidar", "base_link", mount.inverse())))
+        made = Calibrated(tmp_path_factory.mktemp("c"), rig(lidar={}), CLOUDS, static)
+        np.testing.assert_allclose(made.pose("LIDAR_TOP").matrix, mount.matrix, atol=1e-9)
+
+
+class TestContradictions:
+    """The most trusted source is used, and the user is told."""
+
+    def test_sources_that_differ_are_noted(self, tmp_path):
+        urdf = fixed_joint("base_link", "cam", "1.5 0.4 1.4", "-1.5707963267948966 0 -1.5707963267948966")
+        made = Calibrated(tmp_path, rig({}), STATIC, IMAGES, LENS, urdf=urdf)
+        assert_same(made.pose("CAM_FRONT"), CAM)
+        (note,) = made.summary["notes"]
+        assert note == (
+            "CAM_FRONT: urdf puts cam 0.300 m and 0.0 degrees away from where tf_static, which is used, "
+            "has it in base_link."
+        )
+        assert made.json["notes"] == [note]
+
+    def test_sources_that_agree_are_not(self, tmp_path):
+        urdf = fixed_joint("base_link", "cam", "1.5 0.1 1.4", "-1.5707963267948966 0 -1.5707963267948966")
+        assert Calibrated(tmp_path, rig({}), STATIC, IMAGES, LENS, urdf=urdf).summary["notes"] == []
+
+    def test_a_static_transform_published_with_two_values(self, tmp_path):
+        other = SE3.create(CAM.rotation, (1.6, 0.1, 1.4))
+        entry = ("/tf_static", TFMESSAGE, T0 + S, tf(transform(1, "base_link", "cam", other)))
+        with pytest.raises(
+            CalibrationError, match=r"base_link -> cam \(tf_static\) moves during the recording"
+        ):
+            Calibrated(tmp_path, rig({}), STATIC, entry, IMAGES, LENS)
+
+    def test_two_parents(self, tmp_path):
+        entry = ("/tf_static", TFMESSAGE, T0, tf(transform(0, "mast", "cam", CAM)))
+        with pytest.raises(CalibrationError, match=r"cam has more than one parent, base_link .* and mast"):
+            Calibrated(tmp_path, rig({}), STATIC, entry, IMAGES, LENS)
+
+    def test_a_topic_with_messages_of_two_frames(self, tmp_path):
+        with pytest.raises(
+            CalibrationError,
+            match=r"LIDAR_TOP: the messages of /points are in several frames \(lidar, rear\)",
+        ):
+            Calibrated(tmp_path, rig(lidar={}), CLOUDS, reading("/points", CLOUD, "rear", 1.0))
+
+
+class TestMissing:
+    """One sentence that says which sensor, what was looked for, and what to do."""
+
+    def test_no_transform(self, tmp_path):
+        with pytest.raises(
+            CalibrationError,
+            match=r"LIDAR_TOP \(/points\): no transform from lidar to base_link: lidar is not a frame known here "
+            r"\(known frames: base_link, cam\). Correct ego_frame or the channel's frame in the recipe",
+        ):
+            Calibrated(tmp_path, rig({}, {}), STATIC, IMAGES, LENS, CLOUDS)
+
+    def test_a_sensor_that_moves(self, tmp_path):
+        entries = [
+            ("/tf", TFMESSAGE, T0 + i, tf(transform(T0 + i, "base_link", "lidar", SE3((1.0, 0, 0, 0), (i, 0, 0)))))
+            for i in range(3)
+        ]  # fmt: skip
+        with pytest.raises(CalibrationError, match=r"base_link -> lidar \(tf\) moves"):
+            Calibrated(tmp_path, rig(lidar={}), CLOUDS, *entries)
+
+    def test_messages_without_a_frame(self, tmp_path):
+        with pytest.raises(CalibrationError, match="the messages of /points name no frame; give `frame` or"):
+            Calibrated(tmp_path, rig(lidar={}), reading("/points", CLOUD, ""))
+
+    def test_channels_that_are_not_recorded_need_no_calibration(self, tmp_path):
+        made = Calibrated(tmp_path, rig({}, {}), STATIC, IMAGES, LENS)
+        assert set(made.channels) == {"CAM_FRONT"}
+
+    def test_transforms_that_are_nonsense_are_counted(self, tmp_path):
+        broken = transform(0, "base_link", "lidar", SE3())
+        broken.transform.rotation.w = 0.0
+        entry = ("/tf_static", TFMESSAGE, T0 - 1, tf(broken, transform(0, "base_link", "lidar", LIDAR)))
+        garbage = ("/tf_static", TFMESSAGE, T0, DecodeError("its bytes do not fit"))
+        made = Calibrated(tmp_path, rig(lidar={}), CLOUDS, entry, garbage)
+        assert_same(made.pose("LIDAR_TOP"), LIDAR)
+        assert made.summary["transforms"] == {
+            "read": 3, "written": 1, "merged": 0,
+            "lost": {"its quaternion is not of unit length": 1, "its bytes do not fit": 1},
+        }  # fmt: skip
+
+
+class TestIntrinsics:
+    """What a camera sees; from CameraInfo or by hand."""
+
+    def test_from_camera_info(self, tmp_path):
+        camera = Calibrated(tmp_path, rig({}), STATIC, IMAGES, LENS).channels["CAM_FRONT"]["camera"]
+        assert (camera["model"], camera["d"], camera["source"]) == (
+            "plumb_bob",
+            [-0.2, 0.1, 0.0, 0.0, 0.0],
+            "camera_info",
+        )
+        assert camera["k"] == [400.0, 0, 320.0, 0, 410.0, 240.0, 0, 0, 1]
+
+    def test_by_hand(self, tmp_path):
+        by_hand = {"width": 640, "height": 480, "fx": 1.0, "fy": 2.0, "cx": 3.0, "cy": 4.0}
+        made = Calibrated(tmp_path, rig({"intrinsics": by_hand}), STATIC, IMAGES, LENS)
+        camera = made.channels["CAM_FRONT"]["camera"]
+        assert (camera["model"], camera["k"], camera["source"]) == (
+            "none",
+            [1, 0, 3, 0, 2, 4, 0, 0, 1],
+            "recipe",
+        )
+        assert "/cam/camera_info" not in made.request.topics
+
+    def test_an_ideal_equidistant_lens_by_hand(self, tmp_path):
+        by_hand = {
+            "model": "equidistant",
+            "width": 9,
+            "height": 9,
+            "fx": 1.0,
+            "fy": 2.0,
+            "cx": 3.0,
+            "cy": 4.0,
+        }
+        camera = Calibrated(tmp_path, rig({"intrinsics": by_hand}), STATIC, IMAGES).channels["CAM_FRONT"][
+            "camera"
+        ]
+        assert (camera["model"], camera["d"]) == ("equidistant", [0.0] * 4)
+
+    def test_nonsense_by_hand(self, tmp_path):
+        by_hand = {"width": 640, "height": 480, "fx": 1.0, "fy": 2.0, "cx": 900.0, "cy": 4.0}
+        with pytest.raises(
+            CalibrationError, match=r"CAM_FRONT: intrinsics in the recipe: its principal point"
+        ):
+            Calibrated(tmp_path, rig({"intrinsics": by_hand}), STATIC, IMAGES)
+
+    def test_a_camera_without_camera_info(self, tmp_path):
+        with pytest.raises(
+            CalibrationError,
+            match=r"CAM_FRONT \(/cam/image_raw\): no CameraInfo on /cam/camera_info, which undistortion needs; name "
+            "the topic in `camera_info`, give `intrinsics`, or set `undistort: false`",
+        ):
+            Calibrated(tmp_path, rig({}), STATIC, IMAGES)
+
+    def test_a_camera_without_camera_info_that_is_not_undistorted(self, tmp_path):
+        made = Calibrated(tmp_path, rig({"undistort": False}), STATIC, IMAGES)
+        assert made.channels["CAM_FRONT"]["camera"] is None
+        assert made.summary["cameras"] == 0
+
+    def test_a_camera_that_was_never_calibrated(self, tmp_path):
+        empty = camera_info()
+        empty.k = np.zeros(9)
+        entry = ("/cam/camera_info", CAMERA_INFO, T0, empty)
+        with pytest.raises(
+            CalibrationError, match=r"no usable CameraInfo on /cam/camera_info: its K is all zeros"
+        ):
+            Calibrated(tmp_path / "a", rig({}), STATIC, IMAGES, entry)
+        made = Calibrated(tmp_path / "b", rig({"undistort": False}), STATIC, IMAGES, entry)
+        assert made.channels["CAM_FRONT"]["camera"] is None
+
+    def test_messages_before_the_first_usable_one_are_noted(self, tmp_path):
+        empty = camera_info()
+        empty.k = np.zeros(9)
+        entry = ("/cam/camera_info", CAMERA_INFO, T0 - 5, empty)
+        made = Calibrated(tmp_path, rig({}), STATIC, IMAGES, entry, LENS)
+        assert made.channels["CAM_FRONT"]["camera"]["source"] == "camera_info"
+        (note,) = made.summary["notes"]
+        assert note == (
+            "CAM_FRONT: 1 messages on /cam/camera_info cannot be used: its K is all zeros, so the camera was not "
+            "calibrated."
+        )
+
+    def test_a_calibration_that_changes(self, tmp_path):
+        later = ("/cam/camera_info", CAMERA_INFO, T0 + S, camera_info(T0 + S, k=(401.0, 410.0, 320.0, 240.0)))
+        with pytest.raises(
+            CalibrationError, match=r"calibration on /cam/camera_info changes at 1700000001\.000 s"
+        ):
+            Calibrated(tmp_path, rig({}), STATIC, IMAGES, LENS, later)
+
+    def test_a_changed_rectification_changes_nothing(self, tmp_path):
+        later = camera_info(T0 + S, d=(-0.2, 0.1, 0.0, 0.0, 0.0), p=np.ones(12))
+        entry = ("/cam/camera_info", CAMERA_INFO, T0 + S, later)
+        made = Calibrated(tmp_path, rig({}), STATIC, IMAGES, LENS, entry)
+        assert made.channels["CAM_FRONT"]["camera"]["p"] == [0.0] * 12
+
+    @pytest.mark.parametrize(
+        ("topic", "beside"),
+        [
+            ("/cam/image_raw", "/cam/camera_info"),
+            ("/cam/image_raw/compressed", "/cam/camera_info"),
+            ("/cam/compressed", "/camera_info"),  # image_transport: the images are on /cam
+            ("cam", "camera_info"),
+        ],
+    )
+    def test_the_topic_beside_the_images(self, topic, beside):
+        channel = rig({"topic": topic}).channels["CAM_FRONT"]
+        assert calibration.camera_info_topic(channel) == beside
+        assert calibration.camera_info_topic(channel.model_copy(update={"camera_info": "/x"})) == "/x"
+
+
+def test_a_urdf_that_is_not_there_is_named(tmp_path):
+    the_rig = rig(lidar={}, urdf=str(tmp_path / "none.urdf"))
+    with pytest.raises(CalibrationError, match=r"none\.urdf: the URDF cannot be read"):
+        calibration.request(the_rig, Recorded(CLOUDS).inventory())
+
+
+def test_the_key_holds_what_is_read_and_nothing_else():
+    inventory = Recorded(STATIC, IMAGES, LENS, CLOUDS).inventory()
+    base = calibration.request(rig({}, {}), inventory)
+    assert base.topics == ("/cam/camera_info", "/tf_static")
+    assert calibration.request(rig({"quality": 50}, {"min_range_m": 1.0}), inventory) == base
+    assert calibration.request(rig({}, {}, location="elsewhere"), inventory) == base
+    assert calibration.request(rig({}, {}, ego_frame="x"), inventory) != base
