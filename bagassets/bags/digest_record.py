@@ -80,6 +80,11 @@ class DigestIndex:
         row = self.row(path)
         return row.digest if row is not None and row.same_file(stat) else None
 
+    def doubts(self, path: Path, stat: os.stat_result) -> bool:
+        """Tell whether a file has the size and time on record but may have been edited in place."""
+        row = self.row(path)
+        return row is not None and row.same_size_and_time(stat) and not row.same_file(stat)
+
     def put(self, path: Path, stat: os.stat_result, digest: str) -> None:
         """Record a digest of the file as it was at `stat`.
 

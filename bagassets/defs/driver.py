@@ -6,22 +6,21 @@ others, and an interrupt loses nothing that was finished.
 
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import dagster as dg
 
-from bagassets.bags.discover import Discovery
 from bagassets.defs.dataset import dataset_is_current, record_inputs
-from bagassets.defs.events import live_partitions, recorded_states
 from bagassets.defs.partitions import add_partitions, remove_partition
+from bagassets.defs.planning import Planned, plan_now
 from bagassets.defs.runs import open_instance
 from bagassets.defs.workspace import Workspace
 from bagassets.engine.build_report import DATASET, BagOutcome, BuildOptions, BuildReport, Event
-from bagassets.engine.dataset_build import DatasetInputs, select_inputs
-from bagassets.engine.plan import Plan, Recorded, make_plan
+from bagassets.engine.dataset_build import dataset_code_versions
+from bagassets.engine.plan_model import Plan, Recorded
 from bagassets.forkserver.client import Client
 from bagassets.forkserver.tasks import connect, server_spec, submit_build
 from bagassets.recipe.project import dagster_home
@@ -33,7 +32,6 @@ _CANCEL_GRACE_S = 20.0
 _POLL_S = 0.5
 
 Listener = Callable[[Event], None]
-Records = dict[str, dict[str, Recorded]]
 
 
 @dataclass(frozen=True)
@@ -41,35 +39,29 @@ class Situation:
     """The state of everything as it is now.
 
     Attributes:
-        plan: state of each asset of each recording.
-        recorded: asset -> partition key -> what Dagster recorded last.
-        inputs: what the dataset would be made from.
-        dataset_is_current: the dataset on disk was made from them.
-        discovery: the recordings on disk.
-        live: the registered partition keys.
+        planned: states of recordings, and what a dataset would be made from.
+        dataset_is_current: the datasets on disk were made from just that.
     """
 
-    plan: Plan
-    recorded: Records
-    inputs: DatasetInputs
+    planned: Planned
     dataset_is_current: bool
-    discovery: Discovery
-    live: frozenset[str]
+
+    @property
+    def plan(self) -> Plan:
+        """The states of all recordings."""
+        return self.planned.plan
 
 
-def survey(instance: dg.DagsterInstance, workspace: Workspace) -> Situation:
+def survey(
+    instance: dg.DagsterInstance, workspace: Workspace, live: frozenset[str] | None = None
+) -> Situation:
     """Look at everything and decide, changing nothing.
 
     Raises:
         BagAssetsError: the recipe or the bag root is not usable.
     """
-    recipe, discovery = workspace.recipe, workspace.discover()
-    live = live_partitions(instance, recipe)
-    recorded = recorded_states(instance)
-    plan = make_plan(recipe, workspace.store, discovery, recorded, live, workspace.index)
-    inputs = select_inputs(plan, recorded, live)
-    current = dataset_is_current(instance, recipe, inputs)
-    return Situation(plan, recorded, inputs, current, discovery, live)
+    planned = plan_now(instance, workspace, live)
+    return Situation(planned, dataset_is_current(instance, workspace.recipe, planned.inputs))
 
 
 def build(recipe_file: Path, options: BuildOptions, on_event: Listener) -> BuildReport:
@@ -86,7 +78,7 @@ def build(recipe_file: Path, options: BuildOptions, on_event: Listener) -> Build
     os.environ["BAGASSETS_RECIPE"] = str(recipe_file)
     with open_instance(home) as instance:
         before = survey(instance, workspace)
-        removed = _register(instance, workspace, before)
+        removed = _register(instance, workspace, before.planned)
         todo = {
             key: bag.to_run(retry_failed=options.retry_failed, select=options.select)
             for key, bag in before.plan.bags.items()
@@ -96,19 +88,21 @@ def build(recipe_file: Path, options: BuildOptions, on_event: Listener) -> Build
         report = BuildReport(before.plan, dataset_path=recipe.nuscenes.output, removed=removed)
         with_dataset = options.select is None or DATASET in options.select
         now = before
-        if todo or (with_dataset and not before.dataset_is_current) or removed:
+        if todo or (with_dataset and not before.dataset_is_current):
             with connect(server_spec(recipe.state, recipe_file), home) as client:
-                sizes = {key: before.discovery.found[key].size for key in todo}
+                sizes = {key: before.planned.discovery.found[key].size for key in todo}
                 on_event(Event("planned", sizes=sizes))
                 runs = _Runs(client, home, options.jobs, on_event)
                 runs.work(todo)
                 now = survey(instance, workspace)
                 if with_dataset and not now.dataset_is_current and not runs.interrupted:
-                    record_inputs(instance, now.inputs)
-                    runs.work({"": (DATASET,)})
+                    record_inputs(instance, now.planned.inputs)
+                    runs.work({"": tuple(dataset_code_versions(recipe))})
             report.interrupted = runs.interrupted
             report.outcomes = {
-                key: _outcome(now.recorded, key, ended) for key, ended in runs.ended.items() if key
+                key: _outcome(now.planned.recorded.get(key, {}), ended)
+                for key, ended in runs.ended.items()
+                if key
             }
             report.dataset, report.dataset_problem = _dataset_outcome(runs.ended.get(""))
         if not with_dataset:
@@ -119,14 +113,12 @@ def build(recipe_file: Path, options: BuildOptions, on_event: Listener) -> Build
     return report
 
 
-def _register(instance: dg.DagsterInstance, workspace: Workspace, situation: Situation) -> tuple[str, ...]:
+def _register(instance: dg.DagsterInstance, workspace: Workspace, planned: Planned) -> tuple[str, ...]:
     """Make partitions of what is new, drop those of what is gone, and return the latter."""
-    found = situation.discovery.found.keys()
-    removed = tuple(sorted(situation.live - found))
-    for key in removed:
+    for key in planned.plan.removed:
         remove_partition(instance, workspace.recipe, key)
-    add_partitions(instance, workspace.recipe, sorted(found - situation.live))
-    return removed
+    add_partitions(instance, workspace.recipe, sorted(planned.discovery.found.keys() - planned.live))
+    return planned.plan.removed
 
 
 @dataclass(frozen=True)
@@ -195,13 +187,12 @@ class _Runs:
             self.on_event(Event("done", key))
 
 
-def _outcome(recorded: Records, key: str, ended: _Ended) -> BagOutcome:
+def _outcome(recorded: Mapping[str, Recorded], ended: _Ended) -> BagOutcome:
     if ended.stopped:
         return BagOutcome("stopped", "the build was interrupted; the next one carries on", ended.seconds)
     if ended.problem is not None:
         return BagOutcome("failed", ended.problem, ended.seconds)
-    made = [records[key] for asset, records in recorded.items() if key in records and asset != "bag"]
-    ran = any(record.run_id == ended.run_id and record.cached is False for record in made)
+    ran = any(record.run_id == ended.run_id and record.cached is False for record in recorded.values())
     return BagOutcome("built" if ran else "hit", seconds=ended.seconds)
 
 

@@ -1,0 +1,163 @@
+"""What a plan says: the state of every asset of every recording."""
+
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from bagassets.bags.digest import RecordingStat
+from bagassets.bags.model import Format
+from bagassets.engine.recording_assets import ASSETS, OPTIONAL_ASSETS, UPSTREAM
+
+__all__ = [
+    "ALL_ASSETS",
+    "RECORDING_ASSETS",
+    "AssetState",
+    "BagPlan",
+    "Plan",
+    "Recorded",
+    "State",
+    "with_upstream",
+]
+
+State = Literal["fresh", "record-only", "stale", "unknown", "failed", "missing", "skipped"]
+
+# Assets that every recording has, and all that it may have.
+RECORDING_ASSETS = ("bag", *ASSETS)
+ALL_ASSETS = ("bag", *UPSTREAM)
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """The latest materialization of one asset partition in Dagster's event log.
+
+    Attributes:
+        data_version: digest of the recording or of the artifact.
+        code_version: step version and recipe fields it was made with.
+        inputs: upstream asset -> data version that it was made from.
+        stat: for `bag`, sizes and times of the files that its digest holds for.
+        cached: nothing had to run for it; None if it does not say.
+        action: digest of the action that made it.
+        run_id: run that recorded it.
+    """
+
+    data_version: str
+    code_version: str | None
+    inputs: Mapping[str, str] = field(default_factory=dict)
+    stat: RecordingStat | None = None
+    cached: bool | None = None
+    action: str | None = None
+    run_id: str = ""
+
+
+@dataclass(frozen=True)
+class AssetState:
+    """State of one asset of one recording.
+
+    Attributes:
+        state: see `docs/how-it-decides.md`.
+        reason: why, in words, back to what changed first.
+        data_version: the artifact that is or would be current, where known.
+    """
+
+    state: State
+    reason: str
+    data_version: str | None = None
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the state as JSON."""
+        return {"state": self.state, "reason": self.reason, "data_version": self.data_version}
+
+
+@dataclass(frozen=True)
+class BagPlan:
+    """States of all assets of one recording.
+
+    Attributes:
+        key: partition key.
+        assets: asset -> its state.
+        format: of the recording.
+        recorded: asset -> data version that Dagster has on record.
+        channels: digests of the artifacts of single channels that frames and sweeps consist of.
+    """
+
+    key: str
+    assets: Mapping[str, AssetState]
+    format: Format = "ros1"
+    recorded: Mapping[str, str] = field(default_factory=dict)
+    channels: tuple[str, ...] = ()
+
+    @property
+    def skipped(self) -> str | None:
+        """Why the recording takes no part, or None."""
+        tables = self.assets["nuscenes_tables"]
+        return tables.reason if tables.state == "skipped" else None
+
+    @property
+    def failed(self) -> str | None:
+        """The sentence of the first asset that failed, or None."""
+        return next((state.reason for state in self.assets.values() if state.state == "failed"), None)
+
+    @property
+    def unusable(self) -> str | None:
+        """Why the recording cannot enter the nuScenes dataset, or None; optional assets do not matter."""
+        failures = (
+            state.reason
+            for name, state in self.assets.items()
+            if state.state == "failed" and name not in OPTIONAL_ASSETS
+        )
+        return next(failures, None)
+
+    @property
+    def settled(self) -> bool:
+        """True if there is nothing to do and nothing failed."""
+        return all(state.state in {"fresh", "skipped"} for state in self.assets.values())
+
+    def to_run(self, *, retry_failed: bool = False, select: Collection[str] | None = None) -> tuple[str, ...]:
+        """Return the assets that a run should materialize, in order; none if all is well.
+
+        A run takes all assets, fresh ones too: those are hits, and Dagster's own markers agree afterwards.
+
+        Args:
+            retry_failed: try again what failed before on the same input.
+            select: assets that matter; what they read comes along. None = all.
+        """
+        idle = {"fresh", "skipped"} | (set() if retry_failed else {"failed"})
+        if self.failed is not None and not retry_failed:
+            # What hangs on a failed asset is unknown for ever: nothing to gain from a run.
+            idle.add("unknown")
+        wanted = tuple(self.assets)
+        if select is not None:
+            closure = with_upstream(select)
+            wanted = tuple(name for name in wanted if name in closure)
+        return wanted if any(self.assets[name].state not in idle for name in wanted) else ()
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the states as JSON."""
+        return {name: state.as_json() for name, state in self.assets.items()}
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The state of everything.
+
+    Attributes:
+        bags: partition key -> states of a recording.
+        excluded: path below the bag root -> why the globs leave it out.
+        removed: registered partition keys without a recording.
+    """
+
+    bags: Mapping[str, BagPlan]
+    excluded: Mapping[str, str]
+    removed: tuple[str, ...]
+
+
+def with_upstream(assets: Iterable[str]) -> tuple[str, ...]:
+    """Return `assets` (those of a recording among them) and everything that they read, in order."""
+    wanted: set[str] = set()
+    waiting = [asset for asset in assets if asset == "bag" or asset in UPSTREAM]
+    while waiting:
+        asset = waiting.pop()
+        if asset not in wanted:
+            wanted.add(asset)
+            waiting += ["bag", *UPSTREAM[asset]] if asset != "bag" else []
+    return tuple(name for name in ("bag", *UPSTREAM) if name in wanted)
