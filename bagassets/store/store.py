@@ -10,6 +10,7 @@ Layout::
 Everything appears by an atomic rename or link, so processes and machines may share a store.
 """
 
+import errno
 import json
 import os
 import shutil
@@ -27,6 +28,10 @@ from bagassets.store.action import Action
 from bagassets.store.artifact import MANIFEST, Artifact, ArtifactWriter
 
 __all__ = ["Outcome", "Pending", "Store"]
+
+# How a file system says that a folder of that name is there and holds something.
+_TAKEN = {errno.ENOTEMPTY, errno.EEXIST}
+_ATTEMPTS = 5
 
 
 @dataclass(frozen=True)
@@ -106,14 +111,37 @@ class Store:
     def adopt(self, folder: Path, digest: str) -> Artifact:
         """Move a finished temporary folder to its place; the first one wins."""
         target = self._artifact_folder(digest)
-        target.parent.mkdir(parents=True, exist_ok=True)
         try:
-            folder.rename(target)
-        except OSError:
-            if not (target / MANIFEST).is_file():
-                raise
-            shutil.rmtree(folder, ignore_errors=True)
+            self._move_in(folder, target, digest)
+        except OSError as err:
+            raise StoreError(
+                f"{target}: the artifact cannot be put in place ({err.strerror}); free space or mend the folder."
+            ) from err
         return Artifact(digest, target)
+
+    def _move_in(self, folder: Path, target: Path, digest: str) -> None:
+        for _ in range(_ATTEMPTS):
+            target.parent.mkdir(parents=True, exist_ok=True)
+            try:
+                folder.rename(target)
+            except OSError as err:
+                if err.errno not in _TAKEN:
+                    raise
+                if self.is_complete(digest):
+                    shutil.rmtree(folder, ignore_errors=True)
+                    return
+                self.remove(digest)  # a damaged one is in the way
+            else:
+                return
+        raise FileExistsError(errno.EEXIST, "other processes keep putting a damaged one there", str(target))
+
+    def remove(self, digest: str) -> None:
+        """Take an artifact out of the store at once, as when it is damaged; actions that made it run again."""
+        retired = self.root / "tmp" / f"{os.getpid()}-{uuid4().hex}"
+        retired.parent.mkdir(parents=True, exist_ok=True)
+        with suppress(FileNotFoundError):
+            self._artifact_folder(digest).rename(retired)
+        shutil.rmtree(retired, ignore_errors=True)
 
     # --- actions ---------------------------------------------------------------------
 
@@ -133,6 +161,24 @@ class Store:
         return Outcome(
             Artifact(digest, self._artifact_folder(digest)), action.digest, cached=True, seconds=seconds
         )
+
+    def is_complete(self, digest: str) -> bool:
+        """Tell whether every file of an artifact is there with its size; its bytes are not read."""
+        artifact = Artifact(digest, self._artifact_folder(digest))
+        try:
+            return all(artifact.path(entry.path).stat().st_size == entry.size for entry in artifact.entries())
+        except (StoreError, OSError, KeyError, TypeError):
+            return False
+
+    def action(self, digest: str) -> dict[str, Any] | None:
+        """Return an action on record, whether it produced something or failed, as `Action.as_json` gave it."""
+        for path in (self._action_file(digest), self._failure_file(digest)):
+            try:
+                found: dict[str, Any] = json.loads(path.read_bytes())["action"]
+            except (OSError, ValueError, KeyError):
+                continue
+            return found
+        return None
 
     def begin(self, action: Action) -> Pending:
         """Start an action that is not known; the caller commits or discards it."""
