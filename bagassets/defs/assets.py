@@ -10,7 +10,8 @@ from bagassets.defs.events import STAT, recorded_artifact, recorded_partition
 from bagassets.defs.reporting import failures_in_words, result_metadata
 from bagassets.defs.workspace import Workspace, recording_partitions
 from bagassets.engine.code_version import code_version
-from bagassets.engine.recording_build import ASSETS, UPSTREAM, RecordingBuild, Skipped
+from bagassets.engine.recording_assets import ASSETS, OPTIONAL_ASSETS, UPSTREAM, Skipped, assets_of
+from bagassets.engine.recording_build import RecordingBuild
 from bagassets.errors import StoreError
 from bagassets.recipe.model import Recipe
 
@@ -26,6 +27,8 @@ _DESCRIPTIONS = {
     "frames": "Camera images, one artifact per channel: undistorted, encoded, indexed by stamp.",
     "sweeps": "Lidar and radar point files, one artifact per channel, indexed by stamp.",
     "nuscenes_tables": "This recording's rows of the nuScenes tables: scenes, keyframes, readings, boxes.",
+    "vision_sequences": "This recording's part of the vision dataset: image sequences with relative trajectories.",
+    "preview": "Pictures of the recording for people; the small ones are shown right here.",
 }
 _KINDS = {
     "bag": {"ros"},
@@ -36,6 +39,8 @@ _KINDS = {
     "frames": {"image", "parquet"},
     "sweeps": {"pointcloud", "parquet"},
     "nuscenes_tables": {"nuscenes", "json"},
+    "vision_sequences": {"image", "json"},
+    "preview": {"image"},
 }
 # Made together, because passes over the recording are what costs.
 _EXTRACTED = tuple(asset for asset in ASSETS if asset != "nuscenes_tables")
@@ -95,13 +100,27 @@ def recording_assets(recipe: Recipe) -> list[dg.AssetsDefinition]:
         with failures_in_words():
             yield from _build(context, workspace, {"nuscenes_tables"})
 
-    return [bag, extract, tables]
+    optional = [_optional_asset(recipe, asset) for asset in assets_of(recipe) if asset in OPTIONAL_ASSETS]
+    return [bag, extract, tables, *optional]
+
+
+def _optional_asset(recipe: Recipe, asset: str) -> dg.AssetsDefinition:
+    @dg.multi_asset(
+        name=f"make_{asset}",
+        partitions_def=recording_partitions(recipe),
+        specs=[_spec(recipe, asset, skippable=True)],
+    )
+    def make(context: dg.AssetExecutionContext, workspace: Workspace) -> Iterator[dg.MaterializeResult[None]]:
+        with failures_in_words():
+            yield from _build(context, workspace, {asset})
+
+    return make
 
 
 def _spec(recipe: Recipe, asset: str, *, skippable: bool) -> dg.AssetSpec:
     return dg.AssetSpec(
         asset,
-        deps=["bag", *UPSTREAM[asset]] if asset != "nuscenes_tables" else list(UPSTREAM[asset]),
+        deps=["bag", *UPSTREAM[asset]] if asset in _EXTRACTED else list(UPSTREAM[asset]),
         group_name=GROUP,
         kinds=_KINDS[asset],
         description=_DESCRIPTIONS[asset],

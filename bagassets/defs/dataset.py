@@ -2,13 +2,16 @@
 
 import dagster as dg
 
-from bagassets.defs.events import live_partitions, recorded_states
+from bagassets.defs.planning import plan_now
 from bagassets.defs.reporting import dataset_metadata, failures_in_words
 from bagassets.defs.workspace import Workspace
-from bagassets.engine.dataset_build import DatasetInputs, build_dataset, dataset_code_version, select_inputs
-from bagassets.engine.plan import make_plan
+from bagassets.engine.dataset_build import (
+    DatasetInputs,
+    build_dataset,
+    dataset_code_versions,
+    is_on_disk,
+)
 from bagassets.recipe.model import Recipe
-from bagassets.steps.nuscenes_dataset import read_lock
 
 __all__ = ["DATASET_ASSETS", "current_inputs", "dataset_assets", "dataset_is_current", "record_inputs"]
 
@@ -18,29 +21,37 @@ DATASET_ASSETS = ("dataset_inputs", "nuscenes_dataset")
 
 def current_inputs(instance: dg.DagsterInstance, workspace: Workspace) -> DatasetInputs:
     """Return what the dataset would be made from now: live, current and selected recordings."""
-    recipe = workspace.recipe
-    recorded = recorded_states(instance)
-    live = live_partitions(instance, recipe)
-    plan = make_plan(recipe, workspace.store, workspace.discover(), recorded, live, workspace.index)
-    return select_inputs(plan, recorded, live)
+    return plan_now(instance, workspace).inputs
 
 
 def dataset_is_current(instance: dg.DagsterInstance, recipe: Recipe, inputs: DatasetInputs) -> bool:
-    """Tell whether the dataset on disk was made from `inputs` by this recipe and code."""
-    latest = instance.get_latest_materialization_event(dg.AssetKey("nuscenes_dataset"))
+    """Tell whether all datasets on disk were made from `inputs` by this recipe and code."""
+    return all(
+        _is_current(instance, recipe, inputs, asset, version)
+        for asset, version in dataset_code_versions(recipe).items()
+    )
+
+
+def _is_current(
+    instance: dg.DagsterInstance, recipe: Recipe, inputs: DatasetInputs, asset: str, version: str
+) -> bool:
+    latest = instance.get_latest_materialization_event(dg.AssetKey(asset))
     made = latest.asset_materialization if latest is not None else None
     if made is None:
         return not inputs.parts
     tags = made.tags or {}
     return (
         tags.get("dagster/input_data_version/dataset_inputs") == inputs.digest
-        and tags.get("dagster/code_version") == dataset_code_version(recipe)
-        and read_lock(recipe.nuscenes.output, recipe.nuscenes.version) is not None
+        and tags.get("dagster/code_version") == version
+        and is_on_disk(recipe, asset)
     )
 
 
 def record_inputs(instance: dg.DagsterInstance, inputs: DatasetInputs) -> None:
-    """Record `dataset_inputs` without a run (about 10 ms), if it changed."""
+    """Record `dataset_inputs` without a run (about 10 ms), if it changed.
+
+    Its tags say what it was made from, as those of a run would: else Dagster's markers call it stale.
+    """
     latest = instance.get_latest_materialization_event(dg.AssetKey("dataset_inputs"))
     materialization = latest.asset_materialization if latest is not None else None
     recorded = (
@@ -52,9 +63,22 @@ def record_inputs(instance: dg.DagsterInstance, inputs: DatasetInputs) -> None:
         dg.AssetMaterialization(
             asset_key="dataset_inputs",
             metadata=dict(inputs.as_json()),
-            tags={"dagster/data_version": inputs.digest, "dagster/code_version": "1"},
+            tags={
+                "dagster/data_version": inputs.digest,
+                "dagster/code_version": "1",
+                "dagster/input_data_version/nuscenes_tables": inputs.digest,
+                "dagster/input_event_pointer/nuscenes_tables": str(_newest_tables(instance)),
+            },
         )
     )
+
+
+def _newest_tables(instance: dg.DagsterInstance) -> int:
+    """Return the storage id of the newest `nuscenes_tables` of all recordings; Dagster looks for newer ones."""
+    ids = instance.event_log_storage.get_latest_storage_id_by_partition(
+        dg.AssetKey("nuscenes_tables"), dg.DagsterEventType.ASSET_MATERIALIZATION
+    )
+    return max(ids.values(), default=0)
 
 
 def dataset_assets(recipe: Recipe) -> list[dg.AssetsDefinition]:
@@ -84,7 +108,7 @@ def dataset_assets(recipe: Recipe) -> list[dg.AssetsDefinition]:
         group_name=GROUP,
         kinds={"nuscenes"},
         description="The nuScenes dataroot: samples, sweeps, maps and tables of all recordings, swapped in atomically.",
-        code_version=dataset_code_version(recipe),
+        code_version=dataset_code_versions(recipe)["nuscenes_dataset"],
     )
     def nuscenes_dataset(
         context: dg.AssetExecutionContext, workspace: Workspace

@@ -9,6 +9,7 @@ from bagassets.defs.assets import recording_assets
 from bagassets.defs.checks import dataset_checks, recording_checks
 from bagassets.defs.dataset import dataset_assets
 from bagassets.defs.sensor import recordings_sensor
+from bagassets.defs.vision import vision_dataset_asset
 from bagassets.defs.workspace import Workspace
 from bagassets.recipe import load_recipe
 
@@ -30,8 +31,9 @@ def build_definitions(recipe_file: Path) -> dg.Definitions:
         # another's failure.
         warnings.simplefilter("ignore", category=dg.PreviewWarning)
         checks = [*recording_checks(recipe), *dataset_checks(recipe)]
+    vision = [] if recipe.vision is None else [vision_dataset_asset(recipe)]
     return dg.Definitions(
-        assets=[*recording_assets(recipe), *dataset_assets(recipe)],
+        assets=[*recording_assets(recipe), *dataset_assets(recipe), *vision],
         asset_checks=checks,
         sensors=[recordings_sensor()],
         resources={"workspace": Workspace(recipe_file=str(recipe_file))},

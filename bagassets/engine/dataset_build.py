@@ -1,16 +1,27 @@
-"""The dataset: which recordings enter it now, and putting it together."""
+"""The datasets: which recordings enter them now, and putting them together."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
-from bagassets.engine.plan import Plan, Recorded
+from bagassets.engine.plan_model import Plan
+from bagassets.errors import DatasetError
 from bagassets.recipe.model import Recipe
-from bagassets.steps.nuscenes_dataset import VERSION, BagPart, DatasetSummary, assemble
+from bagassets.steps import vision_dataset
+from bagassets.steps.nuscenes_dataset import VERSION, BagPart, DatasetSummary, assemble, read_lock
+from bagassets.steps.vision_dataset import VisionPart, VisionSummary, assemble_vision, read_vision_lock
 from bagassets.store.canonical import digest_json
 from bagassets.store.store import Store
 
-__all__ = ["DatasetInputs", "build_dataset", "dataset_code_version", "select_inputs"]
+__all__ = [
+    "DatasetInputs",
+    "build_dataset",
+    "build_vision_dataset",
+    "dataset_code_version",
+    "dataset_code_versions",
+    "is_on_disk",
+    "select_inputs",
+]
 
 
 @dataclass(frozen=True)
@@ -21,45 +32,59 @@ class DatasetInputs:
         parts: recordings that enter, sorted by key.
         skipped: recordings that take no part -> why.
         failed: recordings that could not be made -> why.
+        vision: recordings that enter the vision dataset, sorted by key.
+        vision_failed: recordings whose sequences could not be made -> why.
     """
 
     parts: tuple[BagPart, ...]
     skipped: Mapping[str, str]
     failed: Mapping[str, str]
+    vision: tuple[VisionPart, ...] = ()
+    vision_failed: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def digest(self) -> str:
         """Digest of everything that shapes the dataset except the recipe."""
-        return digest_json(
-            {
-                "parts": [[part.key, part.content, part.tables] for part in self.parts],
-                "skipped": dict(self.skipped),
-                "failed": dict(self.failed),
-            }
-        )
+        value: dict[str, Any] = {
+            "parts": [[part.key, part.content, part.tables] for part in self.parts],
+            "skipped": dict(self.skipped),
+            "failed": dict(self.failed),
+        }
+        if self.vision or self.vision_failed:
+            value["vision"] = [[part.key, part.content, part.sequences] for part in self.vision]
+            value["vision_failed"] = dict(self.vision_failed)
+        return digest_json(value)
 
     def as_json(self) -> dict[str, Any]:
         """Return counts for people."""
         return {"recordings": len(self.parts), "skipped": len(self.skipped), "failed": len(self.failed)}
 
 
-def select_inputs(
-    plan: Plan, recorded: Mapping[str, Mapping[str, Recorded]], live: frozenset[str]
-) -> DatasetInputs:
+def select_inputs(plan: Plan, live: frozenset[str]) -> DatasetInputs:
     """Return what the dataset is made from now: current tables of live recordings that take part.
 
     A recording whose newest content failed is left out rather than put in with old content.
     """
-    tables, bags = recorded.get("nuscenes_tables", {}), recorded.get("bag", {})
-    parts, skipped, failed = [], dict(plan.excluded), {}
+    parts, vision, skipped, failed, vision_failed = [], [], dict(plan.excluded), {}, {}
     for key, bag in sorted(plan.bags.items()):
         if bag.skipped is not None:
             skipped[key] = bag.skipped
-        elif bag.failed is not None:
-            failed[key] = bag.failed
-        elif key in live and key in tables and key in bags:
-            parts.append(BagPart(key, bags[key].data_version, tables[key].data_version))
-    return DatasetInputs(tuple(parts), skipped, failed)
+            continue
+        if bag.unusable is not None:
+            failed[key] = bag.unusable
+        elif key in live and "nuscenes_tables" in bag.recorded and "bag" in bag.recorded:
+            parts.append(BagPart(key, bag.recorded["bag"], bag.recorded["nuscenes_tables"]))
+        state = bag.assets.get("vision_sequences")
+        if state is None:
+            continue
+        reason = (
+            bag.unusable if state.state == "unknown" else state.reason if state.state == "failed" else None
+        )
+        if reason is not None:
+            vision_failed[key] = reason
+        elif key in live and "vision_sequences" in bag.recorded and "bag" in bag.recorded:
+            vision.append(VisionPart(key, bag.recorded["bag"], bag.recorded["vision_sequences"]))
+    return DatasetInputs(tuple(parts), skipped, failed, tuple(vision), vision_failed)
 
 
 def build_dataset(recipe: Recipe, store: Store, inputs: DatasetInputs) -> DatasetSummary:
@@ -83,3 +108,40 @@ def dataset_code_version(recipe: Recipe) -> str:
         recipe.splits.model_dump(mode="json"),
     ]
     return f"{VERSION}-{digest_json(fields)[:12]}"
+
+
+def build_vision_dataset(recipe: Recipe, store: Store, inputs: DatasetInputs) -> VisionSummary:
+    """Bring the vision dataset on disk up to date with `inputs`.
+
+    Raises:
+        DatasetError: the recipe asks for none.
+    """
+    if recipe.vision is None:
+        raise DatasetError("the recipe has no `vision` section, so there is no vision dataset; add one.")
+    return assemble_vision(
+        inputs.vision,
+        recipe.vision,
+        recipe.splits,
+        store,
+        skipped=inputs.skipped,
+        failed=inputs.vision_failed,
+    )
+
+
+def dataset_code_versions(recipe: Recipe) -> dict[str, str]:
+    """Return dataset asset -> its code version, for all that the recipe asks for; in order."""
+    versions = {"nuscenes_dataset": dataset_code_version(recipe)}
+    if recipe.vision is not None:
+        fields = [
+            recipe.vision.model_dump(mode="json", exclude={"output"}),
+            recipe.splits.model_dump(mode="json"),
+        ]
+        versions["vision_dataset"] = f"{vision_dataset.VERSION}-{digest_json(fields)[:12]}"
+    return versions
+
+
+def is_on_disk(recipe: Recipe, asset: str) -> bool:
+    """Tell whether a dataset that was made once is still there."""
+    if asset == "vision_dataset":
+        return recipe.vision is not None and read_vision_lock(recipe.vision.output) is not None
+    return read_lock(recipe.nuscenes.output, recipe.nuscenes.version) is not None

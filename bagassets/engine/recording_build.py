@@ -7,7 +7,6 @@ without running anything.
 """
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Any
 
@@ -15,11 +14,30 @@ from bagassets.bags.digest import RecordingStat
 from bagassets.bags.inventory import Inventory
 from bagassets.bags.model import Found, Recording
 from bagassets.engine.channel_pass import ChannelJob, run_pass
+from bagassets.engine.recording_assets import (
+    ASSETS,
+    OPTIONAL_ASSETS,
+    UPSTREAM,
+    AssetResult,
+    BuildFailure,
+    NotMadeError,
+    Skipped,
+    assets_of,
+)
 from bagassets.engine.source import MessageSource
 from bagassets.errors import BagAssetsError, StoreError
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.recipe.model import CameraChannel, Recipe, Rig
-from bagassets.steps import annotations, calibration, ego_poses, frames, inventory, nuscenes_tables, sweeps
+from bagassets.steps import (
+    annotations,
+    calibration,
+    ego_poses,
+    frames,
+    inventory,
+    nuscenes_tables,
+    sweeps,
+    vision_sequences,
+)
 from bagassets.steps.channel import ChannelExtractor, Request
 from bagassets.steps.selection import choose_rig, present_channels, skip_reason
 from bagassets.store.action import Action, Step
@@ -29,64 +47,16 @@ from bagassets.store.store import Outcome, Store
 
 __all__ = ["ASSETS", "UPSTREAM", "AssetResult", "BuildFailure", "NotMadeError", "RecordingBuild", "Skipped"]
 
-# What each asset reads of the others, in the order in which they are made.
-UPSTREAM: dict[str, tuple[str, ...]] = {
-    "inventory": (),
-    "calibration": ("inventory",),
-    "ego_poses": ("inventory",),
-    "annotations": ("inventory", "calibration", "ego_poses"),
-    "frames": ("inventory", "calibration"),
-    "sweeps": ("inventory", "calibration", "ego_poses"),
-    "nuscenes_tables": ("inventory", "calibration", "ego_poses", "annotations", "frames", "sweeps"),
-}
-ASSETS = tuple(UPSTREAM)
-
 # Frames and sweeps come from one pass over the recording.
-_GROUPS = (("calibration",), ("ego_poses",), ("annotations",), ("frames", "sweeps"), ("nuscenes_tables",))
+_GROUPS = (
+    ("calibration",),
+    ("ego_poses",),
+    ("annotations",),
+    ("frames", "sweeps"),
+    ("nuscenes_tables",),
+    *((asset,) for asset in OPTIONAL_ASSETS),
+)
 _INDEX_STEPS = {name: Step(f"{name}_index", 1) for name in ("frames", "sweeps")}
-
-
-@dataclass(frozen=True)
-class AssetResult:
-    """What one asset of the recording came to.
-
-    Attributes:
-        asset: its name.
-        artifact: its content; the digest is the data version.
-        action_digest: the action that made it.
-        cached: nothing had to run.
-        seconds: time it took when it ran.
-    """
-
-    asset: str
-    artifact: Artifact
-    action_digest: str
-    cached: bool
-    seconds: float
-
-
-@dataclass(frozen=True)
-class Skipped:
-    """The recording takes no part in the dataset, for a reason in words."""
-
-    reason: str
-
-
-class BuildFailure(BagAssetsError):  # noqa: N818  (a state of a build, named as users see it)
-    """Some assets of a recording could not be made; one sentence for each."""
-
-    def __init__(self, errors: Mapping[str, BagAssetsError]) -> None:
-        self.errors = dict(errors)
-        super().__init__("\n".join(str(err) for err in self.errors.values()))
-
-
-class NotMadeError(BagAssetsError):
-    """An action is not known to the store, in a walk that must not run it."""
-
-    def __init__(self, action: Action, failure: str | None) -> None:
-        self.action = action
-        self.failure = failure
-        super().__init__(f"step {action.step} has not run on this input")
 
 
 class RecordingBuild:
@@ -124,14 +94,17 @@ class RecordingBuild:
         self._dry = dry
         self._artifacts: dict[str, Artifact] = dict(recorded or {})
 
-    def build(self, wanted: Collection[str] = ASSETS) -> Iterator[AssetResult | Skipped]:
-        """Make the `wanted` assets in order and yield each result; what is known is not run again.
+    def build(self, wanted: Collection[str] | None = None) -> Iterator[AssetResult | Skipped]:
+        """Make the `wanted` assets (default: all of the recipe) in order and yield each result.
+
+        What is known is not run again.
 
         An asset that fails does not stop those that do not read it.
 
         Raises:
             BuildFailure: after everything else was made, if anything failed.
         """
+        wanted = assets_of(self.recipe) if wanted is None else wanted
         if "inventory" in wanted:
             try:
                 yield self._inventory()
@@ -222,6 +195,7 @@ class RecordingBuild:
             "ego_poses": self._ego_poses,
             "annotations": self._annotations,
             "nuscenes_tables": self._nuscenes_tables,
+            "vision_sequences": self._vision_sequences,
         }
         if not assets:
             return {}
@@ -321,6 +295,22 @@ class RecordingBuild:
 
         return self._run("nuscenes_tables", self._action(nuscenes_tables.STEP, request), make)
 
+    def _vision_sequences(self) -> AssetResult:
+        if self.recipe.vision is None:
+            raise BagAssetsError(f"{self.found.key}: the recipe has no `vision` section; add one to make it.")
+        poses, images = self._artifact("ego_poses"), self._channel_artifacts("frames")
+        request = vision_sequences.request(
+            self.rig,
+            self.recipe.vision,
+            self.found.key,
+            self.inventory,
+            calibration=self._calibration_json,
+            ego_poses=poses,
+            frames=images,
+        )
+        make = partial(vision_sequences.make, trajectory=self._trajectory, ego_poses=poses, frames=images)
+        return self._run_on_messages("vision_sequences", vision_sequences.STEP, request, make)
+
     # --- frames and sweeps ---------------------------------------------------------------
 
     def _extract(self, assets: Sequence[str]) -> dict[str, AssetResult | BagAssetsError]:
@@ -363,9 +353,12 @@ class RecordingBuild:
         names = self._channels_of([asset])
         failed = [errors[name] for name in names if name in errors]
         if failed:
-            unmade = [err for err in failed if isinstance(err, NotMadeError)]
-            told = [err for err in failed if err not in unmade or unmade[0].failure is not None]
-            return told[0] if told else failed[0]
+            unmade = {name: err for name in names if isinstance(err := errors.get(name), NotMadeError)}
+            told = [err for err in failed if not isinstance(err, NotMadeError) or err.failure is not None]
+            if told:
+                return told[0]
+            actions = {name: err.action for name, err in unmade.items()}
+            return NotMadeError(next(iter(actions.values())), None, actions)
         channels = {
             name: {
                 "artifact": outcomes[name].artifact.digest,
@@ -385,11 +378,14 @@ class RecordingBuild:
             }
 
         action = _INDEX_STEPS[asset].action({"actions": actions}, digests)
+        if self._dry and self.store.lookup(action) is None:
+            return NotMadeError(action, None)
         outcome = self.store.run(action, make)
         self._artifacts[asset] = outcome.artifact
         cached = outcome.cached and all(outcomes[name].cached for name in names)
         seconds = sum(outcomes[name].seconds for name in names)
-        return AssetResult(asset, outcome.artifact, outcome.action_digest, cached, seconds)
+        parts = {name: entry["artifact"] for name, entry in channels.items()}
+        return AssetResult(asset, outcome.artifact, outcome.action_digest, cached, seconds, parts)
 
     def _channels_of(self, assets: Sequence[str]) -> list[str]:
         wanted = {"frames": "frames" in assets, "sweeps": "sweeps" in assets}

@@ -5,12 +5,10 @@ is exchanged; then files that only the old tables named are removed. Killed at a
 a complete dataset, the old or the new one, and the next run removes what the killed one left.
 """
 
-import fcntl
 import json
 import os
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -19,6 +17,7 @@ from uuid import uuid4
 from bagassets.errors import DatasetError
 from bagassets.nuscenes.blank_map import blank_png
 from bagassets.nuscenes.dataset_tables import LOCK, BagPart, Entry, WrittenTables, write_tables
+from bagassets.nuscenes.guard import guarded
 from bagassets.nuscenes.linking import Linker
 from bagassets.nuscenes.shared_rows import MAP_FILE
 from bagassets.nuscenes.stale import named_files, remove_files
@@ -33,7 +32,6 @@ from bagassets.store.store import Store
 __all__ = ["BagPart", "DatasetSummary", "assemble", "read_lock"]
 
 MAP_SIZE_PX = 64
-GUARD = ".bagassets.lock"
 _FOLDERS = ("samples", "sweeps", "maps")
 
 
@@ -94,7 +92,7 @@ def assemble(
     chosen, duplicates = _without_copies(parts)
     entries = [Entry(part, store.artifact(part.tables)) for part in chosen]
     current = output / settings.version
-    with _guarded(output):
+    with guarded(output):
         _refuse_foreign(current)
         leftovers = sorted(output.glob(f"{settings.version}.tmp-*"))
         new = output / f"{settings.version}.tmp-{uuid4().hex}"
@@ -252,18 +250,3 @@ def _refuse_foreign(current: Path) -> None:
             f"{current}: this folder was not made by bagassets (it has no {LOCK}), so it is left alone; "
             "choose another nuscenes.output or nuscenes.version."
         )
-
-
-@contextmanager
-def _guarded(output: Path) -> Iterator[None]:
-    """Keep other processes from assembling into the same dataroot meanwhile, and name it in errors."""
-    try:
-        output.mkdir(parents=True, exist_ok=True)
-        with (output / GUARD).open("w") as guard:
-            with suppress(OSError):  # some network file systems have no locks; then builds must not overlap
-                fcntl.flock(guard, fcntl.LOCK_EX)
-            yield
-    except OSError as err:
-        raise DatasetError(
-            f"{err.filename or output}: the dataset cannot be written ({err.strerror}); free space or mend the folder."
-        ) from err

@@ -35,6 +35,7 @@ def _paths(recipe: Recipe, data: dict[str, Any]) -> Iterator[Problem]:
         (("bags", "root"), bags["root"]),
         (("state",), data.get("state")),
         (("nuscenes", "output"), data.get("nuscenes", {}).get("output")),
+        (("vision", "output"), (data.get("vision") or {}).get("output")),
         *((("bags", "message_definitions", n), p) for n, p in enumerate(bags.get("message_definitions", []))),
         *((("rigs", n, "urdf"), rig.get("urdf")) for n, rig in enumerate(data["rigs"])),
     ]
@@ -54,12 +55,19 @@ def _paths(recipe: Recipe, data: dict[str, Any]) -> Iterator[Problem]:
             yield at, f"there is no folder {folder}; it should hold .msg files"
     if recipe.bags.root.is_file():
         yield ("bags", "root"), f"{recipe.bags.root} is a file; name the folder that holds the recordings"
-    state, output = recipe.state, recipe.nuscenes.output
-    if output == state or state in output.parents or output in state.parents:
-        yield (
-            ("nuscenes", "output"),
-            f"{output} and the state folder {state} must not be the same nor lie in each other",
-        )
+    taken = {"state folder": recipe.state}
+    outputs = {"nuscenes": recipe.nuscenes.output, "vision": recipe.vision.output if recipe.vision else None}
+    for section, output in outputs.items():
+        for owner, folder in taken.items():
+            if output is not None and (
+                output == folder or folder in output.parents or output in folder.parents
+            ):
+                yield (
+                    (section, "output"),
+                    f"{output} and the {owner} {folder} must not be the same nor lie in each other",
+                )
+        if output is not None:
+            taken[f"output of {section}"] = output
 
 
 def _globs(recipe: Recipe) -> Iterator[Problem]:

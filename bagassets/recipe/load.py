@@ -112,5 +112,8 @@ def _absolute(recipe: Recipe, folder: Path) -> Recipe:
         for rig in recipe.rigs
     )
     nuscenes = recipe.nuscenes.model_copy(update={"output": (folder / recipe.nuscenes.output).resolve()})
+    vision = recipe.vision
+    if vision is not None:
+        vision = vision.model_copy(update={"output": (folder / vision.output).resolve()})
     state = (folder / recipe.state).resolve()
-    return recipe.model_copy(update={"bags": bags, "rigs": rigs, "nuscenes": nuscenes, "state": state})
+    return recipe.model_copy(update={"bags": bags, "rigs": rigs, "nuscenes": nuscenes, "vision": vision, "state": state})

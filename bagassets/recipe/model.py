@@ -11,6 +11,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
+from bagassets.recipe.model_annotations import AnnotationFiles, AnnotationTopic
 from bagassets.recipe.model_base import (
     ChannelName,
     Clock,
@@ -23,6 +24,7 @@ from bagassets.recipe.model_base import (
 )
 from bagassets.recipe.model_checks import Checks
 from bagassets.recipe.model_splits import Splits
+from bagassets.recipe.model_vision import Vision
 
 
 class Intrinsics(Model):
@@ -188,25 +190,6 @@ PoseSource = Annotated[
 ]
 
 
-class AnnotationTopic(Model):
-    """Boxes published in the recording."""
-
-    topic: TopicName = Field(
-        description="Topic of vision_msgs/Detection3DArray, visualization_msgs/Marker(Array), derived_object_msgs/ObjectArray, "
-        "jsk_recognition_msgs/BoundingBoxArray or Autoware's Detected/TrackedObjects."
-    )
-    frame: FrameName | None = Field(None, description="Frame of the boxes; default: the header's frame_id.")
-    categories: dict[str, str] = Field(
-        default_factory=dict, description="Recorded class -> category; others pass through by name."
-    )
-    attributes: dict[str, tuple[str, ...]] = Field(
-        default_factory=dict, description="Category -> attributes given to each of its boxes."
-    )
-    bad_boxes: Literal["count", "refuse"] = Field(
-        "count", description="A box that cannot be used is left out and counted, or fails the recording."
-    )
-
-
 class Rig(Model):
     """One sensor set-up: which recordings it made and what their topics mean."""
 
@@ -228,6 +211,9 @@ class Rig(Model):
     )
     urdf: Path | None = Field(None, description="URDF file whose fixed joints give extrinsics.")
     annotations: tuple[AnnotationTopic, ...] = Field((), description="Topics with 3-D boxes.")
+    annotation_files: tuple[AnnotationFiles, ...] = Field(
+        (), description="Files with 3-D boxes beside the recordings."
+    )
     vehicle: str | None = Field(None, description="Vehicle named in the log table; default: the rig's name.")
     location: str = Field("unknown", description="Place named in the log table.")
 
@@ -315,6 +301,7 @@ class Recipe(Model):
     scenes: Scenes = Field(Scenes(), description="Scenes and keyframes.")
     splits: Splits = Field(Splits(), description="Which recordings belong to train, val and so on.")
     nuscenes: NuScenes = Field(NuScenes(), description="The nuScenes dataset.")
+    vision: Vision | None = Field(None, description="The vision dataset; default: none is made.")
     limits: Limits = Field(Limits(), description="Accepted losses.")
     checks: Checks = Field(Checks(), description="Checks of finished assets.")
 

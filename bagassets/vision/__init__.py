@@ -1,0 +1,1 @@
+"""The vision dataset: image sequences with relative trajectories, in a plain folder layout."""
