@@ -103,7 +103,7 @@ def test_environment_changes_nothing(tmp_path, monkeypatch):
         ("CAM_FRONT:", "cam-front:", 11, "rigs[0].channels.cam-front", "capitals"),
         ("/points", "", 17, "rigs[0].channels.LIDAR_TOP.topic", "needs a value: topic that carries the data"),
         ("source: odometry", "source: odometri", 8, "rigs[0].ego_pose.source", "did you mean odometry?"),
-        ("source: odometry", "max_gap_s: 1", 7, "rigs[0].ego_pose.source", "odometry, pose, tf, navsat or fixed"),
+        ("source: odometry", "max_gap_s: 1", 7, "rigs[0].ego_pose.source", "odometry, pose, tf, navsat, ncom or fixed"),
         ("source: odometry", "source: fixed", 9, "rigs[0].ego_pose.topic", "no such field"),
         # `pose` is a field here and a tag elsewhere; `tf` likewise.
         ("      topic: /odom", "      pose: {}", 9, "rigs[0].ego_pose.pose", "no such field"),

@@ -5,7 +5,8 @@ from pathlib import PurePosixPath
 from typing import Any
 
 from bagassets.recipe.explain import Problem, closest
-from bagassets.recipe.model import CameraChannel, FixedPose, LidarChannel, NavSatSource, Recipe, Rig, TfSource
+from bagassets.recipe.model import CameraChannel, LidarChannel, Recipe, Rig
+from bagassets.recipe.model_poses import FixedPose, NavSatSource, TfSource
 
 __all__ = ["problems_in"]
 

@@ -23,6 +23,7 @@ from bagassets.recipe.model_base import (
     Transform,
 )
 from bagassets.recipe.model_checks import Checks
+from bagassets.recipe.model_poses import PoseSource
 from bagassets.recipe.model_splits import Splits
 from bagassets.recipe.model_vision import Vision
 
@@ -135,59 +136,6 @@ class RadarChannel(_Channel):
 
 
 Channel = Annotated[CameraChannel | LidarChannel | RadarChannel, Field(discriminator="modality")]
-
-
-class _PoseSource(Model):
-    max_gap_s: float = Field(
-        0.5, gt=0, description="Readings inside a longer gap between poses have no pose."
-    )
-    extrapolate_s: float = Field(
-        0.05, ge=0, description="Readings this much before the first or after the last pose take that pose."
-    )
-
-
-class OdometrySource(_PoseSource):
-    """`nav_msgs/Odometry`: the pose of its child frame."""
-
-    source: Literal["odometry"] = "odometry"
-    topic: TopicName = Field(description="Odometry topic.")
-
-
-class PoseTopicSource(_PoseSource):
-    """`PoseStamped` or `PoseWithCovarianceStamped`: the pose of the ego frame."""
-
-    source: Literal["pose"] = "pose"
-    topic: TopicName = Field(description="Topic of stamped poses.")
-    frame: FrameName | None = Field(None, description="Frame whose pose is given; default: the ego frame.")
-
-
-class TfSource(_PoseSource):
-    """A chain of transforms `global_frame -> … -> ego_frame`."""
-
-    source: Literal["tf"] = "tf"
-    global_frame: FrameName = Field("map", description="Fixed frame at the root of the chain.")
-
-
-class NavSatSource(_PoseSource):
-    """`NavSatFix` projected to local metres, with orientation from an Imu or from the course."""
-
-    source: Literal["navsat"] = "navsat"
-    topic: TopicName = Field(description="NavSatFix topic.")
-    imu: TopicName | None = Field(
-        None, description="Imu topic with orientation (ENU); default: course over ground."
-    )
-
-
-class FixedPose(Model):
-    """A sensor rig that does not move."""
-
-    source: Literal["fixed"] = "fixed"
-    pose: Transform = Field(Transform(), description="global <- ego.")
-
-
-PoseSource = Annotated[
-    OdometrySource | PoseTopicSource | TfSource | NavSatSource | FixedPose, Field(discriminator="source")
-]
 
 
 class Rig(Model):

@@ -15,8 +15,9 @@ from bagassets.decode.registry import decoder_params
 from bagassets.errors import PoseError
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.trajectory import Trajectory
-from bagassets.recipe.model import FixedPose, NavSatSource, OdometrySource, PoseTopicSource, Rig
+from bagassets.recipe.model import Rig
 from bagassets.recipe.model_base import Clock
+from bagassets.recipe.model_poses import FixedPose, NavSatSource, OdometrySource, PoseTopicSource
 from bagassets.steps.channel import Counts, Request
 from bagassets.steps.pose_sources import PoseSamples, read_samples
 from bagassets.store.action import Step

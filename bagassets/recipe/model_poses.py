@@ -1,0 +1,113 @@
+"""The part of the recipe that says where the poses of the ego frame come from."""
+
+import re
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, Field
+
+from bagassets.recipe.model_base import FrameName, Model, TopicName, Transform
+
+__all__ = [
+    "FixedPose",
+    "NavSatSource",
+    "NcomSource",
+    "OdometrySource",
+    "PoseSource",
+    "PoseTopicSource",
+    "TfSource",
+]
+
+
+def _sender(text: str) -> str:
+    match = re.fullmatch(r"(\d{1,3})\.(\d{1,3})\.(\d{1,3})\.(\d{1,3})(?::(\d{1,5}))?", text)
+    if match is None or any(int(n) > 255 for n in match.groups()[:4]) or int(match[5] or 0) > 65535:
+        msg = "must be an IPv4 address, with or without port, as in 10.1.1.20 or 10.1.1.20:3000"
+        raise ValueError(msg)
+    return text
+
+
+Sender = Annotated[str, AfterValidator(_sender)]
+
+
+class _MovingSource(Model):
+    max_gap_s: float = Field(
+        0.5, gt=0, description="Readings inside a longer gap between poses have no pose."
+    )
+    extrapolate_s: float = Field(
+        0.05,
+        ge=0,
+        description="Readings this much before the first or after the last pose get one by going on at the same velocity.",
+    )
+
+
+class OdometrySource(_MovingSource):
+    """`nav_msgs/Odometry`: the pose of its child frame."""
+
+    source: Literal["odometry"] = "odometry"
+    topic: TopicName = Field(description="Odometry topic.")
+    frame: FrameName | None = Field(
+        None, description="Frame whose pose is given; default: the child frame in the messages."
+    )
+
+
+class PoseTopicSource(_MovingSource):
+    """`PoseStamped` or `PoseWithCovarianceStamped`: the pose of the ego frame."""
+
+    source: Literal["pose"] = "pose"
+    topic: TopicName = Field(description="Topic of stamped poses.")
+    frame: FrameName | None = Field(None, description="Frame whose pose is given; default: the ego frame.")
+
+
+class TfSource(_MovingSource):
+    """A chain of transforms `global_frame -> … -> ego_frame`."""
+
+    source: Literal["tf"] = "tf"
+    global_frame: FrameName = Field("map", description="Fixed frame at the root of the chain.")
+
+
+class NavSatSource(_MovingSource):
+    """`NavSatFix` projected to local metres, with orientation from an Imu or from the course.
+
+    Where transforms tell how antenna and Imu sit in the ego frame, that is taken into account.
+    """
+
+    source: Literal["navsat"] = "navsat"
+    topic: TopicName = Field(description="NavSatFix topic.")
+    imu: TopicName | None = Field(
+        None, description="Imu topic with orientation (ENU); default: course over ground."
+    )
+
+
+class NcomSource(_MovingSource):
+    """OxTS NCOM packets of an inertial navigation system, projected to local metres."""
+
+    source: Literal["ncom"] = "ncom"
+    topic: TopicName = Field(
+        description="Topic of ethernet_msgs/Packet, udp_msgs/UdpPacket or another message that holds one UDP payload."
+    )
+    sender: Sender | None = Field(
+        None, description="Address, with or without port, that packets must come from; default: any."
+    )
+    stamp: Literal["message", "packet"] = Field(
+        "message",
+        description="Time of a pose: that of its message, by the recipe's clock, as for all other readings; or the GPS time in the packet, as UTC.",
+    )
+    leap_seconds: int = Field(
+        18, description="GPS time minus UTC, for recordings whose packets do not tell it; 18 since 2017."
+    )
+    frame: FrameName | None = Field(
+        None, description="Frame that the navigation system gives the pose of; default: the ego frame."
+    )
+
+
+class FixedPose(Model):
+    """A sensor rig that does not move."""
+
+    source: Literal["fixed"] = "fixed"
+    pose: Transform = Field(Transform(), description="global <- ego.")
+
+
+PoseSource = Annotated[
+    OdometrySource | PoseTopicSource | TfSource | NavSatSource | NcomSource | FixedPose,
+    Field(discriminator="source"),
+]
