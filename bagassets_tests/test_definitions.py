@@ -1,8 +1,4 @@
-"""Assets, checks and the sensor in a real Dagster instance."""
-
-import os
-import shutil
-import time
+"""Assets and checks in a real Dagster instance."""
 
 import dagster as dg
 import pytest
@@ -102,69 +98,3 @@ def test_an_unreadable_recording_fails_alone_in_words(project):
     assert "broken.bag" in sentence
     assert "rosbag reindex" in sentence
     assert plan_of(recipe_file, instance).bags["broken.bag"].failed is not None
-
-
-def tick(recipe_file, instance, cursor=None):
-    definitions = build_definitions(recipe_file)
-    sensor = definitions.resolve_sensor_def("recordings")
-    context = dg.build_sensor_context(
-        instance=instance,
-        cursor=cursor,
-        definitions=definitions,
-        resources={"workspace": Workspace(recipe_file=str(recipe_file))},
-    )
-    return sensor(context)
-
-
-def age(path, seconds=60):
-    stamp = time.time() - seconds
-    os.utime(path, (stamp, stamp))
-
-
-def settle(recipe_file, settle_s):
-    recipe_file.write_text(recipe_file.read_text().replace("settle_s: 0", f"settle_s: {settle_s}"))
-
-
-def test_the_sensor_asks_for_a_new_recording_once_it_has_settled(project):
-    recipe_file, instance = project
-    settle(recipe_file, 30)
-    first = tick(recipe_file, instance)
-    assert list(first.run_requests) == []
-    assert live_partitions(instance, load_recipe(recipe_file)) == frozenset()
-    age(recipe_file.parent / "bags" / "a.bag")
-    second = tick(recipe_file, instance, first.cursor)
-    assert [request.partition_key for request in second.run_requests] == ["a.bag"]
-    assert live_partitions(instance, load_recipe(recipe_file)) == {"a.bag"}
-    third = tick(recipe_file, instance, second.cursor)
-    assert [request.partition_key for request in third.run_requests if request.partition_key] == []
-
-
-def test_the_sensor_asks_for_the_changed_recording_only(project):
-    recipe_file, instance = project
-    bags = recipe_file.parent / "bags"
-    write_drive(bags / "b.mcap", "mcap", duration_s=2.0)
-    first = tick(recipe_file, instance)
-    assert {request.partition_key for request in first.run_requests} == {"a.bag", "b.mcap"}
-    for key in ("a.bag", "b.mcap"):
-        assert materialize(recipe_file, instance, key, RECORDING_ASSETS).success
-    quiet = tick(recipe_file, instance, first.cursor)
-    assert [request.asset_selection for request in quiet.run_requests] == [[dg.AssetKey("nuscenes_dataset")]]
-    write_drive(bags / "b.mcap", "mcap", duration_s=2.5)
-    changed = tick(recipe_file, instance, quiet.cursor)
-    assert [request.partition_key for request in changed.run_requests if request.partition_key] == ["b.mcap"]
-
-
-def test_the_sensor_drops_what_was_removed_and_updates_the_dataset(project):
-    recipe_file, instance = project
-    recipe = load_recipe(recipe_file)
-    bags = recipe_file.parent / "bags"
-    shutil.copy(bags / "a.bag", bags / "z.bag")
-    write_drive(bags / "b.mcap", "mcap", duration_s=2.0)
-    first = tick(recipe_file, instance)
-    for key in ("a.bag", "b.mcap"):
-        materialize(recipe_file, instance, key)
-    (bags / "z.bag").unlink()
-    (bags / "b.mcap").unlink()
-    after = tick(recipe_file, instance, first.cursor)
-    assert live_partitions(instance, recipe) == {"a.bag"}
-    assert [request.asset_selection for request in after.run_requests] == [[dg.AssetKey("nuscenes_dataset")]]

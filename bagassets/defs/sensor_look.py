@@ -1,0 +1,185 @@
+"""One look of the sensor: what is on disk, what is recorded, and which runs are to be asked for."""
+
+from collections.abc import Iterable, Mapping
+
+import dagster as dg
+
+from bagassets.bags.digest import RecordingStat, recording_stat
+from bagassets.bags.discover import Discovery
+from bagassets.defs.dataset import dataset_is_current, record_inputs
+from bagassets.defs.events import live_partitions
+from bagassets.defs.partitions import DATASET, active_runs, add_partitions, remove_partition
+from bagassets.defs.planning import Planned, plan_now
+from bagassets.defs.sensor_cursor import Cursor
+from bagassets.defs.workspace import Workspace
+from bagassets.engine.dataset_build import DatasetInputs, dataset_code_versions
+from bagassets.engine.plan_model import ALL_ASSETS, BagPlan, Plan
+from bagassets.errors import RecordingError
+from bagassets.store.canonical import digest_json
+
+__all__ = ["Look"]
+
+# Creating a hundred runs in one tick takes longer than a tick may; the rest comes with the next.
+MOST_REQUESTS = 50
+# The dataset waits for recordings that are being worked on, but not for ever.
+PATIENCE_S = 60.0
+_LONGEST_REASON = 80
+
+
+class Look:
+    """Looks at recordings, records and runs; the cursor goes from one look to the next."""
+
+    def __init__(self, instance: dg.DagsterInstance, workspace: Workspace, cursor: Cursor) -> None:
+        self.cursor = cursor
+        self._instance = instance
+        self._workspace = workspace
+        self._datasets = tuple(dataset_code_versions(workspace.recipe))
+        self._next_settled_s: float | None = None
+        self._active: set[str] = set()
+
+    def is_worth_waiting(self, until_s: float) -> bool:
+        """Tell whether a run is at work, or a recording may settle before `until_s`."""
+        soon = self._next_settled_s is not None and self._next_settled_s <= until_s
+        return soon or bool(self._active)
+
+    def look(self, now_s: float) -> list[dg.RunRequest]:
+        """Bring the partitions up to date and return the runs to ask for."""
+        recipe, cursor = self._workspace.recipe, self.cursor
+        discovery = self._workspace.discover()
+        stats = _stats(discovery)
+        live = self._drop_removed(frozenset(stats))
+        active = active_runs(self._instance, self._datasets)
+        self._active = set(active.values())
+        records = self._state_of_records()
+        quiet = digest_json(
+            [
+                records,
+                recipe.model_dump(mode="json"),
+                {key: stat.as_json() for key, stat in stats.items()},
+                sorted(live),
+                sorted(active),
+            ]
+        )
+        if cursor.quiet == quiet:
+            cursor.looked_s = now_s
+            self._next_settled_s = None
+            return []
+        planned = plan_now(self._instance, self._workspace, live)
+        known = {key for key, bag in planned.plan.bags.items() if bag.assets["bag"].state == "fresh"}
+        finished = cursor.settle(stats, known, recipe.bags.settle_s, now_s)
+        self._next_settled_s = cursor.next_settled_s(recipe.bags.settle_s, finished)
+        add_partitions(self._instance, recipe, sorted(finished - live))
+        requests = self._requests(planned, {key: stats[key] for key in finished}, now_s)
+        is_settling = self._next_settled_s is not None
+        is_over = not (requests or self._active or is_settling or cursor.may_ask_again)
+        cursor.quiet = quiet if is_over else ""
+        return requests
+
+    # --- partitions ----------------------------------------------------------------------
+
+    def _drop_removed(self, found: frozenset[str]) -> frozenset[str]:
+        recipe = self._workspace.recipe
+        live = live_partitions(self._instance, recipe)
+        for key in sorted(live - found):
+            remove_partition(self._instance, recipe, key)
+        self.cursor.forget([key for key in self.cursor.asked if key not in found and key != DATASET])
+        return live & found
+
+    # --- records -------------------------------------------------------------------------
+
+    def _state_of_records(self) -> str:
+        """Return a digest that changes whenever one of our assets is materialized or wiped."""
+        keys = [dg.AssetKey(name) for name in (*ALL_ASSETS, "dataset_inputs", *self._datasets)]
+        entries = [record.asset_entry for record in self._instance.get_asset_records(keys)]
+        return digest_json(
+            sorted([e.asset_key.to_user_string(), e.last_materialization_storage_id] for e in entries)
+        )
+
+    # --- requests ------------------------------------------------------------------------
+
+    def _requests(
+        self, planned: Planned, finished: Mapping[str, RecordingStat], now_s: float
+    ) -> list[dg.RunRequest]:
+        plan, cursor = planned.plan, self.cursor
+        requests: list[dg.RunRequest] = []
+        for key in sorted((finished.keys() & plan.bags.keys()) - self._active):
+            if len(requests) < MOST_REQUESTS:
+                requests += self._recording_request(plan.bags[key], finished[key], now_s)
+        is_busy = bool(requests or self._active)
+        cursor.busy_since_s = (cursor.busy_since_s or now_s) if is_busy else None
+        if not is_busy or now_s - (cursor.busy_since_s or now_s) > PATIENCE_S:
+            requests += self._dataset_request(planned.inputs, now_s)
+            cursor.busy_since_s = None
+        cursor.said = self._tell(plan, finished)
+        return requests
+
+    def _recording_request(self, bag: BagPlan, stat: RecordingStat, now_s: float) -> list[dg.RunRequest]:
+        """Return the run that a recording needs, unless it was asked for and nothing has changed since."""
+        if not bag.to_run():
+            self.cursor.forget([bag.key])
+            return []
+        stale = {name: asset for name, asset in bag.assets.items() if asset.state not in {"fresh", "skipped"}}
+        states = {name: [asset.state, asset.reason] for name, asset in stale.items()}
+        what = digest_json([stat.as_json(), states])
+        if self._was_cancelled(bag.key, what):
+            self.cursor.give_up(bag.key, what)
+            return []
+        if not self.cursor.ask(bag.key, what, now_s):
+            return []
+        return [
+            dg.RunRequest(
+                run_key=f"{bag.key}:{what[:16]}:{self.cursor.runs}",
+                partition_key=bag.key,
+                asset_selection=[dg.AssetKey(name) for name in bag.to_run()],
+                tags={"why": next(iter(stale.values())).reason[:_LONGEST_REASON]},
+            )
+        ]
+
+    def _was_cancelled(self, key: str, what: str) -> bool:
+        """Tell whether the run for this very request was cancelled: then it is not asked for again."""
+        asked = self.cursor.asked.get(key)
+        if asked is None or asked.what != what:
+            return False
+        tags = {"dagster/partition": key}
+        runs = self._instance.get_runs(dg.RunsFilter(tags=tags), limit=1)
+        return bool(runs) and runs[0].status == dg.DagsterRunStatus.CANCELED
+
+    def _dataset_request(self, inputs: DatasetInputs, now_s: float) -> list[dg.RunRequest]:
+        record_inputs(self._instance, inputs)
+        if dataset_is_current(self._instance, self._workspace.recipe, inputs):
+            self.cursor.forget([DATASET])
+            return []
+        if DATASET in self._active or not self.cursor.ask(DATASET, inputs.digest, now_s):
+            return []
+        return [
+            dg.RunRequest(
+                run_key=f"dataset:{inputs.digest[:16]}:{self.cursor.runs}",
+                asset_selection=[dg.AssetKey(name) for name in self._datasets],
+                tags={"why": "other recordings, or another recipe"},
+            )
+        ]
+
+    def _tell(self, plan: Plan, finished: Iterable[str]) -> str:
+        """Return one line on how things are."""
+        writing = sorted(plan.bags.keys() - set(finished))
+        failed = sorted(key for key, bag in plan.bags.items() if bag.failed is not None)
+        number = len(plan.bags)
+        parts = [f"{number} recording{'' if number == 1 else 's'}"]
+        parts += [f"waiting for {_names(writing)} to settle"] if writing else []
+        parts += [f"waiting for {len(self._active)} run(s)"] if self._active else []
+        parts += [f"failed: {_names(failed)}"] if failed else []
+        return "; ".join(parts if len(parts) > 1 else [*parts, "up to date"]) + "."
+
+
+def _stats(discovery: Discovery) -> dict[str, RecordingStat]:
+    stats = {}
+    for key, recording in discovery.found.items():
+        try:
+            stats[key] = recording_stat(recording)
+        except RecordingError:  # it went while we looked; the next look will not find it
+            continue
+    return stats
+
+
+def _names(keys: list[str]) -> str:
+    return ", ".join(keys[:3]) + (f" and {len(keys) - 3} more" if len(keys) > 3 else "")

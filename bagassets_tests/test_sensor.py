@@ -1,0 +1,323 @@
+"""The sensor, look by look, in a real Dagster instance; and what it remembers in between."""
+
+import shutil
+from itertools import pairwise
+
+import dagster as dg
+import pytest
+from dagster._core.storage.tags import PARTITION_NAME_TAG
+
+from bagassets.bags.digest import RecordingStat
+from bagassets.defs import sensor
+from bagassets.defs.events import live_partitions
+from bagassets.defs.location import build_definitions
+from bagassets.defs.sensor_cursor import MOST_TRIES, RETRY_S, Cursor
+from bagassets.defs.sensor_look import Look
+from bagassets.defs.workspace import Workspace
+from bagassets.engine.plan import RECORDING_ASSETS
+from bagassets.recipe import load_recipe
+from bagassets_tests.small_drive import RECIPE, write_drive
+
+T0_S = 1_800_000_000.0
+OLD_S = T0_S - 3600
+DATASET = [dg.AssetKey("nuscenes_dataset")]
+
+
+# --- settling: what a change is dated by -------------------------------------------------
+
+
+def stat(size=1, mtime_s=OLD_S):
+    return RecordingStat((("a.bag", size, int(mtime_s * 1e9)),))
+
+
+def test_a_new_recording_is_finished_once_it_has_been_the_same_for_long_enough():
+    cursor = Cursor()
+    assert cursor.settle({"a": stat()}, set(), 5, T0_S) == set()
+    assert cursor.next_settled_s(5, set()) == T0_S + 5
+    assert cursor.settle({"a": stat()}, set(), 5, T0_S + 4.9) == set()
+    assert cursor.settle({"a": stat()}, set(), 5, T0_S + 5) == {"a"}
+
+
+def test_a_growing_recording_starts_anew_with_each_change():
+    cursor = Cursor()
+    for second in range(20):
+        assert cursor.settle({"a": stat(size=second)}, set(), 5, T0_S + second) == set()
+    assert cursor.settle({"a": stat(size=19)}, set(), 5, T0_S + 24) == {"a"}
+
+
+def test_a_change_is_dated_by_the_file_if_it_was_not_there_at_the_last_look():
+    cursor = Cursor()
+    cursor.settle({}, set(), 5, T0_S)
+    assert cursor.settle({"a": stat(mtime_s=T0_S + 1)}, set(), 5, T0_S + 6) == {"a"}
+
+
+@pytest.mark.parametrize("mtime_s", [OLD_S, T0_S + 3600])
+def test_the_clock_of_a_file_server_that_is_wrong_is_not_believed(mtime_s):
+    cursor = Cursor()
+    cursor.settle({}, set(), 5, T0_S)
+    assert cursor.settle({"a": stat(mtime_s=mtime_s)}, set(), 5, T0_S + 4) == set()
+    assert cursor.settle({"a": stat(mtime_s=mtime_s)}, set(), 5, T0_S + 9) == {"a"}
+
+
+def test_what_is_recorded_as_it_is_needs_no_watching_nor_room_in_the_cursor():
+    cursor = Cursor()
+    assert cursor.settle({"a": stat()}, {"a"}, 5, T0_S) == {"a"}
+    assert cursor.watched == {}
+
+
+def test_the_same_is_asked_for_again_with_pauses_and_not_for_ever():
+    cursor, now_s, asked = Cursor(), T0_S, []
+    for _ in range(1000):
+        if cursor.ask("a", "what", now_s):
+            asked.append(now_s - T0_S)
+        now_s += 5
+    assert len(asked) == MOST_TRIES
+    assert all(later - sooner >= RETRY_S for sooner, later in pairwise(asked))
+    assert not cursor.may_ask_again
+    assert cursor.ask("a", "something else", now_s)
+
+
+def test_a_cursor_survives_being_written_down():
+    cursor = Cursor(looked_s=1.5, busy_since_s=None, runs=3, quiet="abc", said="Well.")
+    cursor.settle({"a": stat()}, set(), 5, T0_S)
+    cursor.ask("b", "what", T0_S)
+    assert Cursor.parse(cursor.text()) == cursor
+
+
+@pytest.mark.parametrize("text", [None, "", "{}", "[]", "no json", '{"watched": {"a": 1}, "asked": {}}'])
+def test_an_unreadable_cursor_is_as_good_as_none(text):
+    assert Cursor.parse(text) == Cursor()
+
+
+# --- looks -------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def project(tmp_path):
+    write_drive(tmp_path / "bags" / "a.bag", "ros1", duration_s=2.0)
+    (tmp_path / "recipe.yaml").write_text(RECIPE.format(name="test", root="bags"))
+    with dg.DagsterInstance.ephemeral() as instance:
+        yield Project(tmp_path / "recipe.yaml", instance)
+
+
+class Project:
+    def __init__(self, recipe_file, instance):
+        self.recipe_file, self.instance = recipe_file, instance
+        self.bags = recipe_file.parent / "bags"
+        self.cursor = Cursor()
+        self.now_s = T0_S
+
+    @property
+    def live(self):
+        return live_partitions(self.instance, load_recipe(self.recipe_file))
+
+    def look(self, after_s=1.0):
+        """Look anew, as a tick does; return the runs asked for as key -> request."""
+        self.now_s += after_s
+        look = Look(self.instance, Workspace(recipe_file=str(self.recipe_file)), self.cursor)
+        requests = look.look(self.now_s)
+        self.cursor = Cursor.parse(self.cursor.text())
+        return {request.partition_key or "": request for request in requests}
+
+    def execute(self, request):
+        job = build_definitions(self.recipe_file).resolve_implicit_global_asset_job_def()
+        return job.execute_in_process(
+            partition_key=request.partition_key,
+            instance=self.instance,
+            asset_selection=list(request.asset_selection),
+            raise_on_error=False,
+        )
+
+    def bring_up_to_date(self):
+        for _ in range(5):
+            requests = self.look()
+            if not requests:
+                return
+            for request in requests.values():
+                assert self.execute(request).success
+        raise AssertionError("there is always something to do")
+
+    def settle_for(self, seconds):
+        text = self.recipe_file.read_text()
+        self.recipe_file.write_text(text.replace("settle_s: 0", f"settle_s: {seconds}"))
+
+
+def test_a_new_recording_is_registered_and_asked_for_once_it_has_settled(project):
+    project.settle_for(30)
+    assert project.look() == {}
+    assert project.live == frozenset()
+    assert project.cursor.said == "1 recording; waiting for a.bag to settle."
+    (request,) = project.look(after_s=30).values()
+    assert request.partition_key == "a.bag"
+    assert request.asset_selection == [dg.AssetKey(name) for name in RECORDING_ASSETS]
+    assert request.tags["why"] == "new recording"
+    assert project.live == {"a.bag"}
+    assert project.look() == {}  # asked for already
+
+
+def test_the_dataset_is_asked_for_when_the_recordings_are_done_and_then_nothing(project):
+    (recording,) = project.look().values()
+    assert project.execute(recording).success
+    (dataset,) = project.look().values()
+    assert dataset.asset_selection == DATASET
+    assert project.execute(dataset).success
+    assert project.look() == {}
+    assert project.cursor.said == "1 recording; up to date."
+    assert (project.cursor.asked, project.cursor.watched) == ({}, {})
+
+
+def test_nothing_is_planned_when_nothing_has_changed(project, monkeypatch):
+    project.bring_up_to_date()
+    assert project.cursor.quiet
+
+    def planned(*_args):
+        raise AssertionError("the plan was made again")
+
+    monkeypatch.setattr("bagassets.defs.sensor_look.plan_now", planned)
+    assert project.look() == {}
+    assert project.cursor.said == "1 recording; up to date."
+    project.instance.wipe_assets([dg.AssetKey("frames")])
+    with pytest.raises(AssertionError, match="the plan was made again"):
+        project.look()
+
+
+@pytest.mark.parametrize("change", ["recording", "recipe", "wipe"])
+def test_what_changes_is_asked_for_alone(project, change):
+    write_drive(project.bags / "b.mcap", "mcap", duration_s=2.0)
+    project.bring_up_to_date()
+    if change == "recording":
+        write_drive(project.bags / "b.mcap", "mcap", duration_s=2.5)
+    elif change == "recipe":  # the code location still has the recipe of before
+        project.recipe_file.write_text(project.recipe_file.read_text() + "scenes: {keyframe_hz: 1.0}\n")
+    else:
+        project.instance.wipe_assets([dg.AssetKey("nuscenes_tables")])
+    requests = project.look()
+    assert set(requests) == ({"b.mcap"} if change == "recording" else {"a.bag", "b.mcap"})
+
+
+def test_a_removed_recording_loses_its_partition_and_the_dataset_its_scenes(project):
+    shutil.copy(project.bags / "a.bag", project.bags / "z.bag")
+    write_drive(project.bags / "b.mcap", "mcap", duration_s=2.0)
+    project.bring_up_to_date()
+    assert project.live == {"a.bag", "b.mcap", "z.bag"}
+    (project.bags / "b.mcap").unlink()
+    (request,) = project.look().values()
+    assert project.live == {"a.bag", "z.bag"}
+    assert request.asset_selection == DATASET
+
+
+def test_a_recording_that_comes_back_as_it_was_is_recorded_anew_without_work(project):
+    write_drive(project.bags / "b.mcap", "mcap", duration_s=2.0)
+    project.bring_up_to_date()
+    away = project.bags.parent / "b.mcap"
+    (project.bags / "b.mcap").rename(away)
+    project.bring_up_to_date()
+    away.rename(project.bags / "b.mcap")
+    (request,) = project.look().values()
+    assert project.live == {"a.bag", "b.mcap"}
+    events = project.execute(request).all_events
+    made = [e.event_specific_data.materialization for e in events if e.is_step_materialization]
+    assert {m.metadata["cached"].value for m in made if "cached" in m.metadata} == {True}
+
+
+def test_a_failure_on_record_is_told_and_not_tried_again(project):
+    (project.bags / "broken.bag").write_bytes(b"#ROSBAG V2.0\n" + b"x" * 100)
+    for request in project.look().values():
+        assert project.execute(request).success == (request.partition_key == "a.bag")
+    (dataset,) = project.look().values()
+    assert dataset.asset_selection == DATASET
+    assert project.execute(dataset).success
+    assert project.look(after_s=1000) == {}
+    assert project.cursor.said == "2 recordings; failed: broken.bag."
+    shutil.copy(project.bags / "a.bag", project.bags / "broken.bag")
+    assert set(project.look()) == {"broken.bag"}
+
+
+def make_run(project, key, status):
+    tags = {PARTITION_NAME_TAG: key} if key else {}
+    job = build_definitions(project.recipe_file).resolve_implicit_global_asset_job_def()
+    selection = None if key else frozenset(DATASET)
+    return project.instance.create_run_for_job(job, tags=tags, status=status, asset_selection=selection)
+
+
+def test_a_run_that_was_lost_is_asked_for_again_after_a_while(project):
+    assert set(project.look()) == {"a.bag"}
+    make_run(project, "a.bag", dg.DagsterRunStatus.FAILURE)
+    assert project.look(after_s=RETRY_S - 2) == {}
+    assert set(project.look(after_s=3)) == {"a.bag"}
+
+
+def test_a_run_that_somebody_cancelled_is_not_asked_for_again(project):
+    assert set(project.look()) == {"a.bag"}
+    make_run(project, "a.bag", dg.DagsterRunStatus.CANCELED)
+    assert project.look(after_s=10 * RETRY_S) == {}
+    (project.bags / "a.bag").touch()
+    assert set(project.look()) == {"a.bag"}
+
+
+def test_a_recording_with_a_run_is_left_alone(project):
+    make_run(project, "a.bag", dg.DagsterRunStatus.STARTED)
+    assert project.look() == {}
+    assert project.cursor.said == "1 recording; waiting for 1 run(s)."
+
+
+def test_the_dataset_waits_for_runs_but_not_for_ever(project):
+    project.bring_up_to_date()
+    shutil.copy(project.bags / "a.bag", project.bags / "b.bag")
+    (recording,) = project.look().values()
+    assert project.execute(recording).success
+    make_run(project, "long.bag", dg.DagsterRunStatus.STARTED)
+    assert project.look() == {}
+    assert project.look(after_s=30) == {}
+    (request,) = project.look(after_s=31).values()
+    assert request.asset_selection == DATASET
+
+
+def test_a_second_run_of_the_dataset_waits_for_the_first(project):
+    for request in project.look().values():
+        assert project.execute(request).success
+    make_run(project, "", dg.DagsterRunStatus.STARTED)
+    assert project.look() == {}
+    assert project.look(after_s=100) == {}
+
+
+# --- ticks -------------------------------------------------------------------------------
+
+
+def tick(project, definitions=None):
+    definitions = definitions or build_definitions(project.recipe_file)
+    context = dg.build_sensor_context(
+        instance=project.instance,
+        definitions=definitions,
+        resources={"workspace": Workspace(recipe_file=str(project.recipe_file))},
+    )
+    return definitions.resolve_sensor_def("recordings")(context)
+
+
+def test_a_tick_waits_for_a_recording_that_is_about_to_settle(project, monkeypatch):
+    monkeypatch.setattr(sensor, "PAUSE_S", 0.05)
+    project.settle_for(0.3)
+    result = tick(project)
+    assert [request.partition_key for request in result.run_requests] == ["a.bag"]
+
+
+def test_a_tick_does_not_wait_for_one_that_takes_longer(project, monkeypatch):
+    monkeypatch.setattr(sensor.time, "sleep", lambda _: pytest.fail("it waited"))
+    project.settle_for(30)
+    result = tick(project)
+    assert not result.run_requests
+    assert result.skip_reason.skip_message == "1 recording; waiting for a.bag to settle."
+
+
+def test_a_wrong_recipe_fails_the_tick_in_words(project):
+    definitions = build_definitions(project.recipe_file)
+    project.recipe_file.write_text(project.recipe_file.read_text().replace("rigs:", "riggs:"))
+    with pytest.raises(dg.Failure, match=r"recipe\.yaml:5: .*riggs"):
+        tick(project, definitions)
+
+
+def test_the_sensor_is_on_by_default(project):
+    assert (
+        build_definitions(project.recipe_file).resolve_sensor_def("recordings").default_status
+        == dg.DefaultSensorStatus.RUNNING
+    )
