@@ -8,9 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bagassets.errors import CalibrationError
+from bagassets.geometry.euler import quaternion_from_rpy
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.tf_tree import TfTree
-from bagassets.geometry.urdf import quaternion_from_rpy, urdf_edges
+from bagassets.geometry.urdf import urdf_edges
 
 angles = st.floats(-math.pi, math.pi)
 

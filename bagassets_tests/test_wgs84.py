@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bagassets.geometry.portable import arctan2, arctanh_small, sinh_cosh_small
-from bagassets.geometry.wgs84 import LocalFrame, ecef, utm
+from bagassets.geometry.se3 import SE3, quaternion_multiply
+from bagassets.geometry.wgs84 import LocalFrame, ecef, ecef_Q_enu, utm, utm_track
 
 A = 6_378_137.0
 F = 1 / 298.257223563
@@ -101,6 +102,31 @@ class TestLocalFrame:
         assert np.linalg.norm(earth[0] - earth[1]) == pytest.approx(np.linalg.norm(points[0]), abs=1e-6)
         np.testing.assert_allclose(ecef(*frame.to_geodetic(points)), earth, atol=2e-6)
 
+    @given(latitudes, longitudes)
+    def test_its_axes_are_those_of_growing_longitude_latitude_and_height(self, lat, lon):
+        step = 1e-4
+        rotation = SE3.create(ecef_Q_enu(*arrays(lat, lon))[0], (0, 0, 0)).rotation_matrix
+        for axis, change in enumerate(((0, step, 0), (step, 0, 0), (0, 0, 1.0))):
+            plus, minus = (
+                ecef(*arrays(lat + s * change[0], lon + s * change[1], s * change[2]))[0] for s in (1, -1)
+            )
+            direction = (plus - minus) / np.linalg.norm(plus - minus)
+            np.testing.assert_allclose(rotation[:, axis], direction, atol=1e-6)
+
+    @given(latitudes, longitudes, st.floats(-1.0, 1.0), st.floats(-1.0, 1.0))
+    def test_orientations_are_turned_with_the_ground(self, lat, lon, dlat, dlon):
+        """A body that points east at its own place, seen from another: where its neighbour to the east lies."""
+        frame = LocalFrame(lat, lon, 0.0)
+        there = arrays(max(-89.0, min(89.0, lat + dlat)), lon + dlon)
+        turned = frame.rotations_to_local(*there, np.array([[1.0, 0.0, 0.0, 0.0]]))[0]
+        pair = frame.to_local(np.repeat(there[0], 2), there[1] + np.array([-1e-4, 1e-4]), np.zeros(2))
+        east = (pair[1] - pair[0]) / np.linalg.norm(pair[1] - pair[0])
+        np.testing.assert_allclose(SE3.create(turned, (0, 0, 0)).rotation_matrix[:, 0], east, atol=1e-6)
+        yawed = np.array([[math.cos(0.3), 0.0, 0.0, math.sin(0.3)]])
+        np.testing.assert_allclose(
+            frame.rotations_to_local(*there, yawed)[0], quaternion_multiply(turned, yawed[0]), atol=1e-14
+        )
+
     def test_over_the_date_line(self):
         east = LocalFrame(10.0, 179.9999, 0.0).to_local(*arrays(10.0, -179.9999, 0.0))[0]
         normal = A / math.sqrt(1 - E2 * math.sin(math.radians(10)) ** 2)
@@ -172,6 +198,19 @@ class TestUtm:
     )
     def test_zones_and_their_exceptions(self, lat, lon, zone):
         assert utm(lat, lon).zone == zone
+
+    def test_a_track_is_its_points(self):
+        lat, lon = np.array([48.0, -33.9, 85.0, 60.0]), np.array([11.6, 151.2, 0.0, 364.0])
+        track = utm_track(lat, lon)
+        assert track.zones == ["32N", "56S", None, "32N"]
+        assert np.isnan(track.easting_m[2])
+        for i in (0, 1, 3):
+            alone = utm(float(lat[i]), float(lon[i]))
+            assert (track.easting_m[i], track.northing_m[i], track.convergence_deg[i]) == (
+                alone.easting_m,
+                alone.northing_m,
+                alone.convergence_deg,
+            )
 
     @pytest.mark.parametrize("lat", [-80.1, 84.1, 90.0])
     def test_there_is_none_at_the_poles(self, lat):

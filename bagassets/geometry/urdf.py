@@ -9,14 +9,12 @@ from dataclasses import dataclass, field
 from math import isfinite
 from xml.parsers import expat
 
-import numpy as np
-
 from bagassets.errors import CalibrationError
-from bagassets.geometry.portable import sin_cos
+from bagassets.geometry.euler import quaternion_from_rpy
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.tf_tree import Edge, normalise_frame
 
-__all__ = ["quaternion_from_rpy", "urdf_edges"]
+__all__ = ["urdf_edges"]
 
 
 @dataclass
@@ -75,21 +73,6 @@ def urdf_edges(data: bytes, name: str = "URDF") -> list[Edge]:
             f"{name}, line {err.lineno}: not XML ({expat.ErrorString(err.code)}); give an expanded URDF."
         ) from err
     return [_edge(joint, name) for joint in joints if joint.kind == "fixed"]
-
-
-def quaternion_from_rpy(
-    roll_rad: float, pitch_rad: float, yaw_rad: float
-) -> tuple[float, float, float, float]:
-    """Return the quaternion (w, x, y, z) of turns about the fixed axes x, then y, then z, radians."""
-    (sr, sp, sy), (cr, cp, cy) = (
-        [float(v) for v in values] for values in sin_cos(np.array([roll_rad, pitch_rad, yaw_rad]) / 2)
-    )
-    return (
-        cr * cp * cy + sr * sp * sy,
-        sr * cp * cy - cr * sp * sy,
-        cr * sp * cy + sr * cp * sy,
-        cr * cp * sy - sr * sp * cy,
-    )
 
 
 def _edge(joint: _Joint, name: str) -> Edge:

@@ -10,9 +10,9 @@ from math import pi
 import numpy as np
 
 from bagassets.geometry.portable import arctan2, arctanh_small, sin_cos, sin_cos_deg, sinh_cosh_small
-from bagassets.geometry.se3 import SE3, Floats, quaternion_from_rotation
+from bagassets.geometry.se3 import SE3, Floats, quaternion_multiply
 
-__all__ = ["LocalFrame", "Utm", "ecef", "utm"]
+__all__ = ["LocalFrame", "Utm", "UtmTrack", "ecef", "ecef_Q_enu", "utm", "utm_track"]
 
 # NIMA TR8350.2, "Department of Defense World Geodetic System 1984".
 SEMI_MAJOR_M = 6_378_137.0
@@ -44,6 +44,16 @@ def ecef(lat_deg: Floats, lon_deg: Floats, alt_m: Floats) -> Floats:
     return np.stack([across_m * cos_lon, across_m * sin_lon, up_m], axis=-1)
 
 
+def ecef_Q_enu(lat_deg: Floats, lon_deg: Floats) -> Floats:
+    """Return (N, 4) quaternions that turn east, north, up at (N,) places into earth-centred axes.
+
+    They are a turn of lon + 90° about the Earth's axis after one of 90° - lat about the east.
+    """
+    sine_z, cosine_z = sin_cos_deg((np.asarray(lon_deg) + 90.0) / 2)
+    sine_x, cosine_x = sin_cos_deg((90.0 - np.asarray(lat_deg)) / 2)
+    return np.stack([cosine_z * cosine_x, cosine_z * sine_x, sine_z * sine_x, sine_z * cosine_x], axis=-1)
+
+
 @dataclass(frozen=True)
 class LocalFrame:
     """Local metres on the plane that touches the ellipsoid at an origin: x east, y north, z up (REP 103).
@@ -58,16 +68,8 @@ class LocalFrame:
     @property
     def ecef_SE3_enu(self) -> SE3:
         """Pose of the local frame in earth-centred, earth-fixed coordinates."""
-        (sin_lat, sin_lon), (cos_lat, cos_lon) = sin_cos_deg(np.array([self.lat_deg, self.lon_deg]))
-        rotation = np.array(
-            [
-                [-sin_lon, -sin_lat * cos_lon, cos_lat * cos_lon],
-                [cos_lon, -sin_lat * sin_lon, cos_lat * sin_lon],
-                [0.0, cos_lat, sin_lat],
-            ]
-        )
         origin = ecef(np.array(self.lat_deg), np.array(self.lon_deg), np.array(self.alt_m))
-        return SE3.create(quaternion_from_rotation(rotation), origin)
+        return SE3.create(ecef_Q_enu(np.array(self.lat_deg), np.array(self.lon_deg)), origin)
 
     def to_local(self, lat_deg: Floats, lon_deg: Floats, alt_m: Floats) -> Floats:
         """Return (N, 3) east, north, up in metres of (N,) geodetic coordinates."""
@@ -83,6 +85,20 @@ class LocalFrame:
             ],
             axis=-1,
         )
+
+    def rotations_to_local(self, lat_deg: Floats, lon_deg: Floats, enu_Q_body: Floats) -> Floats:
+        """Return (N, 4) orientations in this frame of those given east, north, up at their own places.
+
+        Up and north differ between places: by a tenth of a degree 10 km apart.
+
+        Args:
+            lat_deg: (N,) latitude of each place.
+            lon_deg: (N,) longitude of each place.
+            enu_Q_body: (N, 4) quaternions w, x, y, z.
+        """
+        local_Q_ecef = ecef_Q_enu(np.array(self.lat_deg), np.array(self.lon_deg)) * [1.0, -1.0, -1.0, -1.0]
+        local_Q_enu = quaternion_multiply(local_Q_ecef, ecef_Q_enu(lat_deg, lon_deg))
+        return quaternion_multiply(local_Q_enu, enu_Q_body)
 
     def to_geodetic(self, local_m: Floats) -> tuple[Floats, Floats, Floats]:
         """Return (N,) latitude and longitude in degrees and height in metres of (N, 3) local metres.
@@ -120,19 +136,38 @@ class Utm:
     convergence_deg: float
 
 
+@dataclass(frozen=True, eq=False)
+class UtmTrack:
+    """UTM coordinates of N points, each in its own zone, as in `Utm`; where UTM is not defined, None and NaN."""
+
+    zones: list[str | None]
+    easting_m: Floats
+    northing_m: Floats
+    convergence_deg: Floats
+
+
 def utm(lat_deg: float, lon_deg: float) -> Utm | None:
-    """Return UTM coordinates, or None beyond 80° S and 84° N, where UTM is not defined.
+    """Return UTM coordinates of a point, or None beyond 80° S and 84° N, where UTM is not defined."""
+    track = utm_track(np.array([lat_deg]), np.array([lon_deg]))
+    zone = track.zones[0]
+    if zone is None:
+        return None
+    return Utm(zone, float(track.easting_m[0]), float(track.northing_m[0]), float(track.convergence_deg[0]))
+
+
+def utm_track(lat_deg: Floats, lon_deg: Floats) -> UtmTrack:
+    """Return UTM coordinates of (N,) points.
 
     The series of Krüger in the third flattening to the sixth order, with errors of nanometres in a
     zone: C. F. F. Karney, "Transverse Mercator with an accuracy of a few nanometers", Journal of
     Geodesy 85 (2011), equations 7-11, 23-26 and 35.
     """
-    if not UTM_SOUTH_DEG <= lat_deg <= UTM_NORTH_DEG:
-        return None
-    lon_deg = (lon_deg + 180.0) % 360.0 - 180.0
-    number = _zone_number(lat_deg, lon_deg)
-    sin_lat, cos_lat = sin_cos_deg(np.array(lat_deg))
-    sin_lon, cos_lon = sin_cos_deg(np.array(lon_deg - (6.0 * number - 183.0)))
+    defined = (lat_deg >= UTM_SOUTH_DEG) & (lat_deg <= UTM_NORTH_DEG)
+    lat_deg = np.where(defined, lat_deg, 0.0)
+    lon_deg = np.mod(lon_deg + 180.0, 360.0) - 180.0
+    numbers = [_zone_number(lat, lon) for lat, lon in zip(lat_deg.tolist(), lon_deg.tolist(), strict=True)]
+    sin_lat, cos_lat = sin_cos_deg(lat_deg)
+    sin_lon, cos_lon = sin_cos_deg(lon_deg - (6.0 * np.array(numbers, dtype=np.float64) - 183.0))
 
     # Conformal latitude, as its tangent: equations 7-9.
     eccentricity = np.sqrt(ECCENTRICITY_2)
@@ -146,7 +181,7 @@ def utm(lat_deg: float, lon_deg: float) -> Utm | None:
     eta = arctanh_small(across / np.sqrt(1 + across * across))
 
     # Krüger's series, equation 11, and its derivative for the convergence, equations 23-26.
-    y, x, p, q = xi, eta, np.array(1.0), np.array(0.0)
+    y, x, p, q = xi, eta, np.ones_like(xi), np.zeros_like(xi)
     for j, alpha in enumerate(_ALPHA, start=1):
         sin_xi, cos_xi = sin_cos(2 * j * xi)
         sinh_eta, cosh_eta = sinh_cosh_small(2 * j * eta)
@@ -157,11 +192,14 @@ def utm(lat_deg: float, lon_deg: float) -> Utm | None:
     turn_schreiber = arctan2(tan_conformal * sin_lon, np.sqrt(1 + tan_conformal * tan_conformal) * cos_lon)
     south = lat_deg < 0
     scale_m = UTM_SCALE * _RECTIFYING_RADIUS_M
-    return Utm(
-        f"{number}{'S' if south else 'N'}",
-        FALSE_EASTING_M + scale_m * float(x),
-        (FALSE_NORTHING_M if south else 0.0) + scale_m * float(y),
-        float(turn_schreiber + arctan2(q, p)) * (180 / pi),
+    nowhere = np.where(defined, 0.0, np.nan)
+    hemispheres = np.where(south, "S", "N").tolist()
+    named = zip(numbers, hemispheres, defined.tolist(), strict=True)
+    return UtmTrack(
+        [f"{number}{hemisphere}" if known else None for number, hemisphere, known in named],
+        FALSE_EASTING_M + scale_m * x + nowhere,
+        np.where(south, FALSE_NORTHING_M, 0.0) + scale_m * y + nowhere,
+        (turn_schreiber + arctan2(q, p)) * (180 / pi) + nowhere,
     )
 
 
