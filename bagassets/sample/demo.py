@@ -11,7 +11,7 @@ from bagassets.sample.drive import Target, write_recordings
 
 __all__ = ["DURATION_S", "PROFILE", "missing_drives", "write_drives"]
 
-PROFILE, DURATION_S = "drive", 6.0
+PROFILE, DURATION_S = "drive", 5.0
 
 # Number of a drive is its seed; compressions are those that people use.
 _TARGETS = (

@@ -15,7 +15,7 @@ from bagassets.sample.world import RADIUS_M, World
 
 __all__ = ["CameraView", "lidar_points", "radar_targets", "rays_of"]
 
-SKY = np.array([205.0, 220.0, 235.0])
+SKY = np.array([205, 220, 235], np.float32)
 # How bright the faces of a box are: front and back, sides, top.
 _FACE_LIGHT = np.array([0.72, 0.86, 1.0])
 
@@ -58,17 +58,18 @@ class CameraView:
         """Return the image as (H, W, 3) BGR."""
         odom_SE3_cam = self._world.ego.at(time_s) @ self._camera.ego_SE3_cam
         hits, directions = self._cast(odom_SE3_cam, time_s)
-        sky = hits.thing < 0
-        ground = hits.thing == 0
+        sky, ground = np.flatnonzero(hits.thing < 0), np.flatnonzero(hits.thing == 0)
         paint = np.zeros((len(self._world.things) + 2, 3))  # the last row is the sky's, at index -1
         for thing in self._world.things:
             paint[thing.track_id] = thing.colour
-        colours = paint[hits.thing] * _FACE_LIGHT[hits.face][:, None]
+        lit = (paint[:, None, :] * _FACE_LIGHT[:, None]).reshape(-1, 3).astype(np.float32)
+        colours = lit[3 * hits.thing + hits.face]
         colours[sky] = SKY - 60.0 * np.clip(directions[sky, 2:3], 0.0, 1.0)
         spots = np.array(odom_SE3_cam.translation) + directions[ground] * hits.distance_m[ground, None]
         colours[ground] = _ground_colour(spots)
-        haze = np.clip(np.where(sky, 0.0, hits.distance_m) / 220.0, 0.0, 0.8)[:, None]
-        colours = colours * (1 - haze) + SKY * haze
+        haze = np.minimum(hits.distance_m.astype(np.float32) / 220, np.float32(0.8))
+        haze[sky] = 0
+        colours += (SKY - colours) * haze[:, None]
         shape = (self._camera.model.height, self._camera.model.width, 3)
         image: NDArray[np.uint8] = np.clip(colours, 0, 255).astype(np.uint8).reshape(shape)[:, :, ::-1]
         return np.ascontiguousarray(image)
