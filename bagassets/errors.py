@@ -5,6 +5,8 @@ field, says what was expected, and what to do. Only the command line turns an er
 an exit status; nothing in the library exits or prints.
 """
 
+from typing import ClassVar
+
 __all__ = [
     "BagAssetsError",
     "CalibrationError",
@@ -22,7 +24,14 @@ __all__ = [
 
 
 class BagAssetsError(Exception):
-    """Base of all errors raised on purpose; its text is meant for users."""
+    """Base of all errors raised on purpose; its text is meant for users.
+
+    Attributes:
+        transient: the error says nothing about what was asked for, which may succeed when tried again;
+            it is not put on record.
+    """
+
+    transient: ClassVar[bool] = False
 
 
 class RecipeError(BagAssetsError):
@@ -44,7 +53,9 @@ class TopicError(RecordingError, KeyError):
 
 
 class ChangedWhileReadError(RecordingError):
-    """A recording changed between the start and the end of a step that read it."""
+    """A recording changed or vanished between the start and the end of a step that read it."""
+
+    transient = True
 
 
 class DecodeError(BagAssetsError):
@@ -65,6 +76,8 @@ class PoseError(BagAssetsError):
 
 class StoreError(BagAssetsError):
     """The artifact store misses something, holds damaged bytes, or cannot be written."""
+
+    transient = True
 
 
 class DatasetError(BagAssetsError):

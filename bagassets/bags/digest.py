@@ -136,7 +136,7 @@ def stat_files(found: Found) -> list[tuple[Path, os.stat_result]]:
     """Return the files of a recording as they are now.
 
     Raises:
-        RecordingError: a file is gone or cannot be read.
+        ChangedWhileReadError: a file is gone or cannot be read.
     """
     try:
         return [(path, path.stat()) for path in found.files]
@@ -183,5 +183,5 @@ def _identity(stat: os.stat_result) -> tuple[int, int, int]:
     return stat.st_ino, stat.st_size, stat.st_mtime_ns
 
 
-def _gone(path: Path | str, err: OSError) -> RecordingError:
-    return RecordingError(f"{path}: cannot be read ({err.strerror}); was it removed?")
+def _gone(path: Path | str, err: OSError) -> ChangedWhileReadError:
+    return ChangedWhileReadError(f"{path}: cannot be read ({err.strerror}); was it removed?")

@@ -80,7 +80,8 @@ def run_pass(
     for channel, running in pending.items():
         if channel in errors:
             running.discard()
-            store.record_failure(running.action, str(errors[channel]))
+            if not errors[channel].transient:
+                store.record_failure(running.action, str(errors[channel]))
         else:
             outcomes[channel] = running.commit(summaries[channel])
     return outcomes, errors

@@ -2,6 +2,7 @@
 
 import io
 import json
+import os
 import threading
 from dataclasses import dataclass
 from pathlib import Path
@@ -70,14 +71,36 @@ class Artifact:
         return summary
 
     def read_json(self, relative: str) -> Any:
-        """Return the content of a JSON file."""
-        return json.loads(self.path(relative).read_bytes())
+        """Return the content of a JSON file.
+
+        Raises:
+            StoreError: the file is gone or damaged.
+        """
+        try:
+            return json.loads(self.path(relative).read_bytes())
+        except (OSError, ValueError) as err:
+            raise self._damaged(relative, err) from err
 
     def read_table(self, relative: str, columns: list[str] | None = None) -> "pa.Table":
-        """Return the content of a Parquet file."""
-        import pyarrow.parquet as pq  # noqa: PLC0415  (0.2 s, not paid by commands that read no table)
+        """Return the content of a Parquet file.
 
-        return pq.read_table(self.path(relative), columns=columns, memory_map=True)
+        Raises:
+            StoreError: the file is gone or damaged.
+        """
+        import pyarrow as pa  # noqa: PLC0415  (0.2 s, not paid by commands that read no table)
+        import pyarrow.parquet as pq  # noqa: PLC0415
+
+        try:
+            return pq.read_table(self.path(relative), columns=columns, memory_map=True)
+        except (OSError, pa.ArrowInvalid) as err:
+            raise self._damaged(relative, err) from err
+
+    def _damaged(self, relative: str, err: Exception) -> StoreError:
+        reason = str(err).splitlines()[0] if str(err) else type(err).__name__
+        return StoreError(
+            f"{self.path(relative)}: this file of the store is gone or damaged ({reason}); take the artifact out with "
+            "`bagassets verify`, then build again."
+        )
 
 
 class ArtifactWriter:
@@ -106,11 +129,13 @@ class ArtifactWriter:
             if relative in self._entries:
                 raise StoreError(f"{relative}: written twice into one artifact; this is a bug of the step.")
             self._entries[relative] = entry
+        try:
             if path.parent not in self._made:
                 path.parent.mkdir(parents=True, exist_ok=True)
                 self._made.add(path.parent)
-        try:
-            path.write_bytes(data)
+            # Read-only, also under its other names: datasets have hard links to it.
+            with open(path, "xb", opener=_read_only) as file:
+                file.write(data)
         except OSError as err:
             raise StoreError(
                 f"{path}: cannot be written ({err.strerror}); free space or mend the folder."
@@ -139,7 +164,16 @@ class ArtifactWriter:
                 "summary": summary,
             }
         )
-        (self._folder / MANIFEST).write_bytes(manifest)
-        for name in (self._files, self._folder):
-            name.chmod(0o755)
+        try:
+            (self._folder / MANIFEST).write_bytes(manifest)
+            for name in (self._files, self._folder):
+                name.chmod(0o755)
+        except OSError as err:
+            raise StoreError(
+                f"{self._folder}: cannot be written ({err.strerror}); free space or mend the folder."
+            ) from err
         return digest_bytes(manifest)
+
+
+def _read_only(path: str, flags: int) -> int:
+    return os.open(path, flags | os.O_CLOEXEC, 0o444)

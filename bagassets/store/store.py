@@ -64,8 +64,12 @@ class Pending:
     def commit(self, summary: dict[str, Any]) -> Outcome:
         """Put the artifact in place and record the action."""
         seconds = time.perf_counter() - self._started
-        digest = self.out.finish(summary)
-        artifact = self._store.adopt(self._folder, digest)
+        try:
+            digest = self.out.finish(summary)
+            artifact = self._store.adopt(self._folder, digest)
+        except BaseException:
+            self.discard()
+            raise
         self._store.record(self.action, artifact, seconds)
         return Outcome(artifact, self.action.digest, cached=False, seconds=seconds)
 
@@ -101,7 +105,7 @@ class Store:
 
     def make_temporary_folder(self) -> Path:
         """Make an empty folder on the store's file system."""
-        folder = self.root / "tmp" / f"{os.getpid()}-{uuid4().hex}"
+        folder = self.root / "tmp" / f"{socket.gethostname()}-{os.getpid()}-{uuid4().hex}"
         try:
             folder.mkdir(parents=True)
         except OSError as err:
@@ -137,11 +141,10 @@ class Store:
 
     def remove(self, digest: str) -> None:
         """Take an artifact out of the store at once, as when it is damaged; actions that made it run again."""
-        retired = self.root / "tmp" / f"{os.getpid()}-{uuid4().hex}"
-        retired.parent.mkdir(parents=True, exist_ok=True)
+        retired = self.make_temporary_folder() / digest
         with suppress(FileNotFoundError):
             self._artifact_folder(digest).rename(retired)
-        shutil.rmtree(retired, ignore_errors=True)
+        shutil.rmtree(retired.parent, ignore_errors=True)
 
     # --- actions ---------------------------------------------------------------------
 
@@ -187,7 +190,8 @@ class Store:
     def run(self, action: Action, make: Callable[[ArtifactWriter], dict[str, Any]]) -> Outcome:
         """Return the known outcome of `action`, or let `make` produce it; `make` returns the summary.
 
-        An error of `make` is recorded under the action's digest and raised again.
+        An error of `make` is recorded under the action's digest and raised again, unless it says nothing
+        about the action: a full disk, a recording that changed meanwhile.
         """
         known = self.lookup(action)
         if known is not None:
@@ -197,7 +201,8 @@ class Store:
             summary = make(pending.out)
         except BagAssetsError as err:
             pending.discard()
-            self.record_failure(action, str(err))
+            if not err.transient:
+                self.record_failure(action, str(err))
             raise
         except BaseException:
             pending.discard()

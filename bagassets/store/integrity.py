@@ -1,0 +1,128 @@
+"""Checking a store: are all artifacts whole, byte for byte, and do all records lead to one?"""
+
+import json
+import os
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from bagassets.store.artifact import MANIFEST, Artifact
+from bagassets.store.canonical import digest_bytes, digest_file, digest_json
+from bagassets.store.store import Store
+
+__all__ = ["Damage", "artifact_damage", "check_store"]
+
+# Files above this are hashed block by block, not read at once.
+_WHOLE_BYTES = 32 << 20
+
+
+@dataclass(frozen=True)
+class Damage:
+    """Something in the store that is not as it was written.
+
+    Attributes:
+        kind: `artifact` (files missing or changed), or `action` (its record is torn, or what it made is gone).
+        digest: of the artifact, or of the action.
+        reasons: what is wrong, in words.
+        step: the step that made it, where that is known.
+    """
+
+    kind: Literal["artifact", "action"]
+    digest: str
+    reasons: tuple[str, ...]
+    step: str | None = None
+
+    def __str__(self) -> str:
+        of_step = f" of step {self.step}" if self.step else ""
+        more = f" (and {len(self.reasons) - 3} more)" if len(self.reasons) > 3 else ""
+        return f"{self.kind} {self.digest[:16]}{of_step}: {'; '.join(self.reasons[:3])}{more}"
+
+
+def check_store(store: Store, progress: Callable[[int], None] | None = None) -> Iterator[Damage]:
+    """Read everything in the store and yield what is damaged.
+
+    Nothing is changed. Artifacts that vanish meanwhile, because somebody collects garbage, are no damage.
+
+    Args:
+        store: the store.
+        progress: called with 1 for each artifact that was checked.
+    """
+    made_by: dict[str, str] = {}
+    lost: dict[str, list[tuple[str, str]]] = {}
+    for path in _entries(store.root / "actions", ".json"):
+        name = path.name.partition(".")[0]
+        try:
+            record = json.loads(path.read_bytes())
+            step = str(record["action"]["step"])
+            if digest_json(record["action"]) != name:
+                yield Damage("action", name, ("its record was changed",), step)
+            elif "artifact" in record:
+                made = str(record["artifact"])
+                made_by[made] = step
+                if not store.has(made):
+                    lost.setdefault(made, []).append((name, step))
+            elif "error" not in record:
+                yield Damage("action", name, ("its record says nothing",), step)
+        except FileNotFoundError:
+            continue
+        except (OSError, ValueError, KeyError, TypeError) as err:
+            yield Damage("action", name, (f"its record cannot be read ({err})",))
+    artifacts = [Artifact(folder.name, folder) for folder in _entries(store.root / "artifacts")]
+    pool = ThreadPoolExecutor(min(8, os.cpu_count() or 1))
+    try:
+        for artifact, reasons in zip(artifacts, pool.map(artifact_damage, artifacts), strict=True):
+            if reasons and artifact.folder.is_dir():
+                lost.pop(artifact.digest, None)
+                yield Damage("artifact", artifact.digest, tuple(reasons), made_by.get(artifact.digest))
+            if progress is not None:
+                progress(1)
+    finally:
+        pool.shutdown(cancel_futures=True)
+    for made, actions in sorted(lost.items()):
+        for action, step in actions:
+            yield Damage("action", action, (f"artifact {made[:16]}, which it made, is gone",), step)
+
+
+def artifact_damage(artifact: Artifact) -> list[str]:
+    """Return what is wrong with an artifact, in words; nothing if every byte is as it was written."""
+    try:
+        text = (artifact.folder / MANIFEST).read_bytes()
+    except OSError as err:
+        return [f"{MANIFEST} cannot be read ({err.strerror})"]
+    if digest_bytes(text) != artifact.digest:
+        return [f"{MANIFEST} was changed"]
+    entries = {entry.path: entry for entry in artifact.entries()}
+    reasons = []
+    for name, entry in entries.items():
+        path = artifact.path(name)
+        try:
+            size = path.stat().st_size
+            if size != entry.size:
+                reasons.append(f"{name} has {size} bytes instead of {entry.size}")
+            elif _digest(path, size) != entry.digest:
+                reasons.append(f"{name} was changed")
+        except FileNotFoundError:
+            reasons.append(f"{name} is missing")
+        except OSError as err:
+            reasons.append(f"{name} cannot be read ({err.strerror})")
+    for path in artifact.files.rglob("*"):
+        name = path.relative_to(artifact.files).as_posix()
+        # Network file systems keep what is deleted while in use under such names.
+        if name not in entries and not path.name.startswith(".nfs") and not path.is_dir():
+            reasons.append(f"{name} does not belong to it")
+    return reasons
+
+
+def _digest(path: Path, size: int) -> str:
+    return digest_file(path) if size > _WHOLE_BYTES else digest_bytes(path.read_bytes())
+
+
+def _entries(folder: Path, suffix: str = "") -> Iterator[Path]:
+    """Yield what lies in the folders below `folder`, by name; hidden files are still being written."""
+    if not folder.is_dir():
+        return
+    for part in sorted(folder.iterdir()):
+        if part.is_dir():
+            yield from (p for p in sorted(part.iterdir()) if p.name.endswith(suffix) and p.name[0] != ".")
