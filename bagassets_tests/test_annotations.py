@@ -332,7 +332,13 @@ class TestStep:
         assert table.column("category").to_pylist() == ["vehicle.car"] * 3
         counts = artifact.read_json("annotations.json")["counts"]["/boxes"]
         assert counts["messages"] == {"read": 3, "written": 3, "merged": 0, "lost": {}}
-        assert counts["boxes"] == {"read": 6, "written": 3, "lost": {"its size is not positive": 3}}
+        assert counts["boxes"] == {
+            "read": 6,
+            "written": 3,
+            "lost": {"its size is not positive": 3},
+            "first": {"its size is not positive": f"message logged at {T0 + 3}"},
+            "kept": {},
+        }
 
     def test_the_log_clock_stamps_boxes_with_the_time_of_the_message(self, store, ego_poses):
         artifact = run(
@@ -355,7 +361,7 @@ class TestStep:
 
     def test_boxes_in_a_frame_that_nobody_knows_fail_the_recording_with_a_way_out(self, store, ego_poses):
         with pytest.raises(
-            LossLimitError, match=r"frame odom_combined, but known are .*'map'.*frame of the boxes in rigs"
+            LossLimitError, match=r"frame odom_combined, but known are .*'map'.*name the frame of the boxes"
         ):
             run(store, ask(ego_poses), FakeRecording([detections(detection(), frame="/odom_combined")]))
 

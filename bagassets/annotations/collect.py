@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from math import isfinite
-from typing import Any
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -12,10 +12,31 @@ from bagassets.annotations.table import BoxTable
 from bagassets.decode.model import BoxReading
 from bagassets.errors import DecodeError
 
-__all__ = ["UNKNOWN_FRAME", "BoxCollector", "BoxCounts", "SourceRules"]
+__all__ = ["UNKNOWN_FRAME", "BoxCollector", "BoxCounts", "Place", "SourceRules"]
 
 NO_POSE = "no ego pose at its time"
 UNKNOWN_FRAME = "its frame is not known"
+OUTSIDE = "its time is outside the recording"
+UNMAPPED = "its class is not in `categories`"
+SECOND = "second box of one track at one time"
+
+# Labels at the very ends of a recording still serve interpolation.
+SPAN_MARGIN_NS = 1_000_000_000
+
+
+class Place(NamedTuple):
+    """Where a box was read.
+
+    Attributes:
+        label: for the counts: file and line, or time; the same wherever the recording lies.
+        full: for errors: path and line.
+    """
+
+    label: str = ""
+    full: str = ""
+
+
+NOWHERE = Place()
 
 
 @dataclass(frozen=True)
@@ -24,32 +45,69 @@ class SourceRules:
 
     Attributes:
         frame: frame of all its boxes; None: each says its own.
-        categories: recorded class -> category; others pass through by name.
+        categories: recorded class -> category; others pass through by name, if `unmapped` lets them.
         attributes: category -> attributes given to each of its boxes.
+        attribute_names: recorded attribute -> attribute; an empty name drops it.
         refuse: a box that cannot be used is an error, not a count.
+        unmapped: what becomes of a box whose class is neither in `categories` nor a category there.
+        outside: what becomes of a box outside `span_ns`.
+        span_ns: first and last time of the recording; None: any time will do.
     """
 
     frame: str | None = None
     categories: Mapping[str, str] = field(default_factory=dict)
     attributes: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    attribute_names: Mapping[str, str] = field(default_factory=dict)
     refuse: bool = False
+    unmapped: Literal["keep", "count", "refuse"] = "keep"
+    outside: Literal["count", "keep", "refuse"] = "count"
+    span_ns: tuple[int, int] | None = None
+
+    def is_mapped(self, category: str) -> bool:
+        """Tell whether a class is one that the recipe speaks of; without a mapping all are."""
+        return not self.categories or category in self.categories or category in self.categories.values()
+
+    def is_outside(self, stamp_ns: int) -> bool:
+        """Tell whether a time is outside the recording."""
+        if self.span_ns is None:
+            return False
+        start_ns, end_ns = self.span_ns
+        return not start_ns - SPAN_MARGIN_NS <= stamp_ns <= end_ns + SPAN_MARGIN_NS
 
 
 @dataclass
 class BoxCounts:
-    """Where the boxes of one source went: read = written + sum of lost."""
+    """Where the boxes of one source went: read = written + sum of lost.
+
+    Attributes:
+        read: boxes met.
+        written: boxes in the table.
+        lost: reason -> number.
+        first: reason -> where the first such box is.
+        kept: what is unusual about boxes that were kept all the same -> number.
+    """
 
     read: int = 0
     written: int = 0
     lost: dict[str, int] = field(default_factory=dict)
+    first: dict[str, str] = field(default_factory=dict)
+    kept: dict[str, int] = field(default_factory=dict)
 
-    def lose(self, reason: str) -> None:
+    def lose(self, reason: str, place: Place) -> None:
         """Count one box that was lost, under a reason in words."""
         self.lost[reason] = self.lost.get(reason, 0) + 1
+        if place.label:
+            self.first.setdefault(reason, place.label)
 
     def as_json(self) -> dict[str, Any]:
         """Return the counts as JSON."""
-        return {"read": self.read, "written": self.written, "lost": dict(self.lost)}
+        return {
+            "read": self.read,
+            "written": self.written,
+            "lost": dict(self.lost),
+            "first": dict(self.first),
+            "kept": dict(self.kept),
+        }
 
 
 class BoxCollector:
@@ -67,54 +125,62 @@ class BoxCollector:
         self.frames = frames
         self._rules = rules
         self._boxes: list[BoxReading] = []
+        self._places: list[Place] = []
         self._seen: set[tuple[str, int, str]] = set()
 
-    def add(self, box: BoxReading) -> None:
+    def add(self, box: BoxReading, place: Place = NOWHERE) -> None:
         """Take one box; `box.source` says which rules apply.
+
+        Args:
+            box: the box.
+            place: where it was read.
 
         Raises:
             DecodeError: the box cannot be used and its source refuses such boxes.
         """
-        self.counts[box.source].read += 1
-        rules = self._rules[box.source]
+        counts, rules = self.counts[box.source], self._rules[box.source]
+        counts.read += 1
         if rules.frame is not None:
             box = replace(box, frame_id=rules.frame)
         reason = self._objection(box)
         if reason is not None:
-            self._lose(box.source, reason)
+            self._lose(box.source, reason, place)
             return
-        number = self.counts[box.source].read
+        if not self._accepts(box, rules, place):
+            return
         # Without a track every box is an object of its own.
-        track = box.track_id or f"untracked-{box.stamp_ns}-{number}"
+        track = box.track_id or f"untracked-{box.stamp_ns}-{counts.read}"
         key = (box.source, box.stamp_ns, track)
         if key in self._seen:
-            self._lose(box.source, "second box of one track at one time")
+            self._lose(box.source, SECOND, place)
             return
         self._seen.add(key)
         category = rules.categories.get(box.category, box.category)
-        attributes = tuple(dict.fromkeys((*box.attributes, *rules.attributes.get(category, ()))))
-        self._boxes.append(replace(box, track_id=track, category=category, attributes=attributes))
+        recorded = (rules.attribute_names.get(name, name) for name in box.attributes)
+        attributes = dict.fromkeys((*filter(None, recorded), *rules.attributes.get(category, ())))
+        self._boxes.append(replace(box, track_id=track, category=category, attributes=tuple(attributes)))
+        self._places.append(place)
 
-    def lose_undecoded(self, source: str, reason: str) -> None:
+    def lose_undecoded(self, source: str, reason: str, place: Place = NOWHERE) -> None:
         """Count a box that could not even be decoded.
 
         Raises:
             DecodeError: its source refuses such boxes.
         """
         self.counts[source].read += 1
-        self._lose(source, reason)
+        self._lose(source, reason, place)
 
     def finish(self) -> BoxTable:
         """Place all boxes; those without an ego pose at their time are counted as lost."""
         centers, rotations, valid = self.frames.place(self._boxes)
         kept = []
-        for box, has_pose in zip(self._boxes, valid.tolist(), strict=True):
+        for box, place, has_pose in zip(self._boxes, self._places, valid.tolist(), strict=True):
             counts = self.counts[box.source]
             if has_pose:
                 counts.written += 1
                 kept.append(box)
             else:
-                counts.lose(NO_POSE)
+                counts.lose(NO_POSE, place)
         return BoxTable(
             stamps_ns=np.array([box.stamp_ns for box in kept], dtype=np.int64),
             tracks=[box.track_id for box in kept],
@@ -127,13 +193,29 @@ class BoxCollector:
             sources=[box.source for box in kept],
         )
 
-    def _lose(self, source: str, reason: str) -> None:
-        if self._rules[source].refuse:
+    def _lose(self, source: str, reason: str, place: Place, *, refuse: bool | None = None) -> None:
+        if self._rules[source].refuse if refuse is None else refuse:
             raise DecodeError(
-                f"{source}: a box cannot be used ({reason}) and the recipe refuses such boxes; "
-                "mend the labels, or say `bad_boxes: count` for this source."
+                f"{place.full or source}: a box cannot be used ({reason}) and the recipe refuses such boxes; "
+                "mend the labels, or say `count` instead of `refuse` for this source."
             )
-        self.counts[source].lose(reason)
+        self.counts[source].lose(reason, place)
+
+    def _accepts(self, box: BoxReading, rules: SourceRules, place: Place) -> bool:
+        """Tell whether the recipe lets a box pass that is fine in itself; count it if that is unusual."""
+        questions = (
+            (rules.is_outside(box.stamp_ns), rules.outside, OUTSIDE),
+            (not rules.is_mapped(box.category), rules.unmapped, UNMAPPED),
+        )
+        for applies, answer, reason in questions:
+            if applies and answer != "keep":
+                self._lose(box.source, reason, place, refuse=answer == "refuse")
+                return False
+        kept = self.counts[box.source].kept
+        for applies, _, reason in questions:
+            if applies:
+                kept[reason] = kept.get(reason, 0) + 1
+        return True
 
     def _objection(self, box: BoxReading) -> str | None:
         """Return why a box cannot be used, or None."""

@@ -10,7 +10,10 @@ from bagassets.decode.model import BoxReading
 from bagassets.geometry.se3 import SE3, Floats, quaternion_multiply, rotate
 from bagassets.geometry.trajectory import Trajectory
 
-__all__ = ["BoxFrames"]
+__all__ = ["DATASET_FRAME", "BoxFrames"]
+
+# The global frame as the dataset has it: local metres, after the origin was taken off.
+DATASET_FRAME = "@dataset"
 
 
 @dataclass(frozen=True)
@@ -34,7 +37,8 @@ class BoxFrames:
 
     def knows(self, frame: str) -> bool:
         """Tell whether boxes in a frame can be placed at all."""
-        return frame in (self.global_frame, self.ego_frame) or frame in self.ego_SE3_sensor
+        known = (self.global_frame, DATASET_FRAME, self.ego_frame)
+        return frame in known or frame in self.ego_SE3_sensor
 
     def known(self) -> str:
         """Return the frames in words."""
@@ -58,7 +62,8 @@ class BoxFrames:
         centers = np.array([box.frame_SE3_box.translation for box in boxes])
         rotations = np.array([box.frame_SE3_box.rotation for box in boxes])
         moves = np.array([frame is not None for frame in ego_SE3_frame])
-        centers = np.where(moves[:, None], centers, centers - np.array(self.origin_m))
+        as_recorded = np.array([box.frame_id == self.global_frame for box in boxes])
+        centers = np.where(as_recorded[:, None], centers - np.array(self.origin_m), centers)
         if not moves.any():
             return centers, rotations, np.ones(len(boxes), np.bool_)
 
@@ -75,6 +80,6 @@ class BoxFrames:
 
     def _ego_SE3_frame(self, frame: str) -> SE3 | None:
         """Return where a frame is on the vehicle; None for the global frame."""
-        if frame == self.global_frame:
+        if frame in (self.global_frame, DATASET_FRAME):
             return None
         return SE3() if frame == self.ego_frame else self.ego_SE3_sensor[frame]

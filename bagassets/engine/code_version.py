@@ -73,7 +73,8 @@ def _rig_fields(recipe: Recipe, rig: Rig, asset: str) -> Any:
         case "ego_poses":
             return [common, rig.ego_pose.model_dump(mode="json"), rig.ego_frame, rig.tf, rig.tf_static]
         case "annotations":
-            return [common, [source.model_dump(mode="json") for source in rig.annotations], rig.ego_frame]
+            boxes = [*rig.annotations, *rig.annotation_files]
+            return [common, [source.model_dump(mode="json") for source in boxes], rig.ego_frame]
         case "frames":
             return [common, {name: fields for name, fields in channels.items() if name in cameras}]
         case "sweeps":

@@ -10,6 +10,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from functools import cached_property, partial
 from typing import Any
 
+from bagassets.annotations.files.find import find_labels
 from bagassets.bags.digest import RecordingStat
 from bagassets.bags.inventory import Inventory
 from bagassets.bags.model import Found, Recording
@@ -259,6 +260,7 @@ class RecordingBuild:
         return self._run_on_messages("ego_poses", ego_poses.STEP, request, ego_poses.make)
 
     def _annotations(self) -> AssetResult:
+        labels = find_labels(self.rig, self.found)
         request = annotations.request(
             self.rig,
             self.recipe.clock,
@@ -266,8 +268,9 @@ class RecordingBuild:
             self.inventory,
             calibration=self._calibration_json,
             ego_poses=self._artifact("ego_poses"),
+            labels=labels,
         )
-        make = partial(annotations.make, trajectory=self._trajectory)
+        make = partial(annotations.make, trajectory=self._trajectory, labels=labels)
         return self._run_on_messages("annotations", annotations.STEP, request, make)
 
     def _nuscenes_tables(self) -> AssetResult:

@@ -146,6 +146,15 @@ def _rig(rig: Rig) -> Iterator[Problem]:
                 continue
         for field, sentence in problems:
             yield ("channels", name, *field), sentence
+    sources = [
+        *((("annotations", n, "topic"), source.topic) for n, source in enumerate(rig.annotations)),
+        *((("annotation_files", n, "path"), source.path) for n, source in enumerate(rig.annotation_files)),
+    ]
+    seen: set[str] = set()
+    for at, source in sources:
+        if source in seen:
+            yield at, f"{source} is listed twice"
+        seen.add(source)
     pose = rig.ego_pose
     if isinstance(pose, TfSource):
         if pose.global_frame == rig.ego_frame:

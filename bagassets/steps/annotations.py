@@ -1,11 +1,12 @@
-"""The step `annotations`: boxes in a recording's topics become one table in the global frame."""
+"""The step `annotations`: boxes in topics and in files beside the recording become one global table."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from bagassets.annotations.collect import UNKNOWN_FRAME, BoxCollector, SourceRules
+from bagassets.annotations.collect import UNKNOWN_FRAME, BoxCollector, Place, SourceRules
+from bagassets.annotations.files.find import LabelSet
 from bagassets.annotations.frames import BoxFrames
 from bagassets.annotations.table import BoxTable
 from bagassets.bags.inventory import Inventory
@@ -19,13 +20,14 @@ from bagassets.geometry.trajectory import Trajectory
 from bagassets.plugins import installed_decoders
 from bagassets.recipe.model import Limits, Rig
 from bagassets.recipe.model_base import Clock
+from bagassets.steps.annotation_files import add_labels, file_request
 from bagassets.steps.channel import Counts, Request
 from bagassets.store.action import Step
 from bagassets.store.artifact import Artifact, ArtifactWriter
 
 __all__ = ["STEP", "make", "request"]
 
-STEP = Step("annotations", 1, ("pyarrow",))
+STEP = Step("annotations", 2, ("pyarrow",))
 
 TABLE = "annotations.parquet"
 COUNTS = "annotations.json"
@@ -39,10 +41,11 @@ def request(
     *,
     calibration: Mapping[str, Any],
     ego_poses: Artifact,
+    labels: Mapping[str, LabelSet] | None = None,
 ) -> Request:
     """Return what the step reads of this recording.
 
-    Without a topic of boxes it reads nothing at all, and no change of poses makes it stale.
+    Without a topic or file of boxes it reads nothing at all, and no change of poses makes it stale.
 
     Args:
         rig: the rig that made the recording.
@@ -51,14 +54,18 @@ def request(
         inventory: what is in the recording.
         calibration: content of `calibration.json`.
         ego_poses: the artifact of poses.
+        labels: source -> label files found beside the recording, one entry per `annotation_files` of the rig.
 
     Raises:
         PluginError: several decoder plug-ins claim the type of a topic.
+        RecordingError: label files that the recipe insists on are not there.
+        RecipeError: what tells the times of labelled frames is not there.
     """
     sources = [source for source in rig.annotations if inventory.has(source.topic)]
     absent = sorted({source.topic for source in rig.annotations} - {source.topic for source in sources})
-    params: dict[str, Any] = {"absent": absent}
-    if not sources:
+    files = file_request(rig, clock, inventory, labels or {})
+    params: dict[str, Any] = {"absent": [*absent, *files.absent]}
+    if not sources and not files.sources:
         return Request(params, ())
     extrinsics = {entry["frame"]: entry["ego_SE3_sensor"] for entry in calibration["channels"].values()}
     poses = ego_poses.read_json("ego_poses.json")
@@ -70,16 +77,23 @@ def request(
             | decoder_params("boxes", inventory.topic(source.topic).msgtype)
             for source in sources
         },
+        "files": files.sources,
         "global_frame": poses["global_frame"],
         "origin_m": _origin_m(poses["origin"]),
         "ego_frame": rig.ego_frame,
         "ego_SE3_frame": extrinsics,
     }
-    return Request(params, tuple(sorted(source.topic for source in sources)), {"ego_poses": ego_poses.digest})
+    topics = sorted({source.topic for source in sources} | set(files.topics))
+    return Request(params, tuple(topics), {"ego_poses": ego_poses.digest, **files.inputs})
 
 
 def make(
-    params: Mapping[str, Any], recording: Recording, out: ArtifactWriter, *, trajectory: Trajectory
+    params: Mapping[str, Any],
+    recording: Recording,
+    out: ArtifactWriter,
+    *,
+    trajectory: Trajectory,
+    labels: Mapping[str, LabelSet] | None = None,
 ) -> dict[str, Any]:
     """Write `annotations.parquet` and `annotations.json`; return the summary.
 
@@ -88,17 +102,18 @@ def make(
         recording: offers the topics of boxes.
         out: the artifact.
         trajectory: `global_SE3_ego`, the content of `ego_poses`.
+        labels: as for `request`.
 
     Raises:
         RecipeError: a topic carries no boxes.
-        DecodeError: a box cannot be used and the recipe refuses such boxes.
+        DecodeError: a box or label file cannot be used and the recipe refuses such.
         LossLimitError: more messages or boxes were lost to decoding than the recipe allows.
     """
     sources: Mapping[str, Any] = params.get("sources", {})
     decoders = {topic: _decoder(topic, source, recording) for topic, source in sources.items()}
-    collector = BoxCollector(
-        _frames(params, trajectory), {topic: _rules(source) for topic, source in sources.items()}
-    )
+    files: Mapping[str, Any] = params.get("files", {})
+    rules = {source: _rules(fields) for source, fields in {**sources, **files}.items()}
+    collector = BoxCollector(_frames(params, trajectory), rules)
     messages = {topic: Counts() for topic in sources}
     ignored = dict.fromkeys(sources, 0)
     for message in recording.messages(sorted(sources)) if sources else ():
@@ -115,6 +130,9 @@ def make(
         ignored[message.topic] += _add_boxes(collector, decode, message, items, params["clock"])
     for topic, counts in messages.items():
         _check_limits(topic, counts, collector, params["lost_messages"])
+    labelled = add_labels(files, labels or {}, recording, params["clock"], collector) if files else {}
+    for source in files:
+        _check_frames(source, collector, params["lost_messages"])
     table = collector.finish()
     out.write_table(TABLE, table.to_arrow())
     summary = {
@@ -125,7 +143,8 @@ def make(
                 "ignored": ignored[topic],
             }
             for topic in sorted(sources)
-        },
+        }
+        | {source: {**labelled[source], "boxes": collector.counts[source].as_json()} for source in labelled},
         "absent": list(params["absent"]),
         **_facts(table),
     }
@@ -146,7 +165,17 @@ def _decoder(topic: str, source: Mapping[str, Any], recording: Recording) -> Box
 
 def _rules(source: Mapping[str, Any]) -> SourceRules:
     attributes = {category: tuple(names) for category, names in source["attributes"].items()}
-    return SourceRules(source["frame"], source["categories"], attributes, source["bad_boxes"] == "refuse")
+    span_ns = source.get("span_ns")
+    return SourceRules(
+        frame=source["frame"],
+        categories=source["categories"],
+        attributes=attributes,
+        attribute_names=source["attribute_names"],
+        refuse=source["bad_boxes"] == "refuse",
+        unmapped=source["unmapped"],
+        outside=source.get("outside", "keep"),
+        span_ns=None if span_ns is None else (span_ns[0], span_ns[1]),
+    )
 
 
 def _frames(params: Mapping[str, Any], trajectory: Trajectory) -> BoxFrames:
@@ -176,17 +205,19 @@ def _add_boxes(
 ) -> int:
     """Hand the boxes of one message to the collector; return the number of items that are no boxes."""
     ignored = 0
+    label = f"message logged at {message.log_time_ns}"
+    place = Place(label, f"{message.topic}, {label}")
     for item in items:
         try:
             box = decode(item)
         except DecodeError as err:
-            collector.lose_undecoded(message.topic, str(err))
+            collector.lose_undecoded(message.topic, str(err), place)
             continue
         if box is None:
             ignored += 1
             continue
         stamp_ns = message.log_time_ns if clock == "log" else box.stamp_ns
-        collector.add(replace(box, stamp_ns=stamp_ns, source=message.topic))
+        collector.add(replace(box, stamp_ns=stamp_ns, source=message.topic), place)
     return ignored
 
 
@@ -198,12 +229,17 @@ def _check_limits(topic: str, messages: Counts, collector: BoxCollector, limit: 
             f"{topic}: {lost} of {messages.read} messages with boxes cannot be decoded, most often because {reason}; "
             f"limits.lost_messages accepts a share of {limit:g}."
         )
-    boxes = collector.counts[topic]
+    _check_frames(topic, collector, limit)
+
+
+def _check_frames(source: str, collector: BoxCollector, limit: float) -> None:
+    boxes = collector.counts[source]
     astray = boxes.lost.get(UNKNOWN_FRAME, 0)
     if astray > limit * boxes.read:
+        frames = " and ".join(sorted(collector.unknown_frames[source])) or "(none)"
         raise LossLimitError(
-            f"{topic}: {astray} of {boxes.read} boxes are given in frame {' and '.join(sorted(collector.unknown_frames[topic]))}, but known are "
-            f"{collector.frames.known()}; name the frame of the boxes in rigs[].annotations[].frame, "
+            f"{source}: {astray} of {boxes.read} boxes are given in frame {frames}, but known are "
+            f"{collector.frames.known()}; name the frame of the boxes in `frame` of this source, "
             "or choose an ego_pose source with that global frame."
         )
 

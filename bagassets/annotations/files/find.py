@@ -1,0 +1,111 @@
+"""Which label files belong to a recording, and what they hold."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+from bagassets.annotations.files.label import LabelFile
+from bagassets.annotations.files.nuscenes_tables import TABLES
+from bagassets.bags.model import Found
+from bagassets.recipe.model import Rig
+from bagassets.recipe.model_annotations import AnnotationFiles, FileTimes, NuScenesTables
+from bagassets.store.canonical import digest_bytes
+
+__all__ = ["TIMES", "LabelSet", "expand", "find_labels"]
+
+TIMES = "times"
+_ENDINGS = {
+    "boxes": (".json", ".parquet"),
+    "sustechpoints": (".json",),
+    "kitti_tracklets": (".xml",),
+    "kitti_labels": (".txt",),
+    "nuscenes": (".json",),
+}
+
+
+@dataclass(frozen=True)
+class LabelSet:
+    """The files of one entry of the recipe's `annotation_files` for one recording.
+
+    Attributes:
+        source: the path as the recipe writes it; names the source whatever the recording is called.
+        place: where that is for this recording.
+        files: sorted by name; empty if there are none.
+        is_folder: `place` is a folder.
+        times: file of stamps, if the recipe names one that exists.
+        logfile: log that rows of nuScenes tables must belong to; None for all.
+    """
+
+    source: str
+    place: Path
+    files: tuple[LabelFile, ...]
+    is_folder: bool = False
+    times: LabelFile | None = None
+    logfile: str | None = None
+
+    @property
+    def inputs(self) -> dict[str, str]:
+        """Name -> digest of everything that is read."""
+        inputs = {f"labels:{self.source}:{file.name}": file.digest for file in self.files}
+        if self.times is not None:
+            inputs[f"labels:{self.source}:{TIMES}"] = self.times.digest
+        return inputs
+
+
+def find_labels(rig: Rig, found: Found) -> dict[str, LabelSet]:
+    """Return source -> label files beside a recording, with their digests.
+
+    A file is hashed once per process, as long as its size, time and inode stay.
+    """
+    return {entry.path: _find(entry, found) for entry in rig.annotation_files}
+
+
+def expand(template: str, found: Found) -> str:
+    """Return a path or name of the recipe with the names of a recording filled in."""
+    name = found.path.name
+    # A folder, as of ROS 2, has no ending: `run.1` is all of its name.
+    stem = Path(name).stem if found.path in found.files else name
+    return template.replace("{stem}", stem).replace("{name}", name).replace("{key}", found.key)
+
+
+def _find(entry: AnnotationFiles, found: Found) -> LabelSet:
+    place = found.path.parent / expand(entry.path, found)
+    files: Sequence[tuple[str, Path]] = ()
+    is_folder = place.is_dir()
+    if is_folder:
+        wanted = TABLES if isinstance(entry, NuScenesTables) else None
+        files = [
+            (path.name, path)
+            for path in sorted(place.iterdir())
+            if path.suffix.lower() in _ENDINGS[entry.format]
+            and (wanted is None or path.name in wanted)
+            and path.is_file()
+        ]
+    elif place.is_file():
+        # The name as in the recipe: a renamed recording keeps its labels.
+        files = [(entry.path.rsplit("/", 1)[-1], place)]
+    rule = getattr(entry, "times", None)
+    times = None
+    if isinstance(rule, FileTimes):
+        path = found.path.parent / expand(rule.path, found)
+        times = _file(TIMES, path) if path.is_file() else None
+    logfile = getattr(entry, "logfile", None)
+    return LabelSet(
+        entry.path,
+        place,
+        tuple(_file(name, path) for name, path in files),
+        is_folder,
+        times,
+        None if logfile is None else expand(logfile, found),
+    )
+
+
+def _file(name: str, path: Path) -> LabelFile:
+    stat = path.stat()
+    return LabelFile(name, path, _digest(path, stat.st_size, stat.st_mtime_ns, stat.st_ino))
+
+
+@lru_cache(maxsize=1 << 16)
+def _digest(path: Path, _size: int, _mtime_ns: int, _inode: int) -> str:
+    return digest_bytes(path.read_bytes())

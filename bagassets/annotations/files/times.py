@@ -1,0 +1,86 @@
+"""Which time a labelled frame has: that of a message, of a line of a file, or of its own name."""
+
+import re
+from calendar import timegm
+from collections.abc import Sequence
+from pathlib import PurePath
+from typing import Protocol
+
+from bagassets.annotations.files.label import UnreadableLabelsError, as_text
+
+__all__ = ["FrameClock", "NamedFrames", "NumberedFrames", "read_times"]
+
+_DIGITS = {"ns": 0, "us": 3, "ms": 6, "s": 9}
+_NUMBER = re.compile(r"(\d+)(?:\.(\d+))?$")
+_DATE = re.compile(r"(\d{4})-(\d\d)-(\d\d)[ T](\d\d):(\d\d):(\d\d)(?:\.(\d{1,9})\d*)?Z?$")
+
+
+class FrameClock(Protocol):
+    """Tells the time of a labelled frame."""
+
+    def stamp_ns(self, file: str, number: int | None) -> int | None:
+        """Return the time of a frame, or None if it has none.
+
+        Args:
+            file: name of the label file.
+            number: number of the frame, if the label says; else the file's name does.
+        """
+        ...
+
+
+class NumberedFrames:
+    """Frames counted from `first`, with a list of their stamps."""
+
+    def __init__(self, stamps_ns: Sequence[int], first: int) -> None:
+        self._stamps_ns = stamps_ns
+        self._first = first
+
+    def stamp_ns(self, file: str, number: int | None) -> int | None:
+        """Return the stamp of frame `number`, else of the number that the file's name ends with."""
+        if number is None:
+            found = _NUMBER.search(PurePath(file).stem)
+            if found is None:
+                return None
+            number = int(found[1])
+        index = number - self._first
+        return self._stamps_ns[index] if 0 <= index < len(self._stamps_ns) else None
+
+
+class NamedFrames:
+    """Frames whose file's name ends with their time."""
+
+    def __init__(self, unit: str) -> None:
+        self._digits: int = _DIGITS[unit]
+
+    def stamp_ns(self, file: str, number: int | None) -> int | None:
+        """Return the time in the file's name; frames numbered inside a file have none."""
+        found = _NUMBER.search(PurePath(file).stem)
+        if found is None or number is not None:
+            return None
+        fraction = (found[2] or "")[: self._digits]
+        return int(found[1]) * 10**self._digits + int(fraction.ljust(self._digits, "0") or "0")
+
+
+def read_times(data: bytes) -> list[int]:
+    """Return the stamps of a file with one per line: nanoseconds, or date and time (UTC).
+
+    Raises:
+        UnreadableLabelsError: a line is neither.
+    """
+    stamps = []
+    for line, text in enumerate(as_text(data).splitlines(), start=1):
+        word = text.strip()
+        if not word:
+            continue
+        if word.isdecimal():
+            stamps.append(int(word))
+            continue
+        found = _DATE.match(word)
+        if found is None:
+            raise UnreadableLabelsError(
+                line, f"{word[:40]!r} is neither a time in nanoseconds nor 2011-09-26 13:02:25.964389445"
+            )
+        year, month, day, hour, minute, second = (int(part) for part in found.groups()[:6])
+        seconds = timegm((year, month, day, hour, minute, second))
+        stamps.append(seconds * 10**9 + int((found[7] or "0").ljust(9, "0")))
+    return stamps
