@@ -3,6 +3,7 @@
 import json
 import os
 import random
+import shutil
 import threading
 from contextlib import suppress
 
@@ -12,7 +13,7 @@ from handmade import Drive, make_tables
 from bagassets.errors import DatasetError, StoreError
 from bagassets.nuscenes import linking, swap
 from bagassets.nuscenes.check import check_dataset, check_files, check_tables
-from bagassets.nuscenes.dataset import BagPart, assemble, read_lock
+from bagassets.nuscenes.dataset import BagPart, assemble, is_untouched, read_lock
 from bagassets.nuscenes.schema import TABLES
 from bagassets.nuscenes.table_file import read_table
 from bagassets.recipe.model import NuScenes
@@ -308,6 +309,35 @@ class TestCrashes:
         assert problems == []
 
 
+class TestTouchedByOthers:
+    """A dataset that somebody else changed is noticed, and the next assembly mends it."""
+
+    def test_a_dataset_as_it_was_made_is_untouched(self, store, parts, tmp_path):
+        assert not is_untouched(tmp_path, VERSION)
+        for _ in range(5):  # whatever tick of the clock its last file was made in
+            assemble(parts[:2], SETTINGS, store, tmp_path)
+            assert is_untouched(tmp_path, VERSION)
+            assemble(parts[:3], SETTINGS, store, tmp_path)
+            assert is_untouched(tmp_path, VERSION)
+
+    @pytest.mark.parametrize("which", ["a file", "a table", "a channel", "the lock"])
+    def test_what_is_gone_is_noticed_and_made_again(self, store, parts, tmp_path, which):
+        assemble(parts, SETTINGS, store, tmp_path)
+        whole = content(tmp_path)
+        if which == "a file":
+            (tmp_path / tables(tmp_path)["sample_data"][0]["filename"]).unlink()
+        elif which == "a table":
+            (tmp_path / VERSION / "sample.json").unlink()
+        elif which == "a channel":
+            shutil.rmtree(tmp_path / "samples" / "CAM_FRONT")
+        else:
+            shutil.rmtree(tmp_path / VERSION)
+        assert not is_untouched(tmp_path, VERSION)
+        assemble(parts, SETTINGS, store, tmp_path)
+        assert is_untouched(tmp_path, VERSION)
+        assert content(tmp_path) == whole
+
+
 class TestFileSystems:
     def test_files_are_hard_links_into_the_store(self, store, parts, tmp_path):
         made = assemble(parts[:1], SETTINGS, store, tmp_path)
@@ -324,6 +354,8 @@ class TestFileSystems:
         made = assemble(parts, SETTINGS, store, tmp_path / "copied")
         assert made.files.get("copied", 0) + made.files.get("cloned", 0) == made.rows["sample_data"]
         assert content(tmp_path / "copied") == content(tmp_path / "linked")
+        assert assemble(parts, SETTINGS, store, tmp_path / "copied").files == {"removed": 0}
+        os.utime(tmp_path / "copied" / "samples")  # somebody was there: now every file is looked at
         assert assemble(parts, SETTINGS, store, tmp_path / "copied").files["kept"] == made.rows["sample_data"]
 
     def test_without_an_exchange_folders_are_renamed(self, store, parts, tmp_path, monkeypatch):

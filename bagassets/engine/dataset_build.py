@@ -8,8 +8,8 @@ from bagassets.engine.plan_model import Plan
 from bagassets.errors import DatasetError
 from bagassets.recipe.model import Recipe
 from bagassets.steps import vision_dataset
-from bagassets.steps.nuscenes_dataset import VERSION, BagPart, DatasetSummary, assemble, read_lock
-from bagassets.steps.vision_dataset import VisionPart, VisionSummary, assemble_vision, read_vision_lock
+from bagassets.steps.nuscenes_dataset import VERSION, BagPart, DatasetSummary, assemble, is_untouched
+from bagassets.steps.vision_dataset import VisionPart, VisionSummary, assemble_vision, is_vision_complete
 from bagassets.store.canonical import digest_json
 from bagassets.store.store import Store
 
@@ -141,7 +141,7 @@ def dataset_code_versions(recipe: Recipe) -> dict[str, str]:
 
 
 def is_on_disk(recipe: Recipe, asset: str) -> bool:
-    """Tell whether a dataset that was made once is still there."""
+    """Tell whether a dataset that was made once is still there, with all its files; bytes are not read."""
     if asset == "vision_dataset":
-        return recipe.vision is not None and read_vision_lock(recipe.vision.output) is not None
-    return read_lock(recipe.nuscenes.output, recipe.nuscenes.version) is not None
+        return recipe.vision is not None and is_vision_complete(recipe.vision.output)
+    return is_untouched(recipe.nuscenes.output, recipe.nuscenes.version)

@@ -8,6 +8,7 @@ a complete dataset, the old or the new one, and the next run removes what the ki
 import json
 import os
 import shutil
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -29,10 +30,13 @@ from bagassets.splits import SplitShare
 from bagassets.store.canonical import digest_json
 from bagassets.store.store import Store
 
-__all__ = ["BagPart", "DatasetSummary", "assemble", "read_lock"]
+__all__ = ["BagPart", "DatasetSummary", "assemble", "is_untouched", "read_lock"]
 
 MAP_SIZE_PX = 64
 _FOLDERS = ("samples", "sweeps", "maps")
+# Times of files are as coarse as the kernel's clock; those of old file systems are coarser, then every
+# file is looked at.
+_TICK_S, _TICKS = 0.005, 20
 
 
 @dataclass(frozen=True)
@@ -105,10 +109,10 @@ def assemble(
         known = {} if _touched_by_others(output, current) else _bags(current)
         _put_files(linker, [e for e in entries if known.get(e.part.key) != e.part.tables], store, output)
         _put_map(output)
-        changed = not _same_lock(new, current)
+        changed = not _same_tables(new, current)
         old = swap_in(new, current) if changed else new
         removed = _retire(output, current, [*leftovers, *([old] if old is not None else [])])
-        (current / LOCK).touch()  # later than all that was done here: see `_touched_by_others`
+        _date_lock(output, current)
     files = {**linker.counts, "removed": removed}
     return DatasetSummary(
         digest=digest_json(written.digests),
@@ -133,6 +137,12 @@ def read_lock(output: Path, version: str) -> dict[str, Any] | None:
             f"{output / version / LOCK}: cannot be read ({err}); remove the folder and build the dataset again."
         ) from err
     return lock
+
+
+def is_untouched(output: Path, version: str) -> bool:
+    """Tell whether a dataset is there and no file of it came or went since it was made; its bytes are not read."""
+    current = output / version
+    return (current / LOCK).is_file() and not _touched_by_others(output, current)
 
 
 def _without_copies(parts: Sequence[BagPart]) -> tuple[list[BagPart], dict[str, str]]:
@@ -197,11 +207,24 @@ def _put_map(output: Path) -> None:
         temporary.replace(path)
 
 
-def _same_lock(new: Path, current: Path) -> bool:
+def _same_tables(new: Path, current: Path) -> bool:
+    """Tell whether `current` has all that `new` has; bytes that changed in place are found by `verify`."""
     try:
-        return (current / LOCK).read_bytes() == (new / LOCK).read_bytes()
+        same = (current / LOCK).read_bytes() == (new / LOCK).read_bytes()
+        return same and all(
+            (current / path.name).stat().st_size == path.stat().st_size for path in new.iterdir()
+        )
     except FileNotFoundError:
         return False
+
+
+def _date_lock(output: Path, current: Path) -> None:
+    """Give the lock a time later than all that was done here: see `_touched_by_others`."""
+    for _ in range(_TICKS):
+        (current / LOCK).touch()
+        if not _touched_by_others(output, current):
+            return
+        time.sleep(_TICK_S)
 
 
 def _retire(output: Path, current: Path, retired: Sequence[Path]) -> int:
@@ -235,7 +258,7 @@ def _touched_by_others(output: Path, current: Path) -> bool:
     If not, those of recordings that stay the same need no look: with millions of files that is
     what an update would cost. A folder's time of change is that of its last new or removed entry.
     """
-    folders = [output / name for name in _FOLDERS]
+    folders = [current, *(output / name for name in _FOLDERS)]
     try:
         made_ns = (current / LOCK).stat().st_mtime_ns
         channels = [Path(entry.path) for folder in folders for entry in os.scandir(folder) if entry.is_dir()]

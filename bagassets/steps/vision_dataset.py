@@ -3,9 +3,22 @@
 Like `nuscenes_dataset` it writes a folder, not an artifact: its lock file says what it was made from.
 """
 
-from bagassets.vision.dataset import VisionPart, VisionSummary, assemble_vision, read_vision_lock
+from bagassets.vision.dataset import (
+    VisionPart,
+    VisionSummary,
+    assemble_vision,
+    is_vision_complete,
+    read_vision_lock,
+)
 
-__all__ = ["VERSION", "VisionPart", "VisionSummary", "assemble_vision", "read_vision_lock"]
+__all__ = [
+    "VERSION",
+    "VisionPart",
+    "VisionSummary",
+    "assemble_vision",
+    "is_vision_complete",
+    "read_vision_lock",
+]
 
 # Raised whenever the bytes of a dataset change for the same recordings.
 VERSION = 1

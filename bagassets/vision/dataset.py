@@ -40,6 +40,7 @@ __all__ = [
     "VisionPart",
     "VisionSummary",
     "assemble_vision",
+    "is_vision_complete",
     "read_vision_lock",
 ]
 
@@ -168,6 +169,19 @@ def read_vision_lock(output: Path) -> dict[str, Any] | None:
             f"{output / ANNOTATIONS / LOCK}: cannot be read ({err}); remove the folder and build the dataset again."
         ) from err
     return lock
+
+
+def is_vision_complete(output: Path) -> bool:
+    """Tell whether a dataset is there with the folders of all its recordings; their files are not looked at."""
+    lock = read_vision_lock(output)
+    if lock is None:
+        return False
+    try:
+        there = {folder.name for folder in (output / RECORDINGS).iterdir()} if lock["bags"] else set()
+    except FileNotFoundError:
+        return False
+    files = all((output / ANNOTATIONS / name).is_file() for name in lock["files"])
+    return files and there.issuperset(bag["folder"] for bag in lock["bags"])
 
 
 def _entries(

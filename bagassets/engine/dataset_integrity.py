@@ -1,0 +1,153 @@
+"""Checking datasets against the store that they were linked from.
+
+A hard link is the file of the store itself and is checked there; a copy is hashed. What is damaged is taken
+out of the dataset, so that the next build puts it in again.
+"""
+
+import os
+import shutil
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from uuid import uuid4
+
+from bagassets.errors import StoreError
+from bagassets.recipe.model import Recipe
+from bagassets.steps.nuscenes_dataset import read_lock
+from bagassets.steps.vision_dataset import read_vision_lock
+from bagassets.store.artifact import FileEntry
+from bagassets.store.canonical import digest_file
+from bagassets.store.store import Store
+from bagassets.vision.dataset import ANNOTATIONS, FACTS, FILES, RECORDINGS, SEQUENCES
+
+__all__ = ["DatasetDamage", "check_datasets", "take_out"]
+
+
+@dataclass(frozen=True)
+class DatasetDamage:
+    """A file of a dataset that is not as it was written.
+
+    Attributes:
+        path: the file.
+        reason: what is wrong, in words.
+        unit: what has to go for the next build to make it again: the file, or the folder of its recording.
+    """
+
+    path: Path
+    reason: str
+    unit: Path
+
+    def __str__(self) -> str:
+        return f"{self.path}: {self.reason}"
+
+
+def check_datasets(recipe: Recipe, store: Store, damaged: Collection[str] = ()) -> Iterator[DatasetDamage]:
+    """Yield what is damaged in the datasets of a recipe; nothing is changed.
+
+    Args:
+        recipe: the recipe.
+        store: the store that the datasets were made from.
+        damaged: artifacts whose files in the store are not to be trusted.
+
+    Raises:
+        DatasetError: a lock file cannot be read.
+    """
+    check = _Check(store, frozenset(damaged))
+    output, version = recipe.nuscenes.output, recipe.nuscenes.version
+    lock = read_lock(output, version)
+    if lock is not None:
+        yield from check.tables(output / version, lock["tables"])
+        for bag in lock["bags"]:
+            for file in check.read_json(bag["nuscenes_tables"], FILES):
+                path = output / file["filename"]
+                yield from check.file(path, file["artifact"], file["file"], unit=path)
+    vision = None if recipe.vision is None else recipe.vision.output
+    lock = None if vision is None else read_vision_lock(vision)
+    if vision is None or lock is None:
+        return
+    yield from check.tables(vision / ANNOTATIONS, lock["files"])
+    for bag in lock["bags"]:
+        folder = vision / RECORDINGS / bag["folder"]
+        for name in check.entries(bag["vision_sequences"]) or ():
+            if name not in {FACTS, FILES, SEQUENCES}:
+                yield from check.file(folder / name, bag["vision_sequences"], name, unit=folder)
+        for file in check.read_json(bag["vision_sequences"], FILES):
+            yield from check.file(folder / file["filename"], file["artifact"], file["file"], unit=folder)
+
+
+def take_out(damages: Collection[DatasetDamage]) -> None:
+    """Remove what is damaged from its dataset."""
+    for unit in sorted({damage.unit for damage in damages}):
+        if unit.is_dir():
+            retired = unit.with_name(f"{unit.name}.tmp-{uuid4().hex}")
+            unit.rename(retired)
+            shutil.rmtree(retired, ignore_errors=True)
+        else:
+            unit.unlink(missing_ok=True)
+
+
+class _Check:
+    """Compares files of datasets with what manifests say, each of which is read once."""
+
+    def __init__(self, store: Store, damaged: frozenset[str]) -> None:
+        self._store = store
+        self._damaged = damaged
+        self._entries: dict[str, Mapping[str, FileEntry] | None] = {}
+
+    def entries(self, artifact: str) -> Mapping[str, FileEntry] | None:
+        """Return the files of an artifact by name; None if the store does not know (any more)."""
+        if artifact not in self._entries:
+            try:
+                entries = self._store.artifact(artifact).entries()
+            except (StoreError, KeyError, TypeError):
+                self._entries[artifact] = None
+            else:
+                self._entries[artifact] = {entry.path: entry for entry in entries}
+        return self._entries[artifact]
+
+    def read_json(self, artifact: str, name: str) -> list[dict[str, Any]]:
+        """Return a list in an artifact; nothing if the artifact is damaged: then its files are made again."""
+        if artifact in self._damaged:
+            return []
+        try:
+            rows: list[dict[str, Any]] = self._store.artifact(artifact).read_json(name)
+        except StoreError:
+            return []
+        return rows
+
+    def tables(self, folder: Path, digests: Mapping[str, str]) -> Iterator[DatasetDamage]:
+        """Check the files that a lock has digests of."""
+        for name, digest in sorted(digests.items()):
+            path = folder / name
+            reason = _difference(path, digest)
+            if reason is not None:
+                yield DatasetDamage(path, reason, path)
+
+    def file(self, path: Path, artifact: str, name: str, *, unit: Path) -> Iterator[DatasetDamage]:
+        """Check one file that was linked or copied from the store."""
+        try:
+            stat = path.stat()
+        except OSError as err:
+            yield DatasetDamage(path, f"is missing ({err.strerror})", unit)
+            return
+        entries = self.entries(artifact)
+        if entries is None or name not in entries:
+            if artifact in self._damaged:
+                yield DatasetDamage(path, f"comes from the damaged artifact {artifact[:16]}", unit)
+            return
+        if artifact not in self._damaged:
+            with suppress(OSError):
+                if os.path.samestat(self._store.artifact(artifact).path(name).stat(), stat):
+                    return
+        reason = _difference(path, entries[name].digest)
+        if reason is not None:
+            yield DatasetDamage(path, reason, unit)
+
+
+def _difference(path: Path, digest: str) -> str | None:
+    try:
+        return None if digest_file(path) == digest else "was changed"
+    except OSError as err:
+        return f"is missing or cannot be read ({err.strerror})"
