@@ -369,7 +369,8 @@ class TestStep:
         message = detections(detection("1", rotation=(0.0, 0.0, 0.0, 0.0)), detection("2"))
         artifact = run(store, ask(ego_poses), FakeRecording([message]))
         boxes = artifact.summary()["counts"]["/boxes"]["boxes"]
-        assert boxes == {"read": 2, "written": 1, "lost": {"its quaternion is not of unit length": 1}}
+        assert (boxes["read"], boxes["written"]) == (2, 1)
+        assert boxes["lost"] == {"its quaternion is not of unit length": 1}
 
     def test_a_topic_of_another_kind_is_refused(self, store, ego_poses):
         recording = FakeRecording([Msg()], "std_msgs/msg/String")
