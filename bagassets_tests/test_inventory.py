@@ -3,7 +3,8 @@ import struct
 import pytest
 from blake3 import blake3
 
-from bagassets.bags.inventory import Inventory
+from bagassets.bags.inventory import Definition, Inventory
+from bagassets.bags.layouts import choice_of
 from bagassets.bags.open import open_recording
 from bagassets.bags.pack import PackedRecording
 from bagassets.geometry.sun import sun_elevation_deg
@@ -67,10 +68,12 @@ def test_the_truth_of_a_topic(tmp_path, inventory_of):
     for m, payload in zip(messages, payloads, strict=True):
         hasher.update(struct.pack("<qQ", m.log_time_ns, len(payload)) + payload)
     assert Inventory.from_json(value).topic("/point").count == 7
-    assert topic.pop("definition")["format"] == "msg"
+    definition = Definition(**topic.pop("definition"))
+    assert definition.format == "msg"
+    layout_digest = choice_of("geometry_msgs/msg/PointStamped", "ros1", definition, ()).best.digest
     assert topic == {
         "name": "/point", "type": "geometry_msgs/msg/PointStamped", "count": 7,
-        "bytes": sum(map(len, payloads)), "digest": hasher.hexdigest(),
+        "bytes": sum(map(len, payloads)), "digest": blake3(hasher.digest() + layout_digest.encode()).hexdigest(),
         "first_ns": NOON_NS, "last_ns": NOON_NS + 15 * SECOND,
         "first_stamp_ns": NOON_NS - SECOND // 10, "last_stamp_ns": NOON_NS + 15 * SECOND - 7 * SECOND // 10,
         "rate_hz": 0.4, "max_gap_s": 10.0, "gaps": [{"start_ns": NOON_NS + 3 * SECOND, "duration_s": 10.0}],
@@ -168,7 +171,7 @@ def test_types_from_message_files_are_packed_with_their_definition(tmp_path, inv
     assert summary["unreadable_topics"] == "/speed"
     value, parquet, _ = inventory_of(path, [tmp_path / "messages"])
     topic = topic_of(value, "/speed")
-    assert topic["digest"] == topic_of(without, "/speed")["digest"]
+    assert topic["digest"] != topic_of(without, "/speed")["digest"]
     assert topic["first_stamp_ns"] == 7 * SECOND + 5
     with PackedRecording(value, parquet) as pack:
         (message,) = pack.messages(["/speed"])

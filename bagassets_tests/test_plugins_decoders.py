@@ -375,11 +375,9 @@ def test_every_family_goes_through_its_step(tmp_path, site, family_recording):
     assert table["category"].to_pylist() == ["car"] * MESSAGES
     assert table["x"].to_pylist() == pytest.approx([10.0 + 0.5 * number for number in range(MESSAGES)])
     counts = boxes.read_json("annotations.json")["counts"]["/things"]
-    assert counts["boxes"] == {
-        "read": 2 * MESSAGES,
-        "written": MESSAGES,
-        "lost": {"its kind is broken": MESSAGES},
-    }
+    boxes = counts["boxes"]
+    assert (boxes["read"], boxes["written"]) == (2 * MESSAGES, MESSAGES)
+    assert boxes["lost"] == {"its kind is broken": MESSAGES}
     assert counts["ignored"] == MESSAGES
 
 

@@ -78,6 +78,21 @@ class BaseRecording(ABC):
         """Return what the messages of a topic are decoded with."""
         return self._types[topic].definition(self.topics[topic].msgtype)
 
+    def assume(self, definitions: Mapping[str, Definition]) -> None:
+        """Decode topics that came without definition with those that the inventory found to fit."""
+        for topic, definition in definitions.items():
+            if topic in self.topics:
+                self._types[topic].assume(self.topics[topic].msgtype, definition)
+
+    def layout_digest(self, topic: str) -> str:
+        """Return a digest of how the messages of a topic are laid out; empty if that is not known."""
+        layout = self._types[topic].layout(self.topics[topic].msgtype)
+        return "" if layout is None else layout.digest
+
+    def is_ambiguous(self, topic: str) -> bool:
+        """Tell whether only the bytes of messages tell how those of a topic are laid out."""
+        return self._types[topic].is_ambiguous(self.topics[topic].msgtype)
+
     def serialization(self, topic: str) -> Serialization:
         """Return how the messages of a topic are serialized."""
         return self._types[topic].serialization

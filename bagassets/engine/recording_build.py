@@ -339,7 +339,7 @@ class RecordingBuild:
         if jobs:
             try:
                 topics = {topic for job in jobs for topic in job.topics}
-                with self.source.whole() as recording:
+                with self.source.whole(self.inventory) as recording:
                     made, failed = run_pass(
                         recording.restrict(topics), jobs, self.store, self.source.verify_unchanged
                     )

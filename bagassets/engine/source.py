@@ -10,6 +10,7 @@ from bagassets.bags.model import Found
 from bagassets.bags.open import open_recording
 from bagassets.bags.pack import PackedRecording
 from bagassets.bags.reader import BaseRecording
+from bagassets.errors import BagAssetsError
 from bagassets.store.artifact import Artifact
 
 __all__ = ["MessageSource"]
@@ -38,18 +39,28 @@ class MessageSource:
         assert_unchanged(self.found, self._stat)
 
     @contextmanager
-    def whole(self) -> Iterator[BaseRecording]:
-        """Open the recording itself, checked before and after."""
+    def whole(self, inventory: Inventory | None = None) -> Iterator[BaseRecording]:
+        """Open the recording itself, checked before and after.
+
+        Args:
+            inventory: what its topics without definition are decoded with; None to find that out.
+        """
         self.verify_unchanged()
-        with open_recording(self.found, self._message_definitions) as recording:
-            yield recording
+        try:
+            with open_recording(self.found, self._message_definitions) as recording:
+                if inventory is not None:
+                    recording.assume({name: topic.definition for name, topic in inventory.topics.items()})
+                yield recording
+        except BagAssetsError:
+            self.verify_unchanged()  # if it changed, that is what went wrong
+            raise
         self.verify_unchanged()
 
     @contextmanager
     def topics(self, names: Sequence[str], inventory: Inventory, packed: Artifact) -> Iterator[BaseRecording]:
         """Open `names` only, from the pack of the inventory artifact if it has them all."""
         if inventory.unpacked(names):
-            with self.whole() as recording:
+            with self.whole(inventory) as recording:
                 yield recording.restrict(names)
         else:
             with PackedRecording(

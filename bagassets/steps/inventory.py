@@ -14,12 +14,14 @@ from bagassets.decode.navsat import FixReading, decode_navsat
 from bagassets.errors import DecodeError
 from bagassets.geometry.sun import daylight
 from bagassets.steps.topic_log import TopicLog
+from bagassets.steps.topic_probe import TopicProbe
 from bagassets.store.action import Step
 from bagassets.store.artifact import ArtifactWriter
 
 __all__ = ["STEP", "make_inventory"]
 
-STEP = Step("inventory", 2, ("pyarrow",))
+# rosbags has the standard types, which recordings without definitions are decoded with.
+STEP = Step("inventory", 3, ("pyarrow", "rosbags"))
 
 # Types of sensor data in bulk: never packed, whatever their size.
 BULK = frozenset(
@@ -52,6 +54,9 @@ def make_inventory(recording: BaseRecording, out: ArtifactWriter, *, size: int) 
         size: bytes of its files.
     """
     logs = {name: TopicLog(info.msgtype) for name, info in recording.topics.items()}
+    probes = {
+        name: TopicProbe(recording, name) for name, info in recording.topics.items() if info.problem is None
+    }
     kept: dict[str, list[tuple[int, RawMessage]]] = {
         name: [] for name, info in recording.topics.items() if info.msgtype not in BULK
     }
@@ -60,6 +65,8 @@ def make_inventory(recording: BaseRecording, out: ArtifactWriter, *, size: int) 
         name, info = message.topic, recording.topics[message.topic]
         log = logs[name]
         log.add(message, recording.header(message) if info.problem is None else None)
+        if name in probes:
+            probes[name].add(message)
         if name in kept:
             kept[name].append((number, replace(message, data=bytes(message.data))))
             if log.bytes > MOST_TOPIC_BYTES:
@@ -73,14 +80,17 @@ def make_inventory(recording: BaseRecording, out: ArtifactWriter, *, size: int) 
     }
     in_order = sorted((entry for entries in kept.values() for entry in entries), key=itemgetter(0))
     write_pack(out, [message for _, message in in_order])
-    value = _inventory_json(recording, logs, set(kept), fixes)
+    problems = {
+        name: probes[name].problem if name in probes else info.problem
+        for name, info in recording.topics.items()
+    }
+    value = _inventory_json(recording, logs, set(kept), problems, fixes)
     out.write_json("inventory.json", value | {"size": size})
-    problems = [topic["name"] for topic in value["topics"] if topic["problem"] is not None]
     return {
         "messages": sum(topic["count"] for topic in value["topics"]),
         "topics": len(value["topics"]),
         "duration_s": value["duration_s"],
-        "unreadable_topics": ", ".join(problems) or "none",
+        "unreadable_topics": ", ".join(sorted(name for name in problems if problems[name])) or "none",
     }
 
 
@@ -94,7 +104,11 @@ def _take_fix(recording: BaseRecording, message: RawMessage, fixes: list[FixRead
 
 
 def _inventory_json(
-    recording: BaseRecording, logs: dict[str, TopicLog], packed: set[str], fixes: list[FixReading]
+    recording: BaseRecording,
+    logs: dict[str, TopicLog],
+    packed: set[str],
+    problems: dict[str, str | None],
+    fixes: list[FixReading],
 ) -> dict[str, Any]:
     topics = []
     for name, info in sorted(recording.topics.items()):
@@ -103,9 +117,9 @@ def _inventory_json(
             {
                 "name": name,
                 "type": info.msgtype,
-                **logs[name].as_json(),
+                **logs[name].as_json(recording.layout_digest(name)),
                 "packed": name in packed,
-                "problem": info.problem,
+                "problem": problems[name],
                 "serialization": recording.serialization(name),
                 "definition": {"format": definition.format, "text": definition.text},
             }
@@ -152,7 +166,7 @@ def _notes(recording: BaseRecording, topics: list[dict[str, Any]]) -> list[str]:
             notes.append(f"{name}: the recording announces {announced} messages and holds {topic['count']}.")
         if topic["unordered_stamps"]:
             notes.append(f"{name}: {topic['unordered_stamps']} header stamps go back in time.")
-        if offset is None:
+        if offset is None or topic["problem"] is not None:
             continue
         if topic["first_stamp_ns"] == topic["last_stamp_ns"] == 0:
             unset.append(name)

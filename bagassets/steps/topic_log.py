@@ -18,8 +18,10 @@ MOST_FRAMES = 5
 class TopicLog:
     """Counts, times and the content digest of one topic.
 
-    The digest is of the type and of (log time, length, payload) of each message, in order of log
-    time: re-indexing, re-compressing or splitting a recording leaves it alone.
+    The digest is of the type, of (log time, length, payload) of each message in order of log
+    time, and of the layout that the payloads are decoded by. Re-indexing, re-compressing or
+    splitting a recording leaves it alone; a definition that makes other numbers of the same bytes
+    does not.
     """
 
     def __init__(self, msgtype: str) -> None:
@@ -53,8 +55,12 @@ class TopicLog:
         if frame and frame not in self._frames and len(self._frames) < MOST_FRAMES:
             self._frames[frame] = None
 
-    def as_json(self) -> dict[str, Any]:
-        """Return the facts as they stand in `inventory.json`."""
+    def as_json(self, layout_digest: str) -> dict[str, Any]:
+        """Return the facts as they stand in `inventory.json`.
+
+        Args:
+            layout_digest: how messages are laid out; empty if that is not known.
+        """
         times = np.array(self._times, dtype=np.int64)
         stamps = np.array(self._stamps, dtype=np.int64)
         offsets = np.array(self._stamped_times, dtype=np.int64) - stamps
@@ -63,7 +69,7 @@ class TopicLog:
         return {
             "count": len(times),
             "bytes": self.bytes,
-            "digest": self._hasher.hexdigest(),
+            "digest": blake3(self._hasher.digest() + layout_digest.encode()).hexdigest(),
             "first_ns": int(times[0]) if len(times) else None,
             "last_ns": int(times[-1]) if len(times) else None,
             "first_stamp_ns": int(stamps.min()) if len(stamps) else None,

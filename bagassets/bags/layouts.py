@@ -1,0 +1,271 @@
+"""How the bytes of a message type may be laid out: the type and all that it refers to.
+
+A definition that came with the recording is the only layout of its type. Without one, a folder
+of the user's wins; then come the versions of known packages (`bagassets.bags.known_types`) and
+the standard types, newest first. Several may be possible: `Choice` goes by what fits the bytes.
+"""
+
+import struct
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache, cached_property, lru_cache
+from pathlib import Path
+from typing import Any, Literal
+
+from rosbags.interfaces import Nodetype
+from rosbags.serde import SerdeError
+from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+from bagassets.bags.inventory import Definition
+from bagassets.bags.known_types import Types, known_versions
+from bagassets.errors import DecodeError, RecordingError
+from bagassets.store.canonical import digest_json
+
+__all__ = ["Choice", "Layout", "Serialization", "choice_of", "short_reason"]
+
+Serialization = Literal["ros1", "cdr"]
+
+# What parsing and compiling a definition may raise, bare assertions included.
+UNUSABLE = (TypesysError, SerdeError, KeyError, ValueError, AssertionError, TypeError)
+_MISFITS = (SerdeError, AssertionError, ValueError, IndexError, struct.error, UnicodeDecodeError)
+
+# In no store of ROS 1, but in most ROS 1 bags: `tf/tfMessage` is the older name.
+_TF = "geometry_msgs/TransformStamped[] transforms\n"
+_TF_NAMES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
+# Standard types that had other fields before Humble, when bags had no definitions yet.
+CHANGED_IN_HUMBLE = frozenset({"shape_msgs/msg/SolidPrimitive", "visualization_msgs/msg/Marker"})
+
+Lookup = Callable[[str], Any | None]
+
+
+@dataclass(frozen=True)
+class Layout:
+    """One way to read a message type.
+
+    Attributes:
+        msgtype: the type.
+        serialization: how its messages are serialized.
+        types: it and all types that it refers to.
+    """
+
+    msgtype: str
+    serialization: Serialization
+    types: Types
+
+    @cached_property
+    def store(self) -> Typestore:
+        """A type store that has these types and no others."""
+        store = get_typestore(Stores.EMPTY)
+        store.register(dict(self.types))
+        # Compiles the (de)serializer, which finds fields that no message can have.
+        store.get_msgdef(self.msgtype)
+        return store
+
+    @cached_property
+    def digest(self) -> str:
+        """Digest of everything that decides what a payload decodes to; comments do not."""
+        types = {
+            name: {
+                "constants": [[str(part) for part in constant] for constant in constants],
+                "fields": [[field, _plain(description)] for field, description in fields],
+            }
+            for name, (constants, fields) in self.types.items()
+        }
+        return digest_json({"type": self.msgtype, "serialization": self.serialization, "types": types})
+
+    @property
+    def text(self) -> str:
+        """The definition as ROS writes it, with `MSG:` sections for nested types."""
+        version: Literal[1, 2] = 1 if self.serialization == "ros1" else 2
+        text, _ = self.store.generate_msgdef(self.msgtype, ros_version=version)
+        return text
+
+    def decode(self, data: bytes | memoryview) -> Any:
+        """Return the message object.
+
+        Raises:
+            DecodeError: the bytes do not fit.
+        """
+        try:
+            if self.serialization == "ros1":
+                return self.store.deserialize_ros1(data, self.msgtype)
+            return self.store.deserialize_cdr(data, self.msgtype)
+        except _MISFITS as err:
+            raise DecodeError(f"its bytes do not fit {self.msgtype}") from err
+
+
+class Choice:
+    """The layouts that a type may have, and how many messages did not fit each.
+
+    Args:
+        layouts: at least one, the likeliest first.
+    """
+
+    def __init__(self, layouts: Sequence[Layout]) -> None:
+        self.layouts = tuple(layouts)
+        self._misfits = [0] * len(self.layouts)
+
+    @property
+    def best(self) -> Layout:
+        """The layout that the fewest messages did not fit; the likeliest of equals."""
+        return self.layouts[self._misfits.index(min(self._misfits))]
+
+    def decode(self, data: bytes | memoryview) -> Any:
+        """Return the message object, by the best layout that fits.
+
+        Raises:
+            DecodeError: no layout fits.
+        """
+        if len(self.layouts) == 1:
+            return self.layouts[0].decode(data)
+        order = sorted(range(len(self.layouts)), key=lambda number: self._misfits[number])
+        for number in order:
+            try:
+                return self.layouts[number].decode(data)
+            except DecodeError as err:
+                self._misfits[number] += 1
+                problem = err
+        raise problem
+
+
+def choice_of(
+    msgtype: str, serialization: Serialization, definition: Definition | None, folders: Sequence[Path]
+) -> Choice | str:
+    """Return the layouts of a type, or why there are none.
+
+    Args:
+        msgtype: `pkg/msg/Type`.
+        serialization: how its messages are serialized.
+        definition: what came with the recording, if anything.
+        folders: of `.msg` files, laid out as `pkg/msg/Type.msg` or `pkg/Type.msg`.
+
+    Raises:
+        RecordingError: a folder does not exist or holds something else.
+    """
+    layouts = _layouts(msgtype, serialization, definition, tuple(folders))
+    return layouts if isinstance(layouts, str) else Choice(layouts)
+
+
+@lru_cache(maxsize=512)  # compiling takes 10 ms a layout, and recordings of one rig have the same types
+def _layouts(
+    msgtype: str, serialization: Serialization, definition: Definition | None, folders: tuple[Path, ...]
+) -> tuple[Layout, ...] | str:
+    given = definition is not None and definition.format != "none" and bool(definition.text)
+    try:
+        own = _parsed(definition, msgtype) if definition is not None and given else {}
+        found: list[Types] = []
+        for lookups in _stacks(msgtype, own, folders, serialization):
+            types = _closure(msgtype, lookups)
+            if types is not None and types not in found:
+                found.append(types)
+        layouts = tuple(Layout(msgtype, serialization, types) for types in found)
+        for layout in layouts[:1]:
+            _ = layout.store  # the others are compiled only if this one does not fit
+    except UNUSABLE as err:
+        return f"the definition of {msgtype} cannot be used ({short_reason(err)})"
+    if layouts:
+        return layouts
+    if given:
+        return f"the definition of {msgtype} cannot be used (it refers to types that are not defined)"
+    return f"there is no definition of {msgtype}; name a folder of .msg files in bags.message_definitions"
+
+
+def short_reason(err: Exception) -> str:
+    """Return the first line of an error's text."""
+    lines = str(err).strip().splitlines()
+    return lines[0] if lines else type(err).__name__
+
+
+def _stacks(
+    msgtype: str, own: Types, folders: Sequence[Path], serialization: Serialization
+) -> Iterator[Sequence[Lookup]]:
+    """Yield the ways to look up types, the likeliest first."""
+    package = msgtype.partition("/")[0]
+    by_hand: dict[str, Any] = {}
+    for folder in folders:
+        by_hand |= {name: fields for name, fields in _message_files(folder).items() if name not in by_hand}
+    settled = msgtype in own or msgtype in by_hand
+    # Of a type that is given, only what it refers to is looked up, and only as it is today.
+    versions = known_versions(package)[: 1 if settled else None] or ({},)
+    standards = (
+        ("ros1",) if serialization == "ros1" else ("humble",) if msgtype in own else ("humble", "galactic")
+    )
+    for version in versions:
+        for standard in standards:
+            yield (own.get, by_hand.get, version.get, _newest_known, _standard(standard))
+
+
+def _newest_known(name: str) -> Any | None:
+    versions = known_versions(name.partition("/")[0])
+    return versions[0].get(name) if versions else None
+
+
+def _standard(name: str) -> Lookup:
+    def look_up(msgtype: str) -> Any | None:
+        # Only what differs is looked up in the older one, which takes 60 ms to load.
+        old = name == "galactic" and msgtype in CHANGED_IN_HUMBLE
+        stores = {"ros1": Stores.ROS1_NOETIC, "humble": Stores.ROS2_HUMBLE, "galactic": Stores.ROS2_GALACTIC}
+        return _standard_types(stores[name if name == "ros1" or old else "humble"]).get(msgtype)
+
+    return look_up
+
+
+@cache
+def _standard_types(store: Stores) -> Types:
+    types = {name: (fields[0], fields[1]) for name, fields in get_typestore(store).fielddefs.items()}
+    for name in _TF_NAMES:
+        types |= {} if name in types else get_types_from_msg(_TF, name)
+    return types
+
+
+def _closure(msgtype: str, lookups: Iterable[Lookup]) -> dict[str, Any] | None:
+    """Return a type and all that it refers to; None if one of them is nowhere."""
+    types: dict[str, Any] = {}
+    missing = [msgtype]
+    while missing:
+        name = missing.pop()
+        fields = next((found for look_up in lookups if (found := look_up(name)) is not None), None)
+        if fields is None:
+            return None
+        types[name] = fields
+        missing += [
+            inner for _, description in fields[1] for inner in _references(description) if inner not in types
+        ]
+    return dict(sorted(types.items()))
+
+
+def _references(description: Any) -> Iterator[str]:
+    kind, inner = description
+    if kind == Nodetype.NAME:
+        yield inner
+    elif kind in {Nodetype.ARRAY, Nodetype.SEQUENCE}:
+        yield from _references(inner[0])
+
+
+def _plain(description: Any) -> Any:
+    """Return a field's description as JSON."""
+    if isinstance(description, Nodetype):
+        return description.name
+    return [_plain(part) for part in description] if isinstance(description, tuple) else description
+
+
+def _parsed(definition: Definition, msgtype: str) -> Types:
+    if definition.format == "idl":
+        return get_types_from_idl(definition.text)
+    return get_types_from_msg(definition.text, msgtype)
+
+
+@cache
+def _message_files(folder: Path) -> Mapping[str, Any]:
+    """Return the types defined in a folder of `.msg` files."""
+    if not folder.is_dir():
+        raise RecordingError(f"{folder}: no such folder; correct bags.message_definitions in the recipe.")
+    types: dict[str, Any] = {}
+    for path in sorted(folder.rglob("*.msg")):
+        package = path.parent.parent.name if path.parent.name == "msg" else path.parent.name
+        try:
+            types |= get_types_from_msg(path.read_text(encoding="utf-8"), f"{package}/msg/{path.stem}")
+        except TypesysError as err:
+            raise RecordingError(f"{path}: not a message definition ({short_reason(err)}).") from err
+    return types

@@ -1,0 +1,56 @@
+"""Whether the messages of a topic are what their definition says."""
+
+from bagassets.bags.model import RawMessage
+from bagassets.bags.reader import BaseRecording
+from bagassets.errors import DecodeError
+
+__all__ = ["TopicProbe"]
+
+# One damaged message does not condemn its topic.
+MOST_MISFITS = 5
+
+
+class TopicProbe:
+    """Decodes the first messages of a topic, until one fits its definition.
+
+    Of a type that may be laid out in several ways, all messages are decoded: empty lists, for
+    example, fit any layout.
+
+    Args:
+        recording: the recording.
+        topic: a topic whose type is known.
+    """
+
+    def __init__(self, recording: BaseRecording, topic: str) -> None:
+        self._recording = recording
+        self._topic = topic
+        self._misfits = 0
+        self._fits = False
+        self._done = False
+
+    def add(self, message: RawMessage) -> None:
+        """Take the next message."""
+        if self._done:
+            return
+        try:
+            self._recording.decode(message)
+        except DecodeError:
+            self._misfits += 1
+        else:
+            self._fits = True
+        enough = self._fits or self._misfits == MOST_MISFITS
+        self._done = enough and not self._recording.is_ambiguous(self._topic)
+
+    @property
+    def problem(self) -> str | None:
+        """Why its messages cannot be decoded; None if one could, or if there were none."""
+        if self._fits or not self._misfits:
+            return None
+        msgtype = self._recording.topics[self._topic].msgtype
+        own = self._recording.definitions[msgtype]
+        if own.format != "none" and own.text:
+            return f"its messages do not fit the definition of {msgtype} that is in the recording"
+        return (
+            f"its messages fit no definition of {msgtype} that is known; name a folder of .msg files in "
+            "bags.message_definitions"
+        )

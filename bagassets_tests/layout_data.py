@@ -1,0 +1,63 @@
+"""Messages of any layout, and recordings of them without definitions, as ROS 2 wrote them before Iron."""
+
+import sqlite3
+
+import numpy as np
+from rosbags.interfaces import Nodetype
+from rosbags.rosbag2 import Writer
+
+from bagassets.bags.layouts import choice_of
+
+_NUMBERS = {"bool": np.bool_, "byte": np.uint8, "char": np.uint8, "octet": np.uint8}
+
+
+def layout_of(msgtype, number=0):
+    """Return one of the layouts that are possible without a definition, the likeliest first."""
+    return choice_of(msgtype, "cdr", None, []).layouts[number]
+
+
+def fill(layout, msgtype=None, **given):
+    """Return a message of a layout; fields are given as nested dicts and lists, others are zero."""
+    msgtype = msgtype or layout.msgtype
+    fields = layout.types[msgtype][1]
+    unknown = given.keys() - {name for name, _ in fields}
+    assert not unknown, f"{msgtype} has no {unknown}"
+    values = {name: _value(layout, description, given.get(name)) for name, description in fields}
+    return layout.store.types[msgtype](**values)
+
+
+def _value(layout, description, given):
+    kind, inner = description
+    if kind == Nodetype.NAME:
+        return fill(layout, inner, **(given or {}))
+    if kind == Nodetype.BASE:
+        if given is not None:
+            return given
+        return "" if inner[0] in {"string", "wstring"} else 0
+    element, length = inner
+    if given is None:
+        given = [None] * (length if kind == Nodetype.ARRAY else 0)
+    items = [_value(layout, element, item) for item in given]
+    if element[0] != Nodetype.BASE or element[1][0] == "string":
+        return items
+    return np.array(items, dtype=_NUMBERS.get(element[1][0], element[1][0]))
+
+
+def header(stamp_ns, frame):
+    return {"stamp": {"sec": stamp_ns // 10**9, "nanosec": stamp_ns % 10**9}, "frame_id": frame}
+
+
+def write_bare(path, messages):
+    """Write a ROS 2 bag without definitions from (topic, layout, log time, message)."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with Writer(path, version=9) as writer:
+        connections = {}
+        for topic, layout, log_time_ns, message in messages:
+            if topic not in connections:
+                connections[topic] = writer.add_connection(topic, layout.msgtype, typestore=layout.store)
+            payload = layout.store.serialize_cdr(message, layout.msgtype)
+            writer.write(connections[topic], log_time_ns, payload)
+    (database,) = path.glob("*.db3")
+    with sqlite3.connect(database) as connection:
+        connection.execute("DELETE FROM message_definitions")
+    return path
