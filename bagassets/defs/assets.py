@@ -7,6 +7,7 @@ import dagster as dg
 
 from bagassets.bags.digest import recording_digest, recording_stat
 from bagassets.defs.events import STAT, recorded_artifact, recorded_partition
+from bagassets.defs.pictures import picture_metadata
 from bagassets.defs.reporting import failures_in_words, result_metadata
 from bagassets.defs.workspace import Workspace, recording_partitions
 from bagassets.engine.code_version import code_version
@@ -153,5 +154,5 @@ def _build(
         yield dg.MaterializeResult(
             asset_key=made.asset,
             data_version=dg.DataVersion(made.artifact.digest),
-            metadata=result_metadata(made) | skipped,
+            metadata=result_metadata(made) | picture_metadata(made) | skipped,
         )

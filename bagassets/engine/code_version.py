@@ -16,6 +16,7 @@ from bagassets.steps import (
     frames,
     inventory,
     nuscenes_tables,
+    preview,
     sweeps,
     vision_sequences,
 )
@@ -32,6 +33,7 @@ _STEPS = {
     "sweeps": sweeps.STEP,
     "nuscenes_tables": nuscenes_tables.STEP,
     "vision_sequences": vision_sequences.STEP,
+    "preview": preview.STEP,
 }
 # Plug-ins of these families may decode what an asset reads.
 _FAMILIES: Mapping[str, tuple[Family, ...]] = {
@@ -79,6 +81,9 @@ def _rig_fields(recipe: Recipe, rig: Rig, asset: str) -> Any:
             return [common, {name: fields for name, fields in channels.items() if name in cameras}]
         case "sweeps":
             return [common, {name: fields for name, fields in channels.items() if name not in cameras}]
+        case "preview":
+            pictures = recipe.preview.model_dump(mode="json", exclude={"enabled", "trajectory_map"})
+            return [pictures, sorted(channels)]
         case "vision_sequences":
             vision = recipe.vision and recipe.vision.model_dump(mode="json", exclude={"output", "files"})
             return [vision, rig.name, rig.tf, rig.tf_static, sorted(cameras)]

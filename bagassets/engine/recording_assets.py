@@ -29,15 +29,16 @@ UPSTREAM: dict[str, tuple[str, ...]] = {
     "sweeps": ("inventory", "calibration", "ego_poses"),
     "nuscenes_tables": ("inventory", "calibration", "ego_poses", "annotations", "frames", "sweeps"),
     "vision_sequences": ("inventory", "calibration", "ego_poses", "frames"),
+    "preview": ("inventory", "calibration", "ego_poses", "annotations", "frames", "sweeps"),
 }
 # Assets that the recipe may leave out. No dataset but their own depends on them.
-OPTIONAL_ASSETS = ("vision_sequences",)
+OPTIONAL_ASSETS = ("vision_sequences", "preview")
 ASSETS = tuple(asset for asset in UPSTREAM if asset not in OPTIONAL_ASSETS)
 
 
 def assets_of(recipe: Recipe) -> tuple[str, ...]:
     """Return the assets that a recording has under this recipe, in the order in which they are made."""
-    enabled = {"vision_sequences": recipe.vision is not None}
+    enabled = {"vision_sequences": recipe.vision is not None, "preview": recipe.preview.enabled}
     return tuple(asset for asset in UPSTREAM if enabled.get(asset, True))
 
 

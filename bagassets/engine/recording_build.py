@@ -36,6 +36,7 @@ from bagassets.steps import (
     frames,
     inventory,
     nuscenes_tables,
+    preview,
     sweeps,
     vision_sequences,
 )
@@ -197,6 +198,7 @@ class RecordingBuild:
             "annotations": self._annotations,
             "nuscenes_tables": self._nuscenes_tables,
             "vision_sequences": self._vision_sequences,
+            "preview": self._preview,
         }
         if not assets:
             return {}
@@ -256,7 +258,7 @@ class RecordingBuild:
         )
 
     def _ego_poses(self) -> AssetResult:
-        request = ego_poses.request(self.rig, self.recipe.clock, self.inventory)
+        request = ego_poses.request(self.rig, self.recipe.clock, self.inventory, self.recipe.limits)
         return self._run_on_messages("ego_poses", ego_poses.STEP, request, ego_poses.make)
 
     def _annotations(self) -> AssetResult:
@@ -313,6 +315,33 @@ class RecordingBuild:
         )
         make = partial(vision_sequences.make, trajectory=self._trajectory, ego_poses=poses, frames=images)
         return self._run_on_messages("vision_sequences", vision_sequences.STEP, request, make)
+
+    def _preview(self) -> AssetResult:
+        images, clouds = self._channel_artifacts("frames"), self._channel_artifacts("sweeps")
+        boxes = self._artifact("annotations")
+        request = preview.request(
+            self.rig,
+            self.recipe.preview,
+            self.inventory,
+            calibration=self._calibration_json,
+            ego_poses=self._artifact("ego_poses"),
+            annotations=boxes,
+            frames=images,
+            sweeps=clouds,
+        )
+
+        def make(out: ArtifactWriter) -> dict[str, Any]:
+            return preview.make(
+                request.params,
+                out,
+                inventory=self.inventory,
+                trajectory=self._trajectory,
+                annotations=boxes,
+                frames=images,
+                sweeps=clouds,
+            )
+
+        return self._run("preview", self._action(preview.STEP, request), make)
 
     # --- frames and sweeps ---------------------------------------------------------------
 

@@ -24,6 +24,7 @@ from bagassets.recipe.model_base import (
 )
 from bagassets.recipe.model_checks import Checks
 from bagassets.recipe.model_poses import PoseSource
+from bagassets.recipe.model_preview import Preview
 from bagassets.recipe.model_splits import Splits
 from bagassets.recipe.model_vision import Vision
 
@@ -250,6 +251,7 @@ class Recipe(Model):
     splits: Splits = Field(Splits(), description="Which recordings belong to train, val and so on.")
     nuscenes: NuScenes = Field(NuScenes(), description="The nuScenes dataset.")
     vision: Vision | None = Field(None, description="The vision dataset; default: none is made.")
+    preview: Preview = Field(Preview(), description="Pictures for people.")
     limits: Limits = Field(Limits(), description="Accepted losses.")
     checks: Checks = Field(Checks(), description="Checks of finished assets.")
 

@@ -1,0 +1,163 @@
+"""What all pictures share: colours, text, scaling, and JPEGs that stay below a size."""
+
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from bagassets.errors import DatasetError
+
+__all__ = [
+    "ACCENT",
+    "BACKGROUND",
+    "DIM",
+    "FAINT",
+    "TEXT",
+    "WARNING",
+    "Image",
+    "blank",
+    "colour_of",
+    "jpeg",
+    "jpeg_within",
+    "read_image",
+    "scaled_to",
+    "text",
+    "text_width",
+    "turbo",
+]
+
+Image = NDArray[np.uint8]
+Colour = tuple[int, int, int]
+
+# Blue, green, red, as OpenCV has them.
+BACKGROUND: Colour = (28, 24, 22)
+FAINT: Colour = (62, 56, 52)
+DIM: Colour = (150, 142, 136)
+TEXT: Colour = (236, 232, 230)
+ACCENT: Colour = (90, 210, 120)
+WARNING: Colour = (70, 80, 235)
+
+_PALETTE: tuple[Colour, ...] = (
+    (60, 160, 255), (255, 190, 70), (120, 230, 130), (230, 130, 230), (90, 220, 245), (200, 200, 90),
+    (140, 140, 255), (170, 255, 220),
+)  # fmt: skip
+_FONT = cv2.FONT_HERSHEY_SIMPLEX
+_FONT_HEIGHT_PX = 22.0  # of a capital at scale 1
+_QUALITIES = (85, 75, 65, 55, 45, 35, 25, 15)
+
+
+def blank(width: int, height: int) -> Image:
+    """Return an empty (height, width, 3) picture."""
+    return np.full((height, width, 3), BACKGROUND, dtype=np.uint8)
+
+
+def read_image(path: Path, most_width: int | None = None) -> Image:
+    """Return an image file as (H, W, 3) BGR; grey ones and 16 bit become 8-bit BGR.
+
+    Args:
+        path: the file.
+        most_width: a JPEG much wider than this is decoded at a half, quarter or eighth of its size, which
+            is several times faster.
+
+    Raises:
+        DatasetError: it cannot be read.
+    """
+    flags = cv2.IMREAD_COLOR
+    if most_width is not None and path.suffix == ".jpg":
+        # The header alone tells the size; decoding at an eighth costs next to nothing.
+        small = cv2.imread(str(path), cv2.IMREAD_REDUCED_COLOR_8)
+        if small is not None:
+            reduced = (
+                (8, cv2.IMREAD_REDUCED_COLOR_8),
+                (4, cv2.IMREAD_REDUCED_COLOR_4),
+                (2, cv2.IMREAD_REDUCED_COLOR_2),
+            )
+            width = small.shape[1] * 8
+            flags = next((flag for factor, flag in reduced if width // factor >= most_width), flags)
+            if flags == cv2.IMREAD_REDUCED_COLOR_8:
+                return np.asarray(small)
+    image = cv2.imread(str(path), flags)
+    if image is None:
+        raise DatasetError(f"{path}: this image cannot be read; build again to replace it.")
+    return np.asarray(image)
+
+
+def scaled_to(image: Image, width: int) -> Image:
+    """Return a picture scaled to a width, its sides in proportion."""
+    height = max(1, round(image.shape[0] * width / image.shape[1]))
+    if (image.shape[1], image.shape[0]) == (width, height):
+        return image
+    method = cv2.INTER_AREA if width < image.shape[1] else cv2.INTER_LINEAR
+    return np.asarray(cv2.resize(image, (width, height), interpolation=method))
+
+
+def text(
+    image: Image,
+    words: str,
+    x: float,
+    y: float,
+    *,
+    size_px: float = 13,
+    colour: Colour = TEXT,
+    halo: bool = False,
+) -> None:
+    """Write words whose baseline starts at (x, y); with a dark halo they can be read on any image.
+
+    Letters outside ASCII, which the font does not have, become question marks.
+    """
+    plain = words.encode("ascii", "replace").decode()
+    scale, at = size_px / _FONT_HEIGHT_PX, (round(x), round(y))
+    if halo:
+        cv2.putText(image, plain, at, _FONT, scale, (0, 0, 0), 3, cv2.LINE_AA)
+    cv2.putText(image, plain, at, _FONT, scale, colour, 1, cv2.LINE_AA)
+
+
+def text_width(words: str, size_px: float = 13) -> int:
+    """Return the width of words in pixels."""
+    (width, _), _ = cv2.getTextSize(words, _FONT, size_px / _FONT_HEIGHT_PX, 1)
+    return int(width)
+
+
+def turbo(shares: NDArray[Any]) -> NDArray[np.uint8]:
+    """Return (N, 3) colours of (N,) numbers between 0 (blue) and 1 (red)."""
+    steps = np.clip(np.asarray(shares) * 255.0, 0, 255).astype(np.uint8)
+    if not len(steps):
+        return np.zeros((0, 3), dtype=np.uint8)
+    return np.asarray(cv2.applyColorMap(steps.reshape(-1, 1), cv2.COLORMAP_TURBO), dtype=np.uint8).reshape(
+        -1, 3
+    )
+
+
+def colour_of(number: int) -> Colour:
+    """Return one of a few colours that are easily told apart."""
+    return _PALETTE[number % len(_PALETTE)]
+
+
+def jpeg(image: Image, quality: int = 88) -> bytes:
+    """Return a picture as JPEG."""
+    encoded, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    if not encoded:
+        raise DatasetError(
+            f"a picture of {image.shape} pixels cannot be encoded as JPEG; please report this."
+        )
+    return data.tobytes()
+
+
+def jpeg_within(image: Image, most_bytes: int, width: int) -> bytes:
+    """Return a picture as JPEG of at most `most_bytes`: first with less quality, then smaller.
+
+    Args:
+        image: the picture.
+        most_bytes: limit, at least 1000.
+        width: width to begin with, if the picture is wider.
+    """
+    width = min(width, image.shape[1])
+    while True:
+        small = scaled_to(image, width)
+        for quality in _QUALITIES:
+            data = jpeg(small, quality)
+            if len(data) <= most_bytes:
+                return data
+        width = max(16, width * 3 // 4)

@@ -1,0 +1,120 @@
+"""Images and clouds of a recording as pictures need them: by time, and where the sensor was."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bagassets.geometry.camera import CameraModel
+from bagassets.geometry.se3 import SE3, Floats
+from bagassets.geometry.trajectory import Trajectory
+from bagassets.nuscenes.lidar_file import read_lidar_file
+from bagassets.preview.lens import View
+from bagassets.store.artifact import Artifact
+
+__all__ = ["CameraImages", "Clouds"]
+
+
+@dataclass(frozen=True, eq=False)
+class CameraImages:
+    """The images of one camera.
+
+    Attributes:
+        channel: its name.
+        artifact: where the files are.
+        stamps_ns: (N,) increasing.
+        files: names in the artifact.
+        camera: model of the images as written; None if that is not known.
+        ego_SE3_cam: extrinsics.
+    """
+
+    channel: str
+    artifact: Artifact
+    stamps_ns: NDArray[np.int64]
+    files: Sequence[str]
+    camera: CameraModel | None
+    ego_SE3_cam: SE3
+
+    @classmethod
+    def of(
+        cls, channel: str, artifact: Artifact, extrinsics: Mapping[str, Any], lens: Mapping[str, Any] | None
+    ) -> "CameraImages":
+        """Return the images in an artifact.
+
+        Args:
+            channel: its name.
+            artifact: of the channel.
+            extrinsics: `ego_SE3_sensor` of `calibration.json`.
+            lens: `camera` of `calibration.json` if images were written with their distortion, else None.
+        """
+        index = artifact.read_table("index.parquet", ["stamp_ns", "file", "width", "height"])
+        intrinsic = artifact.read_json("channel.json")["camera_intrinsic"]
+        camera = None
+        if lens is not None:
+            camera = CameraModel.from_calibration(lens)
+        elif intrinsic and index.num_rows:
+            (fx, _, cx), (_, fy, cy) = intrinsic[:2]
+            size = index.column("width")[0].as_py(), index.column("height")[0].as_py()
+            camera = CameraModel("none", *size, fx, fy, cx, cy)
+        return cls(
+            channel,
+            artifact,
+            index.column("stamp_ns").to_numpy(),
+            index.column("file").to_pylist(),
+            camera,
+            SE3.create(extrinsics["rotation"], extrinsics["translation"]),
+        )
+
+    def path(self, image: int) -> Path:
+        """Return the file of an image."""
+        return self.artifact.path(self.files[image])
+
+    def view(self, image: int, trajectory: Trajectory) -> View | None:
+        """Return the camera when it took an image; None without intrinsics, or without a pose then."""
+        global_SE3_ego = trajectory.pose_at(int(self.stamps_ns[image]))
+        if self.camera is None or global_SE3_ego is None:
+            return None
+        return View(self.camera, global_SE3_ego @ self.ego_SE3_cam)
+
+
+@dataclass(frozen=True, eq=False)
+class Clouds:
+    """The revolutions of one lidar.
+
+    Attributes:
+        channel: its name.
+        artifact: where the files are.
+        stamps_ns: (N,) increasing.
+        files: names in the artifact.
+        ego_SE3_lidar: extrinsics.
+    """
+
+    channel: str
+    artifact: Artifact
+    stamps_ns: NDArray[np.int64]
+    files: Sequence[str]
+    ego_SE3_lidar: SE3
+
+    @classmethod
+    def of(cls, channel: str, artifact: Artifact, extrinsics: Mapping[str, Any]) -> "Clouds":
+        """Return the revolutions in an artifact, whose extrinsics are `ego_SE3_sensor` of `calibration.json`."""
+        index = artifact.read_table("index.parquet", ["stamp_ns", "file"])
+        return cls(
+            channel,
+            artifact,
+            index.column("stamp_ns").to_numpy(),
+            index.column("file").to_pylist(),
+            SE3.create(extrinsics["rotation"], extrinsics["translation"]),
+        )
+
+    def points_global(self, revolution: int, trajectory: Trajectory) -> Floats | None:
+        """Return (N, 3) points of a revolution in the global frame, metres; None without a pose then."""
+        global_SE3_ego = trajectory.pose_at(int(self.stamps_ns[revolution]))
+        if global_SE3_ego is None:
+            return None
+        points = read_lidar_file(self.artifact.path(self.files[revolution]))
+        points_lidar = np.asarray(points[:, :3], dtype=np.float64)
+        return (global_SE3_ego @ self.ego_SE3_lidar).transform_points(points_lidar)

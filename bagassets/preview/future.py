@@ -1,0 +1,61 @@
+"""The way that was driven after an image was taken, drawn into it: poses, extrinsics and intrinsics at once."""
+
+import cv2
+import numpy as np
+
+from bagassets.geometry.se3 import Floats, rotate
+from bagassets.preview.canvas import ACCENT, TEXT, Image, scaled_to, text
+from bagassets.preview.lens import View
+
+__all__ = ["future_trajectory"]
+
+HALF_TRACK_M = 0.9
+_OPACITY = 0.45
+
+
+def future_trajectory(
+    image: Image,
+    positions_global: Floats,
+    rotations: Floats,
+    seconds: Floats,
+    view: View,
+    *,
+    width: int = 1280,
+    title: str = "",
+) -> Image:
+    """Draw the band that the vehicle drives over, as wide as a car, with a mark for each second.
+
+    It lies at the height of the ego frame's origin, which is on the ground in most vehicles (REP 105).
+
+    Args:
+        image: (H, W, 3) BGR, as written.
+        positions_global: (P, 3) of the ego frame from the moment of the image on.
+        rotations: (P, 4) of the ego frame.
+        seconds: (P,) time of each since the image.
+        view: the camera when the image was taken.
+        width: of the picture, pixels.
+        title: written into the corner.
+    """
+    picture = scaled_to(image, width).copy()
+    scale = picture.shape[1] / image.shape[1]
+    sides = [
+        view.project(positions_global + rotate(rotations, np.array([0.0, side, 0.0])), scale)
+        for side in (HALF_TRACK_M, -HALF_TRACK_M)
+    ]
+    (left, depth, left_seen), (right, _, right_seen) = sides
+    band = picture.copy()
+    # Only while both edges are seen: a band that leaves the image ends there.
+    drawn = left_seen & right_seen & (depth > 0)
+    for i in np.flatnonzero(drawn[:-1] & drawn[1:]).tolist():
+        corners = np.array([left[i], left[i + 1], right[i + 1], right[i]])
+        cv2.fillConvexPoly(band, np.rint(corners * 16).astype(np.int32), ACCENT, cv2.LINE_AA, 4)
+    picture = np.asarray(cv2.addWeighted(band, _OPACITY, picture, 1 - _OPACITY, 0.0))
+    for second in range(1, int(seconds[-1]) + 1 if len(seconds) else 1):
+        i = int(np.searchsorted(seconds, second))
+        if i < len(seconds) and drawn[i]:
+            a, b = (tuple(np.rint(side[i]).astype(int).tolist()) for side in (left, right))
+            cv2.line(picture, a, b, TEXT, max(1, width // 900), cv2.LINE_AA)
+            text(picture, f"{second} s", b[0] + 6, b[1] + 4, size_px=max(10, width / 100), halo=True)
+    if title:
+        text(picture, title, 12, 24, size_px=max(11, width / 80), halo=True)
+    return picture

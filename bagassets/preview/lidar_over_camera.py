@@ -1,0 +1,70 @@
+"""Lidar points over a camera image, coloured by distance: wrong calibration shows at once."""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from bagassets.geometry.se3 import Floats
+from bagassets.preview.canvas import TEXT, Image, scaled_to, text, text_width, turbo
+from bagassets.preview.lens import View
+
+__all__ = ["lidar_over_camera"]
+
+MOST_POINTS = 40_000
+SPARSE_POINTS = 8_000  # fewer are drawn larger
+NEAR_M, FAR_M = 3.0, 60.0
+_MARKS_M = (3, 5, 10, 20, 40, 60)
+_DARKEST = 0.12
+
+
+def lidar_over_camera(
+    image: Image, points_global: Floats, view: View, *, width: int = 1280, title: str = ""
+) -> Image:
+    """Draw the points that the camera can see into its image.
+
+    Args:
+        image: (H, W, 3) BGR, as written.
+        points_global: (N, 3) lidar points in the global frame, metres.
+        view: the camera when the image was taken.
+        width: of the picture, pixels.
+        title: written into the corner.
+    """
+    picture = scaled_to(image, width).copy()
+    scale = picture.shape[1] / image.shape[1]
+    pixels, depth, seen = view.project(points_global, scale)
+    shown = np.flatnonzero(seen)
+    shown = shown[:: 1 + len(shown) // MOST_POINTS]
+    shown = shown[np.argsort(-depth[shown], kind="stable")]  # near points cover far ones
+    colours = _colours(_share(depth[shown])).tolist()
+    radius = max(1, round(width / (900 if len(shown) > SPARSE_POINTS else 500)))
+    for (u, v), colour in zip(np.rint(pixels[shown]).astype(int).tolist(), colours, strict=True):
+        cv2.circle(picture, (u, v), radius, colour, -1, cv2.LINE_AA)
+    _legend(picture)
+    if title:
+        text(picture, title, 12, 24, size_px=max(11, width / 80), halo=True)
+    return picture
+
+
+def _share(depth_m: Floats) -> Floats:
+    """Return where distances lie between near (1, red) and far (0, blue), on a logarithmic scale."""
+    clipped = np.clip(depth_m, NEAR_M, FAR_M)
+    share: Floats = 1.0 - np.log(clipped / NEAR_M) / np.log(FAR_M / NEAR_M)
+    return share
+
+
+def _colours(shares: Floats) -> NDArray[np.uint8]:
+    """Return colours of shares; the scale begins where its blue can be told from a dark image."""
+    return turbo(_DARKEST + (1.0 - _DARKEST) * shares)
+
+
+def _legend(picture: Image) -> None:
+    height, width = picture.shape[:2]
+    length, thickness = width // 4, max(6, height // 80)
+    left, top = width - length - 16, height - thickness - 12
+    bar = _colours(np.linspace(1.0, 0.0, length)).reshape(1, length, 3)
+    cv2.rectangle(picture, (left - 8, top - 26), (width - 6, height - 5), (0, 0, 0), -1)
+    picture[top : top + thickness, left : left + length] = bar
+    for mark in _MARKS_M:
+        x = left + (1.0 - float(_share(np.array([float(mark)]))[0])) * (length - 1)
+        words = f"{mark} m" if mark == _MARKS_M[-1] else str(mark)
+        text(picture, words, min(x - 8, width - 10 - text_width(words, 10)), top - 6, size_px=10, colour=TEXT)

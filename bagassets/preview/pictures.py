@@ -1,0 +1,215 @@
+"""The pictures of a recording: each drawn from its readings, or a reason why it cannot be."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from bagassets.annotations.table import BoxTable
+from bagassets.annotations.tracks import tracks_of
+from bagassets.geometry.se3 import SE3, Floats
+from bagassets.geometry.trajectory import Trajectory
+from bagassets.preview.birds_eye import BoxAt, birds_eye
+from bagassets.preview.canvas import Image, read_image
+from bagassets.preview.channels import CameraImages, Clouds
+from bagassets.preview.contact_sheet import contact_sheet
+from bagassets.preview.future import future_trajectory
+from bagassets.preview.lidar_over_camera import lidar_over_camera
+from bagassets.preview.moments import evenly_spaced, reading_at, telling_moment
+from bagassets.preview.timeline import timeline
+
+__all__ = ["TITLES", "CannotDrawError", "Pictures"]
+
+TITLES = {
+    "lidar_over_camera": "Lidar over camera",
+    "birds_eye": "Bird's-eye view",
+    "future_trajectory": "Way ahead",
+    "contact_sheet": "Cameras over time",
+    "timeline": "Topics over time",
+}
+
+TOLERANCE_NS = 150_000_000
+BOX_GAP_NS, BOX_TOLERANCE_NS = 1_000_000_000, 250_000_000
+FUTURE_STEP_NS = 100_000_000
+MOST_PAST_POSES = 2000
+
+
+class CannotDrawError(Exception):
+    """A picture cannot be made of this recording; the text is the reason, for people."""
+
+
+@dataclass(frozen=True)
+class Pictures:
+    """What the pictures of one recording are drawn from.
+
+    Attributes:
+        cameras: channel -> images, the one of the single pictures first.
+        clouds: the lidar of the pictures, if there is one.
+        trajectory: `global_SE3_ego`.
+        boxes: annotations in the global frame.
+        timeline_facts: from `timeline_facts`.
+        width: of the pictures, pixels.
+        columns: moments on the contact sheet.
+        future_s: length of the way ahead.
+        range_m: half the side of the bird's-eye view.
+    """
+
+    cameras: Mapping[str, CameraImages]
+    clouds: Clouds | None
+    trajectory: Trajectory
+    boxes: BoxTable
+    timeline_facts: Mapping[str, Any]
+    width: int
+    columns: int
+    future_s: float
+    range_m: float
+
+    def draw(self, name: str) -> Image:
+        """Return one of the pictures in `TITLES`.
+
+        Raises:
+            CannotDrawError: the recording lacks what it shows.
+        """
+        drawers: dict[str, Callable[[], Image]] = {
+            "lidar_over_camera": self._lidar_over_camera,
+            "birds_eye": self._birds_eye,
+            "future_trajectory": self._future_trajectory,
+            "contact_sheet": self._contact_sheet,
+            "timeline": lambda: timeline(self.timeline_facts, self.width),
+        }
+        return drawers[name]()
+
+    @cached_property
+    def moment_ns(self) -> int | None:
+        """The moment of the single pictures: a reading of the front camera, else of the lidar."""
+        cloud_stamps = [self.clouds.stamps_ns] if self.clouds is not None else []
+        future_ns = round(self.future_s * 1e9)
+        for stamps_ns, others in (
+            *((camera.stamps_ns, cloud_stamps) for camera in self.cameras.values()),
+            *((stamps, []) for stamps in cloud_stamps),
+        ):
+            _, _, posed = self.trajectory.at(stamps_ns)
+            chosen = stamps_ns[posed] if posed.any() else stamps_ns
+            index = telling_moment(chosen, others, future_ns, TOLERANCE_NS)
+            if index is not None:
+                return int(chosen[index])
+        return None
+
+    def _front(self) -> tuple[CameraImages, int]:
+        for camera in self.cameras.values():
+            if self.moment_ns is not None:
+                image = reading_at(camera.stamps_ns, self.moment_ns, 0)
+                if image is not None:
+                    return camera, image
+        raise CannotDrawError("there is no camera with images")
+
+    def _revolution(self) -> tuple[Clouds, int]:
+        if self.clouds is None:
+            raise CannotDrawError("there is no lidar")
+        moment_ns = self.moment_ns
+        index = None if moment_ns is None else reading_at(self.clouds.stamps_ns, moment_ns, TOLERANCE_NS)
+        if index is None:
+            raise CannotDrawError(f"{self.clouds.channel} has no revolution near the image")
+        return self.clouds, index
+
+    def _points(self) -> Floats:
+        clouds, revolution = self._revolution()
+        points = clouds.points_global(revolution, self.trajectory)
+        if points is None:
+            raise CannotDrawError(f"there is no ego pose at the time of {clouds.channel}")
+        return points
+
+    def _lidar_over_camera(self) -> Image:
+        camera, image = self._front()
+        points = self._points()
+        view = camera.view(image, self.trajectory)
+        if view is None:
+            raise CannotDrawError(
+                f"{camera.channel} has no intrinsics, or no ego pose at the time of the image"
+            )
+        title = f"{self.clouds.channel if self.clouds else ''} over {camera.channel}"
+        return lidar_over_camera(read_image(camera.path(image)), points, view, width=self.width, title=title)
+
+    def _birds_eye(self) -> Image:
+        if self.moment_ns is None:
+            raise CannotDrawError("there are neither images nor revolutions")
+        global_SE3_ego = self.trajectory.pose_at(self.moment_ns)
+        if global_SE3_ego is None:
+            raise CannotDrawError("there is no ego pose at the moment of the picture")
+        points = np.zeros((0, 3))
+        if self.clouds is not None:
+            points = self._points()
+        return birds_eye(
+            points,
+            boxes_at(self.boxes, self.moment_ns),
+            self._past(self.moment_ns),
+            global_SE3_ego,
+            range_m=self.range_m,
+            width=self.width * 3 // 4,
+            title=f"+/- {self.range_m:g} m, the way so far",
+        )
+
+    def _past(self, moment_ns: int) -> Floats:
+        track = self.trajectory
+        if track.fixed:
+            return np.zeros((0, 3))
+        past = np.flatnonzero(track.stamps_ns <= moment_ns)
+        return track.positions_m[past[:: 1 + len(past) // MOST_PAST_POSES]]
+
+    def _future_trajectory(self) -> Image:
+        camera, image = self._front()
+        view = camera.view(image, self.trajectory)
+        if view is None:
+            raise CannotDrawError(
+                f"{camera.channel} has no intrinsics, or no ego pose at the time of the image"
+            )
+        start_ns = int(camera.stamps_ns[image])
+        stamps_ns = start_ns + np.arange(0, round(self.future_s * 1e9) + 1, FUTURE_STEP_NS, dtype=np.int64)
+        positions, rotations, valid = self.trajectory.at(stamps_ns)
+        # Up to the first moment without a pose: what lies beyond is not one way.
+        known = len(valid) if valid.all() else int(np.argmin(valid))
+        return future_trajectory(
+            read_image(camera.path(image)),
+            positions[:known],
+            rotations[:known],
+            (stamps_ns[:known] - start_ns) / 1e9,
+            view,
+            width=self.width,
+            title=f"{camera.channel}: the next {max(known - 1, 0) * FUTURE_STEP_NS / 1e9:g} s",
+        )
+
+    def _contact_sheet(self) -> Image:
+        spans = [
+            (int(c.stamps_ns[0]), int(c.stamps_ns[-1])) for c in self.cameras.values() if len(c.stamps_ns)
+        ]
+        if not spans:
+            raise CannotDrawError("there is no camera with images")
+        first_ns, last_ns = min(start for start, _ in spans), max(end for _, end in spans)
+        moments = evenly_spaced(first_ns, last_ns, self.columns)
+        tolerance_ns = max(TOLERANCE_NS, (last_ns - first_ns) // (2 * self.columns))
+        tile_width = self.width // self.columns
+        tiles: dict[str, list[Image | None]] = {}
+        for name, camera in self.cameras.items():
+            found = [reading_at(camera.stamps_ns, moment, tolerance_ns) for moment in moments]
+            tiles[name] = [
+                None if image is None else read_image(camera.path(image), most_width=tile_width)
+                for image in found
+            ]
+        start_ns = self.timeline_facts["start_ns"] or first_ns
+        return contact_sheet(tiles, [(moment - start_ns) / 1e9 for moment in moments], self.width)
+
+
+def boxes_at(boxes: BoxTable, moment_ns: int) -> list[BoxAt]:
+    """Return the boxes of all tracks at one moment, interpolated as for keyframes."""
+    moment = np.array([moment_ns], dtype=np.int64)
+    found = []
+    for track in tracks_of(boxes):
+        at = track.at(moment, BOX_GAP_NS, BOX_TOLERANCE_NS)
+        if len(at.at):
+            row = int(track.rows[at.observations[0]])
+            width_m, length_m, _ = (float(v) for v in boxes.sizes_m[row])
+            pose = SE3.create(at.rotations[0], at.centers_m[0])
+            found.append(BoxAt(boxes.categories[row], pose, width_m, length_m))
+    return found

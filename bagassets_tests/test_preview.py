@@ -1,0 +1,338 @@
+"""Pictures: what is drawn is where it belongs."""
+
+import cv2
+import numpy as np
+import pytest
+
+from bagassets.annotations.table import BoxTable
+from bagassets.defs.pictures import picture_metadata
+from bagassets.geometry.camera import CameraModel
+from bagassets.geometry.se3 import SE3
+from bagassets.preview.birds_eye import BoxAt, birds_eye
+from bagassets.preview.canvas import (
+    ACCENT,
+    BACKGROUND,
+    WARNING,
+    blank,
+    colour_of,
+    jpeg_within,
+    read_image,
+    turbo,
+)
+from bagassets.preview.channels import CameraImages, Clouds
+from bagassets.preview.contact_sheet import GAP_PX, HEADER_PX, contact_sheet
+from bagassets.preview.future import future_trajectory
+from bagassets.preview.lens import View
+from bagassets.preview.lidar_over_camera import lidar_over_camera
+from bagassets.preview.moments import evenly_spaced, reading_at, telling_moment
+from bagassets.preview.pictures import TITLES, boxes_at
+from bagassets.preview.timeline import ROW_PX, TOP_PX, timeline
+from bagassets.recipe import load_recipe
+from bagassets.recipe.model_preview import Preview
+from bagassets.sample.drive import Target, write_recordings
+from bagassets.sample.recipe import sample_recipe
+from bagassets.steps.ego_poses import load_trajectory
+from bagassets.store.store import Store
+from bagassets_tests.sample_drives import build_recordings
+
+S = 1_000_000_000
+CAMERA = CameraModel("none", 200, 100, 100.0, 100.0, 99.5, 49.5)
+# z forward, x right, y down, in a world with x forward, y left, z up.
+FORWARD = SE3.create((0.5, -0.5, 0.5, -0.5), (0.0, 0.0, 0.0))
+
+
+def drawn_at(picture, background=BACKGROUND):
+    """Rows and columns of all pixels that are not background."""
+    return np.argwhere((picture.astype(int) - np.array(background) != 0).any(axis=2))
+
+
+def near(pixel, colour, tolerance=40):
+    return np.abs(pixel.astype(int) - np.array(colour)).max() <= tolerance
+
+
+class TestLidarOverCamera:
+    def test_a_point_is_drawn_on_its_pixel_in_the_colour_of_its_distance(self):
+        black = np.zeros((100, 200, 3), np.uint8)
+        left_up = np.array([[10.0, 2.0, 1.0]])  # 10 m ahead, 2 m left, 1 m up
+        picture = lidar_over_camera(black, left_up, View(CAMERA, FORWARD), width=200)
+        pixels = drawn_at(picture[:60], (0, 0, 0))
+        assert pixels.mean(axis=0) == pytest.approx([39.5, 79.5], abs=1.0)
+        near_point = lidar_over_camera(black, left_up / 3, View(CAMERA, FORWARD), width=200)
+        red, blue = near_point[39:41, 79:81, 2].max(), near_point[39:41, 79:81, 0].max()
+        assert red > 100 > blue
+
+    def test_what_lies_behind_or_beside_is_not_drawn(self):
+        black = np.zeros((100, 200, 3), np.uint8)
+        points = np.array([[-10.0, 0.0, 0.0], [10.0, 30.0, 0.0], [0.1, 0.0, 0.0], [10.0, 0.0, 9.0]])
+        with_points = lidar_over_camera(black, points, View(CAMERA, FORWARD), width=200)
+        assert (with_points == lidar_over_camera(black, points[:0], View(CAMERA, FORWARD), width=200)).all()
+
+    def test_near_points_cover_far_ones_and_scaling_keeps_the_place(self):
+        black = np.zeros((100, 200, 3), np.uint8)
+        line = np.array([[4.0, 0.0, 0.0], [50.0, 0.0, 0.0]])
+        picture = lidar_over_camera(black, line, View(CAMERA, FORWARD), width=600)
+        centre = picture[149:151, 299:301].reshape(-1, 3)
+        assert (centre[:, 2] > centre[:, 0]).all(), "the red one is in front"
+
+    def test_a_wide_lens_does_not_fold_back_into_its_image(self):
+        lens = CameraModel("plumb_bob", 200, 100, 100.0, 100.0, 99.5, 49.5, (-0.3, 0.0, 0.0, 0.0, 0.0))
+        x = 1.0 / np.tan(np.deg2rad(80))
+        _, _, seen = View(lens, FORWARD).project(np.array([[x, 1.0, 0.0], [10.0, 1.0, 0.0]]))
+        assert seen.tolist() == [False, True]
+
+
+class TestBirdsEye:
+    def test_everything_is_where_it_is_around_the_vehicle(self):
+        ego = SE3.create((np.cos(np.pi / 4), 0, 0, np.sin(np.pi / 4)), (100.0, 50.0, 0.0))  # heading north
+        ahead = ego.transform_points(np.array([[20.0, 0.0, 0.5]]))
+        box = BoxAt("vehicle.car", ego @ SE3.create((1, 0, 0, 0), (-20.0, 10.0, 0.0)), 2.0, 5.0)
+        past = ego.transform_points(np.array([[-30.0, 0.0, 0.0], [0.0, 0.0, 0.0]]))
+        picture = birds_eye(ahead, [box], past, ego, range_m=50.0, width=500)
+        # 5 pixels per metre; forward is up, left is left.
+        assert tuple(picture[150, 250]) != (62, 56, 52)
+        assert near(picture[375, 250], ACCENT), "the way so far, 25 m behind"
+        assert near(picture[250, 250], ACCENT), "the vehicle itself"
+        for forward, left in ((-17.5, 10.0), (-22.5, 10.0), (-20.0, 11.0), (-20.0, 9.0)):
+            place = picture[round(250 - forward * 5), round(250 - left * 5)]
+            assert near(place, colour_of(0)), (forward, left)
+        assert near(picture[(250 + 21 * 5), (250 - 10 * 5)], BACKGROUND, 5), "boxes are outlines"
+
+    def test_boxes_are_those_of_the_moment_and_interpolated(self):
+        table = BoxTable(
+            stamps_ns=np.array([0, S, 0], dtype=np.int64),
+            tracks=["a", "a", "gone"],
+            categories=["car", "car", "truck"],
+            attributes=[[], [], []],
+            centers_m=np.array([[0.0, 0, 0], [4.0, 0, 0], [9.0, 9, 9]]),
+            rotations=np.tile([1.0, 0, 0, 0], (3, 1)),
+            sizes_m=np.tile([2.0, 5.0, 1.5], (3, 1)),
+            scores=np.ones(3),
+            sources=["/boxes"] * 3,
+        )
+        (box,) = boxes_at(table, S // 2)
+        assert (box.category, box.width_m, box.length_m) == ("car", 2.0, 5.0)
+        assert box.global_SE3_box.translation == pytest.approx((2.0, 0.0, 0.0))
+
+
+class TestFuture:
+    def test_the_band_covers_the_way_that_is_driven(self):
+        grey = np.full((100, 200, 3), 120, np.uint8)
+        camera = View(CAMERA, FORWARD @ SE3.create((1, 0, 0, 0), (0.0, -1.5, 0.0)))  # 1.5 m above the ground
+        seconds = np.arange(0, 4.01, 0.1)
+        way = np.stack([5 * seconds, 0.25 * seconds**2, 0 * seconds], axis=1)
+        rotations = np.tile([1.0, 0, 0, 0], (len(seconds), 1))
+        picture = future_trajectory(grey, way, rotations, seconds, camera, width=200)
+        green = np.argwhere((picture[:, :, 1].astype(int) - picture[:, :, 2]) > 15)
+        assert len(green) > 100
+        for second in (1.5, 2.5, 3.5):
+            point = np.array([[5 * second, 0.25 * second**2, 0.0]])
+            ((u, v),) = camera.project(point)[0]
+            pixel = picture[round(v), round(u)].astype(int)
+            assert pixel[1] - pixel[2] > 15, f"green {second} s ahead"
+        assert (picture[:45] == 120).all(), "nothing above the horizon"
+
+    def test_a_vehicle_that_stands_draws_nothing(self):
+        grey = np.full((100, 200, 3), 120, np.uint8)
+        still, turned = np.zeros((5, 3)), np.tile([1.0, 0, 0, 0], (5, 1))
+        picture = future_trajectory(grey, still, turned, np.arange(5) / 10, View(CAMERA, FORWARD), width=200)
+        assert (picture == 120).all()
+
+
+class TestContactSheet:
+    def test_tiles_are_in_their_row_and_column(self):
+        images = {
+            name: [np.full((50, 100, 3), 10 * row + column, np.uint8) for column in range(3)]
+            for row, name in enumerate(("A", "B"), start=10)
+        }
+        images["B"][1] = None
+        sheet = contact_sheet(images, [0.5, 1.5, 2.5], 400)
+        width = (400 - 4 * GAP_PX) // 3
+        height = round(width / 2)
+        for row, name in enumerate(images):
+            for column, image in enumerate(images[name]):
+                y = HEADER_PX + row * (height + GAP_PX) + height - 5
+                x = GAP_PX + column * (width + GAP_PX) + width - 5
+                expected = BACKGROUND if image is None else image[0, 0]
+                assert tuple(sheet[y, x]) == tuple(expected), (name, column)
+
+
+FACTS = {
+    "start_ns": 0,
+    "end_ns": 10 * S,
+    "topics": [
+        {"name": "/a", "count": 100, "rate_hz": 10.0, "first_ns": 0, "last_ns": 10 * S, "gaps": [],
+         "gap_count": 0, "problem": False},
+        {"name": "/b", "count": 40, "rate_hz": 8.0, "first_ns": 5 * S, "last_ns": 10 * S,
+         "gaps": [[7 * S, 1.0]], "gap_count": 1, "problem": False},
+        {"name": "/c", "count": 0, "rate_hz": None, "first_ns": None, "last_ns": None, "gaps": [],
+         "gap_count": 0, "problem": False},
+    ],
+}  # fmt: skip
+
+
+class TestTimeline:
+    def test_bars_and_gaps_are_where_the_messages_were_and_were_not(self):
+        picture = timeline(FACTS, 1000)
+        left, right = 360, 922
+
+        def at(row, second):
+            return picture[TOP_PX + ROW_PX * row + 9, round(left + second / 10 * (right - left))]
+
+        assert all(near(at(0, second), ACCENT) for second in (0.1, 5.0, 9.9))
+        assert near(at(1, 2.5), BACKGROUND, 5)
+        assert near(at(1, 6.0), ACCENT)
+        assert near(at(1, 7.5), WARNING)
+        assert near(at(1, 9.0), ACCENT)
+        assert near(at(2, 5.0), BACKGROUND, 5)
+
+    def test_of_many_topics_the_busiest_are_shown(self):
+        topics = [{**FACTS["topics"][0], "name": f"/{n:03d}", "count": n} for n in range(80)]
+        tall = timeline({**FACTS, "topics": topics}, 800)
+        assert tall.shape[0] == TOP_PX + ROW_PX * 49 + 8
+
+    def test_an_empty_recording_has_one_too(self):
+        assert timeline({"start_ns": None, "end_ns": None, "topics": []}, 800).shape[1] == 800
+
+
+class TestMoments:
+    STAMPS = np.arange(0, 100 * S, S // 10, dtype=np.int64)
+
+    def test_the_middle_with_enough_ahead(self):
+        index = telling_moment(self.STAMPS, [], 4 * S, S // 10)
+        assert self.STAMPS[index] == pytest.approx(50 * S, abs=S)
+        short = self.STAMPS[:60]
+        assert short[telling_moment(short, [], 4 * S, S // 10)] == pytest.approx(1.9 * S, abs=S / 5)
+
+    def test_a_moment_that_the_lidar_has_too_is_preferred(self):
+        index = telling_moment(self.STAMPS, [np.array([80 * S], dtype=np.int64)], S, S // 100)
+        assert self.STAMPS[index] == 80 * S
+        assert telling_moment(self.STAMPS[:0], [self.STAMPS], S, S) is None
+
+    def test_spacing_and_tolerance(self):
+        assert evenly_spaced(0, 100, 2) == [25, 75]
+        assert reading_at(self.STAMPS, 4 * S + 3, 5) == 40
+        assert reading_at(self.STAMPS, 4 * S + 30, 5) is None
+        assert reading_at(self.STAMPS[:0], 0, 5) is None
+
+
+class TestCanvas:
+    def test_jpegs_stay_below_their_limit(self):
+        noise = np.random.default_rng(0).integers(0, 255, (600, 900, 3), dtype=np.uint8)
+        for limit in (40_000, 5_000, 1_000):
+            data = jpeg_within(noise, limit, 640)
+            assert len(data) <= limit
+            assert cv2.imdecode(np.frombuffer(data, np.uint8), 1).shape[1] <= 640
+
+    def test_large_jpegs_are_decoded_small(self, tmp_path):
+        cv2.imwrite(str(tmp_path / "a.jpg"), np.full((800, 1600, 3), 77, np.uint8))
+        assert read_image(tmp_path / "a.jpg", 200).shape == (100, 200, 3)
+        assert read_image(tmp_path / "a.jpg", 300).shape == (200, 400, 3)
+        assert read_image(tmp_path / "a.jpg", 900).shape == (800, 1600, 3)
+        assert read_image(tmp_path / "a.jpg").shape == (800, 1600, 3)
+
+    def test_colours_go_from_blue_to_red(self):
+        low, high = turbo(np.array([0.1, 0.9]))
+        assert low[0] > low[2]
+        assert high[2] > high[0]
+        assert turbo(np.zeros(0)).shape == (0, 3)
+        assert blank(3, 2).shape == (2, 3, 3)
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("preview")
+    truth = write_recordings([Target(folder / "recordings" / "drive.mcap", "mcap")], seed=5, duration_s=2.6)
+    (folder / "recipe.yaml").write_text(sample_recipe() + "preview: {future_s: 1.0}\n")
+    recipe = load_recipe(folder / "recipe.yaml")
+    return recipe, truth, build_recordings(recipe)["drive.mcap"]
+
+
+class TestStep:
+    def test_all_pictures_are_there_and_small_ones_are_small(self, built):
+        _, _, made = built
+        artifact = made["preview"].artifact
+        facts = artifact.read_json("facts.json")
+        assert (facts["pictures"], facts["missing"]) == (list(TITLES), {})
+        for name in TITLES:
+            full, inline = artifact.path(f"{name}.jpg"), artifact.path(f"inline/{name}.jpg")
+            assert inline.stat().st_size <= 40 * 1024
+            width, small = cv2.imread(str(full)).shape[1], cv2.imread(str(inline)).shape[1]
+            assert width in (1280, 960)
+            assert 320 <= small <= 640
+        assert artifact.path("thumbnail.jpg").stat().st_size <= 2600
+
+    def test_the_web_ui_gets_them_as_markdown(self, built):
+        metadata = picture_metadata(built[2]["preview"])
+        assert set(metadata) == {f"picture_{name}" for name in TITLES}
+        value = metadata["picture_birds_eye"].value
+        assert value.startswith("![Bird's-eye view](data:image/jpeg;base64,/9j/")
+        assert len(value) < 40 * 1024 * 4 / 3 + 100
+        assert picture_metadata(built[2]["frames"]) == {}
+
+    def test_lidar_points_of_an_object_lie_on_its_pixels(self, built):
+        """Poses, extrinsics, intrinsics and clocks have to be right for this, all of them."""
+        recipe, truth, made = built
+        store = Store(recipe.store_path)
+        calibration = made["calibration"].artifact.read_json("calibration.json")["channels"]
+
+        def channel(asset, name):
+            entry = made[asset].artifact.read_json("channels.json")[name]
+            return store.artifact(entry["artifact"])
+
+        trajectory = load_trajectory(made["ego_poses"].artifact)
+        camera = CameraImages.of(
+            "CAM_FRONT", channel("frames", "CAM_FRONT"), calibration["CAM_FRONT"]["ego_SE3_sensor"], None
+        )
+        clouds = Clouds.of(
+            "LIDAR_TOP", channel("sweeps", "LIDAR_TOP"), calibration["LIDAR_TOP"]["ego_SE3_sensor"]
+        )
+        image = 12
+        stamp_ns = int(camera.stamps_ns[image])
+        revolution = reading_at(clouds.stamps_ns, stamp_ns, S // 10)
+        points = clouds.points_global(revolution, trajectory)
+        pixels, _, seen = camera.view(image, trajectory).project(points)
+        ids = truth.object_ids("CAM_FRONT", stamp_ns, undistorted=True)
+        checked = right = 0
+        for box in truth.boxes(int(clouds.stamps_ns[revolution])):
+            inside = (
+                np.abs(box.odom_SE3_box.inverse().transform_points(points))
+                < np.array([box.size_m[1], box.size_m[0], box.size_m[2]]) / 2 + 0.1
+            )
+            u, v = np.rint(pixels[inside.all(axis=1) & seen]).astype(int).T
+            checked += len(u)
+            right += int((ids[v, u] == box.track_id).sum())
+        # The lidar sits higher: it sees some points over things that hide them from the camera.
+        assert checked >= 30
+        assert right / checked > 0.8
+
+    def test_the_same_again_gives_the_same_bytes(self, built, tmp_path):
+        recipe, _, made = built
+        (tmp_path / "recipe.yaml").write_text((recipe.state.parent / "recipe.yaml").read_text())
+        (tmp_path / "recordings").symlink_to(recipe.bags.root)
+        again = build_recordings(load_recipe(tmp_path / "recipe.yaml"))["drive.mcap"]
+        assert again["preview"].artifact.digest == made["preview"].artifact.digest
+
+    def test_what_a_recording_lacks_costs_just_the_pictures_of_it(self, built, tmp_path):
+        recipe, _, _ = built
+        text = sample_recipe(root=str(recipe.bags.root))
+        lines = [line for line in text.splitlines() if "LIDAR_TOP" not in line]
+        (tmp_path / "recipe.yaml").write_text("\n".join(lines))
+        made = build_recordings(load_recipe(tmp_path / "recipe.yaml"))["drive.mcap"]
+        facts = made["preview"].artifact.read_json("facts.json")
+        assert facts["missing"] == {"lidar_over_camera": "there is no lidar"}
+        assert set(facts["pictures"]) == set(TITLES) - {"lidar_over_camera"}
+
+        lines = [line for line in text.splitlines() if "CAM_" not in line]
+        (tmp_path / "recipe.yaml").write_text("\n".join(lines))
+        made = build_recordings(load_recipe(tmp_path / "recipe.yaml"))["drive.mcap"]
+        facts = made["preview"].artifact.read_json("facts.json")
+        assert set(facts["pictures"]) == {"birds_eye", "timeline"}
+
+    def test_it_can_be_switched_off_and_other_settings_draw_anew(self, built):
+        recipe, _, _ = built
+        off = build_recordings(recipe.model_copy(update={"preview": Preview(enabled=False)}))
+        assert "preview" not in off["drive.mcap"]
+        other = recipe.model_copy(update={"preview": Preview(width=640, columns=3)})
+        made = build_recordings(other)["drive.mcap"]
+        assert {name for name, result in made.items() if not result.cached} == {"preview"}
+        assert cv2.imread(str(made["preview"].artifact.path("contact_sheet.jpg"))).shape[1] == 640
