@@ -14,6 +14,7 @@ from bagassets.bags.model import Recording
 from bagassets.decode.camera_info import CameraInfoReading, check_lens, decode_camera_info
 from bagassets.errors import CalibrationError, DecodeError
 from bagassets.geometry.se3 import SE3
+from bagassets.geometry.urdf import urdf_edges
 from bagassets.recipe.model import CameraChannel, Rig
 from bagassets.steps.channel import Counts, Request
 from bagassets.steps.rig_frames import RigFrames
@@ -80,7 +81,8 @@ def make(
     Raises:
         CalibrationError: extrinsics or intrinsics that a channel needs are missing or implausible.
     """
-    frames = RigFrames(recording, params["tf_static"], params["tf"], urdf)
+    joints = [] if urdf is None else urdf_edges(urdf)
+    frames = RigFrames(recording, params["tf_static"], params["tf"], joints)
     notes: list[str] = []
     channels = {}
     sources: dict[str, int] = {}

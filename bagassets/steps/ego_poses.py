@@ -12,12 +12,19 @@ import pyarrow as pa
 from bagassets.bags.inventory import Inventory
 from bagassets.bags.model import Recording
 from bagassets.decode.registry import decoder_params
-from bagassets.errors import PoseError
+from bagassets.errors import CalibrationError, LossLimitError, PoseError
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.trajectory import Trajectory
-from bagassets.recipe.model import Rig
+from bagassets.geometry.urdf import urdf_edges
+from bagassets.recipe.model import Limits, Rig
 from bagassets.recipe.model_base import Clock
-from bagassets.recipe.model_poses import FixedPose, NavSatSource, OdometrySource, PoseTopicSource
+from bagassets.recipe.model_poses import (
+    FixedPose,
+    NavSatSource,
+    OdometrySource,
+    PoseTopicSource,
+    TfSource,
+)
 from bagassets.steps.channel import Counts, Request
 from bagassets.steps.pose_sources import PoseSamples, read_samples
 from bagassets.store.action import Step
@@ -25,7 +32,7 @@ from bagassets.store.artifact import Artifact, ArtifactWriter
 
 __all__ = ["STEP", "load_trajectory", "make", "request"]
 
-STEP = Step("ego_poses", 1, ("pyarrow",))
+STEP = Step("ego_poses", 2, ("pyarrow",))
 
 # Coordinates beyond this lose centimetres in the float32 arithmetic of training code.
 FAR_M = 100_000.0
@@ -33,44 +40,61 @@ FAR_M = 100_000.0
 _NUMBERS = ("x", "y", "z", "qw", "qx", "qy", "qz")
 
 
-def request(rig: Rig, clock: Clock, inventory: Inventory) -> Request:
+def request(rig: Rig, clock: Clock, inventory: Inventory, limits: Limits | None = None) -> Request:
     """Return what the step reads of this recording.
+
+    Args:
+        rig: the rig that made the recording.
+        clock: which time of a message counts.
+        inventory: what is in the recording.
+        limits: accepted losses; those of an empty recipe by default.
 
     Raises:
         PoseError: the configured topic is not in the recording.
+        CalibrationError: the URDF cannot be used.
         PluginError: several decoder plug-ins claim its type.
     """
     source = rig.ego_pose
     if isinstance(source, FixedPose):
         return Request({"source": "fixed", "pose": source.pose.model_dump(mode="json")}, ())
-    params: dict[str, Any] = {"clock": clock, "ego_frame": rig.ego_frame, "imu": None, "frame": None}
+    params: dict[str, Any] = {"clock": clock, "ego_frame": rig.ego_frame}
     params |= source.model_dump(mode="json")
-    static = [topic for topic in rig.tf_static if inventory.has(topic)]
-    topics: list[str] = []
-    if isinstance(source, OdometrySource | PoseTopicSource | NavSatSource):
-        _require(rig, inventory, source.topic)
-        topics.append(source.topic)
-        if isinstance(source, NavSatSource):
-            static = []
-            if source.imu is not None:
-                _require(rig, inventory, source.imu)
-                topics.append(source.imu)
-        else:
-            params |= decoder_params("pose", inventory.topic(source.topic).msgtype)
-    else:
-        moving = [topic for topic in rig.tf if inventory.has(topic)]
-        if not moving:
+    params |= {"lost_messages": (limits or Limits()).lost_messages, "urdf": _fixed_joints(rig)}
+    params["tf_static"] = [topic for topic in rig.tf_static if inventory.has(topic)]
+    params["tf"] = [topic for topic in rig.tf if inventory.has(topic)]
+    topics = [*params["tf_static"], *params["tf"]]
+    if isinstance(source, TfSource):
+        if not params["tf"]:
             _require(rig, inventory, rig.tf[0] if rig.tf else "/tf")
-        params["tf"] = moving
-        topics += moving
-    params["tf_static"] = static
-    return Request(params, tuple(sorted({*topics, *static})))
+        return Request(params, tuple(sorted(set(topics))))
+    _require(rig, inventory, source.topic)
+    topics.append(source.topic)
+    if isinstance(source, NavSatSource) and source.imu is not None:
+        _require(rig, inventory, source.imu)
+        topics.append(source.imu)
+    if isinstance(source, OdometrySource | PoseTopicSource):
+        params |= decoder_params("pose", inventory.topic(source.topic).msgtype)
+    return Request(params, tuple(sorted(set(topics))))
+
+
+def _fixed_joints(rig: Rig) -> list[list[Any]]:
+    """Return the fixed joints of the URDF as JSON: what else is in the file makes nothing stale."""
+    if rig.urdf is None:
+        return []
+    try:
+        data = rig.urdf.read_bytes()
+    except OSError as err:
+        raise CalibrationError(f"{rig.urdf}: the URDF cannot be read ({err.strerror}).") from err
+    edges = urdf_edges(data, str(rig.urdf))
+    return [
+        [edge.parent, edge.child, list(edge.first.translation), list(edge.first.rotation)] for edge in edges
+    ]
 
 
 def _require(rig: Rig, inventory: Inventory, topic: str) -> None:
     if inventory.has(topic):
         return
-    kinds = ("Odometry", "PoseStamped", "PoseWithCovarianceStamped", "NavSatFix", "TFMessage")
+    kinds = ("Odometry", "PoseStamped", "PoseWithCovarianceStamped", "NavSatFix", "TFMessage", "tfMessage")
     there = [name for name, record in inventory.topics.items() if record.msgtype.rsplit("/", 1)[-1] in kinds]
     offer = f"it has {', '.join(there)}" if there else "it has no topic with poses"
     raise PoseError(
@@ -84,12 +108,14 @@ def make(params: Mapping[str, Any], recording: Recording, out: ArtifactWriter) -
 
     Raises:
         PoseError: there is no usable pose.
+        LossLimitError: more messages were lost than the recipe allows.
     """
     if params["source"] == "fixed":
         pose = SE3.create(params["pose"]["rotation"], params["pose"]["translation"])
         samples = PoseSamples([0], [pose], "global", None, Counts(read=0, written=0))
     else:
         samples = read_samples(params, recording)
+        _check_losses(params, samples)
         if not samples.poses:
             lost = "; ".join(f"{number} because {reason}" for reason, number in samples.counts.lost.items())
             raise PoseError(
@@ -114,6 +140,8 @@ def make(params: Mapping[str, Any], recording: Recording, out: ArtifactWriter) -
         "count": len(stamps_ns),
         "counts": counts.as_json(),
         "length_m": length_m,
+        "notes": samples.notes,
+        "helpers": {topic: helper.as_json() for topic, helper in sorted(samples.helpers.items())},
     }
     out.write_json(
         "ego_poses.json",
@@ -127,6 +155,16 @@ def make(params: Mapping[str, Any], recording: Recording, out: ArtifactWriter) -
         },
     )
     return facts
+
+
+def _check_losses(params: Mapping[str, Any], samples: PoseSamples) -> None:
+    counts = samples.counts
+    if samples.poses and samples.failed > params["lost_messages"] * counts.read:
+        reason = max(counts.lost, key=lambda name: counts.lost[name])
+        raise LossLimitError(
+            f"ego poses from {params['topic']}: {samples.failed} of {counts.read} messages cannot be used, most often "
+            f"because {reason}; limits.lost_messages in the recipe accepts a share of {params['lost_messages']:g}."
+        )
 
 
 def load_trajectory(artifact: Artifact) -> Trajectory:

@@ -5,14 +5,13 @@ carries the vehicle's motion and is by far the largest; it is read only when the
 connect two frames.
 """
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from math import asin, degrees, sqrt
 
 from bagassets.bags.model import Recording
 from bagassets.errors import CalibrationError
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.tf_tree import Edge, TfTree
-from bagassets.geometry.urdf import urdf_edges
 from bagassets.steps.channel import Counts
 from bagassets.steps.transform_logs import read_transforms
 
@@ -30,24 +29,21 @@ class RigFrames:
         recording: offers the topics.
         tf_static: topics with static transforms.
         tf: topics with transforms, some of which may be fixed joints.
-        urdf: content of the URDF file, if there is one.
+        urdf: fixed joints of the URDF file, if there is one.
 
     Attributes:
         counts: transforms read and lost, in the topics that were read.
-
-    Raises:
-        CalibrationError: the URDF is none.
     """
 
     def __init__(
-        self, recording: Recording, tf_static: Collection[str], tf: Collection[str], urdf: bytes | None
+        self, recording: Recording, tf_static: Collection[str], tf: Collection[str], urdf: Sequence[Edge]
     ) -> None:
         self.counts = Counts()
         self._recording = recording
         self._tf = tf
         self._layers: list[list[Edge]] = [
             read_transforms(recording, tf_static, "tf_static", self.counts),
-            [] if urdf is None else urdf_edges(urdf, "urdf"),
+            list(urdf),
         ]
         self._tree = TfTree(*self._layers)
         self._tf_is_read = not tf

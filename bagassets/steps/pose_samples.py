@@ -1,0 +1,86 @@
+"""What every source of ego poses returns, and what several of them share."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from bagassets.bags.model import RawMessage
+from bagassets.errors import CalibrationError
+from bagassets.geometry.se3 import SE3, Floats
+from bagassets.geometry.wgs84 import LocalFrame, utm
+from bagassets.steps.channel import Counts
+from bagassets.steps.rig_frames import RigFrames
+
+__all__ = ["PoseSamples", "mounted", "stamp_of", "wgs84_origin"]
+
+
+@dataclass
+class PoseSamples:
+    """Samples of `global_SE3_ego` in the order read.
+
+    Attributes:
+        stamps_ns: time of each pose.
+        poses: the poses.
+        global_frame: name of the frame they are in.
+        origin: where that frame lies on Earth, if it is known.
+        counts: where the messages of the source went.
+        failed: messages among the lost ones that should have given a pose: damaged or nonsense.
+        helpers: counts of other topics that were read, such as an Imu's.
+        notes: sentences on what was assumed.
+    """
+
+    stamps_ns: list[int] = field(default_factory=list)
+    poses: list[SE3] = field(default_factory=list)
+    global_frame: str = ""
+    origin: dict[str, Any] | None = None
+    counts: Counts = field(default_factory=Counts)
+    failed: int = 0
+    helpers: dict[str, Counts] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+
+    def fail(self, reason: str) -> None:
+        """Count a message as lost that should have given a pose."""
+        self.counts.lose(reason)
+        self.failed += 1
+
+    def add_mounted(
+        self, stamps_ns: list[int], positions_m: Floats, rotations: Floats, sensor_SE3_ego: SE3
+    ) -> None:
+        """Add poses of the ego frame, given (N, 3) and (N, 4) poses of a sensor in the global frame."""
+        for stamp_ns, position, rotation in zip(stamps_ns, positions_m, rotations, strict=True):
+            self.stamps_ns.append(stamp_ns)
+            self.poses.append(SE3.create(rotation, position) @ sensor_SE3_ego)
+
+
+def stamp_of(params: Mapping[str, Any], message: RawMessage, header_ns: int | None) -> int:
+    """Return the time of a message on the clock of the recipe; log time if it has no header."""
+    return header_ns if params["clock"] == "header" and header_ns is not None else message.log_time_ns
+
+
+def mounted(frames: RigFrames, frame: str, ego_frame: str, what: str, samples: PoseSamples) -> SE3:
+    """Return `frame_SE3_ego`; identity, with a note, if nothing tells how the sensor sits."""
+    if frame == ego_frame:
+        return SE3()
+    try:
+        return frames.fixed(frame, ego_frame)[0]
+    except CalibrationError:
+        named = f"frame {frame}" if frame else "messages that name no frame"
+        samples.notes.append(
+            f"No fixed transform relates {ego_frame} to the {what} ({named}); it is taken to sit at the origin of "
+            f"{ego_frame}, in line with it."
+        )
+        return SE3()
+
+
+def wgs84_origin(frame: LocalFrame) -> dict[str, Any]:
+    """Return where a local frame lies on Earth, as `ego_poses.json` says it."""
+    origin = {"kind": "wgs84", "lat": frame.lat_deg, "lon": frame.lon_deg, "alt": frame.alt_m}
+    grid = utm(frame.lat_deg, frame.lon_deg)
+    if grid is None:
+        return origin | {"utm_zone": None, "easting": None, "northing": None, "convergence_deg": None}
+    return origin | {
+        "utm_zone": grid.zone,
+        "easting": round(grid.easting_m, 4),
+        "northing": round(grid.northing_m, 4),
+        "convergence_deg": round(grid.convergence_deg, 9),
+    }

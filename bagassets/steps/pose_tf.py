@@ -1,0 +1,56 @@
+"""Ego poses from a chain of transforms, `global_frame -> … -> ego_frame`."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from bagassets.bags.model import Recording
+from bagassets.errors import CalibrationError, PoseError
+from bagassets.geometry.se3 import SE3
+from bagassets.geometry.tf_tree import Edge, TfTree
+from bagassets.steps.pose_samples import PoseSamples
+from bagassets.steps.transform_logs import read_transforms
+
+__all__ = ["poses_from_tf"]
+
+WITHOUT_OTHERS = "other transforms on the way have no value at its time"
+
+
+def poses_from_tf(params: Mapping[str, Any], recording: Recording, urdf: Sequence[Edge]) -> PoseSamples:
+    """Return a pose at every stamp of every moving edge on the way.
+
+    Counts are of transforms: those of other edges, and those that repeat a stamp, are merged.
+
+    Raises:
+        PoseError: the frames are not connected, or nothing between them moves.
+    """
+    samples = PoseSamples(global_frame=params["global_frame"])
+    static = read_transforms(recording, params["tf_static"], "tf_static")
+    moving = read_transforms(recording, params["tf"], "tf", samples.counts)
+    dst, src = params["global_frame"], params["ego_frame"]
+    tree = TfTree(static, urdf, moving)
+    try:
+        up, down = tree.chain(dst, src)
+    except CalibrationError as err:
+        raise PoseError(
+            f"ego poses from TF: {err}. Correct global_frame or ego_frame in the recipe."
+        ) from err
+    on_way = [edge.stamps_ns for edge in (*up, *down) if edge.moves]
+    if not on_way:
+        raise PoseError(
+            f"ego poses from TF: nothing between {dst} and {src} moves; a rig that stands still says "
+            "`source: fixed` in the recipe."
+        )
+    stamps_ns = np.unique(np.concatenate(on_way))
+    max_gap_ns, extrapolate_ns = round(params["max_gap_s"] * 1e9), round(params["extrapolate_s"] * 1e9)
+    positions, rotations, valid = tree.at(dst, src, stamps_ns, max_gap_ns, extrapolate_ns)
+    used = int(valid.sum())
+    without = len(stamps_ns) - used
+    samples.counts.merged = samples.counts.written - len(stamps_ns)
+    samples.counts.written = used
+    if without:
+        samples.counts.lose(WITHOUT_OTHERS, without)
+    samples.stamps_ns = [int(stamp) for stamp in stamps_ns[valid]]
+    samples.poses = [SE3.create(q, t) for q, t in zip(rotations[valid], positions[valid], strict=True)]
+    return samples

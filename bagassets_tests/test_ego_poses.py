@@ -1,0 +1,508 @@
+"""The step `ego_poses`: every source against a known motion, and what is missing or contradicts."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from bagassets.errors import DecodeError, LossLimitError, PoseError
+from bagassets.geometry.se3 import SE3
+from bagassets.geometry.wgs84 import LocalFrame, utm
+from bagassets.recipe.model import Limits, Rig
+from bagassets.steps import ego_poses
+from bagassets_tests.pose_data import (
+    IMU,
+    NAVSAT,
+    ODOMETRY,
+    POSE,
+    POSE_COVARIANCE,
+    T0,
+    TFMESSAGE,
+    Recorded,
+    S,
+    Written,
+    about_z,
+    fix,
+    imu,
+    odometry,
+    pose_stamped,
+    pose_with_covariance,
+    tf,
+    transform,
+)
+
+SPEED, TURN = 8.0, 0.3
+
+
+def truth(t):
+    """A circle at constant speed, nose along the path, climbing a little."""
+    radius, angle = SPEED / TURN, TURN * t
+    return SE3.create(about_z(angle), (radius * math.sin(angle), radius * (1 - math.cos(angle)), 0.05 * t))
+
+
+def at(t):
+    return T0 + round(t * S)
+
+
+def rig(source, **fields):
+    channels = {"LIDAR_TOP": {"modality": "lidar", "topic": "/points"}}
+    return Rig.model_validate({"name": "car", "channels": channels, "ego_pose": source} | fields)
+
+
+class Posed:
+    """The step, run on a recording."""
+
+    def __init__(self, folder, source, *entries, clock="header", limits=None, urdf=None, **fields):
+        self.recording = Recorded(*entries)
+        if urdf is not None:
+            fields["urdf"] = folder / "car.urdf"
+            fields["urdf"].write_bytes(urdf)
+        request = ego_poses.request(rig(source, **fields), clock, self.recording.inventory(), limits)
+        self.request = request
+        json.dumps(request.params)
+        view = Recorded(*entries) if entries else Recorded()
+        self.view = view
+        made = Written(folder / "out", lambda out: ego_poses.make(request.params, view, out))
+        self.summary, self.digest = made.summary, made.digest
+        self.json = made.artifact.read_json("ego_poses.json")
+        self.table = made.artifact.read_table("ego_poses.parquet").to_pylist()
+        self.trajectory = ego_poses.load_trajectory(made.artifact)
+        assert set(view.read) <= set(request.topics)
+        counts = self.json["counts"]
+        assert counts["read"] == counts["written"] + counts["merged"] + sum(counts["lost"].values())
+
+    def errors_m_rad(self, times, expected=truth):
+        """Largest distance and angle from the truth."""
+        positions, rotations, valid = self.trajectory.at(np.array([at(t) for t in times]))
+        assert valid.all()
+        metres, radians = 0.0, 0.0
+        for t, position, rotation in zip(times, positions, rotations, strict=True):
+            difference = expected(t).inverse() @ SE3.create(rotation, position)
+            metres = max(metres, float(np.linalg.norm(difference.translation)))
+            radians = max(radians, 2 * math.asin(min(1.0, float(np.linalg.norm(difference.rotation[1:])))))
+        return metres, radians
+
+
+def odometries(times, pose=truth, **options):
+    return [("/odom", ODOMETRY, at(t) + 4_000_000, odometry(at(t), pose(t), **options)) for t in times]
+
+
+ODOM = {"source": "odometry", "topic": "/odom"}
+TIMES = np.arange(0.0, 2.0, 0.02)
+BETWEEN = np.arange(0.001, 1.96, 0.0137)
+
+
+def static(parent, child, value, stamp_ns=0):
+    return "/tf_static", TFMESSAGE, T0 - S, tf(transform(stamp_ns, parent, child, value))
+
+
+class TestTopics:
+    """Odometry, PoseStamped, PoseWithCovarianceStamped."""
+
+    @pytest.mark.parametrize(
+        ("source", "entries"),
+        [
+            (ODOM, odometries(TIMES)),
+            (
+                {"source": "pose", "topic": "/pose"},
+                [("/pose", POSE, at(t), pose_stamped(at(t), truth(t))) for t in TIMES],
+            ),
+            (
+                {"source": "pose", "topic": "/pose"},
+                [("/pose", POSE_COVARIANCE, at(t), pose_with_covariance(at(t), truth(t))) for t in TIMES],
+            ),
+        ],
+    )
+    def test_between_messages_to_a_millimetre(self, tmp_path, source, entries):
+        made = Posed(tmp_path, source, *entries)
+        metres, radians = made.errors_m_rad(BETWEEN)
+        assert metres < 1e-3
+        assert radians < 1e-6
+        assert made.summary["count"] == len(TIMES)
+        assert made.json["origin"] is None
+        assert made.json["global_frame"] == ("odom" if source is ODOM else "map")
+
+    @settings(deadline=None, max_examples=15, suppress_health_check=[HealthCheck.function_scoped_fixture])
+    @given(st.permutations(range(25)), st.sets(st.integers(0, 24), max_size=4))
+    def test_order_and_repetition_of_messages_do_not_matter(self, tmp_path_factory, order, repeated):
+        entries = odometries(np.arange(25) * 0.02)
+        shuffled = [
+            (topic, kind, T0 + i, message)
+            for i, (topic, kind, _, message) in enumerate([entries[i] for i in [*order, *sorted(repeated)]])
+        ]
+        plain = Posed(tmp_path_factory.mktemp("a"), ODOM, *entries)
+        mixed = Posed(tmp_path_factory.mktemp("b"), ODOM, *shuffled)
+        assert mixed.table == plain.table
+        assert mixed.json["counts"]["merged"] == len(repeated)
+
+    def test_the_clock_of_the_recipe(self, tmp_path):
+        late = [(topic, kind, log_ns + S, message) for topic, kind, log_ns, message in odometries(TIMES)]
+        assert Posed(tmp_path / "a", ODOM, *late).table[0]["stamp_ns"] == T0
+        assert Posed(tmp_path / "b", ODOM, *late, clock="log").table[0]["stamp_ns"] == T0 + S + 4_000_000
+
+    def test_the_first_of_two_poses_at_a_stamp_counts(self, tmp_path):
+        entries = [*odometries([0.0, 0.1]), ("/odom", ODOMETRY, at(1.0), odometry(at(0.1), truth(9.0)))]
+        made = Posed(tmp_path, ODOM, *entries)
+        assert made.table[1]["x"] == pytest.approx(truth(0.1).translation[0])
+        assert made.json["counts"] == {"read": 3, "written": 2, "merged": 1, "lost": {}}
+
+    def test_no_pose_in_a_gap(self, tmp_path):
+        times = [t for t in TIMES if not 0.5 < t < 1.2]
+        made = Posed(tmp_path, ODOM | {"max_gap_s": 0.5}, *odometries(times))
+        _, _, valid = made.trajectory.at(np.array([at(0.4), at(0.8), at(1.3)]))
+        assert valid.tolist() == [True, False, True]
+
+    def test_poses_of_another_frame_of_the_vehicle(self, tmp_path):
+        """The odometry tracks the rear axle; the ego frame sits elsewhere on the car."""
+        axle_SE3_ego = SE3.create(about_z(0.2), (1.4, 0.1, 0.3))
+        entries = odometries(TIMES, lambda t: truth(t) @ axle_SE3_ego.inverse(), child="/axle")
+        made = Posed(tmp_path, ODOM, *entries, static("axle", "base_link", axle_SE3_ego))
+        metres, radians = made.errors_m_rad(BETWEEN)
+        assert metres < 1e-3
+        assert radians < 1e-6
+
+    @pytest.mark.parametrize("where", ["tf", "urdf"])
+    def test_the_other_frame_from_a_urdf_or_a_fixed_joint_in_tf(self, tmp_path, where):
+        entries = odometries([0.0, 0.1], lambda _: SE3.create((1, 0, 0, 0), (5, 0, 0)), child="foot")
+        urdf = None
+        if where == "tf":
+            joint = SE3.create((1, 0, 0, 0), (0, 0, 0.3))
+            entries += [
+                ("/tf", TFMESSAGE, at(t), tf(transform(at(t), "foot", "base_link", joint))) for t in (0, 1)
+            ]
+        else:
+            urdf = (
+                b'<robot name="r"><joint name="j" type="fixed"><origin xyz="0 0 0.3"/>'
+                b'<parent link="foot"/><child link="base_link"/></joint></robot>'
+            )
+        made = Posed(tmp_path, ODOM, *entries, urdf=urdf)
+        assert [made.table[0][axis] for axis in "xyz"] == [5.0, 0.0, 0.3]
+
+    def test_a_frame_that_nothing_relates_to_the_ego_frame(self, tmp_path):
+        with pytest.raises(
+            PoseError,
+            match=r"/odom gives poses of imu, not of base_link: no transform from base_link to imu: .* not a frame "
+            r"known here .*Correct ego_frame in the recipe, or name in ego_pose\.frame",
+        ):
+            Posed(tmp_path, ODOM, *odometries(TIMES, child="imu"))
+
+    def test_the_recipe_may_say_whose_pose_it_is(self, tmp_path):
+        made = Posed(tmp_path, ODOM | {"frame": "base_link"}, *odometries(TIMES, child="camera_pose_frame"))
+        assert made.errors_m_rad([0.5])[0] < 1e-3
+
+    def test_odometry_without_child_frame_is_of_the_ego_frame(self, tmp_path):
+        assert Posed(tmp_path, ODOM, *odometries(TIMES, child="")).errors_m_rad([0.5])[0] < 1e-3
+
+    def test_poses_of_two_global_frames_are_not_mixed(self, tmp_path):
+        entries = [*odometries([0.0, 0.1, 0.2]), *odometries([0.3], frame="map")]
+        made = Posed(tmp_path, ODOM, *entries)
+        assert made.json["counts"]["lost"] == {"it is in another frame than the first pose": 1}
+
+    def test_nonsense_is_counted_up_to_the_limit(self, tmp_path):
+        broken = odometry(at(3.0), truth(3.0))
+        broken.pose.pose.orientation.w = broken.pose.pose.orientation.z = 0.0
+        entries = [
+            *odometries(TIMES),
+            ("/odom", ODOMETRY, at(3.0), broken),
+            ("/odom", ODOMETRY, at(3.1), DecodeError("its bytes do not fit")),
+        ]
+        made = Posed(tmp_path / "a", ODOM, *entries, limits=Limits(lost_messages=0.1))
+        assert made.json["counts"]["lost"] == {
+            "its quaternion is not of unit length": 1,
+            "its bytes do not fit": 1,
+        }
+        with pytest.raises(
+            LossLimitError, match=r"from /odom: 2 of 102 messages cannot be used.*accepts a share of 0\.01"
+        ):
+            Posed(tmp_path / "b", ODOM, *entries)
+
+    def test_no_usable_pose_at_all(self, tmp_path):
+        with pytest.raises(
+            PoseError, match=r"from /odom: none of 1 messages gives a pose \(1 because its bytes do not fit\)"
+        ):
+            Posed(tmp_path, ODOM, ("/odom", ODOMETRY, T0, DecodeError("its bytes do not fit")))
+
+    def test_a_topic_that_is_not_there(self, tmp_path):
+        with pytest.raises(
+            PoseError,
+            match=r"rig car: the recording has no messages on /odom, which ego_pose reads; it has /pose\.",
+        ):
+            Posed(tmp_path, ODOM, ("/pose", POSE, T0, pose_stamped(T0, truth(0))))
+
+    def test_a_topic_of_another_type(self, tmp_path):
+        with pytest.raises(PoseError, match=r"topic /odom carries sensor_msgs/msg/Imu, expected Odometry"):
+            Posed(tmp_path, ODOM, ("/odom", IMU, T0, imu(T0, (1, 0, 0, 0))))
+
+    def test_far_away_coordinates_are_moved_to_a_local_origin(self, tmp_path):
+        """UTM, say: in float32 they would be 0.25 m off."""
+        far = SE3.create((1, 0, 0, 0), (448_251.8, 5_411_932.7, 35.2))
+        made = Posed(tmp_path, ODOM, *odometries(TIMES, lambda t: far @ truth(t)))
+        assert made.json["origin"] == {"kind": "local", "x": 448_251.0, "y": 5_411_932.0, "z": 35.0}
+        shift = SE3.create((1, 0, 0, 0), (0.8, 0.7, 0.2))
+        assert made.errors_m_rad(BETWEEN, lambda t: shift @ truth(t))[0] < 1e-3
+
+    def test_coordinates_that_are_local_stay_as_they_are(self, tmp_path):
+        near = SE3.create((1, 0, 0, 0), (99_000.0, 0.0, 0.0))
+        made = Posed(tmp_path, ODOM, *odometries([0.0, 0.1], lambda t: near @ truth(t)))
+        assert made.table[0]["x"] == 99_000.0
+        assert made.json["origin"] is None
+
+    def test_length_of_the_path(self, tmp_path):
+        made = Posed(tmp_path, ODOM, *odometries(TIMES))
+        assert made.summary["length_m"] == pytest.approx(SPEED * TIMES[-1], rel=1e-3)
+
+
+class TestTf:
+    """A chain of transforms."""
+
+    SOURCE = {"source": "tf", "global_frame": "map"}  # noqa: RUF012
+
+    @staticmethod
+    def chain(drift_times, odometry_times, mount=None):
+        """map -> odom (slow), odom -> base (fast), base -> base_link (fixed); together `truth`."""
+        mount = mount or SE3.create(about_z(0.1), (0.5, 0.0, 0.2))
+        drift = lambda t: SE3.create(about_z(0.01 * t), (0.2 * t, 0.0, 0.0))  # noqa: E731
+        entries = [
+            ("/tf", TFMESSAGE, at(t) + 300_000_000, tf(transform(at(t), "/map", "odom", drift(t))))
+            for t in drift_times
+        ]
+        entries += [
+            (
+                "/tf", TFMESSAGE, at(t) + 2_000_000,
+                tf(transform(at(t), "odom", "base", drift(t).inverse() @ truth(t) @ mount.inverse())),
+            )
+            for t in odometry_times
+        ]  # fmt: skip
+        return entries, mount
+
+    def test_edges_of_different_rates_and_latencies(self, tmp_path):
+        entries, mount = self.chain(np.arange(-0.3, 2.5, 0.25), TIMES)
+        made = Posed(tmp_path, self.SOURCE, *entries, static("base", "base_link", mount))
+        metres, radians = made.errors_m_rad(BETWEEN)
+        assert metres < 1e-3
+        assert radians < 1e-5
+        assert made.json["global_frame"] == "map"
+
+    def test_a_fixed_joint_repeated_in_tf(self, tmp_path):
+        entries, mount = self.chain(np.arange(-0.3, 2.5, 0.25), TIMES)
+        entries += [
+            ("/tf", TFMESSAGE, at(t), tf(transform(at(t), "base", "base_link", mount)))
+            for t in np.arange(0, 2, 0.7)
+        ]
+        assert Posed(tmp_path, self.SOURCE, *entries).errors_m_rad(BETWEEN)[0] < 1e-3
+
+    def test_a_correction_once_a_second_does_not_make_gaps(self, tmp_path):
+        entries, mount = self.chain([0.1, 1.1], TIMES)
+        made = Posed(tmp_path, self.SOURCE | {"max_gap_s": 0.1}, *entries, static("base", "base_link", mount))
+        # Before the first and after the last correction that one holds; it drifts by 0.2 m/s.
+        assert made.errors_m_rad([0.15, 0.6, 1.05])[0] < 0.01
+        assert made.errors_m_rad([0.01, 1.9])[0] < 0.25
+        assert made.json["counts"]["lost"] == {}
+
+    def test_samples_without_the_other_edges_are_counted(self, tmp_path):
+        entries, mount = self.chain(np.arange(0.5, 1.0, 0.02), TIMES)
+        made = Posed(tmp_path, self.SOURCE, *entries, static("base", "base_link", mount))
+        (reason,) = made.json["counts"]["lost"]
+        assert reason == "other transforms on the way have no value at its time"
+        assert made.table[0]["stamp_ns"] >= at(0.45)
+
+    def test_a_missing_link(self, tmp_path):
+        entries, _ = self.chain([0.0, 1.0], TIMES)
+        with pytest.raises(
+            PoseError,
+            match=r"ego poses from TF: no transform from base_link to map: base_link is not a frame known here "
+            r"\(known frames: base, map, odom\)\. Correct global_frame or ego_frame in the recipe",
+        ):
+            Posed(tmp_path, self.SOURCE, *entries)
+
+    def test_two_trees(self, tmp_path):
+        entries, mount = self.chain([], TIMES)
+        with pytest.raises(PoseError, match="two trees with the roots odom and map"):
+            Posed(
+                tmp_path,
+                self.SOURCE,
+                *entries,
+                static("base", "base_link", mount),
+                static("map", "earth", SE3()),
+            )
+
+    def test_nothing_moves(self, tmp_path):
+        entries = [("/tf", TFMESSAGE, at(t), tf(transform(at(t), "map", "base_link", SE3()))) for t in (0, 1)]
+        with pytest.raises(PoseError, match="nothing between map and base_link moves; .* `source: fixed`"):
+            Posed(tmp_path, self.SOURCE, *entries)
+
+    def test_no_tf_in_the_recording(self, tmp_path):
+        with pytest.raises(PoseError, match="no messages on /tf"):
+            Posed(tmp_path, self.SOURCE, static("a", "b", SE3()))
+
+
+ORIGIN = LocalFrame(48.137, 11.575, 520.0)
+
+
+def fixes(times, antenna=SE3(), frame="gps", origin=ORIGIN):  # noqa: B008  (immutable)
+    """Fixes of an antenna that sits at `antenna` on the vehicle."""
+    made = []
+    for t in times:
+        place = np.array([(truth(t) @ antenna).translation])
+        lat, lon, alt = (float(v[0]) for v in origin.to_geodetic(place))
+        made.append(("/fix", NAVSAT, at(t), fix(at(t), lat, lon, alt, frame=frame)))
+    return made
+
+
+def turns(times, mount=SE3(), frame="imu"):  # noqa: B008  (immutable)
+    return [("/imu", IMU, at(t), imu(at(t), (truth(t) @ mount).rotation, frame=frame)) for t in times]
+
+
+GNSS = {"source": "navsat", "topic": "/fix"}
+GNSS_IMU = GNSS | {"imu": "/imu"}
+
+
+class TestNavSat:
+    """Fixes on the ellipsoid become local metres, whose origin is told."""
+
+    def test_positions_and_orientations(self, tmp_path):
+        made = Posed(tmp_path, GNSS_IMU, *fixes(TIMES), *turns(np.arange(-0.1, 2.1, 0.013)))
+        metres, radians = made.errors_m_rad(BETWEEN)
+        assert metres < 1e-3
+        assert radians < 1e-5
+        assert made.json["global_frame"] == "enu"
+        assert made.json["helpers"]["/imu"]["lost"] == {}
+
+    def test_the_origin_is_told_with_its_utm_coordinates(self, tmp_path):
+        origin = Posed(tmp_path, GNSS_IMU, *fixes(TIMES), *turns(TIMES)).json["origin"]
+        grid = utm(48.137, 11.575)
+        assert origin["kind"] == "wgs84"
+        assert (origin["lat"], origin["lon"], origin["alt"]) == pytest.approx(
+            (48.137, 11.575, 520.0), abs=1e-9
+        )
+        assert origin["utm_zone"] == "32N"
+        assert (origin["easting"], origin["northing"]) == pytest.approx(
+            (grid.easting_m, grid.northing_m), abs=1e-3
+        )
+
+    def test_the_utm_origin_is_the_published_one(self, tmp_path):
+        """The Eiffel tower: 31 N 448251.795 5411932.678."""
+        lat, lon = 48 + 51 / 60 + 29.52 / 3600, 2 + 17 / 60 + 40.20 / 3600
+        entries = [("/fix", NAVSAT, at(t), fix(at(t), lat, lon + 1e-5 * t, 35.0)) for t in (0.0, 0.1)]
+        origin = Posed(tmp_path, GNSS, *entries).json["origin"]
+        assert origin["utm_zone"] == "31N"
+        assert (origin["easting"], origin["northing"]) == pytest.approx((448251.795, 5411932.678), abs=1e-3)
+
+    def test_the_antenna_and_the_imu_sit_where_tf_says(self, tmp_path):
+        antenna, mount = (
+            SE3.create((1, 0, 0, 0), (-0.6, 0.3, 1.5)),
+            SE3.create((0.5, 0.5, 0.5, 0.5), (1, 1, 1)),
+        )
+        made = Posed(
+            tmp_path, GNSS_IMU, *fixes(TIMES, antenna), *turns(np.arange(-0.1, 2.1, 0.013), mount),
+            static("base_link", "gps", antenna), static("base_link", "imu", mount),
+        )  # fmt: skip
+        # The origin is the first fix, so the first pose of the ego frame is off it by the antenna's place.
+        place = truth(0).inverse() @ SE3.create((1, 0, 0, 0), (0.6, -0.3, -1.5))
+        shift = SE3.create((1, 0, 0, 0), place.translation)
+        metres, radians = made.errors_m_rad(BETWEEN, lambda t: shift @ truth(t))
+        assert metres < 1e-3
+        assert radians < 1e-5
+        assert made.json["notes"] == []
+
+    def test_what_is_assumed_is_noted(self, tmp_path):
+        made = Posed(tmp_path, GNSS_IMU, *fixes(TIMES), *turns(TIMES))
+        assert [note.split(";")[0] for note in made.json["notes"]] == [
+            "No fixed transform relates base_link to the Imu (frame imu)",
+            "No fixed transform relates base_link to the antenna (frame gps)",
+        ]
+        assert Posed(tmp_path / "b", GNSS, *fixes(TIMES), ego_frame="gps").json["notes"] == []
+
+    def test_the_course_is_the_heading_without_an_imu(self, tmp_path):
+        made = Posed(tmp_path, GNSS, *fixes(np.arange(0.0, 4.0, 0.1)))
+        metres, radians = made.errors_m_rad(np.arange(0.5, 3.5, 0.1))
+        assert metres < 1e-3
+        assert radians < 1e-4
+        # On a circle, the course at a fix is that of the chord around it, not of the one behind it.
+        assert made.errors_m_rad(np.arange(0.5, 3.5, 0.0373))[1] < 1e-3
+
+    def test_the_heading_holds_while_the_vehicle_stands(self, tmp_path):
+        def position(t):  # drives north-east, stands with noise, drives on
+            way = min(t, 2.0) + max(t - 4.0, 0.0)
+            noise = 0.01 * math.sin(40 * t) if 2.0 < t < 4.0 else 0.0
+            return SE3.create((1, 0, 0, 0), (3.0 * way + noise, 3.0 * way - noise, 0.0))
+
+        made = []
+        for t in np.arange(0.0, 6.0, 0.1):
+            place = np.array([position(t).translation])
+            lat, lon, alt = (float(v[0]) for v in ORIGIN.to_geodetic(place))
+            made.append(("/fix", NAVSAT, at(t), fix(at(t), lat, lon, alt)))
+        _, rotations, _ = Posed(tmp_path, GNSS, *made).trajectory.at(
+            np.array([at(t) for t in np.arange(0.0, 5.9, 0.05)])
+        )
+        np.testing.assert_allclose(rotations, np.tile(about_z(math.pi / 4), (len(rotations), 1)), atol=1e-2)
+
+    def test_a_vehicle_that_never_moves_faces_east(self, tmp_path):
+        entries = [("/fix", NAVSAT, at(t), fix(at(t), 48.0, 11.0, 0.0)) for t in (0.0, 0.1)]
+        assert [row["qw"] for row in Posed(tmp_path, GNSS, *entries).table] == [1.0, 1.0]
+
+    def test_height_that_is_not_known(self, tmp_path):
+        entries = [("/fix", NAVSAT, at(t), fix(at(t), 48.0, 11.0 + t, math.nan)) for t in (0.0, 0.0001)]
+        made = Posed(tmp_path, GNSS, *entries)
+        assert made.json["origin"]["alt"] == 0.0
+        assert abs(made.table[1]["z"]) < 0.01
+
+    def test_messages_without_fix_are_counted_and_do_not_fail_the_recording(self, tmp_path):
+        searching = [("/fix", NAVSAT, at(t), fix(at(t), 0.0, 0.0, 0.0, status=-1)) for t in (-0.2, -0.1)]
+        made = Posed(tmp_path, GNSS, *searching, *fixes(TIMES))
+        assert made.json["counts"]["lost"] == {"the receiver has no fix (status -1)": 2}
+
+    def test_fixes_without_orientation_are_counted(self, tmp_path):
+        made = Posed(tmp_path, GNSS_IMU, *fixes(TIMES), *turns(np.arange(0.0, 1.0, 0.013)))
+        lost = made.json["counts"]["lost"]["no Imu orientation at its time"]
+        assert lost == len([t for t in TIMES if t > 0.988 + 0.05])
+
+    def test_an_imu_without_orientation(self, tmp_path):
+        entries = [("/imu", IMU, at(t), imu(at(t), (1, 0, 0, 0), covariance=-1.0)) for t in TIMES]
+        with pytest.raises(PoseError, match="100 because no Imu orientation at its time"):
+            Posed(tmp_path, GNSS_IMU, *fixes(TIMES), *entries)
+
+    def test_topics_that_are_not_there(self, tmp_path):
+        with pytest.raises(PoseError, match=r"no messages on /imu, which ego_pose reads; it has /fix"):
+            Posed(tmp_path, GNSS_IMU, *fixes(TIMES))
+
+    @pytest.mark.parametrize(
+        ("lat", "lon", "problem"),
+        [(math.nan, 1.0, "not finite"), (91.0, 0.0, "out of range"), (0.0, 0.0, "at 0, 0")],
+    )
+    def test_places_that_are_none(self, tmp_path, lat, lon, problem):
+        with pytest.raises(PoseError, match=problem):
+            Posed(tmp_path, GNSS, ("/fix", NAVSAT, T0, fix(T0, lat, lon)))
+
+
+class TestFixed:
+    """A rig that stands still."""
+
+    def test_one_pose_holds_always(self, tmp_path):
+        pose = {"translation": [1.0, 2.0, 3.0], "rotation": [0.5, 0.5, 0.5, 0.5]}
+        made = Posed(tmp_path, {"source": "fixed", "pose": pose})
+        assert made.request.topics == ()
+        assert made.json["fixed"]
+        assert made.table == [
+            {"stamp_ns": 0, "x": 1.0, "y": 2.0, "z": 3.0, "qw": 0.5, "qx": 0.5, "qy": 0.5, "qz": 0.5}
+        ]
+        _, _, valid = made.trajectory.at(np.array([0, T0]))
+        assert valid.all()
+
+
+def test_the_key_holds_what_is_read_and_nothing_else():
+    inventory = Recorded(*odometries([0.0])).inventory()
+    base = ego_poses.request(rig(ODOM), "header", inventory)
+    assert base.topics == ("/odom",)
+    assert ego_poses.request(rig(ODOM, location="x"), "header", inventory) == base
+    assert ego_poses.request(rig(ODOM), "log", inventory) != base
+    assert ego_poses.request(rig(ODOM | {"max_gap_s": 1.0}), "header", inventory) != base
+
+
+def test_the_same_messages_give_the_same_bytes(tmp_path):
+    first = Posed(tmp_path / "a", GNSS_IMU, *fixes(TIMES), *turns(TIMES))
+    again = Posed(tmp_path / "b", GNSS_IMU, *fixes(TIMES), *turns(TIMES))
+    assert first.digest == again.digest
