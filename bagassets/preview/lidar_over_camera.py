@@ -13,7 +13,7 @@ __all__ = ["lidar_over_camera"]
 MOST_POINTS = 40_000
 SPARSE_POINTS = 8_000  # fewer are drawn larger
 NEAR_M, FAR_M = 3.0, 60.0
-_MARKS_M = (3, 5, 10, 20, 40, 60)
+_MARKS_M = (3, 5, 10, 20, 60)
 _DARKEST = 0.12
 
 
