@@ -11,14 +11,21 @@ __all__ = ["demo"]
     epilog="""\b
 Examples:
   bagassets demo
-  bagassets demo /tmp/demo
+  bagassets demo /tmp/demo --seconds 20
 
 \b
 Exit status: as of `bagassets build`."""
 )
 @click.argument("folder", type=click.Path(file_okay=False, path_type=Path), default=Path("build/demo"))
+@click.option(
+    "--seconds",
+    type=click.FloatRange(1, 600),
+    default=5.0,
+    show_default=True,
+    help="Length of each drive that is written.",
+)
 @click.pass_context
-def demo(ctx: click.Context, folder: Path) -> None:
+def demo(ctx: click.Context, folder: Path, seconds: float) -> None:
     """Make sample drives and build the dataset from them.
 
     Writes six synthetic drives (two ROS 1, two ROS 2, two MCAP) into FOLDER/recordings, a project
@@ -36,7 +43,7 @@ def demo(ctx: click.Context, folder: Path) -> None:
     missing = missing_drives(recordings)
     if missing:
         with click.progressbar(
-            write_drives(recordings, missing),
+            write_drives(recordings, missing, seconds),
             length=len(missing),
             label=f"Writing {len(missing)} sample drives",
             item_show_func=lambda name: name or "",

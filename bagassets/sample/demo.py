@@ -4,14 +4,13 @@ import os
 import shutil
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 
 from bagassets.sample.drive import Target, write_recordings
 
-__all__ = ["DURATION_S", "PROFILE", "missing_drives", "write_drives"]
-
-PROFILE, DURATION_S = "drive", 5.0
+__all__ = ["missing_drives", "write_drives"]
 
 # Number of a drive is its seed; compressions are those that people use.
 _TARGETS = (
@@ -29,7 +28,7 @@ def missing_drives(folder: Path) -> list[Target]:
     return [target for target in _TARGETS if not (folder / target.path).exists()]
 
 
-def write_drives(folder: Path, targets: list[Target], workers: int | None = None) -> Iterator[str]:
+def write_drives(folder: Path, targets: list[Target], duration_s: float) -> Iterator[str]:
     """Write drives side by side; yields the name of each that is done.
 
     Each is written elsewhere and moved into the folder when it is whole, so that an interrupted demo
@@ -38,21 +37,21 @@ def write_drives(folder: Path, targets: list[Target], workers: int | None = None
     Args:
         folder: of the recordings.
         targets: drives to write.
-        workers: processes; default: one per processor.
+        duration_s: length of each.
     """
     folder.mkdir(parents=True, exist_ok=True)
     unfinished = folder.parent / ".writing"
     shutil.rmtree(unfinished, ignore_errors=True)
     unfinished.mkdir()
     # Spawned, as the caller may have threads.
-    with ProcessPoolExecutor(workers or os.cpu_count(), get_context("spawn")) as pool:
-        yield from pool.map(_write, targets, [unfinished] * len(targets), [folder] * len(targets))
+    with ProcessPoolExecutor(os.cpu_count(), get_context("spawn")) as pool:
+        yield from pool.map(partial(_write, unfinished, folder, duration_s), targets)
     unfinished.rmdir()
 
 
-def _write(target: Target, unfinished: Path, folder: Path) -> str:
+def _write(unfinished: Path, folder: Path, duration_s: float, target: Target) -> str:
     part = unfinished / target.path
     seed = _TARGETS.index(target) + 1
-    write_recordings([Target(part, target.format, target.compression)], seed, PROFILE, DURATION_S)
+    write_recordings([Target(part, target.format, target.compression)], seed, "drive", duration_s)
     part.replace(folder / target.path)
     return target.path.name
