@@ -6,6 +6,7 @@ import dagster as dg
 
 from bagassets.bags.digest import RecordingStat, recording_stat
 from bagassets.bags.discover import Discovery
+from bagassets.bags.model import Found
 from bagassets.defs.dataset import dataset_is_current, record_inputs
 from bagassets.defs.events import live_partitions
 from bagassets.defs.partitions import DATASET, active_runs, add_partitions, remove_partition
@@ -13,8 +14,10 @@ from bagassets.defs.planning import Planned, plan_now
 from bagassets.defs.sensor_cursor import Cursor
 from bagassets.defs.workspace import Workspace
 from bagassets.engine.dataset_build import DatasetInputs, dataset_code_versions
+from bagassets.engine.named_files import file_signature, files_beside
 from bagassets.engine.plan_model import ALL_ASSETS, BagPlan, Plan
 from bagassets.errors import RecordingError
+from bagassets.recipe.model import Recipe
 from bagassets.store.canonical import digest_json
 
 __all__ = ["Look"]
@@ -56,6 +59,7 @@ class Look:
                 records,
                 recipe.model_dump(mode="json"),
                 {key: stat.as_json() for key, stat in stats.items()},
+                {key: _beside(recipe, found) for key, found in discovery.found.items()},
                 sorted(live),
                 sorted(active),
             ]
@@ -179,6 +183,11 @@ def _stats(discovery: Discovery) -> dict[str, RecordingStat]:
         except RecordingError:  # it went while we looked; the next look will not find it
             continue
     return stats
+
+
+def _beside(recipe: Recipe, found: Found) -> list[list[str | int]]:
+    """Return what tells whether label files of a recording came, went or changed."""
+    return [[str(path), *file_signature(path)] for path in files_beside(recipe, found)]
 
 
 def _names(keys: list[str]) -> str:

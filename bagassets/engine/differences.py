@@ -73,9 +73,8 @@ def _input_name(name: str) -> str:
     kind, _, rest = name.partition(":")
     if name == "bag":
         return "the recording's content"
-    return {"topic": f"topic {rest}", "channel": f"channel {rest}", "msg": f"definition {rest}"}.get(
-        kind, name
-    )
+    kinds = {"topic": "topic", "channel": "channel", "msg": "definition", "labels": "labels"}
+    return f"{kinds[kind]} {rest}" if kind in kinds else name
 
 
 def _is_short(value: Any) -> bool:

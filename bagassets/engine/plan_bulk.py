@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterable, Mapping
 
 from bagassets.bags.digest import DigestIndex
 from bagassets.bags.discover import Discovery
+from bagassets.engine.named_files import files_beside
 from bagassets.engine.plan import Plan, Planner, Recorded
 from bagassets.engine.plan_memo import PlanMemo, Remembered, artifacts_of, fingerprint, signatures
 from bagassets.engine.plan_model import BagPlan
@@ -49,7 +50,8 @@ def plan_in_bulk(
     for key, found in discovery.found.items():
         ids = {asset: keys[key] for asset, keys in storage_ids.items() if key in keys}
         try:
-            marks[key] = fingerprint(stamp, found, ids if key in registered else {})
+            beside = files_beside(recipe, found)
+            marks[key] = fingerprint(stamp, found, ids if key in registered else {}, beside)
         except OSError:
             continue  # removed meanwhile: the planner tells
         entry = before.get(key)

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from bagassets.bags.model import Found
+from bagassets.engine.named_files import file_signature
 from bagassets.engine.plan_model import AssetState, BagPlan
 from bagassets.store.artifact import MANIFEST
 from bagassets.store.canonical import digest_json
@@ -41,19 +42,21 @@ class Remembered:
     signatures: str
 
 
-def fingerprint(stamp: str, found: Found, storage_ids: Mapping[str, int]) -> str:
+def fingerprint(stamp: str, found: Found, storage_ids: Mapping[str, int], beside: Iterable[Path] = ()) -> str:
     """Return the digest of everything outside the store that the states of one recording are decided from.
 
     Args:
         stamp: digest of recipe, code and libraries.
         found: the recording; all its files are looked at.
         storage_ids: asset -> id of what Dagster recorded last; nothing if its partition is not alive.
+        beside: label files of the recording.
     """
     files = []
     for path in found.files:
         stat = os.stat(path)  # noqa: PTH116  (twice as fast, for thousands)
         files.append([path.name, stat.st_size, stat.st_mtime_ns, stat.st_ino, stat.st_ctime_ns])
-    return digest_json([_SCHEMA, stamp, found.relative, found.format, files, dict(storage_ids)])
+    labels = [[str(path), *file_signature(path)] for path in beside]
+    return digest_json([_SCHEMA, stamp, found.relative, found.format, files, dict(storage_ids), labels])
 
 
 def artifacts_of(plan: BagPlan) -> list[str]:

@@ -1,6 +1,5 @@
 """Which label files belong to a recording, and what they hold."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -12,7 +11,7 @@ from bagassets.recipe.model import Rig
 from bagassets.recipe.model_annotations import AnnotationFiles, FileTimes, NuScenesTables
 from bagassets.store.canonical import digest_bytes
 
-__all__ = ["TIMES", "LabelSet", "expand", "find_labels"]
+__all__ = ["TIMES", "LabelSet", "expand", "find_labels", "label_paths"]
 
 TIMES = "times"
 _ENDINGS = {
@@ -47,9 +46,12 @@ class LabelSet:
     @property
     def inputs(self) -> dict[str, str]:
         """Name -> digest of everything that is read."""
-        inputs = {f"labels:{self.source}:{file.name}": file.digest for file in self.files}
+        names = {
+            file.name: f"{self.source}/{file.name}" if self.is_folder else self.source for file in self.files
+        }
+        inputs = {f"labels:{names[file.name]}": file.digest for file in self.files}
         if self.times is not None:
-            inputs[f"labels:{self.source}:{TIMES}"] = self.times.digest
+            inputs[f"labels:{TIMES} of {self.source}"] = self.times.digest
         return inputs
 
 
@@ -59,6 +61,18 @@ def find_labels(rig: Rig, found: Found) -> dict[str, LabelSet]:
     A file is hashed once per process, as long as its size, time and inode stay.
     """
     return {entry.path: _find(entry, found) for entry in rig.annotation_files}
+
+
+def label_paths(rig: Rig, found: Found) -> list[Path]:
+    """Return the files that `find_labels` would read, and the places where they might be, without reading any."""
+    paths = []
+    for entry in rig.annotation_files:
+        place = found.path.parent / expand(entry.path, found)
+        paths += [place, *(path for _, path in _files_at(place, entry))]
+        times = getattr(entry, "times", None)
+        if isinstance(times, FileTimes):
+            paths.append(found.path.parent / expand(times.path, found))
+    return paths
 
 
 def expand(template: str, found: Found) -> str:
@@ -71,20 +85,6 @@ def expand(template: str, found: Found) -> str:
 
 def _find(entry: AnnotationFiles, found: Found) -> LabelSet:
     place = found.path.parent / expand(entry.path, found)
-    files: Sequence[tuple[str, Path]] = ()
-    is_folder = place.is_dir()
-    if is_folder:
-        wanted = TABLES if isinstance(entry, NuScenesTables) else None
-        files = [
-            (path.name, path)
-            for path in sorted(place.iterdir())
-            if path.suffix.lower() in _ENDINGS[entry.format]
-            and (wanted is None or path.name in wanted)
-            and path.is_file()
-        ]
-    elif place.is_file():
-        # The name as in the recipe: a renamed recording keeps its labels.
-        files = [(entry.path.rsplit("/", 1)[-1], place)]
     rule = getattr(entry, "times", None)
     times = None
     if isinstance(rule, FileTimes):
@@ -94,11 +94,28 @@ def _find(entry: AnnotationFiles, found: Found) -> LabelSet:
     return LabelSet(
         entry.path,
         place,
-        tuple(_file(name, path) for name, path in files),
-        is_folder,
+        tuple(_file(name, path) for name, path in _files_at(place, entry)),
+        place.is_dir(),
         times,
         None if logfile is None else expand(logfile, found),
     )
+
+
+def _files_at(place: Path, entry: AnnotationFiles) -> list[tuple[str, Path]]:
+    """Return name within the source and path of each label file, sorted by name."""
+    if place.is_file():
+        # The name as in the recipe: a renamed recording keeps its labels.
+        return [(entry.path.rsplit("/", 1)[-1], place)]
+    if not place.is_dir():
+        return []
+    wanted = TABLES if isinstance(entry, NuScenesTables) else None
+    return [
+        (path.name, path)
+        for path in sorted(place.iterdir())
+        if path.suffix.lower() in _ENDINGS[entry.format]
+        and (wanted is None or path.name in wanted)
+        and path.is_file()
+    ]
 
 
 def _file(name: str, path: Path) -> LabelFile:

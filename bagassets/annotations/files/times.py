@@ -58,7 +58,7 @@ class NamedFrames:
         if found is None or number is not None:
             return None
         fraction = (found[2] or "")[: self._digits]
-        return int(found[1]) * 10**self._digits + int(fraction.ljust(self._digits, "0") or "0")
+        return int(found[1] + fraction.ljust(self._digits, "0"))
 
 
 def read_times(data: bytes) -> list[int]:
