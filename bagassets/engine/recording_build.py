@@ -26,6 +26,7 @@ from bagassets.engine.recording_assets import (
     assets_of,
 )
 from bagassets.engine.source import MessageSource
+from bagassets.engine.track import track_of
 from bagassets.errors import BagAssetsError, StoreError
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.recipe.model import CameraChannel, Recipe, Rig
@@ -331,6 +332,8 @@ class RecordingBuild:
         )
 
         def make(out: ArtifactWriter) -> dict[str, Any]:
+            # Maps and reports will ask for the track; now is the time to make it, on all workers.
+            track_of(self.store, self._artifact("inventory"), self._artifact("ego_poses"), self.recipe.clock)
             return preview.make(
                 request.params,
                 out,
