@@ -1,0 +1,119 @@
+"""The sensor under a real `dagster dev`, started in a project folder without any variables set."""
+
+import json
+import signal
+import time
+
+import dagster as dg
+import pytest
+
+from bagassets.defs.runs import open_instance
+from bagassets_tests.services import (
+    BIN,
+    complaints,
+    eventually,
+    free_port,
+    make_project,
+    running,
+)
+from bagassets_tests.small_drive import write_drive
+
+pytestmark = pytest.mark.xdist_group("daemon")
+
+PARTITIONS = "test_recordings"
+
+
+class Watched:
+    """What a project shows to somebody who watches from outside."""
+
+    def __init__(self, project, instance):
+        self.bags = project.parent / "bags"
+        self.log = project.parent / "dagster.log"
+        self.instance = instance
+        self._lock = project / "dataset" / "nuscenes" / "v1.0-test" / "dataset.lock.json"
+        self._version = self._lock.parent
+
+    @property
+    def dataset(self):
+        """Key -> content of the recordings in the dataset."""
+        return {bag["key"]: bag["content"] for bag in self._read("dataset.lock.json")["bags"]}
+
+    @property
+    def scenes(self):
+        return len(self._read("scene.json"))
+
+    @property
+    def partitions(self):
+        return set(self.instance.get_dynamic_partitions(PARTITIONS))
+
+    def runs_of(self, key):
+        return self.instance.get_runs(dg.RunsFilter(tags={"dagster/partition": key}))
+
+    def _read(self, name):
+        try:
+            return json.loads((self._version / name).read_text())
+        except FileNotFoundError:  # not there yet, or being exchanged
+            return {"bags": []} if name == "dataset.lock.json" else []
+
+
+@pytest.fixture(scope="module")
+def watched(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("daemon")
+    write_drive(folder / "bags" / "a.bag", "ros1", duration_s=2.0)
+    write_drive(folder / "bags" / "b.mcap", "mcap", duration_s=2.2)
+    project = make_project(folder)
+    command = [BIN / "dagster", "dev", "--port", free_port()]
+    with (
+        running(command, project, folder / "dagster.log") as process,
+        open_instance(str(project)) as instance,
+    ):
+        watched = Watched(project, instance)
+        eventually(lambda: set(watched.dataset) == {"a.bag", "b.mcap"}, "the dataset is made")
+        yield watched
+        process.send_signal(signal.SIGINT)
+        assert process.wait(60) == 0
+
+
+def test_what_is_there_at_first_is_built_once_and_nothing_is_complained_about(watched):
+    assert watched.partitions == {"a.bag", "b.mcap"}
+    assert watched.scenes == 2
+    for key in ("a.bag", "b.mcap"):
+        (run,) = watched.runs_of(key)
+        assert run.status == dg.DagsterRunStatus.SUCCESS
+        assert run.tags["why"] == "new recording"
+    assert complaints(watched.log) == []
+
+
+def test_a_recording_that_is_copied_in_slowly_is_taken_when_it_is_complete(watched, tmp_path):
+    data = write_drive(tmp_path / "c.bag", "ros1", duration_s=2.4).read_bytes()
+    with (watched.bags / "c.bag").open("wb") as upload:
+        for part in range(8):
+            upload.write(data[len(data) * part // 8 : len(data) * (part + 1) // 8])
+            upload.flush()
+            assert "c.bag" not in watched.partitions
+            time.sleep(0.6)
+    uploaded = time.monotonic()
+    eventually(lambda: "c.bag" in watched.dataset, "the dataset has the new recording")
+    took_s = time.monotonic() - uploaded
+    assert watched.scenes == 3
+    assert "c.bag" in watched.partitions
+    assert [run.status for run in watched.runs_of("c.bag")] == [dg.DagsterRunStatus.SUCCESS]
+    # 5 s for a tick, 1 s to settle, the rest is work: 15 s on an idle machine. This one may be busy.
+    assert took_s < 45
+
+
+def test_a_changed_recording_is_the_only_one_that_runs(watched, tmp_path):
+    before, runs = watched.dataset, {key: len(watched.runs_of(key)) for key in watched.partitions}
+    (watched.bags / "a.bag").write_bytes(write_drive(tmp_path / "a.bag", "ros1", duration_s=3.0).read_bytes())
+    eventually(lambda: watched.dataset["a.bag"] != before["a.bag"], "the dataset has the new content")
+    assert {key for key, content in watched.dataset.items() if before.get(key) != content} == {"a.bag"}
+    assert {key for key in runs if len(watched.runs_of(key)) != runs[key]} == {"a.bag"}
+
+
+def test_a_removed_recording_goes_with_its_partition_and_scenes(watched):
+    scenes = watched.scenes
+    (watched.bags / "b.mcap").unlink()
+    eventually(lambda: "b.mcap" not in watched.dataset, "the dataset has dropped it")
+    assert "b.mcap" not in watched.partitions
+    assert watched.scenes == scenes - 1
+    assert complaints(watched.log) == []

@@ -1,0 +1,137 @@
+"""`bagassets ui`: really started, looked at through its GraphQL, and ended as users end it."""
+
+import json
+import signal
+import socket
+import subprocess
+from urllib.request import Request, urlopen
+
+import pytest
+from click.testing import CliRunner
+
+from bagassets.cli.main import main
+from bagassets.cli.ui import ui
+from bagassets.forkserver.client import Client
+from bagassets_tests.services import (
+    BIN,
+    bare_environment,
+    eventually,
+    free_port,
+    make_project,
+    processes_of,
+    running,
+)
+from bagassets_tests.small_drive import write_drive
+
+pytestmark = pytest.mark.xdist_group("ui")
+
+
+@pytest.fixture
+def project(tmp_path):
+    write_drive(tmp_path / "bags" / "a.bag", "ros1", duration_s=2.0)
+    return make_project(tmp_path)
+
+
+def ask(url, query):
+    request = Request(
+        f"{url}/graphql", json.dumps({"query": query}).encode(), {"Content-Type": "application/json"}
+    )
+    with urlopen(request, timeout=30) as answer:
+        return json.load(answer)["data"]
+
+
+def servers_of(project):
+    return [client.process.pid for client in Client.all_of(project / ".bagassets")]
+
+
+def test_it_shows_the_project_and_leaves_nothing_behind(project):
+    log = project.parent / "ui.log"
+    port = free_port()
+    # From another folder, with the recipe named: nothing depends on where it is started.
+    command = [BIN / "bagassets", "ui", "--recipe", project / "recipe.yaml", "--port", port, "--no-browser"]
+    with running(command, project.parent, log) as process:
+        url = f"http://127.0.0.1:{port}"
+        eventually(lambda: url in log.read_text(), "it tells its address")
+        nodes = ask(url, "{ assetNodes { assetKey { path } description groupName kinds } }")["assetNodes"]
+        assert {"bag", "frames", "nuscenes_dataset"} <= {node["assetKey"]["path"][0] for node in nodes}
+        assert all(node["description"] and node["groupName"] and node["kinds"] for node in nodes)
+        eventually((project / "dataset/nuscenes/v1.0-test/scene.json").is_file, "the sensor has it built")
+
+        again = [*command, "--port", port]
+        second = subprocess.run(
+            [str(p) for p in again],
+            check=False,
+            capture_output=True,
+            text=True,
+            env=bare_environment(),
+            timeout=60,
+        )
+        assert second.returncode == 1
+        assert f"port {port} of 127.0.0.1 is taken" in second.stderr
+        assert "--port" in second.stderr
+
+        sessions = [process.pid, *child_sessions(process.pid)]
+        process.send_signal(signal.SIGINT)
+        assert process.wait(60) == 0
+        eventually(lambda: not any(processes_of(pid) for pid in sessions), "all processes are gone", 20)
+        eventually(lambda: servers_of(project) == [], "the fork server has ended", 20)
+    assert log.read_text().splitlines() == [f"{url}  (web UI of project; Ctrl-C ends it)"]
+
+
+def child_sessions(pid):
+    """Return the processes that lead sessions of their own and were started by `pid`."""
+    children = subprocess.run(
+        ["ps", "-o", "sid=", "--ppid", str(pid)], check=False, capture_output=True, text=True
+    )
+    return [int(sid) for sid in children.stdout.split()]
+
+
+def test_it_ends_when_whoever_started_it_is_killed(project):
+    log = project.parent / "ui.log"
+    command = [
+        BIN / "bagassets",
+        "ui",
+        "--recipe",
+        project / "recipe.yaml",
+        "--port",
+        free_port(),
+        "--no-browser",
+    ]
+    with running(command, project, log) as process:
+        eventually(lambda: child_sessions(process.pid), "Dagster is started")
+        sessions = child_sessions(process.pid)
+        process.kill()
+        process.wait()
+        eventually(lambda: not any(processes_of(pid) for pid in sessions), "all processes are gone")
+
+
+def test_an_unknown_host_is_told_in_words(project, capsys):
+    status = main(["ui", "--recipe", str(project / "recipe.yaml"), "--host", "no.such.host.invalid"])
+    assert status == 1
+    assert "no.such.host.invalid: no such address on this machine" in capsys.readouterr().err
+
+
+def test_a_taken_port_is_told_with_one_that_is_free(project, capsys):
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        port = other.getsockname()[1]
+        status = main(["ui", "--recipe", str(project / "recipe.yaml"), "--port", str(port)])
+    assert status == 1
+    err = capsys.readouterr().err
+    free = int(err.partition("--port ")[2].rstrip(".\n"))
+    assert free > port
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", free))
+
+
+def test_a_missing_recipe_is_told_before_anything_is_started(tmp_path, capsys):
+    assert main(["ui", "--recipe", str(tmp_path / "recipe.yaml")]) == 1
+    assert "no recipe here" in capsys.readouterr().err
+
+
+def test_the_help_has_examples():
+    shown = CliRunner().invoke(ui, ["--help"]).output
+    assert "bagassets ui --recipe" in shown
+    for option in ("--recipe", "--port", "--host", "--no-browser"):
+        assert option in shown
