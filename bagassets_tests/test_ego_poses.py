@@ -1,6 +1,5 @@
 """The step `ego_poses`: every source against a known motion, and what is missing or contradicts."""
 
-import json
 import math
 
 import numpy as np
@@ -10,8 +9,8 @@ from hypothesis import strategies as st
 
 from bagassets.errors import DecodeError, LossLimitError, PoseError
 from bagassets.geometry.se3 import SE3
-from bagassets.geometry.wgs84 import LocalFrame, utm
-from bagassets.recipe.model import Limits, Rig
+from bagassets.geometry.wgs84 import utm
+from bagassets.recipe.model import Limits
 from bagassets.steps import ego_poses
 from bagassets_tests.pose_data import (
     IMU,
@@ -23,7 +22,6 @@ from bagassets_tests.pose_data import (
     TFMESSAGE,
     Recorded,
     S,
-    Written,
     about_z,
     fix,
     imu,
@@ -33,57 +31,7 @@ from bagassets_tests.pose_data import (
     tf,
     transform,
 )
-
-SPEED, TURN = 8.0, 0.3
-
-
-def truth(t):
-    """A circle at constant speed, nose along the path, climbing a little."""
-    radius, angle = SPEED / TURN, TURN * t
-    return SE3.create(about_z(angle), (radius * math.sin(angle), radius * (1 - math.cos(angle)), 0.05 * t))
-
-
-def at(t):
-    return T0 + round(t * S)
-
-
-def rig(source, **fields):
-    channels = {"LIDAR_TOP": {"modality": "lidar", "topic": "/points"}}
-    return Rig.model_validate({"name": "car", "channels": channels, "ego_pose": source} | fields)
-
-
-class Posed:
-    """The step, run on a recording."""
-
-    def __init__(self, folder, source, *entries, clock="header", limits=None, urdf=None, **fields):
-        self.recording = Recorded(*entries)
-        if urdf is not None:
-            fields["urdf"] = folder / "car.urdf"
-            fields["urdf"].write_bytes(urdf)
-        request = ego_poses.request(rig(source, **fields), clock, self.recording.inventory(), limits)
-        self.request = request
-        json.dumps(request.params)
-        view = Recorded(*entries) if entries else Recorded()
-        self.view = view
-        made = Written(folder / "out", lambda out: ego_poses.make(request.params, view, out))
-        self.summary, self.digest = made.summary, made.digest
-        self.json = made.artifact.read_json("ego_poses.json")
-        self.table = made.artifact.read_table("ego_poses.parquet").to_pylist()
-        self.trajectory = ego_poses.load_trajectory(made.artifact)
-        assert set(view.read) <= set(request.topics)
-        counts = self.json["counts"]
-        assert counts["read"] == counts["written"] + counts["merged"] + sum(counts["lost"].values())
-
-    def errors_m_rad(self, times, expected=truth):
-        """Largest distance and angle from the truth."""
-        positions, rotations, valid = self.trajectory.at(np.array([at(t) for t in times]))
-        assert valid.all()
-        metres, radians = 0.0, 0.0
-        for t, position, rotation in zip(times, positions, rotations, strict=True):
-            difference = expected(t).inverse() @ SE3.create(rotation, position)
-            metres = max(metres, float(np.linalg.norm(difference.translation)))
-            radians = max(radians, 2 * math.asin(min(1.0, float(np.linalg.norm(difference.rotation[1:])))))
-        return metres, radians
+from bagassets_tests.posed import BETWEEN, ORIGIN, SPEED, TIMES, Posed, at, rig, static, truth
 
 
 def odometries(times, pose=truth, **options):
@@ -91,12 +39,6 @@ def odometries(times, pose=truth, **options):
 
 
 ODOM = {"source": "odometry", "topic": "/odom"}
-TIMES = np.arange(0.0, 2.0, 0.02)
-BETWEEN = np.arange(0.001, 1.96, 0.0137)
-
-
-def static(parent, child, value, stamp_ns=0):
-    return "/tf_static", TFMESSAGE, T0 - S, tf(transform(stamp_ns, parent, child, value))
 
 
 class TestTopics:
@@ -331,15 +273,12 @@ class TestTf:
 
     def test_nothing_moves(self, tmp_path):
         entries = [("/tf", TFMESSAGE, at(t), tf(transform(at(t), "map", "base_link", SE3()))) for t in (0, 1)]
-        with pytest.raises(PoseError, match="nothing between map and base_link moves; .* `source: fixed`"):
+        with pytest.raises(PoseError, match=r"nothing between map and base_link moves; .* `source: fixed`"):
             Posed(tmp_path, self.SOURCE, *entries)
 
     def test_no_tf_in_the_recording(self, tmp_path):
         with pytest.raises(PoseError, match="no messages on /tf"):
             Posed(tmp_path, self.SOURCE, static("a", "b", SE3()))
-
-
-ORIGIN = LocalFrame(48.137, 11.575, 520.0)
 
 
 def fixes(times, antenna=SE3(), frame="gps", origin=ORIGIN):  # noqa: B008  (immutable)

@@ -6,7 +6,7 @@ import numpy as np
 
 from bagassets.errors import DecodeError
 
-__all__ = ["payload", "sender"]
+__all__ = ["as_bytes", "payload", "sender"]
 
 _PAYLOADS = ("payload", "data", "packet", "raw", "bytes")
 _ADDRESSES = ("sender_ip", "address", "src_ip", "source_ip")

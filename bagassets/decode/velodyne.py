@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from velodyne_decoder.velodyne_decoder_pylib import TimePair
 
 from bagassets.decode.fields import stamp_ns
+from bagassets.decode.packets import as_bytes, payload
 from bagassets.errors import DecodeError, RecipeError
 
 __all__ = [
@@ -46,8 +47,6 @@ _FIRST_FLAG = 0xEEFF
 _RETURNS = 12 * 32  # most returns of one packet, in any mode
 # So many packets are decoded at a time that their points stay in the processor's cache.
 _CHUNK = 64
-
-_PAYLOAD_NAMES = ("payload", "data", "packet", "raw", "bytes")
 
 _Model = velodyne_decoder.Model
 # Name without punctuation -> model, product id in its packets.
@@ -100,19 +99,8 @@ def packets_in(message: Any) -> list[tuple[int | None, bytes]]:
         DecodeError: no field holds packets.
     """
     if hasattr(message, "packets"):
-        return [(stamp_ns(packet.stamp), _bytes(packet.data)) for packet in message.packets]
-    for name in _PAYLOAD_NAMES:
-        payload = getattr(message, name, None)
-        if isinstance(payload, np.ndarray | bytes | bytearray | memoryview | list):
-            return [(None, _bytes(payload))]
-    raise DecodeError(f"it has no field packets, {', '.join(_PAYLOAD_NAMES)} with the bytes of packets")
-
-
-def _bytes(payload: Any) -> bytes:
-    try:
-        return payload.tobytes() if isinstance(payload, np.ndarray) else bytes(payload)
-    except (TypeError, ValueError) as err:
-        raise DecodeError("its payload is not bytes") from err
+        return [(stamp_ns(packet.stamp), as_bytes(packet.data)) for packet in message.packets]
+    return [(None, payload(message))]
 
 
 class PacketParser:
