@@ -121,7 +121,7 @@ def test_without_a_terminal_progress_is_plain_lines(capsys):
         show(Event("failed", "a", "a.bag: broken."))
         show(Event("started"))
         show(Event("done"))
-    lines = capsys.readouterr().out.splitlines()
+    lines = capsys.readouterr().err.splitlines()
     assert lines[0] == "2 recordings need a run."
     assert lines[2].startswith("failed   1/2 a (0.")
     assert lines[2].endswith("a.bag: broken.")

@@ -3,14 +3,23 @@
 import os
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from bagassets.cli.options import recipe_option
 
+if TYPE_CHECKING:
+    from bagassets.engine.build_report import BuildOptions
+
 __all__ = ["build"]
 
+EXIT_FAILED = 1
+EXIT_STALE = 3
 EXIT_INTERRUPTED = 130
+
+# Twice the processors keeps them busy while some workers wait for the disk; more only costs memory.
+_JOBS_PER_PROCESSOR = 2
 
 
 @click.command(
@@ -18,31 +27,98 @@ EXIT_INTERRUPTED = 130
 Examples:
   bagassets build
   bagassets build --recipe project/recipe.yaml --jobs 4
-  bagassets build --retry-failed
+  bagassets build --bag 'monday*' --select frames,sweeps
+  bagassets build --dry-run
+  bagassets build --check || echo stale
 
 \b
-Exit status: 0 all is up to date, 1 a recording or the dataset failed (the others are done),
-2 wrong usage, 130 interrupted."""
+Exit status:
+    0  all that was asked for is up to date
+    1  a recording or the dataset failed (the others are done), or a recipe, option or disk is wrong
+    2  wrong usage
+    3  --check: there is something to do
+  130  interrupted; what was finished is kept"""
 )
 @recipe_option
-@click.option("--jobs", type=click.IntRange(min=1), default=os.cpu_count() or 1, show_default="processors",
-              help="Recordings worked on at the same time.")  # fmt: skip
+@click.option("--bag", "bags", multiple=True, metavar="BAG",
+              help="Only this recording: its key, a glob of keys, or its path; may be repeated.")  # fmt: skip
+@click.option("--select", multiple=True, metavar="ASSETS",
+              help="Only these assets and what they read, with commas between; default: all.")  # fmt: skip
+@click.option("--jobs", "-j", type=click.IntRange(min=1), default=os.cpu_count() or 1,
+              show_default="processors", help="Recordings worked on at the same time; at most two per processor.")  # fmt: skip
 @click.option("--retry-failed", is_flag=True, help="Try again what failed before on the same input.")
-def build(recipe: Path, jobs: int, retry_failed: bool) -> None:
-    """Bring all recordings and the dataset up to date, and tell what was done."""
-    from bagassets.cli.progress import progress_for  # noqa: PLC0415  (not for --help)
-    from bagassets.cli.summary import MOST_ROWS, print_summary, summary_rows  # noqa: PLC0415
-    from bagassets.defs import driver  # noqa: PLC0415  (Dagster takes a second to import)
-    from bagassets.engine.build_report import BuildOptions  # noqa: PLC0415
-    from bagassets.recipe import load_recipe  # noqa: PLC0415
+@click.option("--dry-run", "-n", is_flag=True, help="Tell what would run, and why; run nothing.")
+@click.option("--check", is_flag=True, help="Run nothing; exit with 0 if all is fresh, 3 if not (for CI).")
+@click.option("--json", "as_json", is_flag=True, help="Print the outcome as JSON; progress goes to stderr.")
+def build(
+    recipe: Path,
+    bags: tuple[str, ...],
+    select: tuple[str, ...],
+    jobs: int,
+    retry_failed: bool,
+    dry_run: bool,
+    check: bool,
+    as_json: bool,
+) -> None:
+    """Bring all recordings and the dataset up to date, and tell what was done.
+
+    Only what is stale runs; a recording that fails does not stop the others.
+    """
+    from bagassets.engine.build_report import SELECTABLE, BuildOptions  # noqa: PLC0415  (not for --help)
+    from bagassets.engine.choose import SelectionError, choose_assets  # noqa: PLC0415
 
     recipe = recipe.absolute()
+    try:
+        assets = choose_assets(SELECTABLE, select)
+        options = BuildOptions(_sensible(jobs), retry_failed, bags, assets)
+        if dry_run or check:
+            sys.exit(_look(recipe, options, check=check, as_json=as_json))
+        sys.exit(_build(recipe, options, as_json=as_json))
+    except SelectionError as err:
+        raise click.UsageError(str(err)) from err
+
+
+def _sensible(jobs: int) -> int:
+    most = _JOBS_PER_PROCESSOR * (os.cpu_count() or 1)
+    if jobs > most:
+        click.echo(f"--jobs {jobs}: this machine has {os.cpu_count()} processors; {most} are used.", err=True)
+    return min(jobs, most)
+
+
+def _build(recipe: Path, options: "BuildOptions", *, as_json: bool) -> int:
+    from bagassets.cli.progress import progress_for  # noqa: PLC0415
+    from bagassets.cli.summary import MOST_ROWS, print_summary, summary_json, summary_rows  # noqa: PLC0415
+    from bagassets.defs import driver  # noqa: PLC0415  (Dagster takes a second to import)
+    from bagassets.recipe import load_recipe  # noqa: PLC0415
+
     store = load_recipe(recipe).store_path
-    options = BuildOptions(jobs, retry_failed)
     with progress_for() as show:
         report = driver.build(recipe, options, show)
-    print_summary(report, summary_rows(report, store, most=MOST_ROWS), recipe)
+    if as_json:
+        click.echo(summary_json(report, summary_rows(report, store)))
+    else:
+        print_summary(report, summary_rows(report, store, most=MOST_ROWS), recipe)
     if report.interrupted:
-        sys.exit(EXIT_INTERRUPTED)
-    if not report.succeeded:
-        sys.exit(1)
+        return EXIT_INTERRUPTED
+    return 0 if report.succeeded else EXIT_FAILED
+
+
+def _look(recipe: Path, options: "BuildOptions", *, check: bool, as_json: bool) -> int:
+    """Tell what a build would do; return the exit status of --check, or 0 of a dry run."""
+    from bagassets.cli.dry_run import dry_run_json, dry_run_lines, verdict  # noqa: PLC0415
+    from bagassets.defs.situation import opened, survey  # noqa: PLC0415
+
+    with opened(recipe) as (instance, workspace):
+        situation = survey(instance, workspace, options)
+    if as_json:
+        click.echo(dry_run_json(situation))
+    elif not check:
+        for line in dry_run_lines(situation):
+            click.echo(line)
+    else:
+        click.echo(verdict(situation))
+    if not check:
+        return 0
+    if not situation.is_settled:
+        return EXIT_STALE
+    return EXIT_FAILED if situation.failed else 0

@@ -58,16 +58,18 @@ class LinesProgress(SilentProgress):
         now = time.monotonic()
         if event.kind == "planned":
             self._total = len(event.sizes)
-            click.echo(f"{self._total} recordings need a run.")
+            if self._total:
+                plural = "recording needs" if self._total == 1 else "recordings need"
+                click.echo(f"{self._total} {plural} a run.", err=True)
         elif event.kind == "started":
             self._since[event.key] = now
-            click.echo(f"start    {event.key or 'dataset'}")
+            click.echo(f"start    {event.key or 'dataset'}", err=True)
         else:
             self._ended += bool(event.key)
             took = now - self._since.pop(event.key, now)
             reason = f": {event.message}" if event.message else ""
             place = f"{self._ended}/{self._total} " if event.key else ""
-            click.echo(f"{event.kind:<8} {place}{event.key or 'dataset'} ({took:.1f} s){reason}")
+            click.echo(f"{event.kind:<8} {place}{event.key or 'dataset'} ({took:.1f} s){reason}", err=True)
 
 
 class LiveProgress(SilentProgress):

@@ -1,5 +1,6 @@
 """The table at the end of a build: what each recording gave, and what was done about it."""
 
+import json
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -14,7 +15,7 @@ from bagassets.store.store import Store
 if TYPE_CHECKING:
     from rich.console import Console
 
-__all__ = ["SummaryRow", "counts_line", "print_summary", "summary_rows", "ui_command"]
+__all__ = ["SummaryRow", "counts_line", "print_summary", "summary_json", "summary_rows", "ui_command"]
 
 # More rows than this are not read; those where something happened are shown then.
 MOST_ROWS = 60
@@ -192,3 +193,8 @@ def span_text(seconds: float | None) -> str:
 
 def _number(value: int | None) -> str:
     return "" if value is None else f"{value}"
+
+
+def summary_json(report: BuildReport, rows: Sequence[SummaryRow]) -> str:
+    """Return report and rows as JSON text."""
+    return json.dumps({**report.as_json(), "summary": [row.as_json() for row in rows]}, indent=1)

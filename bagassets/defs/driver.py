@@ -4,64 +4,27 @@ A run is created only when a worker is free for it. One recording's failure does
 others, and an interrupt loses nothing that was finished.
 """
 
-import os
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import dagster as dg
 
-from bagassets.defs.dataset import dataset_is_current, record_inputs
+from bagassets.defs.dataset import record_inputs
 from bagassets.defs.partitions import add_partitions, remove_partition
-from bagassets.defs.planning import Planned, plan_now
-from bagassets.defs.runs import open_instance
+from bagassets.defs.planning import Planned
+from bagassets.defs.side_by_side import Ended, Listener, Runs
+from bagassets.defs.situation import Situation, opened, survey
+from bagassets.defs.snapshot import SnapshotWriter
 from bagassets.defs.workspace import Workspace
-from bagassets.engine.build_report import DATASET, BagOutcome, BuildOptions, BuildReport, Event
-from bagassets.engine.dataset_build import dataset_code_versions
-from bagassets.engine.plan_model import Plan, Recorded
+from bagassets.engine.build_report import BagOutcome, BuildOptions, BuildReport, Event
+from bagassets.engine.dataset_build import dataset_folders
+from bagassets.engine.plan_model import Recorded
 from bagassets.forkserver.client import Client
-from bagassets.forkserver.tasks import connect, server_spec, submit_build
+from bagassets.forkserver.tasks import connect, server_spec
 from bagassets.recipe.project import dagster_home
 
-__all__ = ["Situation", "build", "survey"]
-
-SUCCESS = "SUCCESS"
-_CANCEL_GRACE_S = 20.0
-_POLL_S = 0.5
-
-Listener = Callable[[Event], None]
-
-
-@dataclass(frozen=True)
-class Situation:
-    """The state of everything as it is now.
-
-    Attributes:
-        planned: states of recordings, and what a dataset would be made from.
-        dataset_is_current: the datasets on disk were made from just that.
-    """
-
-    planned: Planned
-    dataset_is_current: bool
-
-    @property
-    def plan(self) -> Plan:
-        """The states of all recordings."""
-        return self.planned.plan
-
-
-def survey(
-    instance: dg.DagsterInstance, workspace: Workspace, live: frozenset[str] | None = None
-) -> Situation:
-    """Look at everything and decide, changing nothing.
-
-    Raises:
-        BagAssetsError: the recipe or the bag root is not usable.
-    """
-    planned = plan_now(instance, workspace, live)
-    return Situation(planned, dataset_is_current(instance, workspace.recipe, planned.inputs))
+__all__ = ["build"]
 
 
 def build(recipe_file: Path, options: BuildOptions, on_event: Listener) -> BuildReport:
@@ -71,44 +34,39 @@ def build(recipe_file: Path, options: BuildOptions, on_event: Listener) -> Build
         BagAssetsError: the recipe, the bag root or the server is not usable.
     """
     started = time.monotonic()
-    recipe_file = recipe_file.absolute()
-    workspace = Workspace(recipe_file=str(recipe_file))
-    recipe = workspace.recipe
-    home = str(dagster_home(recipe_file, recipe))
-    os.environ["BAGASSETS_RECIPE"] = str(recipe_file)
-    with open_instance(home) as instance:
-        before = survey(instance, workspace)
-        removed = _register(instance, workspace, before.planned)
-        todo = {
-            key: bag.to_run(retry_failed=options.retry_failed, select=options.select)
-            for key, bag in before.plan.bags.items()
-            if options.bags is None or key in options.bags
-        }
-        todo = {key: assets for key, assets in todo.items() if assets}
-        report = BuildReport(before.plan, dataset_path=recipe.nuscenes.output, removed=removed)
-        with_dataset = options.select is None or DATASET in options.select
-        now = before
-        if todo or (with_dataset and not before.dataset_is_current):
-            with connect(server_spec(recipe.state, recipe_file), home) as client:
-                sizes = {key: before.planned.discovery.found[key].size for key in todo}
+    with opened(recipe_file) as (instance, workspace):
+        recipe = workspace.recipe
+        snapshot = SnapshotWriter(instance, workspace)
+        before = now = survey(instance, workspace, options)
+        report = BuildReport(before.plan, dataset_path=recipe.nuscenes.output)
+        report.removed = _register(instance, workspace, before.planned)
+        if before.todo or (before.datasets and not before.dataset_is_current):
+            home = str(dagster_home(recipe_file.absolute(), recipe))
+
+            def client() -> Client:
+                return connect(server_spec(recipe.state, recipe_file.absolute()), home)
+
+            with Runs(client, home, options.jobs, on_event) as runs:
+                sizes = {key: before.planned.discovery.found[key].size for key in before.todo}
                 on_event(Event("planned", sizes=sizes))
-                runs = _Runs(client, home, options.jobs, on_event)
-                runs.work(todo)
+                # The longest first: begun last, it would keep one worker busy after all others are done.
+                runs.work({key: before.todo[key] for key in sorted(sizes, key=lambda key: -sizes[key])})
                 now = survey(instance, workspace)
-                if with_dataset and not now.dataset_is_current and not runs.interrupted:
+                _tell(report, now, runs)
+                if before.datasets and not now.dataset_is_current and not runs.interrupted:
                     record_inputs(instance, now.planned.inputs)
-                    runs.work({"": tuple(dataset_code_versions(recipe))})
+                    runs.work({"": before.datasets})
             report.interrupted = runs.interrupted
-            report.outcomes = {
-                key: _outcome(now.planned.recorded.get(key, {}), ended)
-                for key, ended in runs.ended.items()
-                if key
-            }
             report.dataset, report.dataset_problem = _dataset_outcome(runs.ended.get(""))
-        if not with_dataset:
+            if report.succeeded and options.is_whole:
+                snapshot = SnapshotWriter(instance, workspace)
+                now = survey(instance, workspace)
+        if not before.datasets:
             report.dataset = "not selected"
         report.plan = now.plan
-        _add_idle(report, options)
+        _add_idle(report, before.chosen)
+        if options.is_whole and now.is_settled and not report.removed:
+            snapshot.write(now.plan, list(dataset_folders(recipe).values()))
     report.seconds = time.monotonic() - started
     return report
 
@@ -121,73 +79,13 @@ def _register(instance: dg.DagsterInstance, workspace: Workspace, planned: Plann
     return planned.plan.removed
 
 
-@dataclass(frozen=True)
-class _Ended:
-    """How one run ended: its id, why it failed (None if it did not), whether it was stopped."""
-
-    run_id: str
-    problem: str | None
-    stopped: bool
-    seconds: float
+def _tell(report: BuildReport, now: Situation, runs: Runs) -> None:
+    """Note what the runs of recordings came to."""
+    for key, ended in runs.ended.items():
+        report.outcomes[key] = _outcome(now.planned.recorded.get(key, {}), ended)
 
 
-@dataclass
-class _Runs:
-    """Runs on the workers of a server, a limited number at a time."""
-
-    client: Client
-    home: str
-    jobs: int
-    on_event: Listener
-    ended: dict[str, _Ended] = field(default_factory=dict)
-    interrupted: bool = False
-
-    def work(self, todo: dict[str, tuple[str, ...]]) -> None:
-        """Run the assets of each recording; the key of unpartitioned assets is empty.
-
-        On an interrupt the runs are cancelled and their end is awaited; a second one does not wait.
-        """
-        waiting = list(reversed(todo.items()))
-        running: dict[str, tuple[str, str, float]] = {}
-        try:
-            while waiting or running:
-                while waiting and len(running) < self.jobs:
-                    key, assets = waiting.pop()
-                    job, run_id = submit_build(self.client, self.home, assets, partition_key=key or None)
-                    running[job] = (key, run_id, time.monotonic())
-                    self.on_event(Event("started", key))
-                self._take(running, None)
-        except KeyboardInterrupt:
-            self.interrupted = True
-            self._stop(running)
-            for key, _ in waiting:
-                self.ended[key] = _Ended("", None, stopped=True, seconds=0.0)
-
-    def _stop(self, running: dict[str, tuple[str, str, float]]) -> None:
-        for job in running:
-            self.client.cancel(job, grace_s=_CANCEL_GRACE_S)
-        deadline = time.monotonic() + _CANCEL_GRACE_S + 5.0
-        while running and time.monotonic() < deadline:
-            self._take(running, _POLL_S)
-
-    def _take(self, running: dict[str, tuple[str, str, float]], timeout_s: float | None) -> None:
-        """Wait for one event and note the end of a run."""
-        event = self.client.wait(timeout_s)
-        if event is None or event["event"] not in {"finished", "killed"} or event["job"] not in running:
-            return
-        key, run_id, since = running.pop(event["job"])
-        problem = _problem(event)
-        stopped = problem is not None and self.interrupted
-        self.ended[key] = _Ended(run_id, problem, stopped, time.monotonic() - since)
-        if stopped:
-            self.on_event(Event("stopped", key))
-        elif problem is not None:
-            self.on_event(Event("failed", key, problem))
-        else:
-            self.on_event(Event("done", key))
-
-
-def _outcome(recorded: Mapping[str, Recorded], ended: _Ended) -> BagOutcome:
+def _outcome(recorded: Mapping[str, Recorded], ended: Ended) -> BagOutcome:
     if ended.stopped:
         return BagOutcome("stopped", "the build was interrupted; the next one carries on", ended.seconds)
     if ended.problem is not None:
@@ -196,7 +94,7 @@ def _outcome(recorded: Mapping[str, Recorded], ended: _Ended) -> BagOutcome:
     return BagOutcome("built" if ran else "hit", seconds=ended.seconds)
 
 
-def _dataset_outcome(ended: _Ended | None) -> tuple[str, str]:
+def _dataset_outcome(ended: Ended | None) -> tuple[str, str]:
     if ended is None:
         return "fresh", ""
     if ended.stopped:
@@ -204,11 +102,11 @@ def _dataset_outcome(ended: _Ended | None) -> tuple[str, str]:
     return ("updated", "") if ended.problem is None else ("failed", ended.problem)
 
 
-def _add_idle(report: BuildReport, options: BuildOptions) -> None:
+def _add_idle(report: BuildReport, chosen: frozenset[str]) -> None:
     """Add the recordings that had no run, and tell of those with one that they take no part."""
     for key, bag in report.plan.bags.items():
         ran = report.outcomes.get(key)
-        if options.bags is not None and key not in options.bags:
+        if key not in chosen:
             continue
         if bag.skipped is not None and (ran is None or ran.result in {"built", "hit"}):
             report.outcomes[key] = BagOutcome("skipped", bag.skipped, ran.seconds if ran else 0.0)
@@ -219,16 +117,3 @@ def _add_idle(report: BuildReport, options: BuildOptions) -> None:
         elif ran is None:
             report.outcomes[key] = BagOutcome("fresh")
     report.outcomes = dict(sorted(report.outcomes.items()))
-
-
-def _problem(event: dict[str, Any]) -> str | None:
-    """Return why a run failed, in words, or None if it succeeded."""
-    if event["event"] == "killed":
-        return str(event["reason"])
-    if event["exit"] != 0:
-        return str(event["error"]["message"])
-    result = event["result"]
-    if result["status"] == SUCCESS:
-        return None
-    messages = [failure["message"] for failure in result["failures"] if failure["message"]]
-    return messages[0] if messages else f"run {result['run_id']} ended {result['status']}"

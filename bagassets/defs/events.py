@@ -5,6 +5,7 @@ Which artifact is current is said only here.
 
 import json
 from collections.abc import Iterable, Mapping
+from pathlib import Path
 
 import dagster as dg
 from dagster import AssetRecordsFilter
@@ -79,6 +80,12 @@ def recorded_artifact(instance: dg.DagsterInstance, store: Store, asset: str, pa
             f"{partition_key}: {asset} is not materialized for this recording; materialize it first."
         )
     return store.artifact(recorded.data_version)
+
+
+def event_database(instance: dg.DagsterInstance) -> Path | None:
+    """Return the SQLite file that holds the events about assets; None if they are kept elsewhere."""
+    path_for_shard = getattr(instance.event_log_storage, "path_for_shard", None)
+    return None if path_for_shard is None else Path(path_for_shard("index"))
 
 
 def latest_ids(

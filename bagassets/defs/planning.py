@@ -15,9 +15,10 @@ from bagassets.engine.plan_bulk import plan_in_bulk
 from bagassets.engine.plan_memo import PlanMemo
 from bagassets.engine.plan_model import Plan, Recorded
 from bagassets.forkserver.tasks import server_spec
+from bagassets.recipe.model import Recipe
 from bagassets.store.canonical import digest_json
 
-__all__ = ["Planned", "plan_now", "plan_stamp"]
+__all__ = ["Planned", "plan_now", "plan_stamp", "recorded_of"]
 
 
 @dataclass(frozen=True)
@@ -71,6 +72,13 @@ def plan_now(
         fetch=fetch,
     )
     return Planned(plan, recorded, select_inputs(plan, live), discovery, live)
+
+
+def recorded_of(instance: dg.DagsterInstance, recipe: Recipe, key: str) -> Mapping[str, Recorded]:
+    """Return asset -> what Dagster recorded last of one recording; nothing if it is not registered."""
+    if key not in live_partitions(instance, recipe):
+        return {}
+    return fetch_recorded(instance, latest_ids(instance), [key])[key]
 
 
 def plan_stamp(workspace: Workspace) -> str:

@@ -1,17 +1,20 @@
 """What a build is asked for, what it tells while it works, and what it came to."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from bagassets.engine.plan import RECORDING_ASSETS, Plan
+from bagassets.engine.plan_model import Plan
+from bagassets.engine.recording_assets import UPSTREAM
 
-__all__ = ["DATASET", "SELECTABLE", "BagOutcome", "BuildOptions", "BuildReport", "Event", "Result"]
+__all__ = ["DATASETS", "SELECTABLE", "BagOutcome", "BuildOptions", "BuildReport", "Event", "Result"]
 
 Result = Literal["built", "hit", "fresh", "skipped", "failed", "stopped"]
-DATASET = "nuscenes_dataset"
-SELECTABLE = (*RECORDING_ASSETS, DATASET)
+
+# Dataset -> the asset of each recording that it is made from.
+DATASETS = {"nuscenes_dataset": "nuscenes_tables", "vision_dataset": "vision_sequences"}
+SELECTABLE = ("bag", *UPSTREAM, *DATASETS)
 
 
 @dataclass(frozen=True)
@@ -21,14 +24,30 @@ class BuildOptions:
     Attributes:
         jobs: recordings worked on at the same time.
         retry_failed: try again what failed before on the same input.
-        bags: partition keys to look at; None = all.
+        bags: keys, globs or paths of the recordings to look at; none = all.
         select: assets to bring up to date, with what they read; None = all.
     """
 
     jobs: int = 1
     retry_failed: bool = False
-    bags: frozenset[str] | None = None
+    bags: tuple[str, ...] = ()
     select: frozenset[str] | None = None
+
+    @property
+    def is_whole(self) -> bool:
+        """True if everything is asked for."""
+        return not self.bags and self.select is None
+
+    @property
+    def recording_assets(self) -> frozenset[str] | None:
+        """The assets of a recording that are asked for, with those that selected datasets need; None = all."""
+        if self.select is None:
+            return None
+        return frozenset(DATASETS.get(asset, asset) for asset in self.select)
+
+    def datasets(self, known: Iterable[str]) -> tuple[str, ...]:
+        """Return those of the `known` datasets that are asked for."""
+        return tuple(name for name in known if self.select is None or name in self.select)
 
 
 @dataclass(frozen=True)

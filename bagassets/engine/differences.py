@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-__all__ = ["Change", "changes", "in_words"]
+__all__ = ["Change", "changes", "flat", "in_words"]
 
 _MOST_WORDS = 3
 _MOST_CHARACTERS = 24
@@ -44,7 +44,7 @@ def changes(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[Change]:
         Change(name, "", before[name], now[name]) for name in ("step", "version") if before[name] != now[name]
     ]
     for group in ("libraries", "params", "inputs"):
-        old, new = dict(_flat(before[group])), dict(_flat(now[group]))
+        old, new = dict(flat(before[group])), dict(flat(now[group]))
         found += [
             Change(group, name, old.get(name), new.get(name))
             for name in sorted(old.keys() | new.keys())
@@ -60,11 +60,11 @@ def in_words(found: Sequence[Change]) -> str:
     return ", ".join(words[:_MOST_WORDS]) + more
 
 
-def _flat(value: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+def flat(value: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
     """Yield dotted name and value of all leaves; lists are leaves, as are empty objects."""
     for name, inner in value.items():
         if isinstance(inner, Mapping) and inner:
-            yield from _flat(inner, f"{prefix}{name}.")
+            yield from flat(inner, f"{prefix}{name}.")
         else:
             yield f"{prefix}{name}", inner
 

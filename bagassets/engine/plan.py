@@ -45,6 +45,7 @@ __all__ = [
     "Planner",
     "Recorded",
     "State",
+    "Walked",
     "make_plan",
     "with_upstream",
 ]
@@ -119,10 +120,17 @@ class Planner:
             states[asset] = self._state(asset, walk, recorded.get(asset), current, states)
         return BagPlan(found.key, states, found.format, on_record, tuple(walk.channels()))
 
+    def walk(self, found: Found, recorded: Mapping[str, Recorded]) -> "Walked":
+        """Return what is known of the assets of one recording; nothing if its content is not known yet."""
+        digest, stat, _ = _bag_state(found, recorded.get("bag"), self.index)
+        if digest is None:
+            return Walked()
+        return _walk(RecordingBuild(self.recipe, self.store, found, digest, stat, dry=True))
+
     def _state(
         self,
         asset: str,
-        walk: "_Walked",
+        walk: "Walked",
         recorded: Recorded | None,
         current: Mapping[str, str],
         states: Mapping[str, AssetState],
@@ -196,8 +204,14 @@ def _bag_state(
 
 
 @dataclass
-class _Walked:
-    """What a walk along the assets of one recording met."""
+class Walked:
+    """What a walk along the assets of one recording met.
+
+    Attributes:
+        known: asset -> its result in the store.
+        errors: asset -> why it is not known: not made yet, or failed.
+        skipped: why the recording takes no part, or None.
+    """
 
     known: dict[str, AssetResult] = field(default_factory=dict)
     errors: Mapping[str, BagAssetsError] = field(default_factory=dict)
@@ -208,8 +222,8 @@ class _Walked:
         return [digest for result in self.known.values() for digest in result.channels.values()]
 
 
-def _walk(build: RecordingBuild) -> _Walked:
-    walked = _Walked()
+def _walk(build: RecordingBuild) -> Walked:
+    walked = Walked()
     try:
         for made in build.build():
             if isinstance(made, Skipped):

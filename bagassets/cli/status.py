@@ -1,0 +1,153 @@
+"""`bagassets status`: the state of every asset of every recording, and why."""
+
+import json
+import sys
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from bagassets.cli.options import recipe_option
+
+if TYPE_CHECKING:
+    from bagassets.defs.situation import Situation
+
+__all__ = ["status"]
+
+EXIT_FAILED = 1
+EXIT_STALE = 3
+
+# More recordings than this are not listed when they are fresh.
+MOST_ROWS = 40
+_ORDER = ("fresh", "record-only", "stale", "unknown", "missing", "failed", "skipped")
+_COLOURS = {"fresh": "green", "record-only": "cyan", "stale": "yellow", "unknown": "yellow", "missing": "yellow",
+            "failed": "bold red", "skipped": "dim"}  # fmt: skip
+
+
+@click.command(
+    epilog="""\b
+Examples:
+  bagassets status
+  bagassets status --bag 'monday*' --all
+  bagassets status --json | jq '.recordings[].assets.frames.state'
+
+\b
+States:
+  fresh        nothing to do
+  record-only  the result is in the store, Dagster's record of it is older; recorded anew, no work
+  stale        inputs, recipe fields or step version changed: will run
+  unknown      waits for a result that is not known yet: may run
+  missing      never made: will run
+  failed       failed on the input it has; tried again when that changes, or with build --retry-failed
+  skipped      the recording takes no part in the dataset
+
+\b
+Exit status: 0 all is fresh or skipped, 1 some failed and there is nothing else to do, 3 there is
+something to do."""
+)
+@recipe_option
+@click.option("--bag", "bags", multiple=True, metavar="BAG",
+              help="Only this recording: its key, a glob of keys, or its path; may be repeated.")  # fmt: skip
+@click.option("--all", "show_all", is_flag=True, help="List recordings that are fresh too, however many.")
+@click.option("--json", "as_json", is_flag=True, help="Print all states and reasons as JSON.")
+def status(recipe: Path, bags: tuple[str, ...], show_all: bool, as_json: bool) -> None:
+    """Tell what is fresh, stale, skipped or failed, and why.
+
+    Every asset of every recording has a state, with the reason in words, back to what changed first.
+    Nothing is run and no recording is read: what has changed is told by sizes, times and stored digests.
+    """
+    from bagassets.defs.situation import opened, survey  # noqa: PLC0415  (Dagster takes a second to import)
+    from bagassets.engine.build_report import BuildOptions  # noqa: PLC0415
+    from bagassets.engine.choose import SelectionError  # noqa: PLC0415
+
+    try:
+        with opened(recipe) as (instance, workspace):
+            situation = survey(instance, workspace, BuildOptions(bags=bags))
+    except SelectionError as err:
+        raise click.UsageError(str(err)) from err
+    if as_json:
+        click.echo(json.dumps(status_json(situation), indent=1))
+    else:
+        _print(situation, show_all=show_all or bool(bags))
+    if not situation.is_settled:
+        sys.exit(EXIT_STALE)
+    if situation.failed:
+        sys.exit(EXIT_FAILED)
+
+
+def status_json(situation: "Situation") -> dict[str, Any]:
+    """Return all states as JSON."""
+    bags = {key: bag for key, bag in situation.plan.bags.items() if key in situation.chosen}
+    return {
+        "settled": situation.is_settled,
+        "recordings": {
+            key: {"format": bag.format, "registered": key in situation.planned.live, "assets": bag.as_json()}
+            for key, bag in bags.items()
+        },
+        "datasets": {name: _dataset_state(situation) for name in situation.datasets},
+        "removed": list(situation.plan.removed),
+        "excluded": dict(situation.plan.excluded),
+    }
+
+
+def _dataset_state(situation: "Situation") -> str:
+    if situation.todo or situation.plan.removed:
+        return "unknown"
+    return "fresh" if situation.dataset_is_current else "stale"
+
+
+def _print(situation: "Situation", *, show_all: bool) -> None:
+    from rich.console import Console  # noqa: PLC0415  (0.1 s, not paid for --help)
+
+    console = Console(highlight=False, width=None if sys.stdout.isatty() else 140)
+    bags = {key: bag for key, bag in situation.plan.bags.items() if key in situation.chosen}
+    listed = bags
+    if len(bags) > MOST_ROWS and not show_all:
+        listed = {key: bag for key, bag in bags.items() if not bag.settled}
+    if listed:
+        console.print(
+            _table({key: {n: s.state for n, s in bag.assets.items()} for key, bag in listed.items()})
+        )
+    if len(listed) < len(bags):
+        console.print(f"{len(bags) - len(listed)} more recordings are fresh or skipped; --all lists them.")
+    for line in _reasons(situation, listed):
+        console.print(line, markup=False, soft_wrap=True)
+    for name in situation.datasets:
+        console.print(f"{name}: {_dataset_state(situation)}")
+    counts = Counter[str](state.state for bag in bags.values() for state in bag.assets.values())
+    told = ", ".join(f"{counts[state]} {state}" for state in _ORDER if counts[state])
+    console.print(f"{len(bags)} recording{'' if len(bags) == 1 else 's'}: {told or 'nothing here'}.")
+
+
+def _table(states: Mapping[str, Mapping[str, str]]) -> Any:
+    from rich import box  # noqa: PLC0415
+    from rich.table import Table  # noqa: PLC0415
+    from rich.text import Text  # noqa: PLC0415
+
+    assets = list(next(iter(states.values())))
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=0)
+    table.add_column("recording", overflow="fold", min_width=9)
+    for name in assets:
+        table.add_column(name.replace("_", " "), overflow="fold")
+    for key, row in states.items():
+        table.add_row(key, *(Text(row[name], style=_COLOURS[row[name]]) for name in assets))
+    return table
+
+
+def _reasons(situation: "Situation", listed: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the reasons of everything that is not fresh; assets with the same one share a line."""
+    for key, bag in listed.items():
+        by_reason: dict[tuple[str, str], list[str]] = {}
+        for name, state in bag.assets.items():
+            if state.state != "fresh":
+                by_reason.setdefault((state.state, state.reason), []).append(name)
+        for (state, reason), names in by_reason.items():
+            told = "all but bag and inventory" if state == "skipped" else ", ".join(names)
+            yield f"{key}: {told} {state}: {reason}"
+    for key in situation.plan.removed:
+        yield f"{key}: the recording is gone; the next build removes its partition and its scenes"
+    for relative, reason in situation.plan.excluded.items():
+        if not reason.startswith("not matched"):
+            yield f"{relative}: left out: {reason}"

@@ -1,0 +1,93 @@
+"""How things are, and what a build would do about it; the command line's view of the plan."""
+
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import dagster as dg
+
+from bagassets.defs.dataset import dataset_is_current
+from bagassets.defs.planning import Planned, plan_now
+from bagassets.defs.runs import open_instance
+from bagassets.defs.workspace import Workspace
+from bagassets.engine.build_report import BuildOptions
+from bagassets.engine.choose import choose_recordings
+from bagassets.engine.dataset_build import dataset_code_versions
+from bagassets.engine.plan_model import Plan
+from bagassets.recipe.project import dagster_home
+
+__all__ = ["Situation", "opened", "survey"]
+
+
+@dataclass(frozen=True)
+class Situation:
+    """The state of everything as it is now, and what a build would do about it.
+
+    Attributes:
+        planned: states of recordings, and what a dataset would be made from.
+        dataset_is_current: the datasets on disk were made from just that.
+        chosen: the recordings that were asked for.
+        todo: recordings that need a run -> the assets to materialize.
+        datasets: the datasets that were asked for.
+    """
+
+    planned: Planned
+    dataset_is_current: bool
+    chosen: frozenset[str]
+    todo: Mapping[str, tuple[str, ...]]
+    datasets: tuple[str, ...]
+
+    @property
+    def plan(self) -> Plan:
+        """The states of all recordings."""
+        return self.planned.plan
+
+    @property
+    def failed(self) -> dict[str, str]:
+        """The recordings asked for that failed on the input they have -> why."""
+        bags = {key: bag.failed for key, bag in self.plan.bags.items() if key in self.chosen}
+        return {key: reason for key, reason in bags.items() if reason is not None}
+
+    @property
+    def is_settled(self) -> bool:
+        """True if a build would do nothing."""
+        return not self.todo and not self.plan.removed and (self.dataset_is_current or not self.datasets)
+
+
+def survey(
+    instance: dg.DagsterInstance, workspace: Workspace, options: BuildOptions | None = None
+) -> Situation:
+    """Look at everything and decide, changing nothing.
+
+    Raises:
+        BagAssetsError: the recipe or the bag root is not usable, or there is no such recording.
+    """
+    options = options or BuildOptions()
+    recipe = workspace.recipe
+    planned = plan_now(instance, workspace)
+    found = planned.discovery.found
+    chosen = choose_recordings(found, options.bags) if options.bags else frozenset(found)
+    todo = {}
+    for key, bag in planned.plan.bags.items():
+        if key in chosen and (
+            assets := bag.to_run(retry_failed=options.retry_failed, select=options.recording_assets)
+        ):
+            todo[key] = assets
+    is_current = dataset_is_current(instance, recipe, planned.inputs)
+    return Situation(planned, is_current, chosen, todo, options.datasets(dataset_code_versions(recipe)))
+
+
+@contextmanager
+def opened(recipe_file: Path) -> Iterator[tuple[dg.DagsterInstance, Workspace]]:
+    """Open the Dagster instance of a recipe.
+
+    Raises:
+        RecipeError: the recipe is missing or wrong, or its project is another recipe's.
+    """
+    workspace = Workspace(recipe_file=str(recipe_file.absolute()))
+    home = dagster_home(recipe_file.absolute(), workspace.recipe)
+    os.environ["BAGASSETS_RECIPE"] = str(recipe_file.absolute())
+    with open_instance(str(home)) as instance:
+        yield instance, workspace

@@ -1,0 +1,149 @@
+"""Looking at files, database and store: digests that change whenever something there does.
+
+Modules of this package import the standard library only, and little of it: the whole decision has to
+be made in the time that Dagster needs to begin importing.
+"""
+
+import os
+import sqlite3
+from hashlib import blake2b
+
+__all__ = ["Doubt", "database_look", "files_look", "folder_look", "signature", "tree_look"]
+
+# The schema that the queries below were written for: `alembic_version` of Dagster 1.13.
+_EVENTS = "SELECT max(id), count(*) FROM event_logs"
+_NEWEST = "SELECT id, run_id, timestamp FROM event_logs ORDER BY id DESC LIMIT 1"
+_ASSETS = (
+    "SELECT asset_key, last_run_id, last_materialization_timestamp, wipe_timestamp FROM asset_keys "
+    "ORDER BY asset_key"
+)
+_PARTITIONS = "SELECT partition FROM dynamic_partitions WHERE partitions_def_name = ? ORDER BY partition"
+_SCHEMA = "SELECT version_num FROM alembic_version"
+_MOST_ENTRIES = 20_000
+
+
+class Doubt(Exception):  # noqa: N818  (a reason to look closer, not an error)
+    """Something differs, or cannot be seen; its text says what."""
+
+
+def signature(path: str) -> list[int]:
+    """Return what tells whether a file or the entries of a folder changed; empty if it is not there.
+
+    Inode and time of change (ctime) cannot be put back by whoever edits a file in place.
+    """
+    try:
+        stat = os.stat(path)  # noqa: PTH116  (no pathlib here: its import costs 5 ms)
+    except OSError:
+        return []
+    return [stat.st_size, stat.st_mtime_ns, stat.st_ino, stat.st_ctime_ns]
+
+
+def files_look(paths: list[str]) -> str:
+    """Return a digest over the signatures of files, whether they are there or not."""
+    return _digest([f"{path}\0{signature(path)}" for path in paths])
+
+
+def tree_look(root: str) -> str:
+    """Return a digest over everything below a folder that is not hidden.
+
+    Links are followed as finding recordings does, and noted themselves.
+
+    Raises:
+        Doubt: a folder cannot be read.
+    """
+    lines: list[str] = []
+    _walk(root, (), lines)
+    lines.sort()
+    return _digest(lines)
+
+
+def _walk(folder: str, ancestors: tuple[tuple[int, int], ...], lines: list[str]) -> None:
+    try:
+        status = os.stat(folder)  # noqa: PTH116
+        identity = (status.st_dev, status.st_ino)
+        if identity in ancestors:
+            return
+        with os.scandir(folder) as entries:
+            for entry in entries:
+                if entry.name.startswith("."):
+                    continue
+                if entry.is_symlink():
+                    lines.append(f"{entry.path}\0link\0{os.readlink(entry.path)}")  # noqa: PTH115
+                try:
+                    stat = entry.stat()
+                except FileNotFoundError:  # a link that leads nowhere, or removed just now
+                    lines.append(f"{entry.path}\0gone")
+                    continue
+                if entry.is_dir():
+                    lines.append(f"{entry.path}\0folder")
+                    _walk(entry.path, (*ancestors, identity), lines)
+                else:
+                    lines.append(
+                        f"{entry.path}\0{stat.st_size}\0{stat.st_mtime_ns}\0{stat.st_ino}\0{stat.st_ctime_ns}"
+                    )
+    except OSError as err:
+        raise Doubt(f"{folder}: {err}") from err
+
+
+def folder_look(folder: str, depth: int = 2) -> str:
+    """Return a digest over the entries of a folder down to `depth`; deeper ones show in their folder's time.
+
+    Raises:
+        Doubt: it cannot be read, or has too many entries.
+    """
+    lines: list[str] = []
+    level = [folder]
+    for _ in range(depth):
+        below: list[str] = []
+        for name in level:
+            lines.append(f"{name}\0{signature(name)}")
+            try:
+                with os.scandir(name) as entries:
+                    for entry in entries:
+                        if entry.is_dir(follow_symlinks=False):
+                            below.append(entry.path)
+                        else:
+                            lines.append(f"{entry.path}\0{signature(entry.path)}")
+            except OSError as err:
+                raise Doubt(f"{name}: {err}") from err
+        level = below
+        if len(lines) + len(level) > _MOST_ENTRIES:
+            raise Doubt(f"{folder}: too many entries")
+    lines += [f"{name}\0{signature(name)}" for name in level]
+    lines.sort()
+    return _digest(lines)
+
+
+def database_look(path: str, partitions: str) -> str:
+    """Return a digest that changes with every event about an asset, wipe, deleted run or partition.
+
+    Ids alone would not do: SQLite gives those of deleted events away again.
+
+    Args:
+        path: the database of Dagster's event log (SQLite).
+        partitions: name of the dynamic partitions.
+
+    Raises:
+        Doubt: it cannot be read, or has another schema.
+    """
+    quoted = path.replace("%", "%25").replace("?", "%3f").replace("#", "%23")
+    try:
+        connection = sqlite3.connect(f"file:{quoted}?mode=ro", timeout=1.0, uri=True)
+        try:
+            found = [
+                connection.execute(_SCHEMA).fetchall(),
+                connection.execute(_EVENTS).fetchall(),
+                connection.execute(_NEWEST).fetchall(),
+                connection.execute(_ASSETS).fetchall(),
+                connection.execute(_PARTITIONS, (partitions,)).fetchall(),
+            ]
+        finally:
+            connection.close()
+    except sqlite3.Error as err:
+        raise Doubt(f"{path}: {err}") from err
+    return _digest([repr(rows) for rows in found])
+
+
+def _digest(lines: list[str]) -> str:
+    # Names that are no UTF-8 come as lone surrogates.
+    return blake2b("\n".join(lines).encode("utf-8", "surrogateescape"), digest_size=32).hexdigest()
