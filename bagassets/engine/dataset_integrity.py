@@ -32,12 +32,13 @@ class DatasetDamage:
     Attributes:
         path: the file.
         reason: what is wrong, in words.
-        unit: what has to go for the next build to make it again: the file, or the folder of its recording.
+        unit: what has to go for the next build to make it again: the file, or the folder of its recording;
+            None if that would be wrong.
     """
 
     path: Path
     reason: str
-    unit: Path
+    unit: Path | None
 
     def __str__(self) -> str:
         return f"{self.path}: {self.reason}"
@@ -63,6 +64,7 @@ def check_datasets(recipe: Recipe, store: Store, damaged: Collection[str] = ()) 
             for file in check.read_json(bag["nuscenes_tables"], FILES):
                 path = output / file["filename"]
                 yield from check.file(path, file["artifact"], file["file"], unit=path)
+        yield from check.unchecked(output)
     vision = None if recipe.vision is None else recipe.vision.output
     lock = None if vision is None else read_vision_lock(vision)
     if vision is None or lock is None:
@@ -75,11 +77,12 @@ def check_datasets(recipe: Recipe, store: Store, damaged: Collection[str] = ()) 
                 yield from check.file(folder / name, bag["vision_sequences"], name, unit=folder)
         for file in check.read_json(bag["vision_sequences"], FILES):
             yield from check.file(folder / file["filename"], file["artifact"], file["file"], unit=folder)
+    yield from check.unchecked(vision)
 
 
 def take_out(damages: Collection[DatasetDamage]) -> None:
     """Remove what is damaged from its dataset."""
-    for unit in sorted({damage.unit for damage in damages}):
+    for unit in sorted({damage.unit for damage in damages if damage.unit is not None}):
         if unit.is_dir():
             retired = unit.with_name(f"{unit.name}.tmp-{uuid4().hex}")
             unit.rename(retired)
@@ -95,6 +98,7 @@ class _Check:
         self._store = store
         self._damaged = damaged
         self._entries: dict[str, Mapping[str, FileEntry] | None] = {}
+        self._unchecked = 0
 
     def entries(self, artifact: str) -> Mapping[str, FileEntry] | None:
         """Return the files of an artifact by name; None if the store does not know (any more)."""
@@ -136,6 +140,8 @@ class _Check:
         if entries is None or name not in entries:
             if artifact in self._damaged:
                 yield DatasetDamage(path, f"comes from the damaged artifact {artifact[:16]}", unit)
+            else:
+                self._unchecked += 1
             return
         if artifact not in self._damaged:
             with suppress(OSError):
@@ -144,6 +150,13 @@ class _Check:
         reason = _difference(path, entries[name].digest)
         if reason is not None:
             yield DatasetDamage(path, reason, unit)
+
+    def unchecked(self, output: Path) -> Iterator[DatasetDamage]:
+        """Tell of files whose artifacts are gone; they stay, since they may be all that is left."""
+        if self._unchecked:
+            reason = f"{self._unchecked} files cannot be checked, because the store lacks what they come from; build, then verify again"
+            yield DatasetDamage(output, reason, None)
+        self._unchecked = 0
 
 
 def _difference(path: Path, digest: str) -> str | None:

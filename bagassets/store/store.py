@@ -183,6 +183,11 @@ class Store:
             return found
         return None
 
+    def forget(self, action_digest: str) -> None:
+        """Remove what is on record of an action, so that it runs again."""
+        for path in (self._action_file(action_digest), self._failure_file(action_digest)):
+            path.unlink(missing_ok=True)
+
     def begin(self, action: Action) -> Pending:
         """Start an action that is not known; the caller commits or discards it."""
         return Pending(self, action)

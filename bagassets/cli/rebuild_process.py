@@ -1,0 +1,90 @@
+"""Running actions again in a process that is as unlike the first one as this machine allows.
+
+Results must not depend on the number of workers, on the processor's kind (BLAS, numpy and OpenCV choose
+other code for other processors), on hash seeds, or on the time zone.
+"""
+
+import json
+import os
+import platform
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from bagassets.errors import BagAssetsError
+
+__all__ = ["other_environment", "rebuild_elsewhere"]
+
+# Builds encode with as many threads as Dagster leaves them, mostly one.
+WORKERS = 3
+# The oldest kernels that every processor of that kind can run.
+_CORETYPES = {"x86_64": "Nehalem", "AMD64": "Nehalem", "aarch64": "ARMV8", "arm64": "ARMV8"}
+
+
+def other_environment() -> dict[str, str]:
+    """Return environment variables that make libraries choose other code than they do here by default."""
+    import cv2  # noqa: PLC0415  (for a process that is about to start another with it)
+    import numpy as np  # noqa: PLC0415
+
+    variables = {
+        "OPENBLAS_NUM_THREADS": "3",
+        "PYTHONHASHSEED": "4711",
+        "TZ": "Pacific/Kiritimati",
+    }
+    coretype = _CORETYPES.get(platform.machine())
+    if coretype is not None and os.environ.get("OPENBLAS_CORETYPE") != coretype:
+        variables["OPENBLAS_CORETYPE"] = coretype
+    extensions: Any = np.show_config(mode="dicts")
+    found = extensions["SIMD Extensions"].get("found", ())
+    if found:
+        variables["NPY_DISABLE_CPU_FEATURES"] = " ".join(found)
+    chosen_at_runtime = [name[1:] for name in cv2.getCPUFeaturesLine().split() if name.startswith("*")]
+    if chosen_at_runtime:
+        variables["OPENCV_CPU_DISABLE"] = ",".join(chosen_at_runtime)
+    return variables
+
+
+def rebuild_elsewhere(
+    recipe_file: Path, key: str, actions: Sequence[str], environment: dict[str, str]
+) -> list[dict[str, Any]]:
+    """Run actions of one recording in a process of their own; return `Rebuilt.as_json` of each.
+
+    Raises:
+        BagAssetsError: the process failed as a whole.
+    """
+    request = json.dumps({"recipe": str(recipe_file), "key": key, "actions": list(actions)})
+    done = subprocess.run(
+        [sys.executable, "-m", "bagassets.cli.rebuild_process"],
+        input=request,
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, **environment},
+    )
+    if done.returncode != 0:
+        lines = done.stderr.strip().splitlines()
+        reason = lines[-1] if lines else f"it ended with {done.returncode}"
+        raise BagAssetsError(f"{key}: the process that ran its actions again failed ({reason}).")
+    results: list[dict[str, Any]] = json.loads(done.stdout)
+    return results
+
+
+def _main() -> None:
+    from bagassets.engine.rebuild import rebuild  # noqa: PLC0415
+    from bagassets.recipe import load_recipe  # noqa: PLC0415
+    from bagassets.store.store import Store  # noqa: PLC0415
+
+    request = json.load(sys.stdin)
+    recipe = load_recipe(Path(request["recipe"]))
+    store = Store(recipe.store_path)
+    recipe.state.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix="verify-", dir=recipe.state) as scratch:
+        made = rebuild(recipe, store, request["key"], request["actions"], Path(scratch), workers=WORKERS)
+    json.dump([result.as_json() for result in made], sys.stdout)
+
+
+if __name__ == "__main__":
+    _main()

@@ -1,0 +1,219 @@
+"""`bagassets verify`: is the store as it was written, and do actions give the same bytes again?"""
+
+import json
+import random
+import sys
+from collections import defaultdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from bagassets.cli.options import EXIT_FOUND, recipe_option
+from bagassets.errors import BagAssetsError
+
+if TYPE_CHECKING:
+    from bagassets.engine.rebuild import KnownAction
+    from bagassets.recipe.model import Recipe
+    from bagassets.store.integrity import Damage
+    from bagassets.store.store import Store
+
+__all__ = ["verify"]
+
+_MOST_SHOWN = 20
+
+
+@click.command(
+    epilog="""\b
+Examples:
+  bagassets verify
+  bagassets verify --report-only --json
+  bagassets verify --rebuild 20
+
+\b
+Exit status:
+  0  everything is as it was written
+  1  a recipe or folder is wrong
+  3  something is damaged, or came out different"""
+)
+@recipe_option
+@click.option(
+    "--report-only",
+    is_flag=True,
+    help="Leave what is damaged where it is; the next build will not notice it.",
+)
+@click.option(
+    "--rebuild",
+    "number",
+    type=click.IntRange(min=1),
+    metavar="N",
+    help="Instead of reading the store, run N random actions again, in a process with another number of workers, "
+    "other BLAS kernels and fewer processor features, and compare what they make.",
+)
+@click.option("--seed", type=int, help="Choose the same actions as another --rebuild did.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON document.")
+def verify(recipe: Path, report_only: bool, number: int | None, seed: int | None, as_json: bool) -> int:
+    """Check that the store is intact, and that actions repeat.
+
+    Reads every file of the store and of the datasets. Artifacts with missing or changed files are
+    taken out of the store, and such files out of datasets: the next build makes them again.
+    """
+    from bagassets.recipe import load_recipe  # noqa: PLC0415  (pydantic and YAML)
+    from bagassets.store.store import Store  # noqa: PLC0415
+
+    recipe = recipe.absolute()
+    loaded = load_recipe(recipe)
+    store = Store(loaded.store_path)
+    if number is not None:
+        return _rebuild(recipe, loaded, store, number, seed, as_json=as_json)
+    return _check(loaded, store, report_only=report_only, as_json=as_json)
+
+
+def _check(recipe: "Recipe", store: "Store", *, report_only: bool, as_json: bool) -> int:
+    from bagassets.engine.dataset_integrity import check_datasets, take_out  # noqa: PLC0415
+
+    damages = _damages(store)
+    names = _names(recipe, store) if damages else {}
+    spoiled = list(check_datasets(recipe, store, {d.digest for d in damages if d.kind == "artifact"}))
+    if not report_only:
+        for damage in damages:
+            if damage.kind == "artifact":
+                store.remove(damage.digest)
+            else:
+                store.forget(damage.digest)
+        take_out(spoiled)
+    if as_json:
+        click.echo(
+            json.dumps(
+                {
+                    "damaged": [
+                        {
+                            "kind": d.kind,
+                            "digest": d.digest,
+                            "step": d.step,
+                            "what": names.get(d.digest),
+                            "reasons": list(d.reasons),
+                        }
+                        for d in damages
+                    ],
+                    "datasets": [{"path": str(d.path), "reason": d.reason} for d in spoiled],
+                    "taken_out": not report_only,
+                },
+                indent=1,
+            )
+        )
+        return EXIT_FOUND if damages or spoiled else 0
+    for damage in damages:
+        of = f" ({names[damage.digest]})" if damage.digest in names else ""
+        click.echo(f"damaged  {damage}{of}")
+    for spoiled_file in spoiled[:_MOST_SHOWN]:
+        click.echo(f"dataset  {spoiled_file}")
+    if len(spoiled) > _MOST_SHOWN:
+        click.echo(f"dataset  and {len(spoiled) - _MOST_SHOWN} more files")
+    if not damages and not spoiled:
+        click.echo("Store and datasets are as they were written.")
+        return 0
+    done = (
+        "Nothing was changed." if report_only else "Taken out; the next `bagassets build` makes them again."
+    )
+    click.echo(f"Damage: {len(damages)} in the store, {len(spoiled)} in datasets. {done}", err=True)
+    return EXIT_FOUND
+
+
+def _damages(store: "Store") -> list["Damage"]:
+    from bagassets.store.integrity import check_store  # noqa: PLC0415
+
+    checked = 0
+    on_terminal = sys.stderr.isatty()
+
+    def progress(number: int) -> None:
+        nonlocal checked
+        checked += number
+        if on_terminal and checked % 50 == 0:
+            click.echo(f"\r{checked} artifacts checked", nl=False, err=True)
+
+    damages = list(check_store(store, progress))
+    click.echo(("\r" if on_terminal else "") + f"{checked} artifacts checked", err=True)
+    return damages
+
+
+def _names(recipe: "Recipe", store: "Store") -> dict[str, str]:
+    """Return digest of artifact or action -> what it is to users, as far as current recordings tell."""
+    from bagassets.engine.rebuild import known_actions  # noqa: PLC0415
+
+    names = {}
+    try:
+        for known in known_actions(recipe, store):
+            names[known.artifact] = names[known.action] = str(known)
+    except BagAssetsError:
+        pass  # the bag root is gone: then there are no names
+    return names
+
+
+def _rebuild(
+    recipe_file: Path, recipe: "Recipe", store: "Store", number: int, seed: int | None, *, as_json: bool
+) -> int:
+    from bagassets.cli.rebuild_process import other_environment, rebuild_elsewhere  # noqa: PLC0415
+    from bagassets.engine.rebuild import known_actions  # noqa: PLC0415
+
+    by_action: dict[str, KnownAction] = {}
+    for action in sorted(known_actions(recipe, store)):
+        by_action.setdefault(action.action, action)  # recordings with equal messages share actions
+    known = list(by_action.values())
+    if not known:
+        raise BagAssetsError(
+            f"{store.root}: no action of the recordings below {recipe.bags.root} is on record; run `bagassets build` first."
+        )
+    seed = random.SystemRandom().randrange(10**6) if seed is None else seed
+    chosen = random.Random(seed).sample(known, min(number, len(known)))  # noqa: S311  (a choice, no secret)
+    by_key: dict[str, list[KnownAction]] = defaultdict(list)
+    for action in chosen:
+        by_key[action.key].append(action)
+    environment = other_environment()
+    outcomes: list[dict[str, Any]] = []
+    for key, actions in sorted(by_key.items()):
+        made = rebuild_elsewhere(recipe_file, key, [a.action for a in actions], environment)
+        again = {result["action"]: result for result in made}
+        for action in sorted(actions):
+            outcome = _outcome(action, again[action.action])
+            outcomes.append(outcome)
+            if not as_json:
+                click.echo(f"{outcome['result']:<9}  {action}" + _details(outcome))
+    different = sum(outcome["result"] != "same" for outcome in outcomes)
+    if as_json:
+        click.echo(json.dumps({"seed": seed, "environment": environment, "actions": outcomes}, indent=1))
+    else:
+        how = " ".join(f"{name}={value!r}" for name, value in sorted(environment.items()))
+        click.echo(
+            f"{len(outcomes)} of {len(known)} actions run again with {how}: {len(outcomes) - different} the same, "
+            f"{different} not (--seed {seed}).",
+            err=True,
+        )
+    return EXIT_FOUND if different else 0
+
+
+def _outcome(known: "KnownAction", again: dict[str, Any]) -> dict[str, Any]:
+    result = "failed" if again["artifact"] is None else "same"
+    if again["artifact"] is not None and again["artifact"] != known.artifact:
+        result = "different"
+    return {
+        "result": result,
+        "recording": known.key,
+        "step": known.step,
+        "channel": known.channel or None,
+        "action": known.action,
+        "artifact": known.artifact,
+        "again": again["artifact"],
+        "differing": again["differing"],
+        "error": again["error"],
+    }
+
+
+def _details(outcome: dict[str, Any]) -> str:
+    if outcome["error"]:
+        return f": {outcome['error']}"
+    differing = outcome["differing"]
+    if not differing:
+        return ""
+    more = f" and {len(differing) - 3} more" if len(differing) > 3 else ""
+    return f": {', '.join(differing[:3])}{more}"
