@@ -7,14 +7,26 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from rosbags.typesys import get_types_from_msg
 
+from bagassets.bags.digest import recording_digest, recording_stat
+from bagassets.bags.discover import discover
+from bagassets.bags.inventory import Inventory
+from bagassets.bags.model import Found
+from bagassets.bags.open import open_recording
 from bagassets.decode.ncom import decode_ncom
 from bagassets.decode.packets import payload, sender
+from bagassets.engine.recording_build import RecordingBuild
 from bagassets.errors import DecodeError, LossLimitError, PoseError
 from bagassets.geometry.euler import quaternion_from_rpy
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.wgs84 import LocalFrame
+from bagassets.recipe import load_recipe
 from bagassets.recipe.model import Limits
+from bagassets.steps.ego_poses import load_trajectory
+from bagassets.steps.inventory import make_inventory
+from bagassets.store.store import Store
+from bagassets_tests import recorded_bags
 from bagassets_tests.ncom_data import (
     ETHERNET,
     GPS_EPOCH_S,
@@ -25,9 +37,23 @@ from bagassets_tests.ncom_data import (
     status_time,
     udp,
 )
-from bagassets_tests.pose_data import T0, S
+from bagassets_tests.pose_data import T0, S, Written
 from bagassets_tests.posed import BETWEEN, ORIGIN, TIMES, Posed, at, static, truth
+from bagassets_tests.recorded_bags import write_mcap, write_ros1, write_ros2
 
+DEFINITION = (
+    "std_msgs/Header header\nuint8[4] sender_ip\nuint16 sender_port\nuint8[4] receiver_ip\n"
+    "uint16 receiver_port\nuint8[] payload\n"
+)
+RECIPE = """
+name: ncom
+bags: {root: bags, settle_s: 0}
+rigs:
+  - name: car
+    ego_pose: {source: ncom, topic: /ncom, sender: 10.1.1.20}
+    channels:
+      CAM_FRONT: {modality: camera, topic: /camera, undistort: false}
+"""
 angles = st.floats(-math.pi, math.pi)
 
 
@@ -267,6 +293,59 @@ class TestPoses:
         )
         np.testing.assert_allclose(forward, north[:, 1], atol=2e-6)
         assert abs(forward[0]) > 4e-3
+
+
+class TestRecordings:
+    """Packets in real files, read by the whole chain of steps."""
+
+    @staticmethod
+    def message(t, data):
+        def make(store):
+            ethernet_packet = store.types[ETHERNET]
+            return ethernet_packet(
+                recorded_bags.header(store, at(t), "eth"), np.array([10, 1, 1, 20], np.uint8), 3000,
+                np.zeros(4, np.uint8), 3000, np.frombuffer(data, np.uint8),
+            )  # fmt: skip
+
+        return recorded_bags.Message("/ncom", ETHERNET, at(t) + 1_000_000, make)
+
+    @pytest.mark.parametrize("file_format", ["ros1", "ros2", "mcap"])
+    def test_every_format(self, tmp_path, file_format):
+        for store in (recorded_bags.ROS1, recorded_bags.ROS2):
+            if ETHERNET not in store.types:
+                store.register(get_types_from_msg(DEFINITION, ETHERNET))
+        messages = [self.message(t, packet_of(t)) for t in TIMES]
+        messages.insert(50, recorded_bags.image(at(1.0) + 500_000))
+        bags = tmp_path / "bags"
+        bags.mkdir()
+        {"ros1": write_ros1, "ros2": write_ros2, "mcap": write_mcap}[file_format](
+            bags / {"ros1": "a.bag", "ros2": "a", "mcap": "a.mcap"}[file_format], messages
+        )
+        (tmp_path / "recipe.yaml").write_text(RECIPE)
+        recipe = load_recipe(tmp_path / "recipe.yaml")
+        (found,) = discover(recipe.bags).found.values()
+        build = RecordingBuild(
+            recipe, Store(recipe.store_path), found, recording_digest(found).digest, recording_stat(found)
+        )
+        made = {result.asset: result.artifact for result in build.build(["inventory", "ego_poses"])}
+        inventory = Inventory.from_json(made["inventory"].read_json("inventory.json"))
+        assert inventory.topic("/ncom").packed
+        trajectory = load_trajectory(made["ego_poses"])
+        positions, _, valid = trajectory.at(np.array([at(t) for t in BETWEEN]))
+        assert valid.all()
+        expected = np.array([truth(t).translation for t in BETWEEN])
+        assert np.abs(positions - expected).max() < 1e-3
+
+    def test_large_packets_are_not_kept_aside(self, tmp_path):
+        for store in (recorded_bags.ROS1, recorded_bags.ROS2):
+            if ETHERNET not in store.types:
+                store.register(get_types_from_msg(DEFINITION, ETHERNET))
+        path = write_mcap(tmp_path / "a.mcap", [self.message(t, bytes(1206)) for t in (0.0, 0.1)])
+        found = Found("a", "a.mcap", path, "mcap", (path,), path.stat().st_size, path.stat().st_mtime_ns)
+        with open_recording(found, ()) as recording:
+            made = Written(tmp_path / "out", lambda out: make_inventory(recording, out, size=1))
+        inventory = Inventory.from_json(made.artifact.read_json("inventory.json"))
+        assert not inventory.topic("/ncom").packed
 
 
 class TestTime:

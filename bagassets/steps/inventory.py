@@ -21,7 +21,7 @@ from bagassets.store.artifact import ArtifactWriter
 __all__ = ["STEP", "make_inventory"]
 
 # rosbags has the standard types, which recordings without definitions are decoded with.
-STEP = Step("inventory", 3, ("pyarrow", "rosbags"))
+STEP = Step("inventory", 4, ("pyarrow", "rosbags"))
 
 # Types of sensor data in bulk: never packed, whatever their size.
 BULK = frozenset(
@@ -32,10 +32,11 @@ BULK = frozenset(
         "sensor_msgs/msg/PointCloud",
         "sensor_msgs/msg/LaserScan",
         "velodyne_msgs/msg/VelodyneScan",
-        "ethernet_msgs/msg/Packet",
-        "udp_msgs/msg/UdpPacket",
     }
 )
+# Network packets are bulk if they are large: those of a lidar have 1200 bytes, of a navigation system 72.
+PACKETS = frozenset({"ethernet_msgs/msg/Packet", "udp_msgs/msg/UdpPacket"})
+MOST_PACKET_BYTES = 512
 MOST_MEAN_BYTES = 64 * 1024
 MOST_TOPIC_BYTES = 64 * 1024 * 1024
 # A fix stamped before GNSS was in use carries simulated or unset time: it tells no time of day.
@@ -69,7 +70,8 @@ def make_inventory(recording: BaseRecording, out: ArtifactWriter, *, size: int) 
             probes[name].add(message)
         if name in kept:
             kept[name].append((number, replace(message, data=bytes(message.data))))
-            if log.bytes > MOST_TOPIC_BYTES:
+            large = info.msgtype in PACKETS and log.bytes > MOST_PACKET_BYTES * len(kept[name])
+            if large or log.bytes > MOST_TOPIC_BYTES:
                 del kept[name]
         if info.msgtype == NAVSAT and info.problem is None:
             _take_fix(recording, message, fixes)
