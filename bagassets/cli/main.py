@@ -25,6 +25,10 @@ COMMANDS: dict[str, tuple[str, str]] = {
         "Bring all recordings and the dataset up to date, and tell what was done.",
     ),
     "status": ("bagassets.cli.status:status", "Tell what is fresh, stale, skipped or failed, and why."),
+    "explain": (
+        "bagassets.cli.explain:explain",
+        "Tell what an asset of a recording is made from, and what differs from the last time.",
+    ),
     "ui": ("bagassets.cli.ui:ui", "Open the web UI on a project."),
     "digest": (
         "bagassets.cli.digest:digest",

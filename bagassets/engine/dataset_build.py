@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from bagassets.engine.plan_model import Plan
@@ -19,6 +20,7 @@ __all__ = [
     "build_vision_dataset",
     "dataset_code_version",
     "dataset_code_versions",
+    "dataset_folders",
     "is_on_disk",
     "select_inputs",
 ]
@@ -138,6 +140,14 @@ def dataset_code_versions(recipe: Recipe) -> dict[str, str]:
         ]
         versions["vision_dataset"] = f"{vision_dataset.VERSION}-{digest_json(fields)[:12]}"
     return versions
+
+
+def dataset_folders(recipe: Recipe) -> dict[str, Path]:
+    """Return dataset asset -> the folder that it is written to, for all that the recipe asks for."""
+    folders = {"nuscenes_dataset": recipe.nuscenes.output}
+    if recipe.vision is not None:
+        folders["vision_dataset"] = recipe.vision.output
+    return folders
 
 
 def is_on_disk(recipe: Recipe, asset: str) -> bool:
