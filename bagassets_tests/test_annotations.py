@@ -263,7 +263,7 @@ class FakeRecording:
 
 
 def inventory(*topics):
-    record = Msg(msgtype="vision_msgs/msg/Detection3DArray")
+    record = Msg(msgtype="vision_msgs/msg/Detection3DArray", frame_ids=("map",))
     return Msg(has=lambda name: name in topics, topic=lambda name: record)
 
 

@@ -2,18 +2,26 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bagassets.decode.model import BoxReading
+from bagassets.errors import CalibrationError
 from bagassets.geometry.se3 import SE3, Floats, quaternion_multiply, rotate
+from bagassets.geometry.tf_tree import TfTree
 from bagassets.geometry.trajectory import Trajectory
 
 __all__ = ["DATASET_FRAME", "BoxFrames"]
 
 # The global frame as the dataset has it: local metres, after the origin was taken off.
 DATASET_FRAME = "@dataset"
+
+# For rigs that stand still, whose poses set no limits: how transforms may pause.
+MAX_GAP_NS, EXTRAPOLATE_NS = 500_000_000, 50_000_000
+
+_Poses = tuple[Floats, Floats, NDArray[np.bool_]]
 
 
 @dataclass(frozen=True)
@@ -27,6 +35,7 @@ class BoxFrames:
         trajectory: `global_SE3_ego`.
         origin_m: where the trajectory's origin lies in the global frame as recorded; boxes in that
             frame are moved by it like the poses were.
+        tree: transforms of the recording, for further frames, static and moving ones; None if not read.
     """
 
     global_frame: str
@@ -34,52 +43,103 @@ class BoxFrames:
     ego_SE3_sensor: Mapping[str, SE3]
     trajectory: Trajectory
     origin_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    tree: TfTree | None = None
 
     def knows(self, frame: str) -> bool:
         """Tell whether boxes in a frame can be placed at all."""
         known = (self.global_frame, DATASET_FRAME, self.ego_frame)
-        return frame in known or frame in self.ego_SE3_sensor
+        return frame in known or frame in self.ego_SE3_sensor or self._root(frame) is not None
 
     def known(self) -> str:
         """Return the frames in words."""
         sensors = ", ".join(sorted(self.ego_SE3_sensor))
         words = f"the global frame '{self.global_frame}', the ego frame '{self.ego_frame}'"
-        return f"{words} and the sensor frames {sensors}" if sensors else words
+        words = f"{words} and the sensor frames {sensors}" if sensors else words
+        named = {self.global_frame, self.ego_frame, *self.ego_SE3_sensor}
+        further = [frame for frame in sorted(self._roots) if frame not in named]
+        return f"{words}; by TF {', '.join(further)}" if further else words
 
-    def place(self, boxes: Sequence[BoxReading]) -> tuple[Floats, Floats, NDArray[np.bool_]]:
-        """Return the boxes in the global frame, each moved with the ego pose at its own stamp.
+    def place(self, boxes: Sequence[BoxReading]) -> _Poses:
+        """Return the boxes in the global frame, each moved with the transforms at its own stamp.
 
         Args:
             boxes: N boxes in frames that are known.
 
         Returns:
             centres (N, 3) in metres, rotations (N, 4), and a mask (N,) that is False where there is
-            no ego pose; there the numbers are NaN.
+            no ego pose or transform; there the numbers are NaN.
         """
-        if not boxes:
-            return np.zeros((0, 3)), np.zeros((0, 4)), np.ones(0, np.bool_)
-        ego_SE3_frame = [self._ego_SE3_frame(box.frame_id) for box in boxes]
-        centers = np.array([box.frame_SE3_box.translation for box in boxes])
-        rotations = np.array([box.frame_SE3_box.rotation for box in boxes])
-        moves = np.array([frame is not None for frame in ego_SE3_frame])
-        as_recorded = np.array([box.frame_id == self.global_frame for box in boxes])
-        centers = np.where(as_recorded[:, None], centers - np.array(self.origin_m), centers)
-        if not moves.any():
-            return centers, rotations, np.ones(len(boxes), np.bool_)
+        centers = np.array([box.frame_SE3_box.translation for box in boxes]).reshape(-1, 3)
+        rotations = np.array([box.frame_SE3_box.rotation for box in boxes]).reshape(-1, 4)
+        valid = np.ones(len(boxes), dtype=np.bool_)
+        stamps_ns = np.array([box.stamp_ns for box in boxes], dtype=np.int64)
+        rows: dict[str, list[int]] = {}
+        for row, box in enumerate(boxes):
+            rows.setdefault(box.frame_id, []).append(row)
+        for frame, numbers in sorted(rows.items()):
+            at = np.array(numbers, dtype=np.intp)
+            moves_with_ego, t, q, known = self._parent_SE3_frame(frame, stamps_ns[at])
+            center, rotation = rotate(q, centers[at]) + t, quaternion_multiply(q, rotations[at])
+            if moves_with_ego:
+                t, q, has_pose = self.trajectory.at(stamps_ns[at])
+                center, rotation = rotate(q, center) + t, quaternion_multiply(q, rotation)
+                known = known & has_pose
+            centers[at], rotations[at], valid[at] = center, rotation, known
+        return centers, rotations, valid
 
-        sensor = [frame or SE3() for frame in ego_SE3_frame]
-        sensor_rotations = np.array([frame.rotation for frame in sensor])
-        ego_centers = rotate(sensor_rotations, centers) + np.array([frame.translation for frame in sensor])
-        ego_rotations = quaternion_multiply(sensor_rotations, rotations)
-        t, q, valid = self.trajectory.at(np.array([box.stamp_ns for box in boxes], dtype=np.int64))
-        return (
-            np.where(moves[:, None], rotate(q, ego_centers) + t, centers),
-            np.where(moves[:, None], quaternion_multiply(q, ego_rotations), rotations),
-            valid | ~moves,
-        )
+    def _parent_SE3_frame(
+        self, frame: str, stamps_ns: NDArray[np.int64]
+    ) -> tuple[bool, Floats, Floats, NDArray[np.bool_]]:
+        """Return whether the parent is the ego frame (else the dataset's global one), and `parent_SE3_frame`."""
+        if frame == self.global_frame:
+            x, y, z = self.origin_m
+            return False, *_fixed(SE3(translation=(-x, -y, -z)), stamps_ns)
+        if frame == DATASET_FRAME:
+            return False, *_fixed(SE3(), stamps_ns)
+        if frame == self.ego_frame:
+            return True, *_fixed(SE3(), stamps_ns)
+        if frame in self.ego_SE3_sensor:
+            return True, *_fixed(self.ego_SE3_sensor[frame], stamps_ns)
+        root = self._root(frame)
+        if self.tree is None or root is None:
+            raise CalibrationError(f"boxes in frame {frame} cannot be placed; known are {self.known()}.")
+        max_gap_ns, extrapolate_ns = MAX_GAP_NS, EXTRAPOLATE_NS
+        if not self.trajectory.fixed:
+            max_gap_ns, extrapolate_ns = self.trajectory.max_gap_ns, self.trajectory.extrapolate_ns
+        t, q, known = self.tree.at(root, frame, stamps_ns, max_gap_ns, extrapolate_ns)
+        if root == self.ego_frame:
+            return True, t, q, known
+        return False, t - np.array(self.origin_m), q, known
 
-    def _ego_SE3_frame(self, frame: str) -> SE3 | None:
-        """Return where a frame is on the vehicle; None for the global frame."""
-        if frame in (self.global_frame, DATASET_FRAME):
-            return None
-        return SE3() if frame == self.ego_frame else self.ego_SE3_sensor[frame]
+    def _root(self, frame: str) -> str | None:
+        """Return the frame, global or ego, that TF relates a further one to; None if neither.
+
+        The global one, if the way there does not lead over the vehicle: whose poses are known better.
+        """
+        return self._roots.get(frame)
+
+    @cached_property
+    def _roots(self) -> dict[str, str]:
+        roots: dict[str, str] = {}
+        if self.tree is None:
+            return roots
+        for frame in self.tree.frames:
+            for root in (self.global_frame, self.ego_frame):
+                try:
+                    up, down = self.tree.chain(root, frame)
+                except CalibrationError:
+                    continue
+                passed = {edge.parent for edge in (*up, *down)} | {edge.child for edge in (*up, *down)}
+                if root == self.ego_frame or self.ego_frame not in passed:
+                    roots[frame] = root
+                    break
+        return roots
+
+
+def _fixed(parent_SE3_frame: SE3, stamps_ns: NDArray[np.int64]) -> _Poses:
+    number = len(stamps_ns)
+    return (
+        np.tile(parent_SE3_frame.translation, (number, 1)),
+        np.tile(parent_SE3_frame.rotation, (number, 1)),
+        np.ones(number, dtype=np.bool_),
+    )

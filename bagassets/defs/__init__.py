@@ -1,4 +1,48 @@
 """The Dagster side: assets, checks, the sensor, runs and how they are launched.
 
-Nearly empty on purpose: the launcher is imported by processes that need no assets.
+What steps of your own need is here::
+
+    from bagassets.defs import Workspace, build_definitions, publish, recording_partitions
+
+Names are imported when they are asked for: the launcher is imported by processes that need no
+assets.
 """
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from bagassets.defs.location import build_definitions
+    from bagassets.defs.reporting import failures_in_words
+    from bagassets.defs.steps import all_recordings, channels, follow_recordings, publish, recipe_beside
+    from bagassets.defs.workspace import Workspace, recording_partitions
+
+__all__ = [
+    "Workspace",
+    "all_recordings",
+    "build_definitions",
+    "channels",
+    "failures_in_words",
+    "follow_recordings",
+    "publish",
+    "recipe_beside",
+    "recording_partitions",
+]
+
+_MODULES = {
+    "Workspace": "workspace",
+    "all_recordings": "steps",
+    "build_definitions": "location",
+    "channels": "steps",
+    "failures_in_words": "reporting",
+    "follow_recordings": "steps",
+    "publish": "steps",
+    "recipe_beside": "steps",
+    "recording_partitions": "workspace",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)

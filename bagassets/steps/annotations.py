@@ -7,7 +7,7 @@ from typing import Any
 
 from bagassets.annotations.collect import UNKNOWN_FRAME, BoxCollector, Place, SourceRules
 from bagassets.annotations.files.find import LabelSet
-from bagassets.annotations.frames import BoxFrames
+from bagassets.annotations.frames import DATASET_FRAME
 from bagassets.annotations.table import BoxTable
 from bagassets.bags.inventory import Inventory
 from bagassets.bags.model import RawMessage, Recording
@@ -15,12 +15,12 @@ from bagassets.decode.boxes import BoxDecoder, box_decoder, box_message_types
 from bagassets.decode.model import BoxReading
 from bagassets.decode.registry import decoder_params, plugin_box_decoder
 from bagassets.errors import DecodeError, LossLimitError, RecipeError
-from bagassets.geometry.se3 import SE3
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.plugins import installed_decoders
 from bagassets.recipe.model import Limits, Rig
 from bagassets.recipe.model_base import Clock
 from bagassets.steps.annotation_files import add_labels, file_request
+from bagassets.steps.annotation_frames import box_frames, frame_params
 from bagassets.steps.channel import Counts, Request
 from bagassets.store.action import Step
 from bagassets.store.artifact import Artifact, ArtifactWriter
@@ -67,8 +67,6 @@ def request(
     params: dict[str, Any] = {"absent": [*absent, *files.absent]}
     if not sources and not files.sources:
         return Request(params, ())
-    extrinsics = {entry["frame"]: entry["ego_SE3_sensor"] for entry in calibration["channels"].values()}
-    poses = ego_poses.read_json("ego_poses.json")
     params |= {
         "clock": clock,
         "lost_messages": limits.lost_messages,
@@ -78,13 +76,18 @@ def request(
             for source in sources
         },
         "files": files.sources,
-        "global_frame": poses["global_frame"],
-        "origin_m": _origin_m(poses["origin"]),
-        "ego_frame": rig.ego_frame,
-        "ego_SE3_frame": extrinsics,
     }
-    topics = sorted({source.topic for source in sources} | set(files.topics))
-    return Request(params, tuple(topics), {"ego_poses": ego_poses.digest, **files.inputs})
+    frames = frame_params(
+        rig,
+        inventory,
+        calibration,
+        ego_poses,
+        topics={source.topic: source.frame for source in sources},
+        files=[_frame_of(source) for source in files.sources.values()],
+    )
+    params |= frames
+    topics = {source.topic for source in sources} | {*files.topics, *frames["tf_static"], *frames["tf"]}
+    return Request(params, tuple(sorted(topics)), {"ego_poses": ego_poses.digest, **files.inputs})
 
 
 def make(
@@ -113,7 +116,7 @@ def make(
     decoders = {topic: _decoder(topic, source, recording) for topic, source in sources.items()}
     files: Mapping[str, Any] = params.get("files", {})
     rules = {source: _rules(fields) for source, fields in {**sources, **files}.items()}
-    collector = BoxCollector(_frames(params, trajectory), rules)
+    collector = BoxCollector(box_frames(params, recording, trajectory), rules)
     messages = {topic: Counts() for topic in sources}
     ignored = dict.fromkeys(sources, 0)
     for message in recording.messages(sorted(sources)) if sources else ():
@@ -178,22 +181,12 @@ def _rules(source: Mapping[str, Any]) -> SourceRules:
     )
 
 
-def _frames(params: Mapping[str, Any], trajectory: Trajectory) -> BoxFrames:
-    extrinsics = {
-        frame: SE3.create(transform["rotation"], transform["translation"])
-        for frame, transform in params.get("ego_SE3_frame", {}).items()
-    }
-    x, y, z = params.get("origin_m", (0.0, 0.0, 0.0))
-    return BoxFrames(
-        params.get("global_frame", ""), params.get("ego_frame", ""), extrinsics, trajectory, (x, y, z)
-    )
-
-
-def _origin_m(origin: Mapping[str, Any] | None) -> list[float]:
-    """Return what `ego_poses` subtracted from the coordinates recorded in the global frame."""
-    if origin is None or origin["kind"] != "local":
-        return [0.0, 0.0, 0.0]
-    return [origin["x"], origin["y"], origin["z"]]
+def _frame_of(source: Mapping[str, Any]) -> str | None:
+    """Return the frame that all boxes of a source of files are in, if it is known without reading them."""
+    if source["frame"] is None and source["format"] == "nuscenes":
+        return DATASET_FRAME
+    frame: str | None = source["frame"]
+    return frame
 
 
 def _add_boxes(
