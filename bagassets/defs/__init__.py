@@ -2,7 +2,7 @@
 
 What steps of your own need is here::
 
-    from bagassets.defs import Workspace, build_definitions, publish, recording_partitions
+    from bagassets.defs import Workspace, build_definitions, per_recording, publish
 
 Names are imported when they are asked for: the launcher is imported by processes that need no
 assets.
@@ -14,8 +14,15 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from bagassets.defs.location import build_definitions
     from bagassets.defs.reporting import failures_in_words
-    from bagassets.defs.steps import all_recordings, channels, follow_recordings, publish, recipe_beside
-    from bagassets.defs.workspace import Workspace, recording_partitions
+    from bagassets.defs.steps import (
+        all_recordings,
+        channels,
+        follow_recordings,
+        per_recording,
+        publish,
+        recipe_beside,
+    )
+    from bagassets.defs.workspace import Workspace
 
 __all__ = [
     "Workspace",
@@ -24,9 +31,9 @@ __all__ = [
     "channels",
     "failures_in_words",
     "follow_recordings",
+    "per_recording",
     "publish",
     "recipe_beside",
-    "recording_partitions",
 ]
 
 _MODULES = {
@@ -36,9 +43,9 @@ _MODULES = {
     "channels": "steps",
     "failures_in_words": "reporting",
     "follow_recordings": "steps",
+    "per_recording": "steps",
     "publish": "steps",
     "recipe_beside": "steps",
-    "recording_partitions": "workspace",
 }
 
 

@@ -11,7 +11,7 @@ import dagster as dg
 
 from bagassets.defs.events import live_partitions, recorded_states
 from bagassets.defs.reporting import failures_in_words, result_metadata
-from bagassets.defs.workspace import Workspace
+from bagassets.defs.workspace import Workspace, recording_partitions
 from bagassets.engine.recording_assets import AssetResult
 from bagassets.errors import StoreError
 from bagassets.recipe import load_recipe
@@ -20,7 +20,7 @@ from bagassets.store.action import Step
 from bagassets.store.artifact import Artifact, ArtifactWriter
 from bagassets.store.canonical import digest_json
 
-__all__ = ["all_recordings", "channels", "follow_recordings", "publish", "recipe_beside"]
+__all__ = ["all_recordings", "channels", "follow_recordings", "per_recording", "publish", "recipe_beside"]
 
 _ACTIVE = [
     dg.DagsterRunStatus.QUEUED,
@@ -38,6 +38,11 @@ def recipe_beside(file: str | Path) -> Recipe:
         RecipeError: there is none, or it is wrong.
     """
     return load_recipe(Path(file).absolute().with_name("recipe.yaml"))
+
+
+def per_recording(recipe: Recipe) -> dg.PartitionsDefinition[str]:
+    """Return the partitions of our assets, one key per recording, for assets of your own beside them."""
+    return recording_partitions(recipe)
 
 
 def channels(

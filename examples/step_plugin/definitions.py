@@ -19,9 +19,9 @@ from bagassets.defs import (
     channels,
     failures_in_words,
     follow_recordings,
+    per_recording,
     publish,
     recipe_beside,
-    recording_partitions,
 )
 from bagassets.store.artifact import Artifact, ArtifactWriter
 
@@ -36,7 +36,7 @@ def sharpness(channel: Artifact) -> list[float]:
 
 
 @dg.asset(
-    partitions_def=recording_partitions(RECIPE),
+    partitions_def=per_recording(RECIPE),
     deps=["frames"],
     group_name="own",
     kinds={"json"},
