@@ -8,22 +8,13 @@ from pydantic import PrivateAttr
 from bagassets.bags.digest import DigestIndex
 from bagassets.bags.discover import Discovery, discover
 from bagassets.bags.model import Found
+from bagassets.defs.recording_partitions import partitions_name, recording_partitions
 from bagassets.errors import RecordingError
 from bagassets.recipe import Recipe, load_recipe
 from bagassets.store.artifact import Artifact
 from bagassets.store.store import Store
 
 __all__ = ["Workspace", "index_of", "partitions_name", "recording_partitions"]
-
-
-def partitions_name(recipe: Recipe) -> str:
-    """Return the name of the recipe's dynamic partitions; such names are global to an instance."""
-    return f"{recipe.name}_recordings"
-
-
-def recording_partitions(recipe: Recipe) -> dg.DynamicPartitionsDefinition:
-    """Return the partitions of all assets per recording: one key per recording."""
-    return dg.DynamicPartitionsDefinition(name=partitions_name(recipe))
 
 
 def index_of(recipe: Recipe) -> DigestIndex:

@@ -1,0 +1,97 @@
+"""`dagster asset materialize`, as people type it in a project folder: no variables set, a process of its own."""
+
+import json
+import subprocess
+
+import dagster as dg
+import pytest
+
+from bagassets.defs.recording_partitions import RecordingPartitions, recording_partitions
+from bagassets.defs.runs import open_instance
+from bagassets.recipe import load_recipe
+from bagassets_tests.services import BIN, bare_environment, make_project
+from bagassets_tests.small_drive import write_drive
+
+pytestmark = pytest.mark.xdist_group("materialize")
+
+
+@pytest.fixture(scope="module")
+def project(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("materialize")
+    write_drive(folder / "bags" / "a.bag", "ros1", duration_s=2.0)
+    write_drive(folder / "bags" / "b.mcap", "mcap", duration_s=2.2)
+    return make_project(folder)
+
+
+def materialize(project, select, partition=None):
+    command = [BIN / "dagster", "asset", "materialize", "-m", "bagassets.definitions", "--select", select]
+    command += ["--partition", partition] if partition else []
+    return subprocess.run(
+        [str(part) for part in command],
+        check=False,
+        cwd=project,
+        env=bare_environment(),
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+
+
+def latest(project, asset, partition):
+    with open_instance(str(project)) as instance:
+        records = instance.fetch_materializations(
+            dg.AssetRecordsFilter(asset_key=dg.AssetKey(asset), asset_partitions=[partition]), limit=1
+        )
+        return next((record.asset_materialization for record in records.records), None)
+
+
+def test_everything_of_a_recording_that_nobody_registered_yet(project):
+    done = materialize(project, "*", "a.bag")
+    assert done.returncode == 0, done.stderr[-2000:]
+    assert latest(project, "nuscenes_tables", "a.bag") is not None
+    version = project / "dataset" / "nuscenes" / "v1.0-test"
+    assert [bag["key"] for bag in json.loads((version / "dataset.lock.json").read_text())["bags"]] == [
+        "a.bag"
+    ]
+    with open_instance(str(project)) as instance:
+        assert instance.get_dynamic_partitions("test_recordings") == ["a.bag"]
+
+
+def test_one_asset_of_a_recording_is_a_hit_when_it_is_known(project):
+    done = materialize(project, "nuscenes_tables", "a.bag")
+    assert done.returncode == 0, done.stderr[-2000:]
+    assert latest(project, "nuscenes_tables", "a.bag").metadata["cached"].value is True
+
+
+def test_one_asset_without_what_it_reads_says_what_to_materialize_first(project):
+    done = materialize(project, "nuscenes_tables", "b.mcap")
+    assert done.returncode == 1
+    assert "b.mcap: bag is not materialized for this recording" in done.stdout + done.stderr
+
+
+def test_one_asset_with_all_that_it_reads(project):
+    done = materialize(project, "*nuscenes_tables", "b.mcap")
+    assert done.returncode == 0, done.stderr[-2000:]
+    assert latest(project, "frames", "b.mcap") is not None
+
+
+def test_a_recording_that_does_not_exist_is_told_with_one_that_does(project):
+    done = materialize(project, "nuscenes_tables", "b.mcpa")
+    assert done.returncode == 1
+    assert "b.mcpa: no recording with this partition key below" in done.stderr.splitlines()[-1]
+    assert "did you mean b.mcap?" in done.stderr
+    with open_instance(str(project)) as instance:
+        assert "b.mcpa" not in instance.get_dynamic_partitions("test_recordings")
+
+
+def test_the_dataset_takes_no_partition(project):
+    done = materialize(project, "nuscenes_dataset")
+    assert done.returncode == 0, done.stderr[-2000:]
+
+
+def test_partitions_are_equal_to_plain_ones_of_the_same_name(project):
+    recipe = load_recipe(project / "recipe.yaml")
+    ours, plain = recording_partitions(recipe), dg.DynamicPartitionsDefinition(name="test_recordings")
+    assert isinstance(ours, RecordingPartitions)
+    assert (ours == plain, hash(ours) == hash(plain)) == (True, True)
+    assert ours != dg.DynamicPartitionsDefinition(name="other_recordings")
