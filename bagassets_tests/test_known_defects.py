@@ -1,22 +1,70 @@
-"""The defects seen in other exporters, each with a test that would catch it.
+"""The defects seen in other exporters (section 5 of the design), each with a test that would catch it.
 
-These run on the tables of a drive made by hand, and on the writers. Those about frames, whole
-recordings and the command line are tested with them; see `test_end_to_end`.
+===================================================  ==========================================================
+defect                                               test
+===================================================  ==========================================================
+`is_key_frame` as the strings "true" and "false"     test_is_key_frame_is_no_string
+column, ring and return packed into the fifth float  test_the_fifth_column_of_lidar_files_is_the_ring…
+`fileformat` ".jpg"                                  test_fileformat_has_no_dot
+location always "boston-seaport"                     test_location_is_what_the_recipe_says
+map file name ""                                     test_the_map_is_a_file
+always 40 equidistant keyframes                      test_keyframes_follow_the_length_of_the_scene,
+                                                     test_keyframes_are_readings_not_an_even_grid
+nearest instead of interpolated pose                 test_poses_are_interpolated_to_the_time_of_each_reading
+a 0.2 s header gap aborts the scene                  test_a_short_gap_does_not_abort_a_scene
+random tokens that must be rewritten at merge        test_tokens_are_not_rewritten_when_datasets_are_merged,
+                                                     test_tokens_are_the_same_on_every_build
+stamps scaled by the wrong power of ten              test_stamps_are_microseconds
+errors printed, exit status 0, success recorded      test_a_step_that_fails_is_never_recorded_as_done,
+                                                     test_a_build_with_a_damaged_recording_exits_with_1…
+a whole scene decoded into memory                    test_images_are_not_held_in_memory,
+                                                     test_clouds_are_not_held_in_memory
+CameraInfo.R applied to images, not to extrinsics    test_rectification_rotates_neither_images_nor_sensors
+===================================================  ==========================================================
+
+Most run on the tables of a drive made by hand, and on the writers. `test_sample_truth` holds whole
+datasets against the truth of a world, which would notice several of them too.
 """
 
 import json
+import tracemalloc
+from functools import partial
+from types import SimpleNamespace as Msg
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
+from dagster import AssetKey, DagsterInstance
 from handmade import T0, Drive, S, ego_pose, make_tables, regular, trajectory
 
+from bagassets.bags.model import RawMessage, TopicInfo
+from bagassets.cli.main import root
+from bagassets.decode.model import ImageReading
+from bagassets.defs import driver
 from bagassets.errors import PoseError
+from bagassets.geometry.se3 import SE3
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.nuscenes.dataset import BagPart, assemble
 from bagassets.nuscenes.lidar_file import lidar_bytes, read_lidar_file
-from bagassets.recipe.model import NuScenes
-from bagassets.steps import nuscenes_tables
+from bagassets.recipe.model import Limits, NuScenes, Rig
+from bagassets.steps import calibration, frames, nuscenes_tables
+from bagassets.steps.frames import FrameExtractor
+from bagassets.steps.image_output import ImageOutput, intrinsic_matrix
+from bagassets.store.artifact import ArtifactWriter
 from bagassets.store.store import Store
+from bagassets_tests.in_process import InProcessClient, make_project
+from bagassets_tests.pose_data import (
+    CAMERA_INFO,
+    IMAGE,
+    TFMESSAGE,
+    Recorded,
+    Written,
+    camera_info,
+    tf,
+    transform,
+)
+from bagassets_tests.sweep_data import cloud, raw
+from bagassets_tests.sweep_run import CLOUD, PERIOD_NS, START_NS, Run, lidar, request
 
 
 @pytest.fixture(scope="module")
@@ -148,3 +196,106 @@ def test_readings_without_a_pose_are_dropped_and_counted_not_given_a_wrong_one(s
     counts = made.facts["counts"]["channels"]["LIDAR_TOP"]
     assert counts["without_pose"] == 20
     assert min(row["timestamp"] for row in made.table("sample")) >= (T0 + 2 * S) // 1000 - 1
+
+
+def test_a_build_with_a_damaged_recording_exits_with_1_and_records_no_success(tmp_path, monkeypatch):
+    recipe = make_project(tmp_path, ["good.bag"])
+    (tmp_path / "bags" / "damaged.bag").write_bytes(b"#ROSBAG V2.0\n" + bytes(5000))
+    client = InProcessClient(tmp_path / ".bagassets" / "locks")
+    monkeypatch.setattr(driver, "connect", lambda _spec, _home: client)
+    monkeypatch.setenv("BAGASSETS_RECIPE", str(recipe))
+    done = CliRunner().invoke(root, ["build", "--recipe", str(recipe), "--select", "ego_poses", "--json"])
+    assert done.exit_code == 1
+    with DagsterInstance.from_config(str(tmp_path / ".bagassets" / "dagster")) as instance:
+        for asset in ("inventory", "ego_poses"):
+            made = instance.get_materialized_partitions(AssetKey(asset))
+            assert made == {"good.bag"}, asset
+
+
+class Photos:
+    """A recording of colour images, each made when it is decoded."""
+
+    format = "mcap"
+    topics = {"/cam": TopicInfo("/cam", "sensor_msgs/msg/Image", 0)}  # noqa: RUF012
+
+    def decode(self, message):
+        pixels = np.full((600, 800, 3), message.log_time_ns % 251, np.uint8)
+        header = Msg(stamp=Msg(sec=message.log_time_ns, nanosec=0), frame_id="cam")
+        return Msg(
+            header=header,
+            height=600,
+            width=800,
+            encoding="bgr8",
+            is_bigendian=0,
+            step=2400,
+            data=pixels.reshape(-1),
+        )
+
+
+@pytest.mark.parametrize("workers", [1, 4])
+def test_images_are_not_held_in_memory(tmp_path, workers):
+    """150 images of 1.4 MB; an exporter that decodes the scene first needs 216 MB."""
+    params = {
+        "channel": "CAM", "topic": "/cam", "msgtype": "sensor_msgs/msg/Image", "output": "jpeg", "undistort": False,
+        "target": None, "to_8bit": None, "camera": None, "clock": "header", "lost_messages": 0.0,
+    }  # fmt: skip
+    tracemalloc.start()
+    extractor = FrameExtractor(params, Photos(), ArtifactWriter(tmp_path / "a"), workers)
+    for i in range(1, 151):
+        extractor.add(RawMessage("/cam", "sensor_msgs/msg/Image", i, b""))
+    extractor.finish()
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < (2 * workers + 4) * 2 * 1_440_000
+
+
+def test_clouds_are_not_held_in_memory(tmp_path):
+    """60 clouds of 40,000 points of 16 bytes: 38 MB."""
+
+    def clouds():
+        for i in range(60):
+            stamp = START_NS + i * PERIOD_NS
+            xyz = {axis: np.full(40_000, 1.0 + i, np.float32) for axis in "xyz"}
+            yield raw(cloud(stamp, xyz), CLOUD, stamp)
+
+    asked = request(lidar(), CLOUD, count=60)
+    tracemalloc.start()
+    made = Run(tmp_path, asked, clouds())
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert len(made.index) == 60
+    assert peak < 16_000_000
+
+
+def test_rectification_rotates_neither_images_nor_sensors(tmp_path):
+    """R and P describe a stereo pair; with R = identity the image belongs to the extrinsics in TF."""
+    half = 0.1
+    turned = np.array([[np.cos(half), 0, np.sin(half)], [0, 1, 0], [-np.sin(half), 0, np.cos(half)]])
+    image = np.random.default_rng(0).integers(0, 255, (480, 640), dtype=np.uint8)
+    made = []
+    for number, changes in enumerate(
+        ({}, {"r": turned.reshape(-1), "p": np.array([300.0, 0, 310, -50, 0, 300, 230, 0, 0, 0, 1, 0])})
+    ):
+        message = camera_info(d=(-0.2, 0.05, 0.001, -0.001, 0.0), **changes)
+        entries = [
+            ("/cam/camera_info", CAMERA_INFO, T0, message),
+            ("/cam/image_raw", IMAGE, T0, Msg(header=message.header)),
+            ("/tf_static", TFMESSAGE, T0, tf(transform(0, "base_link", "cam", SE3((0.5, -0.5, 0.5, -0.5), (1, 0, 1))))),
+        ]  # fmt: skip
+        recorded = Recorded(*entries)
+        channel = {"CAM_FRONT": {"modality": "camera", "topic": "/cam/image_raw"}}
+        car = Rig.model_validate({"name": "car", "channels": channel, "ego_pose": {"source": "fixed"}})
+        asked = calibration.request(car, recorded.inventory())
+        written = Written(
+            tmp_path / str(number), partial(calibration.make, asked.params, recorded, urdf=None)
+        )
+        calibrated = written.artifact.read_json("calibration.json")["channels"]["CAM_FRONT"]
+        camera = car.channels["CAM_FRONT"]
+        params = frames.request(
+            "CAM_FRONT", camera, "header", Limits(), recorded.inventory(), camera=calibrated["camera"]
+        ).params
+        output = ImageOutput(params, None)
+        data = bytes(output.make(ImageReading(1, "cam", image, None, "mono8")).data)
+        made.append((calibrated["ego_SE3_sensor"], data, intrinsic_matrix(output.written)))
+    assert made[0] == made[1]
+    assert made[0][2] == [[400.0, 0.0, 320.0], [0.0, 410.0, 240.0], [0.0, 0.0, 1.0]]
