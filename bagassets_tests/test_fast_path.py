@@ -1,0 +1,367 @@
+"""A build with nothing to do is decided without Dagster, and never wrongly."""
+
+import os
+import shutil
+import sqlite3
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import dagster as dg
+import pytest
+
+import bagassets
+from bagassets.defs.events import event_database
+from bagassets.defs.runs import open_instance
+from bagassets.engine.plan_memo import artifacts_of
+from bagassets.quick import artifacts, looks
+from bagassets.quick.artifacts import check_groups, groups_of
+from bagassets.quick.build import nothing_to_do
+from bagassets.quick.looks import Doubt
+from bagassets.quick.snapshot import NAME
+from bagassets.recipe import load_recipe
+from bagassets_tests.in_process import build, make_project, states, survey
+
+KEY = "a.bag"
+
+
+@pytest.fixture(scope="module")
+def project(tmp_path_factory):
+    return make_project(tmp_path_factory.mktemp("project"), [KEY], duration_s=2.0)
+
+
+@pytest.fixture
+def fresh(project, monkeypatch):
+    """A recipe file whose dataset is up to date, and a snapshot that says so."""
+    report, _ = build(project, monkeypatch)
+    assert report.succeeded, report.as_json()
+    assert is_quick(project), "a build leaves a snapshot"
+    return project
+
+
+def is_quick(recipe_file):
+    return nothing_to_do(["build", "--recipe", str(recipe_file)]) is not None
+
+
+def recording(recipe_file):
+    return recipe_file.parent / "bags" / KEY
+
+
+def a_file_of(recipe_file, name):
+    """Return the file `name` of an artifact that is current."""
+    root = load_recipe(recipe_file).store_path / "artifacts"
+    folders = [root / digest[:2] / digest for digest in artifacts_of(survey(recipe_file).plan.bags[KEY])]
+    return next(f / "files" / name for f in folders if (f / "files" / name).is_file())
+
+
+# --- what it costs, and what it says ------------------------------------------------------
+
+
+def test_it_says_what_is_fresh_and_where_the_dataset_is(fresh):
+    lines = nothing_to_do(["build", "--recipe", str(fresh)])
+    assert lines[0] == "1 fresh: nothing to do"
+    assert str(load_recipe(fresh).nuscenes.output) in lines[1]
+
+
+def test_the_command_imports_nothing_that_takes_time(fresh):
+    code = (
+        "import sys; sys.argv = ['bagassets', 'build']; from bagassets.__main__ import main; status = main(); "
+        "heavy = {'dagster', 'click', 'yaml', 'pydantic', 'numpy', 'rich', 'asyncio'} & set(sys.modules); "
+        "sys.exit(f'imported {heavy}' if heavy else status)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=fresh.parent, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert "nothing to do" in done.stdout
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["status"],
+        [],
+        ["build", "--retry-failed"],
+        ["build", "--json"],
+        ["build", "--help"],
+        ["build", "--jobs", "0x1"],
+        ["build", "--recipe"],
+        ["build", "extra"],
+    ],
+)
+def test_everything_but_a_plain_build_takes_the_full_path(fresh, monkeypatch, arguments):
+    monkeypatch.chdir(fresh.parent)
+    assert nothing_to_do(["build"]) is not None
+    assert nothing_to_do(["build", "--jobs", "2", f"--recipe={fresh}"]) is not None
+    assert nothing_to_do(arguments) is None
+
+
+# --- adversaries --------------------------------------------------------------------------
+
+
+def test_content_edited_in_place_with_size_and_time_put_back_is_built(fresh, monkeypatch):
+    path = recording(fresh)
+    before = path.stat()
+    with path.open("r+b") as stream:
+        stream.seek(before.st_size // 2)
+        byte = stream.read(1)
+        stream.seek(-1, os.SEEK_CUR)
+        stream.write(bytes([byte[0] ^ 1]))
+    os.utime(path, ns=(before.st_atime_ns, before.st_mtime_ns))
+    assert (path.stat().st_size, path.stat().st_mtime_ns) == (before.st_size, before.st_mtime_ns)
+    assert not is_quick(fresh)
+    bag = survey(fresh).plan.bags[KEY].assets["bag"]
+    assert bag.state == "stale"
+    assert "touched" in bag.reason
+    _, runs = build(fresh, monkeypatch)
+    assert runs, "the full path sees it too"
+    with path.open("r+b") as stream:
+        stream.seek(before.st_size // 2)
+        stream.write(byte)
+
+
+def test_a_file_that_was_only_touched_is_recorded_again_and_nothing_runs(fresh, monkeypatch):
+    recording(fresh).touch()
+    assert not is_quick(fresh)
+    report, _ = build(fresh, monkeypatch)
+    assert report.outcomes[KEY].result == "hit"
+    assert is_quick(fresh)
+
+
+def test_a_recording_that_comes_or_goes_is_seen(fresh):
+    other = recording(fresh).with_name("b.bag")
+    shutil.copy2(recording(fresh), other)
+    assert not is_quick(fresh)
+    other.unlink()
+    assert is_quick(fresh), "all is as it was"
+    hidden = recording(fresh).rename(recording(fresh).with_name(".a.bag"))
+    assert not is_quick(fresh)
+    hidden.rename(recording(fresh))
+    assert not is_quick(fresh), "renaming changes ctime: a doubt, and no harm"
+
+
+def test_a_recipe_edited_and_reverted_is_as_before_unless_it_was_built_between(fresh, monkeypatch):
+    text = fresh.read_text()
+    fresh.write_text(text.replace("version: v1.0-test", "version: v1.0-other"))
+    assert not is_quick(fresh)
+    fresh.write_text(text)
+    assert is_quick(fresh)
+    fresh.write_text(text.replace("topic: /cam/image_raw", "topic: /cam/image_raw, quality: 40"))
+    build(fresh, monkeypatch)
+    fresh.write_text(text)
+    assert not is_quick(fresh), "the dataset is that of the other recipe"
+    report, _ = build(fresh, monkeypatch)
+    assert report.outcomes[KEY].result == "hit"
+    assert report.dataset == "updated"
+
+
+@pytest.mark.parametrize("name", ["index.parquet", "scene.json"])
+def test_a_file_that_is_missing_from_the_store_is_made_again(fresh, monkeypatch, name):
+    path = a_file_of(fresh, name)
+    path.unlink()
+    assert not is_quick(fresh)
+    report, _ = build(fresh, monkeypatch)
+    assert report.outcomes[KEY].result == "built"
+    assert path.is_file()
+
+
+def test_an_artifact_that_is_missing_from_the_store_is_made_again(fresh, monkeypatch):
+    artifact = a_file_of(fresh, "channels.json").parents[1]
+    shutil.rmtree(artifact)
+    assert not is_quick(fresh)
+    report, _ = build(fresh, monkeypatch)
+    assert report.outcomes[KEY].result == "built"
+    assert artifact.is_dir()
+
+
+def test_a_file_that_is_missing_from_the_dataset_is_seen(fresh):
+    recipe = load_recipe(fresh)
+    table = recipe.nuscenes.output / recipe.nuscenes.version / "sample.json"
+    aside = table.rename(fresh.parent / "aside.json")
+    assert not is_quick(fresh)
+    aside.rename(table)
+    image = next(recipe.nuscenes.output.glob("samples/CAM_FRONT/*"))
+    image.unlink()
+    assert not is_quick(fresh)
+    shutil.rmtree(recipe.nuscenes.output)
+
+
+def instance_of(recipe_file):
+    return open_instance(str(recipe_file.parent))
+
+
+def test_an_asset_wiped_in_the_ui_is_seen(fresh, monkeypatch):
+    with instance_of(fresh) as instance:
+        instance.wipe_assets([dg.AssetKey("frames")])
+    assert not is_quick(fresh)
+    assert states(survey(fresh), KEY)["frames"] == "record-only"
+    report, _ = build(fresh, monkeypatch)
+    assert report.outcomes[KEY].result == "hit"
+
+
+def test_a_run_deleted_in_the_ui_is_seen_even_if_ids_come_again(fresh, monkeypatch):
+    with instance_of(fresh) as instance:
+        (run, *_) = instance.get_runs(dg.RunsFilter(tags={"dagster/partition": KEY}), limit=1)
+        instance.delete_run(run.run_id)
+        assert not is_quick(fresh)
+        # SQLite gives the ids away again; as many other events hide the deletion from whoever counts.
+        with sqlite3.connect(event_database(instance)) as connection:
+            newest = connection.execute("SELECT max(id) FROM event_logs").fetchone()[0]
+        for _ in range(40):
+            instance.report_runless_asset_event(dg.AssetMaterialization("unrelated"))
+        with sqlite3.connect(event_database(instance)) as connection:
+            assert connection.execute("SELECT max(id) FROM event_logs").fetchone()[0] > newest
+    assert not is_quick(fresh)
+    assert survey(fresh).todo.keys() == {KEY}
+
+
+def test_a_partition_deleted_in_the_ui_is_seen(fresh, monkeypatch):
+    recipe = load_recipe(fresh)
+    with instance_of(fresh) as instance:
+        instance.delete_dynamic_partition(f"{recipe.name}_recordings", KEY)
+    assert not is_quick(fresh)
+    assert set(states(survey(fresh), KEY).values()) <= {"missing", "record-only"}
+    report, _ = build(fresh, monkeypatch)
+    assert report.outcomes[KEY].result == "hit"
+
+
+def test_a_fresh_database_is_seen(fresh, monkeypatch):
+    shutil.rmtree(load_recipe(fresh).state / "dagster")
+    (load_recipe(fresh).state / "dagster").mkdir()
+    assert not is_quick(fresh)
+    report, _ = build(fresh, monkeypatch)
+    assert report.outcomes[KEY].result == "hit", "a wiped instance over a full store decodes nothing"
+
+
+def test_a_package_that_was_upgraded_is_seen(fresh, monkeypatch, tmp_path):
+    from bagassets.forkserver import spec
+
+    folder = tmp_path / "site"
+    (folder / "numpy-2.0.dist-info").mkdir(parents=True)
+    monkeypatch.setattr(spec, "_site_folders", lambda: (folder,))
+    assert not is_quick(fresh)
+
+
+def test_code_that_was_edited_is_seen(fresh):
+    path = Path(bagassets.__file__).parent / "steps" / "fast_path_test_passing_file.py"
+    path.touch()
+    try:
+        assert not is_quick(fresh)
+    finally:
+        path.unlink()
+
+
+def test_a_clock_that_was_stepped_back_hides_nothing(fresh):
+    path = recording(fresh)
+    data = path.read_bytes()
+    path.write_bytes(data)
+    past = time.time_ns() - 10**18
+    os.utime(path, ns=(past, past))
+    assert not is_quick(fresh)
+
+
+def test_a_database_named_by_a_variable_leaves_no_snapshot(fresh, monkeypatch):
+    config = fresh.with_name("dagster.yaml")
+    text = config.read_text()
+    try:
+        config.write_text(text + "\n# env: SOMEWHERE\n")
+        assert not is_quick(fresh), "another configuration may mean another database"
+        build(fresh, monkeypatch)
+        assert not is_quick(fresh)
+    finally:
+        config.write_text(text)
+
+
+@pytest.mark.parametrize("damage", [b"", b"{}\n", b"\xff\xfe\n", b'{"format": 99}\n'])
+def test_a_damaged_snapshot_is_a_doubt(fresh, damage):
+    path = load_recipe(fresh).state / NAME
+    whole = path.read_bytes()
+    path.write_bytes(damage)
+    assert not is_quick(fresh)
+    path.write_bytes(whole[:-32])
+    assert not is_quick(fresh)
+    path.write_bytes(whole)
+    assert is_quick(fresh)
+
+
+def test_a_failed_recording_takes_the_full_path(project, monkeypatch):
+    broken = recording(project).with_name("broken.bag")
+    broken.write_bytes(b"#ROSBAG V2.0\n" + b"x" * 100)
+    report, _ = build(project, monkeypatch)
+    assert report.outcomes["broken.bag"].result == "failed"
+    again, runs = build(project, monkeypatch)
+    assert again.outcomes["broken.bag"].result == "failed"
+    assert runs == [], "it is not tried again by itself"
+    assert not is_quick(project)
+    _, runs = build(project, monkeypatch, retry_failed=True)
+    assert [key for key, _ in runs] == ["broken.bag"]
+    broken.unlink()
+
+
+# --- looks --------------------------------------------------------------------------------
+
+
+def test_a_look_at_a_tree_follows_links_and_stops_at_loops(tmp_path):
+    (tmp_path / "real").mkdir()
+    (tmp_path / "real" / "a.bag").write_bytes(b"1")
+    root = tmp_path / "root"
+    root.mkdir()
+    (root / "link").symlink_to(tmp_path / "real")
+    (root / "loop").symlink_to(root)
+    (root / "broken").symlink_to(tmp_path / "nothing")
+    before = looks.tree_look(str(root))
+    assert looks.tree_look(str(root)) == before
+    (tmp_path / "real" / "a.bag").write_bytes(b"22")
+    assert looks.tree_look(str(root)) != before
+    with pytest.raises(Doubt):
+        looks.tree_look(str(tmp_path / "nothing"))
+
+
+@pytest.mark.parametrize("content", [None, b"", b"no database at all" * 100])
+def test_another_schema_is_a_doubt(tmp_path, content):
+    path = tmp_path / "index.db"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(Doubt):
+        looks.database_look(str(path), "x")
+
+
+def artifact(root, digest):
+    folder = root / digest[:2] / digest
+    (folder / "files").mkdir(parents=True)
+    (folder / "manifest.json").write_text("{}")
+    (folder / "files" / "x").write_text("x")
+    return folder
+
+
+def test_of_a_large_store_only_changed_groups_and_some_others_are_looked_at(tmp_path, monkeypatch):
+    names = sorted(f"{group:02x}{number:062x}" for group in range(8) for number in range(4))
+    folders = {name: artifact(tmp_path, name) for name in names}
+    digests = b"".join(bytes.fromhex(name) for name in names)
+    groups = groups_of(str(tmp_path), digests)
+    check_groups(str(tmp_path), digests, groups)
+    monkeypatch.setattr(artifacts, "MOST_LOOKED_AT", 4)
+    monkeypatch.setattr(artifacts.random, "random", lambda: 1.0)
+    (folders[names[0]] / "files" / "x").unlink()
+    check_groups(str(tmp_path), digests, groups)  # inside an artifact: not seen at once
+    monkeypatch.setattr(artifacts.random, "random", lambda: 0.0)
+    with pytest.raises(Doubt):
+        check_groups(str(tmp_path), digests, groups)
+    monkeypatch.setattr(artifacts.random, "random", lambda: 1.0)
+    shutil.rmtree(folders[names[9]])
+    with pytest.raises(Doubt):  # an artifact that went is seen at once
+        check_groups(str(tmp_path), digests, groups)
+    artifact(tmp_path, "07" + "f" * 62)
+    artifact(tmp_path, names[9])
+
+
+def test_a_stranger_in_a_shared_store_is_no_doubt(tmp_path, monkeypatch):
+    names = ["aa" + "0" * 62, "bb" + "0" * 62]
+    for name in names:
+        artifact(tmp_path, name)
+    digests = b"".join(bytes.fromhex(name) for name in names)
+    groups = groups_of(str(tmp_path), digests)
+    monkeypatch.setattr(artifacts, "MOST_LOOKED_AT", 0)
+    artifact(tmp_path, "aa" + "1" * 62)
+    check_groups(str(tmp_path), digests, groups)
