@@ -46,7 +46,7 @@ class Posed:
         view = Recorded(*entries) if entries else Recorded()
         self.view = view
         made = Written(folder / "out", lambda out: ego_poses.make(request.params, view, out))
-        self.summary, self.digest = made.summary, made.digest
+        self.summary, self.digest, self.artifact = made.summary, made.digest, made.artifact
         self.json = made.artifact.read_json("ego_poses.json")
         self.table = made.artifact.read_table("ego_poses.parquet").to_pylist()
         self.trajectory = ego_poses.load_trajectory(made.artifact)
