@@ -1,7 +1,9 @@
 """Decoder plug-ins: installed, used, upgraded, clashing and broken."""
 
 import json
+import re
 import sys
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -14,8 +16,11 @@ from bagassets.decode.clouds import CLOUD_DECODERS
 from bagassets.engine.code_version import code_version
 from bagassets.engine.recording_build import BuildFailure, RecordingBuild
 from bagassets.errors import PluginError
+from bagassets.forkserver import spec
 from bagassets.nuscenes.check import check_dataset
 from bagassets.plugins import BUILT_IN, installed_decoders
+from bagassets.plugins import FAMILIES as FAMILY_NAMES
+from bagassets.quick.build import code_stamp
 from bagassets.recipe import load_recipe
 from bagassets.steps import frames, pose_sources
 from bagassets.steps.ego_poses import load_trajectory
@@ -158,6 +163,25 @@ def test_a_plugin_that_is_upgraded_while_a_process_runs_is_not_keyed_by_the_old_
     site.unpack(wheel_of(EXAMPLE, tmp_path / "wheels", version="1.1"))
     _, errors = build(project(tmp_path / "project", recording))
     assert "version 1.1 was installed while this process ran" in errors["frames"]
+
+
+@pytest.mark.parametrize("in_pythonpath", [False, True])
+def test_a_build_that_seems_to_have_nothing_to_do_notices_an_upgrade(tmp_path, monkeypatch, in_pythonpath):
+    folder = tmp_path / "site-packages"
+    site = Site(monkeypatch, folder)
+    if in_pythonpath:
+        monkeypatch.setenv("PYTHONPATH", f"/nowhere:{folder}")
+    else:
+        monkeypatch.setattr(spec, "_site_folders", lambda: (folder,))
+    (tmp_path / "recipe.yaml").write_text(RECIPE)
+    stamps = []
+    for version in (None, "1.0", "1.1"):
+        if version is not None:
+            site.unpack(wheel_of(EXAMPLE, tmp_path / "wheels", version))
+        stamps += [code_stamp(str(tmp_path / "recipe.yaml")) for _ in range(2)]
+    site.close()
+    assert stamps[0::2] == stamps[1::2]
+    assert len(set(stamps)) == 3
 
 
 # --- clashes and broken plug-ins ---------------------------------------------------------
@@ -464,3 +488,15 @@ def test_the_command_lists_plugins_and_fails_on_those_that_cannot_be_used(tmp_pa
     assert len(told["problems"]) == 2
     assert main(["decoders"]) == 1
     assert capsys.readouterr().err.count("error: ") == 2
+
+
+def test_the_page_about_decoders_names_all_families_and_all_types_that_need_no_plugin():
+    page = (Path(__file__).parent.parent / "docs" / "decoders.md").read_text()
+    rows = {line.split("|")[1].strip(" `"): line for line in page.splitlines() if line.startswith("| `")}
+    assert rows.keys() == set(FAMILY_NAMES)
+    for family, types in BUILT_IN.items():
+        for msgtype in types:
+            package, name = msgtype.split("/msg/")
+            assert package in rows[family], msgtype
+            assert name in rows[family], msgtype
+    assert (EXAMPLE / "pyproject.toml").read_text().count(re.search(r'"image.*RawFrame"', page)[0]) == 1

@@ -2,6 +2,7 @@
 
 import csv
 import importlib
+import re
 import shutil
 import sys
 from pathlib import Path
@@ -302,3 +303,14 @@ def test_the_names_are_there_and_no_others():
         assert getattr(defs, name).__name__ == name
     with pytest.raises(AttributeError, match="nothing_of_this_name"):
         defs.nothing_of_this_name  # noqa: B018
+
+
+def test_the_page_about_steps_lists_the_names_and_shows_the_workspace_of_the_example():
+    page = (Path(__file__).parent.parent / "docs" / "steps.md").read_text()
+    table = page.split("## What `bagassets.defs` offers")[1].split("\n\n")[1]
+    rows = [line for line in table.splitlines() if line.startswith("| `")]
+    assert sorted(line.split("`")[1].partition("(")[0] for line in rows) == sorted(defs.__all__)
+    shown = re.findall(r"```yaml\n(.*?)```", page, flags=re.DOTALL)
+    assert [yaml.safe_load(text) for text in shown] == [
+        yaml.safe_load((EXAMPLE / "workspace.yaml").read_text())
+    ]

@@ -165,9 +165,13 @@ def _site_folders() -> tuple[Path, ...]:
 
 
 def _distributions() -> list[list[Any]]:
-    """Return name and time of each installed distribution; an upgrade changes one or the other."""
+    """Return name and time of each installed distribution; an upgrade changes one or the other.
+
+    Those in PYTHONPATH count too: a decoder plug-in may be among them.
+    """
     found = []
-    for folder in _site_folders():
+    beside = (Path(name) for name in os.environ.get("PYTHONPATH", "").split(os.pathsep) if name)
+    for folder in (*_site_folders(), *beside):
         try:
             entries = list(os.scandir(folder))
         except OSError:
