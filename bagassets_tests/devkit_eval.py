@@ -1,6 +1,8 @@
-"""Score the true boxes of a dataset against themselves with the real DetectionEval.
+"""Score boxes with the real DetectionEval: those of the dataset itself, or results made elsewhere.
 
-Usage: python devkit_eval.py DATAROOT VERSION SPLIT FOLDER
+Usage: python devkit_eval.py DATAROOT VERSION SPLIT FOLDER [RESULTS]
+
+RESULTS is a JSON file, sample token -> detections.
 """
 
 import json
@@ -29,9 +31,10 @@ def result(nusc, annotation):
     }
 
 
-def main(dataroot, version, split, folder):
+def main(dataroot, version, split, folder, given=None):
     nusc = NuScenes(version, dataroot, verbose=False)
     results = {}
+    velocities = {row["token"]: nusc.box_velocity(row["token"]).tolist() for row in nusc.sample_annotation}
     for token in get_samples_of_custom_split(split, nusc):
         annotations = [nusc.get("sample_annotation", ann) for ann in nusc.get("sample", token)["anns"]]
         results[token] = [
@@ -39,6 +42,9 @@ def main(dataroot, version, split, folder):
             for annotation in annotations
             if category_to_detection_name(annotation["category_name"]) is not None
         ]
+    if given is not None:
+        theirs = json.loads(Path(given).read_text())
+        results = {token: theirs[token] for token in results}
     path = Path(folder) / "results.json"
     path.write_text(json.dumps({"meta": {"use_lidar": True}, "results": results}))
     evaluation = DetectionEval(
@@ -46,7 +52,12 @@ def main(dataroot, version, split, folder):
     )
     metrics, _ = evaluation.evaluate()
     summary = metrics.serialize()
-    scores = {"samples": len(results), "aps": summary["mean_dist_aps"], "errors": summary["label_tp_errors"]}
+    scores = {
+        "samples": len(results),
+        "aps": summary["mean_dist_aps"],
+        "errors": summary["label_tp_errors"],
+        "velocities": velocities,
+    }
     sys.stdout.write(json.dumps(scores) + "\n")
 
 

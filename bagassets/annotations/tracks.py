@@ -23,7 +23,7 @@ class TrackBoxes:
         observations: (M,) index of the observation nearest to each, in the rows of the track.
         centers_m: (M, 3) in the global frame.
         rotations: (M, 4) quaternions w, x, y, z.
-        held: number of boxes that are an observation moved in time, not interpolated.
+        held: number of boxes that lie beyond an observation, not between two.
     """
 
     at: NDArray[np.intp]
@@ -57,18 +57,28 @@ class Track:
         """Return the boxes of the track at (T,) times.
 
         Between two observations at most `max_gap_ns` apart a box is interpolated: its centre along
-        the line, its rotation by slerp. Elsewhere the nearest observation holds, if it is within
-        `tolerance_ns`; and else the track does not exist at that time.
+        the line, its rotation by slerp. Elsewhere the nearest observation counts, if it is within
+        `tolerance_ns`, and moves on as the track moved there; and else the track does not exist at that time.
         """
-        line = Trajectory(self.stamps_ns, self.centers_m, self.rotations, max_gap_ns, 0)
-        centers, rotations, between = line.at(times_ns)
         observation = nearest(self.stamps_ns, times_ns)
-        close = np.abs(self.stamps_ns[observation] - times_ns) <= tolerance_ns
-        hold = close & ~between
-        centers = np.where(hold[:, None], self.centers_m[observation], centers)
-        rotations = np.where(hold[:, None], self.rotations[observation], rotations)
-        at = np.flatnonzero(between | hold)
-        return TrackBoxes(at, observation[at], centers[at], rotations[at], int(np.count_nonzero(hold)))
+        # Stretches without long gaps; the nearest observation tells which one a time belongs to.
+        starts = np.flatnonzero(np.diff(self.stamps_ns) > max_gap_ns) + 1
+        stretch = np.searchsorted(starts, observation, side="right")
+        bounds = [0, *starts.tolist(), len(self.stamps_ns)]
+        centers = np.full((len(times_ns), 3), np.nan)
+        rotations = np.full((len(times_ns), 4), np.nan)
+        exists = np.zeros(len(times_ns), dtype=np.bool_)
+        beyond = np.zeros(len(times_ns), dtype=np.bool_)
+        for number in sorted(set(stretch.tolist())):
+            rows = slice(bounds[number], bounds[number + 1])
+            stamps = self.stamps_ns[rows]
+            line = Trajectory(stamps, self.centers_m[rows], self.rotations[rows], max_gap_ns, tolerance_ns)
+            asked = stretch == number
+            centers[asked], rotations[asked], exists[asked] = line.at(times_ns[asked])
+            beyond[asked] = (times_ns[asked] < stamps[0]) | (times_ns[asked] > stamps[-1])
+        at = np.flatnonzero(exists)
+        held = int(np.count_nonzero(exists & beyond))
+        return TrackBoxes(at, observation[at], centers[at], rotations[at], held)
 
 
 def tracks_of(table: BoxTable) -> Iterator[Track]:

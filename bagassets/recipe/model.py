@@ -208,7 +208,7 @@ class Scenes(Model):
         1.0,
         gt=0,
         description="Boxes of a track are interpolated to keyframes between observations at most this far apart; "
-        "elsewhere the nearest observation within tolerance_s holds.",
+        "elsewhere the nearest observation within tolerance_s counts, moved on as the track moved there.",
     )
     missing: Literal["allow", "refuse"] = Field(
         "allow", description="A keyframe that lacks a channel is kept (allow) or makes no keyframe (refuse)."

@@ -27,7 +27,7 @@ from bagassets.store.artifact import Artifact, ArtifactWriter
 
 __all__ = ["STEP", "make", "request"]
 
-STEP = Step("nuscenes_tables", 2)
+STEP = Step("nuscenes_tables", 3)
 
 FILES = "files.json"
 FACTS = "facts.json"
