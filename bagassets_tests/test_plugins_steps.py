@@ -197,7 +197,9 @@ def test_the_report_follows_recordings_that_change_come_and_go(project):
             resources={"workspace": defs.Workspace(recipe_file=str(project.folder / "recipe.yaml"))},
         )
         result = sensor(context)
-        return result.cursor or cursor, len(result.run_requests or [])
+        asked = [request.asset_selection for request in result.run_requests or []]
+        assert asked in ([], [[dg.AssetKey("quality_report")]])
+        return result.cursor or cursor, len(asked)
 
     cursor, asked = tick(None)
     project.add("a.bag")

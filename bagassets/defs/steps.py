@@ -134,10 +134,11 @@ def follow_recordings(asset: str, *, upstream: str, interval_s: int = 30) -> dg.
         upstream: key of the asset per recording that it reads.
         interval_s: least time between two looks.
     """
+    key = dg.AssetKey(asset)
 
     @dg.sensor(
         name=f"{asset}_follows_recordings",
-        target=dg.AssetSelection.assets(asset),
+        target=dg.AssetSelection.assets(key),
         minimum_interval_seconds=interval_s,
         default_status=dg.DefaultSensorStatus.RUNNING,
         description=f"Asks for {asset} whenever {upstream} of a recording changed, came or went.",
@@ -148,9 +149,9 @@ def follow_recordings(asset: str, *, upstream: str, interval_s: int = 30) -> dg.
             live = live_partitions(context.instance, workspace.recipe)
         now = digest_json({key: recorded[key].data_version for key in sorted(live & recorded.keys())})
         runs = context.instance.get_runs(dg.RunsFilter(statuses=_ACTIVE))
-        busy = any(dg.AssetKey(asset) in (run.asset_selection or ()) for run in runs)
+        busy = any(key in (run.asset_selection or ()) for run in runs)
         if now == context.cursor or busy:
             return dg.SensorResult()
-        return dg.SensorResult(run_requests=[dg.RunRequest()], cursor=now)
+        return dg.SensorResult(run_requests=[dg.RunRequest(asset_selection=[key])], cursor=now)
 
     return follow
