@@ -30,6 +30,10 @@ COMMANDS: dict[str, tuple[str, str]] = {
         "Tell what an asset of a recording is made from, and what differs from the last time.",
     ),
     "ui": ("bagassets.cli.ui:ui", "Open the web UI on a project."),
+    "report": (
+        "bagassets.cli.report:report",
+        "Write one HTML page about the dataset: recordings, split, gaps, what was left out, pictures, map.",
+    ),
     "digest": (
         "bagassets.cli.digest:digest",
         "Print digests of recordings and store them beside the files.",

@@ -8,9 +8,11 @@ import dagster as dg
 from bagassets.defs.assets import recording_assets
 from bagassets.defs.checks import dataset_checks, recording_checks
 from bagassets.defs.dataset import dataset_assets
+from bagassets.defs.map import map_asset
 from bagassets.defs.sensor import recordings_sensor
 from bagassets.defs.vision import vision_dataset_asset
 from bagassets.defs.workspace import Workspace
+from bagassets.engine.dataset_build import dataset_code_versions
 from bagassets.recipe import load_recipe
 
 __all__ = ["build_definitions"]
@@ -31,9 +33,10 @@ def build_definitions(recipe_file: Path) -> dg.Definitions:
         # another's failure.
         warnings.simplefilter("ignore", category=dg.PreviewWarning)
         checks = [*recording_checks(recipe), *dataset_checks(recipe)]
-    vision = [] if recipe.vision is None else [vision_dataset_asset(recipe)]
+    makers = {"vision_dataset": vision_dataset_asset, "trajectory_map": map_asset}
+    others = [makers[asset](recipe) for asset in dataset_code_versions(recipe) if asset in makers]
     return dg.Definitions(
-        assets=[*recording_assets(recipe), *dataset_assets(recipe), *vision],
+        assets=[*recording_assets(recipe), *dataset_assets(recipe), *others],
         asset_checks=checks,
         sensors=[recordings_sensor()],
         resources={"workspace": Workspace(recipe_file=str(recipe_file))},

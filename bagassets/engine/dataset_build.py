@@ -8,10 +8,11 @@ from typing import Any
 from bagassets.engine.plan_model import Plan
 from bagassets.errors import DatasetError
 from bagassets.recipe.model import Recipe
-from bagassets.steps import vision_dataset
+from bagassets.steps import trajectory_map, vision_dataset
 from bagassets.steps.nuscenes_dataset import VERSION, BagPart, DatasetSummary, assemble, is_untouched
 from bagassets.steps.vision_dataset import VisionPart, VisionSummary, assemble_vision, is_vision_complete
 from bagassets.store.canonical import digest_json
+from bagassets.store.lease import in_use
 from bagassets.store.store import Store
 
 __all__ = [
@@ -92,15 +93,16 @@ def select_inputs(plan: Plan, live: frozenset[str]) -> DatasetInputs:
 def build_dataset(recipe: Recipe, store: Store, inputs: DatasetInputs) -> DatasetSummary:
     """Bring the dataset on disk up to date with `inputs`."""
     settings = recipe.nuscenes
-    return assemble(
-        inputs.parts,
-        settings,
-        store,
-        settings.output,
-        splits=recipe.splits,
-        skipped=inputs.skipped,
-        failed=inputs.failed,
-    )
+    with in_use(store.root):
+        return assemble(
+            inputs.parts,
+            settings,
+            store,
+            settings.output,
+            splits=recipe.splits,
+            skipped=inputs.skipped,
+            failed=inputs.failed,
+        )
 
 
 def dataset_code_version(recipe: Recipe) -> str:
@@ -120,14 +122,15 @@ def build_vision_dataset(recipe: Recipe, store: Store, inputs: DatasetInputs) ->
     """
     if recipe.vision is None:
         raise DatasetError("the recipe has no `vision` section, so there is no vision dataset; add one.")
-    return assemble_vision(
-        inputs.vision,
-        recipe.vision,
-        recipe.splits,
-        store,
-        skipped=inputs.skipped,
-        failed=inputs.vision_failed,
-    )
+    with in_use(store.root):
+        return assemble_vision(
+            inputs.vision,
+            recipe.vision,
+            recipe.splits,
+            store,
+            skipped=inputs.skipped,
+            failed=inputs.vision_failed,
+        )
 
 
 def dataset_code_versions(recipe: Recipe) -> dict[str, str]:
@@ -139,6 +142,9 @@ def dataset_code_versions(recipe: Recipe) -> dict[str, str]:
             recipe.splits.model_dump(mode="json"),
         ]
         versions["vision_dataset"] = f"{vision_dataset.VERSION}-{digest_json(fields)[:12]}"
+    if recipe.preview.enabled and recipe.preview.trajectory_map:
+        fields = [recipe.splits.model_dump(mode="json")]
+        versions["trajectory_map"] = f"{trajectory_map.STEP.version}-{digest_json(fields)[:12]}"
     return versions
 
 
@@ -154,4 +160,6 @@ def is_on_disk(recipe: Recipe, asset: str) -> bool:
     """Tell whether a dataset that was made once is still there, with all its files; bytes are not read."""
     if asset == "vision_dataset":
         return recipe.vision is not None and is_vision_complete(recipe.vision.output)
+    if asset == "trajectory_map":
+        return (recipe.state / trajectory_map.MAP).is_file()
     return is_untouched(recipe.nuscenes.output, recipe.nuscenes.version)

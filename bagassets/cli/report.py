@@ -1,0 +1,49 @@
+"""`bagassets report`: one page about the whole dataset."""
+
+from pathlib import Path
+
+import click
+
+from bagassets.cli.options import recipe_option
+
+__all__ = ["report"]
+
+
+@click.command(
+    epilog="""\b
+Examples:
+  bagassets report
+  bagassets report --output /srv/www/drives.html
+  bagassets report --json | jq '.recordings[] | select(.state == "failed")'"""
+)
+@recipe_option
+@click.option(
+    "--output",
+    type=click.Path(dir_okay=False, path_type=Path),
+    metavar="FILE",
+    help="The page; default: report.html beside the recipe.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print what the page tells as JSON, and write no page.")
+def report(recipe: Path, output: Path | None, as_json: bool) -> None:
+    """Write one HTML page about the dataset: recordings, split, gaps, what was left out, pictures, map.
+
+    The page holds everything, pictures included, and loads nothing. Nothing is built: the page tells
+    what there is now.
+    """
+    import json  # noqa: PLC0415  (not for --help)
+
+    from bagassets.defs.planning import plan_now  # noqa: PLC0415  (Dagster takes a second to import)
+    from bagassets.defs.situation import opened  # noqa: PLC0415
+    from bagassets.engine.report_data import report_data  # noqa: PLC0415
+    from bagassets.report.page import report_json, report_page  # noqa: PLC0415
+    from bagassets.report.write import write_page  # noqa: PLC0415
+
+    with opened(recipe) as (instance, workspace):
+        plan = plan_now(instance, workspace).plan
+        data = report_data(workspace.recipe, workspace.store, plan)
+    if as_json:
+        click.echo(json.dumps(report_json(data), indent=1))
+        return
+    path = output or recipe.absolute().parent / "report.html"
+    size = write_page(path, report_page(data))
+    click.echo(f"{path} ({len(data.recordings)} recordings, {size / 1e6:.1f} MB)")

@@ -1,0 +1,190 @@
+"""What reports and maps tell, gathered from the plan and the artifacts it names."""
+
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from bagassets.engine.plan_model import BagPlan, Plan
+from bagassets.engine.track import Track, track_of
+from bagassets.errors import StoreError
+from bagassets.preview.pictures import TITLES
+from bagassets.recipe.model import Recipe
+from bagassets.report.grid_map import colour_of_split
+from bagassets.report.model import Gaps, RecordingFacts, ReportData, Way
+from bagassets.report.trajectory_map import MapWay
+from bagassets.report.write import write_page
+from bagassets.splits import shares_of, split_of
+from bagassets.steps import trajectory_map
+from bagassets.steps.preview import THUMBNAIL
+from bagassets.store.artifact import Artifact
+from bagassets.store.store import Outcome, Store
+
+__all__ = ["build_map", "map_path", "report_data"]
+
+
+def report_data(recipe: Recipe, store: Store, plan: Plan) -> ReportData:
+    """Return what the report tells about all recordings.
+
+    Args:
+        recipe: the recipe.
+        store: where the artifacts are.
+        plan: states of all recordings.
+    """
+    recordings = [_facts(recipe, store, bag) for _, bag in sorted(plan.bags.items())]
+    durations_s = [(r.key, r.duration_s) for r in recordings if r.state in {"ready", "stale"}]
+    shares = shares_of(durations_s, recipe.splits)
+    dataset = recipe.nuscenes.output / recipe.nuscenes.version
+    return ReportData(recipe.name, dataset, recordings, plan.excluded, shares)
+
+
+def map_path(recipe: Recipe) -> Path:
+    """Return where the map of the recipe's recordings is."""
+    return recipe.state / trajectory_map.MAP
+
+
+def build_map(recipe: Recipe, store: Store, plan: Plan) -> Outcome:
+    """Make the map of all recordings, and put it where `map_path` says.
+
+    Raises:
+        DatasetError: it cannot be written.
+    """
+    ways = _map_ways(recipe, _tracks(recipe, store, plan))
+    outcome = store.run(trajectory_map.action(ways), partial(trajectory_map.make, ways))
+    write_page(map_path(recipe), outcome.artifact.path(trajectory_map.MAP).read_text(encoding="utf-8"))
+    return outcome
+
+
+def _tracks(recipe: Recipe, store: Store, plan: Plan) -> dict[str, Track]:
+    """Return the tracks of all recordings that have poses, by key in order."""
+    found = {}
+    for key, bag in sorted(plan.bags.items()):
+        inventory, poses = _artifact(store, bag, "inventory"), _artifact(store, bag, "ego_poses")
+        if inventory is not None and poses is not None and bag.skipped is None:
+            found[key] = track_of(store, inventory, poses, recipe.clock)
+    return found
+
+
+def _map_ways(recipe: Recipe, found: Mapping[str, Track]) -> list[MapWay]:
+    """Return the recordings on the map, coloured by split."""
+    splits = sorted(recipe.splits.shares)
+    ways = []
+    for key, track in found.items():
+        split = split_of(key, recipe.splits)
+        stamps_ns = [point[0] for point in track.local]
+        seconds = (stamps_ns[-1] - stamps_ns[0]) / 1e9 if stamps_ns else 0.0
+        note = f"{split}, {seconds:.0f} s"
+        ways.append(MapWay(key, split, colour_of_split(split, splits), note, _points(track), _local(track)))
+    return ways
+
+
+def _points(track: Track) -> list[tuple[float, float]]:
+    return [(lat, lon) for _, lat, lon in track.points]
+
+
+def _local(track: Track) -> list[tuple[float, float]]:
+    return [(x, y) for _, x, y in track.local]
+
+
+def _facts(recipe: Recipe, store: Store, bag: BagPlan) -> RecordingFacts:
+    inventory = _artifact(store, bag, "inventory")
+    state, reason = _state(bag)
+    if inventory is None:
+        return RecordingFacts(bag.key, state, reason, bag.format)
+    seen: dict[str, Any] = inventory.read_json("inventory.json")
+    poses = _artifact(store, bag, "ego_poses")
+    track = None
+    if poses is not None and state in {"ready", "stale"}:
+        track = track_of(store, inventory, poses, recipe.clock)
+    pictures = _artifact(store, bag, "preview")
+    return RecordingFacts(
+        key=bag.key,
+        state=state,
+        reason=reason,
+        format=seen["format"],
+        size=seen["size"],
+        start_ns=seen["start_ns"],
+        duration_s=seen["duration_s"],
+        rig=_summary(store, bag, "nuscenes_tables").get("rig", ""),
+        split=split_of(bag.key, recipe.splits) if state in {"ready", "stale"} else "",
+        daylight=seen["daylight"],
+        length_m=_summary(store, bag, "ego_poses").get("length_m"),
+        counts=_counts(store, bag),
+        lost=_lost(store, bag),
+        gaps=_gaps(seen["topics"]),
+        way=Way() if track is None else Way(_points(track), _local(track)),
+        pictures={} if pictures is None else _pictures(pictures),
+        thumbnail=None if pictures is None else pictures.path(THUMBNAIL),
+        full_pictures=None if pictures is None else pictures.files,
+        notes=seen["notes"],
+    )
+
+
+def _state(bag: BagPlan) -> tuple[str, str]:
+    if bag.skipped is not None:
+        return "skipped", bag.skipped
+    if bag.unusable is not None:
+        return "failed", bag.unusable
+    tables = bag.assets["nuscenes_tables"]
+    if tables.state in {"fresh", "record-only"}:
+        return "ready", ""
+    return "stale", f"nuscenes_tables: {tables.reason}"
+
+
+def _counts(store: Store, bag: BagPlan) -> dict[str, int]:
+    tables = _summary(store, bag, "nuscenes_tables").get("counts", {})
+    found = {
+        "images": _written(_summary(store, bag, "frames")),
+        "sweeps": _written(_summary(store, bag, "sweeps")),
+        "poses": _summary(store, bag, "ego_poses").get("count"),
+        "boxes": _summary(store, bag, "annotations").get("boxes"),
+        "scenes": tables.get("scenes"),
+        "keyframes": tables.get("samples"),
+    }
+    return {name: number for name, number in found.items() if number is not None}
+
+
+def _written(summary: Mapping[str, Any]) -> int | None:
+    channels = summary.get("channels")
+    return None if channels is None else sum(counts["written"] for counts in channels.values())
+
+
+def _lost(store: Store, bag: BagPlan) -> list[str]:
+    lines = []
+    for asset in ("frames", "sweeps"):
+        for channel, counts in sorted(_summary(store, bag, asset).get("channels", {}).items()):
+            lines += [
+                f"{channel}: {number} lost, {reason}" for reason, number in sorted(counts["lost"].items())
+            ]
+    return lines
+
+
+def _gaps(topics: list[dict[str, Any]]) -> list[Gaps]:
+    with_gaps = [
+        Gaps(topic["name"], topic["gap_count"], max(gap["duration_s"] for gap in topic["gaps"]))
+        for topic in topics
+        if topic["gaps"]
+    ]
+    return sorted(with_gaps, key=lambda gap: (-gap.longest_s, gap.topic))
+
+
+def _pictures(artifact: Artifact) -> dict[str, Path]:
+    drawn = artifact.read_json("facts.json")["pictures"]
+    return {title: artifact.path(f"inline/{name}.jpg") for name, title in TITLES.items() if name in drawn}
+
+
+def _artifact(store: Store, bag: BagPlan, asset: str) -> Artifact | None:
+    """Return what is or was current of an asset, if the store still has it."""
+    state = bag.assets.get(asset)
+    for digest in (state.data_version if state else None, bag.recorded.get(asset)):
+        if digest and store.has(digest):
+            return Artifact(digest, store.artifact(digest).folder)
+    return None
+
+
+def _summary(store: Store, bag: BagPlan, asset: str) -> dict[str, Any]:
+    artifact = _artifact(store, bag, asset)
+    try:
+        return {} if artifact is None else artifact.summary()
+    except StoreError:
+        return {}

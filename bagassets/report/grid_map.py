@@ -1,0 +1,123 @@
+"""A map that needs nothing: ways on a plain grid, as SVG."""
+
+from collections.abc import Sequence
+from html import escape
+from math import cos, floor, log10, radians
+
+__all__ = ["COLOURS", "NamedWay", "colour_of_split", "grid_map"]
+
+METRES_PER_DEGREE = 111_320.0  # of latitude, and of longitude at the equator; good enough for a picture
+COLOURS = ("#2f7ed8", "#d9822b", "#2ca05a", "#b04ac0", "#c0392b", "#16868e")
+_MARGIN_PX = 34
+_LINES = 8
+
+Points = Sequence[tuple[float, float]]
+NamedWay = tuple[str, str, Points]
+"""Key of a recording, its colour, and its way: (latitude, longitude), or (x, y) in metres."""
+
+
+def colour_of_split(split: str, splits: Sequence[str]) -> str:
+    """Return the colour of a split on maps; `splits` are all of them, in order."""
+    return COLOURS[splits.index(split) % len(COLOURS)] if split in splits else "#7f7f7f"
+
+
+def grid_map(ways: Sequence[NamedWay], *, on_earth: bool, width: int = 900, most_points: int = 20_000) -> str:
+    """Return an SVG of ways on a grid of round metres; each way tells its name under the pointer.
+
+    Args:
+        ways: what is drawn; those without points are left out.
+        on_earth: points are latitude and longitude; else metres.
+        width: in pixels; the height follows from what is drawn.
+        most_points: ways are thinned so that all of them together have about this many points.
+    """
+    shown = [(key, colour, points) for key, colour, points in ways if points]
+    if not shown:
+        return ""
+    total = sum(len(points) for _, _, points in shown)
+    step = 1 + total // most_points
+    middle = _middle([points for _, _, points in shown])
+    lines = [
+        (key, colour, [_metres(point, middle, on_earth=on_earth) for point in _thinned(points, step)])
+        for key, colour, points in shown
+    ]
+    frame = _Frame([point for _, _, points in lines for point in points], width)
+    parts = [
+        f'<svg class="gridmap" viewBox="0 0 {width} {frame.height}" role="img" aria-label="Map of recordings">',
+        f'<rect width="{width}" height="{frame.height}" fill="#f4f5f2"/>',
+        *frame.grid(),
+    ]
+    for key, colour, points in lines:
+        pixels = [frame.pixel(point) for point in points]
+        title = f"<title>{escape(key)}</title>"
+        if len(set(pixels)) == 1:
+            x, y = pixels[0]
+            parts.append(f'<circle cx="{x}" cy="{y}" r="5" fill="{colour}">{title}</circle>')
+            continue
+        path = " ".join(f"{x},{y}" for x, y in pixels)
+        x, y = pixels[0]
+        parts.append(f'<polyline points="{path}" stroke="{colour}">{title}</polyline>')
+        parts.append(f'<circle cx="{x}" cy="{y}" r="3" fill="{colour}"/>')
+    parts.append("</svg>")
+    return "\n".join(parts)
+
+
+def _middle(ways: Sequence[Points]) -> tuple[float, float]:
+    first = [way[0] for way in ways]
+    return sum(a for a, _ in first) / len(first), sum(b for _, b in first) / len(first)
+
+
+def _thinned(points: Points, step: int) -> Points:
+    thin = list(points[::step])
+    return thin if thin[-1] == points[-1] else [*thin, points[-1]]
+
+
+def _metres(
+    point: tuple[float, float], middle: tuple[float, float], *, on_earth: bool
+) -> tuple[float, float]:
+    """Return x to the right (east) and y up (north) in metres."""
+    if not on_earth:
+        return point
+    lat, lon = point
+    east = (lon - middle[1]) * METRES_PER_DEGREE * cos(radians(middle[0]))
+    return east, (lat - middle[0]) * METRES_PER_DEGREE
+
+
+class _Frame:
+    """From metres to pixels, with what is drawn in the middle."""
+
+    def __init__(self, points: Points, width: int) -> None:
+        xs, ys = [x for x, _ in points], [y for _, y in points]
+        self.left, self.bottom = min(xs), min(ys)
+        self.wide_m, self.high_m = max(max(xs) - self.left, 1.0), max(max(ys) - self.bottom, 1.0)
+        inner = width - 2 * _MARGIN_PX
+        # No taller than wide, no flatter than a third.
+        self.scale = min(inner / self.wide_m, inner / self.high_m)
+        self.width = width
+        self.height = round(max(self.high_m * self.scale, inner / 3)) + 2 * _MARGIN_PX
+
+    def pixel(self, point: tuple[float, float]) -> tuple[float, float]:
+        x = (self.width - self.wide_m * self.scale) / 2 + (point[0] - self.left) * self.scale
+        y = self.height - (self.height - self.high_m * self.scale) / 2 - (point[1] - self.bottom) * self.scale
+        return round(x, 1), round(y, 1)
+
+    def grid(self) -> list[str]:
+        """Return lines every 1, 2 or 5 times a power of ten metres."""
+        step = _round_up(max(self.width, self.height) / self.scale / _LINES)
+        x0, y0 = self.pixel((self.left, self.bottom))
+        spacing = step * self.scale
+        lines = []
+        x = x0 % spacing
+        while x < self.width:
+            lines.append(f'<path d="M{x:.1f} 0V{self.height}" class="g"/>')
+            x += spacing
+        y = y0 % spacing
+        while y < self.height:
+            lines.append(f'<path d="M0 {y:.1f}H{self.width}" class="g"/>')
+            y += spacing
+        label = f"{step / 1000:g} km" if step >= 1000 else f"{step:g} m"
+        return [*lines, f'<text x="8" y="{self.height - 8}">grid: {label}</text>']
+
+
+def _round_up(value: float) -> float:
+    power: float = 10.0 ** floor(log10(value))
+    return next(digit * power for digit in (1.0, 2.0, 5.0, 10.0) if digit * power >= value * (1 - 1e-9))

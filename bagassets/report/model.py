@@ -1,0 +1,97 @@
+"""What a report tells about recordings; where it comes from is not its business."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from bagassets.splits import SplitShare
+
+__all__ = ["Gaps", "RecordingFacts", "ReportData", "Way"]
+
+
+@dataclass(frozen=True)
+class Way:
+    """Where a recording was driven.
+
+    Attributes:
+        points: latitude and longitude in order of time; empty if nothing says where on Earth.
+        local: x and y in metres, for recordings that are nowhere on Earth.
+    """
+
+    points: Sequence[tuple[float, float]] = ()
+    local: Sequence[tuple[float, float]] = ()
+
+
+@dataclass(frozen=True)
+class Gaps:
+    """The pauses of one topic: how many, and the longest."""
+
+    topic: str
+    number: int
+    longest_s: float
+
+
+@dataclass(frozen=True)
+class RecordingFacts:
+    """One recording.
+
+    Attributes:
+        key: partition key.
+        state: `ready`, `skipped`, `failed`, or `stale` (what is told may be of an older version).
+        reason: why it is skipped, failed or stale.
+        format: ros1, ros2 or mcap.
+        size: bytes of its files; None if it was never looked into.
+        start_ns: log time of its first message.
+        duration_s: its length.
+        rig: what made it.
+        split: where it belongs.
+        daylight: day, night, twilight, or None if unknown.
+        length_m: way driven.
+        counts: what was made of it: images, sweeps, poses, boxes, scenes, keyframes.
+        lost: messages that were lost, by channel and reason.
+        gaps: topics with pauses, the worst first.
+        way: where it was driven.
+        pictures: name -> small picture as JPEG file, in the order of the report.
+        thumbnail: a very small picture.
+        full_pictures: folder of the pictures in full size.
+        notes: sentences about what is unusual.
+    """
+
+    key: str
+    state: str
+    reason: str = ""
+    format: str = ""
+    size: int | None = None
+    start_ns: int | None = None
+    duration_s: float = 0.0
+    rig: str = ""
+    split: str = ""
+    daylight: str | None = None
+    length_m: float | None = None
+    counts: Mapping[str, int] = field(default_factory=dict)
+    lost: Sequence[str] = ()
+    gaps: Sequence[Gaps] = ()
+    way: Way = field(default_factory=Way)
+    pictures: Mapping[str, Path] = field(default_factory=dict)
+    thumbnail: Path | None = None
+    full_pictures: Path | None = None
+    notes: Sequence[str] = ()
+
+
+@dataclass(frozen=True)
+class ReportData:
+    """The whole dataset.
+
+    Attributes:
+        name: of the project.
+        dataset: folder of the nuScenes dataset.
+        recordings: sorted by key.
+        excluded: path below the bag root -> why the globs leave it out.
+        shares: what each split got.
+    """
+
+    name: str
+    dataset: Path
+    recordings: Sequence[RecordingFacts]
+    excluded: Mapping[str, str] = field(default_factory=dict)
+    shares: Sequence[SplitShare] = ()

@@ -1,0 +1,238 @@
+"""The report: one HTML page about the whole dataset, with everything in it."""
+
+from base64 import b64encode
+from collections.abc import Iterator, Mapping, Sequence
+from datetime import UTC, datetime
+from html import escape
+from pathlib import Path
+from typing import Any
+
+from bagassets.report.grid_map import colour_of_split, grid_map
+from bagassets.report.model import RecordingFacts, ReportData
+from bagassets.report.style import PAGE_CSS, TABLE_SCRIPT
+from bagassets.splits import SplitShare
+
+__all__ = ["PICTURE_BYTES", "report_json", "report_page"]
+
+# All pictures of a page together, before they are written as text, which makes four bytes of three.
+PICTURE_BYTES = 2_700_000
+_MOST_GAPS = 5
+_COUNTS = ("images", "sweeps", "poses", "boxes", "scenes", "keyframes")
+
+
+def report_page(data: ReportData) -> str:
+    """Return the page.
+
+    Pictures share a budget: a few recordings show all of theirs, many show a thumbnail each.
+    """
+    chosen = _chosen_pictures(data.recordings)
+    parts = [
+        "<!DOCTYPE html>",
+        f'<html lang="en"><head><meta charset="utf-8"><title>{escape(data.name)}: dataset report</title>',
+        f"<style>{PAGE_CSS}</style></head><body>",
+        f"<h1>{escape(data.name)}</h1>",
+        f'<p class="dim">Dataset in <code>{escape(str(data.dataset))}</code></p>',
+        _cards(data),
+        _split_table(data.shares),
+        _map(data),
+        _left_out(data),
+        "<h2>Recordings</h2>",
+        '<input id="filter" placeholder="filter" aria-label="Filter recordings">',
+        '<table id="recordings"><thead><tr>',
+        *(f'<th class="{kind}">{name}</th>' for name, kind in _COLUMNS),
+        "</tr></thead><tbody>",
+        *(_row(number, recording, chosen[recording.key]) for number, recording in enumerate(data.recordings)),
+        "</tbody></table>",
+        f"<script>{TABLE_SCRIPT}</script></body></html>",
+    ]
+    return "\n".join(part for part in parts if part)
+
+
+def report_json(data: ReportData) -> dict[str, Any]:
+    """Return what the page tells, without pictures and ways, as JSON."""
+    return {
+        "name": data.name,
+        "dataset": str(data.dataset),
+        "splits": {share.name: share.as_json() for share in data.shares},
+        "excluded": dict(sorted(data.excluded.items())),
+        "recordings": [
+            {
+                "recording": recording.key,
+                "state": recording.state,
+                "reason": recording.reason,
+                "format": recording.format,
+                "rig": recording.rig,
+                "split": recording.split,
+                "size": recording.size,
+                "start_ns": recording.start_ns,
+                "duration_s": recording.duration_s,
+                "length_m": recording.length_m,
+                "daylight": recording.daylight,
+                "counts": dict(recording.counts),
+                "gaps": [
+                    {"topic": gap.topic, "number": gap.number, "longest_s": gap.longest_s}
+                    for gap in recording.gaps
+                ],
+                "lost": list(recording.lost),
+                "notes": list(recording.notes),
+            }
+            for recording in data.recordings
+        ],
+    }
+
+
+_COLUMNS = (
+    ("picture", ""), ("recording", ""), ("state", ""), ("split", ""), ("start (UTC)", ""), ("s", "n"),
+    ("MB", "n"), ("km", "n"), *((name, "n") for name in _COUNTS), ("gaps", "n"),
+)  # fmt: skip
+
+
+def _chosen_pictures(recordings: Sequence[RecordingFacts]) -> Mapping[str, Sequence[tuple[str, Path]]]:
+    """Return recording -> the pictures that fit: all of them, or the first, or the thumbnail, or none."""
+    with_pictures = [recording for recording in recordings if recording.thumbnail is not None]
+    budget = PICTURE_BYTES // max(len(with_pictures), 1)
+    chosen: dict[str, Sequence[tuple[str, Path]]] = {recording.key: () for recording in recordings}
+    for recording in with_pictures:
+        pictures = list(recording.pictures.items())
+        thumbnail = [("thumbnail", recording.thumbnail)] if recording.thumbnail is not None else []
+        for offer in (pictures, pictures[:1], thumbnail):
+            if offer and sum(path.stat().st_size for _, path in offer) <= budget:
+                chosen[recording.key] = offer
+                break
+    return chosen
+
+
+def _cards(data: ReportData) -> str:
+    ready = [recording for recording in data.recordings if recording.state in {"ready", "stale"}]
+    hours = sum(recording.duration_s for recording in ready) / 3600
+    values = [
+        ("recordings", str(len(ready))),
+        ("hours" if hours >= 1 else "minutes", f"{hours:.1f}" if hours >= 1 else f"{hours * 60:.1f}"),
+        ("km", f"{sum(recording.length_m or 0.0 for recording in ready) / 1000:.1f}"),
+        *((name, f"{sum(recording.counts.get(name, 0) for recording in ready):,}") for name in _COUNTS),
+        (
+            "skipped",
+            str(sum(recording.state == "skipped" for recording in data.recordings) + len(data.excluded)),
+        ),
+        ("failed", str(sum(recording.state == "failed" for recording in data.recordings))),
+    ]
+    cards = "".join(f'<div class="card"><b>{value}</b><span>{name}</span></div>' for name, value in values)
+    return f'<div class="cards">{cards}</div>'
+
+
+def _split_table(shares: Sequence[SplitShare]) -> str:
+    if not shares:
+        return ""
+    rows = "".join(
+        f"<tr><td>{escape(share.name)}</td><td class=n>{share.recordings}</td><td class=n>{share.duration_s:,.1f}</td>"
+        f"<td class=n>{share.share:.1%}</td><td class=n>{share.asked:.1%}</td><td class=n>{share.deviation:+.1%}</td></tr>"
+        for share in shares
+    )
+    head = "<th>split</th>" + "".join(
+        f"<th class=n>{name}</th>" for name in ("recordings", "seconds", "share", "asked", "deviation")
+    )
+    return f"<h2>Split</h2><table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"
+
+
+def _map(data: ReportData) -> str:
+    splits = [share.name for share in data.shares]
+    shown = [recording for recording in data.recordings if recording.state in {"ready", "stale"}]
+    on_earth = [(r.key, colour_of_split(r.split, splits), r.way.points) for r in shown]
+    elsewhere = [(r.key, colour_of_split(r.split, splits), r.way.local) for r in shown if not r.way.points]
+    maps = [
+        grid_map(on_earth, on_earth=True),
+        grid_map(elsewhere, on_earth=False),
+    ]
+    titles = ["Map", "Recordings without position on Earth, each in its own metres"]
+    legend = " ".join(
+        f'<span style="color:{colour_of_split(name, splits)}">&#9632;</span> {escape(name)}'
+        for name in splits
+    )
+    return "".join(
+        f"<h2>{title}</h2><p>{legend}</p>{svg}" for title, svg in zip(titles, maps, strict=True) if svg
+    )
+
+
+def _left_out(data: ReportData) -> str:
+    rows = [
+        *((r.key, r.state, r.reason) for r in data.recordings if r.state in {"skipped", "failed"}),
+        *((path, "excluded", why) for path, why in sorted(data.excluded.items())),
+    ]
+    if not rows:
+        return ""
+    body = "".join(
+        f'<tr><td>{escape(name)}</td><td class="{state}">{state}</td><td>{escape(why)}</td></tr>'
+        for name, state, why in rows
+    )
+    head = "<th>recording</th><th>what</th><th>why</th>"
+    return f"<h2>Left out</h2><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+
+
+def _row(number: int, recording: RecordingFacts, pictures: Sequence[tuple[str, Path]]) -> str:
+    gaps = sum(gap.number for gap in recording.gaps)
+    start = ""
+    if recording.start_ns is not None:
+        start = datetime.fromtimestamp(recording.start_ns / 1e9, UTC).strftime("%Y-%m-%d %H:%M:%S")
+    daylight = f"<br><span class=dim>{recording.daylight}</span>" if recording.daylight else ""
+    made_by = f"<span class=dim>{escape(recording.format)} {escape(recording.rig)}</span>"
+    cells = [
+        f"<td>{_first_picture(recording, pictures)}</td>",
+        f"<td>{escape(recording.key)}<br>{made_by}{_details(number, recording, pictures)}</td>",
+        f'<td class="{recording.state}">{recording.state}</td>',
+        f"<td>{escape(recording.split)}</td>",
+        f"<td>{start}{daylight}</td>",
+        _number(recording.duration_s, ".1f"),
+        _number(None if recording.size is None else recording.size / 1e6, ",.1f"),
+        _number(None if recording.length_m is None else recording.length_m / 1000, ".2f"),
+        *(_number(recording.counts.get(name), ",d") for name in _COUNTS),
+        _number(gaps if recording.size is not None else None, "d"),
+    ]
+    return f"<tr>{''.join(cells)}</tr>"
+
+
+def _number(value: float | None, form: str) -> str:
+    return (
+        "<td class=n data-v=-1></td>"
+        if value is None
+        else f"<td class=n data-v={value:.6g}>{value:{form}}</td>"
+    )
+
+
+def _first_picture(recording: RecordingFacts, pictures: Sequence[tuple[str, Path]]) -> str:
+    if not pictures or recording.thumbnail is None:
+        return ""
+    return f'<img class="t" alt="" loading="lazy" src="{_data_uri(recording.thumbnail)}">'
+
+
+def _details(number: int, recording: RecordingFacts, pictures: Sequence[tuple[str, Path]]) -> str:
+    """Return what there is to tell beyond the row, in a box that opens over the page."""
+    shown = "".join(
+        f'<img class="p" alt="{escape(title)}" title="{escape(title)}" src="{_data_uri(path)}">'
+        for title, path in pictures
+        if path != recording.thumbnail
+    )
+    lines = list(_lines(recording))
+    if recording.full_pictures is not None and pictures:
+        lines.append(f'<a href="{recording.full_pictures.as_uri()}">pictures in full size</a>')
+    if not lines:
+        return ""
+    inside = f"<h2>{escape(recording.key)}</h2><p>{'<br>'.join(lines)}</p>{shown}"
+    button = f'<br><button popovertarget="more{number}">more</button>'
+    return f'{button}<div id="more{number}" popover>{inside}</div>'
+
+
+def _lines(recording: RecordingFacts) -> Iterator[str]:
+    """Yield what is unusual, one line each."""
+    if recording.state == "stale":
+        yield escape(recording.reason)
+    for gap in recording.gaps[:_MOST_GAPS]:
+        number = "1 gap" if gap.number == 1 else f"{gap.number} gaps"
+        yield f"{escape(gap.topic)}: {number}, longest {gap.longest_s:.2f} s"
+    if len(recording.gaps) > _MOST_GAPS:
+        yield f"and gaps of {len(recording.gaps) - _MOST_GAPS} more topics"
+    yield from (escape(line) for line in recording.lost)
+    yield from (escape(note) for note in recording.notes)
+
+
+def _data_uri(path: Path) -> str:
+    return "data:image/jpeg;base64," + b64encode(path.read_bytes()).decode()

@@ -1,0 +1,40 @@
+"""Style and script of the pages: small, and nothing is loaded from anywhere."""
+
+__all__ = ["MAP_CSS", "PAGE_CSS", "TABLE_SCRIPT"]
+
+MAP_CSS = """
+.gridmap{max-width:100%;height:auto;border:1px solid #d8dad4}
+.gridmap polyline{fill:none;stroke-width:2.5;stroke-linejoin:round;stroke-linecap:round;opacity:.85}
+.gridmap polyline:hover{stroke-width:6}.gridmap .g{stroke:#dfe2da;stroke-width:1}
+.gridmap text{font:12px system-ui,sans-serif;fill:#666}
+"""
+
+PAGE_CSS = (
+    """
+:root{color-scheme:light}body{font:15px/1.5 system-ui,sans-serif;color:#22252a;background:#fff;margin:2rem auto;
+max-width:1180px;padding:0 1.2rem}h1{font-size:1.7rem;margin:.2rem 0}h2{font-size:1.15rem;margin:2rem 0 .5rem}
+table{border-collapse:collapse;width:100%;font-variant-numeric:tabular-nums}th,td{padding:.28rem .55rem;text-align:left;
+border-bottom:1px solid #e6e8e4;vertical-align:top}th{font-weight:600;background:#f4f5f2;cursor:pointer;white-space:nowrap}
+td.n,th.n{text-align:right}.cards{display:flex;flex-wrap:wrap;gap:.6rem;margin:1rem 0}.card{background:#f4f5f2;
+border-radius:6px;padding:.5rem .9rem;min-width:6.5rem}.card b{display:block;font-size:1.3rem}.card span{color:#667}
+.t{width:110px;height:auto;border-radius:3px;display:block}.p{max-width:49%;height:auto;
+vertical-align:top;border-radius:4px;margin:.3rem .3rem .3rem 0}
+.ready{color:#217a43}.failed{color:#b3261e;font-weight:600}.skipped{color:#777}.stale{color:#a15c00}
+button{font:inherit;color:#2f5fa8;background:none;border:0;padding:0;cursor:pointer}[popover]{max-width:1000px;
+width:90vw;max-height:90vh;overflow:auto;border:1px solid #ccc;border-radius:8px;padding:0 1.2rem 1.2rem}
+.dim{color:#667}input{font:inherit;padding:.25rem .5rem;width:18rem;margin:.2rem 0 .6rem}
+code{background:#f4f5f2;padding:0 .25em;border-radius:3px}
+"""
+    + MAP_CSS
+)
+
+TABLE_SCRIPT = """
+const table=document.querySelector('#recordings'),body=table&&table.tBodies[0];
+if(table){table.tHead.querySelectorAll('th').forEach((th,i)=>th.addEventListener('click',()=>{
+const down=th.dataset.down!=='1';th.dataset.down=down?'1':'0';
+const value=r=>{const c=r.cells[i];return c.dataset.v!==undefined?+c.dataset.v:c.innerText.toLowerCase()};
+[...body.rows].sort((a,b)=>{const x=value(a),y=value(b);return (x>y?1:x<y?-1:0)*(down?1:-1)})
+.forEach(r=>body.append(r))}));
+document.querySelector('#filter').addEventListener('input',e=>{const w=e.target.value.toLowerCase();
+[...body.rows].forEach(r=>r.hidden=!r.innerText.toLowerCase().includes(w))})}
+"""

@@ -1,0 +1,298 @@
+"""The report and the map: complete, small, self-contained, the same bytes again."""
+
+import base64
+import json
+import re
+import time
+from html.parser import HTMLParser
+from itertools import pairwise
+
+import pytest
+
+from bagassets.engine.plan_model import AssetState, BagPlan, Plan
+from bagassets.engine.recording_assets import assets_of
+from bagassets.engine.report_data import build_map, map_path, report_data
+from bagassets.engine.track import track_of
+from bagassets.errors import DatasetError
+from bagassets.recipe import load_recipe
+from bagassets.recipe.model_splits import Splits
+from bagassets.report.grid_map import colour_of_split, grid_map
+from bagassets.report.model import Gaps, RecordingFacts, ReportData, Way
+from bagassets.report.page import report_json, report_page
+from bagassets.report.trajectory_map import MapWay, trajectory_map_page
+from bagassets.report.write import write_page
+from bagassets.sample.drive import Target, write_recordings
+from bagassets.sample.recipe import sample_recipe
+from bagassets.splits import shares_of
+from bagassets.store.store import Store
+from bagassets_tests.sample_drives import build_recordings
+
+SPLITS = Splits(pinned={"a": "train", "b": "val"})
+
+
+class Page(HTMLParser):
+    """Text, tags and attributes of a page; complains of tags that are not closed."""
+
+    VOID = frozenset({"meta", "img", "input", "br", "link"})
+
+    def __init__(self, page):
+        super().__init__()
+        self.open, self.words, self.found = [], [], []
+        self.feed(page)
+        self.close()
+        assert self.open == [], "all tags are closed"
+
+    def handle_starttag(self, tag, attrs):
+        self.found.append((tag, dict(attrs)))
+        if tag not in self.VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        self.found.append((tag, dict(attrs)))
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.words.append(data)
+
+    @property
+    def text(self):
+        return " ".join(" ".join(self.words).split())
+
+
+def facts(key, **fields):
+    plain = {"state": "ready", "format": "mcap", "size": 5_000_000, "start_ns": 1_700_000_000 * 10**9,
+             "duration_s": 20.0, "rig": "car", "split": "train", "daylight": "day", "length_m": 160.0,
+             "counts": {"images": 200, "sweeps": 100, "poses": 1000, "boxes": 50, "scenes": 1, "keyframes": 40}}  # fmt: skip
+    return RecordingFacts(key, **(plain | fields))
+
+
+def data_of(tmp_path, recordings, excluded=None):
+    durations = [(r.key, r.duration_s) for r in recordings if r.state == "ready"]
+    return ReportData("yard", tmp_path / "nuscenes", recordings, excluded or {}, shares_of(durations, SPLITS))
+
+
+class TestPage:
+    def test_it_tells_of_every_recording_what_there_is_and_why_not(self, tmp_path):
+        recordings = [
+            facts(
+                "a",
+                gaps=[Gaps("/points", 3, 1.25)],
+                lost=["CAM: 2 lost, duplicate stamp"],
+                notes=["It rained."],
+            ),
+            facts("b", split="val", duration_s=60.0),
+            RecordingFacts("torn", "failed", "torn.bag: it is truncated; copy it again."),
+            facts("park", state="skipped", reason="required channel without readable messages: CAM_BACK"),
+        ]
+        page = Page(
+            report_page(data_of(tmp_path, recordings, {"old/x.bag": "excluded by bags.exclude (old/**)"}))
+        )
+        for words in ("a", "/points: 3 gaps, longest 1.25 s", "CAM: 2 lost, duplicate stamp", "It rained.",
+                      "torn.bag: it is truncated; copy it again.", "CAM_BACK", "excluded by bags.exclude (old/**)",
+                      "2023-11-14 22:13:20", "val 1 60.0 75.0% 20.0% +55.0%"):  # fmt: skip
+            assert words in page.text, words
+        rows = [attrs for tag, attrs in page.found if tag == "tr"]
+        assert len(rows) == 1 + 2 + 1 + 3 + 1 + 4  # splits, left out, recordings, each with a heading
+
+    def test_names_cannot_break_out_of_the_page(self, tmp_path):
+        evil = '<script>alert("x")</script>'
+        recordings = [facts(evil, rig=evil, notes=[evil], gaps=[Gaps(evil, 1, 1.0)], way=Way([(48.0, 11.0)]))]
+        recordings.append(RecordingFacts("b", "failed", evil))
+        page = Page(report_page(data_of(tmp_path, recordings, {evil: evil})))
+        assert [tag for tag, _ in page.found].count("script") == 1
+        assert evil in page.text
+
+    def test_it_loads_nothing(self, tmp_path):
+        page = report_page(data_of(tmp_path, [facts("a", way=Way([(48.0, 11.0), (48.1, 11.2)]))]))
+        sources = [attrs.get("src") or attrs.get("href") for tag, attrs in Page(page).found if tag != "a"]
+        assert [source for source in sources if source and not source.startswith("data:")] == []
+        assert "http" not in page
+
+    def test_few_recordings_show_all_pictures_and_many_show_a_thumbnail(self, tmp_path):
+        for name, size in (("big.jpg", 24_000), ("second.jpg", 24_000), ("thumb.jpg", 2_500)):
+            (tmp_path / name).write_bytes(name.encode() * (size // len(name)))
+        with_pictures = {"pictures": {"Big": tmp_path / "big.jpg", "Second": tmp_path / "second.jpg"},
+                         "thumbnail": tmp_path / "thumb.jpg", "full_pictures": tmp_path}  # fmt: skip
+
+        def images(number):
+            recordings = [facts(f"r{n}", **with_pictures) for n in range(number)]
+            found = Page(report_page(data_of(tmp_path, recordings))).found
+            return [base64.b64decode(a["src"].split(",")[1]) for tag, a in found if tag == "img"]
+
+        assert [picture[:3] for picture in images(1)] == [b"thu", b"big", b"sec"]
+        assert images(1)[1] == (tmp_path / "big.jpg").read_bytes()
+        assert len(images(80)) == 2 * 80
+        assert {picture[:3] for picture in images(800)} == {b"thu"}
+        assert images(2000) == []
+
+    def test_without_recordings_there_is_a_page_too(self, tmp_path):
+        assert "0 recordings" in Page(report_page(data_of(tmp_path, []))).text
+
+    def test_json_tells_the_same(self, tmp_path):
+        value = report_json(data_of(tmp_path, [facts("a", gaps=[Gaps("/points", 3, 1.25)])]))
+        assert json.loads(json.dumps(value))["recordings"][0]["gaps"] == [
+            {"topic": "/points", "number": 3, "longest_s": 1.25}
+        ]
+        assert value["splits"]["train"]["deviation"] == pytest.approx(0.2)
+
+
+class TestGridMap:
+    def places(self, svg):
+        return [(float(x), float(y)) for x, y in re.findall(r'<circle cx="([\d.]+)" cy="([\d.]+)"', svg)]
+
+    def test_north_is_up_east_is_right_and_metres_are_square(self):
+        origin, north, east = (48.0, 11.0), (48.001, 11.0), (48.0, 11.0 + 0.001 / 0.66913)  # cos(48°)
+        svg = grid_map(
+            [("o", "#000", [origin]), ("n", "#000", [north]), ("e", "#000", [east])], on_earth=True
+        )
+        (ox, oy), (nx, ny), (ex, ey) = self.places(svg)
+        assert (nx, oy) == (ox, ey)
+        assert ny < oy
+        assert ex > ox
+        assert ex - ox == pytest.approx(oy - ny, rel=2e-3)
+
+    def test_the_grid_is_told_in_round_metres(self):
+        svg = grid_map([("a", "#000", [(0.0, 0.0), (730.0, 90.0)])], on_earth=False)
+        assert "grid: 100 m" in svg
+        assert len(re.findall(r'class="g"', svg)) >= 8
+
+    def test_long_ways_are_thinned_but_keep_their_end(self):
+        way = [(float(x), 0.0) for x in range(50_000)]
+        svg = grid_map([("a", "#000", way)], on_earth=False, most_points=1000)
+        points = re.search(r'points="([^"]*)"', svg)[1].split()
+        assert len(points) <= 1002
+        assert float(points[-1].split(",")[0]) == pytest.approx(900 - 34, abs=0.2)
+
+    def test_nothing_to_draw(self):
+        assert grid_map([("a", "#000", [])], on_earth=True) == ""
+        assert colour_of_split("x", ["train"]) == "#7f7f7f"
+        assert colour_of_split("train", ["train", "val"]) != colour_of_split("val", ["train", "val"])
+
+
+WAYS = [
+    MapWay("monday", "train", "#2f7ed8", "20 s", [(48.0, 11.0), (48.001, 11.001)]),
+    MapWay("<tuesday>", "val", "#d9822b", "30 s", [(48.0, 11.01), (48.002, 11.011)]),
+    MapWay("hall", "val", "#d9822b", "9 s", [], [(0.0, 0.0), (5.0, 5.0)]),
+]
+
+
+class TestTrajectoryMap:
+    def test_the_same_ways_give_the_same_bytes(self):
+        assert trajectory_map_page(WAYS) == trajectory_map_page(WAYS)
+
+    def test_ways_layers_and_heat_are_on_it(self):
+        page = trajectory_map_page(WAYS)
+        assert "[[48.0, 11.0], [48.001, 11.001]]" in page
+        assert "L.heatLayer(" in page
+        layers = re.search(r"overlays :\s*\{(.*?)\}", page, re.DOTALL)[1]
+        assert re.findall(r'"(\w+)" :', layers) == ["train", "val", "heat"]
+        assert "<tuesday>" not in page
+        assert "&lt;tuesday&gt;" in page
+
+    def test_scripts_are_leaflet_and_nothing_else(self):
+        scripts = [
+            a["src"] for tag, a in Page(trajectory_map_page(WAYS)).found if tag == "script" and "src" in a
+        ]
+        assert len(scripts) == 2
+        assert all("leaflet" in source for source in scripts)
+
+    def test_without_network_the_same_ways_are_on_a_plain_grid(self):
+        page = trajectory_map_page(WAYS)
+        fallback = page[
+            page.index('<div id="nomap">') : page.index("</script>", page.index('<div id="nomap">'))
+        ]
+        assert fallback.count("<polyline") == 3
+        assert 'typeof L !== "undefined"' in fallback
+
+    def test_those_that_are_nowhere_on_earth_are_named(self):
+        page = trajectory_map_page(WAYS)
+        assert "1 without position on Earth" in page
+        only_local = trajectory_map_page(WAYS[2:])
+        assert "hall" in only_local
+        assert "leaflet" not in only_local
+        assert "No recording has a way to draw" in trajectory_map_page([])
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("report")
+    write_recordings([Target(folder / "recordings" / "drive.mcap", "mcap")], seed=2, duration_s=2.2)
+    (folder / "recipe.yaml").write_text(sample_recipe())
+    recipe = load_recipe(folder / "recipe.yaml")
+    return recipe, build_recordings(recipe)["drive.mcap"]
+
+
+def plan_of(recipe, made, number=1):
+    """A plan of many recordings that share their artifacts."""
+    states = {name: AssetState("fresh", "", made[name].artifact.digest) for name in assets_of(recipe)}
+    states = {"bag": AssetState("fresh", "", "x"), **states}
+    bags = {f"drive_{n:04d}": BagPlan(f"drive_{n:04d}", states, "mcap") for n in range(number)}
+    return Plan(bags, {}, ())
+
+
+class TestGathered:
+    def test_facts_are_those_of_the_artifacts(self, built):
+        recipe, made = built
+        data = report_data(recipe, Store(recipe.store_path), plan_of(recipe, made))
+        (recording,) = data.recordings
+        assert recording.state == "ready"
+        assert recording.counts["images"] == sum(
+            counts["written"] for counts in made["frames"].artifact.summary()["channels"].values()
+        )
+        assert recording.rig == "car"
+        assert recording.daylight == "day"
+        assert recording.length_m == made["ego_poses"].artifact.summary()["length_m"]
+        assert len(recording.pictures) == 5
+        assert recording.way.points[0][0] == pytest.approx(48.0775, abs=1e-3)
+        assert "lidar_over_camera.jpg" in {path.name for path in recording.full_pictures.iterdir()}
+
+    def test_failed_and_skipped_recordings_are_told_with_reason(self, built):
+        recipe, made = built
+        plan = plan_of(recipe, made)
+        failed = {"bag": AssetState("fresh", ""), "inventory": AssetState("failed", "it is torn")}
+        failed |= {name: AssetState("unknown", "waits") for name in assets_of(recipe)[1:]}
+        skipped = {name: AssetState("skipped", "too short") for name in ("bag", *assets_of(recipe))}
+        bags = dict(plan.bags) | {"torn": BagPlan("torn", failed), "short": BagPlan("short", skipped)}
+        data = report_data(recipe, Store(recipe.store_path), Plan(bags, {}, ()))
+        assert {r.key: (r.state, r.reason) for r in data.recordings if r.state != "ready"} == {
+            "torn": ("failed", "it is torn"),
+            "short": ("skipped", "too short"),
+        }
+        assert sum(share.recordings for share in data.shares) == 1
+
+    def test_a_thousand_recordings_make_a_page_below_five_megabytes_in_seconds(self, built):
+        recipe, made = built
+        started = time.perf_counter()
+        page = report_page(report_data(recipe, Store(recipe.store_path), plan_of(recipe, made, 1000)))
+        assert len(page.encode()) < 5_000_000
+        assert time.perf_counter() - started < 30
+        assert page.count('class="t"') == 1000, "each with a picture"
+
+    def test_the_map_is_made_once_and_put_in_its_place(self, built):
+        recipe, made = built
+        store = Store(recipe.store_path)
+        first = build_map(recipe, store, plan_of(recipe, made, 3))
+        assert not first.cached
+        assert build_map(recipe, store, plan_of(recipe, made, 3)).cached
+        assert "drive_0002" in map_path(recipe).read_text()
+        assert build_map(recipe, store, plan_of(recipe, made, 2)).artifact.digest != first.artifact.digest
+        assert "drive_0002" not in map_path(recipe).read_text()
+
+    def test_the_track_follows_the_fixes_once_a_second(self, built):
+        recipe, made = built
+        poses = made["ego_poses"].artifact
+        track = track_of(Store(recipe.store_path), made["inventory"].artifact, poses, "header")
+        assert track.source == "/gnss/fix"
+        stamps = [stamp for stamp, _, _ in track.points]
+        assert [round((b - a) / 1e9, 1) for a, b in pairwise(stamps)] == [1.0, 1.0]
+        assert track.local[-1][0] > track.local[0][0]
+
+
+def test_a_page_is_written_whole_or_not_at_all(tmp_path):
+    assert write_page(tmp_path / "new" / "a.html", "<p>ä</p>") == 9
+    (tmp_path / "file").touch()
+    with pytest.raises(DatasetError, match="cannot be written"):
+        write_page(tmp_path / "file" / "a.html", "x")
+    assert [path.name for path in (tmp_path / "new").iterdir()] == ["a.html"]
