@@ -25,6 +25,8 @@ from bagassets.store.canonical import digest_json
 from bagassets_tests.layout_data import fill, header, layout_of, write_bare
 
 START_NS = 1_600_000_000_000_000_000
+# The version of the inventory step since which the known definitions are as they are, and their digest.
+KNOWN = (3, "a91375c72e4b36e9")
 ARRAY = "vision_msgs/msg/Detection3DArray"
 
 
@@ -58,10 +60,11 @@ def test_a_change_of_known_definitions_raises_the_version_of_the_inventory():
         [package, [sorted(version.items()) for version in known_versions(package)]]
         for package in known_packages()
     ]
-    digest = digest_json(repr(known))[:16]
-    assert (STEP.version, digest) == (3, "a91375c72e4b36e9"), (
-        "raise the version of steps.inventory.STEP, and note both here"
+    version, digest = KNOWN
+    assert digest_json(repr(known))[:16] == digest, (
+        "raise steps.inventory.STEP, and note its version and this digest"
     )
+    assert STEP.version >= version
 
 
 def test_standard_types_that_changed_before_definitions_were_recorded_are_all_looked_up():
@@ -425,3 +428,37 @@ def test_what_came_with_a_recording_is_never_replaced_by_what_was_assumed(tmp_pa
     with open_recording(path) as recording:
         recording.assume({"/pair": Definition("msg", "float32 second\nfloat32 first\n")})
         assert recording.decode(next(recording.messages(["/pair"]))).first == 1.5
+
+
+def test_topics_of_one_type_with_different_definitions_go_by_their_own(tmp_path):
+    swapped = [("/swapped", "my_msgs/msg/Pair", "float32 second\nfloat32 first\n", PAIR)]
+    path = write_mcap(tmp_path / "a.mcap", "float32 first\nfloat32 second\n", [PAIR], more=swapped)
+    inventory, pack = inventory_of(path, tmp_path / "artifact")
+    with pack, open_recording(path) as recording:
+        for source in (pack, recording):
+            first = {m.topic: source.decode(m).first for m in source.messages(["/pair", "/swapped"])}
+            assert first == {"/pair": 1.5, "/swapped": -2.5}
+    assert inventory.topic("/pair").digest != inventory.topic("/swapped").digest
+
+
+@pytest.mark.parametrize(
+    ("other", "problem"),
+    [
+        ("float32 second\nfloat32 first\n", "two different definitions of my_msgs/msg/Pair"),
+        ("# the same\nfloat32 first\nfloat32 second\n", None),
+    ],
+)
+def test_one_topic_with_two_definitions_is_decoded_only_if_they_agree(tmp_path, other, problem):
+    path = tmp_path / "a.mcap"
+    with path.open("wb") as file:
+        writer = McapWriter(file)
+        writer.start()
+        for i, text in enumerate(["float32 first\nfloat32 second\n", other]):
+            schema = writer.register_schema("my_msgs/msg/Pair", "ros2msg", text.encode())
+            channel = writer.register_channel("/pair", "cdr", schema, {"publisher": str(i)})
+            writer.add_message(channel, START_NS + i, PAIR, START_NS + i)
+        writer.finish()
+    with open_recording(path) as recording:
+        info = recording.topics["/pair"]
+        assert info.count == 2
+        assert info.problem is None if problem is None else problem in info.problem

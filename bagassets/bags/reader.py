@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from bagassets.bags.inventory import Definition
+from bagassets.bags.layouts import choice_of
 from bagassets.bags.model import Format, RawMessage, TopicInfo
 from bagassets.bags.typestores import MessageTypes, Serialization
 
@@ -38,14 +39,11 @@ class BaseRecording(ABC):
         self.path = path
         self.format = file_format
         merged = merge_topics(sources)
-        self._types: dict[str, MessageTypes] = {}
-        for serialization in ("ros1", "cdr"):
-            definitions = {
-                s.msgtype: s.definition for s in merged.values() if s.serialization == serialization
-            }
-            types = MessageTypes(serialization, definitions, message_definitions)
-            self._types |= {name: types for name, s in merged.items() if s.serialization == serialization}
-        self.definitions: Mapping[str, Definition] = {s.msgtype: s.definition for s in merged.values()}
+        # Topics of one type may have come with different definitions: each goes by its own.
+        self._types = {
+            name: MessageTypes(s.serialization, {s.msgtype: s.definition}, message_definitions)
+            for name, s in merged.items()
+        }
         self.topics: dict[str, TopicInfo] = {}
         for name, source in sorted(merged.items()):
             problem = source.problem or self._types[name].problem(source.msgtype)
@@ -73,6 +71,10 @@ class BaseRecording(ABC):
     def header(self, message: RawMessage) -> tuple[int, str] | None:
         """Return header stamp in nanoseconds and frame id (no leading slash), or None without header."""
         return self._types[message.topic].header(message.msgtype, message.data)
+
+    def has_definition(self, topic: str) -> bool:
+        """Tell whether a definition came with the messages of a topic."""
+        return self._types[topic].has_definition(self.topics[topic].msgtype)
 
     def definition(self, topic: str) -> Definition:
         """Return what the messages of a topic are decoded with."""
@@ -119,7 +121,6 @@ class RestrictedRecording(BaseRecording):
     def __init__(self, inner: BaseRecording, topics: Collection[str]) -> None:
         self.path = inner.path
         self.format = inner.format
-        self.definitions = inner.definitions
         self.topics = {name: info for name, info in inner.topics.items() if name in set(topics)}
         self._types = inner._types  # noqa: SLF001  (a view of the same class)
         self._inner = inner
@@ -132,7 +133,7 @@ class RestrictedRecording(BaseRecording):
 
 
 def merge_topics(sources: Iterable[TopicSource]) -> dict[str, TopicSource]:
-    """Join the connections of each topic; a topic with two types cannot be decoded."""
+    """Join the connections of each topic; a topic with two types, or two layouts of one, cannot be decoded."""
     merged: dict[str, TopicSource] = {}
     for source in sources:
         before = merged.get(source.topic)
@@ -142,8 +143,21 @@ def merge_topics(sources: Iterable[TopicSource]) -> dict[str, TopicSource]:
         problem = before.problem or source.problem
         if before.msgtype != source.msgtype:
             problem = f"it carries two types, {before.msgtype} and {source.msgtype}"
+        elif _contradict(before, source):
+            problem = f"its messages were recorded with two different definitions of {source.msgtype}"
         definition = before.definition if before.definition.text else source.definition
         merged[source.topic] = replace(
             before, count=before.count + source.count, problem=problem, definition=definition
         )
     return merged
+
+
+def _contradict(one: TopicSource, other: TopicSource) -> bool:
+    """Tell whether the same bytes would decode differently; comments make no difference."""
+    if one.definition == other.definition or not one.definition.text or not other.definition.text:
+        return False
+    choices = [
+        choice_of(source.msgtype, source.serialization, source.definition, ()) for source in (one, other)
+    ]
+    digests = {choice if isinstance(choice, str) else choice.best.digest for choice in choices}
+    return len(digests) > 1

@@ -63,10 +63,14 @@ class MessageTypes:
             raise DecodeError(choice)
         return choice.decode(data)
 
+    def has_definition(self, msgtype: str) -> bool:
+        """Tell whether a definition came with the messages of a type, or was assumed."""
+        own = self._definitions.get(msgtype)
+        return own is not None and own.format != "none" and bool(own.text)
+
     def assume(self, msgtype: str, definition: Definition) -> None:
         """Decode a type that came without definition as it was found to be laid out before."""
-        own = self._definitions.get(msgtype)
-        if (own is None or own.format == "none" or not own.text) and definition.text:
+        if not self.has_definition(msgtype) and definition.text:
             self._definitions[msgtype] = definition
             self._choices.pop(msgtype, None)
             self._headers.pop(msgtype, None)
@@ -79,7 +83,7 @@ class MessageTypes:
         """
         own = self._definitions.get(msgtype, Definition("none", ""))
         layout = self.layout(msgtype)
-        if (own.format != "none" and own.text) or layout is None:
+        if self.has_definition(msgtype) or layout is None:
             return own
         return Definition("msg", layout.text)
 

@@ -47,8 +47,7 @@ class TopicProbe:
         if self._fits or not self._misfits:
             return None
         msgtype = self._recording.topics[self._topic].msgtype
-        own = self._recording.definitions[msgtype]
-        if own.format != "none" and own.text:
+        if self._recording.has_definition(self._topic):
             return f"its messages do not fit the definition of {msgtype} that is in the recording"
         return (
             f"its messages fit no definition of {msgtype} that is known; name a folder of .msg files in "
