@@ -13,6 +13,7 @@ from bagassets.errors import RecordingError
 from bagassets.recipe import Recipe, load_recipe
 from bagassets.store.artifact import Artifact
 from bagassets.store.store import Store
+from bagassets.store.users import note_user
 
 __all__ = ["Workspace", "index_of", "partitions_name", "recording_partitions"]
 
@@ -40,8 +41,10 @@ class Workspace(dg.ConfigurableResource):  # type: ignore[type-arg]
 
     @property
     def store(self) -> Store:
-        """The artifact store."""
-        return Store(self.recipe.store_path)
+        """The artifact store, which takes note of this project."""
+        store = Store(self.recipe.store_path)
+        note_user(store.root, Path(self.recipe_file))
+        return store
 
     @property
     def index(self) -> DigestIndex:

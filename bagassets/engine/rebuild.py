@@ -147,6 +147,9 @@ class _ForgetfulStore(Store):
         self._forgotten = forgotten
         self._scratch = scratch
 
+    def use(self, action: Action) -> Outcome | None:
+        return self.lookup(action)
+
     def lookup(self, action: Action) -> Outcome | None:
         if action.digest in self._forgotten and action.digest not in self.again:
             return None

@@ -7,6 +7,7 @@ without running anything.
 """
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import nullcontext
 from functools import cached_property, partial
 from typing import Any
 
@@ -46,6 +47,7 @@ from bagassets.steps.selection import choose_rig, present_channels, skip_reason
 from bagassets.store.action import Action, Step
 from bagassets.store.artifact import Artifact, ArtifactWriter
 from bagassets.store.canonical import digest_file
+from bagassets.store.lease import in_use
 from bagassets.store.store import Outcome, Store
 
 __all__ = ["ASSETS", "UPSTREAM", "AssetResult", "BuildFailure", "NotMadeError", "RecordingBuild", "Skipped"]
@@ -108,6 +110,10 @@ class RecordingBuild:
             BuildFailure: after everything else was made, if anything failed.
         """
         wanted = assets_of(self.recipe) if wanted is None else wanted
+        with nullcontext() if self._dry else in_use(self.store.root):
+            yield from self._build(wanted)
+
+    def _build(self, wanted: Collection[str]) -> Iterator[AssetResult | Skipped]:
         if "inventory" in wanted:
             try:
                 yield self._inventory()
@@ -213,9 +219,9 @@ class RecordingBuild:
     def _run(
         self, asset: str, action: Action, make: Callable[[ArtifactWriter], dict[str, Any]]
     ) -> AssetResult:
-        if self._dry and self.store.lookup(action) is None:
+        outcome = self.store.lookup(action) if self._dry else self.store.run(action, make)
+        if outcome is None:
             raise NotMadeError(action, self.store.failure(action.digest))
-        outcome = self.store.run(action, make)
         self._artifacts[asset] = outcome.artifact
         return AssetResult(asset, outcome.artifact, outcome.action_digest, outcome.cached, outcome.seconds)
 
@@ -357,7 +363,7 @@ class RecordingBuild:
             try:
                 request = self._channel_request(name)
                 action = self._action(self._channel_step(name), request)
-                known = self.store.lookup(action)
+                known = self.store.lookup(action) if self._dry else self.store.use(action)
                 if known is not None:
                     outcomes[name] = known
                 elif self._dry:
@@ -413,9 +419,9 @@ class RecordingBuild:
             }
 
         action = _INDEX_STEPS[asset].action({"actions": actions}, digests)
-        if self._dry and self.store.lookup(action) is None:
+        outcome = self.store.lookup(action) if self._dry else self.store.run(action, make)
+        if outcome is None:
             return NotMadeError(action, None)
-        outcome = self.store.run(action, make)
         self._artifacts[asset] = outcome.artifact
         cached = outcome.cached and all(outcomes[name].cached for name in names)
         seconds = sum(outcomes[name].seconds for name in names)

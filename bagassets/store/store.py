@@ -92,7 +92,7 @@ class Store:
         Raises:
             StoreError: it is not in the store.
         """
-        artifact = Artifact(digest, self._artifact_folder(digest))
+        artifact = Artifact(digest, self.artifact_folder(digest))
         if not (artifact.folder / MANIFEST).is_file():
             raise StoreError(
                 f"artifact {digest[:16]} is not in the store {self.root}; materialize the asset that makes it again."
@@ -101,7 +101,7 @@ class Store:
 
     def has(self, digest: str) -> bool:
         """Tell whether an artifact is in the store (by its manifest; see `verify` for its bytes)."""
-        return (self._artifact_folder(digest) / MANIFEST).is_file()
+        return (self.artifact_folder(digest) / MANIFEST).is_file()
 
     def make_temporary_folder(self) -> Path:
         """Make an empty folder on the store's file system."""
@@ -114,7 +114,7 @@ class Store:
 
     def adopt(self, folder: Path, digest: str) -> Artifact:
         """Move a finished temporary folder to its place; the first one wins."""
-        target = self._artifact_folder(digest)
+        target = self.artifact_folder(digest)
         try:
             self._move_in(folder, target, digest)
         except OSError as err:
@@ -132,9 +132,13 @@ class Store:
                 if err.errno not in _TAKEN:
                     raise
                 if self.is_complete(digest):
-                    shutil.rmtree(folder, ignore_errors=True)
-                    return
-                self.remove(digest)  # a damaged one is in the way
+                    # If a collector of garbage takes it away now, the next attempt moves in.
+                    with suppress(FileNotFoundError):
+                        os.utime(target / "files")
+                        shutil.rmtree(folder, ignore_errors=True)
+                        return
+                else:
+                    self.remove(digest)  # a damaged one is in the way
             else:
                 return
         raise FileExistsError(errno.EEXIST, "other processes keep putting a damaged one there", str(target))
@@ -143,7 +147,7 @@ class Store:
         """Take an artifact out of the store at once, as when it is damaged; actions that made it run again."""
         retired = self.make_temporary_folder() / digest
         with suppress(FileNotFoundError):
-            self._artifact_folder(digest).rename(retired)
+            self.artifact_folder(digest).rename(retired)
         shutil.rmtree(retired.parent, ignore_errors=True)
 
     # --- actions ---------------------------------------------------------------------
@@ -162,12 +166,28 @@ class Store:
         if not self.has(digest):
             return None
         return Outcome(
-            Artifact(digest, self._artifact_folder(digest)), action.digest, cached=True, seconds=seconds
+            Artifact(digest, self.artifact_folder(digest)), action.digest, cached=True, seconds=seconds
         )
+
+    def use(self, action: Action) -> Outcome | None:
+        """Return the outcome of an action that is known, as `lookup` does, and mark it as used.
+
+        What is marked is not taken for garbage while a build is at work, nor some days after.
+        """
+        known = self.lookup(action)
+        if known is None:
+            return None
+        try:
+            os.utime(self._action_file(action.digest))
+        except FileNotFoundError:
+            return None  # it was garbage, and is just being removed
+        except OSError:
+            pass  # a store that is only read collects nothing
+        return known
 
     def is_complete(self, digest: str) -> bool:
         """Tell whether every file of an artifact is there with its size; its bytes are not read."""
-        artifact = Artifact(digest, self._artifact_folder(digest))
+        artifact = Artifact(digest, self.artifact_folder(digest))
         try:
             return all(artifact.path(entry.path).stat().st_size == entry.size for entry in artifact.entries())
         except (StoreError, OSError, KeyError, TypeError):
@@ -198,7 +218,7 @@ class Store:
         An error of `make` is recorded under the action's digest and raised again, unless it says nothing
         about the action: a full disk, a recording that changed meanwhile.
         """
-        known = self.lookup(action)
+        known = self.use(action)
         if known is not None:
             return known
         pending = self.begin(action)
@@ -257,7 +277,8 @@ class Store:
 
     # --- places ----------------------------------------------------------------------
 
-    def _artifact_folder(self, digest: str) -> Path:
+    def artifact_folder(self, digest: str) -> Path:
+        """Return where an artifact lies if it is in the store."""
         return self.root / "artifacts" / digest[:2] / digest
 
     def _action_file(self, digest: str) -> Path:

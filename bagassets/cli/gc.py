@@ -1,0 +1,134 @@
+"""`bagassets gc`: remove artifacts that nothing refers to any more."""
+
+import json
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from bagassets.cli.options import recipe_option
+
+if TYPE_CHECKING:
+    from bagassets.store.collect import Garbage
+
+__all__ = ["gc"]
+
+_DAY_S = 86400.0
+
+
+@click.command(
+    epilog="""\b
+Examples:
+  bagassets gc --dry-run
+  bagassets gc --keep-days 30
+  bagassets gc --lock releases/2026-05.lock.json --json
+
+\b
+Exit status:
+  0  done
+  1  a recipe, lock or folder is wrong, or a project that uses the store cannot be asked"""
+)
+@recipe_option
+@click.option("--dry-run", "-n", is_flag=True, help="List what would be removed, with sizes; remove nothing.")
+@click.option(
+    "--keep-days",
+    type=click.FloatRange(min=0),
+    default=7.0,
+    show_default=True,
+    metavar="DAYS",
+    help="Keep what builds of the last days made or used.",
+)
+@click.option(
+    "--lock",
+    "locks",
+    multiple=True,
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    metavar="FILE",
+    help="Keep what this dataset lock refers to, too; may be repeated. Locks in the folder `kept-locks` of the state are "
+    "always kept.",
+)
+@click.option(
+    "--forget",
+    multiple=True,
+    type=click.Path(path_type=Path),
+    metavar="RECIPE",
+    help="A project that used this store is no more; may be repeated.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON document.")
+def gc(
+    recipe: Path,
+    dry_run: bool,
+    keep_days: float,
+    locks: tuple[Path, ...],
+    forget: tuple[Path, ...],
+    as_json: bool,
+) -> None:
+    """Remove artifacts that nothing refers to any more.
+
+    Stays: what a dataset on disk was made from; what is current for a recording in the Dagster
+    instance of any project on this store; what recent builds made or used; and whatever a
+    running build works with. An artifact that comes to be needed again is made again.
+    """
+    from bagassets.defs.garbage import find_roots  # noqa: PLC0415  (Dagster takes a second to import)
+    from bagassets.recipe import load_recipe  # noqa: PLC0415
+    from bagassets.store.collect import Collected, collect, find_garbage  # noqa: PLC0415
+    from bagassets.store.lease import in_use_since_s  # noqa: PLC0415
+    from bagassets.store.store import Store  # noqa: PLC0415
+
+    recipe = recipe.absolute()
+    store = Store(load_recipe(recipe).store_path)
+    now_s = time.time()
+    used_since_s = now_s - keep_days * _DAY_S
+    running_since_s = in_use_since_s(store.root)
+    if running_since_s is not None:
+        used_since_s = min(used_since_s, running_since_s)
+    roots = find_roots(
+        store, recipe, tuple(lock.absolute() for lock in locks), tuple(path.absolute() for path in forget)
+    )
+    garbage = find_garbage(store, roots.artifacts, used_since_s, now_s)
+    collected = Collected() if dry_run else collect(store, garbage, now_s)
+    listed = garbage if dry_run else collected.removed
+    if as_json:
+        click.echo(
+            json.dumps(
+                {
+                    "dry_run": dry_run,
+                    "artifacts": [_as_json(entry, now_s) for entry in listed],
+                    "bytes": sum(entry.size for entry in listed),
+                    "spared": collected.spared,
+                    "leftovers": collected.leftovers,
+                    "projects": [str(path) for path in roots.projects],
+                    "locks": [str(path) for path in roots.locks],
+                },
+                indent=1,
+            )
+        )
+        return
+    for entry in listed:
+        days = (now_s - entry.used_s) / _DAY_S
+        click.echo(
+            f"{entry.size / 1e6:10.1f} MB  {entry.step or '(unrecorded)':<18} {entry.artifact[:16]}  "
+            f"last used {days:.1f} days ago"
+        )
+    verb = "would be removed" if dry_run else "removed"
+    click.echo(
+        f"{len(listed)} artifact{'' if len(listed) == 1 else 's'}, {sum(e.size for e in listed) / 1e6:.1f} MB, {verb}; "
+        f"{len(roots.projects)} project{'' if len(roots.projects) == 1 else 's'} and {len(roots.locks)} dataset "
+        f"lock{'' if len(roots.locks) == 1 else 's'} asked.",
+        err=True,
+    )
+    if collected.spared or collected.leftovers:
+        click.echo(
+            f"{collected.spared} spared, because a build uses them; {collected.leftovers} leftovers of killed builds removed.",
+            err=True,
+        )
+
+
+def _as_json(entry: "Garbage", now_s: float) -> dict[str, Any]:
+    return {
+        "artifact": entry.artifact,
+        "step": entry.step or None,
+        "size": entry.size,
+        "unused_days": round((now_s - entry.used_s) / _DAY_S, 2),
+    }

@@ -1,0 +1,114 @@
+"""What must stay in a store: everything that Dagster instances and datasets of its projects refer to."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import dagster as dg
+
+from bagassets.defs.events import DATA_VERSION, live_partitions
+from bagassets.defs.runs import open_instance
+from bagassets.engine.lock_roots import locked_artifacts, locks_of
+from bagassets.engine.plan_model import ALL_ASSETS
+from bagassets.errors import RecipeError, StoreError
+from bagassets.recipe import load_recipe
+from bagassets.recipe.model import Recipe
+from bagassets.recipe.project import dagster_home
+from bagassets.store.store import Store
+from bagassets.store.users import User, forget_user, users_of
+
+__all__ = ["Roots", "find_roots", "recorded_versions"]
+
+
+@dataclass
+class Roots:
+    """What must stay, and who says so.
+
+    Attributes:
+        artifacts: their digests.
+        locks: dataset locks that were read.
+        projects: recipes of the projects whose instances were asked.
+    """
+
+    artifacts: set[str] = field(default_factory=set)
+    locks: list[Path] = field(default_factory=list)
+    projects: list[Path] = field(default_factory=list)
+
+
+def find_roots(
+    store: Store, recipe_file: Path, more_locks: tuple[Path, ...] = (), forget: tuple[Path, ...] = ()
+) -> Roots:
+    """Return what the projects that use a store need of it.
+
+    Args:
+        store: the store.
+        recipe_file: a project that is asked in any case.
+        more_locks: further lock files.
+        forget: recipe files of projects that are no more, though they cannot be reached.
+
+    Raises:
+        StoreError: a project cannot be asked, so that nothing may be removed.
+    """
+    roots = Roots()
+    for user in users_of(store.root):
+        if user.recipe in forget:
+            forget_user(store.root, user)
+        elif user.recipe != recipe_file:
+            _ask(store, user, roots)
+    _add_project(recipe_file, load_recipe(recipe_file), roots)
+    for lock in more_locks:
+        _add_lock(lock, roots)
+    return roots
+
+
+def recorded_versions(instance: dg.DagsterInstance, live: frozenset[str]) -> set[str]:
+    """Return the data versions that are current in an instance, of assets that users added, too.
+
+    Those of recordings that were removed do not count.
+    """
+    versions: set[str] = set()
+    storage, kind = instance.event_log_storage, dg.DagsterEventType.ASSET_MATERIALIZATION
+    once = storage.get_latest_tags_by_partition(dg.AssetKey("bag"), kind, [DATA_VERSION])
+    removed = once.keys() - live
+    for key in storage.all_asset_keys():
+        by_partition = storage.get_latest_tags_by_partition(key, kind, [DATA_VERSION])
+        ours = key.to_user_string() in ALL_ASSETS
+        for partition, tags in by_partition.items():
+            if partition in live or not (ours or partition in removed):
+                versions.add(tags[DATA_VERSION])
+        latest = instance.get_latest_materialization_event(key)
+        made = None if latest is None else latest.asset_materialization
+        if made is not None and made.partition is None:
+            versions.add((made.tags or {}).get(DATA_VERSION, ""))
+    return versions
+
+
+def _ask(store: Store, user: User, roots: Roots) -> None:
+    if not user.recipe.is_file():
+        where = "" if user.is_here else f" on {user.host}"
+        raise StoreError(
+            f"{user.recipe}: this project{where} uses the store too, but cannot be reached from here, so nothing was removed; "
+            f"collect where it can be, or say that it is no more with --forget {user.recipe}."
+        )
+    try:
+        recipe = load_recipe(user.recipe)
+    except RecipeError as err:
+        raise StoreError(
+            f"{user.recipe}: this project uses the store too, but its recipe is wrong, so nothing was removed; correct it:\n{err}"
+        ) from err
+    if recipe.store_path.resolve() == store.root.resolve():
+        _add_project(user.recipe, recipe, roots)
+    else:
+        forget_user(store.root, user)  # it has moved to another store
+
+
+def _add_project(recipe_file: Path, recipe: Recipe, roots: Roots) -> None:
+    roots.projects.append(recipe_file)
+    for lock in locks_of(recipe):
+        _add_lock(lock, roots)
+    with open_instance(str(dagster_home(recipe_file, recipe))) as instance:
+        roots.artifacts |= recorded_versions(instance, live_partitions(instance, recipe))
+
+
+def _add_lock(lock: Path, roots: Roots) -> None:
+    roots.locks.append(lock)
+    roots.artifacts |= locked_artifacts(lock)

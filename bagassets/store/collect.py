@@ -1,0 +1,241 @@
+"""Collecting garbage: artifacts that nothing refers to, and what killed processes left.
+
+What an artifact was made from stays with it, as far as it is in the store: a lidar sweep with its ego poses, a
+recording's tables with their images. A build that finds an action on record marks it as used, and a
+collector takes the record away before it looks at that mark for the last time; so neither can fool the other.
+"""
+
+import json
+import os
+import shutil
+import socket
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from uuid import uuid4
+
+from bagassets.errors import StoreError
+from bagassets.store.store import Store
+
+__all__ = ["Collected", "Garbage", "collect", "find_garbage"]
+
+# An artifact without any record may be about to get one.
+_UNRECORDED_S = 86400.0
+# Process numbers are only true within one container.
+_DEAD_S = 300.0
+# Files in which artifacts name others; asked only if the action that made one is not on record.
+_NAMING_FILES = ("channels.json", "files.json")
+
+
+@dataclass(frozen=True)
+class Record:
+    """What is on record of an action that made something."""
+
+    path: Path
+    step: str
+    artifact: str
+    inputs: tuple[str, ...]
+    used_s: float
+
+
+@dataclass(frozen=True)
+class Garbage:
+    """An artifact that may go.
+
+    Attributes:
+        artifact: its digest.
+        step: the step that made it; empty if that is not on record.
+        size: bytes of its files.
+        used_s: when a build made or used it last, in Unix seconds.
+        marked_ns: time of its folder of files, which a build marks that made the same.
+        records: of the actions that made it.
+    """
+
+    artifact: str
+    step: str
+    size: int
+    used_s: float
+    marked_ns: int
+    records: tuple[Path, ...] = ()
+
+
+@dataclass
+class Collected:
+    """What a collection came to.
+
+    Attributes:
+        removed: artifacts that are gone.
+        spared: number of artifacts that a build began to use meanwhile.
+        leftovers: number of temporary folders of processes that are no more.
+    """
+
+    removed: list[Garbage] = field(default_factory=list)
+    spared: int = 0
+    leftovers: int = 0
+
+    @property
+    def size(self) -> int:
+        """Bytes of what was removed; a dataset may still hold some by other names."""
+        return sum(garbage.size for garbage in self.removed)
+
+
+def find_garbage(store: Store, roots: Collection[str], used_since_s: float, now_s: float) -> list[Garbage]:
+    """Return the artifacts that nothing refers to, the largest first.
+
+    Args:
+        store: the store.
+        roots: artifacts that somebody needs, with all that they were made from.
+        used_since_s: artifacts that a build made or used since then are needed too.
+        now_s: the time, in Unix seconds.
+    """
+    records = list(_records(store))
+    by_artifact: dict[str, list[Record]] = {}
+    for record in records:
+        by_artifact.setdefault(record.artifact, []).append(record)
+    recent = {record.artifact for record in records if record.used_s >= used_since_s}
+    needed = _closure(store, {*roots, *recent}, by_artifact)
+    garbage = []
+    for folder in _artifacts(store):
+        if folder.name in needed:
+            continue
+        made_by = by_artifact.get(folder.name, [])
+        with suppress(FileNotFoundError):  # another collector was faster
+            used_s = max((record.used_s for record in made_by), default=folder.stat().st_mtime)
+            if not made_by and used_s > min(used_since_s, now_s - _UNRECORDED_S):
+                continue
+            paths = tuple(record.path for record in made_by)
+            step = made_by[0].step if made_by else ""
+            marked_ns = _marked_ns(folder)
+            garbage.append(Garbage(folder.name, step, _size(folder), used_s, marked_ns, paths))
+    return sorted(garbage, key=lambda g: (-g.size, g.artifact))
+
+
+def collect(store: Store, garbage: Collection[Garbage], now_s: float) -> Collected:
+    """Remove garbage, except what a build began to use since it was found, and leftovers of killed processes."""
+    collected = Collected()
+    for entry in garbage:
+        if _forget(entry) and _remove(store, entry):
+            collected.removed.append(entry)
+        else:
+            collected.spared += 1
+    for folder in _leftovers(store, now_s):
+        shutil.rmtree(folder, ignore_errors=True)
+        collected.leftovers += 1
+    return collected
+
+
+def _forget(entry: Garbage) -> bool:
+    """Take the records of an artifact away; put them back if one was used since it was found."""
+    taken: list[tuple[Path, Path]] = []
+    for path in entry.records:
+        away = path.with_name(f".{path.name}.{uuid4().hex}")
+        with suppress(FileNotFoundError):
+            path.rename(away)
+            taken.append((path, away))
+    # Whoever comes now finds no record. Who came before has marked it.
+    if all(away.stat().st_mtime <= entry.used_s for _, away in taken):
+        for _, away in taken:
+            away.unlink(missing_ok=True)
+        return True
+    for path, away in taken:
+        away.replace(path)
+    return False
+
+
+def _remove(store: Store, entry: Garbage) -> bool:
+    """Remove an artifact, unless a build has just made the same and relies on this one."""
+    folder = store.artifact_folder(entry.artifact)
+    away = store.make_temporary_folder()
+    try:
+        folder.rename(away / entry.artifact)
+        if _marked_ns(away / entry.artifact) > entry.marked_ns:
+            with suppress(OSError):  # there is one again already
+                (away / entry.artifact).rename(folder)
+            return False
+    except FileNotFoundError:
+        return False  # another collector was faster
+    finally:
+        shutil.rmtree(away, ignore_errors=True)
+    return True
+
+
+def _marked_ns(folder: Path) -> int:
+    try:
+        return (folder / "files").stat().st_mtime_ns
+    except FileNotFoundError:
+        return 0  # damaged: nobody relies on it
+
+
+def _closure(store: Store, roots: Collection[str], by_artifact: Mapping[str, list[Record]]) -> set[str]:
+    """Return `roots` and all artifacts that they were made from."""
+    needed: set[str] = set()
+    waiting = list(roots)
+    while waiting:
+        artifact = waiting.pop()
+        if artifact in needed:
+            continue
+        needed.add(artifact)
+        if artifact in by_artifact:
+            waiting += [digest for record in by_artifact[artifact] for digest in record.inputs]
+        else:
+            waiting += _named_in(store, artifact)
+    return needed
+
+
+def _named_in(store: Store, digest: str) -> set[str]:
+    """Return the artifacts that an artifact names, of whose action nothing is on record."""
+    named: set[str] = set()
+    for name in _NAMING_FILES:
+        with suppress(StoreError, AttributeError, TypeError, KeyError):
+            content = store.artifact(digest).read_json(name)
+            rows = content.values() if isinstance(content, dict) else content
+            named |= {row["artifact"] for row in rows}
+    return named
+
+
+def _records(store: Store) -> Iterator[Record]:
+    for path in (store.root / "actions").glob("*/*.json"):
+        if path.name.startswith(".") or path.name.endswith(".failed.json"):
+            continue
+        with suppress(OSError, ValueError, KeyError, TypeError, AttributeError):  # torn ones are for `verify`
+            record = json.loads(path.read_bytes())
+            action = record["action"]
+            inputs = tuple(str(digest) for digest in action["inputs"].values())
+            yield Record(path, str(action["step"]), str(record["artifact"]), inputs, path.stat().st_mtime)
+
+
+def _artifacts(store: Store) -> Iterator[Path]:
+    yield from sorted((store.root / "artifacts").glob("*/*"))
+
+
+def _size(folder: Path) -> int:
+    return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
+
+
+def _leftovers(store: Store, now_s: float) -> Iterator[Path]:
+    """Yield temporary folders whose process is no more; those of other machines when they are a day old."""
+    host = socket.gethostname()
+    folder = store.root / "tmp"
+    for path in folder.iterdir() if folder.is_dir() else ():
+        of_host, _, rest = path.name.rpartition("-")[0].rpartition("-")
+        with suppress(FileNotFoundError):
+            if of_host == host and rest.isdecimal():
+                if not _is_alive(int(rest)) and now_s - _newest_s(path) > _DEAD_S:
+                    yield path
+            elif now_s - _newest_s(path) > _UNRECORDED_S:
+                yield path
+
+
+def _newest_s(folder: Path) -> float:
+    return max([folder.stat().st_mtime, *(path.stat().st_mtime for path in folder.rglob("*"))])
+
+
+def _is_alive(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        return True
+    return True

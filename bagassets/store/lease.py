@@ -1,0 +1,79 @@
+"""Who works with a store right now, so that nobody removes what they use.
+
+A lease is a file that its process holds locked: the system releases it when the process ends, however it
+ends. Its time says since when the process has been at work.
+"""
+
+import fcntl
+import os
+import socket
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from uuid import uuid4
+
+from bagassets.errors import StoreError
+
+__all__ = ["in_use", "in_use_since_s"]
+
+_FOLDER = "leases"
+# Where the file system has no locks, a lease counts for so long.
+_UNLOCKED_S = 2 * 86400.0
+
+
+@contextmanager
+def in_use(root: Path) -> Iterator[None]:
+    """Hold a lease on the store in `root`.
+
+    Raises:
+        StoreError: the store cannot be written.
+    """
+    folder = root / _FOLDER
+    path = folder / f"{socket.gethostname()}-{os.getpid()}-{uuid4().hex}"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
+    except OSError as err:
+        raise StoreError(f"{path}: the store cannot be written ({err.strerror}).") from err
+    try:
+        with suppress(OSError):
+            fcntl.flock(descriptor, fcntl.LOCK_EX)
+        # Whoever looked between these two steps took it for that of a dead process.
+        with suppress(OSError):
+            path.touch()
+        yield
+    finally:
+        with suppress(OSError):
+            path.unlink()
+        os.close(descriptor)
+
+
+def in_use_since_s(root: Path) -> float | None:
+    """Return since when the longest at work has been so, in Unix seconds; None if nobody is.
+
+    Leases of processes that are no more are removed.
+    """
+    since: list[float] = []
+    folder = root / _FOLDER
+    for path in folder.iterdir() if folder.is_dir() else ():
+        with suppress(FileNotFoundError):
+            begun_s = path.stat().st_mtime
+            if _is_held(path, begun_s):
+                since.append(begun_s)
+            else:
+                path.unlink()
+    return min(since, default=None)
+
+
+def _is_held(path: Path, begun_s: float) -> bool:
+    descriptor = os.open(path, os.O_RDWR | os.O_CLOEXEC)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:
+        return time.time() - begun_s < _UNLOCKED_S
+    finally:
+        os.close(descriptor)
+    return False

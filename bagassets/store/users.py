@@ -1,0 +1,82 @@
+"""Which projects use a store: garbage is only what none of them needs.
+
+Each project notes itself in the store when it first uses it, so that collecting garbage from one of
+them knows of the others.
+"""
+
+import json
+import socket
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from uuid import uuid4
+
+from bagassets.errors import StoreError
+from bagassets.store.canonical import digest_json
+
+__all__ = ["User", "forget_user", "note_user", "users_of"]
+
+_FOLDER = "users"
+
+
+@dataclass(frozen=True, order=True)
+class User:
+    """A project that uses a store.
+
+    Attributes:
+        recipe: its recipe file.
+        host: the machine that it is on.
+    """
+
+    recipe: Path
+    host: str
+
+    @property
+    def is_here(self) -> bool:
+        """Tell whether the project is on this machine, as far as its name says."""
+        return self.host == socket.gethostname()
+
+
+def note_user(root: Path, recipe_file: Path) -> None:
+    """Note that the project of a recipe uses the store in `root`; cheap if that is known.
+
+    Where that cannot be written, nothing can be made, and what is only read needs no note.
+    """
+    value = {"recipe": str(recipe_file.absolute()), "host": socket.gethostname()}
+    path = _file(root, value)
+    if path.exists():
+        return
+    temporary = path.with_name(f".{path.name}.{uuid4().hex}")
+    with suppress(OSError):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        temporary.write_text(json.dumps(value, sort_keys=True), "utf-8")
+        temporary.replace(path)
+
+
+def users_of(root: Path) -> list[User]:
+    """Return the projects that use the store in `root`, in order.
+
+    Raises:
+        StoreError: a note cannot be read, so that it is not known who uses the store.
+    """
+    users = []
+    for path in sorted((root / _FOLDER).glob("*.json")):
+        try:
+            value = json.loads(path.read_bytes())
+            users.append(User(Path(value["recipe"]), str(value["host"])))
+        except (OSError, ValueError, KeyError, TypeError) as err:
+            raise StoreError(
+                f"{path}: this note of a project that uses the store cannot be read ({err}); remove it, and build "
+                "that project once: it is written again."
+            ) from err
+    return sorted(users)
+
+
+def forget_user(root: Path, user: User) -> None:
+    """Remove the note of a project that is no more."""
+    with suppress(FileNotFoundError):
+        _file(root, {"recipe": str(user.recipe), "host": user.host}).unlink()
+
+
+def _file(root: Path, value: dict[str, str]) -> Path:
+    return root / _FOLDER / f"{digest_json(value)[:32]}.json"
