@@ -73,7 +73,8 @@ def _rig_fields(recipe: Recipe, rig: Rig, asset: str) -> Any:
             }
             return [parts, rig.ego_frame, rig.tf, rig.tf_static, str(rig.urdf and rig.urdf.name)]
         case "ego_poses":
-            return [common, rig.ego_pose.model_dump(mode="json"), rig.ego_frame, rig.tf, rig.tf_static]
+            urdf = str(rig.urdf and rig.urdf.name)
+            return [common, rig.ego_pose.model_dump(mode="json"), rig.ego_frame, rig.tf, rig.tf_static, urdf]
         case "annotations":
             boxes = [*rig.annotations, *rig.annotation_files]
             return [common, [source.model_dump(mode="json") for source in boxes], rig.ego_frame]

@@ -36,7 +36,7 @@ from bagassets.store.artifact import ArtifactWriter
 
 __all__ = ["STEP", "FrameExtractor", "request"]
 
-STEP = Step("frames", 1, ("opencv-python-headless", "pyarrow"))
+STEP = Step("frames", 2, ("opencv-python-headless", "pyarrow"))
 
 _SCHEMA = pa.schema(
     {

@@ -14,7 +14,7 @@ from bagassets.decode.compressed_image import image_size, unpack
 from bagassets.decode.image import Pixels, to_bgr_or_grey
 from bagassets.decode.model import ImageReading
 from bagassets.errors import CalibrationError, DecodeError, RecipeError
-from bagassets.geometry.camera import CameraModel
+from bagassets.geometry.camera import CameraModel, undistort
 
 __all__ = ["EncodedImage", "ImageOutput", "raw_pixels"]
 
@@ -79,7 +79,7 @@ class ImageOutput:
         if pixels.dtype == np.uint16:
             pixels = self._to_8bit(pixels)
         if self._maps is not None:
-            pixels = cv2.remap(pixels, self._maps[0], self._maps[1], cv2.INTER_LINEAR)
+            pixels = undistort(pixels, self._maps)
         jpeg = self._format == "jpeg" or (
             self._format == "as_recorded" and reading.encoding.startswith("jpeg")
         )
