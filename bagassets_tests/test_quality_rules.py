@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 from handmade import Drive, make_tables
 
+from bagassets.annotations.table import BoxTable
 from bagassets.bags.inventory import Definition, Gap, HeaderOffset, Inventory, TopicRecord
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.nuscenes.check import broken_references, duplicate_tokens
 from bagassets.nuscenes.dataset import BagPart, assemble
 from bagassets.nuscenes.schema import RECORDING_TABLES
+from bagassets.quality.box_rules import boxes_plausible
 from bagassets.quality.calibration_rules import calibration_plausible
 from bagassets.quality.channel_rules import channels_complete
 from bagassets.quality.devkit_rules import dataset_tables, devkit_ready
@@ -20,6 +22,7 @@ from bagassets.quality.pose_rules import poses_cover_sensors
 from bagassets.quality.topic_rules import channels_present, stamps_monotonic, topic_rates
 from bagassets.recipe.model import NuScenes, Rig
 from bagassets.recipe.model_checks import (
+    BoxesCheck,
     CalibrationCheck,
     ChannelsCheck,
     PosesCheck,
@@ -129,6 +132,9 @@ class TestTopics:
         broken = inventory(topic("/odom", header_offset_s=HeaderOffset(3599.0, 3600.0, 3601.0)))
         (problem,) = stamps_monotonic(RIG, broken, StampsCheck()).problems
         assert problem.startswith("/odom: header stamps lie 3600 s before the log time")
+        older = inventory(topic("/odom", header_offset_s=HeaderOffset(-9e6, -9e6, -9e6)))
+        (problem,) = stamps_monotonic(RIG, older, StampsCheck()).problems
+        assert problem.startswith("/odom: header stamps lie 104.2 days after the log time")
 
 
 COUNTS = {"read": 100, "written": 99, "merged": 0, "lost": {"too short": 1}}
@@ -194,6 +200,67 @@ class TestPoses:
             np.zeros(1, np.int64), np.zeros((1, 3)), np.array([[1.0, 0, 0, 0]]), 0, 0, fixed=True
         )
         assert poses_cover_sensors(fixed, STAMPS, PosesCheck()).passed
+
+
+def boxes(**changes):
+    """Two tracks along x at 5 m/s, ten boxes each; `x` and `size` replace those of rows."""
+    rows = 20
+    t = np.repeat(np.arange(10) / 10, 2)
+    centers = np.stack([5.0 * t, np.tile([0.0, 8.0], 10), np.ones(rows)], axis=1)
+    sizes = np.tile([1.9, 4.5, 1.6], (rows, 1))
+    for row, x in changes.get("x", {}).items():
+        centers[row, 0] = x
+    for row, size in changes.get("size", {}).items():
+        sizes[row] = size
+    return BoxTable(
+        stamps_ns=T0 + np.round(t * S).astype(np.int64), tracks=["a", "b"] * 10, categories=["car"] * rows,
+        attributes=[()] * rows, centers_m=centers, rotations=np.tile([1.0, 0, 0, 0], (rows, 1)), sizes_m=sizes,
+        scores=np.ones(rows), sources=["/boxes"] * rows,
+    )  # fmt: skip
+
+
+def box_counts(written=20, **lost):
+    names = {name.replace("_", " "): number for name, number in lost.items()}
+    first = dict.fromkeys(names, "x.json:7")
+    read = written + sum(lost.values())
+    return {
+        "/boxes": {"boxes": {"read": read, "written": written, "lost": names, "first": first, "kept": {}}}
+    }
+
+
+class TestBoxes:
+    def find(self, counts=None, **changes):
+        return boxes_plausible(box_counts() if counts is None else counts, boxes(**changes), BoxesCheck())
+
+    def test_sound_boxes_pass(self):
+        finding = self.find()
+        assert finding.problems == []
+        assert finding.facts == {"boxes": 20, "tracks": 2, "kept": {}}
+
+    def test_no_boxes_pass(self):
+        nothing = BoxTable.from_arrow(boxes().to_arrow().slice(0, 0))
+        assert boxes_plausible({}, nothing, BoxesCheck()).passed
+
+    def test_lost_boxes_are_named_with_the_first(self):
+        (problem,) = self.find(box_counts(written=18, its_size_is_not_positive=2)).problems
+        assert problem.startswith(
+            "/boxes: 2 of 20 boxes were lost, most often because its size is not positive (first: x.json:7)"
+        )
+        assert self.find(box_counts(written=1999, its_size_is_not_positive=1)).passed
+
+    def test_a_track_that_jumps_is_named(self):
+        (problem,) = self.find(x={7: 40.0}).problems
+        assert problem.startswith("1 tracks jump, the first is b of /boxes: 39.0 m from 2023-")
+        assert str(T0 + 2 * S // 10) in problem
+        assert self.find(x={7: 6.0}).passed  # labels are not that exact
+
+    def test_a_size_of_nothing_on_roads_is_named(self):
+        (problem,) = self.find(size={5: (1.9, 450.0, 1.6)}).problems
+        assert problem.startswith(
+            "1 boxes are smaller than 0.05 m or larger than 40 m, the first is b of /boxes at 2023-"
+        )
+        assert problem.endswith(": 1.9 x 450 x 1.6 m")
+        assert not self.find(size={5: (0.01, 4.0, 1.6)}).passed
 
 
 def calibration(**changes):

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bagassets.nuscenes.check import broken_references, check_dataset_files, duplicate_tokens
+from bagassets.quality.box_rules import boxes_plausible
 from bagassets.quality.calibration_rules import calibration_plausible
 from bagassets.quality.channel_rules import channels_complete
 from bagassets.quality.devkit_rules import Tables, dataset_tables, devkit_ready
@@ -82,6 +83,13 @@ RECORDING_CHECKS = (
         "calibration_plausible",
         "Sensors sit on the vehicle, cameras look out of it through real lenses.",
         lambda e: calibration_plausible(e.calibration, e.rig, e.checks.calibration_plausible),
+    ),
+    RecordingCheck(
+        "boxes_plausible",
+        "annotations",
+        "boxes_plausible",
+        "Few boxes were lost, tracks do not jump, sizes are those of things on roads.",
+        lambda e: boxes_plausible(*e.boxes, e.checks.boxes_plausible),
     ),
     RecordingCheck(
         "frames_complete",

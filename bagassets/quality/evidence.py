@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from bagassets.annotations.table import BoxTable
 from bagassets.bags.inventory import Inventory
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.nuscenes.schema import RECORDING_TABLES
@@ -50,6 +51,13 @@ class Evidence:
     def trajectory(self) -> Trajectory:
         """`global_SE3_ego`."""
         return load_trajectory(self._current("ego_poses"))
+
+    @cached_property
+    def boxes(self) -> tuple[dict[str, Any], BoxTable]:
+        """Counts per source of boxes, and the boxes."""
+        artifact = self._current("annotations")
+        counts: dict[str, Any] = artifact.read_json("annotations.json")["counts"]
+        return counts, BoxTable.from_arrow(artifact.read_table("annotations.parquet"))
 
     @cached_property
     def tables(self) -> dict[str, list[dict[str, Any]]]:

@@ -82,6 +82,14 @@ def _gap_problem(record: TopicRecord, max_gap_s: float) -> str:
     )
 
 
+def _span(seconds: float) -> str:
+    """Return a time span as people say it."""
+    for size, unit in ((86_400, "days"), (3_600, "hours")):
+        if seconds >= 2 * size:
+            return f"{seconds / size:.1f} {unit}"
+    return f"{seconds:g} s"
+
+
 def stamps_monotonic(rig: Rig, inventory: Inventory, check: StampsCheck) -> Finding:
     """Check that header stamps go forward and are near the log time."""
     problems = []
@@ -103,7 +111,7 @@ def stamps_monotonic(rig: Rig, inventory: Inventory, check: StampsCheck) -> Find
         if offset is not None and abs(offset.median) > check.max_offset_s:
             side = "before" if offset.median > 0 else "after"
             problems.append(
-                f"{topic}: header stamps lie {abs(offset.median):g} s {side} the log time, "
+                f"{topic}: header stamps lie {_span(abs(offset.median))} {side} the log time, "
                 f"at most {check.max_offset_s:g} s expected"
             )
     return Finding(problems, {"backward": {topic: number for topic, number in backward.items() if number}})

@@ -98,6 +98,21 @@ class CalibrationCheck(Model):
     )
 
 
+class BoxesCheck(Model):
+    """Boxes were understood, and are those of things that move on roads."""
+
+    severity: Severity = Field("warn", description=_SEVERITY)
+    max_lost: float = Field(
+        0.01, ge=0, le=1, description="Share of a source's boxes that may be lost without a finding."
+    )
+    max_speed_mps: float = Field(60.0, gt=0, description="A track that moves faster jumps.")
+    noise_m: float = Field(
+        0.5, ge=0, description="Labels may be this far off, whatever the time between them."
+    )
+    min_size_m: float = Field(0.05, ge=0, description="Smallest width, length or height.")
+    max_size_m: float = Field(40.0, gt=0, description="Greatest width, length or height.")
+
+
 class Checks(Model):
     """Checks of finished assets, shown in Dagster per recording and for the dataset."""
 
@@ -108,6 +123,7 @@ class Checks(Model):
     calibration_plausible: CalibrationCheck = Field(
         CalibrationCheck(), description="Extrinsics and intrinsics make sense."
     )
+    boxes_plausible: BoxesCheck = Field(BoxesCheck(), description="Boxes were understood and make sense.")
     poses_cover_sensors: PosesCheck = Field(PosesCheck(), description="Readings have an ego pose.")
     references_intact: Check = Field(Check(), description="Tokens, chains and counts of the tables agree.")
     tokens_unique: Check = Field(Check(), description="No token and no file name exists twice.")

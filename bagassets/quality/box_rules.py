@@ -1,0 +1,78 @@
+"""Rules about boxes: few were lost, tracks do not jump, sizes are those of things on roads."""
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from bagassets.annotations.table import BoxTable
+from bagassets.annotations.tracks import Track, tracks_of
+from bagassets.quality.finding import Finding, clock
+from bagassets.recipe.model_checks import BoxesCheck
+
+__all__ = ["boxes_plausible"]
+
+
+def boxes_plausible(counts: Mapping[str, Any], table: BoxTable, check: BoxesCheck) -> Finding:
+    """Check the boxes of one recording.
+
+    Args:
+        counts: `counts` of `annotations.json`: source -> `boxes` (read, written, lost, first, kept).
+        table: content of `annotations.parquet`.
+        check: thresholds.
+    """
+    problems = []
+    for source, entry in sorted(counts.items()):
+        boxes = entry["boxes"]
+        lost = boxes["read"] - boxes["written"]
+        if lost > check.max_lost * boxes["read"]:
+            reason = max(sorted(boxes["lost"]), key=lambda text: boxes["lost"][text])
+            first = boxes.get("first", {}).get(reason)
+            problems.append(
+                f"{source}: {lost} of {boxes['read']} boxes were lost, most often because {reason}"
+                f"{f' (first: {first})' if first else ''}; a share of {check.max_lost:g} is accepted"
+            )
+    kept = {
+        source: entry["boxes"]["kept"] for source, entry in sorted(counts.items()) if entry["boxes"]["kept"]
+    }
+    facts = {
+        "boxes": len(table),
+        "tracks": len(set(zip(table.sources, table.tracks, strict=True))),
+        "kept": kept,
+    }
+    return Finding([*problems, *_jumps(table, check), *_sizes(table, check)], facts)
+
+
+def _jumps(table: BoxTable, check: BoxesCheck) -> Iterator[str]:
+    """Two objects under one id show as one that jumps back and forth."""
+    jumping: list[tuple[Track, int, float]] = []
+    for track in tracks_of(table):
+        seconds = np.diff(track.stamps_ns) / 1e9
+        moves = np.diff(track.centers_m, axis=0)
+        distances = np.sqrt((moves * moves).sum(axis=1))
+        # Labels are a few decimetres off, whatever the time between them.
+        jumps = np.flatnonzero(distances > check.max_speed_mps * seconds + check.noise_m)
+        if len(jumps):
+            jumping.append((track, int(jumps[0]), float(distances[jumps[0]])))
+    if jumping:
+        track, at, distance_m = jumping[0]
+        yield (
+            f"{len(jumping)} tracks jump, the first is {track.track_id} of {track.source}: {distance_m:.1f} m "
+            f"from {clock(int(track.stamps_ns[at]))} to {clock(int(track.stamps_ns[at + 1]))}; "
+            "perhaps two objects share the id"
+        )
+
+
+def _sizes(table: BoxTable, check: BoxesCheck) -> Iterator[str]:
+    wrong = np.flatnonzero(
+        (table.sizes_m.max(axis=1, initial=0.0) > check.max_size_m)
+        | (table.sizes_m.min(axis=1, initial=np.inf) < check.min_size_m)
+    )
+    if len(wrong):
+        row = int(wrong[0])
+        width, length, height = table.sizes_m[row].tolist()
+        yield (
+            f"{len(wrong)} boxes are smaller than {check.min_size_m:g} m or larger than {check.max_size_m:g} m, the first "
+            f"is {table.tracks[row]} of {table.sources[row]} at {clock(int(table.stamps_ns[row]))}: "
+            f"{width:g} x {length:g} x {height:g} m"
+        )
