@@ -14,13 +14,13 @@ from bagassets.defs.location import build_definitions
 from bagassets.defs.sensor_cursor import MOST_TRIES, RETRY_S, Cursor
 from bagassets.defs.sensor_look import Look
 from bagassets.defs.workspace import Workspace
-from bagassets.engine.plan import RECORDING_ASSETS
+from bagassets.engine.dataset_build import dataset_code_versions
+from bagassets.engine.recording_assets import assets_of
 from bagassets.recipe import load_recipe
 from bagassets_tests.small_drive import RECIPE, write_drive
 
 T0_S = 1_800_000_000.0
 OLD_S = T0_S - 3600
-DATASET = [dg.AssetKey("nuscenes_dataset")]
 
 
 # --- settling: what a change is dated by -------------------------------------------------
@@ -108,8 +108,17 @@ class Project:
         self.now_s = T0_S
 
     @property
+    def recipe(self):
+        return load_recipe(self.recipe_file)
+
+    @property
+    def datasets(self):
+        """What a run that updates the datasets makes."""
+        return [dg.AssetKey(name) for name in dataset_code_versions(self.recipe)]
+
+    @property
     def live(self):
-        return live_partitions(self.instance, load_recipe(self.recipe_file))
+        return live_partitions(self.instance, self.recipe)
 
     def look(self, after_s=1.0):
         """Look anew, as a tick does; return the runs asked for as key -> request."""
@@ -149,7 +158,7 @@ def test_a_new_recording_is_registered_and_asked_for_once_it_has_settled(project
     assert project.cursor.said == "1 recording; waiting for a.bag to settle."
     (request,) = project.look(after_s=30).values()
     assert request.partition_key == "a.bag"
-    assert request.asset_selection == [dg.AssetKey(name) for name in RECORDING_ASSETS]
+    assert request.asset_selection == [dg.AssetKey(name) for name in ("bag", *assets_of(project.recipe))]
     assert request.tags["why"] == "new recording"
     assert project.live == {"a.bag"}
     assert project.look() == {}  # asked for already
@@ -159,7 +168,7 @@ def test_the_dataset_is_asked_for_when_the_recordings_are_done_and_then_nothing(
     (recording,) = project.look().values()
     assert project.execute(recording).success
     (dataset,) = project.look().values()
-    assert dataset.asset_selection == DATASET
+    assert dataset.asset_selection == project.datasets
     assert project.execute(dataset).success
     assert project.look() == {}
     assert project.cursor.said == "1 recording; up to date."
@@ -203,7 +212,7 @@ def test_a_removed_recording_loses_its_partition_and_the_dataset_its_scenes(proj
     (project.bags / "b.mcap").unlink()
     (request,) = project.look().values()
     assert project.live == {"a.bag", "z.bag"}
-    assert request.asset_selection == DATASET
+    assert request.asset_selection == project.datasets
 
 
 def test_a_recording_that_comes_back_as_it_was_is_recorded_anew_without_work(project):
@@ -225,7 +234,7 @@ def test_a_failure_on_record_is_told_and_not_tried_again(project):
     for request in project.look().values():
         assert project.execute(request).success == (request.partition_key == "a.bag")
     (dataset,) = project.look().values()
-    assert dataset.asset_selection == DATASET
+    assert dataset.asset_selection == project.datasets
     assert project.execute(dataset).success
     assert project.look(after_s=1000) == {}
     assert project.cursor.said == "2 recordings; failed: broken.bag."
@@ -236,7 +245,7 @@ def test_a_failure_on_record_is_told_and_not_tried_again(project):
 def make_run(project, key, status):
     tags = {PARTITION_NAME_TAG: key} if key else {}
     job = build_definitions(project.recipe_file).resolve_implicit_global_asset_job_def()
-    selection = None if key else frozenset(DATASET)
+    selection = None if key else frozenset(project.datasets)
     return project.instance.create_run_for_job(job, tags=tags, status=status, asset_selection=selection)
 
 
@@ -270,7 +279,7 @@ def test_the_dataset_waits_for_runs_but_not_for_ever(project):
     assert project.look() == {}
     assert project.look(after_s=30) == {}
     (request,) = project.look(after_s=31).values()
-    assert request.asset_selection == DATASET
+    assert request.asset_selection == project.datasets
 
 
 def test_a_second_run_of_the_dataset_waits_for_the_first(project):
