@@ -275,6 +275,21 @@ def test_a_definition_by_hand_wins_over_known_and_standard_ones(tmp_path):
     assert [name for name, _ in nested.types["vision_msgs/msg/Detection3D"][1]] == ["mine"]
 
 
+def test_an_edited_definition_by_hand_is_read_again(tmp_path):
+    folder = tmp_path / "my_msgs"
+    folder.mkdir()
+    names = []
+    for text in ("uint32 before\n", "uint32 afterwards\n"):
+        (folder / "Pair.msg").write_text(text)
+        names += [
+            name
+            for name, _ in choice_of("my_msgs/msg/Pair", "cdr", None, [tmp_path]).best.types[
+                "my_msgs/msg/Pair"
+            ][1]
+        ]
+    assert names == ["before", "afterwards"]
+
+
 def test_an_embedded_definition_wins_over_one_by_hand(tmp_path):
     (tmp_path / "velodyne_msgs").mkdir()
     (tmp_path / "velodyne_msgs" / "VelodyneScan.msg").write_text("uint32 mine\n")

@@ -37,6 +37,8 @@ _TF_NAMES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 CHANGED_IN_HUMBLE = frozenset({"shape_msgs/msg/SolidPrimitive", "visualization_msgs/msg/Marker"})
 
 Lookup = Callable[[str], Any | None]
+# The `.msg` files of a folder with size and time, by which a process notices that one was edited.
+Listed = tuple[tuple[Path, int, int], ...]
 
 
 @dataclass(frozen=True)
@@ -143,13 +145,13 @@ def choice_of(
     Raises:
         RecordingError: a folder does not exist or holds something else.
     """
-    layouts = _layouts(msgtype, serialization, definition, tuple(folders))
+    layouts = _layouts(msgtype, serialization, definition, tuple(_listed(folder) for folder in folders))
     return layouts if isinstance(layouts, str) else Choice(layouts)
 
 
 @lru_cache(maxsize=512)  # compiling takes 10 ms a layout, and recordings of one rig have the same types
 def _layouts(
-    msgtype: str, serialization: Serialization, definition: Definition | None, folders: tuple[Path, ...]
+    msgtype: str, serialization: Serialization, definition: Definition | None, folders: tuple[Listed, ...]
 ) -> tuple[Layout, ...] | str:
     given = definition is not None and definition.format != "none" and bool(definition.text)
     try:
@@ -178,7 +180,7 @@ def short_reason(err: Exception) -> str:
 
 
 def _stacks(
-    msgtype: str, own: Types, folders: Sequence[Path], serialization: Serialization
+    msgtype: str, own: Types, folders: Sequence[Listed], serialization: Serialization
 ) -> Iterator[Sequence[Lookup]]:
     """Yield the ways to look up types, the likeliest first."""
     package = msgtype.partition("/")[0]
@@ -256,13 +258,18 @@ def _parsed(definition: Definition, msgtype: str) -> Types:
     return get_types_from_msg(definition.text, msgtype)
 
 
-@cache
-def _message_files(folder: Path) -> Mapping[str, Any]:
-    """Return the types defined in a folder of `.msg` files."""
+def _listed(folder: Path) -> Listed:
     if not folder.is_dir():
         raise RecordingError(f"{folder}: no such folder; correct bags.message_definitions in the recipe.")
+    found = [(path, path.stat()) for path in sorted(folder.rglob("*.msg"))]
+    return tuple((path, stat.st_size, stat.st_mtime_ns) for path, stat in found)
+
+
+@cache
+def _message_files(files: Listed) -> Mapping[str, Any]:
+    """Return the types defined in `.msg` files."""
     types: dict[str, Any] = {}
-    for path in sorted(folder.rglob("*.msg")):
+    for path, _, _ in files:
         package = path.parent.parent.name if path.parent.name == "msg" else path.parent.name
         try:
             types |= get_types_from_msg(path.read_text(encoding="utf-8"), f"{package}/msg/{path.stem}")
