@@ -13,7 +13,7 @@ from bagassets.errors import CalibrationError
 from bagassets.geometry.se3 import SE3, Floats, quaternion_multiply, rotate
 from bagassets.geometry.tf_tree import TfTree
 from bagassets.geometry.trajectory import Trajectory
-from bagassets.geometry.wgs84 import LocalFrame, utm
+from bagassets.geometry.wgs84 import LocalFrame, utm_track
 from bagassets.vision.relative import roll_pitch_yaw
 
 __all__ = ["Bodies", "TimedPoses", "csv_bytes", "geodetic_columns", "trajectory_table"]
@@ -152,15 +152,9 @@ def geodetic_columns(
         return None
     frame = LocalFrame(origin["lat"], origin["lon"], origin["alt"])
     lat, lon, alt = frame.to_geodetic(positions_m)
-    grid = [utm(float(a), float(b)) for a, b in zip(lat, lon, strict=True)]
-    numbers = {
-        "lat": lat,
-        "lon": lon,
-        "alt": alt,
-        "easting": np.array([point.easting_m if point else np.nan for point in grid]),
-        "northing": np.array([point.northing_m if point else np.nan for point in grid]),
-    }
-    return numbers, [point.zone if point else None for point in grid]
+    grid = utm_track(lat, lon)
+    numbers = {"lat": lat, "lon": lon, "alt": alt, "easting": grid.easting_m, "northing": grid.northing_m}
+    return numbers, grid.zones
 
 
 def csv_bytes(table: pa.Table) -> bytes:
