@@ -1,0 +1,206 @@
+"""What it costs to decide that thousands of recordings are fresh.
+
+Registers sparse recordings with made-up artifacts and records (10 assets each), then times commands
+from cold, each in a process of its own::
+
+    python benchmarks/plan.py [--recordings 10000] [--json FILE] [--folder DIR]
+
+It also times what one recording costs when the memory of the last plan is lost, on a real drive.
+"""
+
+import argparse
+import json
+import os
+import sqlite3
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import dagster as dg  # noqa: TID251  (records are made up here)
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+from bagassets.defs.events import event_database, fetch_recorded, latest_ids
+from bagassets.defs.partitions import add_partitions
+from bagassets.defs.planning import plan_now, plan_stamp
+from bagassets.defs.situation import opened
+from bagassets.defs.workspace import Workspace
+from bagassets.engine.dataset_build import dataset_code_versions
+from bagassets.engine.plan import Planner
+from bagassets.engine.plan_memo import PlanMemo, Remembered, fingerprint, signatures
+from bagassets.engine.plan_model import AssetState, BagPlan
+from bagassets.engine.recording_assets import assets_of
+from bagassets.nuscenes.dataset_tables import LOCK
+from bagassets.recipe.project import write_project
+from bagassets.store.canonical import digest_bytes
+from bagassets.vision.dataset import ANNOTATIONS
+from bagassets.vision.dataset import LOCK as VISION_LOCK
+
+RECIPE = """
+name: many
+bags: {root: bags}
+vision: {}
+preview: {trajectory_map: false}
+rigs:
+  - name: car
+    ego_pose: {source: odometry, topic: /odom}
+    channels:
+      CAM_FRONT: {modality: camera, topic: /cam/image_raw}
+      LIDAR_TOP: {modality: lidar, topic: /points}
+"""
+ROOT = Path(__file__).parents[1]
+SIZE = 1_000_000
+TIMES = 5
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--recordings", type=int, default=10_000)
+    parser.add_argument("--folder", type=Path, help="where to work; default: a temporary folder")
+    parser.add_argument("--json", type=Path, help="write the figures here")
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory(dir=options.folder) as folder:
+        recipe = Path(folder) / "project" / "recipe.yaml"
+        prepare(recipe, options.recordings)
+        figures: dict[str, Any] = {"recordings": options.recordings, "assets": 10}
+        dry = ["build", "--dry-run", "--json", "--recipe", str(recipe)]
+        figures["plan_cold_s"] = [timed(dry, '"settled": true') for _ in range(3)]
+        build = ["build", "--recipe", str(recipe)]
+        figures["build_full_s"] = timed(build, "fresh in")
+        figures["build_nothing_to_do_s"] = [timed(build, "nothing to do") for _ in range(TIMES)]
+        figures["walk_per_recording_s"] = walk(Path(folder) / "real" / "recipe.yaml")
+    for name, value in figures.items():
+        shown = f"{statistics.median(value):.3f}" if isinstance(value, list) else f"{value:.5g}"
+        print(f"{name:24} {shown}")
+    if options.json is not None:
+        options.json.write_text(json.dumps(figures, indent=1) + "\n", "utf-8")
+
+
+def timed(arguments: list[str], expected: str) -> float:
+    """Return the wall time of a command, in seconds; it must print what is expected."""
+    began = time.perf_counter()
+    done = subprocess.run(
+        [sys.executable, "-m", "bagassets", *arguments],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=ROOT,
+    )
+    seconds = time.perf_counter() - began
+    if done.returncode or expected not in done.stdout:
+        sys.exit(f"{arguments} ended with {done.returncode}:\n{done.stdout[-1000:]}\n{done.stderr[-2000:]}")
+    return seconds
+
+
+def prepare(recipe_file: Path, number: int) -> None:
+    """Make a project of sparse recordings that are all fresh."""
+    write_project(recipe_file.parent, RECIPE)
+    bags = recipe_file.parent / "bags"
+    bags.mkdir()
+    for index in range(number):
+        with (bags / f"r{index:06}.bag").open("wb") as stream:
+            stream.truncate(SIZE)
+    with opened(recipe_file) as (instance, workspace):
+        recipe = workspace.recipe
+        found = workspace.discover().found
+        add_partitions(instance, recipe, list(found))
+        assets = ("bag", *assets_of(recipe))
+        record(instance, assets, list(found))
+        ids, stamp = latest_ids(instance), plan_stamp(workspace)
+        remembered = []
+        for key, recording in found.items():
+            states = {}
+            for asset in assets:
+                digest = digest_bytes(f"{key} {asset}".encode())
+                if asset != "bag":
+                    artifact(recipe.store_path, digest)
+                states[asset] = AssetState("fresh", "up to date", digest)
+            channels = tuple(digest_bytes(f"{key} channel {n}".encode()) for n in range(2))
+            for digest in channels:
+                artifact(recipe.store_path, digest)
+            recorded = {asset: str(state.data_version) for asset, state in states.items()}
+            plan = BagPlan(key, states, "ros1", recorded, channels)
+            mark = fingerprint(stamp, recording, {asset: ids[asset][key] for asset in assets})
+            remembered.append(Remembered(mark, plan, str(signatures(workspace.store, plan))))
+        PlanMemo(recipe.state).save(remembered, [])
+        datasets(instance, workspace)
+
+
+def artifact(store: Path, digest: str) -> None:
+    """Make an artifact of one file, of which only the names matter here."""
+    folder = f"{store}/artifacts/{digest[:2]}/{digest}"
+    os.makedirs(f"{folder}/files")  # noqa: PTH103  (a hundred thousand times)
+    for name in ("manifest.json", "files/index.parquet"):
+        os.close(os.open(f"{folder}/{name}", os.O_CREAT | os.O_WRONLY))
+
+
+def record(instance: dg.DagsterInstance, assets: tuple[str, ...], keys: list[str]) -> None:
+    """Record a materialization of every asset of every recording: one by Dagster, copies of it by SQL."""
+    for asset in assets:
+        instance.report_runless_asset_event(
+            dg.AssetMaterialization(
+                asset, partition=keys[0], tags={"dagster/data_version": "0" * 64, "dagster/code_version": "1"}
+            )
+        )
+    with sqlite3.connect(str(event_database(instance))) as connection:
+        columns = "run_id, event, dagster_event_type, timestamp, step_key, asset_key, partition"
+        rows = connection.execute(
+            f"SELECT {columns} FROM event_logs WHERE dagster_event_type = 'ASSET_MATERIALIZATION'"
+        ).fetchall()
+        for row in rows:
+            copies = ([*row[:1], row[1].replace(keys[0], key), *row[2:6], key] for key in keys[1:])
+            connection.executemany(f"INSERT INTO event_logs ({columns}) VALUES (?, ?, ?, ?, ?, ?, ?)", copies)
+
+
+def datasets(instance: dg.DagsterInstance, workspace: Workspace) -> None:
+    """Make datasets on disk of which only the lock files matter, and record them."""
+    recipe = workspace.recipe
+    inputs = plan_now(instance, workspace).inputs
+    if len(inputs.parts) != len(workspace.discover().found):
+        sys.exit("the benchmark is out of date: the plan does not take its recordings for fresh")
+    for name in ("samples", "sweeps", "maps", recipe.nuscenes.version):
+        (recipe.nuscenes.output / name).mkdir(parents=True)
+    time.sleep(0.05)
+    (recipe.nuscenes.output / recipe.nuscenes.version / LOCK).write_text('{"bags": []}', "utf-8")
+    if recipe.vision is not None:
+        (recipe.vision.output / ANNOTATIONS).mkdir(parents=True)
+        (recipe.vision.output / ANNOTATIONS / VISION_LOCK).write_text('{"bags": [], "files": []}', "utf-8")
+    for asset, version in dataset_code_versions(recipe).items():
+        instance.report_runless_asset_event(
+            dg.AssetMaterialization(
+                asset,
+                tags={
+                    "dagster/data_version": "1",
+                    "dagster/code_version": version,
+                    "dagster/input_data_version/dataset_inputs": inputs.digest,
+                },
+            )
+        )
+
+
+def walk(recipe_file: Path) -> float:
+    """Return what looking into one recording costs, in seconds: a fresh one of a real project."""
+    from bagassets_tests.small_drive import write_drive  # noqa: PLC0415  (of a source checkout)
+
+    for number in range(4):
+        write_drive(recipe_file.parent / "bags" / f"{number}.bag", "ros1", duration_s=2.0 + number)
+    write_project(recipe_file.parent, RECIPE)
+    timed(["build", "--recipe", str(recipe_file)], "built in")
+    with opened(recipe_file) as (instance, workspace):
+        found = workspace.discover().found
+        recorded = fetch_recorded(instance, latest_ids(instance), found)
+        planner = Planner(workspace.recipe, workspace.store, workspace.index)
+        if not all(planner.plan(recording, recorded[key]).settled for key, recording in found.items()):
+            sys.exit("the recordings should be fresh after a build")
+        began = time.perf_counter()
+        for _ in range(TIMES):
+            for key, recording in found.items():
+                planner.plan(recording, recorded[key])
+        return (time.perf_counter() - began) / TIMES / len(found)
+
+
+if __name__ == "__main__":
+    main()
