@@ -6,7 +6,9 @@ from collections.abc import Iterator
 import dagster as dg
 
 from bagassets.bags.digest import recording_digest, recording_stat
+from bagassets.defs.descriptions import DESCRIPTIONS, KINDS
 from bagassets.defs.events import STAT, recorded_artifact, recorded_partition
+from bagassets.defs.markdown import human_size
 from bagassets.defs.pictures import picture_metadata
 from bagassets.defs.reporting import failures_in_words, result_metadata
 from bagassets.defs.workspace import Workspace, recording_partitions
@@ -19,30 +21,6 @@ from bagassets.recipe.model import Recipe
 __all__ = ["recording_assets"]
 
 GROUP = "recording"
-_DESCRIPTIONS = {
-    "bag": "A recording: its files, format and size. Its data version is the digest of its content.",
-    "inventory": "What is in the recording: topics, types, counts, rates, gaps, clock offsets, digests per topic.",
-    "calibration": "Extrinsics `ego <- sensor` from TF, URDF or recipe, and camera intrinsics with distortion.",
-    "ego_poses": "Poses of the ego frame over time in local metres, with the origin that they refer to.",
-    "annotations": "3-D boxes with track ids in the global frame.",
-    "frames": "Camera images, one artifact per channel: undistorted, encoded, indexed by stamp.",
-    "sweeps": "Lidar and radar point files, one artifact per channel, indexed by stamp.",
-    "nuscenes_tables": "This recording's rows of the nuScenes tables: scenes, keyframes, readings, boxes.",
-    "vision_sequences": "This recording's part of the vision dataset: image sequences with relative trajectories.",
-    "preview": "Pictures of the recording for people; the small ones are shown right here.",
-}
-_KINDS = {
-    "bag": {"ros"},
-    "inventory": {"json", "parquet"},
-    "calibration": {"json"},
-    "ego_poses": {"parquet"},
-    "annotations": {"parquet"},
-    "frames": {"image", "parquet"},
-    "sweeps": {"pointcloud", "parquet"},
-    "nuscenes_tables": {"nuscenes", "json"},
-    "vision_sequences": {"image", "json"},
-    "preview": {"image"},
-}
 # Made together, because passes over the recording are what costs.
 _EXTRACTED = tuple(asset for asset in ASSETS if asset != "nuscenes_tables")
 
@@ -55,8 +33,8 @@ def recording_assets(recipe: Recipe) -> list[dg.AssetsDefinition]:
         name="bag",
         partitions_def=partitions,
         group_name=GROUP,
-        kinds=_KINDS["bag"],
-        description=_DESCRIPTIONS["bag"],
+        kinds=KINDS["bag"],
+        description=DESCRIPTIONS["bag"],
         code_version="1",
     )
     def bag(context: dg.AssetExecutionContext, workspace: Workspace) -> dg.MaterializeResult[None]:
@@ -69,6 +47,7 @@ def recording_assets(recipe: Recipe) -> list[dg.AssetsDefinition]:
                 metadata={
                     "path": dg.MetadataValue.path(str(found.path)),
                     "format": found.format,
+                    "size": human_size(found.size),
                     "size_bytes": found.size,
                     "files": len(found.files),
                     "digest": digest.digest,
@@ -121,10 +100,12 @@ def _optional_asset(recipe: Recipe, asset: str) -> dg.AssetsDefinition:
 def _spec(recipe: Recipe, asset: str, *, skippable: bool) -> dg.AssetSpec:
     return dg.AssetSpec(
         asset,
-        deps=["bag", *UPSTREAM[asset]] if asset in _EXTRACTED else list(UPSTREAM[asset]),
+        # The rest follows the recording through its inventory, which has a digest of each topic: so a
+        # recording that was only indexed or compressed anew leaves them fresh, for Dagster's markers too.
+        deps=list(UPSTREAM[asset]) or ["bag"],
         group_name=GROUP,
-        kinds=_KINDS[asset],
-        description=_DESCRIPTIONS[asset],
+        kinds=KINDS[asset],
+        description=DESCRIPTIONS[asset],
         code_version=code_version(recipe, asset),
         skippable=skippable,
     )

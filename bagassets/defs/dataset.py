@@ -3,7 +3,7 @@
 import dagster as dg
 
 from bagassets.defs.planning import plan_now
-from bagassets.defs.reporting import dataset_metadata, failures_in_words
+from bagassets.defs.reporting import dataset_metadata, failures_in_words, inputs_metadata
 from bagassets.defs.workspace import Workspace
 from bagassets.engine.dataset_build import (
     DatasetInputs,
@@ -11,12 +11,24 @@ from bagassets.engine.dataset_build import (
     dataset_code_versions,
     is_on_disk,
 )
+from bagassets.engine.recording_assets import assets_of
 from bagassets.recipe.model import Recipe
 
 __all__ = ["DATASET_ASSETS", "current_inputs", "dataset_assets", "dataset_is_current", "record_inputs"]
 
 GROUP = "dataset"
 DATASET_ASSETS = ("dataset_inputs", "nuscenes_dataset")
+INPUTS_CODE_VERSION = "1"
+
+_INPUTS = """Which recordings the datasets are made from, and why others are left out.
+
+Its data version is a digest over the partition keys and data versions of all recordings that take part. A change or a
+removal among any number of them shows here, where Dagster itself looks at no more than 100 partitions. The sensor and
+`bagassets build` record it without a run."""
+_DATASET = """The nuScenes dataset of all recordings, which the nuscenes-devkit loads.
+
+Samples, sweeps and maps are links to artifacts; the tables are exchanged in one step, so that a reader never sees half a
+dataset. `dataset.lock.json` names every recording and artifact, and what was skipped or failed."""
 
 
 def current_inputs(instance: dg.DagsterInstance, workspace: Workspace) -> DatasetInputs:
@@ -47,7 +59,7 @@ def _is_current(
     )
 
 
-def record_inputs(instance: dg.DagsterInstance, inputs: DatasetInputs) -> None:
+def record_inputs(instance: dg.DagsterInstance, recipe: Recipe, inputs: DatasetInputs) -> None:
     """Record `dataset_inputs` without a run (about 10 ms), if it changed.
 
     Its tags say what it was made from, as those of a run would: else Dagster's markers call it stale.
@@ -62,23 +74,31 @@ def record_inputs(instance: dg.DagsterInstance, inputs: DatasetInputs) -> None:
     instance.report_runless_asset_event(
         dg.AssetMaterialization(
             asset_key="dataset_inputs",
-            metadata=dict(inputs.as_json()),
+            metadata=inputs_metadata(inputs),
             tags={
                 "dagster/data_version": inputs.digest,
-                "dagster/code_version": "1",
-                "dagster/input_data_version/nuscenes_tables": inputs.digest,
-                "dagster/input_event_pointer/nuscenes_tables": str(_newest_tables(instance)),
+                "dagster/code_version": INPUTS_CODE_VERSION,
+                **_provenance(instance, recipe, inputs),
             },
         )
     )
 
 
-def _newest_tables(instance: dg.DagsterInstance) -> int:
-    """Return the storage id of the newest `nuscenes_tables` of all recordings; Dagster looks for newer ones."""
-    ids = instance.event_log_storage.get_latest_storage_id_by_partition(
-        dg.AssetKey("nuscenes_tables"), dg.DagsterEventType.ASSET_MATERIALIZATION
-    )
-    return max(ids.values(), default=0)
+def _provenance(instance: dg.DagsterInstance, recipe: Recipe, inputs: DatasetInputs) -> dict[str, str]:
+    """Return tags that name the newest record of all recordings; Dagster looks for newer ones."""
+    tags = {}
+    for asset in _read_of_recordings(recipe):
+        ids = instance.event_log_storage.get_latest_storage_id_by_partition(
+            dg.AssetKey(asset), dg.DagsterEventType.ASSET_MATERIALIZATION
+        )
+        tags[f"dagster/input_data_version/{asset}"] = inputs.digest
+        tags[f"dagster/input_event_pointer/{asset}"] = str(max(ids.values(), default=0))
+    return tags
+
+
+def _read_of_recordings(recipe: Recipe) -> list[str]:
+    """Return the assets of a recording that the datasets are made from."""
+    return [asset for asset in ("nuscenes_tables", "vision_sequences") if asset in assets_of(recipe)]
 
 
 def dataset_assets(recipe: Recipe) -> list[dg.AssetsDefinition]:
@@ -86,28 +106,28 @@ def dataset_assets(recipe: Recipe) -> list[dg.AssetsDefinition]:
 
     @dg.asset(
         name="dataset_inputs",
-        deps=[dg.AssetDep("nuscenes_tables", partition_mapping=dg.AllPartitionMapping())],
+        deps=[
+            dg.AssetDep(asset, partition_mapping=dg.AllPartitionMapping())
+            for asset in _read_of_recordings(recipe)
+        ],
         group_name=GROUP,
         kinds={"json"},
-        description=(
-            "Which recordings the dataset is made from. Its data version is a digest of their keys and versions, "
-            "so that a change or a removal among any number of recordings is noticed."
-        ),
-        code_version="1",
+        description=_INPUTS,
+        code_version=INPUTS_CODE_VERSION,
     )
     def dataset_inputs(context: dg.AssetExecutionContext, workspace: Workspace) -> dg.MaterializeResult[None]:
         with failures_in_words():
             inputs = current_inputs(context.instance, workspace)
             return dg.MaterializeResult(
-                data_version=dg.DataVersion(inputs.digest), metadata=dict(inputs.as_json())
+                data_version=dg.DataVersion(inputs.digest), metadata=inputs_metadata(inputs)
             )
 
     @dg.asset(
         name="nuscenes_dataset",
         deps=["dataset_inputs"],
         group_name=GROUP,
-        kinds={"nuscenes"},
-        description="The nuScenes dataroot: samples, sweeps, maps and tables of all recordings, swapped in atomically.",
+        kinds={"nuscenes", "dataset"},
+        description=_DATASET,
         code_version=dataset_code_versions(recipe)["nuscenes_dataset"],
     )
     def nuscenes_dataset(

@@ -54,7 +54,7 @@ def build(recipe_file: Path, options: BuildOptions, on_event: Listener) -> Build
                 now = survey(instance, workspace)
                 _tell(report, now, runs)
                 if before.datasets and not now.dataset_is_current and not runs.interrupted:
-                    record_inputs(instance, now.planned.inputs)
+                    record_inputs(instance, recipe, now.planned.inputs)
                     runs.work({"": before.datasets})
             report.interrupted = runs.interrupted
             report.dataset, report.dataset_problem = _dataset_outcome(runs.ended.get(""))

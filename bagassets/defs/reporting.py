@@ -1,81 +1,114 @@
 """From results to what people see in Dagster: metadata, and failures without tracebacks."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
 import dagster as dg
 
-from bagassets.engine.recording_build import AssetResult
+from bagassets.defs.markdown import (
+    calibration_table,
+    counts_table,
+    human_size,
+    record_table,
+    table,
+    topics_table,
+)
+from bagassets.engine.dataset_build import DatasetInputs
+from bagassets.engine.recording_assets import AssetResult
 from bagassets.errors import BagAssetsError
 from bagassets.splits import SplitShare
 from bagassets.steps.nuscenes_dataset import DatasetSummary
 
-CHANNEL_ASSETS = ("frames", "sweeps")
+__all__ = ["dataset_metadata", "failures_in_words", "inputs_metadata", "result_metadata", "split_table"]
 
-__all__ = ["dataset_metadata", "failures_in_words", "result_metadata"]
+CHANNEL_ASSETS = ("frames", "sweeps")
+_COUNTS = {"read", "written", "merged", "lost"}
 
 
 def result_metadata(result: AssetResult) -> dict[str, Any]:
-    """Return counts, sizes, digests and durations of a result as Dagster metadata."""
-    files = result.artifact.entries()
-    metadata: dict[str, Any] = {
-        "cached": result.cached,
-        "action_digest": result.action_digest,
-        "artifact": dg.MetadataValue.path(str(result.artifact.folder)),
-        "files": len(files),
-        "size_bytes": sum(entry.size for entry in files),
+    """Return a result as Dagster metadata: what people look for first, digests and paths last."""
+    summary = dict(result.artifact.summary())
+    metadata: dict[str, Any] = {}
+    if result.asset == "inventory":
+        metadata["contents"] = dg.MetadataValue.md(topics_table(result.artifact))
+    elif result.asset == "calibration":
+        metadata["mounting"] = dg.MetadataValue.md(calibration_table(result.artifact))
+    elif result.asset in CHANNEL_ASSETS:
+        metadata["channels"] = dg.MetadataValue.md(counts_table(summary.pop("channels")))
+    metadata |= {name: shown for name, value in summary.items() if (shown := _shown(value)) is not None}
+    # The artifact of frames or sweeps just names those of the channels.
+    size = metadata.pop("bytes", None) or sum(entry.size for entry in result.artifact.entries())
+    return metadata | {
+        "size": human_size(size),
+        "size_bytes": size,
         "seconds": round(result.seconds, 3),
+        "cached": result.cached,
+        "artifact": dg.MetadataValue.path(str(result.artifact.folder)),
+        "action_digest": result.action_digest,
     }
-    for name, value in result.artifact.summary().items():
-        if name == "channels" and result.asset in CHANNEL_ASSETS:
-            metadata["channels"] = dg.MetadataValue.md(channel_table(value))
-        elif isinstance(value, bool | int | float | str):
-            metadata[name] = value
-        elif value is not None:
-            metadata[name] = dg.MetadataValue.json(value)
+
+
+def _shown(value: Any) -> Any:
+    """Return a fact as people like to read it, or None if there is nothing to tell."""
+    if isinstance(value, bool | int | float | str):
+        return value
+    if not value:
+        return None
+    if isinstance(value, list) and all(isinstance(item, str) for item in value):
+        return ", ".join(value)
+    if isinstance(value, dict):
+        if set(value) == _COUNTS and isinstance(value["read"], int):
+            return dg.MetadataValue.md(counts_table({"all": value}, "messages"))
+        if all(isinstance(item, int | float | str) for item in value.values()):
+            return dg.MetadataValue.md(record_table(value, ("", "")))
+    return dg.MetadataValue.json(value)
+
+
+def inputs_metadata(inputs: DatasetInputs) -> dict[str, Any]:
+    """Return how many recordings enter the dataset, and why others do not."""
+    metadata: dict[str, Any] = dict(inputs.as_json())
+    for name, reasons in (("why_failed", inputs.failed), ("why_skipped", inputs.skipped)):
+        if reasons:
+            metadata[name] = dg.MetadataValue.md(record_table(reasons, ("recording", "reason")))
     return metadata
 
 
 def dataset_metadata(made: DatasetSummary) -> dict[str, Any]:
     """Return rows, splits and files of a dataset as Dagster metadata."""
-    return {
+    metadata: dict[str, Any] = {
         "dataroot": dg.MetadataValue.path(str(made.folder.parent)),
         "version": made.folder.name,
         "scenes": made.rows.get("scene", 0),
         "keyframes": made.rows.get("sample", 0),
-        "rows": dg.MetadataValue.json(dict(made.rows)),
-        "splits": dg.MetadataValue.json(dict(made.splits)),
-        "split_shares": dg.MetadataValue.md(split_table(made.shares)),
-        "files": dg.MetadataValue.json(dict(made.files)),
-        "duplicates": dg.MetadataValue.json(dict(made.duplicates)),
+        "boxes": made.rows.get("sample_annotation", 0),
+        "splits": dg.MetadataValue.md(split_table(made.shares)),
+        "rows": dg.MetadataValue.md(record_table(made.rows, ("table", "rows"))),
         "changed": made.changed,
     }
-
-
-def channel_table(channels: Mapping[str, Mapping[str, Any]]) -> str:
-    """Return a Markdown table of where the messages of each channel went."""
-    lines = ["| channel | read | written | merged | lost |", "|---|--:|--:|--:|---|"]
-    for name, counts in sorted(channels.items()):
-        lost = (
-            ", ".join(f"{number} {reason}" for reason, number in sorted(counts.get("lost", {}).items()))
-            or "0"
+    if made.files:
+        metadata["files"] = dg.MetadataValue.md(record_table(made.files, ("way", "files")))
+    if made.duplicates:
+        metadata["duplicates"] = dg.MetadataValue.md(
+            record_table(made.duplicates, ("left out", "same content as"))
         )
-        lines.append(
-            f"| {name} | {counts['read']} | {counts['written']} | {counts.get('merged', 0)} | {lost} |"
-        )
-    return "\n".join(lines)
+    return metadata
 
 
 def split_table(shares: Sequence[SplitShare]) -> str:
     """Return a Markdown table of what each split got, by time, against what was asked for."""
-    lines = ["| split | recordings | seconds | share | asked | deviation |", "|---|--:|--:|--:|--:|--:|"]
-    lines += [
-        f"| {share.name} | {share.recordings} | {share.duration_s:.1f} | {share.share:.1%} | {share.asked:.1%} "
-        f"| {share.deviation:+.1%} |"
+    rows = [
+        (
+            share.name,
+            share.recordings,
+            f"{share.duration_s:.1f} s",
+            f"{share.share:.1%}",
+            f"{share.asked:.1%}",
+            f"{share.deviation:+.1%}",
+        )
         for share in shares
     ]
-    return "\n".join(lines)
+    return table(("split", "recordings", "duration", "share", "asked for", "deviation"), rows)
 
 
 @contextmanager

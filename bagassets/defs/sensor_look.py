@@ -149,7 +149,7 @@ class Look:
         return bool(runs) and runs[0].status == dg.DagsterRunStatus.CANCELED
 
     def _dataset_request(self, inputs: DatasetInputs, now_s: float) -> list[dg.RunRequest]:
-        record_inputs(self._instance, inputs)
+        record_inputs(self._instance, self._workspace.recipe, inputs)
         if dataset_is_current(self._instance, self._workspace.recipe, inputs):
             self.cursor.forget([DATASET])
             return []

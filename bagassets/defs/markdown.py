@@ -1,0 +1,79 @@
+"""Facts as Markdown tables, which the web UI shows inside a materialization's metadata."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from bagassets.store.artifact import Artifact
+
+__all__ = ["calibration_table", "counts_table", "human_size", "record_table", "table", "topics_table"]
+
+MOST_ROWS = 60
+
+
+def table(header: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
+    """Return a Markdown table; columns that hold numbers only are aligned to the right."""
+    numeric = [
+        bool(rows) and all(isinstance(row[column], int | float) for row in rows)
+        for column in range(len(header))
+    ]
+    lines = [_line(header), _line(["--:" if is_number else "---" for is_number in numeric])]
+    lines += [_line([_cell(value) for value in row]) for row in rows[:MOST_ROWS]]
+    if len(rows) > MOST_ROWS:
+        lines.append(_line([f"… and {len(rows) - MOST_ROWS} more", *[""] * (len(header) - 1)]))
+    return "\n".join(lines)
+
+
+def record_table(record: Mapping[str, Any], header: tuple[str, str]) -> str:
+    """Return a table of two columns."""
+    return table(header, list(record.items()))
+
+
+def counts_table(counts: Mapping[str, Mapping[str, Any]], name: str = "channel") -> str:
+    """Return where the messages of each channel or topic went: written, merged, or lost and why."""
+    rows = []
+    for key, entry in sorted(counts.items()):
+        lost = ", ".join(f"{number} {reason}" for reason, number in sorted(entry.get("lost", {}).items()))
+        rows.append((key, entry["read"], entry["written"], entry.get("merged", 0), lost or "none"))
+    return table((name, "read", "written", "merged", "lost"), rows)
+
+
+def topics_table(inventory: Artifact) -> str:
+    """Return the topics of a recording, from its inventory."""
+    topics = inventory.read_json("inventory.json")["topics"]
+    rows = []
+    for topic in topics:
+        rate = "" if topic["rate_hz"] is None else f"{topic['rate_hz']:.4g} Hz"
+        rows.append((topic["name"], topic["type"], topic["count"], rate, topic["problem"] or ""))
+    return table(("topic", "type", "messages", "rate", "problem"), rows)
+
+
+def calibration_table(calibration: Artifact) -> str:
+    """Return where each sensor sits on the vehicle and which lens it has, from a calibration."""
+    rows = []
+    for name, entry in sorted(calibration.read_json("calibration.json")["channels"].items()):
+        x_m, y_m, z_m = (f"{value:.3f}" for value in entry["ego_SE3_sensor"]["translation"])
+        camera = entry["camera"]
+        lens = "" if camera is None else f"{camera['width']} x {camera['height']}, {camera['model']}"
+        rows.append((name, entry["frame"], f"{x_m}, {y_m}, {z_m}", entry["source"], lens))
+    return table(("channel", "frame", "x, y, z in the ego frame (m)", "from", "camera"), rows)
+
+
+def human_size(size: int) -> str:
+    """Return a number of bytes for people."""
+    if size < 1000:
+        return f"{size} B"
+    value = float(size)
+    for unit in ("kB", "MB", "GB"):
+        value /= 1000
+        if value < 1000:
+            return f"{value:.3g} {unit}"
+    return f"{value / 1000:.3g} TB"
+
+
+def _line(cells: Sequence[str]) -> str:
+    return "| " + " | ".join(cells) + " |"
+
+
+def _cell(value: Any) -> str:
+    # A vertical bar would end the cell, a line break the table.
+    return str(value).replace("|", "\\|").replace("\n", " ")
