@@ -158,7 +158,7 @@ def undistort(
     if pixels.dtype == np.uint8:
         mixed: NDArray[Any] = cv2.remap(pixels, *maps, cv2.INTER_LINEAR)
         return mixed
-    exact: Floats = cv2.remap(pixels.astype(np.float64), *maps, cv2.INTER_LINEAR)
+    exact = np.asarray(cv2.remap(pixels.astype(np.float64), *maps, cv2.INTER_LINEAR), dtype=np.float64)
     return np.floor(exact + 0.5).astype(np.uint16)
 
 
