@@ -20,6 +20,7 @@ OUTSIDE = "its time is outside the recording"
 UNMAPPED = "its class is not in `categories`"
 SECOND = "second box of one track at one time"
 
+_LATEST_NS = 1 << 63
 # Labels at the very ends of a recording still serve interpolation.
 SPAN_MARGIN_NS = 1_000_000_000
 
@@ -221,6 +222,8 @@ class BoxCollector:
         """Return why a box cannot be used, or None."""
         if box.stamp_ns <= 0:
             return "its stamp is zero"
+        if box.stamp_ns >= _LATEST_NS:
+            return "its stamp is centuries away"
         if not all(isfinite(value) for value in (*box.size_m, box.score)):
             return "its size or score is not finite"
         if min(box.size_m) <= 0:

@@ -79,7 +79,7 @@ def _problem(entry: Any) -> str | None:
     for name in entry:
         if name not in _REQUIRED and name not in _OPTIONAL:
             return f"it has the unknown field {name}"
-    if type(entry["stamp_ns"]) is not int:
+    if type(entry["stamp_ns"]) is not int or not 0 <= entry["stamp_ns"] < 1 << 63:
         return "its stamp_ns is no whole number"
     for name in ("category", "frame"):
         if not isinstance(entry.get(name, ""), str):
@@ -133,8 +133,11 @@ def _row_label(row: int, entry: Mapping[str, Any]) -> Label:
         return Label(row, problem=f"its {empty[0]} is empty")
     if not all(is_number(entry[name]) for name in _NUMBERS):
         return Label(row, problem="a coordinate is no number")
-    track = entry.get("track_id")
-    score = entry.get("score")
+    track, score, attributes = (entry.get(name) for name in ("track_id", "score", "attributes"))
+    if score is not None and not is_number(score):
+        return Label(row, problem="its score is no number")
+    if not isinstance(attributes or [], list) or not all(isinstance(name, str) for name in attributes or []):
+        return Label(row, problem="its attributes are no list of texts")
     return box_label(
         row,
         [float(entry[name]) for name in ("x", "y", "z")],
@@ -144,6 +147,6 @@ def _row_label(row: int, entry: Mapping[str, Any]) -> Label:
         category=str(entry["category"]),
         frame_id=str(entry.get("frame") or "").lstrip("/"),
         stamp_ns=entry["stamp_ns"],
-        attributes=tuple(entry.get("attributes") or ()),
+        attributes=tuple(attributes or ()),
         score=1.0 if score is None else float(score),
     )

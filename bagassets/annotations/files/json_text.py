@@ -23,6 +23,8 @@ def parse(text: str) -> Any:
         return json.loads(text)
     except json.JSONDecodeError as err:
         raise UnreadableLabelsError(err.lineno, f"is no JSON: {err.msg} at column {err.colno}") from None
+    except ValueError:  # Python refuses to read integers of thousands of digits
+        raise UnreadableLabelsError(0, "has a number with thousands of digits") from None
     except RecursionError:
         raise UnreadableLabelsError(0, "is nested too deeply") from None
 

@@ -84,6 +84,8 @@ def read_kitti_tracklets(data: bytes) -> Iterator[Label]:
         handler.parser.Parse(data, True)
     except expat.ExpatError as err:
         raise UnreadableLabelsError(err.lineno, f"is no XML: {expat.ErrorString(err.code)}") from None
+    except (ValueError, LookupError) as err:
+        raise UnreadableLabelsError(1, f"is in an encoding that cannot be read ({err})") from None
     if not handler.has_root:
         raise UnreadableLabelsError(1, f"has no element {'/'.join(_TRACKLET[:2])}")
     for number, tracklet in enumerate(handler.tracklets):

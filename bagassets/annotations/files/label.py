@@ -25,6 +25,9 @@ __all__ = [
 ]
 
 
+_GREATEST = 10**300
+
+
 class UnreadableLabelsError(DecodeError):
     """A label file does not parse; `line` counts from 1, 0 if it is not known."""
 
@@ -94,6 +97,10 @@ def box_label(
         attributes: see `BoxReading`.
         score: see `BoxReading`.
     """
+    try:
+        "".join((track_id, category, frame_id, *attributes)).encode()
+    except UnicodeEncodeError:  # JSON can spell half a character
+        return Label(line, problem="a text in it has broken characters")
     if not all(isfinite(value) for value in (*center, *rotation)):
         return Label(line, problem="its position or rotation is not finite")
     if abs(sum(value * value for value in rotation) - 1.0) > 0.2:
@@ -135,5 +142,7 @@ def as_text(data: bytes) -> str:
 
 
 def is_number(value: Any) -> bool:
-    """Tell whether a JSON value is a number."""
-    return isinstance(value, int | float) and not isinstance(value, bool)
+    """Tell whether a JSON value is a number that a float can hold."""
+    if isinstance(value, int) and not isinstance(value, bool):
+        return abs(value) < _GREATEST
+    return isinstance(value, float)

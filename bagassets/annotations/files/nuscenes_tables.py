@@ -72,7 +72,7 @@ def _label(line: int, row: Any, tables: TableSet) -> Label:
     if not isinstance(row, dict):
         return Label(line, problem="it is no row")
     sample = tables.row("sample", row.get("sample_token"))
-    if sample is None or not is_number(sample.get("timestamp")):
+    if sample is None or type(sample.get("timestamp")) is not int:
         return Label(line, problem="its sample_token is in no row of sample.json")
     if not tables.is_wanted(sample):
         return Label(line)
@@ -82,7 +82,8 @@ def _label(line: int, row: Any, tables: TableSet) -> Label:
     category = tables.row("category", instance.get("category_token"))
     if category is None:
         return Label(line, problem="the category of its instance is in no row of category.json")
-    attributes = [tables.row("attribute", token) for token in row.get("attribute_tokens") or ()]
+    named = row.get("attribute_tokens")
+    attributes = [tables.row("attribute", token) for token in (named if isinstance(named, list) else [None])]
     if None in attributes:
         return Label(line, problem="an attribute token is in no row of attribute.json")
     for name, number in (("translation", 3), ("rotation", 4), ("size", 3)):

@@ -3,6 +3,7 @@
 import re
 from calendar import timegm
 from collections.abc import Sequence
+from datetime import UTC, datetime
 from pathlib import PurePath
 from typing import Protocol
 
@@ -11,6 +12,7 @@ from bagassets.annotations.files.label import UnreadableLabelsError, as_text
 __all__ = ["FrameClock", "NamedFrames", "NumberedFrames", "read_times"]
 
 _DIGITS = {"ns": 0, "us": 3, "ms": 6, "s": 9}
+_MOST_DIGITS = 19
 _NUMBER = re.compile(r"(\d+)(?:\.(\d+))?$")
 _DATE = re.compile(r"(\d{4})-(\d\d)-(\d\d)[ T](\d\d):(\d\d):(\d\d)(?:\.(\d{1,9})\d*)?Z?$")
 
@@ -68,11 +70,10 @@ def read_times(data: bytes) -> list[int]:
         UnreadableLabelsError: a line is neither.
     """
     stamps = []
-    for line, text in enumerate(as_text(data).splitlines(), start=1):
+    # A blank line is no frame: were it left out, all later frames would move.
+    for line, text in enumerate(as_text(data).rstrip().splitlines(), start=1):
         word = text.strip()
-        if not word:
-            continue
-        if word.isdecimal():
+        if word.isdecimal() and len(word) <= _MOST_DIGITS:
             stamps.append(int(word))
             continue
         found = _DATE.match(word)
@@ -81,6 +82,10 @@ def read_times(data: bytes) -> list[int]:
                 line, f"{word[:40]!r} is neither a time in nanoseconds nor 2011-09-26 13:02:25.964389445"
             )
         year, month, day, hour, minute, second = (int(part) for part in found.groups()[:6])
+        try:
+            datetime(year, month, day, hour, minute, min(second, 59), tzinfo=UTC)
+        except ValueError as err:
+            raise UnreadableLabelsError(line, f"{word!r} is no time: {err}") from None
         seconds = timegm((year, month, day, hour, minute, second))
         stamps.append(seconds * 10**9 + int((found[7] or "0").ljust(9, "0")))
     return stamps
