@@ -17,6 +17,7 @@ from bagassets.decode.boxes import BoxDecoder
 from bagassets.decode.image import ENCODINGS
 from bagassets.decode.model import BoxReading, CloudReading, ImageReading, PoseReading, RadarReading
 from bagassets.errors import DecodeError, PluginError
+from bagassets.geometry.se3 import SE3
 from bagassets.plugins import DecoderPlugin, Family, installed_decoders
 
 __all__ = ["decoder_params", "plugin_box_decoder", "plugin_decoder"]
@@ -61,11 +62,7 @@ def plugin_decoder(
 
     def decode(message: Any) -> Any:
         reading = _guarded(plugin, function, message)
-        if not isinstance(reading, kind):
-            raise DecodeError(f"{plugin} returned {type(reading).__name__}, not {kind.__name__}")
-        problem = _problem(reading)
-        if problem is not None:
-            raise DecodeError(f"{plugin} returned a {kind.__name__} whose {problem}")
+        _check(plugin, reading, kind)
         return reading
 
     return decode
@@ -89,9 +86,11 @@ def plugin_box_decoder(msgtype: str, given: Mapping[str, str] | None) -> BoxDeco
 
     def decode(message: Any, item: Any) -> BoxReading | None:
         box = _guarded(plugin, decoder.decode, message, item)
-        if box is not None and not isinstance(box, BoxReading):
-            raise DecodeError(f"{plugin} returned {type(box).__name__}, not BoxReading")
-        return box
+        if box is None:
+            return None
+        _check(plugin, box, BoxReading)
+        reading: BoxReading = box
+        return reading
 
     return BoxDecoder(items, decode)
 
@@ -145,6 +144,15 @@ def _place(err: Exception) -> str:
     return f" at {Path(own[-1].filename).name}:{own[-1].lineno}" if own else ""
 
 
+def _check(plugin: DecoderPlugin, reading: Any, kind: type) -> None:
+    """Raise DecodeError unless a reading is what its family says."""
+    if not isinstance(reading, kind):
+        raise DecodeError(f"{plugin} returned {type(reading).__name__}, not {kind.__name__}")
+    problem = _problem(reading)
+    if problem is not None:
+        raise DecodeError(f"{plugin} returned a {kind.__name__} whose {problem}")
+
+
 def _problem(reading: Any) -> str | None:
     """Return what is wrong with a reading that a plug-in made, or None."""
     if type(reading.frame_id if hasattr(reading, "frame_id") else "") is not str:
@@ -167,6 +175,18 @@ def _problem(reading: Any) -> str | None:
             number = len(reading.targets["x"])
             if not all(_is_array(column, np.float64, (number,)) for column in reading.targets.values()):
                 return "targets are not (N,) float64"
+        case PoseReading():
+            if not isinstance(reading.parent_SE3_child, SE3):
+                return "parent_SE3_child is no SE3"
+        case BoxReading():
+            if not isinstance(reading.frame_SE3_box, SE3):
+                return "frame_SE3_box is no SE3"
+            if len(reading.size_m) != 3 or not all(isinstance(size, float) for size in reading.size_m):
+                return "size_m is not three floats"
+            if not all(
+                type(text) is str for text in (reading.track_id, reading.category, *reading.attributes)
+            ):
+                return "track_id, category or attributes are no text"
     return None
 
 
