@@ -67,6 +67,16 @@ def test_rotating_twice_is_rotating_by_the_product(a, b, v):
     )
 
 
+@settings(deadline=None)
+@given(transforms, transforms)
+def test_one_transform_is_composed_bit_for_bit_as_arrays_are(a_SE3_b, b_SE3_c):
+    qa, qb = np.array(a_SE3_b.rotation), np.array(b_SE3_c.rotation)
+    moved = rotate(qa, np.array(b_SE3_c.translation)) + np.array(a_SE3_b.translation)
+    assert a_SE3_b @ b_SE3_c == SE3.create(quaternion_multiply(qa, qb), moved)
+    conjugate = qa * [1, -1, -1, -1]
+    assert a_SE3_b.inverse() == SE3.create(conjugate, -rotate(conjugate, np.array(a_SE3_b.translation)))
+
+
 @pytest.mark.parametrize(
     ("rotation", "translation"),
     [

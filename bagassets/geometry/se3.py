@@ -5,7 +5,7 @@ kernels differ between processors in the last bits.
 """
 
 from dataclasses import dataclass
-from math import sqrt
+from math import isfinite, sqrt
 from typing import Self
 
 import numpy as np
@@ -45,7 +45,7 @@ class SE3:
             msg = f"a pose needs 4 + 3 numbers, got {len(q)} + {len(t)}"
             raise ValueError(msg)
         norm = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
-        if not np.isfinite(t).all() or not np.isfinite(norm) or norm < 1e-6:
+        if not (all(map(isfinite, t)) and isfinite(norm)) or norm < 1e-6:
             msg = f"a pose needs finite numbers and a rotation, got rotation {q}, translation {t}"
             raise ValueError(msg)
         w, x, y, z = (v / norm for v in q)
@@ -78,17 +78,25 @@ class SE3:
 
     def __matmul__(self, other: "SE3") -> "SE3":
         """Compose: `a_SE3_b @ b_SE3_c` is `a_SE3_c`."""
-        rotation = quaternion_multiply(np.array(self.rotation), np.array(other.rotation))
-        translation = rotate(np.array(self.rotation), np.array(other.translation)) + np.array(
-            self.translation
+        # As `quaternion_multiply`, in plain floats: for one transform that is many times faster.
+        aw, ax, ay, az = self.rotation
+        bw, bx, by, bz = other.rotation
+        rotation = (
+            aw * bw - ax * bx - ay * by - az * bz,
+            aw * bx + ax * bw + ay * bz - az * by,
+            aw * by - ax * bz + ay * bw + az * bx,
+            aw * bz + ax * by - ay * bx + az * bw,
         )
-        return SE3.create(rotation, translation)
+        x, y, z = _rotated(self.rotation, other.translation)
+        tx, ty, tz = self.translation
+        return SE3.create(rotation, (x + tx, y + ty, z + tz))
 
     def inverse(self) -> "SE3":
         """Return `src_SE3_dst`."""
         w, x, y, z = self.rotation
-        conjugate = np.array([w, -x, -y, -z])
-        return SE3.create(conjugate, -rotate(conjugate, np.array(self.translation)))
+        conjugate = (w, -x, -y, -z)
+        tx, ty, tz = _rotated(conjugate, self.translation)
+        return SE3.create(conjugate, (-tx, -ty, -tz))
 
     def transform_points(self, points_src: Floats) -> Floats:
         """Map (N, 3) points in `src` to (N, 3) points in `dst`, metres."""
@@ -126,6 +134,18 @@ def rotate(quaternion: Floats, vectors: Floats) -> Floats:
         ],
         axis=-1,
     )
+
+
+def _rotated(
+    quaternion: tuple[float, float, float, float], vector: tuple[float, float, float]
+) -> tuple[float, float, float]:
+    """Rotate one vector; the arithmetic is that of `rotate`."""
+    w, x, y, z = quaternion
+    vx, vy, vz = vector
+    tx = 2 * (y * vz - z * vy)
+    ty = 2 * (z * vx - x * vz)
+    tz = 2 * (x * vy - y * vx)
+    return vx + w * tx + y * tz - z * ty, vy + w * ty + z * tx - x * tz, vz + w * tz + x * ty - y * tx
 
 
 def quaternion_from_rotation(rotation: Floats) -> tuple[float, float, float, float]:
