@@ -17,7 +17,7 @@ from dagster._core.workspace.load import location_origins_from_yaml_paths
 from bagassets import defs
 from bagassets.defs.partitions import add_partitions, remove_partition
 from bagassets.recipe import load_recipe
-from bagassets.recipe.project import dagster_files
+from bagassets.recipe.project import dagster_files, write_project
 from bagassets_tests.small_drive import write_drive
 
 EXAMPLE = Path(__file__).parent.parent / "examples" / "step_plugin"
@@ -104,6 +104,16 @@ def test_the_workspace_of_the_example_loads_it_under_the_name_that_projects_use(
     assert list(named) == [origin.location_name]
     (ours,) = yaml.safe_load(files["workspace.yaml"])["load_from"]
     assert ours == {"python_module": origin.location_name}
+
+
+def test_a_project_that_is_written_again_keeps_its_workspace(project):
+    shown = (project.folder / "workspace.yaml").read_text()
+    write_project(project.folder, None, project.recipe.state)
+    assert (project.folder / "workspace.yaml").read_text() == shown
+    assert (project.folder / "dagster.yaml").is_file()
+    (project.folder / "workspace.yaml").unlink()
+    write_project(project.folder, None, project.recipe.state)
+    assert "python_module: bagassets.definitions" in (project.folder / "workspace.yaml").read_text()
 
 
 def test_the_example_is_downstream_of_ours_in_one_graph(project):

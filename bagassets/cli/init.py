@@ -45,8 +45,8 @@ def init(project: Path, bags: Path | None, look_at: int, force: bool) -> None:
     from the first seconds of the recordings below DIR: rigs, channels, topics, frames, pose
     source, with a comment for each guess and for what could not be guessed.
 
-    Without --bags, the recipe of PROJECT is kept and the other files are written again, which a
-    project needs after it was moved.
+    Without --bags, recipe.yaml and workspace.yaml of PROJECT are kept and the other files are
+    written again, which a project needs after it was moved.
     """
     from bagassets.recipe import load_recipe  # noqa: PLC0415  (pydantic and YAML)
     from bagassets.recipe.project import FILES, write_project  # noqa: PLC0415
@@ -60,7 +60,9 @@ def init(project: Path, bags: Path | None, look_at: int, force: bool) -> None:
                 f"{project} has no recipe.yaml yet; name the folder of the recordings with --bags."
             )
         write_project(project, None, load_recipe(recipe_file).state)
-        click.echo(f"Rewrote dagster.yaml, workspace.yaml and .env in {project}; recipe.yaml is as it was.")
+        click.echo(
+            f"Rewrote dagster.yaml and .env in {project}; recipe.yaml and workspace.yaml are as they were."
+        )
         return
     present = [name for name in FILES if (project / name).exists()]
     if present and not force:

@@ -116,7 +116,7 @@ def write_project(project: Path, recipe_text: str | None, state: Path | None = N
 
     Args:
         project: the project folder; made if missing.
-        recipe_text: content of `recipe.yaml`; None leaves the recipe alone.
+        recipe_text: content of `recipe.yaml`; None leaves the recipe and an existing `workspace.yaml` alone.
         state: the recipe's state folder; default `.bagassets` in the project.
 
     Raises:
@@ -126,6 +126,8 @@ def write_project(project: Path, recipe_text: str | None, state: Path | None = N
     files = dagster_files(project, state)
     if recipe_text is not None:
         files["recipe.yaml"] = recipe_text
+    elif (project / "workspace.yaml").is_file():
+        del files["workspace.yaml"]  # it names no path of ours, and may name steps of the user's
     try:
         project.mkdir(parents=True, exist_ok=True)
         # Dagster refuses a log folder that does not exist.
