@@ -1,0 +1,263 @@
+"""Each action is keyed by what it truly reads: the table of what runs after which change."""
+
+import json
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import pytest
+
+from bagassets.bags.digest import recording_digest, recording_stat
+from bagassets.bags.discover import discover
+from bagassets.engine.recording_assets import UPSTREAM
+from bagassets.engine.recording_build import RecordingBuild
+from bagassets.recipe import load_recipe
+from bagassets.steps import frames
+from bagassets.store.store import Store
+from bagassets_tests import keyed_drive as drive
+
+KEY = "a.bag"
+
+
+@pytest.fixture(scope="module")
+def project(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("keys")
+    (folder / "recipe.yaml").write_text(drive.RECIPE)
+    drive.write(folder / "bags" / KEY, drive.drive())
+    ran = build(folder / "recipe.yaml", KEY)
+    assert ran == {
+        "inventory",
+        "calibration",
+        "ego_poses",
+        "annotations",
+        "frames:CAM_FRONT",
+        "frames:CAM_BACK",
+        "sweeps:LIDAR_TOP",
+        "nuscenes_tables",
+        "vision_sequences",
+    }, "everything runs the first time"
+    return folder
+
+
+def build(recipe_file, key, **options):
+    """Build one recording; return the actions that ran, as step or step:channel."""
+    recipe = load_recipe(recipe_file)
+    store = Store(recipe.state / "store")
+    before = actions(store)
+    found = discover(recipe.bags).found[key]
+    digest = recording_digest(found).digest
+    made = RecordingBuild(recipe, store, found, digest, recording_stat(found), **options)
+    assert {result.asset for result in made.build()} == {asset for asset in UPSTREAM if asset != "preview"}
+    ran = [action for digest, action in actions(store).items() if digest not in before]
+    # The index of an asset's channels is bookkeeping: it reads nothing but which channels there are.
+    return {label(action) for action in ran if not action["step"].endswith("_index")}
+
+
+def actions(store):
+    return {path.stem: json.loads(path.read_text())["action"] for path in store.root.glob("actions/*/*.json")}
+
+
+def label(action):
+    channel = action["params"].get("channel")
+    return f"{action['step']}:{channel}" if channel else action["step"]
+
+
+def message(topic, change, **options) -> Callable[[Path], str]:
+    """Rewrite the recording with one message changed."""
+
+    def make(folder):
+        drive.write(folder / "bags" / KEY, drive.changed(drive.drive(), topic, change, **options))
+        return KEY
+
+    return make
+
+
+def recipe(old, new) -> Callable[[Path], str]:
+    """Edit the recipe."""
+
+    def make(folder):
+        text = (folder / "recipe.yaml").read_text()
+        assert old in text
+        (folder / "recipe.yaml").write_text(text.replace(old, new))
+        return KEY
+
+    return make
+
+
+def renamed(folder):
+    (folder / "bags" / KEY).rename(folder / "bags" / "b.bag")
+    return "b.bag"
+
+
+def duplicated(folder):
+    (folder / "bags" / "copy.bag").write_bytes((folder / "bags" / KEY).read_bytes())
+    return "copy.bag"
+
+
+def compressed(folder):
+    drive.write(folder / "bags" / KEY, drive.drive(), compression="BZ2")
+    return KEY
+
+
+def touched(folder):
+    (folder / "bags" / KEY).touch()
+    return KEY
+
+
+@dataclass(frozen=True)
+class Row:
+    """A change, and exactly what runs after it."""
+
+    name: str
+    change: Callable[[Path], str]
+    runs: frozenset[str]
+
+
+def row(name, change, *runs):
+    return pytest.param(Row(name, change, frozenset(runs)), id=name)
+
+
+# This table is printed in docs/how-it-decides.md. Poses read the transforms that join the odometry's frame
+# to the vehicle's; a box may be in the frame of any sensor.
+TABLE = [
+    row("only touched", touched),
+    row("metadata only", message(drive.NOTES, drive.another_note), "inventory"),
+    row("one camera's messages", message("/back/image_raw", drive.one_pixel),
+        "inventory", "frames:CAM_BACK", "nuscenes_tables", "vision_sequences"),
+    row("odometry", message("/odom", drive.one_metre, at=30),
+        "inventory", "ego_poses", "annotations", "nuscenes_tables", "vision_sequences"),
+    row("one annotation", message("/boxes", drive.another_box),
+        "inventory", "annotations", "nuscenes_tables"),
+    row("tf_static", message("/tf_static", drive.another_mount),
+        "inventory", "calibration", "ego_poses", "annotations", "nuscenes_tables", "vision_sequences"),
+    row("JPEG quality", recipe("topic: /back/image_raw", "topic: /back/image_raw, quality: 40"),
+        "frames:CAM_BACK", "nuscenes_tables", "vision_sequences"),
+    row("keyframe rate", recipe("vision:", "scenes: {keyframe_hz: 4}\nvision:"), "nuscenes_tables"),
+    row("scene length", recipe("vision:", "scenes: {length_s: 1.5}\nvision:"), "nuscenes_tables"),
+    row("one channel added",
+        recipe("      LIDAR_TOP:", "      CAM_LEFT: {modality: camera, topic: /cam/image_raw}\n      LIDAR_TOP:"),
+        "calibration", "frames:CAM_LEFT", "nuscenes_tables", "vision_sequences"),
+    row("one channel removed", recipe("      CAM_BACK: {modality: camera, topic: /back/image_raw}\n", ""),
+        "calibration", "annotations", "nuscenes_tables", "vision_sequences"),
+    row("file renamed", renamed, "nuscenes_tables", "vision_sequences"),
+    row("file duplicated", duplicated, "nuscenes_tables", "vision_sequences"),
+    row("bag re-compressed", compressed, "inventory"),
+]  # fmt: skip
+
+
+@pytest.fixture
+def copy(project, tmp_path):
+    """A copy of the project whose store knows the unchanged recording."""
+    import shutil
+
+    shutil.copytree(project, tmp_path / "project")
+    return tmp_path / "project"
+
+
+@pytest.mark.parametrize("row", TABLE)
+def test_exactly_what_reads_the_change_runs(copy, row):
+    key = row.change(copy)
+    assert build(copy / "recipe.yaml", key) == row.runs
+    assert build(copy / "recipe.yaml", key) == frozenset(), "and nothing the second time"
+
+
+def test_a_new_version_of_a_step_runs_that_step_and_stops_where_bytes_are_the_same(copy, monkeypatch):
+    monkeypatch.setattr(frames, "STEP", replace(frames.STEP, version=frames.STEP.version + 1))
+    assert build(copy / "recipe.yaml", KEY) == {"frames:CAM_FRONT", "frames:CAM_BACK"}
+
+
+def test_a_metadata_change_opens_no_image_or_cloud(copy, monkeypatch):
+    def refuse(*_, **__):
+        raise AssertionError("nothing may be decoded")
+
+    monkeypatch.setattr("bagassets.steps.frames.FrameExtractor", refuse)
+    monkeypatch.setattr("bagassets.steps.sweeps.SweepExtractor", refuse)
+    key = message(drive.NOTES, drive.another_note)(copy)
+    assert build(copy / "recipe.yaml", key) == {"inventory"}
+
+
+# --- undeclared access --------------------------------------------------------------------
+
+
+def test_a_step_cannot_read_a_topic_that_it_did_not_declare(copy, monkeypatch):
+    class Curious(frames.FrameExtractor):
+        def finish(self):
+            with pytest.raises(KeyError, match="/odom"):
+                list(self.curious.messages(["/odom"]))
+            asked.append(self.topics)
+            return super().finish()
+
+        def __init__(self, params, recording, *rest):
+            self.curious = recording
+            super().__init__(params, recording, *rest)
+
+    asked = []
+    monkeypatch.setattr("bagassets.steps.frames.FrameExtractor", Curious)
+    recipe("topic: /back/image_raw", "topic: /back/image_raw, quality: 41")(copy)
+    build(copy / "recipe.yaml", KEY)
+    assert asked == [("/back/image_raw",)]
+
+
+def test_a_step_is_handed_parameters_and_not_the_recipe(copy, monkeypatch):
+    """Whatever a step asks of its parameters is in the key; what is not in the key is not there."""
+    seen = {}
+    for name in ("calibration", "ego_poses", "annotations", "nuscenes_tables", "vision_sequences"):
+        module = __import__(f"bagassets.steps.{name}", fromlist=["make"])
+        original = module.make
+
+        def make(params, *args, _name=name, _original=original, **kwargs):
+            handed = (params, *args, *kwargs.values())
+            seen[_name] = [type(value).__module__ for value in handed]
+            return _original(params, *args, **kwargs)
+
+        monkeypatch.setattr(module, "make", make)
+    store = Store(load_recipe(copy / "recipe.yaml").state / "store")
+    import shutil
+
+    shutil.rmtree(store.root)
+    build(copy / "recipe.yaml", KEY)
+    assert set(seen) == {"calibration", "ego_poses", "annotations", "nuscenes_tables", "vision_sequences"}
+    for name, modules in seen.items():
+        assert not [m for m in modules if m.startswith("bagassets.recipe")], name
+
+
+opened: list[str] | None = None
+
+
+def audit(event, args):
+    if opened is not None and event == "open" and isinstance(args[0], str):
+        opened.append(args[0])
+
+
+sys.addaudithook(audit)
+
+
+@pytest.mark.parametrize("asset", [asset for asset in UPSTREAM if asset not in {"inventory", "preview"}])
+def test_a_step_opens_only_what_it_declares(copy, asset):
+    """Every file that is opened while an asset is made belongs to an upstream of it, or to its topics."""
+    global opened  # noqa: PLW0603  (an audit hook stays for ever)
+    recipe_file = copy / "recipe.yaml"
+    recipe = load_recipe(recipe_file)
+    store = Store(recipe.state / "store")
+    found = discover(recipe.bags).found[KEY]
+    digest, stat = recording_digest(found).digest, recording_stat(found)
+    made = {r.asset: r for r in RecordingBuild(recipe, store, found, digest, stat, dry=True).build()}
+    owner = {r.artifact.digest: name for name, r in made.items()}
+    owner |= {part: name for name, r in made.items() for part in r.channels.values()}
+    for path in store.root.glob("actions/*/*.json"):
+        if label(json.loads(path.read_text())["action"]).split(":")[0].removesuffix("_index") == asset:
+            path.unlink()
+    upstream = {name: made[name].artifact for name in UPSTREAM[asset]}
+    again = RecordingBuild(recipe, store, found, digest, stat, upstream)
+    opened = []
+    try:
+        (result,) = again.build([asset])
+    finally:
+        seen, opened = opened, None
+    assert not result.cached
+    artifacts = {part for name in seen for part in Path(name).parts if part in owner}
+    assert {owner[digest] for digest in artifacts} <= {*UPSTREAM[asset], asset}
+    reads_recording = any(name.startswith(str(found.path)) for name in seen)
+    assert reads_recording == (asset in {"frames", "sweeps"}), "small topics come from the inventory's pack"
+    assert str(recipe_file) not in seen
