@@ -9,6 +9,7 @@ from bagassets.defs.assets import recording_assets
 from bagassets.defs.checks import dataset_checks, recording_checks
 from bagassets.defs.dataset import dataset_assets
 from bagassets.defs.map import map_asset
+from bagassets.defs.named_datasets import named_dataset_asset
 from bagassets.defs.sensor import recordings_sensor
 from bagassets.defs.vision import vision_dataset_asset
 from bagassets.defs.workspace import Workspace
@@ -35,6 +36,7 @@ def build_definitions(recipe_file: Path) -> dg.Definitions:
         checks = [*recording_checks(recipe), *dataset_checks(recipe)]
     makers = {"vision_dataset": vision_dataset_asset, "trajectory_map": map_asset}
     others = [makers[asset](recipe) for asset in dataset_code_versions(recipe) if asset in makers]
+    others += [named_dataset_asset(recipe, dataset) for dataset in recipe.datasets]
     return dg.Definitions(
         assets=[*recording_assets(recipe), *dataset_assets(recipe), *others],
         asset_checks=checks,

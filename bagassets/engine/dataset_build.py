@@ -145,6 +145,9 @@ def dataset_code_versions(recipe: Recipe) -> dict[str, str]:
     if recipe.preview.enabled and recipe.preview.trajectory_map:
         fields = [recipe.splits.model_dump(mode="json")]
         versions["trajectory_map"] = f"{trajectory_map.STEP.version}-{digest_json(fields)[:12]}"
+    for dataset in recipe.datasets:
+        named = [versions["nuscenes_dataset"], dataset.model_dump(mode="json", exclude={"output"})]
+        versions[dataset.asset] = f"{VERSION}-{digest_json(named)[:12]}"
     return versions
 
 
@@ -153,6 +156,7 @@ def dataset_folders(recipe: Recipe) -> dict[str, Path]:
     folders = {"nuscenes_dataset": recipe.nuscenes.output}
     if recipe.vision is not None:
         folders["vision_dataset"] = recipe.vision.output
+    folders |= {dataset.asset: dataset.output for dataset in recipe.datasets if dataset.output is not None}
     return folders
 
 
@@ -162,4 +166,6 @@ def is_on_disk(recipe: Recipe, asset: str) -> bool:
         return recipe.vision is not None and is_vision_complete(recipe.vision.output)
     if asset == "trajectory_map":
         return (recipe.state / trajectory_map.MAP).is_file()
-    return is_untouched(recipe.nuscenes.output, recipe.nuscenes.version)
+    version = recipe.nuscenes.version
+    named = {dataset.asset: dataset.version or version for dataset in recipe.datasets}
+    return is_untouched(dataset_folders(recipe)[asset], named.get(asset, version))

@@ -5,6 +5,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from bagassets.engine.current import current_artifact
 from bagassets.engine.plan_model import BagPlan, Plan
 from bagassets.engine.track import Track, track_of
 from bagassets.errors import StoreError
@@ -59,7 +60,10 @@ def _tracks(recipe: Recipe, store: Store, plan: Plan) -> dict[str, Track]:
     """Return the tracks of all recordings that have poses, by key in order."""
     found = {}
     for key, bag in sorted(plan.bags.items()):
-        inventory, poses = _artifact(store, bag, "inventory"), _artifact(store, bag, "ego_poses")
+        inventory, poses = (
+            current_artifact(store, bag, "inventory"),
+            current_artifact(store, bag, "ego_poses"),
+        )
         if inventory is not None and poses is not None and bag.skipped is None:
             found[key] = track_of(store, inventory, poses, recipe.clock)
     return found
@@ -87,16 +91,16 @@ def _local(track: Track) -> list[tuple[float, float]]:
 
 
 def _facts(recipe: Recipe, store: Store, bag: BagPlan) -> RecordingFacts:
-    inventory = _artifact(store, bag, "inventory")
+    inventory = current_artifact(store, bag, "inventory")
     state, reason = _state(bag)
     if inventory is None:
         return RecordingFacts(bag.key, state, reason, bag.format)
     seen: dict[str, Any] = inventory.read_json("inventory.json")
-    poses = _artifact(store, bag, "ego_poses")
+    poses = current_artifact(store, bag, "ego_poses")
     track = None
     if poses is not None and state in {"ready", "stale"}:
         track = track_of(store, inventory, poses, recipe.clock)
-    pictures = _artifact(store, bag, "preview")
+    pictures = current_artifact(store, bag, "preview")
     return RecordingFacts(
         key=bag.key,
         state=state,
@@ -173,17 +177,8 @@ def _pictures(artifact: Artifact) -> dict[str, Path]:
     return {title: artifact.path(f"inline/{name}.jpg") for name, title in TITLES.items() if name in drawn}
 
 
-def _artifact(store: Store, bag: BagPlan, asset: str) -> Artifact | None:
-    """Return what is or was current of an asset, if the store still has it."""
-    state = bag.assets.get(asset)
-    for digest in (state.data_version if state else None, bag.recorded.get(asset)):
-        if digest and store.has(digest):
-            return Artifact(digest, store.artifact(digest).folder)
-    return None
-
-
 def _summary(store: Store, bag: BagPlan, asset: str) -> dict[str, Any]:
-    artifact = _artifact(store, bag, asset)
+    artifact = current_artifact(store, bag, asset)
     try:
         return {} if artifact is None else artifact.summary()
     except StoreError:

@@ -22,11 +22,13 @@ class Track:
         source: `ego_poses`, a NavSatFix topic, or None if nothing says where on Earth.
         points: (stamp_ns, latitude, longitude), in order of time; empty without source.
         local: (stamp_ns, x, y) in the global frame of the ego poses, metres.
+        digest: of its artifact.
     """
 
     source: str | None
     points: tuple[tuple[int, float, float], ...]
     local: tuple[tuple[int, float, float], ...]
+    digest: str = ""
 
 
 def track_of(store: Store, inventory: Artifact, ego_poses: Artifact, clock: Clock) -> Track:
@@ -56,4 +58,5 @@ def track_of(store: Store, inventory: Artifact, ego_poses: Artifact, clock: Cloc
         content["source"],
         tuple((int(t), float(lat), float(lon)) for t, lat, lon in content["points"]),
         tuple((int(t), float(x), float(y)) for t, x, y in content["local"]),
+        outcome.artifact.digest,
     )

@@ -1,7 +1,7 @@
 """What a well-formed recipe cannot ask for: checks across fields, and against the disk."""
 
 from collections.abc import Iterator
-from pathlib import PurePosixPath
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 from bagassets.recipe.explain import Problem, closest
@@ -37,6 +37,7 @@ def _paths(recipe: Recipe, data: dict[str, Any]) -> Iterator[Problem]:
         (("state",), data.get("state")),
         (("nuscenes", "output"), data.get("nuscenes", {}).get("output")),
         (("vision", "output"), (data.get("vision") or {}).get("output")),
+        *((("datasets", n, "output"), d.get("output")) for n, d in enumerate(data.get("datasets", []))),
         *((("bags", "message_definitions", n), p) for n, p in enumerate(bags.get("message_definitions", []))),
         *((("rigs", n, "urdf"), rig.get("urdf")) for n, rig in enumerate(data["rigs"])),
     ]
@@ -56,19 +57,30 @@ def _paths(recipe: Recipe, data: dict[str, Any]) -> Iterator[Problem]:
             yield at, f"there is no folder {folder}; it should hold .msg files"
     if recipe.bags.root.is_file():
         yield ("bags", "root"), f"{recipe.bags.root} is a file; name the folder that holds the recordings"
-    taken = {"state folder": recipe.state}
-    outputs = {"nuscenes": recipe.nuscenes.output, "vision": recipe.vision.output if recipe.vision else None}
-    for section, output in outputs.items():
-        for owner, folder in taken.items():
-            if output is not None and (
-                output == folder or folder in output.parents or output in folder.parents
-            ):
-                yield (
-                    (section, "output"),
-                    f"{output} and the {owner} {folder} must not be the same nor lie in each other",
-                )
-        if output is not None:
-            taken[f"output of {section}"] = output
+    yield from _outputs(recipe)
+
+
+def _outputs(recipe: Recipe) -> Iterator[Problem]:
+    """Each dataset has a folder of its own; versions of nuScenes may share a dataroot, as they do in nuScenes."""
+    nuscenes = recipe.nuscenes
+    taken: list[tuple[str, Path, str | None]] = [("state folder", recipe.state, None)]
+    wanted: list[tuple[tuple[str | int, ...], Path, str | None]] = [
+        (("nuscenes", "output"), nuscenes.output, nuscenes.version)
+    ]
+    if recipe.vision is not None:
+        wanted.append((("vision", "output"), recipe.vision.output, None))
+    wanted += [
+        (("datasets", number, "output"), dataset.output, dataset.version or nuscenes.version)
+        for number, dataset in enumerate(recipe.datasets)
+        if dataset.output is not None
+    ]
+    for at, output, version in wanted:
+        for owner, folder, other in taken:
+            versions = output == folder and version is not None and other is not None and version != other
+            if not versions and (output == folder or folder in output.parents or output in folder.parents):
+                yield at, f"{output} and the {owner} {folder} must not be the same nor lie in each other"
+        name = at[0] if isinstance(at[1], str) else recipe.datasets[at[1]].name
+        taken.append((f"output of {name}", output, version))
 
 
 def _globs(recipe: Recipe) -> Iterator[Problem]:

@@ -115,5 +115,11 @@ def _absolute(recipe: Recipe, folder: Path) -> Recipe:
     vision = recipe.vision
     if vision is not None:
         vision = vision.model_copy(update={"output": (folder / vision.output).resolve()})
-    state = (folder / recipe.state).resolve()
-    return recipe.model_copy(update={"bags": bags, "rigs": rigs, "nuscenes": nuscenes, "vision": vision, "state": state})
+    datasets = tuple(
+        dataset.model_copy(
+            update={"output": (folder / (dataset.output or Path("dataset") / dataset.name)).resolve()}
+        )
+        for dataset in recipe.datasets
+    )
+    update = {"bags": bags, "rigs": rigs, "nuscenes": nuscenes, "vision": vision, "datasets": datasets}
+    return recipe.model_copy(update=update | {"state": (folder / recipe.state).resolve()})

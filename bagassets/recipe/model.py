@@ -23,6 +23,7 @@ from bagassets.recipe.model_base import (
     Transform,
 )
 from bagassets.recipe.model_checks import Checks
+from bagassets.recipe.model_datasets import NamedDataset
 from bagassets.recipe.model_poses import PoseSource
 from bagassets.recipe.model_preview import Preview
 from bagassets.recipe.model_splits import Splits
@@ -99,6 +100,10 @@ class CameraChannel(_Channel):
     )
     quality: int = Field(90, ge=1, le=100, description="JPEG quality.")
     undistort: bool = Field(True, description="Remove lens distortion (R = identity); needs intrinsics.")
+    rectified: bool | None = Field(
+        None,
+        description="The recorded images are rectified: P and R of CameraInfo hold, not K and D; default: if a part of the topic starts with image_rect.",
+    )
     target: PinholeIntrinsics | None = Field(
         None, description="Another K for undistorted images; default: the camera's K."
     )
@@ -251,6 +256,7 @@ class Recipe(Model):
     splits: Splits = Field(Splits(), description="Which recordings belong to train, val and so on.")
     nuscenes: NuScenes = Field(NuScenes(), description="The nuScenes dataset.")
     vision: Vision | None = Field(None, description="The vision dataset; default: none is made.")
+    datasets: tuple[NamedDataset, ...] = Field((), description="Further datasets of some of the scenes.")
     preview: Preview = Field(Preview(), description="Pictures for people.")
     limits: Limits = Field(Limits(), description="Accepted losses.")
     checks: Checks = Field(Checks(), description="Checks of finished assets.")
@@ -262,6 +268,20 @@ class Recipe(Model):
             if rig.name in names:
                 raise FieldValueError(("rigs", number, "name"), f"another rig is called {rig.name} too")
             names.add(rig.name)
+        return self
+
+    @model_validator(mode="after")
+    def _unique_datasets(self) -> Self:
+        assets: dict[str, str] = {}
+        for number, dataset in enumerate(self.datasets):
+            if dataset.asset in assets:
+                raise FieldValueError(
+                    ("datasets", number, "name"), f"is too much like {assets[dataset.asset]}, another dataset"
+                )
+            assets[dataset.asset] = dataset.name
+            unknown = [rig for rig in dataset.rigs if rig not in {rig.name for rig in self.rigs}]
+            if unknown:
+                raise FieldValueError(("datasets", number, "rigs"), f"{unknown[0]} is no rig of this recipe")
         return self
 
     @property

@@ -1,0 +1,67 @@
+"""Choosing scenes by what the recipe says about a named dataset."""
+
+from collections.abc import Mapping, Sequence
+from fnmatch import fnmatchcase
+from typing import Any
+
+from bagassets.recipe.model_datasets import NamedDataset, moment_ns
+
+__all__ = ["inside", "objection"]
+
+Point = Sequence[float]
+
+
+def objection(wanted: NamedDataset, rig: str, key: str, scene: Mapping[str, Any]) -> str | None:
+    """Return the first condition that a scene does not satisfy, in words; None if it belongs to the dataset.
+
+    Args:
+        wanted: the dataset.
+        rig: what made the recording.
+        key: partition key of the recording.
+        scene: facts about the scene.
+    """
+    if wanted.rigs and rig not in wanted.rigs:
+        return f"made by rig {rig}"
+    if wanted.recordings and not _matches(key, wanted.recordings):
+        return "not one of the recordings"
+    if wanted.scenes and not _matches(scene["name"], wanted.scenes):
+        return "not one of the scenes"
+    if wanted.since is not None and scene["start_ns"] < moment_ns(wanted.since):
+        return f"begins before {wanted.since}"
+    if wanted.until is not None and scene["start_ns"] >= moment_ns(wanted.until):
+        return f"does not begin before {wanted.until}"
+    if wanted.place:
+        if not scene["points"]:
+            return "its place is not known"
+        if not any(inside(point, wanted.place) for point in scene["points"]):
+            return "elsewhere"
+    if wanted.daylight and scene["daylight"] not in wanted.daylight:
+        return scene["daylight"] or "its daylight is not known"
+    missing = [
+        label for label in wanted.labels if not any(fnmatchcase(name, label) for name in scene["boxes"])
+    ]
+    if missing:
+        return f"no {missing[0]}"
+    if wanted.min_speed_mps is not None and scene["speed_mps"] < wanted.min_speed_mps:
+        return f"slower than {wanted.min_speed_mps:g} m/s"
+    return None
+
+
+def inside(point: Point, polygon: Sequence[Point]) -> bool:
+    """Tell whether a point lies in a polygon, by the parity of its edges on one side of the point.
+
+    Args:
+        point: latitude, longitude.
+        polygon: its corners in order; it is closed by itself, may be concave, and does not reach over the
+            180th meridian.
+    """
+    lat, lon = point
+    odd = False
+    for (lat_a, lon_a), (lat_b, lon_b) in zip(polygon, [*polygon[1:], polygon[0]], strict=True):
+        if (lat_a > lat) != (lat_b > lat) and lon < lon_a + (lat - lat_a) * (lon_b - lon_a) / (lat_b - lat_a):
+            odd = not odd
+    return odd
+
+
+def _matches(name: str, globs: Sequence[str]) -> bool:
+    return any(fnmatchcase(name, glob) for glob in globs)
