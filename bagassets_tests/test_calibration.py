@@ -6,9 +6,11 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from bagassets.errors import CalibrationError, DecodeError
+from bagassets.geometry.camera import CameraModel
 from bagassets.geometry.se3 import SE3
 from bagassets.recipe.model import Rig
 from bagassets.steps import calibration
+from bagassets.steps.intrinsics import camera_info_topic, is_rectified
 from bagassets_tests.pose_data import (
     CAMERA_INFO,
     CLOUD,
@@ -342,8 +344,78 @@ class TestIntrinsics:
     )
     def test_the_topic_beside_the_images(self, topic, beside):
         channel = rig({"topic": topic}).channels["CAM_FRONT"]
-        assert calibration.camera_info_topic(channel) == beside
-        assert calibration.camera_info_topic(channel.model_copy(update={"camera_info": "/x"})) == "/x"
+        assert camera_info_topic(channel) == beside
+        assert camera_info_topic(channel.model_copy(update={"camera_info": "/x"})) == "/x"
+
+
+class TestRectified:
+    """Images that were rectified before they were recorded: P and R hold."""
+
+    TURN = SE3.create((np.cos(0.02), 0.0, np.sin(0.02), 0.0), (0, 0, 0))
+    P = np.array([300.0, 0, 310, -45.0, 0, 300, 230, 0, 0, 0, 1, 0])
+
+    def entries(self, topic="/cam/image_rect_color", **changes):
+        fields = {"r": self.TURN.rotation_matrix.reshape(-1), "p": self.P} | changes
+        message = camera_info(d=(-0.2, 0.1, 0.0, 0.0, 0.0), **fields)
+        return [STATIC, reading(topic, IMAGE, "cam"), ("/cam/camera_info", CAMERA_INFO, T0, message)]
+
+    def test_intrinsics_are_those_of_p_and_the_extrinsics_include_r(self, tmp_path):
+        made = Calibrated(tmp_path, rig({"topic": "/cam/image_rect_color"}), *self.entries())
+        camera = made.channels["CAM_FRONT"]["camera"]
+        assert (camera["model"], camera["d"]) == ("none", [])
+        assert camera["k"] == [300.0, 0, 310.0, 0, 300.0, 230.0, 0, 0, 1]
+        # A point seen in the rectified image, which is R times the point in the camera's frame.
+        point_cam = np.array([[0.3, -0.2, 4.0]])
+        point_image = self.TURN.transform_points(point_cam)
+        np.testing.assert_allclose(
+            made.pose("CAM_FRONT").transform_points(point_image), CAM.transform_points(point_cam), atol=1e-9
+        )
+        assert made.summary["notes"] == [
+            "CAM_FRONT: its images are rectified by a turn of 2.29 degrees, which its extrinsics include."
+        ]
+
+    def test_a_point_lands_where_p_puts_it(self, tmp_path):
+        """The whole way: ego frame -> camera -> rectified pixel."""
+        made = Calibrated(tmp_path, rig({"topic": "/cam/image_rect_color"}), *self.entries())
+        model = CameraModel.from_calibration(made.channels["CAM_FRONT"]["camera"])
+        point_ego = np.array([[12.0, 1.0, 0.5]])
+        pixel = model.project(made.pose("CAM_FRONT").inverse().transform_points(point_ego))[0][0]
+        x, y, z = self.TURN.transform_points(CAM.inverse().transform_points(point_ego))[0]
+        np.testing.assert_allclose(pixel, [300 * x / z + 310, 300 * y / z + 230], atol=1e-6)
+
+    @pytest.mark.parametrize(
+        ("topic", "said", "rectified"),
+        [
+            ("/cam/image_raw", None, False),
+            ("/cam/image_rect", None, True),
+            ("/cam/image_rect_color/compressed", None, True),
+            ("/cam/image_rect", False, False),
+            ("/cam/image_raw", True, True),
+        ],
+    )
+    def test_the_recipe_says_or_the_name_of_the_topic(self, topic, said, rectified):
+        channel = rig({"topic": topic} | ({} if said is None else {"rectified": said})).channels["CAM_FRONT"]
+        assert is_rectified(channel) == rectified
+
+    def test_without_a_projection_it_is_refused(self, tmp_path):
+        with pytest.raises(
+            CalibrationError, match=r"images are rectified, but P in the CameraInfo on /cam/camera_info"
+        ):
+            Calibrated(
+                tmp_path, rig({"topic": "/cam/image_rect"}), *self.entries("/cam/image_rect", p=np.zeros(12))
+            )
+
+    def test_a_projection_that_changes(self, tmp_path):
+        *entries, (topic, kind, _, message) = self.entries("/cam/image_rect")
+        later = Msg(**vars(message) | {"p": self.P * 1.5})
+        with pytest.raises(CalibrationError, match="changes at"):
+            Calibrated(
+                tmp_path,
+                rig({"topic": "/cam/image_rect"}),
+                *entries,
+                (topic, kind, T0, message),
+                (topic, kind, T0 + 1, later),
+            )
 
 
 def test_a_urdf_that_is_not_there_is_named(tmp_path):

@@ -67,7 +67,7 @@ def _rig_fields(recipe: Recipe, rig: Rig, asset: str) -> Any:
         case "inventory":
             return None
         case "calibration":
-            keep = ("topic", "frame", "extrinsics", "camera_info", "intrinsics", "undistort")
+            keep = ("topic", "frame", "extrinsics", "camera_info", "intrinsics", "undistort", "rectified")
             parts = {
                 name: {k: v for k, v in fields.items() if k in keep} for name, fields in channels.items()
             }

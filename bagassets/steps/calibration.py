@@ -6,17 +6,16 @@ other are noted; the most trusted one is used.
 """
 
 from collections.abc import Mapping
-from dataclasses import asdict
 from typing import Any
 
 from bagassets.bags.inventory import Inventory
 from bagassets.bags.model import Recording
-from bagassets.decode.camera_info import CameraInfoReading, check_lens, decode_camera_info
-from bagassets.errors import CalibrationError, DecodeError
+from bagassets.errors import CalibrationError
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.urdf import urdf_edges
 from bagassets.recipe.model import CameraChannel, Rig
-from bagassets.steps.channel import Counts, Request
+from bagassets.steps.channel import Request
+from bagassets.steps.intrinsics import camera_info_topic, camera_intrinsics, is_rectified, rounded
 from bagassets.steps.rig_frames import RigFrames
 from bagassets.store.action import Step
 from bagassets.store.artifact import ArtifactWriter
@@ -25,16 +24,6 @@ from bagassets.store.canonical import digest_bytes
 __all__ = ["STEP", "camera_info_topic", "make", "request"]
 
 STEP = Step("calibration", 2)
-
-
-def camera_info_topic(channel: CameraChannel) -> str:
-    """Return the CameraInfo topic: the recipe's, else `camera_info` beside the image topic."""
-    if channel.camera_info is not None:
-        return channel.camera_info
-    parts = channel.topic.split("/")
-    if parts[-1] == "compressed" and len(parts) > 2:
-        parts = parts[:-1]
-    return "/".join([*parts[:-1], "camera_info"])
 
 
 def request(rig: Rig, inventory: Inventory) -> Request:
@@ -57,6 +46,7 @@ def request(rig: Rig, inventory: Inventory) -> Request:
             )
         fields |= {"topic": channel.topic, "frame": channel.frame or (frames[0] if frames else "")}
         if isinstance(channel, CameraChannel) and channel.intrinsics is None:
+            fields["rectified"] = is_rectified(channel)
             fields["camera_info"] = camera_info_topic(channel)
             topics += [fields["camera_info"]] if inventory.has(fields["camera_info"]) else []
         channels[name] = fields | {"modality": channel.modality}
@@ -88,13 +78,16 @@ def make(
     sources: dict[str, int] = {}
     for name, fields in params["channels"].items():
         ego_SE3_sensor, source = _extrinsics(name, fields, params["ego_frame"], frames, notes)
-        camera = _camera(name, fields, recording, notes) if fields["modality"] == "camera" else None
+        camera = None
+        if fields["modality"] == "camera":
+            camera, frame_SE3_image = camera_intrinsics(name, fields, recording, notes)
+            ego_SE3_sensor = ego_SE3_sensor @ frame_SE3_image
         sources[source] = sources.get(source, 0) + 1
         channels[name] = {
             "frame": fields["frame"],
             "ego_SE3_sensor": {
-                "translation": [_rounded(v) for v in ego_SE3_sensor.translation],
-                "rotation": [_rounded(v) for v in ego_SE3_sensor.rotation],
+                "translation": [rounded(v) for v in ego_SE3_sensor.translation],
+                "rotation": [rounded(v) for v in ego_SE3_sensor.rotation],
             },
             "source": source,
             "camera": camera,
@@ -134,97 +127,3 @@ def _extrinsics(
         ) from err
     notes += [f"{name}: {note}." for note in frames.disagreements(ego_frame, frame)]
     return ego_SE3_sensor, "+".join(sources)
-
-
-def _camera(
-    name: str, fields: Mapping[str, Any], recording: Recording, notes: list[str]
-) -> dict[str, Any] | None:
-    given = fields["intrinsics"]
-    if given is not None:
-        return _by_hand(name, given)
-    topic = fields["camera_info"]
-    if topic not in recording.topics:
-        if not fields["undistort"]:
-            return None
-        raise CalibrationError(
-            f"{name} ({fields['topic']}): no CameraInfo on {topic}, which undistortion needs; name the topic in "
-            "`camera_info`, give `intrinsics`, or set `undistort: false` in the recipe."
-        )
-    reading, lost = _one_calibration(name, topic, recording)
-    if reading is None:
-        if fields["undistort"]:
-            raise CalibrationError(
-                f"{name}: no usable CameraInfo on {topic}{_reasons(lost)}; give `intrinsics` or set `undistort: false`."
-            )
-        return None
-    if lost:
-        notes.append(f"{name}: {sum(lost.values())} messages on {topic} cannot be used{_reasons(lost)}.")
-    calibration = reading.calibration
-    return {
-        "model": calibration.model,
-        "width": calibration.width,
-        "height": calibration.height,
-        "k": [_rounded(v) for v in calibration.k],
-        "d": [_rounded(v) for v in calibration.d],
-        "r": [_rounded(v) for v in calibration.r],
-        "p": [_rounded(v) for v in calibration.p],
-        "binning": list(calibration.binning),
-        "roi": asdict(calibration.roi),
-        "source": "camera_info",
-    }
-
-
-def _one_calibration(
-    name: str, topic: str, recording: Recording
-) -> tuple[CameraInfoReading | None, dict[str, int]]:
-    """Return the calibration that all messages of `topic` agree on, and why others cannot be used."""
-    first: CameraInfoReading | None = None
-    counts = Counts()
-    for message in recording.messages([topic]):
-        try:
-            reading = decode_camera_info(recording.decode(message))
-        except DecodeError as err:
-            counts.lose(str(err))
-            continue
-        if first is None:
-            first = reading
-        elif reading.calibration.lens != first.calibration.lens:
-            raise CalibrationError(
-                f"{name}: the calibration on {topic} changes at {reading.stamp_ns / 1e9:.3f} s; one recording has "
-                "one calibration. Split the recording there, or give `intrinsics` in the recipe."
-            )
-    return first, counts.lost
-
-
-def _reasons(lost: Mapping[str, int]) -> str:
-    return ": " + "; ".join(lost) if lost else ""
-
-
-def _by_hand(name: str, given: Mapping[str, Any]) -> dict[str, Any]:
-    k = [given["fx"], 0.0, given["cx"], 0.0, given["fy"], given["cy"], 0.0, 0.0, 1.0]
-    d = list(given["distortion"])
-    model = given["model"]
-    if not d:  # an equidistant lens is none by its coefficients alone
-        model, d = ("equidistant", [0.0] * 4) if model == "equidistant" else ("none", [])
-    width, height = given["width"], given["height"]
-    try:
-        check_lens(model, width, height, k, d)
-    except DecodeError as err:
-        raise CalibrationError(f"{name}: intrinsics in the recipe: {err}.") from err
-    return {
-        "model": model,
-        "width": width,
-        "height": height,
-        "k": k,
-        "d": d,
-        "r": [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
-        "p": [*k[:3], 0.0, *k[3:6], 0.0, *k[6:], 0.0],
-        "binning": [1, 1],
-        "roi": {"x_offset": 0, "y_offset": 0, "width": width, "height": height, "do_rectify": False},
-        "source": "recipe",
-    }
-
-
-def _rounded(value: float) -> float:
-    """Round to 12 significant digits, which hides the last bits of compositions."""
-    return float(f"{value:.12g}") + 0.0

@@ -1,0 +1,175 @@
+"""Intrinsics of cameras for `calibration.json`: from CameraInfo, or by hand from the recipe."""
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from math import acos, degrees
+from typing import Any
+
+import numpy as np
+
+from bagassets.bags.model import Recording
+from bagassets.decode.camera_info import CameraCalibration, CameraInfoReading, check_lens, decode_camera_info
+from bagassets.errors import CalibrationError, DecodeError
+from bagassets.geometry.se3 import SE3, quaternion_from_rotation
+from bagassets.recipe.model import CameraChannel
+from bagassets.steps.channel import Counts
+
+__all__ = ["camera_info_topic", "camera_intrinsics", "is_rectified", "rounded"]
+
+# A smaller turn between the camera and its rectified image is not worth a note.
+TOLD_DEG = 0.01
+
+
+def camera_info_topic(channel: CameraChannel) -> str:
+    """Return the CameraInfo topic: the recipe's, else `camera_info` beside the image topic."""
+    if channel.camera_info is not None:
+        return channel.camera_info
+    parts = channel.topic.split("/")
+    if parts[-1] == "compressed" and len(parts) > 2:
+        parts = parts[:-1]
+    return "/".join([*parts[:-1], "camera_info"])
+
+
+def is_rectified(channel: CameraChannel) -> bool:
+    """Tell whether the recorded images are rectified: as the recipe says, else by the name of the topic."""
+    if channel.rectified is not None:
+        return channel.rectified
+    return any(part.startswith("image_rect") for part in channel.topic.split("/"))
+
+
+def camera_intrinsics(
+    name: str, fields: Mapping[str, Any], recording: Recording, notes: list[str]
+) -> tuple[dict[str, Any] | None, SE3]:
+    """Return `camera` of a channel in `calibration.json`, and `frame_SE3_image`.
+
+    The latter is the turn from the camera's frame to the axes of the image: identity, but for images
+    that were rectified by a rotation R before they were recorded.
+
+    Args:
+        name: the channel.
+        fields: what the step knows about it.
+        recording: offers its CameraInfo topic.
+        notes: takes sentences on what is unusual.
+
+    Raises:
+        CalibrationError: the camera needs intrinsics and has none, or they are implausible.
+    """
+    given = fields["intrinsics"]
+    if given is not None:
+        return _by_hand(name, given), SE3()
+    topic = fields["camera_info"]
+    if topic not in recording.topics:
+        if not fields["undistort"]:
+            return None, SE3()
+        raise CalibrationError(
+            f"{name} ({fields['topic']}): no CameraInfo on {topic}, which undistortion needs; name the topic in "
+            "`camera_info`, give `intrinsics`, or set `undistort: false` in the recipe."
+        )
+    reading, lost = _one_calibration(name, topic, recording, rectified=fields["rectified"])
+    if reading is None:
+        if fields["undistort"]:
+            raise CalibrationError(
+                f"{name}: no usable CameraInfo on {topic}{_reasons(lost)}; give `intrinsics` or set `undistort: false`."
+            )
+        return None, SE3()
+    if lost:
+        notes.append(f"{name}: {sum(lost.values())} messages on {topic} cannot be used{_reasons(lost)}.")
+    calibration = reading.calibration
+    camera = {
+        "model": calibration.model,
+        "width": calibration.width,
+        "height": calibration.height,
+        "k": [rounded(v) for v in calibration.k],
+        "d": [rounded(v) for v in calibration.d],
+        "r": [rounded(v) for v in calibration.r],
+        "p": [rounded(v) for v in calibration.p],
+        "binning": list(calibration.binning),
+        "roi": asdict(calibration.roi),
+        "source": "camera_info",
+    }
+    if not fields["rectified"]:
+        return camera, SE3()
+    return camera | _of_rectified(name, topic, calibration), _turn(name, calibration, notes)
+
+
+def _of_rectified(name: str, topic: str, calibration: CameraCalibration) -> dict[str, Any]:
+    """Return what differs for images that were rectified: P holds instead of K and D."""
+    p = calibration.p
+    if not (p[0] > 0 and p[5] > 0):
+        raise CalibrationError(
+            f"{name}: its images are rectified, but P in the CameraInfo on {topic} has no focal length; give "
+            "`intrinsics`, or say `rectified: false` in the recipe if they are not."
+        )
+    k = [rounded(v) for v in (p[0], 0.0, p[2], 0.0, p[5], p[6], 0.0, 0.0, 1.0)]
+    return {"model": "none", "k": k, "d": []}
+
+
+def _turn(name: str, calibration: CameraCalibration, notes: list[str]) -> SE3:
+    """Return `frame_SE3_image`: R turns vectors from the camera's axes to those of the rectified image."""
+    image_R_frame = np.array(calibration.r).reshape(3, 3)
+    frame_SE3_image = SE3.create(quaternion_from_rotation(image_R_frame.T), (0.0, 0.0, 0.0))
+    turned_deg = degrees(2 * acos(min(1.0, abs(frame_SE3_image.rotation[0]))))
+    if turned_deg > TOLD_DEG:
+        notes.append(
+            f"{name}: its images are rectified by a turn of {turned_deg:.2f} degrees, which its extrinsics include."
+        )
+    return frame_SE3_image
+
+
+def _one_calibration(
+    name: str, topic: str, recording: Recording, *, rectified: bool
+) -> tuple[CameraInfoReading | None, dict[str, int]]:
+    """Return the calibration that all messages of `topic` agree on, and why others cannot be used."""
+    first: CameraInfoReading | None = None
+    counts = Counts()
+    for message in recording.messages([topic]):
+        try:
+            reading = decode_camera_info(recording.decode(message))
+        except DecodeError as err:
+            counts.lose(str(err))
+            continue
+        now = reading.calibration
+        if first is None:
+            first = reading
+            continue
+        then = first.calibration
+        if now.lens != then.lens or (rectified and (now.r, now.p) != (then.r, then.p)):
+            raise CalibrationError(
+                f"{name}: the calibration on {topic} changes at {reading.stamp_ns / 1e9:.3f} s; one recording has "
+                "one calibration. Split the recording there, or give `intrinsics` in the recipe."
+            )
+    return first, counts.lost
+
+
+def _reasons(lost: Mapping[str, int]) -> str:
+    return ": " + "; ".join(lost) if lost else ""
+
+
+def _by_hand(name: str, given: Mapping[str, Any]) -> dict[str, Any]:
+    k = [given["fx"], 0.0, given["cx"], 0.0, given["fy"], given["cy"], 0.0, 0.0, 1.0]
+    d = list(given["distortion"])
+    model = given["model"]
+    if not d:  # an equidistant lens is none by its coefficients alone
+        model, d = ("equidistant", [0.0] * 4) if model == "equidistant" else ("none", [])
+    width, height = given["width"], given["height"]
+    try:
+        check_lens(model, width, height, k, d)
+    except DecodeError as err:
+        raise CalibrationError(f"{name}: intrinsics in the recipe: {err}.") from err
+    return {
+        "model": model,
+        "width": width,
+        "height": height,
+        "k": k,
+        "d": d,
+        "r": [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+        "p": [*k[:3], 0.0, *k[3:6], 0.0, *k[6:], 0.0],
+        "binning": [1, 1],
+        "roi": {"x_offset": 0, "y_offset": 0, "width": width, "height": height, "do_rectify": False},
+        "source": "recipe",
+    }
+
+
+def rounded(value: float) -> float:
+    """Round to 12 significant digits, which hides the last bits of compositions."""
+    return float(f"{value:.12g}") + 0.0
