@@ -306,6 +306,54 @@ def test_an_embedded_definition_that_leaves_out_standard_types_is_completed():
     assert choice.best.types.keys() >= {"std_msgs/msg/Header", "geometry_msgs/msg/Quaternion"}
 
 
+WHERE = "geometry_msgs/Point point\nfloat64[] values\nfloat32[3] range\nstring name\nbool ok\nuint8 level\n"
+WHERE_IDL = """// generated from rosidl_adapter/resource/msg.idl.em
+#include "geometry_msgs/msg/Point.idl"
+
+module my_msgs {
+  module msg {
+    typedef float float__3[3];
+    @verbatim (language="comment", text=
+      "Where it is.")
+    struct Where {
+      @verbatim (language="comment", text= "In" " metres.")
+      @unit (value="m")
+      geometry_msgs::msg::Point point;
+
+      sequence<double> values;
+
+      float__3 range;
+
+      string name;
+
+      boolean ok;
+
+      uint8 level;
+    };
+  };
+};
+"""
+POINT_IDL = "module geometry_msgs {\n  module msg {\n    struct Point {\n      double x;\n      double y;\n      double z;\n    };\n  };\n};\n"
+RULE = "=" * 80 + "\n"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        f"{RULE}IDL: my_msgs/msg/Where\n{WHERE_IDL}\n{RULE}IDL: geometry_msgs/msg/Point\n{POINT_IDL}",
+        f"{WHERE_IDL}\n{RULE}IDL: geometry_msgs/msg/Point\n{POINT_IDL}",
+        WHERE_IDL,
+    ],
+)
+def test_definitions_in_idl_mean_the_same_as_in_msg(text):
+    idl = choice_of("my_msgs/msg/Where", "cdr", Definition("idl", text), [])
+    assert isinstance(idl, Choice), idl
+    assert idl.best.digest == choice_of("my_msgs/msg/Where", "cdr", Definition("msg", WHERE), []).best.digest
+    message = fill(idl.best, point={"x": 1.0}, values=[2.0], range=[3, 4, 5], name="n", ok=True, level=6)
+    decoded = idl.decode(idl.best.store.serialize_cdr(message, "my_msgs/msg/Where"))
+    assert (decoded.point.x, decoded.range.tolist(), decoded.level) == (1.0, [3.0, 4.0, 5.0], 6)
+
+
 @pytest.mark.parametrize(
     ("definition", "words"),
     [

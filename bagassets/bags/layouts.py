@@ -5,6 +5,7 @@ of the user's wins; then come the versions of known packages (`bagassets.bags.kn
 the standard types, newest first. Several may be possible: `Choice` goes by what fits the bytes.
 """
 
+import re
 import struct
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -35,6 +36,9 @@ _TF = "geometry_msgs/TransformStamped[] transforms\n"
 _TF_NAMES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 # Standard types that had other fields before Humble, when bags had no definitions yet.
 CHANGED_IN_HUMBLE = frozenset({"shape_msgs/msg/SolidPrimitive", "visualization_msgs/msg/Marker"})
+
+# A type and those that it includes follow each other like this in bags.
+_IDL_SECTION = re.compile(r"^=+\r?\nIDL: .*$", re.MULTILINE)
 
 Lookup = Callable[[str], Any | None]
 # The `.msg` files of a folder with size and time, by which a process notices that one was edited.
@@ -253,9 +257,14 @@ def _plain(description: Any) -> Any:
 
 
 def _parsed(definition: Definition, msgtype: str) -> Types:
-    if definition.format == "idl":
-        return get_types_from_idl(definition.text)
-    return get_types_from_msg(definition.text, msgtype)
+    if definition.format == "msg":
+        return get_types_from_msg(definition.text, msgtype)
+    types: dict[str, Any] = {}
+    for section in _IDL_SECTION.split(definition.text):
+        # The parser knows no preprocessor, and needs none: what is included is a section of its own.
+        text = "\n".join(line for line in section.splitlines() if not line.lstrip().startswith("#"))
+        types |= get_types_from_idl(text) if text.strip() else {}
+    return types
 
 
 def _listed(folder: Path) -> Listed:
