@@ -16,7 +16,8 @@ from bagassets.nuscenes.schema import RECORDING_TABLES
 from bagassets.quality.box_rules import boxes_plausible
 from bagassets.quality.calibration_rules import calibration_plausible
 from bagassets.quality.channel_rules import channels_complete
-from bagassets.quality.devkit_rules import dataset_tables, devkit_ready
+from bagassets.quality.dataset_rows import DatasetRows, read_dataset
+from bagassets.quality.devkit_rules import devkit_ready
 from bagassets.quality.file_rules import files_match
 from bagassets.quality.pose_rules import poses_cover_sensors
 from bagassets.quality.topic_rules import channels_present, stamps_monotonic, topic_rates
@@ -422,15 +423,20 @@ def dataset(tmp_path_factory):
     store = Store(folder / "store")
     tables = make_tables(store, Drive(seconds=3.0)).artifact
     assemble([BagPart("drive_1", "c", tables.digest)], NuScenes(version=VERSION), store, folder / "nuscenes")
-    return folder / "nuscenes", dataset_tables(folder / "nuscenes", VERSION)
+    return folder / "nuscenes", read_dataset(folder / "nuscenes", VERSION).tables
+
+
+def find_in(root, tables):
+    scenes = frozenset(row["name"] for row in tables["scene"])
+    return devkit_ready(DatasetRows(root, VERSION, tables, scenes, 1, 1))
 
 
 class TestDevkit:
     def test_our_datasets_pass(self, dataset):
         root, tables = dataset
-        finding = devkit_ready(root, VERSION, tables)
+        finding = find_in(root, tables)
         assert finding.problems == []
-        assert finding.facts["scene"] == 1
+        assert finding.facts == {"scenes": 1, "has_LIDAR_TOP": True}
 
     @pytest.mark.parametrize(
         ("table", "column", "value", "words"),
@@ -465,20 +471,18 @@ class TestDevkit:
         broken = copy.deepcopy(tables)
         row = broken[table][1]
         row[column] = value
-        problems = devkit_ready(root, VERSION, broken).problems
+        problems = find_in(root, broken).problems
         assert any(words in problem for problem in problems)
         assert any(str(row["token"]) in problem or str(value) in problem for problem in problems)
 
     def test_a_map_that_is_no_png_or_missing_is_named(self, dataset, tmp_path):
         root, tables = dataset
-        assert any("no row" in text for text in devkit_ready(root, VERSION, {**tables, "map": []}).problems)
+        assert any("no row" in text for text in find_in(root, {**tables, "map": []}).problems)
         other = tmp_path / "map.png"
         row = {**tables["map"][0], "filename": str(other)}
-        assert any(
-            "cannot be read" in t for t in devkit_ready(root, VERSION, {**tables, "map": [row]}).problems
-        )
+        assert any("cannot be read" in t for t in find_in(root, {**tables, "map": [row]}).problems)
         other.write_bytes(b"GIF89a")
-        assert any("is no PNG" in t for t in devkit_ready(root, VERSION, {**tables, "map": [row]}).problems)
+        assert any("is no PNG" in t for t in find_in(root, {**tables, "map": [row]}).problems)
 
     @pytest.mark.parametrize(
         ("splits", "words"),
@@ -494,7 +498,7 @@ class TestDevkit:
         before = path.read_bytes()
         try:
             path.write_text(json.dumps(splits))
-            assert any(words in problem for problem in devkit_ready(root, VERSION, tables).problems)
+            assert any(words in problem for problem in find_in(root, tables).problems)
         finally:
             path.write_bytes(before)
 
@@ -514,7 +518,7 @@ class TestDevkit:
                 # A new file: the old one is a hard link into the store.
                 (root / name).unlink()
                 (root / name).write_bytes(damage(before))
-                problems = devkit_ready(root, VERSION, tables).problems
+                problems = find_in(root, tables).problems
                 assert any(words in problem and name in problem for problem in problems), words
             finally:
                 (root / name).unlink()

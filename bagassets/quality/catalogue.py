@@ -4,11 +4,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from bagassets.nuscenes.check import broken_references, check_dataset_files, duplicate_tokens
+from bagassets.nuscenes.check import broken_references, duplicate_tokens
+from bagassets.quality import dataset_rules
 from bagassets.quality.box_rules import boxes_plausible
 from bagassets.quality.calibration_rules import calibration_plausible
 from bagassets.quality.channel_rules import channels_complete
-from bagassets.quality.devkit_rules import Tables, dataset_tables, devkit_ready
+from bagassets.quality.dataset_rows import DatasetRows, read_dataset
+from bagassets.quality.devkit_rules import devkit_ready
 from bagassets.quality.evidence import Evidence
 from bagassets.quality.file_rules import files_match
 from bagassets.quality.finding import Finding
@@ -47,12 +49,12 @@ class RecordingCheck:
 
 @dataclass(frozen=True)
 class DatasetCheck:
-    """A check of the finished dataset: dataroot, version and tables -> what was found."""
+    """A check of the finished dataset; attributes as of `RecordingCheck`."""
 
     name: str
     section: str
     description: str
-    rule: Callable[[Path, str, Tables], Finding]
+    rule: Callable[[DatasetRows], Finding]
 
 
 RECORDING_CHECKS = (
@@ -140,19 +142,19 @@ DATASET_CHECKS = (
         "dataset_references_intact",
         "references_intact",
         "Over all recordings, every token leads somewhere and chains are closed.",
-        lambda _root, _version, tables: Finding(broken_references(tables)),
+        dataset_rules.references_intact,
     ),
     DatasetCheck(
         "dataset_tokens_unique",
         "tokens_unique",
         "Over all recordings, no token and no file name exists twice.",
-        lambda _root, _version, tables: Finding(duplicate_tokens(tables)),
+        dataset_rules.tokens_unique,
     ),
     DatasetCheck(
         "dataset_files_match",
         "files_match",
         "The files below the dataroot are those that the tables name.",
-        lambda root, version, tables: Finding(check_dataset_files(root, version, tables)),
+        dataset_rules.files_match,
     ),
     DatasetCheck(
         "devkit_ready",
@@ -175,9 +177,9 @@ def check_dataset_now(dataroot: Path, version: str, checks: Checks) -> dict[str,
     Raises:
         DatasetError: a table is missing or cannot be read.
     """
-    tables = dataset_tables(dataroot, version)
+    rows = read_dataset(dataroot, version)
     return {
-        check.name: check.rule(dataroot, version, tables)
+        check.name: check.rule(rows)
         for check in DATASET_CHECKS
         if severity_of(checks, check.section) != "skip"
     }

@@ -5,16 +5,16 @@ Integrity of references and files is checked by `bagassets.nuscenes.check`.
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Set as AbstractSet
 from pathlib import Path
-from typing import Any
 
 from bagassets.nuscenes.dataset_tables import SPLITS
-from bagassets.nuscenes.schema import TABLES, Row
+from bagassets.nuscenes.schema import Row
 from bagassets.nuscenes.splits import DEVKIT_SPLITS
-from bagassets.nuscenes.table_file import read_table
+from bagassets.quality.dataset_rows import DatasetRows
 from bagassets.quality.finding import Finding
 
-__all__ = ["dataset_tables", "devkit_ready"]
+__all__ = ["devkit_ready"]
 
 _FORMATS = ("jpg", "png", "pcd")
 _PNG = b"\x89PNG\r\n\x1a\n"
@@ -28,31 +28,19 @@ _FAR_M = 100_000.0
 Tables = Mapping[str, Sequence[Row]]
 
 
-def dataset_tables(dataroot: Path, version: str) -> dict[str, list[dict[str, Any]]]:
-    """Return all tables of a dataset.
-
-    Raises:
-        DatasetError: a table is missing or cannot be read.
-    """
-    return {name: read_table(dataroot / version, name) for name in TABLES}
-
-
-def devkit_ready(dataroot: Path, version: str, tables: Tables) -> Finding:
-    """Check what the devkit asserts or silently relies on.
-
-    Args:
-        dataroot: folder of samples, sweeps and maps.
-        version: name of the version folder.
-        tables: all its tables.
-    """
+def devkit_ready(rows: DatasetRows) -> Finding:
+    """Check what the devkit asserts or silently relies on."""
+    dataroot, tables = rows.dataroot, rows.tables
     problems = [
         *_map(dataroot, tables),
         *_readings(tables),
         *_point_files(dataroot, tables),
         *_geometry(tables),
-        *_splits(dataroot / version / SPLITS, tables),
+        *_splits(rows.folder / SPLITS, rows.scenes),
     ]
-    return Finding(problems, {name: len(tables[name]) for name in ("scene", "sample", "sample_annotation")})
+    channels = {str(row["channel"]) for row in tables["sensor"]}
+    # The devkit's renderers and its evaluation name this channel.
+    return Finding(problems, {"scenes": len(rows.scenes), "has_LIDAR_TOP": "LIDAR_TOP" in channels})
 
 
 def _first(what: str, offenders: Sequence[str]) -> Iterator[str]:
@@ -191,13 +179,12 @@ def _is_unit(rotation: Sequence[float]) -> bool:
     return len(rotation) == 4 and abs(sum(value * value for value in rotation) - 1.0) < 1e-5
 
 
-def _splits(path: Path, tables: Tables) -> Iterator[str]:
+def _splits(path: Path, scenes: AbstractSet[str]) -> Iterator[str]:
     try:
         splits: Mapping[str, Sequence[str]] = json.loads(path.read_bytes())
     except (OSError, ValueError) as err:
         yield f"{path}: cannot be read ({err})"
         return
-    scenes = {row["name"] for row in tables["scene"]}
     seen: dict[str, str] = {}
     for split, names in sorted(splits.items()):
         if split in DEVKIT_SPLITS:
