@@ -32,7 +32,7 @@ def sharpness(channel: Artifact) -> list[float]:
     """Return the variance of the Laplacian of each image, in order of time; small means blurred."""
     files = channel.read_table("index.parquet")["file"].to_pylist()
     images = (cv2.imread(str(channel.path(file)), cv2.IMREAD_GRAYSCALE) for file in files)
-    return [round(float(cv2.Laplacian(image, cv2.CV_64F).var()), 3) for image in images]
+    return [round(float(cv2.Laplacian(image, cv2.CV_64F).var()), 3) for image in images if image is not None]
 
 
 @dg.asset(
