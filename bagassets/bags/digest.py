@@ -11,6 +11,7 @@ from bagassets.bags.digest_record import DigestIndex, Kept, keep, kept_digest
 from bagassets.bags.model import Found
 from bagassets.errors import ChangedWhileReadError, RecordingError
 from bagassets.store.canonical import digest_file, digest_json
+from bagassets.trace import span
 
 __all__ = [
     "DigestIndex",
@@ -122,7 +123,8 @@ def recording_digest(
         size += stat.st_size
         digest = None if rehash else kept_digest(path, stat, index)
         if digest is None:
-            digest = hash_file(path, stat)
+            with span("hash", file=path.name):
+                digest = hash_file(path, stat)
             hashed += stat.st_size
         try:
             kept[path.name] = keep(path, stat, digest, index)

@@ -2,6 +2,8 @@
 
 import os
 import sys
+from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,7 +12,7 @@ import click
 from bagassets.cli.options import recipe_option
 
 if TYPE_CHECKING:
-    from bagassets.engine.build_report import BuildOptions
+    from bagassets.engine.build_report import BuildOptions, Event
 
 __all__ = ["build"]
 
@@ -30,6 +32,7 @@ Examples:
   bagassets build --bag 'monday*' --select frames,sweeps
   bagassets build --dry-run
   bagassets build --check || echo stale
+  bagassets build --trace trace.json            # look at it with https://ui.perfetto.dev
 
 \b
 Exit status:
@@ -49,6 +52,8 @@ Exit status:
 @click.option("--retry-failed", is_flag=True, help="Try again what failed before on the same input.")
 @click.option("--dry-run", "-n", is_flag=True, help="Tell what would run, and why; run nothing.")
 @click.option("--check", is_flag=True, help="Run nothing; exit with 0 if all is fresh, 3 if not (for CI).")
+@click.option("--trace", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE",
+              help="Write what bags, steps and workers did when, as a trace for Chrome or Perfetto.")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print the outcome as JSON; progress goes to stderr.")
 def build(
     recipe: Path,
@@ -58,6 +63,7 @@ def build(
     retry_failed: bool,
     dry_run: bool,
     check: bool,
+    trace: Path | None,
     as_json: bool,
 ) -> None:
     """Bring all recordings and the dataset up to date, and tell what was done.
@@ -73,7 +79,7 @@ def build(
         options = BuildOptions(_sensible(jobs), retry_failed, bags, assets)
         if dry_run or check:
             sys.exit(_look(recipe, options, check=check, as_json=as_json))
-        sys.exit(_build(recipe, options, as_json=as_json))
+        sys.exit(_build(recipe, options, trace, as_json=as_json))
     except SelectionError as err:
         raise click.UsageError(str(err)) from err
 
@@ -85,15 +91,27 @@ def _sensible(jobs: int) -> int:
     return min(jobs, most)
 
 
-def _build(recipe: Path, options: "BuildOptions", *, as_json: bool) -> int:
+def _build(recipe: Path, options: "BuildOptions", trace: Path | None, *, as_json: bool) -> int:
     from bagassets.cli.progress import progress_for  # noqa: PLC0415
     from bagassets.cli.summary import MOST_ROWS, print_summary, summary_json, summary_rows  # noqa: PLC0415
     from bagassets.defs import driver  # noqa: PLC0415  (Dagster takes a second to import)
     from bagassets.recipe import load_recipe  # noqa: PLC0415
 
-    store = load_recipe(recipe).store_path
-    with progress_for() as show:
-        report = driver.build(recipe, options, show)
+    loaded = load_recipe(recipe)
+    store = loaded.store_path
+    with ExitStack() as stack:
+        listeners: list[Callable[[Event], None]] = [stack.enter_context(progress_for())]
+        if trace is not None:
+            from bagassets.engine.trace import recorded_trace, trace_bags  # noqa: PLC0415
+
+            stack.enter_context(recorded_trace(trace, loaded.state))
+            listeners.append(trace_bags)
+
+        def tell(event: "Event") -> None:
+            for listener in listeners:
+                listener(event)
+
+        report = driver.build(recipe, options, tell)
     if as_json:
         click.echo(summary_json(report, summary_rows(report, store)))
     else:

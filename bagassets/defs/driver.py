@@ -23,6 +23,7 @@ from bagassets.engine.plan_model import Recorded
 from bagassets.forkserver.client import Client
 from bagassets.forkserver.tasks import connect, server_spec
 from bagassets.recipe.project import dagster_home
+from bagassets.trace import span
 
 __all__ = ["build"]
 
@@ -44,7 +45,8 @@ def build(recipe_file: Path, options: BuildOptions, on_event: Listener) -> Build
             home = str(dagster_home(recipe_file.absolute(), recipe))
 
             def client() -> Client:
-                return connect(server_spec(recipe.state, recipe_file.absolute()), home)
+                with span("find or start the server"):
+                    return connect(server_spec(recipe.state, recipe_file.absolute()), home)
 
             with Runs(client, home, options.jobs, on_event) as runs:
                 sizes = {key: before.planned.discovery.found[key].size for key in before.todo}

@@ -31,6 +31,7 @@ from bagassets.defs.worker_tag import RunWorker
 from bagassets.errors import BagAssetsError
 from bagassets.forkserver.process import ProcessId
 from bagassets.forkserver.worker import cancel_requested
+from bagassets.trace import name_process, span
 
 __all__ = ["build", "end_worker", "execute", "preload", "recover", "report_lost"]
 
@@ -111,7 +112,8 @@ def build(args: dict[str, Any]) -> dict[str, Any]:
 
     `tags` are put on it; `location` holds the fields of a `CodeLocation`; `locks` as in `execute`.
     """
-    with capture_interrupts(), ExitStack() as stack:
+    name_process(f"worker: {args['partition_key'] or ', '.join(args['assets'])}")
+    with capture_interrupts(), ExitStack() as stack, span("run", run_id=args["run_id"]):
         instance = _open(args, stack)
         run_id, partition_key = str(args["run_id"]), args["partition_key"]
         if not _take_turn(args["locks"], partition_key, stack, lambda _asked: True):

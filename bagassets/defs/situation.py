@@ -17,6 +17,7 @@ from bagassets.engine.choose import choose_recordings
 from bagassets.engine.dataset_build import dataset_code_versions
 from bagassets.engine.plan_model import Plan
 from bagassets.recipe.project import dagster_home
+from bagassets.trace import span
 
 __all__ = ["Situation", "opened", "survey"]
 
@@ -66,7 +67,8 @@ def survey(
     """
     options = options or BuildOptions()
     recipe = workspace.recipe
-    planned = plan_now(instance, workspace)
+    with span("plan"):
+        planned = plan_now(instance, workspace)
     found = planned.discovery.found
     chosen = choose_recordings(found, options.bags) if options.bags else frozenset(found)
     todo = {}

@@ -5,10 +5,12 @@ decompress each chunk once per topic.
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from typing import Any
 
 from bagassets.bags.model import Recording
+from bagassets.engine.process import encoders
 from bagassets.errors import BagAssetsError
 from bagassets.steps.channel import ChannelExtractor
 from bagassets.store.action import Action
@@ -26,13 +28,13 @@ class ChannelJob:
         channel: its name.
         action: what is to be done.
         topics: what it reads.
-        make_extractor: makes the extractor that writes into an artifact.
+        make_extractor: makes the extractor that writes into an artifact, with threads or without.
     """
 
     channel: str
     action: Action
     topics: tuple[str, ...]
-    make_extractor: Callable[[Recording, ArtifactWriter], ChannelExtractor]
+    make_extractor: Callable[[Recording, ArtifactWriter, Executor | None], ChannelExtractor]
 
 
 def run_pass(
@@ -40,12 +42,14 @@ def run_pass(
     jobs: Sequence[ChannelJob],
     store: Store,
     verify_unchanged: Callable[[], None],
+    *,
+    threads: int = 1,
 ) -> tuple[dict[str, Outcome], dict[str, BagAssetsError]]:
     """Read the topics of all `jobs` once and finish each job.
 
     A job that fails does not stop the others: its error is recorded under its action and
     returned by channel. `verify_unchanged` is called after the last message and before
-    anything is recorded.
+    anything is recorded. All channels share `threads` threads.
 
     Returns:
         channel -> outcome, and channel -> error.
@@ -58,19 +62,20 @@ def run_pass(
     summaries: dict[str, dict[str, Any]] = {}
     pending = {job.channel: store.begin(job.action) for job in jobs}
     try:
-        for job in jobs:
-            try:
-                extractors[job.channel] = job.make_extractor(recording, pending[job.channel].out)
-            except BagAssetsError as err:
-                errors[job.channel] = err
-        _feed(recording, extractors, errors)
-        for channel, extractor in extractors.items():
-            if channel in errors:
-                continue
-            try:
-                summaries[channel] = extractor.finish()
-            except BagAssetsError as err:
-                errors[channel] = err
+        with encoders(threads) as pool:
+            for job in jobs:
+                try:
+                    extractors[job.channel] = job.make_extractor(recording, pending[job.channel].out, pool)
+                except BagAssetsError as err:
+                    errors[job.channel] = err
+            _feed(recording, extractors, errors)
+            for channel, extractor in extractors.items():
+                if channel in errors:
+                    continue
+                try:
+                    summaries[channel] = extractor.finish()
+                except BagAssetsError as err:
+                    errors[channel] = err
         verify_unchanged()
     except BaseException:
         for unfinished in pending.values():

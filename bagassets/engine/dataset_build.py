@@ -14,6 +14,7 @@ from bagassets.steps.vision_dataset import VisionPart, VisionSummary, assemble_v
 from bagassets.store.canonical import digest_json
 from bagassets.store.lease import in_use
 from bagassets.store.store import Store
+from bagassets.trace import span
 
 __all__ = [
     "DatasetInputs",
@@ -93,7 +94,7 @@ def select_inputs(plan: Plan, live: frozenset[str]) -> DatasetInputs:
 def build_dataset(recipe: Recipe, store: Store, inputs: DatasetInputs) -> DatasetSummary:
     """Bring the dataset on disk up to date with `inputs`."""
     settings = recipe.nuscenes
-    with in_use(store.root):
+    with span("nuscenes_dataset"), in_use(store.root):
         return assemble(
             inputs.parts,
             settings,

@@ -7,6 +7,7 @@ without running anything.
 """
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
 from contextlib import nullcontext
 from functools import cached_property, partial
 from typing import Any
@@ -16,6 +17,7 @@ from bagassets.bags.digest import RecordingStat
 from bagassets.bags.inventory import Inventory
 from bagassets.bags.model import Found, Recording
 from bagassets.engine.channel_pass import ChannelJob, run_pass
+from bagassets.engine.process import encoder_threads, keep_freed_memory
 from bagassets.engine.recording_assets import (
     ASSETS,
     OPTIONAL_ASSETS,
@@ -49,6 +51,7 @@ from bagassets.store.artifact import Artifact, ArtifactWriter
 from bagassets.store.canonical import digest_file
 from bagassets.store.lease import in_use
 from bagassets.store.store import Outcome, Store
+from bagassets.trace import span
 
 __all__ = ["ASSETS", "UPSTREAM", "AssetResult", "BuildFailure", "NotMadeError", "RecordingBuild", "Skipped"]
 
@@ -74,7 +77,7 @@ class RecordingBuild:
         digest: its content digest, as the asset `bag` recorded it.
         stat: sizes and times of its files that the digest holds for.
         recorded: asset -> artifact that is current upstream, for assets that are not made here.
-        workers: threads that encode images.
+        workers: threads that encode images; default: one per processor.
         dry: run nothing; an action that is not known raises `NotMadeError`.
     """
 
@@ -87,7 +90,7 @@ class RecordingBuild:
         stat: RecordingStat,
         recorded: Mapping[str, Artifact] | None = None,
         *,
-        workers: int = 1,
+        workers: int | None = None,
         dry: bool = False,
     ) -> None:
         self.recipe = recipe
@@ -95,7 +98,7 @@ class RecordingBuild:
         self.found = found
         self.digest = digest
         self.source = MessageSource(found, stat, recipe.bags.message_definitions)
-        self._workers = workers
+        self._workers = encoder_threads() if workers is None else workers
         self._dry = dry
         self._artifacts: dict[str, Artifact] = dict(recorded or {})
 
@@ -109,6 +112,8 @@ class RecordingBuild:
         Raises:
             BuildFailure: after everything else was made, if anything failed.
         """
+        if not self._dry:
+            keep_freed_memory()
         wanted = assets_of(self.recipe) if wanted is None else wanted
         with nullcontext() if self._dry else in_use(self.store.root):
             yield from self._build(wanted)
@@ -219,7 +224,8 @@ class RecordingBuild:
     def _run(
         self, asset: str, action: Action, make: Callable[[ArtifactWriter], dict[str, Any]]
     ) -> AssetResult:
-        outcome = self.store.lookup(action) if self._dry else self.store.run(action, make)
+        with span(asset):
+            outcome = self.store.lookup(action) if self._dry else self.store.run(action, make)
         if outcome is None:
             raise NotMadeError(action, self.store.failure(action.digest))
         self._artifacts[asset] = outcome.artifact
@@ -377,9 +383,16 @@ class RecordingBuild:
         if jobs:
             try:
                 topics = {topic for job in jobs for topic in job.topics}
-                with self.source.whole(self.inventory) as recording:
+                with (
+                    span("frames and sweeps", channels=[job.channel for job in jobs]),
+                    self.source.whole(self.inventory) as recording,
+                ):
                     made, failed = run_pass(
-                        recording.restrict(topics), jobs, self.store, self.source.verify_unchanged
+                        recording.restrict(topics),
+                        jobs,
+                        self.store,
+                        self.source.verify_unchanged,
+                        threads=self._workers,
                     )
             except BagAssetsError as err:
                 made, failed = {}, {job.channel: err for job in jobs}
@@ -455,11 +468,16 @@ class RecordingBuild:
         )
 
     def _extractor(
-        self, name: str, request: Request, recording: Recording, out: ArtifactWriter
+        self,
+        name: str,
+        request: Request,
+        recording: Recording,
+        out: ArtifactWriter,
+        pool: Executor | None,
     ) -> ChannelExtractor:
         view = recording.restrict(request.topics)
         if self._asset_of(name) == "frames":
-            return frames.FrameExtractor(request.params, view, out, self._workers)
+            return frames.FrameExtractor(request.params, view, out, pool)
         trajectory = self._trajectory if request.params.get("deskew") else None
         return sweeps.SweepExtractor(request.params, view, out, trajectory)
 

@@ -68,17 +68,21 @@ def _move(
         knots_ns: (M,) times of the knots, the first one 0.
         transforms: (M, 12) rows of 3x4 matrices at the knots.
     """
-    left = np.minimum(since_ns // KNOT_NS, len(knots_ns) - 2)
+    # Lasers fire in groups: points with one time follow each other, and share a transform.
+    begins = np.flatnonzero(np.diff(since_ns, prepend=since_ns[0] - 1))
+    lengths = np.diff(begins, append=len(since_ns))
+    times_ns = since_ns[begins]
+    left = np.minimum(times_ns // KNOT_NS, len(knots_ns) - 2)
     widths = np.maximum(np.diff(knots_ns), 1)
-    fraction = (since_ns - knots_ns[left]) / widths[left]
+    fraction = (times_ns - knots_ns[left]) / widths[left]
     # Entries by rows and points by columns: what is added and multiplied lies side by side.
     at_left, steps = transforms.T, np.diff(transforms, axis=0).T
+    entries = at_left[:, left] + steps[:, left] * fraction
+    if len(begins) < len(since_ns):
+        entries = np.repeat(entries, lengths, axis=1)
     x, y, z = (points[:, axis].astype(np.float64) for axis in range(3))
     for axis in range(3):
-        a, b, c, d = (
-            at_left[row].take(left) + steps[row].take(left) * fraction
-            for row in range(4 * axis, 4 * axis + 4)
-        )
+        a, b, c, d = entries[4 * axis : 4 * axis + 4]
         points[:, axis] = a * x + b * y + c * z + d
 
 

@@ -5,8 +5,9 @@ Files: `<stamp_ns>.jpg` or `<stamp_ns>.png`, `index.parquet`, `channel.json`.
 
 from collections import deque
 from collections.abc import Callable, Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import replace
+from concurrent.futures import Executor, Future
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import cv2
@@ -25,14 +26,14 @@ from bagassets.recipe.model import CameraChannel, Limits
 from bagassets.recipe.model_base import Clock
 from bagassets.steps.channel import Counts, Request
 from bagassets.steps.image_output import (
-    EncodedImage,
     ImageOutput,
     intrinsic_matrix,
     raw_pixels,
     require_calibration,
 )
 from bagassets.store.action import Step
-from bagassets.store.artifact import ArtifactWriter
+from bagassets.store.artifact import ArtifactWriter, FileEntry
+from bagassets.trace import span
 
 __all__ = ["STEP", "FrameExtractor", "request"]
 
@@ -106,6 +107,20 @@ def request(
     return Request(params, (channel.topic,))
 
 
+# Images of one channel that wait or are worked on: enough to keep threads busy, and the memory bounded.
+_MOST_IN_FLIGHT = 4
+
+
+@dataclass(frozen=True, slots=True)
+class _Written:
+    """An image file in the artifact."""
+
+    entry: FileEntry
+    extension: str
+    width: int
+    height: int
+
+
 class FrameExtractor:
     """Turns the messages of one camera into the files of an artifact.
 
@@ -113,11 +128,15 @@ class FrameExtractor:
         params: as made by `request`.
         recording: decodes the messages.
         out: the artifact.
-        workers: threads that convert and encode; at most twice as many images are in memory.
+        pool: threads that convert, encode and write; None to do so at once.
     """
 
     def __init__(
-        self, params: Mapping[str, Any], recording: Recording, out: ArtifactWriter, workers: int = 1
+        self,
+        params: Mapping[str, Any],
+        recording: Recording,
+        out: ArtifactWriter,
+        pool: Executor | None = None,
     ) -> None:
         cv2.setNumThreads(1)  # parallel over images, not inside one
         self.topics: tuple[str, ...] = (params["topic"],)
@@ -129,9 +148,8 @@ class FrameExtractor:
         self._out = out
         self._counts = Counts()
         self._output = ImageOutput(self._params, self._grey_range())
-        self._pool = ThreadPoolExecutor(max(1, workers), "encode") if workers > 1 else None
-        self._in_flight: deque[tuple[int, int, Future[EncodedImage]]] = deque()
-        self._limit = 2 * workers
+        self._pool = pool
+        self._in_flight: deque[tuple[int, int, Future[_Written]]] = deque()
         self._rows: list[dict[str, Any]] = []
         self._stamps_us: set[int] = set()
         self._frame_id = ""
@@ -154,13 +172,14 @@ class FrameExtractor:
         self._stamps_us.add(stamp_us)
         self._frame_id = self._frame_id or reading.frame_id
         if self._pool is None:
-            self._take(reading.stamp_ns, message.log_time_ns, reading)
+            self._take(reading.stamp_ns, message.log_time_ns, partial(self._write, reading))
             return
-        if reading.pixels is not None:  # a view of the message, which is valid during this call only
+        if reading.pixels is not None and not isinstance(message.data, bytes):
+            # A view of the message, which is valid during this call only.
             reading = replace(reading, pixels=reading.pixels.copy())
-        future = self._pool.submit(self._output.make, reading)
+        future = self._pool.submit(self._write, reading)
         self._in_flight.append((reading.stamp_ns, message.log_time_ns, future))
-        while len(self._in_flight) > self._limit:
+        while len(self._in_flight) > _MOST_IN_FLIGHT:
             self._collect()
 
     def finish(self) -> dict[str, Any]:
@@ -171,8 +190,6 @@ class FrameExtractor:
         """
         while self._in_flight:
             self._collect()
-        if self._pool is not None:
-            self._pool.shutdown()
         self._check()
         params = self._params
         rows = sorted(self._rows, key=lambda row: row["stamp_ns"])
@@ -202,11 +219,19 @@ class FrameExtractor:
 
     def _collect(self) -> None:
         stamp_ns, log_time_ns, future = self._in_flight.popleft()
-        self._take(stamp_ns, log_time_ns, future)
+        self._take(stamp_ns, log_time_ns, future.result)
 
-    def _take(self, stamp_ns: int, log_time_ns: int, work: "ImageReading | Future[EncodedImage]") -> None:
+    def _write(self, reading: ImageReading) -> "_Written":
+        """Make and write one file; runs in a thread of the pool."""
+        with span("image", channel=self._params["channel"]):
+            image = self._output.make(reading)
+            entry = self._out.write(f"{reading.stamp_ns}{image.extension}", image.data)
+        return _Written(entry, image.extension, image.width, image.height)
+
+    def _take(self, stamp_ns: int, log_time_ns: int, result: "Callable[[], _Written]") -> None:
+        """Note one file that was written, or why it was not."""
         try:
-            image = work.result() if isinstance(work, Future) else self._output.make(work)
+            image = result()
         except DecodeError as err:
             self._stamps_us.discard(stamp_ns // 1000)
             self._fail(err)
@@ -214,7 +239,7 @@ class FrameExtractor:
         except BagAssetsError:
             self._stop()
             raise
-        entry = self._out.write(f"{stamp_ns}{image.extension}", image.data)
+        entry = image.entry
         self._extension = image.extension
         self._rows.append(
             {
@@ -230,9 +255,8 @@ class FrameExtractor:
         self._counts.written += 1
 
     def _stop(self) -> None:
-        self._in_flight.clear()
-        if self._pool is not None:
-            self._pool.shutdown(wait=True, cancel_futures=True)
+        while self._in_flight:
+            self._in_flight.popleft()[2].cancel()
 
     def _fail(self, err: DecodeError) -> None:
         self._failed += 1

@@ -1,0 +1,79 @@
+"""Spans of time, recorded by whichever process or thread works, for a trace of a build.
+
+A span costs half a microsecond unless the environment names a folder to record into
+(`bagassets.engine.trace` does). Then each process appends its spans, as events of the Chrome
+trace format, to a file of its own there: workers are forked, and some of them end by a signal.
+"""
+
+import json
+import os
+import threading
+import time
+from contextlib import AbstractContextManager, nullcontext, suppress
+from pathlib import Path
+from typing import Any
+
+__all__ = ["VARIABLE", "event", "name_process", "span"]
+
+VARIABLE = "BAGASSETS_TRACE"
+
+_NOTHING: AbstractContextManager[None] = nullcontext()
+
+
+def span(name: str, **facts: Any) -> AbstractContextManager[None]:
+    """Record how long a block takes.
+
+    Args:
+        name: what is done, the same words for the same kind of work.
+        facts: JSON values that say on what.
+    """
+    folder = os.environ.get(VARIABLE)
+    return _NOTHING if not folder else _Span(folder, name, facts)
+
+
+def name_process(name: str) -> None:
+    """Say what this process is, as its track in the trace is to be called."""
+    event("M", "process_name", args={"name": name})
+
+
+def event(phase: str, name: str, **fields: Any) -> None:
+    """Record an event of the Chrome trace format now, with the fields that its phase needs."""
+    folder = os.environ.get(VARIABLE)
+    if folder:
+        _append(folder, {"ph": phase, "name": name, "ts": time.monotonic_ns() / 1000, **fields})
+
+
+class _Span(AbstractContextManager[None]):
+    """A span whose begin and end are written as one event when it ends."""
+
+    def __init__(self, folder: str, name: str, facts: dict[str, Any]) -> None:
+        self._folder = folder
+        self._name = name
+        self._facts = facts
+
+    def __enter__(self) -> None:
+        self._start_ns = time.monotonic_ns()
+
+    def __exit__(self, *exc: object) -> None:
+        duration_ns = time.monotonic_ns() - self._start_ns
+        facts = self._facts if exc[0] is None else {**self._facts, "error": str(exc[1])}
+        _append(
+            self._folder,
+            {
+                "ph": "X",
+                "name": self._name,
+                "ts": self._start_ns / 1000,
+                "dur": duration_ns / 1000,
+                "args": facts,
+            },
+        )
+
+
+def _append(folder: str, fields: dict[str, Any]) -> None:
+    """Append one line; small appends to a file of one's own are whole or not there."""
+    line = json.dumps({"pid": os.getpid(), "tid": threading.get_native_id(), **fields}) + "\n"
+    with (
+        suppress(OSError),  # a trace must not break a build
+        (Path(folder) / f"{os.getpid()}.jsonl").open("ab", buffering=0) as file,
+    ):
+        file.write(line.encode())
