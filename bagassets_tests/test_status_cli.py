@@ -1,0 +1,212 @@
+"""`bagassets status`, `explain`, `build --dry-run` and `--check` on a real project."""
+
+import json
+
+import pytest
+from click.testing import CliRunner
+
+from bagassets.cli.main import root
+from bagassets.defs.events import event_database, latest_ids
+from bagassets.defs.runs import open_instance
+from bagassets_tests.in_process import QUICK, build, make_project, survey
+
+GOOD, SHORT, BROKEN = "a.bag", "b.mcap", "c.bag"
+ALL_WELL, FAILED, USAGE, STALE = 0, 1, 2, 3
+MIN_DURATION = "settle_s: 0, min_duration_s: 1.5"
+
+
+@pytest.fixture(scope="module")
+def project(tmp_path_factory):
+    """One recording that is fine, one that is skipped, one that fails; all dealt with."""
+    folder = tmp_path_factory.mktemp("status")
+    recipe_file = make_project(
+        folder, [GOOD], text=QUICK.replace("settle_s: 0", MIN_DURATION), duration_s=2.0
+    )
+    make_project(folder / "short", [SHORT], duration_s=1.0)
+    (folder / "short" / "bags" / SHORT).rename(folder / "bags" / SHORT)
+    (folder / "bags" / BROKEN).write_bytes(b"#ROSBAG V2.0\n" + b"x" * 100)
+    return recipe_file
+
+
+@pytest.fixture
+def built(project, monkeypatch):
+    build(project, monkeypatch)
+    return project
+
+
+@pytest.fixture
+def edited(built):
+    """The project with another JPEG quality in its recipe."""
+    text = built.read_text()
+    built.write_text(text.replace("topic: /cam/image_raw", "topic: /cam/image_raw, quality: 33"))
+    yield built
+    built.write_text(text)
+
+
+def run(*args, recipe):
+    return CliRunner().invoke(root, [*map(str, args), "--recipe", str(recipe)])
+
+
+def told(*args, recipe):
+    done = run(*args, "--json", recipe=recipe)
+    return done.exit_code, json.loads(done.stdout)
+
+
+def test_a_new_recording_is_missing_and_makes_ci_fail(project):
+    # Before anything was built; the module's first test.
+    code, value = told("status", recipe=project)
+    assert code == STALE
+    assert {s["state"] for s in value["recordings"][GOOD]["assets"].values()} == {"missing"}
+    assert value["recordings"][GOOD]["registered"] is False
+    assert run("build", "--check", recipe=project).exit_code == STALE
+
+
+def test_after_a_build_every_state_has_its_reason(built):
+    code, value = told("status", recipe=built)
+    assert code == FAILED, "nothing to do, but one recording failed"
+    states = {key: {n: s["state"] for n, s in r["assets"].items()} for key, r in value["recordings"].items()}
+    assert set(states[GOOD].values()) == {"fresh"}
+    assert states[SHORT]["bag"] == states[SHORT]["inventory"] == "fresh"
+    assert {state for name, state in states[SHORT].items() if name not in {"bag", "inventory"}} == {"skipped"}
+    assert "bags.min_duration_s asks for 1.5" in value["recordings"][SHORT]["assets"]["frames"]["reason"]
+    broken = value["recordings"][BROKEN]["assets"]
+    assert broken["inventory"]["state"] == "failed"
+    assert "rosbag reindex" in broken["inventory"]["reason"]
+    assert broken["nuscenes_tables"]["state"] == "unknown"
+    assert broken["nuscenes_tables"]["reason"].startswith("waits for inventory (")
+    assert value["datasets"] == {"nuscenes_dataset": "fresh"}
+
+
+def test_the_table_names_reasons_once(built):
+    done = run("status", recipe=built)
+    assert done.exit_code == FAILED
+    assert f"{SHORT}: all but bag and inventory skipped: 1.0 s long" in done.stdout
+    assert "3 recordings: " in done.stdout
+    assert "1 failed" in done.stdout.splitlines()[-1]
+
+
+def test_reasons_lead_back_to_what_changed_first(edited):
+    code, value = told("status", "--bag", GOOD, recipe=edited)
+    assert code == STALE
+    assets = value["recordings"][GOOD]["assets"]
+    assert (assets["frames"]["state"], assets["frames"]["reason"]) == ("stale", "CAM_FRONT: quality 90 -> 33")
+    tables = assets["nuscenes_tables"]
+    assert tables["state"] == "unknown"
+    assert tables["reason"] == "waits for frames (CAM_FRONT: quality 90 -> 33)"
+    assert assets["sweeps"]["state"] == "fresh"
+
+
+def test_a_dry_run_runs_nothing_and_tells_what_would(edited):
+    with open_instance(str(edited.parent)) as instance:
+        before = latest_ids(instance), event_database(instance).stat().st_size
+    done = run("build", "--dry-run", recipe=edited)
+    assert done.exit_code == ALL_WELL
+    lines = [line.split() for line in done.stdout.splitlines()]
+    assert ["run", "frames", "CAM_FRONT:", "quality", "90", "->", "33"] in lines
+    assert any(line[:3] == ["may", "run", "nuscenes_tables"] for line in lines)
+    assert "failed before and is not tried again" in done.stdout
+    code, value = told("build", "-n", recipe=edited)
+    assert code == ALL_WELL
+    assert value["settled"] is False
+    assert list(value["recordings"]) == [GOOD]
+    with open_instance(str(edited.parent)) as instance:
+        assert (latest_ids(instance), event_database(instance).stat().st_size) == before
+
+
+def test_a_check_looks_only_at_what_is_asked_for(edited):
+    assert run("build", "--check", recipe=edited).exit_code == STALE
+    assert run("build", "--check", "--select", "sweeps", "--bag", GOOD, recipe=edited).exit_code == ALL_WELL
+    assert run("build", "--check", "--select", "frames", "--bag", "a*", recipe=edited).exit_code == STALE
+    assert run("build", "--check", "--bag", BROKEN, "--select", "bag", recipe=edited).exit_code in {0, FAILED}
+
+
+def test_selecting_assets_runs_them_and_what_they_read(edited, monkeypatch):
+    report, runs = build(edited, monkeypatch, bags=(GOOD,), select=frozenset({"frames"}))
+    assert runs == [(GOOD, ("bag", "inventory", "calibration", "frames"))]
+    assert report.outcomes.keys() == {GOOD}
+    assert report.outcomes[GOOD].result == "built"
+    assert report.dataset == "not selected"
+    after = survey(edited)
+    assert after.plan.bags[GOOD].assets["frames"].state == "fresh"
+    assert after.todo[GOOD], "its tables are still to be made"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "word"),
+    [
+        (["build", "--bag", "nothing"], "no such recording"),
+        (["build", "--bag", "a.bog"], "did you mean a.bag"),
+        (["build", "--select", "frame"], "did you mean frames"),
+        (["status", "--bag", "z*"], "no such recording"),
+        (["explain", "nothing", "frames"], "no such recording"),
+        (["explain", GOOD, "nothing"], "no such asset"),
+        (["explain", "*", "frames"], "means 3 recordings"),
+        (["build", "--jobs", "0"], "0 is not in the range"),
+    ],
+)
+def test_what_does_not_exist_is_wrong_usage(built, arguments, word):
+    done = run(*arguments, recipe=built)
+    assert done.exit_code == USAGE
+    assert word in done.stderr
+
+
+@pytest.mark.parametrize("bag", [GOOD, "a.*", "bags/a.bag"])
+def test_a_recording_may_be_named_by_key_glob_or_path(built, bag, monkeypatch):
+    monkeypatch.chdir(built.parent)
+    code, value = told("status", "--bag", bag, recipe=built)
+    assert (code, list(value["recordings"])) == (ALL_WELL, [GOOD])
+
+
+def test_more_jobs_than_make_sense_are_lowered_with_a_word(built, monkeypatch):
+    monkeypatch.setattr("bagassets.cli.build.os.cpu_count", lambda: 2)
+    done = run("build", "--jobs", "500", "--check", recipe=built)
+    assert "this machine has 2 processors; 4 are used" in done.stderr
+
+
+def test_explain_shows_both_actions_and_marks_what_differs(edited):
+    done = run("explain", GOOD, "frames", recipe=edited)
+    assert done.exit_code == ALL_WELL
+    marked = [line.strip() for line in done.stdout.splitlines() if line.startswith("  * ")]
+    assert "* param quality: 90 -> 33" in marked
+    assert [line.split(":")[0] for line in marked] == [
+        "* data version",
+        "* code version",
+        "* digest",
+        "* param quality",
+    ]
+    assert "    input topic:/cam/image_raw: " in done.stdout
+    _, value = told("explain", GOOD, "frames", recipe=edited)
+    (pair,) = value["actions"]
+    assert pair["channel"] == "CAM_FRONT"
+    assert pair["changes"] == [{"group": "params", "name": "quality", "before": 90, "now": 33}]
+    assert pair["now"]["digest"] != pair["last"]["digest"]
+    assert pair["now"]["inputs"] == pair["last"]["inputs"]
+
+
+def test_explain_says_what_is_not_known_yet(edited):
+    edited.write_text(edited.read_text().replace("quality: 33", "quality: 34"))  # never built
+    done = run("explain", GOOD, "nuscenes_tables", recipe=edited)
+    assert "what it would be now is not known yet" in done.stdout
+    assert " * param" not in done.stdout, "nothing to compare with"
+    done = run("explain", SHORT, "frames", recipe=edited)
+    assert "takes no part" in done.stdout
+    _, value = told("explain", GOOD, "bag", recipe=edited)
+    assert value["actions"] == []
+    assert value["recorded"]["data_version"] == value["data_version"]
+
+
+def test_fresh_is_what_dagster_calls_fresh(built):
+    """Our states and Dagster's own markers agree once a build is done."""
+    import dagster as dg
+    from dagster._core.definitions.data_version import CachingStaleStatusResolver, StaleStatus
+    from dagster._core.loader import LoadingContextForTest
+
+    from bagassets.defs.location import build_definitions
+
+    graph = build_definitions(built).resolve_asset_graph()
+    with open_instance(str(built.parent)) as instance:
+        context = LoadingContextForTest(instance)
+        resolver = CachingStaleStatusResolver(instance=instance, asset_graph=graph, loading_context=context)
+        for asset, state in survey(built).plan.bags[GOOD].assets.items():
+            assert state.state == "fresh"
+            assert resolver.get_status(dg.AssetKey(asset), GOOD) == StaleStatus.FRESH, asset
