@@ -22,6 +22,7 @@ from bagassets.geometry.euler import quaternion_from_rpy
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.wgs84 import LocalFrame
 from bagassets.recipe import load_recipe
+from bagassets.recipe.glance import glance
 from bagassets.recipe.model import Limits
 from bagassets.steps.ego_poses import load_trajectory
 from bagassets.steps.inventory import make_inventory
@@ -335,6 +336,20 @@ class TestRecordings:
         assert valid.all()
         expected = np.array([truth(t).translation for t in BETWEEN])
         assert np.abs(positions - expected).max() < 1e-3
+
+    def test_a_recipe_is_proposed_for_them(self, tmp_path):
+        for store in (recorded_bags.ROS1, recorded_bags.ROS2):
+            if ETHERNET not in store.types:
+                store.register(get_types_from_msg(DEFINITION, ETHERNET))
+        path = write_ros1(tmp_path / "a.bag", [self.message(t, packet_of(t)) for t in TIMES])
+        found = Found("a", "a.bag", path, "ros1", (path,), path.stat().st_size, path.stat().st_mtime_ns)
+        with open_recording(found, ()) as recording:
+            seen = glance(recording)
+        assert seen.topics["/ncom"].ncom_sender == "10.1.1.20"
+        path = write_ros1(tmp_path / "b.bag", [self.message(t, bytes(1206)) for t in TIMES])
+        found = Found("b", "b.bag", path, "ros1", (path,), path.stat().st_size, path.stat().st_mtime_ns)
+        with open_recording(found, ()) as recording:
+            assert glance(recording).topics["/ncom"].ncom_sender is None
 
     def test_large_packets_are_not_kept_aside(self, tmp_path):
         for store in (recorded_bags.ROS1, recorded_bags.ROS2):

@@ -240,7 +240,7 @@ def test_sensor_without_frame_and_cameras_that_share_one(tmp_path):
 
 
 NAVSAT, IMU = "sensor_msgs/msg/NavSatFix", "sensor_msgs/msg/Imu"
-POSE = "geometry_msgs/msg/PoseStamped"
+POSE, PACKETS = "geometry_msgs/msg/PoseStamped", "ethernet_msgs/msg/Packet"
 
 
 @pytest.mark.parametrize(
@@ -255,6 +255,12 @@ POSE = "geometry_msgs/msg/PoseStamped"
         ([topic("/pose", POSE), topic("/fix", NAVSAT)], [], {"source": "pose", "topic": "/pose"}),
         ([topic("/fix", NAVSAT)], [("map", "odom"), ("odom", "base_link")], {"source": "tf", "global_frame": "map"}),
         ([], [("odom", "base_link")], {"source": "tf", "global_frame": "odom"}),
+        (
+            [topic("/eth", PACKETS, ncom_sender="10.1.1.20"), topic("/fix", NAVSAT)], [("map", "base_link")],
+            {"source": "ncom", "topic": "/eth", "sender": "10.1.1.20"},
+        ),
+        ([topic("/udp", PACKETS, ncom_sender="")], [], {"source": "ncom", "sender": None}),
+        ([topic("/eth", PACKETS, ncom_sender="10.1.1.20"), odometry()], [], {"source": "odometry"}),
         ([topic("/fix", NAVSAT), topic("/imu", IMU, oriented=True)], [], {"source": "navsat", "imu": "/imu"}),
         ([topic("/fix", NAVSAT), topic("/imu", IMU, oriented=False)], [], {"source": "navsat", "imu": None}),
     ],

@@ -29,6 +29,7 @@ _BULK_TYPES = frozenset(
     }
 )
 _LATE_MESSAGES = 3
+_PACKET_KINDS = frozenset({"Packet", "UdpPacket", "UInt8MultiArray"})
 _STILL_M_RAD = 1e-4
 
 
@@ -48,6 +49,8 @@ class TopicGlance:
         encoding: encoding of images, or `format` of compressed images.
         calibrated: a CameraInfo with a focal length was seen; None for other types.
         oriented: an Imu gives orientation; None for other types.
+        ncom_sender: IPv4 address that OxTS NCOM packets come from; "" if there are some but the
+            messages do not tell; None if there are none.
         message_bytes: size of the first message; 0 if none was seen.
     """
 
@@ -62,6 +65,7 @@ class TopicGlance:
     encoding: str | None = None
     calibrated: bool | None = None
     oriented: bool | None = None
+    ncom_sender: str | None = None
     message_bytes: int = 0
 
 
@@ -93,6 +97,7 @@ class _Seen:
     encoding: str | None = None
     calibrated: bool | None = None
     oriented: bool | None = None
+    ncom_sender: str | None = None
     problem: str | None = None
 
 
@@ -181,6 +186,8 @@ def _note(
     kind = message.msgtype.rsplit("/", 1)[-1]
     if kind in {"TFMessage", "tfMessage"}:
         _note_transforms(value, state, transforms)
+    elif kind in _PACKET_KINDS:
+        _note_packet(value, state)
     elif kind == "Image":
         state.encoding = str(value.encoding)
     elif kind == "CompressedImage":
@@ -205,6 +212,17 @@ def _note_header(message: RawMessage, header: Any, state: _Seen) -> None:
         state.zero_stamps += 1
     else:
         state.offsets_s.append((message.log_time_ns - stamp_ns) / 1e9)
+
+
+def _note_packet(value: Any, state: _Seen) -> None:
+    """Look for packets of an OxTS navigation system; see `bagassets.decode.ncom`."""
+    data = value.payload if hasattr(value, "payload") else value.data
+    if len(data) == 0 or len(data) % 72 or int(data[0]) != 0xE7:
+        return
+    address = getattr(value, "sender_ip", getattr(value, "address", ""))
+    if not isinstance(address, str):
+        address = ".".join(str(int(part)) for part in address)
+    state.ncom_sender = state.ncom_sender or address
 
 
 def _note_transforms(value: Any, state: _Seen, transforms: dict[Edge, list[tuple[float, ...]]]) -> None:
@@ -240,6 +258,7 @@ def _topic(recording: Recording, name: str, state: _Seen) -> TopicGlance:
         encoding=state.encoding,
         calibrated=state.calibrated,
         oriented=state.oriented,
+        ncom_sender=state.ncom_sender,
         message_bytes=state.bytes,
     )
 
@@ -258,6 +277,7 @@ def _merge(one: TopicGlance, other: TopicGlance) -> TopicGlance:
         encoding=one.encoding or other.encoding,
         calibrated=_any(one.calibrated, other.calibrated),
         oriented=_any(one.oriented, other.oriented),
+        ncom_sender=one.ncom_sender or (one.ncom_sender if other.ncom_sender is None else other.ncom_sender),
         message_bytes=one.message_bytes or other.message_bytes,
     )
 

@@ -79,7 +79,7 @@ def propose_ego_frame(glance: Glance, sensor_frames: Iterable[str]) -> EgoFrame:
 
 
 def propose_pose(glance: Glance, ego_frame: str) -> PoseProposal:
-    """Return the best pose source: odometry, else a pose topic, else TF, else GNSS."""
+    """Return the best pose source: odometry, else a pose topic, else NCOM packets, else TF, else GNSS."""
     odometry = _odometry(glance)
     if odometry is not None:
         return _from_odometry(odometry, glance, ego_frame)
@@ -90,6 +90,9 @@ def propose_pose(glance: Glance, ego_frame: str) -> PoseProposal:
         reasons = {"topic": _choice(best, poses, "pose topic")}
         note = f"{best.name} is taken to be the pose of {ego_frame}; `frame` names another one"
         return PoseProposal({"source": "pose", "topic": best.name}, reasons, (note,))
+    systems = [topic for topic in glance.topics.values() if topic.ncom_sender is not None]
+    if systems:
+        return _from_ncom(systems, ego_frame)
     chain = _global_frame(glance, ego_frame)
     if chain:
         reasons = {"global_frame": f"ancestor of {ego_frame} in TF"}
@@ -155,6 +158,17 @@ def _from_odometry(topic: TopicGlance, glance: Glance, ego_frame: str) -> PosePr
     elif not connected(glance.edges, child, ego_frame):
         notes = (f"not guessed: no transform leads from {child}, which {topic.name} tracks, to {ego_frame}",)
     return PoseProposal({"source": "odometry", "topic": topic.name}, reasons, notes)
+
+
+def _from_ncom(topics: list[TopicGlance], ego_frame: str) -> PoseProposal:
+    best = max(topics, key=_pose_rank)
+    fields = {"source": "ncom", "topic": best.name}
+    reasons = {"topic": _choice(best, topics, "topic with OxTS NCOM packets")}
+    if best.ncom_sender:
+        fields["sender"] = best.ncom_sender
+        reasons["sender"] = "the first packets came from there"
+    note = f"the navigation system is taken to give the pose of {ego_frame}; `frame` names another one"
+    return PoseProposal(fields, reasons, (note,))
 
 
 def _global_frame(glance: Glance, ego_frame: str) -> str:
