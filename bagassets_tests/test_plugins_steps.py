@@ -326,3 +326,5 @@ def test_the_page_about_steps_lists_the_names_and_shows_the_workspace_of_the_exa
     assert [yaml.safe_load(text) for text in shown] == [
         yaml.safe_load((EXAMPLE / "workspace.yaml").read_text())
     ]
+    example = (EXAMPLE / "definitions.py").read_text()
+    assert all(text in example for text in re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL))
