@@ -18,7 +18,7 @@ from uuid import uuid4
 from bagassets.errors import DatasetError
 from bagassets.nuscenes.blank_map import blank_png
 from bagassets.nuscenes.dataset_tables import LOCK, BagPart, Entry, WrittenTables, write_tables
-from bagassets.nuscenes.guard import guarded
+from bagassets.nuscenes.guard import guarded, refuse_unexpected
 from bagassets.nuscenes.linking import Linker
 from bagassets.nuscenes.shared_rows import MAP_FILE
 from bagassets.nuscenes.stale import named_files, remove_files
@@ -73,6 +73,7 @@ def assemble(
     splits: Splits | None = None,
     skipped: Mapping[str, str] | None = None,
     failed: Mapping[str, str] | None = None,
+    expected: Mapping[str, str] | None = None,
 ) -> DatasetSummary:
     """Bring the dataset in the dataroot `output` up to date.
 
@@ -87,9 +88,11 @@ def assemble(
         splits: the recipe's `splits`; None: its defaults.
         skipped: recordings that take no part -> why, for the lock file.
         failed: recordings that failed -> why, for the lock file.
+        expected: digests of the files that must come out, by name; otherwise nothing is exchanged.
 
     Raises:
-        DatasetError: the version folder holds something else, or files cannot be written.
+        DatasetError: the version folder holds something else, files cannot be written, or other tables
+            came out than expected.
         StoreError: an artifact is not in the store.
     """
     splits = splits or Splits()
@@ -102,6 +105,7 @@ def assemble(
         new = output / f"{settings.version}.tmp-{uuid4().hex}"
         new.mkdir()
         written = write_tables(new, entries, settings, splits)
+        refuse_unexpected(new, written.digests, expected)
         left_out = {"duplicates": duplicates, "skipped": skipped or {}, "failed": failed or {}}
         lock = _lock(settings, splits, entries, written, left_out)
         (new / LOCK).write_bytes(json_bytes(lock))

@@ -20,7 +20,7 @@ from typing import Any
 from uuid import uuid4
 
 from bagassets.errors import DatasetError
-from bagassets.nuscenes.guard import GUARD, guarded
+from bagassets.nuscenes.guard import GUARD, guarded, refuse_unexpected
 from bagassets.nuscenes.linking import Linker
 from bagassets.nuscenes.swap import swap_in
 from bagassets.nuscenes.table_file import json_bytes, rows_text, write_joined
@@ -106,6 +106,7 @@ def assemble_vision(
     *,
     skipped: Mapping[str, str] | None = None,
     failed: Mapping[str, str] | None = None,
+    expected: Mapping[str, str] | None = None,
 ) -> VisionSummary:
     """Bring the dataset in `vision.output` up to date.
 
@@ -118,9 +119,11 @@ def assemble_vision(
         store: where the artifacts are.
         skipped: recordings that take no part -> why, for the lock file.
         failed: recordings that failed -> why, for the lock file.
+        expected: digests of the files that must come out, by name; otherwise nothing is exchanged.
 
     Raises:
-        DatasetError: the folder holds something else, or files cannot be written.
+        DatasetError: the folder holds something else, files cannot be written, or other files came out
+            than expected.
         StoreError: an artifact is not in the store.
     """
     output = vision.output
@@ -135,6 +138,7 @@ def assemble_vision(
         new.mkdir()
         groups = {name: [e for e in entries if e.split == name] for name in sorted(splits.shares)}
         digests = _write_annotations(new, groups, shares, one_file=vision.files == "one")
+        refuse_unexpected(new, digests, expected)
         left_out = {"duplicates": duplicates, "skipped": skipped or {}, "failed": failed or {}}
         lock = {
             "format": 1,

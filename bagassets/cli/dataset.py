@@ -1,0 +1,215 @@
+"""`bagassets dataset`: comparing datasets, and making one again from its lock."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from bagassets.cli.options import EXIT_FOUND, recipe_option
+
+if TYPE_CHECKING:
+    from bagassets.engine.dataset_diff import BagDiff, DatasetDiff, SceneDiff
+    from bagassets.engine.dataset_lock import DatasetLock, LockedBag
+
+__all__ = ["dataset"]
+
+_MOST_SHOWN = 5
+_SIGNS = {"added": "+", "removed": "-", "changed": "~", "renamed": ">"}
+
+
+@click.group(
+    epilog="""\b
+Examples:
+  bagassets dataset diff releases/may.lock.json dataset/nuscenes
+  bagassets dataset restore releases/may.lock.json"""
+)
+def dataset() -> None:
+    """Compare datasets, and make one again from its lock.
+
+    The lock of a dataset is the file `dataset.lock.json` in its version folder. It names every
+    recording and artifact that the dataset was made from: keep a copy of it with whatever was trained.
+    """
+
+
+@dataset.command(
+    epilog="""\b
+Examples:
+  bagassets dataset diff releases/may.lock.json dataset/nuscenes
+  bagassets dataset diff old/v1.0-custom new/v1.0-custom --json
+
+\b
+Exit status:
+  0  the datasets are the same
+  1  a lock cannot be read
+  3  they differ"""
+)
+@click.argument("before", metavar="A", type=click.Path(exists=True, path_type=Path))
+@click.argument("after", metavar="B", type=click.Path(exists=True, path_type=Path))
+@recipe_option
+@click.option(
+    "--json", "as_json", is_flag=True, help="Print one JSON document, with the tokens of all samples."
+)
+def diff(before: Path, after: Path, recipe: Path, as_json: bool) -> int:
+    """Tell which recordings, scenes and samples differ between two datasets.
+
+    A and B are lock files, or folders of datasets. The recipe says where the store is, which knows
+    the samples.
+    """
+    from bagassets.engine.dataset_diff import diff_datasets  # noqa: PLC0415  (loads the steps)
+    from bagassets.engine.dataset_lock import load_lock  # noqa: PLC0415
+    from bagassets.recipe import load_recipe  # noqa: PLC0415
+    from bagassets.store.store import Store  # noqa: PLC0415
+
+    store = Store(load_recipe(recipe).store_path)
+    one, other = load_lock(before), load_lock(after)
+    found = diff_datasets(one, other, store)
+    if as_json:
+        click.echo(json.dumps({"a": _lock_json(one), "b": _lock_json(other), **_diff_json(found)}, indent=1))
+    else:
+        _show(one, other, found)
+    return 0 if found.is_empty else EXIT_FOUND
+
+
+@dataset.command(
+    epilog="""\b
+Examples:
+  bagassets dataset restore releases/may.lock.json
+  bagassets dataset restore releases/may.lock.json --output /data/may
+
+\b
+Exit status:
+  0  the dataset is there, byte for byte as the lock says
+  1  artifacts are missing, or this version makes other tables"""
+)
+@click.argument("lock", type=click.Path(exists=True, path_type=Path))
+@recipe_option
+@click.option(
+    "--output",
+    type=click.Path(file_okay=False, path_type=Path),
+    metavar="DIR",
+    help="Folder of the dataset. Default: where the lock lies, if that is a dataset, else a folder beside the dataset "
+    "of the recipe, named after the lock.",
+)
+def restore(lock: Path, recipe: Path, output: Path | None) -> None:
+    """Make the dataset of a lock again, byte for byte.
+
+    All artifacts must be in the store; `bagassets gc --lock LOCK` keeps them there, as does a copy of the
+    lock in the folder `kept-locks` of the state folder.
+    """
+    from bagassets.engine.dataset_lock import load_lock  # noqa: PLC0415  (loads the steps)
+    from bagassets.engine.dataset_restore import default_output, restore_dataset  # noqa: PLC0415
+    from bagassets.recipe import load_recipe  # noqa: PLC0415
+    from bagassets.store.store import Store  # noqa: PLC0415
+
+    loaded = load_recipe(recipe)
+    found = load_lock(lock)
+    folder = default_output(found, loaded) if output is None else output.absolute()
+    made = restore_dataset(found, Store(loaded.store_path), folder)
+    click.echo(f"{made}: {_counts(found)}, as in {found.path}")
+
+
+def _show(before: "DatasetLock", after: "DatasetLock", found: "DatasetDiff") -> None:
+    click.echo(f"A {before.path}: {_counts(before)}")
+    click.echo(f"B {after.path}: {_counts(after)}")
+    if found.is_empty:
+        click.echo("The datasets are the same.")
+        return
+    for bag in found.bags:
+        click.echo(f"{_SIGNS[bag.change]} {bag.key}: {_bag_text(bag)}")
+        for scene in bag.scenes or ():
+            if bag.change == "changed":
+                click.echo(f"    {_SIGNS[scene.change]} {scene.name}: {_scene_text(scene)}")
+    for why, keys in found.left_out.items():
+        for key, (old, new) in keys.items():
+            click.echo(f"{why} {key}: {old or 'not before'} -> {new or 'not any more'}")
+    for field, (old, new) in found.settings.items():
+        click.echo(f"setting {field}: {json.dumps(old)} -> {json.dumps(new)}")
+    click.echo(f"files that differ: {', '.join(found.files) or 'none'}")
+
+
+def _counts(lock: "DatasetLock") -> str:
+    bags = lock.bags.values()
+    scenes = sum(bag.scenes for bag in bags)
+    if lock.kind == "vision":
+        return f"{len(bags)} recordings, {scenes} sequences"
+    return f"{len(bags)} recordings, {scenes} scenes, {sum(bag.samples or 0 for bag in bags)} samples"
+
+
+def _bag_text(bag: "BagDiff") -> str:
+    if bag.change in {"added", "removed"}:
+        only = bag.after or bag.before
+        return "" if only is None else _of_bag(only)
+    if bag.before is None or bag.after is None:
+        return ""
+    if bag.change == "renamed":
+        return f"was {bag.before.key}"
+    what = []
+    if bag.before.content != bag.after.content:
+        what.append("other content")
+    if bag.before.split != bag.after.split:
+        what.append(f"split {bag.before.split} -> {bag.after.split}")
+    if bag.scenes is None:
+        what.append("its scenes are not known, because the store lacks an artifact")
+    elif not bag.scenes:
+        what.append("the same samples")
+    return ", ".join(what) or "the same content, made into other tables"
+
+
+def _of_bag(bag: "LockedBag") -> str:
+    samples = "" if bag.samples is None else f", {bag.samples} samples"
+    return f"{bag.scenes} {'scene' if bag.scenes == 1 else 'scenes'}{samples}, split {bag.split}"
+
+
+def _scene_text(scene: "SceneDiff") -> str:
+    what = []
+    if scene.added:
+        what.append(f"{len(scene.added)} samples added")
+    if scene.removed:
+        what.append(f"{len(scene.removed)} removed")
+    if scene.changed:
+        parts = sorted({part for parts in scene.changed.values() for part in parts})
+        tokens = list(scene.changed)
+        more = " …" if len(tokens) > _MOST_SHOWN else ""
+        what.append(f"{len(tokens)} changed ({', '.join(parts)}): {' '.join(tokens[:_MOST_SHOWN])}{more}")
+    return ", ".join(what)
+
+
+def _lock_json(lock: "DatasetLock") -> dict[str, Any]:
+    return {
+        "path": str(lock.path),
+        "kind": lock.kind,
+        "recordings": len(lock.bags),
+        "scenes": sum(bag.scenes for bag in lock.bags.values()),
+        "samples": sum(bag.samples or 0 for bag in lock.bags.values()),
+    }
+
+
+def _diff_json(found: "DatasetDiff") -> dict[str, Any]:
+    return {
+        "same": found.is_empty,
+        "bags": [
+            {
+                "key": bag.key,
+                "change": bag.change,
+                "before": None if bag.before is None else vars(bag.before),
+                "after": None if bag.after is None else vars(bag.after),
+                "scenes": None
+                if bag.scenes is None
+                else [
+                    {
+                        "name": scene.name,
+                        "change": scene.change,
+                        "samples_added": list(scene.added),
+                        "samples_removed": list(scene.removed),
+                        "samples_changed": {token: list(parts) for token, parts in scene.changed.items()},
+                    }
+                    for scene in bag.scenes
+                ],
+            }
+            for bag in found.bags
+        ],
+        "left_out": {why: {k: list(v) for k, v in keys.items()} for why, keys in found.left_out.items()},
+        "settings": {name: list(values) for name, values in found.settings.items()},
+        "files": list(found.files),
+    }
