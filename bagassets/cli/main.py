@@ -29,10 +29,18 @@ COMMANDS: dict[str, tuple[str, str]] = {
         "bagassets.cli.explain:explain",
         "Tell what an asset of a recording is made from, and what differs from the last time.",
     ),
+    "check": (
+        "bagassets.cli.check:check",
+        "Hold what was built against the checks of the recipe, and print what they find.",
+    ),
     "ui": ("bagassets.cli.ui:ui", "Open the web UI on a project."),
     "report": (
         "bagassets.cli.report:report",
         "Write one HTML page about the dataset: recordings, split, gaps, what was left out, pictures, map.",
+    ),
+    "view": (
+        "bagassets.cli.view:view",
+        "Write a scene of the finished dataset as an MCAP file with Foxglove's message types.",
     ),
     "digest": (
         "bagassets.cli.digest:digest",

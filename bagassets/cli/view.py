@@ -1,0 +1,107 @@
+"""`bagassets view`: a scene of the dataset as MCAP, for Foxglove or Rerun."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from bagassets.cli.options import recipe_option
+
+if TYPE_CHECKING:
+    from bagassets.recipe.model import Recipe
+
+__all__ = ["view"]
+
+
+@click.command(
+    epilog="""\b
+Examples:
+  bagassets view --list
+  bagassets view monday.bag_000
+  bagassets view monday.bag_000 --dataset night --output /tmp/scene.mcap
+  bagassets view --dataroot /data/sets/nuscenes --version v1.0-mini scene-0061"""
+)
+@click.argument("scene", required=False)
+@recipe_option
+@click.option("--dataset", metavar="NAME", help="A named dataset of the recipe; default: the whole dataset.")
+@click.option("--dataroot", type=click.Path(file_okay=False, path_type=Path), metavar="DIR",
+              help="Any nuScenes dataroot, without a recipe; needs --version.")  # fmt: skip
+@click.option("--version", metavar="NAME", help="Version folder in --dataroot.")
+@click.option("--output", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE",
+              help="File to write; default: SCENE.mcap here.")  # fmt: skip
+@click.option("--list", "show_list", is_flag=True, help="Print the names of all scenes instead.")
+@click.option("--json", "as_json", is_flag=True, help="Print as JSON what was written, or the list.")
+def view(
+    scene: str | None,
+    recipe: Path,
+    dataset: str | None,
+    dataroot: Path | None,
+    version: str | None,
+    output: Path | None,
+    show_list: bool,
+    as_json: bool,
+) -> None:
+    """Write a scene of the finished dataset as an MCAP file with Foxglove's message types.
+
+    SCENE is a scene's name or token. Images, clouds, poses, boxes, transforms and the position on Earth are
+    in it; open it in Foxglove or Rerun.
+    """
+    import json  # noqa: PLC0415  (not for --help)
+
+    from bagassets.view.scene import load_scene, scene_names  # noqa: PLC0415
+
+    if (dataroot is None) != (version is None):
+        raise click.UsageError("--dataroot and --version go together.")
+    if scene is None and not show_list:
+        raise click.UsageError("name a scene, or use --list to see which there are.")
+    settings = None
+    if dataroot is None or version is None:
+        from bagassets.recipe import load_recipe  # noqa: PLC0415
+
+        settings = load_recipe(recipe)
+        dataroot, version = _place(settings, dataset)
+    if show_list or scene is None:
+        names = scene_names(dataroot, version)
+        click.echo(json.dumps(names, indent=1) if as_json else "\n".join(names))
+        return
+    from bagassets.view.mcap_scene import write_scene  # noqa: PLC0415  (protobuf, mcap)
+
+    chosen = load_scene(dataroot, version, scene)
+    fixes = _fixes(recipe, chosen.recording) if settings is not None and chosen.origin is None else []
+    path = output or Path(f"{chosen.name}.mcap")
+    counts = write_scene(chosen, path, fixes)
+    if as_json:
+        click.echo(json.dumps({"file": str(path), "scene": chosen.name, "messages": counts}, indent=1))
+        return
+    click.echo(f"{path} ({sum(counts.values())} messages, {path.stat().st_size / 1e6:.1f} MB)")
+    for topic, number in counts.items():
+        click.echo(f"{number:8d}  {topic}")
+
+
+def _place(recipe: "Recipe", dataset: str | None) -> tuple[Path, str]:
+    """Return dataroot and version of the whole dataset, or of a named one."""
+    if dataset is None:
+        return recipe.nuscenes.output, recipe.nuscenes.version
+    for named in recipe.datasets:
+        if named.name == dataset and named.output is not None:
+            return named.output, named.version or recipe.nuscenes.version
+    known = ", ".join(named.name for named in recipe.datasets) or "none"
+    raise click.UsageError(f"the recipe has no dataset {dataset}; its datasets: {known}.")
+
+
+def _fixes(recipe: Path, key: str) -> list[tuple[int, float, float]]:
+    """Return GNSS fixes of the recording, if the store has them."""
+    from bagassets.defs.planning import plan_now  # noqa: PLC0415  (Dagster takes a second to import)
+    from bagassets.defs.situation import opened  # noqa: PLC0415
+    from bagassets.engine.current import current_artifact  # noqa: PLC0415
+    from bagassets.engine.track import track_of  # noqa: PLC0415
+
+    with opened(recipe) as (instance, workspace):
+        bag = plan_now(instance, workspace).plan.bags.get(key)
+        if bag is None:
+            return []
+        inventory = current_artifact(workspace.store, bag, "inventory")
+        poses = current_artifact(workspace.store, bag, "ego_poses")
+        if inventory is None or poses is None:
+            return []
+        return list(track_of(workspace.store, inventory, poses, workspace.recipe.clock).points)

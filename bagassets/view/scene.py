@@ -1,0 +1,157 @@
+"""One scene of a dataset on disk, read from its tables."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any
+
+from bagassets.errors import DatasetError
+from bagassets.geometry.se3 import SE3
+from bagassets.nuscenes.table_file import read_table
+
+__all__ = ["DatasetScene", "Reading", "load_scene", "scene_names"]
+
+Row = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Reading:
+    """One reading of one channel.
+
+    Attributes:
+        channel: canonical name.
+        modality: camera, lidar or radar.
+        stamp_ns: when it was taken.
+        is_keyframe: it belongs to a sample as such.
+        path: its file.
+        size_px: width and height of an image.
+        intrinsic: K of an image, 3 rows of 3; empty if there is none.
+        global_SE3_ego: where the vehicle was.
+        ego_SE3_sensor: where the sensor sits.
+    """
+
+    channel: str
+    modality: str
+    stamp_ns: int
+    is_keyframe: bool
+    path: Path
+    size_px: tuple[int, int]
+    intrinsic: Sequence[Sequence[float]]
+    global_SE3_ego: SE3
+    ego_SE3_sensor: SE3
+
+
+@dataclass(frozen=True)
+class DatasetScene:
+    """A scene.
+
+    Attributes:
+        name: as in the table.
+        recording: `logfile` of its log: the partition key of the recording.
+        origin: where on Earth the global frame lies, as in the log table; None if that is not known.
+        samples: stamps of its samples, in order.
+        readings: readings of all channels in order of time.
+        boxes: stamp of a sample -> its rows of sample_annotation, with `category` and `attributes` by name.
+    """
+
+    name: str
+    recording: str
+    origin: Mapping[str, Any] | None
+    samples: Sequence[int]
+    readings: Sequence[Reading]
+    boxes: Mapping[int, Sequence[Row]] = field(default_factory=dict)
+
+
+def scene_names(dataroot: Path, version: str) -> list[str]:
+    """Return the names of all scenes of a dataset, in its order.
+
+    Raises:
+        DatasetError: there is no such dataset.
+    """
+    return [row["name"] for row in _table(dataroot, version, "scene")]
+
+
+def load_scene(dataroot: Path, version: str, name: str) -> DatasetScene:
+    """Return a scene of a dataset.
+
+    Args:
+        dataroot: of the dataset.
+        version: its version folder.
+        name: name or token of the scene.
+
+    Raises:
+        DatasetError: there is no such dataset, or no such scene in it.
+    """
+    scene = _find(_table(dataroot, version, "scene"), name, dataroot / version)
+    log = next(row for row in _table(dataroot, version, "log") if row["token"] == scene["log_token"])
+    samples = {
+        row["token"]: 1000 * row["timestamp"]
+        for row in _table(dataroot, version, "sample")
+        if row["scene_token"] == scene["token"]
+    }
+    return DatasetScene(
+        name=scene["name"],
+        recording=log["logfile"],
+        origin=log.get("origin"),
+        samples=sorted(samples.values()),
+        readings=_readings(dataroot, version, samples),
+        boxes=_boxes(dataroot, version, samples),
+    )
+
+
+def _table(dataroot: Path, version: str, name: str) -> list[dict[str, Any]]:
+    if not (dataroot / version).is_dir():
+        raise DatasetError(f"{dataroot / version}: there is no dataset here; run `bagassets build` first.")
+    return read_table(dataroot / version, name)
+
+
+def _find(scenes: Sequence[Row], name: str, folder: Path) -> Row:
+    found = [row for row in scenes if name in (row["name"], row["token"])]
+    if found:
+        return found[0]
+    names = [row["name"] for row in scenes]
+    near = get_close_matches(name, names, n=3, cutoff=0.3) or names[:3]
+    offer = f"did you mean {' or '.join(near)}?" if near else "it has no scenes at all."
+    raise DatasetError(f"{folder}: there is no scene {name}; {offer}")
+
+
+def _readings(dataroot: Path, version: str, samples: Mapping[str, int]) -> list[Reading]:
+    rows = [row for row in _table(dataroot, version, "sample_data") if row["sample_token"] in samples]
+    wanted = {row["ego_pose_token"] for row in rows}
+    poses = {row["token"]: row for row in _table(dataroot, version, "ego_pose") if row["token"] in wanted}
+    calibrated = {row["token"]: row for row in _table(dataroot, version, "calibrated_sensor")}
+    sensors = {row["token"]: row for row in _table(dataroot, version, "sensor")}
+    readings = []
+    for row in rows:
+        mounted = calibrated[row["calibrated_sensor_token"]]
+        sensor, pose = sensors[mounted["sensor_token"]], poses[row["ego_pose_token"]]
+        readings.append(
+            Reading(
+                channel=sensor["channel"],
+                modality=sensor["modality"],
+                stamp_ns=1000 * row["timestamp"],
+                is_keyframe=row["is_key_frame"],
+                path=dataroot / row["filename"],
+                size_px=(row["width"], row["height"]),
+                intrinsic=mounted["camera_intrinsic"],
+                global_SE3_ego=SE3.create(pose["rotation"], pose["translation"]),
+                ego_SE3_sensor=SE3.create(mounted["rotation"], mounted["translation"]),
+            )
+        )
+    return sorted(readings, key=lambda reading: (reading.stamp_ns, reading.channel))
+
+
+def _boxes(dataroot: Path, version: str, samples: Mapping[str, int]) -> dict[int, list[Row]]:
+    categories = {row["token"]: row["name"] for row in _table(dataroot, version, "category")}
+    attributes = {row["token"]: row["name"] for row in _table(dataroot, version, "attribute")}
+    instances = {row["token"]: row["category_token"] for row in _table(dataroot, version, "instance")}
+    boxes: dict[int, list[Row]] = {stamp_ns: [] for stamp_ns in samples.values()}
+    for row in _table(dataroot, version, "sample_annotation"):
+        if row["sample_token"] in samples:
+            named = {
+                "category": categories[instances[row["instance_token"]]],
+                "attributes": [attributes[token] for token in row["attribute_tokens"]],
+            }
+            boxes[samples[row["sample_token"]]].append({**row, **named})
+    return boxes
