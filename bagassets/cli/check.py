@@ -1,0 +1,86 @@
+"""`bagassets check`: what the asset checks say now, with the thresholds of the recipe as it is."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from bagassets.cli.options import EXIT_FOUND, recipe_option
+
+if TYPE_CHECKING:
+    from bagassets.engine.checking import Verdict
+
+__all__ = ["check"]
+
+_MOST_PROBLEMS = 5
+
+
+@click.command(
+    epilog="""\b
+Examples:
+  bagassets check
+  bagassets check --bag 'monday*'
+  bagassets check --json | jq '.[] | select(.passed == false) | .problems[0]'
+
+\b
+Exit status:
+  0  no check of severity error found anything
+  1  a recipe or folder is wrong
+  3  one did"""
+)
+@recipe_option
+@click.option("--bag", "bags", multiple=True, metavar="BAG",
+              help="Only this recording: its key, a glob of keys, or its path; may be repeated. The dataset is left out.")  # fmt: skip
+@click.option("--json", "as_json", is_flag=True, help="Print all verdicts as a JSON list.")
+def check(recipe: Path, bags: tuple[str, ...], as_json: bool) -> int:
+    """Hold what was built against the checks of the recipe, and print what they find.
+
+    These are the asset checks of the web UI, made anew: a changed threshold counts at once. Nothing is
+    built and nothing is recorded in Dagster.
+    """
+    from bagassets.defs.situation import opened, survey  # noqa: PLC0415  (Dagster takes a second to import)
+    from bagassets.engine.build_report import BuildOptions  # noqa: PLC0415
+    from bagassets.engine.checking import check_bag, check_nuscenes  # noqa: PLC0415
+    from bagassets.engine.choose import SelectionError  # noqa: PLC0415
+
+    try:
+        with opened(recipe) as (instance, workspace):
+            situation = survey(instance, workspace, BuildOptions(bags=bags))
+    except SelectionError as err:
+        raise click.UsageError(str(err)) from err
+    loaded, store = workspace.recipe, workspace.store
+    verdicts = [
+        verdict
+        for key in sorted(situation.chosen)
+        for verdict in check_bag(loaded, store, situation.planned.discovery, situation.plan.bags[key])
+    ]
+    if not bags:
+        verdicts += check_nuscenes(loaded)
+    if as_json:
+        click.echo(json.dumps([verdict.as_json() for verdict in verdicts], indent=1))
+    else:
+        _print(verdicts)
+    return EXIT_FOUND if any(verdict.is_error for verdict in verdicts) else 0
+
+
+def _print(verdicts: Sequence["Verdict"]) -> None:
+    counts = {"passed": 0, "warn": 0, "error": 0, "not made yet": 0}
+    for verdict in verdicts:
+        if verdict.finding is None:
+            counts["not made yet"] += 1
+            continue
+        if verdict.finding.passed:
+            counts["passed"] += 1
+            continue
+        counts[verdict.severity] += 1
+        mark = click.style(f"{verdict.severity:5}", fg="red" if verdict.severity == "error" else "yellow")
+        click.echo(f"{mark} {verdict.recording or 'dataset'}: {verdict.check}")
+        problems = verdict.finding.problems
+        for problem in problems[:_MOST_PROBLEMS]:
+            click.echo(f"      {problem}")
+        if len(problems) > _MOST_PROBLEMS:
+            click.echo(f"      and {len(problems) - _MOST_PROBLEMS} more")
+    told = ", ".join(f"{number} {what}" for what, number in counts.items() if number)
+    click.echo(f"{len(verdicts)} checks: {told or 'none'}.")

@@ -1,0 +1,113 @@
+"""Running the checks now, on what is on record, without a run in Dagster."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from bagassets.bags.discover import Discovery
+from bagassets.engine.plan_model import BagPlan
+from bagassets.errors import StoreError
+from bagassets.nuscenes.dataset import read_lock
+from bagassets.quality.catalogue import DATASET_CHECKS, RECORDING_CHECKS, check_dataset_now, severity_of
+from bagassets.quality.evidence import Evidence
+from bagassets.quality.finding import Finding
+from bagassets.recipe.model import Recipe
+from bagassets.recipe.model_checks import Severity
+from bagassets.steps.selection import choose_rig
+from bagassets.store.artifact import Artifact
+from bagassets.store.store import Store
+
+__all__ = ["Verdict", "check_bag", "check_nuscenes"]
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What one check said.
+
+    Attributes:
+        recording: partition key; None for the dataset.
+        asset: what was checked.
+        check: name of the check.
+        severity: how much a finding weighs.
+        finding: what was found; None if the asset is not materialized.
+    """
+
+    recording: str | None
+    asset: str
+    check: str
+    severity: Severity
+    finding: Finding | None
+
+    @property
+    def is_error(self) -> bool:
+        """Tell whether something was found that weighs as an error."""
+        return self.severity == "error" and self.finding is not None and not self.finding.passed
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the verdict as JSON."""
+        return {
+            "recording": self.recording,
+            "asset": self.asset,
+            "check": self.check,
+            "severity": self.severity,
+            "passed": None if self.finding is None else self.finding.passed,
+            "problems": [] if self.finding is None else list(self.finding.problems),
+            "facts": {} if self.finding is None else dict(self.finding.facts),
+        }
+
+
+def check_bag(recipe: Recipe, store: Store, discovery: Discovery, bag: BagPlan) -> Iterator[Verdict]:
+    """Check what is on record of one recording; nothing is said about one that is skipped.
+
+    Args:
+        recipe: the recipe, with the thresholds.
+        store: where the artifacts are.
+        discovery: the recordings on disk.
+        bag: the recording.
+    """
+    found = discovery.found.get(bag.key)
+    rig = None if found is None else choose_rig(recipe, found.relative)
+    if rig is None or bag.skipped is not None:
+        return
+    evidence = Evidence(recipe.checks, rig, store, _Current(bag.key, store, bag.recorded).artifact)
+    for check in RECORDING_CHECKS:
+        severity = severity_of(recipe.checks, check.section)
+        if severity == "skip":
+            continue
+        finding = None
+        if check.asset in bag.recorded:
+            try:
+                finding = check.rule(evidence)
+            except StoreError as err:
+                finding = Finding([str(err)])
+        yield Verdict(bag.key, check.asset, check.name, severity, finding)
+
+
+def check_nuscenes(recipe: Recipe) -> Iterator[Verdict]:
+    """Check the nuScenes dataset as it lies on disk.
+
+    Raises:
+        DatasetError: a table cannot be read.
+    """
+    settings = recipe.nuscenes
+    findings: Mapping[str, Finding] = {}
+    if read_lock(settings.output, settings.version) is not None:
+        findings = check_dataset_now(settings.output, settings.version, recipe.checks)
+    for check in DATASET_CHECKS:
+        severity = severity_of(recipe.checks, check.section)
+        if severity != "skip":
+            yield Verdict(None, "nuscenes_dataset", check.name, severity, findings.get(check.name))
+
+
+@dataclass(frozen=True)
+class _Current:
+    """The artifacts that are on record for one recording."""
+
+    key: str
+    store: Store
+    recorded: Mapping[str, str]
+
+    def artifact(self, asset: str) -> Artifact:
+        if asset not in self.recorded:
+            raise StoreError(f"{self.key}: {asset} is not materialized for this recording.")
+        return self.store.artifact(self.recorded[asset])
