@@ -85,6 +85,12 @@ class TestTopics:
         assert Posed(tmp_path / "a", ODOM, *late).table[0]["stamp_ns"] == T0
         assert Posed(tmp_path / "b", ODOM, *late, clock="log").table[0]["stamp_ns"] == T0 + S + 4_000_000
 
+    def test_stamps_that_were_never_set(self, tmp_path):
+        entries = [("/odom", ODOMETRY, at(t), odometry(0, truth(t))) for t in TIMES]
+        with pytest.raises(PoseError, match=r"from /odom: all header stamps are zero; set `clock: log`"):
+            Posed(tmp_path / "a", ODOM, *entries)
+        assert Posed(tmp_path / "b", ODOM, *entries, clock="log").errors_m_rad(BETWEEN)[0] < 1e-3
+
     def test_the_first_of_two_poses_at_a_stamp_counts(self, tmp_path):
         entries = [*odometries([0.0, 0.1]), ("/odom", ODOMETRY, at(1.0), odometry(at(0.1), truth(9.0)))]
         made = Posed(tmp_path, ODOM, *entries)
@@ -250,6 +256,26 @@ class TestTf:
         (reason,) = made.json["counts"]["lost"]
         assert reason == "other transforms on the way have no value at its time"
         assert made.table[0]["stamp_ns"] >= at(0.45)
+
+    def test_the_log_clock(self, tmp_path):
+        """Header stamps of a machine whose clock is an hour off."""
+        entries = [
+            ("/tf", TFMESSAGE, at(t), tf(transform(at(t) - 3600 * S, "map", "base_link", truth(t))))
+            for t in TIMES
+        ]
+        made = Posed(tmp_path, self.SOURCE, *entries, clock="log")
+        assert made.errors_m_rad(BETWEEN)[0] < 1e-3
+
+    def test_a_static_edge_with_two_values(self, tmp_path):
+        entries, mount = self.chain(np.arange(-0.3, 2.5, 0.25), TIMES)
+        other = SE3.create(mount.rotation, (0.6, 0.0, 0.2))
+        with pytest.raises(
+            PoseError, match=r"base -> base_link is published as static \(/tf_static\) with different"
+        ):
+            Posed(
+                tmp_path, self.SOURCE, *entries,
+                static("base", "base_link", mount), static("base", "base_link", other, stamp_ns=5),
+            )  # fmt: skip
 
     def test_a_missing_link(self, tmp_path):
         entries, _ = self.chain([0.0, 1.0], TIMES)

@@ -69,7 +69,8 @@ def box_frames(params: Mapping[str, Any], recording: Recording, trajectory: Traj
     x, y, z = params.get("origin_m", (0.0, 0.0, 0.0))
     tree = None
     if params.get("tf_static") or params.get("tf"):
-        layers = [read_transforms(recording, params[name], name) for name in ("tf_static", "tf")]
+        clock = params["clock"]
+        layers = [read_transforms(recording, params[name], name, clock=clock) for name in ("tf_static", "tf")]
         tree = TfTree(*layers)
     return BoxFrames(
         params.get("global_frame", ""), params.get("ego_frame", ""), extrinsics, trajectory, (x, y, z), tree

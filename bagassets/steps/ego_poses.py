@@ -123,6 +123,10 @@ def make(params: Mapping[str, Any], recording: Recording, out: ArtifactWriter) -
                 f"{' (' + lost + ')' if lost else ''}; correct ego_pose in the recipe."
             )
     stamps_ns, rows, repeated = _ordered(samples)
+    if stamps_ns == [0] and repeated:
+        raise PoseError(
+            f"ego poses from {params.get('topic', 'TF')}: all header stamps are zero; set `clock: log` in the recipe."
+        )
     counts = samples.counts
     if params["source"] != "fixed":
         counts.merged += repeated

@@ -27,7 +27,7 @@ def poses_from_tf(params: Mapping[str, Any], recording: Recording, urdf: Sequenc
     """
     samples = PoseSamples(global_frame=params["global_frame"])
     static = read_transforms(recording, params["tf_static"], "tf_static")
-    moving = read_transforms(recording, params["tf"], "tf", samples.counts)
+    moving = read_transforms(recording, params["tf"], "tf", samples.counts, clock=params["clock"])
     dst, src = params["global_frame"], params["ego_frame"]
     tree = TfTree(static, urdf, moving)
     try:
@@ -36,6 +36,12 @@ def poses_from_tf(params: Mapping[str, Any], recording: Recording, urdf: Sequenc
         raise PoseError(
             f"ego poses from TF: {err}. Correct global_frame or ego_frame in the recipe."
         ) from err
+    for edge in (*up, *down):
+        if edge.moves and edge.source != "tf":
+            raise PoseError(
+                f"ego poses from TF: {edge.parent} -> {edge.child} is published as static ({', '.join(params['tf_static'])}) "
+                "with different values; mend the recording, or leave the topic out of tf_static in the recipe."
+            )
     on_way = [edge.stamps_ns for edge in (*up, *down) if edge.moves]
     if not on_way:
         raise PoseError(

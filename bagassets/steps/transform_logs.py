@@ -6,15 +6,29 @@ from bagassets.bags.model import Recording
 from bagassets.decode.tf import decode_transform, transforms
 from bagassets.errors import DecodeError
 from bagassets.geometry.tf_tree import Edge, TransformLog
+from bagassets.recipe.model_base import Clock
 from bagassets.steps.channel import Counts
 
 __all__ = ["read_transforms"]
 
 
 def read_transforms(
-    recording: Recording, topics: Collection[str], source: str, counts: Counts | None = None
+    recording: Recording,
+    topics: Collection[str],
+    source: str,
+    counts: Counts | None = None,
+    *,
+    clock: Clock = "header",
 ) -> list[Edge]:
-    """Return the edges in `topics`; `counts` takes the number of transforms read and lost."""
+    """Return the edges in `topics`.
+
+    Args:
+        recording: offers the topics.
+        topics: topics of transforms.
+        source: what to call them.
+        counts: takes the number of transforms read and lost.
+        clock: which time of a transform counts; that of its header, or when its message was logged.
+    """
     log = TransformLog(source)
     counts = counts if counts is not None else Counts()
     for message in recording.messages(topics):
@@ -31,6 +45,7 @@ def read_transforms(
             except DecodeError as err:
                 counts.lose(str(err))
                 continue
-            log.add(reading.parent, reading.child, reading.stamp_ns, reading.parent_SE3_child)
+            stamp_ns = reading.stamp_ns if clock == "header" else message.log_time_ns
+            log.add(reading.parent, reading.child, stamp_ns, reading.parent_SE3_child)
             counts.written += 1
     return log.edges()
