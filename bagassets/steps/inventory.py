@@ -21,7 +21,7 @@ from bagassets.store.artifact import ArtifactWriter
 __all__ = ["STEP", "make_inventory"]
 
 # rosbags has the standard types, which recordings without definitions are decoded with.
-STEP = Step("inventory", 4, ("pyarrow", "rosbags"))
+STEP = Step("inventory", 5, ("pyarrow", "rosbags"))
 
 # Types of sensor data in bulk: never packed, whatever their size.
 BULK = frozenset(
