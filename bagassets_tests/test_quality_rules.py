@@ -436,7 +436,7 @@ class TestDevkit:
         root, tables = dataset
         finding = find_in(root, tables)
         assert finding.problems == []
-        assert finding.facts == {"scenes": 1, "has_LIDAR_TOP": True}
+        assert finding.facts == {"scenes": 1, "samples_without_LIDAR_TOP": 0}
 
     @pytest.mark.parametrize(
         ("table", "column", "value", "words"),
@@ -464,6 +464,7 @@ class TestDevkit:
                 "camera_intrinsic is not 3x3",
             ),
             ("sample_annotation", "size", [2.0, 0.0, 1.5], "sample_annotation.size is not positive"),
+            ("sample_annotation", "attribute_tokens", ["a", "b"], "more than one attribute"),
         ],
     )
     def test_what_the_devkit_trips_over_is_named(self, dataset, table, column, value, words):
@@ -474,6 +475,17 @@ class TestDevkit:
         problems = find_in(root, broken).problems
         assert any(words in problem for problem in problems)
         assert any(str(row["token"]) in problem or str(value) in problem for problem in problems)
+
+    def test_samples_that_the_evaluation_cannot_use_are_counted(self, dataset):
+        root, tables = dataset
+        broken = copy.deepcopy(tables)
+        gone = next(
+            row
+            for row in broken["sample_data"]
+            if row["is_key_frame"] and row["filename"].endswith(".pcd.bin")
+        )
+        broken["sample_data"].remove(gone)
+        assert find_in(root, broken).facts["samples_without_LIDAR_TOP"] == 1
 
     def test_a_map_that_is_no_png_or_missing_is_named(self, dataset, tmp_path):
         root, tables = dataset

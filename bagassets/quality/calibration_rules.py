@@ -127,7 +127,7 @@ def _folds_at(camera: CameraModel) -> float | None:
 def _distorted(camera: CameraModel, radius: float) -> float:
     """Radius in the recorded image of a ray at `radius` in the pinhole's, both for focal length 1."""
     if camera.model == "equidistant":
-        k1, k2, k3, k4 = camera.distortion
+        k1, k2, k3, k4 = (*camera.distortion, 0.0, 0.0, 0.0, 0.0)[:4]
         theta = atan(radius)
         t2 = theta * theta
         return theta * (1 + t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4))))

@@ -36,11 +36,23 @@ def devkit_ready(rows: DatasetRows) -> Finding:
         *_readings(tables),
         *_point_files(dataroot, tables),
         *_geometry(tables),
+        *_annotations(tables),
         *_splits(rows.folder / SPLITS, rows.scenes),
     ]
-    channels = {str(row["channel"]) for row in tables["sensor"]}
-    # The devkit's renderers and its evaluation name this channel.
-    return Finding(problems, {"scenes": len(rows.scenes), "has_LIDAR_TOP": "LIDAR_TOP" in channels})
+    facts = {"scenes": len(rows.scenes), "samples_without_LIDAR_TOP": _samples_without(tables, "LIDAR_TOP")}
+    return Finding(problems, facts)
+
+
+def _samples_without(tables: Tables, channel: str) -> int:
+    """Count samples without a keyframe of a channel; the devkit's evaluation and renderers name LIDAR_TOP."""
+    sensors = {row["token"] for row in tables["sensor"] if row["channel"] == channel}
+    calibrated = {row["token"] for row in tables["calibrated_sensor"] if row["sensor_token"] in sensors}
+    having = {
+        row["sample_token"]
+        for row in tables["sample_data"]
+        if row["is_key_frame"] is True and row["calibrated_sensor_token"] in calibrated
+    }
+    return sum(row["token"] not in having for row in tables["sample"])
 
 
 def _first(what: str, offenders: Sequence[str]) -> Iterator[str]:
@@ -143,16 +155,24 @@ def _radar_problem(path: Path) -> str | None:
     return None
 
 
+def _annotations(tables: Tables) -> Iterator[str]:
+    rows = tables["sample_annotation"]
+    yield from _first(
+        "sample_annotation with more than one attribute, which DetectionEval refuses",
+        [str(row["token"]) for row in rows if len(row["attribute_tokens"]) > 1],
+    )
+    yield from _first(
+        "sample_annotation.size is not positive",
+        [str(row["token"]) for row in rows if not min(row["size"]) > 0],
+    )
+
+
 def _geometry(tables: Tables) -> Iterator[str]:
     for name in ("ego_pose", "calibrated_sensor", "sample_annotation"):
         yield from _first(
             f"{name}.rotation is no unit quaternion w, x, y, z",
             [str(row["token"]) for row in tables[name] if not _is_unit(row["rotation"])],
         )
-    yield from _first(
-        "sample_annotation.size is not positive",
-        [str(row["token"]) for row in tables["sample_annotation"] if not min(row["size"]) > 0],
-    )
     modality = {row["token"]: row["modality"] for row in tables["sensor"]}
     wrong = [
         str(row["token"])
