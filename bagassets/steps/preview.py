@@ -15,7 +15,7 @@ from bagassets.geometry.trajectory import Trajectory
 from bagassets.preview.canvas import Image, jpeg, jpeg_within
 from bagassets.preview.channels import CameraImages, Clouds
 from bagassets.preview.pictures import TITLES, CannotDrawError, Pictures
-from bagassets.preview.timeline import timeline_facts
+from bagassets.preview.timeline import timeline, timeline_facts
 from bagassets.recipe.model import CameraChannel, LidarChannel, Rig
 from bagassets.recipe.model_preview import Preview
 from bagassets.steps.channel import Request
@@ -25,13 +25,13 @@ from bagassets.store.canonical import digest_json
 
 __all__ = ["FACTS", "INLINE_BYTES", "STEP", "THUMBNAIL", "make", "request"]
 
-STEP = Step("preview", 1, ("opencv-python-headless",))
+STEP = Step("preview", 2, ("opencv-python-headless",))
 
 FACTS = "facts.json"
 THUMBNAIL = "thumbnail.jpg"
-# What is shown in the web UI lies in Dagster's event log, once per materialization.
-INLINE_BYTES = 24 * 1024
-INLINE_WIDTH_PX = 640
+# What is shown in the web UI lies in Dagster's event log, once per materialization: five of these are 100 KB.
+INLINE_BYTES = 16 * 1024
+INLINE_WIDTH_PX = 560
 THUMBNAIL_BYTES = 2600
 THUMBNAIL_WIDTH_PX = 200
 # The first of these that there is stands for the recording.
@@ -124,7 +124,9 @@ def make(
             missing[name] = str(err)
             continue
         out.write(f"{name}.jpg", jpeg(drawn[name]))
-        out.write(f"inline/{name}.jpg", jpeg_within(drawn[name], INLINE_BYTES, INLINE_WIDTH_PX))
+        # Words shrink with a picture: the one that consists of words is drawn anew.
+        inline = timeline(pictures.timeline_facts, INLINE_WIDTH_PX) if name == "timeline" else drawn[name]
+        out.write(f"inline/{name}.jpg", jpeg_within(inline, INLINE_BYTES, INLINE_WIDTH_PX))
     stands_for_all = next(drawn[name] for name in _THUMBNAILS if name in drawn)
     out.write(THUMBNAIL, jpeg_within(stands_for_all, THUMBNAIL_BYTES, THUMBNAIL_WIDTH_PX))
     facts = {"pictures": list(drawn), "missing": missing, "moment_ns": pictures.moment_ns}
