@@ -20,11 +20,12 @@ import pytest
 from bagassets.engine.recording_assets import UPSTREAM
 from bagassets_tests.golden_drive import GOLDEN, STEPS, made_digests, record, step_of, unannounced
 
-# What processors may lack, in the words of numpy (new and old), OpenCV and OpenBLAS.
+# What processors may lack, in the words of numpy (new and old), OpenCV, OpenBLAS and the C library.
 OLD_PROCESSOR = {
     "NPY_DISABLE_CPU_FEATURES": "X86_V3 X86_V4 AVX512_ICL AVX512_SPR AVX2 FMA3 AVX512F",
     "OPENCV_CPU_DISABLE": "AVX512-SKX,AVX2,AVX,FMA3,FP16,SSE4.2,SSE4.1",
     "OPENBLAS_CORETYPE": "Nehalem",
+    "GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX2,-FMA,-FMA4,-AVX512F,-AVX",
 }
 
 
