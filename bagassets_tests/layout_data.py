@@ -6,7 +6,12 @@ import numpy as np
 from rosbags.interfaces import Nodetype
 from rosbags.rosbag2 import Writer
 
+from bagassets.bags.inventory import Inventory
 from bagassets.bags.layouts import choice_of
+from bagassets.bags.open import open_recording
+from bagassets.bags.pack import PackedRecording
+from bagassets.steps.inventory import make_inventory
+from bagassets.store.artifact import Artifact, ArtifactWriter
 
 _NUMBERS = {"bool": np.bool_, "byte": np.uint8, "char": np.uint8, "octet": np.uint8}
 
@@ -61,3 +66,13 @@ def write_bare(path, messages):
     with sqlite3.connect(database) as connection:
         connection.execute("DELETE FROM message_definitions")
     return path
+
+
+def inventory_of(path, folder, message_definitions=()):
+    """Return the typed inventory of a recording, and its pack."""
+    out = ArtifactWriter(folder)
+    with open_recording(path, message_definitions) as recording:
+        summary = make_inventory(recording, out, size=1)
+    artifact = Artifact(out.finish(summary), folder)
+    value = artifact.read_json("inventory.json")
+    return Inventory.from_json(value), PackedRecording(value, artifact.path("messages.parquet"))
