@@ -26,9 +26,10 @@ def project(tmp_path_factory):
     return recipe_file
 
 
-@pytest.fixture
-def built(project, monkeypatch):
-    build(project, monkeypatch)
+@pytest.fixture(scope="module")
+def built(project):
+    with pytest.MonkeyPatch.context() as patch:
+        build(project, patch)
     return project
 
 

@@ -13,7 +13,8 @@ __all__ = ["FrameClock", "NamedFrames", "NumberedFrames", "read_times"]
 
 _DIGITS = {"ns": 0, "us": 3, "ms": 6, "s": 9}
 _MOST_DIGITS = 19
-_NUMBER = re.compile(r"(\d+)(?:\.(\d+))?$")
+# `12`, `1700000000.25`, and either with the endings of the cloud, as in `12.pcd.bin`.
+_NUMBER = re.compile(r"(\d+)(?:\.(\d+))?(?:\.[A-Za-z]\w*)*$")
 _DATE = re.compile(r"(\d{4})-(\d\d)-(\d\d)[ T](\d\d):(\d\d):(\d\d)(?:\.(\d{1,9})\d*)?Z?$")
 
 
