@@ -6,10 +6,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self
 
+from bagassets.bags.damage import damaged
 from bagassets.bags.inventory import Definition
 from bagassets.bags.layouts import choice_of
 from bagassets.bags.model import Format, RawMessage, TopicInfo
 from bagassets.bags.typestores import MessageTypes, Serialization
+from bagassets.errors import BagAssetsError
 
 __all__ = ["BaseRecording", "RestrictedRecording", "TopicSource", "merge_topics"]
 
@@ -62,7 +64,16 @@ class BaseRecording(ABC):
         unknown = sorted(set(topics) - self.topics.keys())
         if unknown:
             raise KeyError(f"topic {unknown[0]} is not in {self.path} or was not declared by the step")
-        return self._read(topics) if topics else iter(())
+        return self._guarded(topics) if topics else iter(())
+
+    def _guarded(self, topics: Collection[str]) -> Iterator[RawMessage]:
+        # Nothing but the reader runs in here: what a consumer raises does not enter a generator.
+        try:
+            yield from self._read(topics)
+        except BagAssetsError:
+            raise
+        except Exception as err:  # whatever the libraries raise: see `damaged`
+            raise damaged(self.path, err) from err
 
     def decode(self, message: RawMessage) -> Any:
         """Return the message object; see `Recording`."""

@@ -76,7 +76,7 @@ def init(project: Path, bags: Path | None, look_at: int, force: bool) -> None:
 def _propose(project: Path, root: Path, look_at: int) -> str:
     """Look into the recordings below `root` and return a recipe."""
     from bagassets.bags.discover import discover  # noqa: PLC0415  (loads the readers)
-    from bagassets.bags.open import DAMAGE, open_recording  # noqa: PLC0415
+    from bagassets.bags.open import open_recording  # noqa: PLC0415
     from bagassets.recipe.glance import Glance, glance  # noqa: PLC0415
     from bagassets.recipe.model import Bags  # noqa: PLC0415
     from bagassets.recipe.propose import propose  # noqa: PLC0415
@@ -99,7 +99,7 @@ def _propose(project: Path, root: Path, look_at: int) -> str:
             try:
                 with open_recording(recording) as opened:
                     glances[recording.relative] = glance(opened)
-            except (BagAssetsError, *DAMAGE) as err:
+            except BagAssetsError as err:
                 # The build will fail this recording's partition with the same words; others go on.
                 unreadable[recording.relative] = str(err).removeprefix(f"{recording.path}: ")
     inside = root.is_relative_to(project)
