@@ -25,7 +25,7 @@ from bagassets.preview.future import future_trajectory
 from bagassets.preview.lens import View
 from bagassets.preview.lidar_over_camera import lidar_over_camera
 from bagassets.preview.moments import evenly_spaced, reading_at, telling_moment
-from bagassets.preview.pictures import TITLES, boxes_at
+from bagassets.preview.pictures import TITLES, boxes_at, suitable_range_m
 from bagassets.preview.timeline import ROW_PX, TOP_PX, timeline
 from bagassets.recipe import load_recipe
 from bagassets.recipe.model_preview import Preview
@@ -112,6 +112,14 @@ class TestBirdsEye:
         (box,) = boxes_at(table, S // 2)
         assert (box.category, box.width_m, box.length_m) == ("car", 2.0, 5.0)
         assert box.global_SE3_box.translation == pytest.approx((2.0, 0.0, 0.0))
+
+    def test_the_range_suits_the_points(self):
+        ego = SE3.create((1, 0, 0, 0), (100.0, 0.0, 0.0))
+        room = np.array([[100.0 + x, y, 0.0] for x in (-6.0, 6.0) for y in (-4.0, 4.0)])
+        assert suitable_range_m(room, ego) == 10.0
+        assert suitable_range_m(room + np.array([20.0, 0.0, 0.0]), ego) == 30.0
+        assert suitable_range_m(room * 100, ego) == 50.0
+        assert suitable_range_m(room[:0], ego) == 50.0
 
 
 class TestFuture:
@@ -327,6 +335,19 @@ class TestStep:
         made = build_recordings(load_recipe(tmp_path / "recipe.yaml"))["drive.mcap"]
         facts = made["preview"].artifact.read_json("facts.json")
         assert set(facts["pictures"]) == {"birds_eye", "timeline"}
+
+    def test_a_rig_that_stands_still_has_no_way(self, built, tmp_path):
+        recipe, _, _ = built
+        text = sample_recipe(root=str(recipe.bags.root))
+        text = text.replace("{source: odometry, topic: /odom}", "{source: fixed}").replace(
+            "deskew: true", "deskew: false"
+        )
+        lines = [line for line in text.splitlines() if "annotations" not in line]
+        (tmp_path / "recipe.yaml").write_text("\n".join(lines))
+        made = build_recordings(load_recipe(tmp_path / "recipe.yaml"))["drive.mcap"]
+        facts = made["preview"].artifact.read_json("facts.json")
+        assert facts["missing"] == {"future_trajectory": "the rig stands still"}
+        assert "lidar_over_camera" in facts["pictures"]
 
     def test_it_can_be_switched_off_and_other_settings_draw_anew(self, built):
         recipe, _, _ = built

@@ -91,7 +91,7 @@ class _Ground:
 
 def _rings(picture: Image, ground: _Ground, range_m: float) -> None:
     middle = round(ground.middle_px)
-    step_m = RING_M if range_m <= 60 else 5 * RING_M
+    step_m = RING_M if 20 < range_m <= 60 else 5 if range_m <= 20 else 5 * RING_M
     for ring in range(1, int(range_m // step_m) + 1):
         radius = round(ring * step_m * ground.pixels_per_m)
         cv2.circle(picture, (middle, middle), radius, FAINT, 1, cv2.LINE_AA)

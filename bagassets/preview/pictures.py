@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from math import ceil
 from typing import Any
 
 import numpy as np
@@ -34,6 +35,7 @@ TOLERANCE_NS = 150_000_000
 BOX_GAP_NS, BOX_TOLERANCE_NS = 1_000_000_000, 250_000_000
 FUTURE_STEP_NS = 100_000_000
 MOST_PAST_POSES = 2000
+LEAST_RANGE_M, MOST_RANGE_M = 10.0, 50.0
 
 
 class CannotDrawError(Exception):
@@ -53,7 +55,7 @@ class Pictures:
         width: of the pictures, pixels.
         columns: moments on the contact sheet.
         future_s: length of the way ahead.
-        range_m: half the side of the bird's-eye view.
+        range_m: half the side of the bird's-eye view; None: what suits the points.
     """
 
     cameras: Mapping[str, CameraImages]
@@ -64,7 +66,7 @@ class Pictures:
     width: int
     columns: int
     future_s: float
-    range_m: float
+    range_m: float | None
 
     def draw(self, name: str) -> Image:
         """Return one of the pictures in `TITLES`.
@@ -138,17 +140,19 @@ class Pictures:
         global_SE3_ego = self.trajectory.pose_at(self.moment_ns)
         if global_SE3_ego is None:
             raise CannotDrawError("there is no ego pose at the moment of the picture")
-        points = np.zeros((0, 3))
-        if self.clouds is not None:
-            points = self._points()
+        points = np.zeros((0, 3)) if self.clouds is None else self._points()
+        boxes, past = boxes_at(self.boxes, self.moment_ns), self._past(self.moment_ns)
+        if not len(points) and not boxes and not len(past):
+            raise CannotDrawError("there are no points, no boxes, and the rig stands still")
+        range_m = self.range_m or suitable_range_m(points, global_SE3_ego)
         return birds_eye(
             points,
-            boxes_at(self.boxes, self.moment_ns),
-            self._past(self.moment_ns),
+            boxes,
+            past,
             global_SE3_ego,
-            range_m=self.range_m,
+            range_m=range_m,
             width=self.width * 3 // 4,
-            title=f"+/- {self.range_m:g} m, the way so far",
+            title=f"+/- {range_m:g} m",
         )
 
     def _past(self, moment_ns: int) -> Floats:
@@ -159,6 +163,8 @@ class Pictures:
         return track.positions_m[past[:: 1 + len(past) // MOST_PAST_POSES]]
 
     def _future_trajectory(self) -> Image:
+        if self.trajectory.fixed:
+            raise CannotDrawError("the rig stands still")
         camera, image = self._front()
         view = camera.view(image, self.trajectory)
         if view is None:
@@ -187,9 +193,11 @@ class Pictures:
         if not spans:
             raise CannotDrawError("there is no camera with images")
         first_ns, last_ns = min(start for start, _ in spans), max(end for _, end in spans)
-        moments = evenly_spaced(first_ns, last_ns, self.columns)
-        tolerance_ns = max(TOLERANCE_NS, (last_ns - first_ns) // (2 * self.columns))
-        tile_width = self.width // self.columns
+        # A recording of few images shows each of them once.
+        columns = min(self.columns, max(len(camera.files) for camera in self.cameras.values()))
+        moments = evenly_spaced(first_ns, last_ns, columns)
+        tolerance_ns = max(TOLERANCE_NS, (last_ns - first_ns) // (2 * columns))
+        tile_width = self.width // columns
         tiles: dict[str, list[Image | None]] = {}
         for name, camera in self.cameras.items():
             found = [reading_at(camera.stamps_ns, moment, tolerance_ns) for moment in moments]
@@ -199,6 +207,16 @@ class Pictures:
             ]
         start_ns = self.timeline_facts["start_ns"] or first_ns
         return contact_sheet(tiles, [(moment - start_ns) / 1e9 for moment in moments], self.width)
+
+
+def suitable_range_m(points_global: Floats, global_SE3_ego: SE3) -> float:
+    """Return half the side of a view that shows nine of ten points: a multiple of 5 m, 10 to 50 m."""
+    if not len(points_global):
+        return MOST_RANGE_M
+    offsets = points_global[:, :2] - np.array(global_SE3_ego.translation[:2])
+    apart_m = np.sort(np.abs(offsets).max(axis=1))
+    far_m = float(apart_m[int(0.9 * (len(apart_m) - 1))])
+    return min(max(5.0 * ceil(1.1 * far_m / 5.0), LEAST_RANGE_M), MOST_RANGE_M)
 
 
 def boxes_at(boxes: BoxTable, moment_ns: int) -> list[BoxAt]:

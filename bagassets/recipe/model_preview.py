@@ -22,5 +22,9 @@ class Preview(Model):
     future_s: float = Field(
         4.0, gt=0, description="How much of the way ahead is drawn into the front image, in seconds."
     )
-    range_m: float = Field(50.0, gt=0, description="Half the side of the bird's-eye view.")
+    range_m: float | None = Field(
+        None,
+        gt=0,
+        description="Half the side of the bird's-eye view; default: as far as most points are, 10 to 50 m.",
+    )
     trajectory_map: bool = Field(True, description="Make the map of all recordings (`trajectory_map`).")
