@@ -262,6 +262,14 @@ class TestGathered:
         }
         assert sum(share.recordings for share in data.shares) == 1
 
+    def test_a_pin_that_holds_nothing_is_told(self, built):
+        recipe, made = built
+        pinned = recipe.model_copy(update={"splits": Splits(pinned={"drive_0000": "val", "dirve": "val"})})
+        data = report_data(pinned, Store(recipe.store_path), plan_of(recipe, made))
+        assert data.recordings[0].split == "val"
+        assert data.idle_pins == ["dirve"]
+        assert "there is no such recording: dirve" in Page(report_page(data)).text
+
     def test_a_thousand_recordings_make_a_page_below_five_megabytes_in_seconds(self, built):
         recipe, made = built
         started = time.perf_counter()

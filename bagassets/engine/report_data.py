@@ -36,7 +36,8 @@ def report_data(recipe: Recipe, store: Store, plan: Plan) -> ReportData:
     durations_s = [(r.key, r.duration_s) for r in recordings if r.state in {"ready", "stale"}]
     shares = shares_of(durations_s, recipe.splits)
     dataset = recipe.nuscenes.output / recipe.nuscenes.version
-    return ReportData(recipe.name, dataset, recordings, plan.excluded, shares)
+    idle_pins = sorted(recipe.splits.pinned.keys() - plan.bags.keys())
+    return ReportData(recipe.name, dataset, recordings, plan.excluded, shares, idle_pins)
 
 
 def map_path(recipe: Recipe) -> Path:

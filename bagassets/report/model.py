@@ -88,6 +88,7 @@ class ReportData:
         recordings: sorted by key.
         excluded: path below the bag root -> why the globs leave it out.
         shares: what each split got.
+        idle_pins: recordings that the recipe pins to a split and that are not there.
     """
 
     name: str
@@ -95,3 +96,4 @@ class ReportData:
     recordings: Sequence[RecordingFacts]
     excluded: Mapping[str, str] = field(default_factory=dict)
     shares: Sequence[SplitShare] = ()
+    idle_pins: Sequence[str] = ()

@@ -34,6 +34,7 @@ def report_page(data: ReportData) -> str:
         f'<p class="dim">Dataset in <code>{escape(str(data.dataset))}</code></p>',
         _cards(data),
         _split_table(data.shares),
+        _idle_pins(data.idle_pins),
         _map(data),
         _left_out(data),
         "<h2>Recordings</h2>",
@@ -54,6 +55,7 @@ def report_json(data: ReportData) -> dict[str, Any]:
         "name": data.name,
         "dataset": str(data.dataset),
         "splits": {share.name: share.as_json() for share in data.shares},
+        "idle_pins": list(data.idle_pins),
         "excluded": dict(sorted(data.excluded.items())),
         "recordings": [
             {
@@ -132,6 +134,13 @@ def _split_table(shares: Sequence[SplitShare]) -> str:
         f"<th class=n>{name}</th>" for name in ("recordings", "seconds", "share", "asked", "deviation")
     )
     return f"<h2>Split</h2><table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"
+
+
+def _idle_pins(keys: Sequence[str]) -> str:
+    if not keys:
+        return ""
+    names = ", ".join(escape(key) for key in keys)
+    return f'<p class="stale">Pinned in the recipe, but there is no such recording: {names}</p>'
 
 
 def _map(data: ReportData) -> str:
