@@ -376,7 +376,8 @@ class TestTime:
             minute = self.MINUTE + math.floor(t / 60)
             own = status_time(minute) if i in tell else (channel if channel and i == 1 else (1, bytes(8)))
             data = ncom(round(t * 1000) % 60_000, 48.0, 11.0 + 1e-6 * i, channel=own)
-            log_ns = self.UNIX_S * S + round((t + late_s) * S)
+            # In the order given: a packet that was overtaken arrives after the one that overtook it.
+            log_ns = self.UNIX_S * S + round((max(times[: i + 1]) + late_s) * S) + i
             entries.append(("/ncom", ETHERNET, log_ns, ethernet(log_ns, data)))
         made = Posed(tmp_path, NCOM | {"stamp": "packet"} | fields, *entries)
         return made, [round(row["stamp_ns"] / 1e6) / 1e3 - self.UNIX_S for row in made.table]
