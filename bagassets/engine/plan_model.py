@@ -2,7 +2,7 @@
 
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 from bagassets.bags.digest import RecordingStat
 from bagassets.bags.model import Format
@@ -49,9 +49,8 @@ class Recorded:
     run_id: str = ""
 
 
-@dataclass(frozen=True)
-class AssetState:
-    """State of one asset of one recording.
+class AssetState(NamedTuple):
+    """State of one asset of one recording (there may be 100,000 of them).
 
     Attributes:
         state: see `docs/how-it-decides.md`.
