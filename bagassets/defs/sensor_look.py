@@ -15,7 +15,7 @@ from bagassets.defs.sensor_cursor import Cursor
 from bagassets.defs.workspace import Workspace
 from bagassets.engine.dataset_build import DatasetInputs, dataset_code_versions
 from bagassets.engine.named_files import file_signature, files_beside
-from bagassets.engine.plan_model import ALL_ASSETS, BagPlan, Plan
+from bagassets.engine.plan_model import ALL_ASSETS, AssetState, BagPlan, Plan
 from bagassets.errors import RecordingError
 from bagassets.recipe.model import Recipe
 from bagassets.store.canonical import digest_json
@@ -135,7 +135,7 @@ class Look:
                 run_key=f"{bag.key}:{what[:16]}:{self.cursor.runs}",
                 partition_key=bag.key,
                 asset_selection=[dg.AssetKey(name) for name in bag.to_run()],
-                tags={"why": next(iter(stale.values())).reason[:_LONGEST_REASON]},
+                tags={"why": _why(list(stale.values()))},
             )
         ]
 
@@ -173,6 +173,12 @@ class Look:
         parts += [f"waiting for {len(self._active)} run(s)"] if self._active else []
         parts += [f"failed: {_names(failed)}"] if failed else []
         return "; ".join(parts if len(parts) > 1 else [*parts, "up to date"]) + "."
+
+
+def _why(stale: list[AssetState]) -> str:
+    """Return the reason for a run: of what has to be made, if anything has, not just recorded."""
+    first = next((asset for asset in stale if asset.state != "record-only"), stale[0])
+    return first.reason[:_LONGEST_REASON]
 
 
 def _stats(discovery: Discovery) -> dict[str, RecordingStat]:

@@ -14,7 +14,8 @@ from bagassets.forkserver.process import ProcessId
 
 __all__ = ["WORKER_TAG", "RunWorker"]
 
-WORKER_TAG = "bagassets/worker"
+# Dagster keeps tags that begin like this out of the list of runs, where nobody wants to read JSON.
+WORKER_TAG = ".dagster/bagassets_worker"
 
 
 @dataclass(frozen=True)

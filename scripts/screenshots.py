@@ -1,0 +1,165 @@
+"""Take the pictures of the web UI that the README and docs/ui.md show.
+
+    python scripts/screenshots.py                          # of build/demo, which `make demo` makes
+    python scripts/screenshots.py --recipe my/recipe.yaml --output /tmp/pictures --only asset_graph
+
+Starts the web UI itself, waits until the sensor has nothing to do, and looks at the pages with a headless Chromium
+(Debian: apt-get install chromium).
+"""
+
+import argparse
+import json
+import time
+from collections.abc import Callable
+from pathlib import Path
+from urllib.request import Request, urlopen
+
+import cv2
+from browser import Browser
+
+from bagassets.defs.services import Services, free_port
+
+HOST = "127.0.0.1"
+LOCATION = "/locations/__repository__@bagassets.definitions"
+GROUPS = "global%40global%3Adataset%2Cglobal%40global%3Arecording"
+WAIT_S = 120.0
+SETTLE_S = 2.0  # until the page has stopped moving
+BUTTONS = "[...document.querySelectorAll('[aria-label=panel_show_right]')]"
+QUIET = """{
+  runsOrError(filter: {statuses: [QUEUED, NOT_STARTED, STARTING, STARTED, CANCELING]}, limit: 1) {
+    ... on Runs { results { runId } }
+  }
+  sensorOrError(sensorSelector: {
+    repositoryName: "__repository__", repositoryLocationName: "bagassets.definitions", sensorName: "recordings"
+  }) { ... on Sensor { sensorState { ticks(limit: 2) { status } } } }
+}"""
+
+
+def main() -> None:
+    """Take all pictures, or those asked for."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--recipe", type=Path, default=Path("build/demo/recipe.yaml"))
+    parser.add_argument("--output", type=Path, default=Path("docs/pictures"))
+    parser.add_argument("--only", choices=sorted(PICTURES), action="append")
+    arguments = parser.parse_args()
+    arguments.output.mkdir(parents=True, exist_ok=True)
+    with Services(arguments.recipe, HOST, free_port(HOST, 3100)) as services:
+        services.wait_until_ready(lambda: False)
+        wait_until_quiet(services.url)
+        for name in arguments.only or PICTURES:
+            file = arguments.output / f"{name}.png"
+            with Browser(1400, 780) as browser:
+                fold_navigation(browser, services.url)
+                PICTURES[name](browser, services.url, file)
+            squeeze(file)
+            print(f"{file}  {file.stat().st_size / 1000:.0f} kB")
+        services.stop()
+        services.end_runs(lambda _runs: None, cancel=lambda: True)
+
+
+def wait_until_quiet(url: str) -> None:
+    """Wait until no run is active and the sensor had nothing to ask for twice."""
+    deadline = time.monotonic() + WAIT_S
+    while time.monotonic() < deadline:
+        request = Request(
+            f"{url}/graphql", json.dumps({"query": QUIET}).encode(), {"Content-Type": "application/json"}
+        )
+        with urlopen(request) as answer:
+            data = json.load(answer)["data"]
+        ticks = [tick["status"] for tick in data["sensorOrError"]["sensorState"]["ticks"]]
+        if not data["runsOrError"]["results"] and len(ticks) > 1 and set(ticks) == {"SKIPPED"}:
+            return
+        time.sleep(1)
+    raise SystemExit("the sensor still has something to do; build the dataset first")
+
+
+def fold_navigation(browser: Browser, url: str) -> None:
+    """Fold the navigation to its icons, and have the graph's list of assets folded too."""
+    browser.open(f"{url}/asset-groups?expanded={GROUPS}")
+    browser.wait_for_text("Materialize all")
+    time.sleep(SETTLE_S)
+    browser.click(f"{BUTTONS}.find(e => e.getBoundingClientRect().y < 200)")
+    browser.click(f"{BUTTONS}.find(e => e.getBoundingClientRect().y > 200)")
+    time.sleep(0.5)
+
+
+def show(browser: Browser, url: str, *texts: str) -> None:
+    """Open a page and wait until it shows `texts` and stands still."""
+    browser.open(url)
+    browser.wait_for_text(*texts)
+    time.sleep(SETTLE_S)
+
+
+def asset_graph(browser: Browser, url: str, file: Path) -> None:
+    """Both groups with all assets."""
+    browser.resize(1500, 860)
+    show(browser, f"{url}/asset-groups?expanded={GROUPS}", "Materialize all", "nuscenes_dataset")
+    browser.click(f"{BUTTONS}.find(e => e.getBoundingClientRect().y < 200)")
+    time.sleep(SETTLE_S)
+    right = browser.run(
+        "Math.max(...[...document.querySelectorAll('foreignObject, svg rect')]"
+        ".map(e => e.getBoundingClientRect().right).filter(x => x < innerWidth))"
+    )
+    browser.resize(int(right) + 130, 860)
+    time.sleep(SETTLE_S)
+    browser.picture(file)
+
+
+def asset(browser: Browser, url: str, file: Path) -> None:
+    """What one asset says about itself."""
+    show(browser, f"{url}/assets/frames?view=overview", "Description", "size_bytes")
+    browser.picture(file)
+
+
+def partitions(browser: Browser, url: str, file: Path) -> None:
+    """One recording's materialization among all recordings."""
+    show(browser, f"{url}/assets/sweeps?view=partitions", "Partitions Selected", "drive_3")
+    browser.click("[...document.querySelectorAll('div')].filter(e => /^drive_3$/.test(e.innerText)).pop()")
+    browser.wait_for_text("size_bytes")
+    time.sleep(SETTLE_S)
+    browser.picture(file)
+
+
+def checks(browser: Browser, url: str, file: Path) -> None:
+    """The checks of the tables, recording by recording."""
+    show(browser, f"{url}/assets/nuscenes_tables?view=checks", "Execute all")
+    browser.picture(file)
+
+
+def runs(browser: Browser, url: str, file: Path) -> None:
+    """The runs that made all this."""
+    show(browser, f"{url}/runs", "Launched by", "Success")
+    browser.picture(file)
+
+
+def sensor(browser: Browser, url: str, file: Path) -> None:
+    """The sensor and its last looks."""
+    show(browser, f"{url}{LOCATION}/sensors/recordings", "Latest tick")
+    browser.picture(file)
+
+
+def preview(browser: Browser, url: str, file: Path) -> None:
+    """A picture of a recording, where it was materialized."""
+    show(browser, f"{url}/assets/preview?view=overview", "picture_lidar_over_camera")
+    browser.click(
+        "[...document.querySelectorAll('tr')].find(e => e.innerText.startsWith('picture_lidar_over_camera'))"
+        "?.querySelector('button, a, [role=button]')"
+    )
+    browser.wait_for("[...document.images].some(i => i.src.startsWith('data:') && i.naturalWidth > 100)")
+    time.sleep(SETTLE_S)
+    browser.picture(file)
+
+
+PICTURES: dict[str, Callable[[Browser, str, Path], None]] = {
+    function.__name__: function
+    for function in (asset_graph, asset, partitions, checks, runs, sensor, preview)
+}
+
+
+def squeeze(file: Path) -> None:
+    """Write a PNG anew, as small as it gets."""
+    cv2.imwrite(str(file), cv2.imread(str(file)), [cv2.IMWRITE_PNG_COMPRESSION, 9])
+
+
+if __name__ == "__main__":
+    main()
