@@ -94,11 +94,14 @@ def _sensible(jobs: int) -> int:
 def _build(recipe: Path, options: "BuildOptions", trace: Path | None, *, as_json: bool) -> int:
     from bagassets.cli.progress import progress_for  # noqa: PLC0415
     from bagassets.cli.summary import MOST_ROWS, print_summary, summary_json, summary_rows  # noqa: PLC0415
-    from bagassets.defs import driver  # noqa: PLC0415  (Dagster takes a second to import)
+    from bagassets.forkserver.tasks import start_early  # noqa: PLC0415
     from bagassets.recipe import load_recipe  # noqa: PLC0415
 
     loaded = load_recipe(recipe)
     store = loaded.store_path
+    start_early(loaded.state, recipe)
+    from bagassets.defs import driver  # noqa: PLC0415  (Dagster takes a second, as the server does meanwhile)
+
     with ExitStack() as stack:
         listeners: list[Callable[[Event], None]] = [stack.enter_context(progress_for())]
         if trace is not None:

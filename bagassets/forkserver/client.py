@@ -25,6 +25,8 @@ _ANSWER_S = 15.0
 _GRACE_S = 30.0
 _RETRY_S = 0.05
 _LOG_LINES = 15
+_EARLY_S = 60.0
+_STARTERS: list["subprocess.Popen[bytes]"] = []  # kept, so that none is finalized while it runs
 
 
 class ServerRefusedError(BagAssetsError):
@@ -71,6 +73,20 @@ class Client:
                 raise BagAssetsError(_cannot_start(places, f"it did not answer within {timeout_s:.0f} s"))
             _start(spec, places, max(1.0, deadline - time.monotonic()))
             time.sleep(_RETRY_S)
+
+    @classmethod
+    def start_early(cls, spec: ServerSpec) -> None:
+        """Have a server for `spec` start, if there is none, while this process still imports what it needs.
+
+        Nobody is told if it cannot: `ensure` will find out.
+        """
+        places = Places(spec.state_folder, spec.stamp())
+        client = cls.connect(places)
+        if client is not None:
+            client.close()
+            return
+        with suppress(BagAssetsError, OSError):
+            _STARTERS.append(_starter(spec, places, _EARLY_S))
 
     @classmethod
     def connect(cls, places: Places, variables: Mapping[str, str] | None = None) -> Self | None:
@@ -227,6 +243,21 @@ def _recipe_variable(spec: ServerSpec) -> dict[str, str]:
 
 def _start(spec: ServerSpec, places: Places, timeout_s: float) -> None:
     """Start a server and return when it, or another with its stamp, answers."""
+    with _starter(spec, places, timeout_s) as starter:
+        try:
+            code = starter.wait(timeout_s)
+        except subprocess.TimeoutExpired as err:
+            starter.kill()
+            raise BagAssetsError(_cannot_start(places, f"it took longer than {timeout_s:.0f} s")) from err
+        except BaseException:
+            starter.kill()
+            raise
+    if code not in {0, SOURCE_CHANGED}:
+        raise BagAssetsError(_cannot_start(places, f"it ended with exit code {code}"))
+
+
+def _starter(spec: ServerSpec, places: Places, timeout_s: float) -> "subprocess.Popen[bytes]":
+    """Return a process that starts a server and ends when one with its stamp answers."""
     places.make()
     search = [*spec.paths, *filter(None, [os.environ.get("PYTHONPATH")])]
     environment = dict(os.environ) | _recipe_variable(spec) | {"PYTHONPATH": os.pathsep.join(search)}
@@ -234,22 +265,15 @@ def _start(spec: ServerSpec, places: Places, timeout_s: float) -> None:
     # -P keeps the current folder off the search path, whatever it is.
     command = [sys.executable, "-P", "-m", "bagassets.forkserver", spec_json, places.stamp, str(timeout_s)]
     with places.log.open("ab") as log:
-        try:
-            done = subprocess.run(  # noqa: S603  (this interpreter, this package)
-                command,
-                stdin=subprocess.DEVNULL,
-                stdout=log,
-                stderr=log,
-                env=environment,
-                cwd=spec.recipe.parent if spec.recipe is not None else spec.state_folder,
-                start_new_session=True,
-                timeout=timeout_s,
-                check=False,
-            )
-        except subprocess.TimeoutExpired as err:
-            raise BagAssetsError(_cannot_start(places, f"it took longer than {timeout_s:.0f} s")) from err
-    if done.returncode not in {0, SOURCE_CHANGED}:
-        raise BagAssetsError(_cannot_start(places, f"it ended with exit code {done.returncode}"))
+        return subprocess.Popen(  # noqa: S603  (this interpreter, this package)
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=log,
+            stderr=log,
+            env=environment,
+            cwd=spec.recipe.parent if spec.recipe is not None else spec.state_folder,
+            start_new_session=True,
+        )
 
 
 def _cannot_start(places: Places, reason: str) -> str:

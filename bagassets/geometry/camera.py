@@ -150,7 +150,7 @@ class CameraModel:
 def undistort(
     pixels: NDArray[np.uint8] | NDArray[np.uint16], maps: tuple[NDArray[Any], NDArray[Any]]
 ) -> NDArray[Any]:
-    """Return an image (H, W) or (H, W, 3) looked up bilinearly through maps of `undistortion_maps`.
+    """Return an image (H, W) or (H, W, C) looked up bilinearly through maps of `undistortion_maps`.
 
     OpenCV does 8 bit in integers, but 16 bit in single precision, where processors round differently.
     In double precision the products of 16-bit pixels and 10-bit weights are exact, and so is the result.

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from bagassets.decode.compressed_image import image_size, unpack
-from bagassets.decode.image import Pixels, to_bgr_or_grey
+from bagassets.decode.image import Pixels, bayer_to_bgra, to_bgr_or_grey
 from bagassets.decode.model import ImageReading
 from bagassets.errors import CalibrationError, DecodeError, RecipeError
 from bagassets.geometry.camera import CameraModel, undistort
@@ -74,15 +74,15 @@ class ImageOutput:
         """
         if reading.encoded is not None and self._format == "as_recorded" and self._maps is None:
             return self._as_recorded(reading.encoded, reading.encoding)
-        pixels = raw_pixels(reading)
+        jpeg = self._format == "jpeg" or (
+            self._format == "as_recorded" and reading.encoding.startswith("jpeg")
+        )
+        pixels = self._pixels(reading, four=jpeg and self._maps is not None)
         self._check(pixels.shape[1], pixels.shape[0])
         if pixels.dtype == np.uint16:
             pixels = self._to_8bit(pixels)
         if self._maps is not None:
             pixels = undistort(pixels, self._maps)
-        jpeg = self._format == "jpeg" or (
-            self._format == "as_recorded" and reading.encoding.startswith("jpeg")
-        )
         if jpeg:
             done, data = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, self._quality])
         else:
@@ -90,6 +90,13 @@ class ImageOutput:
         if not done:
             raise DecodeError("the image cannot be encoded")
         return EncodedImage(data.data, ".jpg" if jpeg else ".png", pixels.shape[1], pixels.shape[0])
+
+    @staticmethod
+    def _pixels(reading: ImageReading, *, four: bool) -> Pixels:
+        """Return grey, BGR, or BGRA where that is as good and faster: JPEG leaves the fourth channel out."""
+        mosaic = reading.pixels if four else None
+        pixels = None if mosaic is None else bayer_to_bgra(mosaic, reading.encoding)
+        return raw_pixels(reading) if pixels is None else pixels
 
     def _as_recorded(self, encoded: bytes, encoding: str) -> EncodedImage:
         width, height = image_size(encoded)
