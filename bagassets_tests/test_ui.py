@@ -55,6 +55,7 @@ def test_it_shows_the_project_and_leaves_nothing_behind(project):
         nodes = ask(url, "{ assetNodes { assetKey { path } description groupName kinds } }")["assetNodes"]
         assert {"bag", "frames", "nuscenes_dataset"} <= {node["assetKey"]["path"][0] for node in nodes}
         assert all(node["description"] and node["groupName"] and node["kinds"] for node in nodes)
+        eventually(lambda: servers_of(project), "a server is ready for runs")
         eventually((project / "dataset/nuscenes/v1.0-test/scene.json").is_file, "the sensor has it built")
 
         again = [*command, "--port", port]

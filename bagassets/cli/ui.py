@@ -49,6 +49,7 @@ def ui(recipe: Path, port: int, host: str, no_browser: bool, verbose: bool) -> i
     with Services(recipe, host, port, verbose=verbose) as services:
         services.wait_until_ready(lambda: signals.count > 0)
         if not signals.count:
+            services.warm_up()
             click.echo(f"{services.url}  (web UI of {recipe.resolve().parent.name}; Ctrl-C ends it)")
             if not no_browser and _has_display():
                 click.launch(services.url)

@@ -8,6 +8,7 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
@@ -18,6 +19,7 @@ from typing import Self
 from bagassets.errors import BagAssetsError
 from bagassets.forkserver.client import Client, ServerRefusedError
 from bagassets.forkserver.places import Places
+from bagassets.forkserver.tasks import connect, server_spec
 from bagassets.recipe import load_recipe
 from bagassets.recipe.project import dagster_home
 
@@ -55,6 +57,9 @@ class Services:
         self._address = ("127.0.0.1" if host in _ANY_HOST else host, port)
         self._state = recipe.state
         self._servers_before = {places.stamp for places in _alive(recipe.state)}
+        self._recipe_file, self._home = recipe_file, home
+        self._client: Client | None = None
+        self._warming = threading.Thread(target=self._warm, daemon=True)
         workspace = home / "workspace.yaml"
         code = ["-w", str(workspace)] if workspace.is_file() else ["-m", "bagassets.definitions"]
         level = ["--log-level", "info" if verbose else "warning"]
@@ -97,6 +102,15 @@ class Services:
                 )
             time.sleep(_POLL_S)
 
+    def warm_up(self) -> None:
+        """Have a fork server ready for the first run, and up until the end; returns at once."""
+        self._warming.start()
+
+    def _warm(self) -> None:
+        # If there can be no server, each run says so itself.
+        with suppress(BagAssetsError):
+            self._client = connect(server_spec(self._state, self._recipe_file), str(self._home))
+
     def stop(self) -> None:
         """End web server, daemon and code server; runs go on."""
         if self._process.stdin is not None and not self._process.stdin.closed:
@@ -116,6 +130,10 @@ class Services:
             tell: called once, with the number of runs that are waited for, if there are any.
             cancel: asked five times a second; True cancels the runs.
         """
+        if self._warming.is_alive():
+            self._warming.join()
+        if self._client is not None:
+            self._client.close()
         ours = [places for places in _alive(self._state) if places.stamp not in self._servers_before]
         told = False
         for places in ours:
