@@ -18,6 +18,7 @@ from bagassets.recipe.model_splits import Splits
 from bagassets.recipe.model_vision import Vision
 from bagassets.sample.drive import Target, write_recordings
 from bagassets.sample.recipe import sample_recipe
+from bagassets.sample.schedule import MAP_SE3_ODOM
 from bagassets.store.store import Store
 from bagassets.vision.dataset import VisionPart, assemble_vision, read_vision_lock
 from bagassets.vision.relative import relative_poses, roll_pitch_yaw
@@ -29,7 +30,7 @@ FRAMES = 5
 VISION = f"""
 vision:
   frames: {FRAMES}
-  trajectories: ["ego:global", "CAM_FRONT:LIDAR_TOP", "global:CAM_FRONT", "base_link:odom", "nowhere:odom"]
+  trajectories: ["ego:global", "CAM_FRONT:LIDAR_TOP", "global:CAM_FRONT", "base_link:odom", "CAM_FRONT:map", "nowhere:odom"]
 """
 unit = st.floats(-1.0, 1.0)
 quaternions = (
@@ -246,6 +247,17 @@ class TestRecordingFiles:
         global_SE3_cam = truth.odom_SE3_ego(int(row["stamp_ns"])) @ truth.ego_SE3_sensor("CAM_FRONT")
         position = [float(row[name]) for name in "xyz"]
         assert position == pytest.approx(global_SE3_cam.inverse().translation, abs=1e-3)
+
+    def test_frames_that_only_tf_knows_are_followed_through_tf(self, built, dataset):
+        _, truth, _ = built
+        rows = self.rows(dataset[0], "CAM_FRONT-map")
+        assert len(rows) > 100
+        for row in rows[::17]:
+            map_SE3_cam = (
+                MAP_SE3_ODOM @ truth.odom_SE3_ego(int(row["stamp_ns"])) @ truth.ego_SE3_sensor("CAM_FRONT")
+            )
+            position = [float(row[name]) for name in "xyz"]
+            assert position == pytest.approx(map_SE3_cam.translation, abs=1e-3)
 
     def test_a_frame_that_is_not_there_is_told_and_costs_nothing_else(self, built, dataset):
         facts = built[2]["drive.bag"]["vision_sequences"].artifact.read_json("facts.json")

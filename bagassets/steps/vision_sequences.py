@@ -238,7 +238,7 @@ def _write_trajectories(
             poses = (
                 bodies.poses(sensor, reference, trajectory)
                 if bodies.know(sensor, reference)
-                else tf_poses(sensor, reference, tree, round(params["tf_max_gap_s"] * 1e9))
+                else tf_poses(sensor, reference, bodies, tree, round(params["tf_max_gap_s"] * 1e9))
             )
         except CalibrationError as err:
             missing[pair] = str(err)

@@ -49,10 +49,14 @@ class Bodies:
     Attributes:
         ego_SE3: name (channel, sensor frame, `ego`, ego frame) -> where it is on the vehicle.
         global_names: names of the global frame.
+        ego_frame: the ego frame in TF.
+        global_frame: the global frame in TF.
     """
 
     ego_SE3: Mapping[str, SE3]
     global_names: frozenset[str]
+    ego_frame: str
+    global_frame: str
 
     @classmethod
     def of(cls, calibration: Mapping[str, Any], global_frame: str) -> "Bodies":
@@ -64,7 +68,17 @@ class Bodies:
             ego_SE3[name] = ego_SE3_sensor
             if channel["frame"]:
                 ego_SE3.setdefault(channel["frame"], ego_SE3_sensor)
-        return cls(ego_SE3, frozenset({"global", global_frame}) - ego_SE3.keys())
+        names = frozenset({"global", global_frame}) - ego_SE3.keys()
+        return cls(ego_SE3, names, calibration["ego_frame"], global_frame)
+
+    def in_tf(self, frame: str) -> tuple[str, SE3]:
+        """Return the frame of TF that a frame hangs on, and `tf_SE3_frame`.
+
+        Frames on the vehicle hang on the ego frame: extrinsics of the recipe are not in TF.
+        """
+        if frame in self.global_names:
+            return self.global_frame, SE3()
+        return (self.ego_frame, self.ego_SE3[frame]) if frame in self.ego_SE3 else (frame, SE3())
 
     def know(self, *frames: str) -> bool:
         """Tell whether all of these frames are among them."""
@@ -90,12 +104,26 @@ class Bodies:
         return TimedPoses(stamps_ns, t, q, reference in self.global_names)
 
 
-def tf_poses(sensor: str, reference: str, tree: TfTree, max_gap_ns: int) -> TimedPoses:
-    """Return `reference_SE3_sensor` of TF at every stamp at which anything between the two was published.
+def tf_poses(sensor: str, reference: str, bodies: Bodies, tree: TfTree, max_gap_ns: int) -> TimedPoses:
+    """Return `reference_SE3_sensor` through TF at every stamp at which anything between the two was published.
 
     Raises:
         CalibrationError: the frames are not connected.
     """
+    (src, src_SE3_sensor), (dst, dst_SE3_reference) = bodies.in_tf(sensor), bodies.in_tf(reference)
+    poses = _between(dst, src, tree, max_gap_ns)
+    positions = rotate(poses.rotations, np.array(src_SE3_sensor.translation)) + poses.positions_m
+    rotations = quaternion_multiply(poses.rotations, np.array(src_SE3_sensor.rotation))
+    reference_SE3_dst = dst_SE3_reference.inverse()
+    return TimedPoses(
+        poses.stamps_ns,
+        reference_SE3_dst.transform_points(positions),
+        quaternion_multiply(np.array(reference_SE3_dst.rotation), rotations),
+    )
+
+
+def _between(reference: str, sensor: str, tree: TfTree, max_gap_ns: int) -> TimedPoses:
+    """Return `reference_SE3_sensor` of two frames that are both in TF."""
     up, down = tree.chain(reference, sensor)
     moving = [edge.stamps_ns for edge in (*up, *down) if edge.moves]
     if not moving:
