@@ -17,6 +17,7 @@ from bagassets.bags.digest import RecordingStat
 from bagassets.bags.inventory import Inventory
 from bagassets.bags.model import Found, Recording
 from bagassets.engine.channel_pass import ChannelJob, run_pass
+from bagassets.engine.derived import nuscenes_tables_job, preview_job, vision_sequences_job
 from bagassets.engine.process import encoder_threads, keep_freed_memory
 from bagassets.engine.recording_assets import (
     ASSETS,
@@ -29,7 +30,6 @@ from bagassets.engine.recording_assets import (
     assets_of,
 )
 from bagassets.engine.source import MessageSource
-from bagassets.engine.track import track_of
 from bagassets.errors import BagAssetsError, StoreError
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.recipe.model import CameraChannel, Recipe, Rig
@@ -151,7 +151,7 @@ class RecordingBuild:
     @cached_property
     def inventory(self) -> Inventory:
         """The typed inventory of the recording."""
-        return Inventory.from_json(self._artifact("inventory").read_json("inventory.json"))
+        return Inventory.from_json(self.artifact("inventory").read_json("inventory.json"))
 
     @cached_property
     def skipped(self) -> str | None:
@@ -175,19 +175,26 @@ class RecordingBuild:
         return present_channels(self.rig, self.inventory)
 
     @cached_property
-    def _calibration_json(self) -> dict[str, Any]:
-        calibrated: dict[str, Any] = self._artifact("calibration").read_json("calibration.json")
+    def calibration(self) -> dict[str, Any]:
+        """Content of `calibration.json`."""
+        calibrated: dict[str, Any] = self.artifact("calibration").read_json("calibration.json")
         return calibrated
 
     @cached_property
-    def _trajectory(self) -> Trajectory:
-        return ego_poses.load_trajectory(self._artifact("ego_poses"))
+    def trajectory(self) -> Trajectory:
+        """`global_SE3_ego`."""
+        return ego_poses.load_trajectory(self.artifact("ego_poses"))
 
     @cached_property
     def _deskews(self) -> bool:
         return any(getattr(channel, "deskew", False) for channel in self.rig.channels.values())
 
-    def _artifact(self, asset: str) -> Artifact:
+    def artifact(self, asset: str) -> Artifact:
+        """Return the artifact of an asset that was made before.
+
+        Raises:
+            StoreError: it was not.
+        """
         try:
             return self._artifacts[asset]
         except KeyError:
@@ -243,7 +250,7 @@ class RecordingBuild:
         make: Callable[[Mapping[str, Any], Recording, ArtifactWriter], dict[str, Any]],
     ) -> AssetResult:
         def run(out: ArtifactWriter) -> dict[str, Any]:
-            with self.source.topics(request.topics, self.inventory, self._artifact("inventory")) as recording:
+            with self.source.topics(request.topics, self.inventory, self.artifact("inventory")) as recording:
                 return make(request.params, recording, out)
 
         return self._run(asset, self._action(step, request), run)
@@ -281,81 +288,23 @@ class RecordingBuild:
             self.recipe.clock,
             self.recipe.limits,
             self.inventory,
-            calibration=self._calibration_json,
-            ego_poses=self._artifact("ego_poses"),
+            calibration=self.calibration,
+            ego_poses=self.artifact("ego_poses"),
             labels=labels,
         )
-        make = partial(annotations.make, trajectory=self._trajectory, labels=labels)
+        make = partial(annotations.make, trajectory=self.trajectory, labels=labels)
         return self._run_on_messages("annotations", annotations.STEP, request, make)
 
     def _nuscenes_tables(self) -> AssetResult:
-        poses, boxes = self._artifact("ego_poses"), self._artifact("annotations")
-        channels = self._channel_artifacts("frames") | self._channel_artifacts("sweeps")
-        request = nuscenes_tables.request(
-            self.rig,
-            self.recipe.scenes,
-            self.found.key,
-            calibration=self._calibration_json,
-            ego_poses=poses,
-            annotations=boxes,
-            channels=channels,
-        )
-
-        def make(out: ArtifactWriter) -> dict[str, Any]:
-            return nuscenes_tables.make(
-                request.params,
-                out,
-                trajectory=self._trajectory,
-                ego_poses=poses,
-                annotations=boxes,
-                channels=channels,
-            )
-
+        request, make = nuscenes_tables_job(self)
         return self._run("nuscenes_tables", self._action(nuscenes_tables.STEP, request), make)
 
     def _vision_sequences(self) -> AssetResult:
-        if self.recipe.vision is None:
-            raise BagAssetsError(f"{self.found.key}: the recipe has no `vision` section; add one to make it.")
-        poses, images = self._artifact("ego_poses"), self._channel_artifacts("frames")
-        request = vision_sequences.request(
-            self.rig,
-            self.recipe.vision,
-            self.found.key,
-            self.inventory,
-            calibration=self._calibration_json,
-            ego_poses=poses,
-            frames=images,
-        )
-        make = partial(vision_sequences.make, trajectory=self._trajectory, ego_poses=poses, frames=images)
+        request, make = vision_sequences_job(self)
         return self._run_on_messages("vision_sequences", vision_sequences.STEP, request, make)
 
     def _preview(self) -> AssetResult:
-        images, clouds = self._channel_artifacts("frames"), self._channel_artifacts("sweeps")
-        boxes = self._artifact("annotations")
-        request = preview.request(
-            self.rig,
-            self.recipe.preview,
-            self.inventory,
-            calibration=self._calibration_json,
-            ego_poses=self._artifact("ego_poses"),
-            annotations=boxes,
-            frames=images,
-            sweeps=clouds,
-        )
-
-        def make(out: ArtifactWriter) -> dict[str, Any]:
-            # Maps and reports will ask for the track; now is the time to make it, on all workers.
-            track_of(self.store, self._artifact("inventory"), self._artifact("ego_poses"), self.recipe.clock)
-            return preview.make(
-                request.params,
-                out,
-                inventory=self.inventory,
-                trajectory=self._trajectory,
-                annotations=boxes,
-                frames=images,
-                sweeps=clouds,
-            )
-
+        request, make = preview_job(self)
         return self._run("preview", self._action(preview.STEP, request), make)
 
     # --- frames and sweeps ---------------------------------------------------------------
@@ -452,11 +401,11 @@ class RecordingBuild:
         return frames.STEP if self._asset_of(channel) == "frames" else sweeps.STEP
 
     def _channel_request(self, name: str) -> Request:
-        channel, calibrated = self.rig.channels[name], self._calibration_json["channels"][name]
+        channel, calibrated = self.rig.channels[name], self.calibration["channels"][name]
         clock, limits = self.recipe.clock, self.recipe.limits
         if isinstance(channel, CameraChannel):
             return frames.request(name, channel, clock, limits, self.inventory, camera=calibrated["camera"])
-        poses = self._artifact("ego_poses").digest if self._deskews else None
+        poses = self.artifact("ego_poses").digest if self._deskews else None
         return sweeps.request(
             name,
             channel,
@@ -478,9 +427,10 @@ class RecordingBuild:
         view = recording.restrict(request.topics)
         if self._asset_of(name) == "frames":
             return frames.FrameExtractor(request.params, view, out, pool)
-        trajectory = self._trajectory if request.params.get("deskew") else None
+        trajectory = self.trajectory if request.params.get("deskew") else None
         return sweeps.SweepExtractor(request.params, view, out, trajectory)
 
-    def _channel_artifacts(self, asset: str) -> dict[str, Artifact]:
-        channels = self._artifact(asset).read_json("channels.json")
+    def channels(self, asset: str) -> dict[str, Artifact]:
+        """Return channel -> artifact of `frames` or `sweeps`."""
+        channels = self.artifact(asset).read_json("channels.json")
         return {name: self.store.artifact(entry["artifact"]) for name, entry in channels.items()}

@@ -17,7 +17,7 @@ from bagassets.report.trajectory_map import MapWay
 from bagassets.report.write import write_page
 from bagassets.splits import shares_of, split_of
 from bagassets.steps import trajectory_map
-from bagassets.steps.preview import THUMBNAIL
+from bagassets.steps.preview import FACTS, THUMBNAIL
 from bagassets.store.artifact import Artifact
 from bagassets.store.store import Outcome, Store
 
@@ -174,7 +174,7 @@ def _gaps(topics: list[dict[str, Any]]) -> list[Gaps]:
 
 
 def _pictures(artifact: Artifact) -> dict[str, Path]:
-    drawn = artifact.read_json("facts.json")["pictures"]
+    drawn = artifact.read_json(FACTS)["pictures"]
     return {title: artifact.path(f"inline/{name}.jpg") for name, title in TITLES.items() if name in drawn}
 
 
