@@ -20,6 +20,7 @@ __all__ = [
     "RecordingError",
     "StoreError",
     "TopicError",
+    "UnexpectedError",
 ]
 
 
@@ -78,6 +79,12 @@ class StoreError(BagAssetsError):
     """The artifact store misses something, holds damaged bytes, or cannot be written."""
 
     transient = True
+
+
+class UnexpectedError(BagAssetsError):
+    """A step met what nobody thought of: a defect of ours, or damage of a new kind."""
+
+    transient = True  # the code that mends it may leave the step's version alone
 
 
 class DatasetError(BagAssetsError):

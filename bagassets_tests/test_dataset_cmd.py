@@ -9,7 +9,6 @@ import dagster as dg
 import pytest
 from click.testing import CliRunner
 from handmade import Drive, make_tables, true_boxes
-from mcap.writer import Writer
 
 from bagassets.cli.main import root
 from bagassets.defs.dataset import current_inputs, dataset_is_current, record_inputs
@@ -26,9 +25,10 @@ from bagassets.nuscenes.filenames import recording_of
 from bagassets.recipe.model import NuScenes
 from bagassets.recipe.model_splits import Splits
 from bagassets.store.store import Store
-from bagassets_tests.small_drive import LATENCY_NS, RECIPE, STORE2, messages
+from bagassets_tests.small_drive import RECIPE
 from bagassets_tests.test_dataset import content
 from bagassets_tests.test_end_to_end import build_all, build_of, make_project
+from bagassets_tests.tiny_mcap import write_tiny
 
 VERSION = "v1.0-test"
 SETTINGS = NuScenes(version=VERSION)
@@ -274,28 +274,6 @@ class TestCommand:
 
 
 NUMBER = 104
-
-
-def write_tiny(path, note):
-    """Write a short drive whose messages are the same in all, and whose content is not."""
-    with path.open("wb") as stream:
-        writer = Writer(stream)
-        writer.start(profile="", library="test")
-        channels = {}
-        for topic, msgtype, stamp_ns, data, definition in SERIALIZED:
-            if topic not in channels:
-                schema = writer.register_schema(msgtype, "ros2msg", definition)
-                channels[topic] = writer.register_channel(topic, "cdr", schema)
-            writer.add_message(channels[topic], stamp_ns + LATENCY_NS, data, stamp_ns)
-        writer.add_metadata("note", {"text": note})
-        writer.finish()
-
-
-SERIALIZED = [
-    (topic, msgtype, stamp_ns, bytes(STORE2.serialize_cdr(message, msgtype)),
-     STORE2.generate_msgdef(msgtype, ros_version=2)[0].encode())
-    for topic, msgtype, stamp_ns, message in messages(STORE2, 1.2)
-]  # fmt: skip
 
 
 class TestMoreThanAHundredRecordings:

@@ -173,7 +173,11 @@ def hash_file(path: Path, before: os.stat_result, between: Callable[[], None] | 
         digest = digest_file(path, between)
         after = path.stat()
     except OSError as err:
-        raise RecordingError(f"{path}: cannot be read ({err.strerror}).") from err
+        if isinstance(err, FileNotFoundError):
+            raise _gone(path, err) from err
+        raise RecordingError(
+            f"{path}: cannot be read ({err.strerror}); correct its permissions, or check the disk."
+        ) from err
     if _identity(after) != _identity(before):
         raise ChangedWhileReadError(
             f"{path}: the file changed while it was hashed; build again when it is complete."

@@ -15,6 +15,8 @@ from bagassets.errors import BagAssetsError
 
 __all__ = ["BaseRecording", "RestrictedRecording", "TopicSource", "merge_topics"]
 
+_BYTES = (bytes, memoryview, bytearray)
+
 
 @dataclass(frozen=True)
 class TopicSource:
@@ -69,7 +71,8 @@ class BaseRecording(ABC):
     def _guarded(self, topics: Collection[str]) -> Iterator[RawMessage]:
         # Nothing but the reader runs in here: what a consumer raises does not enter a generator.
         try:
-            yield from self._read(topics)
+            for message in self._read(topics):
+                yield _checked(message)
         except BagAssetsError:
             raise
         except Exception as err:  # whatever the libraries raise: see `damaged`
@@ -141,6 +144,13 @@ class RestrictedRecording(BaseRecording):
 
     def close(self) -> None:
         """Do nothing: the recording belongs to whoever opened it."""
+
+
+def _checked(message: RawMessage) -> RawMessage:
+    # Databases give whatever type the damaged bytes have.
+    if not isinstance(message.log_time_ns, int) or not isinstance(message.data, _BYTES):
+        raise TypeError(f"a message of {message.topic} has no time or no bytes")
+    return message
 
 
 def merge_topics(sources: Iterable[TopicSource]) -> dict[str, TopicSource]:

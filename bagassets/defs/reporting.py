@@ -15,8 +15,8 @@ from bagassets.defs.markdown import (
     topics_table,
 )
 from bagassets.engine.dataset_build import DatasetInputs
-from bagassets.engine.recording_assets import AssetResult
-from bagassets.errors import BagAssetsError
+from bagassets.engine.recording_assets import AssetResult, BuildFailure
+from bagassets.errors import BagAssetsError, UnexpectedError
 from bagassets.splits import SplitShare
 from bagassets.steps.nuscenes_dataset import DatasetSummary
 
@@ -117,4 +117,10 @@ def failures_in_words() -> Iterator[None]:
     try:
         yield
     except BagAssetsError as err:
-        raise dg.Failure(description=str(err), allow_retries=False) from None
+        raise dg.Failure(description=str(err), allow_retries=False) from _surprise(err)
+
+
+def _surprise(err: BagAssetsError) -> BaseException | None:
+    """Return what nobody thought of, whose traceback is worth showing; None for errors that say it all."""
+    inner = err.errors.values() if isinstance(err, BuildFailure) else [err]
+    return next((e.__cause__ for e in inner if isinstance(e, UnexpectedError)), None)

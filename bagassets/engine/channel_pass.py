@@ -11,7 +11,8 @@ from typing import Any
 
 from bagassets.bags.model import Recording
 from bagassets.engine.process import encoders
-from bagassets.errors import BagAssetsError
+from bagassets.engine.unexpected import in_words
+from bagassets.errors import BagAssetsError, StoreError
 from bagassets.steps.channel import ChannelExtractor
 from bagassets.store.action import Action
 from bagassets.store.artifact import ArtifactWriter
@@ -66,16 +67,16 @@ def run_pass(
             for job in jobs:
                 try:
                     extractors[job.channel] = job.make_extractor(recording, pending[job.channel].out, pool)
-                except BagAssetsError as err:
-                    errors[job.channel] = err
+                except Exception as err:  # noqa: BLE001  (whatever it is, it costs one channel)
+                    errors[job.channel] = in_words(err, recording.path, job.channel)
             _feed(recording, extractors, errors)
             for channel, extractor in extractors.items():
                 if channel in errors:
                     continue
                 try:
                     summaries[channel] = extractor.finish()
-                except BagAssetsError as err:
-                    errors[channel] = err
+                except Exception as err:  # noqa: BLE001  (as above)
+                    errors[channel] = in_words(err, recording.path, channel)
         verify_unchanged()
     except BaseException:
         for unfinished in pending.values():
@@ -88,7 +89,10 @@ def run_pass(
             if not errors[channel].transient:
                 store.record_failure(running.action, str(errors[channel]))
         else:
-            outcomes[channel] = running.commit(summaries[channel])
+            try:
+                outcomes[channel] = running.commit(summaries[channel])
+            except StoreError as err:  # a full disk: what other channels have is kept
+                errors[channel] = err
     return outcomes, errors
 
 
@@ -110,5 +114,5 @@ def _feed(
                 continue
             try:
                 extractor.add(message)
-            except BagAssetsError as err:
-                errors[channel] = err
+            except Exception as err:  # noqa: BLE001  (as above)
+                errors[channel] = in_words(err, recording.path, channel)

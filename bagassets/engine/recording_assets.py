@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from bagassets.errors import BagAssetsError
 from bagassets.recipe.model import Recipe
@@ -71,11 +72,12 @@ class Skipped:
 
 
 class BuildFailure(BagAssetsError):  # noqa: N818  (a state of a build, named as users see it)
-    """Some assets of a recording could not be made; one sentence for each."""
+    """Some assets of a recording could not be made; one sentence for each, which names the recording."""
 
-    def __init__(self, errors: Mapping[str, BagAssetsError]) -> None:
+    def __init__(self, errors: Mapping[str, BagAssetsError], path: Path) -> None:
         self.errors = dict(errors)
-        super().__init__("\n".join(str(err) for err in self.errors.values()))
+        told = [str(err) for err in self.errors.values()]
+        super().__init__("\n".join(text if str(path) in text else f"{path}: {text}" for text in told))
 
 
 class NotMadeError(BagAssetsError):

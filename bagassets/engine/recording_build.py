@@ -30,6 +30,7 @@ from bagassets.engine.recording_assets import (
     assets_of,
 )
 from bagassets.engine.source import MessageSource
+from bagassets.engine.unexpected import in_words
 from bagassets.errors import BagAssetsError, StoreError
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.recipe.model import CameraChannel, Recipe, Rig
@@ -123,7 +124,7 @@ class RecordingBuild:
             try:
                 yield self._inventory()
             except BagAssetsError as err:
-                raise BuildFailure({"inventory": err}) from err
+                raise BuildFailure({"inventory": err}, self.found.path) from err
         if self.skipped is not None:
             yield Skipped(self.skipped)
             return
@@ -144,7 +145,7 @@ class RecordingBuild:
                 else:
                     failed[asset] = made
         if failed:
-            raise BuildFailure(failed)
+            raise BuildFailure(failed, self.found.path)
 
     # --- what steps are handed -----------------------------------------------------------
 
@@ -225,14 +226,22 @@ class RecordingBuild:
             return self._extract(assets)
         try:
             return {assets[0]: makers[assets[0]]()}
-        except BagAssetsError as err:
-            return {assets[0]: err}
+        except Exception as err:  # noqa: BLE001  (whatever it is, it costs no more than this asset)
+            return {assets[0]: in_words(err, self.found.path, assets[0])}
 
     def _run(
         self, asset: str, action: Action, make: Callable[[ArtifactWriter], dict[str, Any]]
     ) -> AssetResult:
+        def told(out: ArtifactWriter) -> dict[str, Any]:
+            try:
+                return make(out)
+            except BagAssetsError:
+                raise
+            except Exception as err:  # whatever it is, it costs no more than this asset
+                raise in_words(err, self.found.path, asset) from err
+
         with span(asset):
-            outcome = self.store.lookup(action) if self._dry else self.store.run(action, make)
+            outcome = self.store.lookup(action) if self._dry else self.store.run(action, told)
         if outcome is None:
             raise NotMadeError(action, self.store.failure(action.digest))
         self._artifacts[asset] = outcome.artifact
@@ -327,8 +336,8 @@ class RecordingBuild:
                     jobs.append(
                         ChannelJob(name, action, request.topics, partial(self._extractor, name, request))
                     )
-            except BagAssetsError as err:
-                errors[name] = err
+            except Exception as err:  # noqa: BLE001  (as in `_make`)
+                errors[name] = in_words(err, self.found.path, name)
         if jobs:
             try:
                 topics = {topic for job in jobs for topic in job.topics}

@@ -7,11 +7,12 @@ from dataclasses import replace
 from operator import itemgetter
 from typing import Any
 
+from bagassets.bags.damage import advice_for
 from bagassets.bags.model import RawMessage
 from bagassets.bags.pack import write_pack
 from bagassets.bags.reader import BaseRecording
 from bagassets.decode.navsat import FixReading, decode_navsat
-from bagassets.errors import DecodeError
+from bagassets.errors import DecodeError, RecordingError
 from bagassets.geometry.sun import daylight
 from bagassets.steps.topic_log import TopicLog
 from bagassets.steps.topic_probe import TopicProbe
@@ -75,6 +76,7 @@ def make_inventory(recording: BaseRecording, out: ArtifactWriter, *, size: int) 
                 del kept[name]
         if info.msgtype == NAVSAT and info.problem is None:
             _take_fix(recording, message, fixes)
+    _refuse_shortfall(recording, logs)
     kept = {
         name: messages
         for name, messages in kept.items()
@@ -94,6 +96,16 @@ def make_inventory(recording: BaseRecording, out: ArtifactWriter, *, size: int) 
         "duration_s": value["duration_s"],
         "unreadable_topics": ", ".join(sorted(name for name in problems if problems[name])) or "none",
     }
+
+
+def _refuse_shortfall(recording: BaseRecording, logs: dict[str, TopicLog]) -> None:
+    """Raise if messages that the recording's own index announces were not found: nothing is lost silently."""
+    for name, info in sorted(recording.topics.items()):
+        if logs[name].count < info.count:
+            raise RecordingError(
+                f"{recording.path}: topic {name}: {logs[name].count} of {info.count} messages were found, which the "
+                f"recording's own index announces; {advice_for(recording.path)}."
+            )
 
 
 def _take_fix(recording: BaseRecording, message: RawMessage, fixes: list[FixReading]) -> None:

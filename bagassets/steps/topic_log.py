@@ -34,6 +34,11 @@ class TopicLog:
         self._unordered = 0
         self._first_unordered_ns: int | None = None
 
+    @property
+    def count(self) -> int:
+        """Number of messages so far."""
+        return len(self._times)
+
     def add(self, message: RawMessage, header: tuple[int, str] | None) -> None:
         """Take the next message."""
         data = message.data

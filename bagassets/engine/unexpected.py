@@ -1,0 +1,38 @@
+"""Turning what no step was made for into a sentence, so that it costs one asset of one recording, not the run."""
+
+import traceback
+from pathlib import Path
+
+from bagassets.errors import BagAssetsError, UnexpectedError
+
+__all__ = ["in_words"]
+
+_PACKAGE = Path(__file__).parents[1]
+
+
+def in_words(err: Exception, path: Path, what: str) -> BagAssetsError:
+    """Return an error of ours as it is, and any other as one that says where it came from.
+
+    Args:
+        err: what was raised.
+        path: the recording.
+        what: what was being made, such as `frames CAM_FRONT`.
+    """
+    if isinstance(err, BagAssetsError):
+        return err
+    ours = [
+        frame for frame in traceback.extract_tb(err.__traceback__) if frame.filename.startswith(str(_PACKAGE))
+    ]
+    place = (
+        f"{Path(ours[-1].filename).relative_to(_PACKAGE.parent)}, line {ours[-1].lineno}"
+        if ours
+        else "a library"
+    )
+    text = str(err).strip().splitlines()
+    reason = f"{type(err).__name__}: {text[0]}" if text else type(err).__name__
+    told = UnexpectedError(
+        f"{path}: {what} met something in this recording that bagassets was not made for ({reason}; {place}); the others "
+        "go on. If the recording is sound, please report this."
+    )
+    told.__cause__ = err
+    return told

@@ -1,0 +1,39 @@
+"""A process that builds everything and assembles the dataset, to be killed or starved by tests.
+
+`python -m bagassets_tests.build_process RECIPE [BYTES]`: with BYTES, no file may become larger.
+"""
+
+import resource
+import sys
+from pathlib import Path
+
+from bagassets.bags.digest import recording_digest, recording_stat
+from bagassets.bags.discover import discover
+from bagassets.engine.recording_build import RecordingBuild
+from bagassets.errors import BagAssetsError
+from bagassets.recipe import load_recipe
+from bagassets.steps.nuscenes_dataset import BagPart, assemble
+from bagassets.store.store import Store
+
+
+def make_dataset(recipe):
+    store, parts = Store(recipe.store_path), []
+    for key, found in discover(recipe.bags).found.items():
+        digest = recording_digest(found).digest
+        build = RecordingBuild(recipe, store, found, digest, recording_stat(found))
+        made = {result.asset: result.artifact.digest for result in build.build()}
+        parts.append(BagPart(key, key, made["nuscenes_tables"]))
+    assemble(parts, recipe.nuscenes, store, recipe.nuscenes.output)
+    return parts
+
+
+if __name__ == "__main__":
+    if len(sys.argv) > 2:
+        limit = int(sys.argv[2])
+        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+    sys.stdout.write("ready\n")
+    sys.stdout.flush()
+    try:
+        make_dataset(load_recipe(Path(sys.argv[1])))
+    except BagAssetsError as err:
+        sys.exit(str(err))
