@@ -145,9 +145,10 @@ def preview(browser: Browser, url: str, file: Path) -> None:
         "[...document.querySelectorAll('tr')].find(e => e.innerText.startsWith('picture_lidar_over_camera'))"
         "?.querySelector('button, a, [role=button]')"
     )
-    browser.wait_for("[...document.images].some(i => i.src.startsWith('data:') && i.naturalWidth > 100)")
+    image = "[...document.images].find(i => i.src.startsWith('data:') && i.naturalWidth > 100)"
+    browser.wait_for(f"!!{image}")
     time.sleep(SETTLE_S)
-    browser.picture(file)
+    browser.picture(file, browser.box(image, margin=70))
 
 
 PICTURES: dict[str, Callable[[Browser, str, Path], None]] = {

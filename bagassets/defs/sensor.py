@@ -48,10 +48,13 @@ def recordings_sensor() -> dg.SensorDefinition:
 
 def _watch(look: Look) -> dg.SensorResult:
     """Look until there is something to ask for, or nothing to wait for."""
-    end = time.monotonic() + WATCH_S
+    begun = time.monotonic()
+    end = begun + WATCH_S
     requests = look.look(time.time())
+    # With thousands of recordings a look takes its time; then look less often.
+    pause_s = max(PAUSE_S, 3 * (time.monotonic() - begun))
     while not requests and time.monotonic() < end and look.is_worth_waiting(time.time() + WATCH_S):
-        time.sleep(PAUSE_S)
+        time.sleep(pause_s)
         requests = look.look(time.time())
     skip = dg.SkipReason(look.cursor.said) if not requests else None
     return dg.SensorResult(run_requests=requests, skip_reason=skip, cursor=look.cursor.text())

@@ -68,6 +68,14 @@ run_monitoring:
   enabled: true
   start_timeout_seconds: 86400
 
+# The sensor looks every five seconds; looks that found nothing to do are not kept for long.
+retention:
+  sensor:
+    purge_after_days:
+      skipped: 1
+      failure: 30
+      success: -1
+
 telemetry:
   enabled: false
 nux:
