@@ -50,7 +50,8 @@ class TestSplitOf:
     def test_a_pin_moves_its_recording_and_no_other(self):
         val = next(key for key in KEYS if split_of(key, SPLITS) == "val")
         pinned = SPLITS.model_copy(update={"pinned": {val: "train"}})
-        assert {key for key in KEYS if dealt(SPLITS)[key] != dealt(pinned)[key]} == {val}
+        before, after = dealt(SPLITS), dealt(pinned)
+        assert {key for key in KEYS if before[key] != after[key]} == {val}
         assert split_of(val, pinned) == "train"
 
     def test_names_that_the_devkit_answers_itself_are_renamed(self):
