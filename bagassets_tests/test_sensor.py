@@ -215,6 +215,33 @@ def test_a_removed_recording_loses_its_partition_and_the_dataset_its_scenes(proj
     assert request.asset_selection == project.datasets
 
 
+def test_all_recordings_at_once_are_dropped_after_a_while_as_a_disk_may_come_back(project):
+    write_drive(project.bags / "b.mcap", "mcap", duration_s=2.0)
+    project.bring_up_to_date()
+    away = project.bags.with_name("away")
+    project.bags.rename(away)
+    project.bags.mkdir()
+    assert project.look() == {}
+    assert "is its disk mounted?" in project.cursor.said
+    assert project.live == {"a.bag", "b.mcap"}
+    project.bags.rmdir()
+    away.rename(project.bags)
+    assert project.look(after_s=50) == {}
+    project.bags.rename(away)
+    project.bags.mkdir()
+    assert project.look(after_s=50) == {}
+    assert project.live == {"a.bag", "b.mcap"}
+    assert set(project.look(after_s=61)) == {""}
+    assert project.live == frozenset()
+
+
+def test_the_last_recording_goes_at_once(project):
+    project.bring_up_to_date()
+    (project.bags / "a.bag").unlink()
+    assert set(project.look()) == {""}
+    assert project.live == frozenset()
+
+
 def test_a_recording_that_comes_back_as_it_was_is_recorded_anew_without_work(project):
     write_drive(project.bags / "b.mcap", "mcap", duration_s=2.0)
     project.bring_up_to_date()

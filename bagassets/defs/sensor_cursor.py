@@ -39,6 +39,7 @@ class Cursor:
         asked: key -> the last request, as long as it was not met.
         looked_s: when the recordings were looked at last.
         busy_since_s: since when runs have been active without a pause, or None.
+        empty_since_s: since when there has been no recording at all where there were several, or None.
         runs: number of runs asked for, which makes run keys unique.
         quiet: digest of everything that the last look depended on, if there was nothing to do; else empty.
         said: what was told about that look.
@@ -48,6 +49,7 @@ class Cursor:
     asked: dict[str, Request] = field(default_factory=dict)
     looked_s: float | None = None
     busy_since_s: float | None = None
+    empty_since_s: float | None = None
     runs: int = 0
     quiet: str = ""
     said: str = ""

@@ -50,7 +50,10 @@ class Look:
         recipe, cursor = self._workspace.recipe, self.cursor
         discovery = self._workspace.discover()
         stats = _stats(discovery)
-        live = self._drop_removed(frozenset(stats))
+        live = live_partitions(self._instance, recipe)
+        if self._is_disk_gone(live, frozenset(stats), now_s):
+            return []
+        live = self._drop_removed(live, frozenset(stats))
         active = active_runs(self._instance, self._datasets)
         self._active = set(active.values())
         records = self._state_of_records()
@@ -81,9 +84,25 @@ class Look:
 
     # --- partitions ----------------------------------------------------------------------
 
-    def _drop_removed(self, found: frozenset[str]) -> frozenset[str]:
+    def _is_disk_gone(self, live: frozenset[str], found: frozenset[str], now_s: float) -> bool:
+        """Tell whether all recordings went at once just now: then a disk is more likely gone than they are."""
+        cursor = self.cursor
+        if found or len(live) < 2:
+            cursor.empty_since_s = None
+            return False
+        cursor.empty_since_s = cursor.empty_since_s or now_s
+        left_s = PATIENCE_S - (now_s - cursor.empty_since_s)
+        if left_s <= 0:
+            return False
+        cursor.quiet, self._next_settled_s, self._active = "", None, set()
+        cursor.said = (
+            f"All {len(live)} recordings below {self._workspace.recipe.bags.root} are gone at once; is its disk mounted? "
+            f"They are dropped in {left_s:.0f} s."
+        )
+        return True
+
+    def _drop_removed(self, live: frozenset[str], found: frozenset[str]) -> frozenset[str]:
         recipe = self._workspace.recipe
-        live = live_partitions(self._instance, recipe)
         for key in sorted(live - found):
             remove_partition(self._instance, recipe, key)
         self.cursor.forget([key for key in self.cursor.asked if key not in found and key != DATASET])
