@@ -17,6 +17,7 @@ from bagassets.errors import DatasetError
 from bagassets.recipe import load_recipe
 from bagassets.recipe.model_splits import Splits
 from bagassets.report.grid_map import colour_of_split, grid_map
+from bagassets.report.map_shell import map_shell
 from bagassets.report.model import Gaps, RecordingFacts, ReportData, Way
 from bagassets.report.page import report_json, report_page
 from bagassets.report.trajectory_map import MapWay, trajectory_map_page
@@ -178,41 +179,69 @@ WAYS = [
 ]
 
 
+@pytest.fixture(scope="module")
+def shell():
+    return map_shell()
+
+
+def data_in(page):
+    return json.loads(
+        re.search(r'<script type="application/json" id="ways">(.*?)</script>', page, re.DOTALL)[1]
+    )
+
+
 class TestTrajectoryMap:
-    def test_the_same_ways_give_the_same_bytes(self):
-        assert trajectory_map_page(WAYS) == trajectory_map_page(WAYS)
+    def test_the_same_ways_give_the_same_bytes(self, shell):
+        assert map_shell() == shell
+        assert trajectory_map_page(WAYS, shell) == trajectory_map_page(WAYS, shell)
 
-    def test_ways_layers_and_heat_are_on_it(self):
-        page = trajectory_map_page(WAYS)
-        assert "[[48.0, 11.0], [48.001, 11.001]]" in page
-        assert "L.heatLayer(" in page
-        layers = re.search(r"overlays :\s*\{(.*?)\}", page, re.DOTALL)[1]
-        assert re.findall(r'"(\w+)" :', layers) == ["train", "val", "heat"]
-        assert "<tuesday>" not in page
-        assert "&lt;tuesday&gt;" in page
-
-    def test_scripts_are_leaflet_and_nothing_else(self):
-        scripts = [
-            a["src"] for tag, a in Page(trajectory_map_page(WAYS)).found if tag == "script" and "src" in a
+    def test_ways_are_layers_by_split_with_a_heat_layer(self, shell):
+        page = trajectory_map_page(WAYS, shell)
+        train, val = data_in(page)
+        assert (train["name"], val["name"]) == ("train", "val")
+        assert train["ways"] == [
+            {"key": "monday", "note": "20 s", "points": [[48.0, 11.0], [48.001, 11.001]]}
         ]
+        assert [way["key"] for way in val["ways"]] == ["<tuesday>"]
+        for part in ("L.heatLayer(", "L.gridLayer(", "L.tileLayer(", "L.control.layers(", ".fitBounds("):
+            assert part in page, part
+        assert "@@" not in page
+
+    def test_names_cannot_break_out_of_the_data(self, shell):
+        evil = '</script><script>alert("x")</script>'
+        page = trajectory_map_page([MapWay(evil, evil, "#000", evil, [(1.0, 2.0)])], shell)
+        assert data_in(page)[0]["ways"][0]["key"] == evil
+        assert [tag for tag, _ in Page(page).found].count("script") == [
+            tag for tag, _ in Page(trajectory_map_page(WAYS[:1], shell)).found
+        ].count("script")
+
+    def test_many_long_ways_stay_a_small_page(self, shell):
+        way = [(48.0 + n * 1e-5, 11.0) for n in range(3600)]
+        page = trajectory_map_page([MapWay(f"r{n}", "train", "#000", "", way) for n in range(1000)], shell)
+        assert len(page) < 4_000_000
+        first = data_in(page)[0]["ways"][0]["points"]
+        assert (first[0], first[-1]) == ([48.0, 11.0], [48.03599, 11.0])
+
+    def test_scripts_are_leaflet_and_nothing_else(self, shell):
+        scripts = [a["src"] for tag, a in Page(shell).found if tag == "script" and "src" in a]
         assert len(scripts) == 2
         assert all("leaflet" in source for source in scripts)
 
-    def test_without_network_the_same_ways_are_on_a_plain_grid(self):
-        page = trajectory_map_page(WAYS)
+    def test_without_network_the_same_ways_are_on_a_plain_grid(self, shell):
+        page = trajectory_map_page(WAYS, shell)
         fallback = page[
             page.index('<div id="nomap">') : page.index("</script>", page.index('<div id="nomap">'))
         ]
         assert fallback.count("<polyline") == 3
         assert 'typeof L !== "undefined"' in fallback
 
-    def test_those_that_are_nowhere_on_earth_are_named(self):
-        page = trajectory_map_page(WAYS)
+    def test_those_that_are_nowhere_on_earth_are_named(self, shell):
+        page = trajectory_map_page(WAYS, shell)
         assert "1 without position on Earth" in page
-        only_local = trajectory_map_page(WAYS[2:])
+        only_local = trajectory_map_page(WAYS[2:], shell)
         assert "hall" in only_local
         assert "leaflet" not in only_local
-        assert "No recording has a way to draw" in trajectory_map_page([])
+        assert "No recording has a way to draw" in trajectory_map_page([], shell)
 
 
 @pytest.fixture(scope="module")

@@ -52,7 +52,8 @@ def build_map(recipe: Recipe, store: Store, plan: Plan) -> Outcome:
         DatasetError: it cannot be written.
     """
     ways = _map_ways(recipe, _tracks(recipe, store, plan))
-    outcome = store.run(trajectory_map.action(ways), partial(trajectory_map.make, ways))
+    shell = store.run(trajectory_map.SHELL_STEP.action({}, {}), trajectory_map.make_shell).artifact
+    outcome = store.run(trajectory_map.action(ways, shell), partial(trajectory_map.make, ways, shell))
     write_page(map_path(recipe), outcome.artifact.path(trajectory_map.MAP).read_text(encoding="utf-8"))
     return outcome
 

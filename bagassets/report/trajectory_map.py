@@ -4,33 +4,22 @@ The page loads Leaflet and map tiles from the network. Without tiles, a grid of 
 visible below the ways; without Leaflet, an SVG that is part of the page takes the map's place.
 """
 
-from collections.abc import Iterator, Sequence
+import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 from typing import Any
 
 from bagassets.report.grid_map import NamedWay, grid_map
+from bagassets.report.map_shell import FALLBACK_MARK, WAYS_MARK
 from bagassets.report.style import MAP_CSS
 
 __all__ = ["MapWay", "trajectory_map_page"]
 
-# Each way is drawn with at most this many points, and all of them together heat the map with this many.
-WAY_POINTS = 400
-HEAT_POINTS = 20_000
-_LEAFLET = ("leaflet", "leaflet_css")
-
-# A layer below the tiles that needs no network: the border of every tile, as wide as its name says.
-_GRID = """
-{% macro script(this, kwargs) %}
-    var {{ this.get_name() }} = L.gridLayer({attribution: "plain grid"});
-    {{ this.get_name() }}.createTile = function (coords) {
-        var tile = document.createElement("div");
-        tile.style.outline = "1px solid #d5d8d0";
-        return tile;
-    };
-    {{ this.get_name() }}.addTo({{ this._parent.get_name() }});
-{% endmacro %}
-"""
+# All ways together have about this many points, and none has more than its share allows.
+MOST_POINTS = 60_000
+LEAST_WAY_POINTS = 20
+_DIGITS = 6  # of degrees: a decimetre
 
 _FALLBACK = """
 <style>{css}#nomap{{display:none;font:15px system-ui,sans-serif;padding:1rem}}</style>
@@ -65,56 +54,33 @@ class MapWay:
     local: Sequence[tuple[float, float]] = ()
 
 
-def trajectory_map_page(ways: Sequence[MapWay]) -> str:
-    """Return the page; the same bytes for the same ways."""
+def trajectory_map_page(ways: Sequence[MapWay], shell: str) -> str:
+    """Return the page; the same bytes for the same ways.
+
+    Args:
+        ways: the recordings.
+        shell: from `map_shell`.
+    """
     on_earth = [way for way in ways if way.points]
     if not on_earth:
         return _grid_page(ways)
-    import folium  # noqa: PLC0415  (half a second, paid only when a map is drawn)
-    from branca.element import Element, MacroElement  # noqa: PLC0415  (comes with folium)
-    from folium.plugins import HeatMap  # noqa: PLC0415
-    from jinja2 import Template  # noqa: PLC0415  (comes with folium)
-
-    lats = [lat for way in on_earth for lat, _ in way.points]
-    lons = [lon for way in on_earth for _, lon in way.points]
-    page = folium.Map(tiles=None, control_scale=True, location=(sum(lats) / len(lats), sum(lons) / len(lons)))
-    # Leaflet is all that is needed; every further script is one more that may not load.
-    page.default_js = [entry for entry in page.default_js if entry[0] in _LEAFLET]
-    page.default_css = [entry for entry in page.default_css if entry[0] in _LEAFLET]
-    grid = MacroElement()
-    grid._template = Template(_GRID)  # noqa: SLF001  (how folium's elements are extended)
-    page.add_child(grid)
-    folium.TileLayer("OpenStreetMap", name="OpenStreetMap").add_to(page)
-    for split in sorted({way.split for way in on_earth}):
-        layer = folium.FeatureGroup(name=escape(split))
-        for way in (way for way in on_earth if way.split == split):
-            tooltip = f"<b>{escape(way.key)}</b><br>{escape(way.note)}"
-            points = _thinned(way.points, WAY_POINTS)
-            folium.PolyLine(points, color=way.colour, weight=4, tooltip=tooltip).add_to(layer)
-            folium.CircleMarker(points[0], radius=4, color=way.colour, fill=True, tooltip=tooltip).add_to(
-                layer
-            )
-        layer.add_to(page)
-    page.fit_bounds([[min(lats), min(lons)], [max(lats), max(lons)]], max_zoom=17)
-    every = [point for way in on_earth for point in way.points]
-    heat = [list(point) for point in _thinned(every, HEAT_POINTS)]
-    HeatMap(heat, name="heat", show=False, radius=12, blur=16).add_to(page)
-    folium.LayerControl(collapsed=False).add_to(page)
-    figure = page.get_root()
-    figure.html.add_child(Element(_fallback(ways)))
-    for number, element in enumerate(_elements(figure)):
-        element._id = f"{number:032x}"  # noqa: SLF001  (random otherwise, and the page must not be)
-    return str(figure.render())
+    most = max(MOST_POINTS // len(on_earth), LEAST_WAY_POINTS)
+    splits = [
+        {
+            "name": name,
+            "colour": next(way.colour for way in on_earth if way.split == name),
+            "ways": [_json(way, most) for way in on_earth if way.split == name],
+        }
+        for name in sorted({way.split for way in on_earth})
+    ]
+    # Inside a script element only its end tag means anything.
+    data = json.dumps(splits, separators=(",", ":"), ensure_ascii=False).replace("</", "<\\/")
+    return shell.replace(FALLBACK_MARK, _fallback(ways), 1).replace(WAYS_MARK, data, 1)
 
 
-def _elements(element: Any) -> Iterator[Any]:
-    yield element
-    for child in element._children.values():  # noqa: SLF001  (folium has no other way to walk a page)
-        yield from _elements(child)
-    for name in ("header", "html", "script"):
-        part = getattr(element, name, None)
-        if part is not None and hasattr(part, "_children"):
-            yield from _elements(part)
+def _json(way: MapWay, most: int) -> dict[str, Any]:
+    points = [[round(lat, _DIGITS), round(lon, _DIGITS)] for lat, lon in _thinned(way.points, most)]
+    return {"key": way.key, "note": way.note, "points": points}
 
 
 def _thinned(points: Sequence[tuple[float, float]], most: int) -> list[tuple[float, float]]:
@@ -144,8 +110,7 @@ def _elsewhere(ways: Sequence[MapWay]) -> str:
 
 
 def _fallback(ways: Sequence[MapWay]) -> str:
-    # Braces of what is filled in mean nothing to format; those of Jinja must not appear.
-    return (_FALLBACK.format(css=MAP_CSS, svg=_grids(ways)) + _elsewhere(ways)).replace("{{", "{ {")
+    return _FALLBACK.format(css=MAP_CSS, svg=_grids(ways)) + _elsewhere(ways)
 
 
 def _grid_page(ways: Sequence[MapWay]) -> str:
