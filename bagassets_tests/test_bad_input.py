@@ -35,6 +35,7 @@ from bagassets.steps import calibration
 from bagassets.steps.nuscenes_dataset import BagPart, assemble, read_lock
 from bagassets.store.integrity import check_store
 from bagassets.store.store import Store
+from bagassets_tests import in_process
 from bagassets_tests.build_process import make_dataset
 from bagassets_tests.small_drive import RECIPE, write_drive
 from bagassets_tests.test_end_to_end import build_all, build_of, make_project
@@ -535,3 +536,16 @@ def test_words_for_errors_that_are_ours_already():
     assert in_words(err, Path("a.bag"), "frames") is err
     assert ChangedWhileReadError.transient
     assert not RecordingError.transient
+
+
+class TestInstance:
+    def test_many_processes_may_open_a_new_instance_at_once(self, tmp_path):
+        in_process.make_project(tmp_path, drives=())
+        code = "import sys; from bagassets.defs.runs import open_instance; open_instance(sys.argv[1]).get_asset_keys()"
+        opening = [
+            subprocess.Popen([sys.executable, "-c", code, str(tmp_path)], stderr=subprocess.PIPE, text=True)
+            for _ in range(4)
+        ]
+        for process in opening:
+            told = process.communicate(timeout=60)[1]
+            assert process.returncode == 0, told
