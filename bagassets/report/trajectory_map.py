@@ -26,7 +26,7 @@ _FALLBACK = """
 <div id="nomap"><p>Without network: the same ways on a plain grid.</p>{svg}</div>
 <script>window.addEventListener("load", function () {{
   if (typeof L !== "undefined") return;
-  document.querySelectorAll(".folium-map").forEach(function (map) {{ map.style.display = "none"; }});
+  document.querySelectorAll(".folium-map, .elsewhere").forEach(function (map) {{ map.style.display = "none"; }});
   document.getElementById("nomap").style.display = "block";
 }});</script>
 <noscript><style>#nomap{{display:block}}.folium-map{{display:none}}</style></noscript>
@@ -106,7 +106,7 @@ def _elsewhere(ways: Sequence[MapWay]) -> str:
     summary = f"<summary>{len(lost)} without position on Earth</summary>"
     names = ", ".join(escape(key) for key, _, _ in lost)
     box = f"{summary}{grid_map(lost, on_earth=False, width=400)}<p>{names}</p>"
-    return f'<details style="{style}">{box}</details>'
+    return f'<details class="elsewhere" style="{style}">{box}</details>'
 
 
 def _fallback(ways: Sequence[MapWay]) -> str:
