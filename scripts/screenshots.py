@@ -20,6 +20,7 @@ from browser import Browser
 from bagassets.defs.services import Services, free_port
 
 HOST = "127.0.0.1"
+WIDTH, HEIGHT = 1400, 780
 LOCATION = "/locations/__repository__@bagassets.definitions"
 GROUPS = "global%40global%3Adataset%2Cglobal%40global%3Arecording"
 WAIT_S = 120.0
@@ -48,7 +49,7 @@ def main() -> None:
         wait_until_quiet(services.url)
         for name in arguments.only or PICTURES:
             file = arguments.output / f"{name}.png"
-            with Browser(1400, 780) as browser:
+            with Browser(WIDTH, HEIGHT) as browser:
                 fold_navigation(browser, services.url)
                 PICTURES[name](browser, services.url, file)
             squeeze(file)
@@ -90,6 +91,11 @@ def show(browser: Browser, url: str, *texts: str) -> None:
     time.sleep(SETTLE_S)
 
 
+def top(height: int) -> dict[str, float]:
+    """Return the upper part of a page, which is the one that matters."""
+    return {"x": 0, "y": 0, "width": WIDTH, "height": height}
+
+
 def asset_graph(browser: Browser, url: str, file: Path) -> None:
     """Both groups with all assets."""
     browser.resize(1500, 860)
@@ -117,13 +123,13 @@ def partitions(browser: Browser, url: str, file: Path) -> None:
     browser.click("[...document.querySelectorAll('div')].filter(e => /^drive_3$/.test(e.innerText)).pop()")
     browser.wait_for_text("size_bytes")
     time.sleep(SETTLE_S)
-    browser.picture(file)
+    browser.picture(file, top(600))
 
 
 def checks(browser: Browser, url: str, file: Path) -> None:
     """The checks of the tables, recording by recording."""
-    show(browser, f"{url}/assets/nuscenes_tables?view=checks", "Execute all")
-    browser.picture(file)
+    show(browser, f"{url}/assets/nuscenes_tables?view=checks", "Execute all", "Latest execution")
+    browser.picture(file, top(560))
 
 
 def runs(browser: Browser, url: str, file: Path) -> None:
@@ -148,7 +154,8 @@ def preview(browser: Browser, url: str, file: Path) -> None:
     image = "[...document.images].find(i => i.src.startsWith('data:') && i.naturalWidth > 100)"
     browser.wait_for(f"!!{image}")
     time.sleep(SETTLE_S)
-    browser.picture(file, browser.box(image, margin=70))
+    box = browser.box(image, margin=20)
+    browser.picture(file, {**box, "y": box["y"] - 50, "height": box["height"] + 50})
 
 
 PICTURES: dict[str, Callable[[Browser, str, Path], None]] = {
