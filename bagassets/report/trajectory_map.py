@@ -102,7 +102,7 @@ def _elsewhere(ways: Sequence[MapWay]) -> str:
     lost: list[NamedWay] = [(way.key, way.colour, way.local) for way in ways if not way.points]
     if not lost:
         return ""
-    style = "position:fixed;left:12px;bottom:28px;z-index:1000;background:#fff;padding:.4rem .7rem;max-width:420px"
+    style = "position:fixed;left:130px;bottom:12px;z-index:1000;background:#fff;padding:.3rem .7rem;font:14px sans-serif"
     summary = f"<summary>{len(lost)} without position on Earth</summary>"
     names = ", ".join(escape(key) for key, _, _ in lost)
     box = f"{summary}{grid_map(lost, on_earth=False, width=400)}<p>{names}</p>"
