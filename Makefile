@@ -6,7 +6,7 @@ DEVKIT := .devkit-venv
 BIN := $(VENV)/bin
 export BAGASSETS_DEVKIT_PYTHON := $(CURDIR)/$(DEVKIT)/bin/python
 
-.PHONY: demo test lint docs clean
+.PHONY: demo test lint docs clean bench-incremental bench-plan
 .DEFAULT_GOAL := demo
 
 # A stamp file each, so that a second run costs nothing.
@@ -35,6 +35,15 @@ lint: $(VENV)/.made
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+
+# About ten minutes on two cores; EXTERNAL="converter {bags} {output}" adds another converter.
+bench-incremental: $(VENV)/.made
+	@mkdir -p build
+	$(BIN)/python benchmarks/incremental.py --json build/incremental.json $(if $(EXTERNAL),--external '$(EXTERNAL)')
+
+bench-plan: $(VENV)/.made
+	@mkdir -p build
+	$(BIN)/python benchmarks/plan.py --json build/plan.json
 
 clean:
 	rm -rf build $(VENV) $(DEVKIT)

@@ -177,6 +177,28 @@ def test_a_metadata_change_opens_no_image_or_cloud(copy, monkeypatch):
     assert build(copy / "recipe.yaml", key) == {"inventory"}
 
 
+def markdown():
+    """Return the table as docs/how-it-decides.md shows it."""
+    columns = [asset for asset in UPSTREAM if asset != "preview"]
+    lines = [f"| after | {' | '.join(columns)} |", "|---|" + ":-:|" * len(columns)]
+    rows = [param.values[0] for param in TABLE]
+    cameras = {"frames:CAM_FRONT", "frames:CAM_BACK"}
+    for row in [*rows, Row("version of the step frames", renamed, frozenset(cameras))]:
+        cells = []
+        for column in columns:
+            ran = {name for name in row.runs if name.split(":")[0] == column}
+            cells.append(
+                "" if not ran else "both" if ran == cameras else "one" if column == "frames" else "runs"
+            )
+        lines.append(f"| {row.name} | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def test_the_table_in_the_docs_is_this_one():
+    page = (Path(__file__).parents[1] / "docs" / "how-it-decides.md").read_text("utf-8")
+    assert page.partition("<!-- table -->\n")[2].partition("\n<!-- end of table -->")[0] == markdown()
+
+
 # --- undeclared access --------------------------------------------------------------------
 
 
