@@ -67,7 +67,7 @@ class Collected:
     Attributes:
         removed: artifacts that are gone.
         spared: number of artifacts that a build began to use meanwhile.
-        leftovers: number of temporary folders of processes that are no more.
+        leftovers: number of temporary folders and files of processes that are no more.
     """
 
     removed: list[Garbage] = field(default_factory=list)
@@ -121,6 +121,9 @@ def collect(store: Store, garbage: Collection[Garbage], now_s: float) -> Collect
             collected.spared += 1
     for folder in _leftovers(store, now_s):
         shutil.rmtree(folder, ignore_errors=True)
+        collected.leftovers += 1
+    for path in _torn_records(store, now_s):
+        path.unlink(missing_ok=True)
         collected.leftovers += 1
     return collected
 
@@ -224,6 +227,14 @@ def _leftovers(store: Store, now_s: float) -> Iterator[Path]:
                 if not _is_alive(int(rest)) and now_s - _newest_s(path) > _DEAD_S:
                     yield path
             elif now_s - _newest_s(path) > _UNRECORDED_S:
+                yield path
+
+
+def _torn_records(store: Store, now_s: float) -> Iterator[Path]:
+    """Yield records that killed processes did not finish."""
+    for path in (store.root / "actions").glob("*/.*"):
+        with suppress(FileNotFoundError):
+            if now_s - path.stat().st_mtime > _UNRECORDED_S:
                 yield path
 
 

@@ -16,8 +16,8 @@ import os
 import shutil
 import socket
 import time
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -32,6 +32,8 @@ __all__ = ["Outcome", "Pending", "Store"]
 # How a file system says that a folder of that name is there and holds something.
 _TAKEN = {errno.ENOTEMPTY, errno.EEXIST}
 _ATTEMPTS = 5
+# How it says that it has no hard links.
+_NO_HARD_LINK = {errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS, errno.EACCES, errno.EMLINK}
 
 
 @dataclass(frozen=True)
@@ -153,7 +155,11 @@ class Store:
     # --- actions ---------------------------------------------------------------------
 
     def lookup(self, action: Action) -> Outcome | None:
-        """Return the outcome of an action that is known and whose artifact is there."""
+        """Return the outcome of an action that is known and whose artifact is there.
+
+        Raises:
+            StoreError: the store cannot be read.
+        """
         path = self._action_file(action.digest)
         try:
             record = json.loads(path.read_bytes())
@@ -163,6 +169,10 @@ class Store:
         except (ValueError, KeyError):
             path.unlink(missing_ok=True)  # torn by a power loss: as good as unknown
             return None
+        except OSError as err:
+            raise StoreError(
+                f"{path}: the store cannot be read ({err.strerror}); check the disk, and state in the recipe."
+            ) from err
         if not self.has(digest):
             return None
         return Outcome(
@@ -266,14 +276,11 @@ class Store:
         return str(text)
 
     def record_failure(self, action: Action, error: str) -> None:
-        """Record that `action` failed; the newest error is kept."""
+        """Record that `action` failed; the newest error is kept. One that cannot be recorded is tried again."""
         path = self._failure_file(action.digest)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        temporary = path.with_name(f".{path.name}.{uuid4().hex}")
-        temporary.write_text(
-            json.dumps({"action": action.as_json(), "error": error}, sort_keys=True), "utf-8"
-        )
-        temporary.replace(path)
+        content = {"action": action.as_json(), "error": error}
+        with suppress(OSError), _written(path, content) as temporary:
+            temporary.replace(path)
 
     # --- places ----------------------------------------------------------------------
 
@@ -289,15 +296,46 @@ class Store:
 
     @staticmethod
     def _create(path: Path, content: dict[str, Any]) -> bool:
-        """Create `path` whole or not at all; return False if it existed before."""
-        path.parent.mkdir(parents=True, exist_ok=True)
-        temporary = path.with_name(f".{path.name}.{uuid4().hex}")
-        temporary.write_text(json.dumps(content, sort_keys=True), "utf-8")
+        """Create `path` whole or not at all; return False if it existed before.
+
+        Raises:
+            StoreError: it cannot be written.
+        """
         try:
-            os.link(temporary, path)
+            with _written(path, content) as temporary:
+                return _link(temporary, path)
+        except OSError as err:
+            raise StoreError(
+                f"{path}: cannot be written ({err.strerror}); free space or mend the folder."
+            ) from err
+
+
+@contextmanager
+def _written(path: Path, content: dict[str, Any]) -> Iterator[Path]:
+    """Write JSON beside `path`, under a name that is gone afterwards."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}.{uuid4().hex}")
+    try:
+        temporary.write_text(json.dumps(content, sort_keys=True), "utf-8")
+        yield temporary
+    finally:
+        with suppress(OSError):
+            temporary.unlink()
+
+
+def _link(temporary: Path, path: Path) -> bool:
+    """Give a file a second name, unless that is taken; then return False."""
+    try:
+        os.link(temporary, path)
+    except FileExistsError:
+        return False
+    except OSError as err:
+        if err.errno not in _NO_HARD_LINK:
+            raise
+        # Not in one step, but a record that is torn is as good as none.
+        try:
+            with path.open("xb") as file:
+                file.write(temporary.read_bytes())
         except FileExistsError:
             return False
-        finally:
-            with suppress(OSError):
-                temporary.unlink()
-        return True
+    return True

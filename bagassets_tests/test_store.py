@@ -1,0 +1,323 @@
+"""The store: one value has one text, immutable artifacts by content, first writer wins, nothing half-made."""
+
+import json
+import math
+import os
+import threading
+from pathlib import Path
+
+import pyarrow as pa
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bagassets.errors import BagAssetsError, DecodeError, StoreError
+from bagassets.store import store as module
+from bagassets.store.action import Action, Step
+from bagassets.store.canonical import canonical_json, digest_bytes, digest_file, digest_json
+from bagassets.store.integrity import artifact_damage, check_store
+from bagassets.store.store import Store
+
+JSON = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False, allow_infinity=False) | st.text(),
+    lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner),
+    max_leaves=10,
+)
+
+
+@pytest.fixture
+def store(tmp_path):
+    return Store(tmp_path / "store")
+
+
+def write(name, data):
+    def make(out):
+        out.write(name, data)
+        return {"bytes": len(data)}
+
+    return make
+
+
+def action_of(name="step", **params):
+    return Step(name, 1).action(params, {"topic:/x": "0" * 64})
+
+
+class TestCanonical:
+    @given(JSON)
+    def test_a_value_comes_back(self, value):
+        assert json.loads(canonical_json(value)) == value
+
+    @given(st.dictionaries(st.text(), JSON, min_size=2))
+    def test_order_makes_no_difference(self, value):
+        turned = dict(reversed(list(value.items())))
+        assert canonical_json(turned) == canonical_json(value)
+        assert digest_json(turned) == digest_json(value)
+
+    @given(JSON, JSON)
+    def test_different_values_have_different_texts(self, one, other):
+        if canonical_json(one) == canonical_json(other):
+            assert one == other
+
+    @pytest.mark.parametrize("value", [math.nan, math.inf, {"a": [-math.inf]}])
+    def test_numbers_are_finite(self, value):
+        with pytest.raises(ValueError, match="not JSON compliant"):
+            canonical_json(value)
+
+    @given(st.binary(max_size=10_000))
+    def test_a_file_has_the_digest_of_its_bytes(self, data):
+        path = Path(os.environ.get("TMPDIR", "/tmp")) / f"bagassets-test-{os.getpid()}"
+        path.write_bytes(data)
+        try:
+            assert digest_file(path) == digest_bytes(data)
+        finally:
+            path.unlink()
+
+
+class TestActions:
+    def test_everything_about_an_action_is_in_its_digest(self):
+        base = Action("a", 1, {"cv2": "4"}, {"q": 90}, {"bag": "x"})
+        others = [
+            Action("b", 1, {"cv2": "4"}, {"q": 90}, {"bag": "x"}),
+            Action("a", 2, {"cv2": "4"}, {"q": 90}, {"bag": "x"}),
+            Action("a", 1, {"cv2": "5"}, {"q": 90}, {"bag": "x"}),
+            Action("a", 1, {"cv2": "4"}, {"q": 91}, {"bag": "x"}),
+            Action("a", 1, {"cv2": "4"}, {"q": 90}, {"bag": "y"}),
+            Action("a", 1, {"cv2": "4"}, {"q": 90}, {"gab": "x"}),
+        ]
+        assert len({action.digest for action in (base, *others)}) == 7
+        assert Action("a", 1, {"cv2": "4"}, {"q": 90}, {"bag": "x"}).digest == base.digest
+
+    def test_a_step_names_the_versions_of_its_libraries(self):
+        assert Step("a", 1, ("numpy",)).action({}, {}).libraries["numpy"].count(".") >= 1
+
+
+class TestArtifacts:
+    def test_the_same_files_are_the_same_artifact_whatever_made_them(self, store):
+        one = store.run(action_of(q=1), write("a/b.txt", b"data"))
+        other = store.run(action_of(q=2), write("a/b.txt", b"data"))
+        assert one.artifact == other.artifact
+        assert one.action_digest != other.action_digest
+        assert (one.cached, other.cached) == (False, False)
+        assert artifact_damage(one.artifact) == []
+
+    def test_name_content_and_summary_are_in_the_digest(self, store):
+        made = {
+            store.run(action_of(q=number), make).artifact.digest
+            for number, make in enumerate(
+                [write("a", b"x"), write("b", b"x"), write("a", b"y"), lambda out: {}]
+            )
+        }
+        assert len(made) == 4
+
+    def test_order_of_writing_makes_no_difference(self, store):
+        def in_order(names):
+            def make(out):
+                for name in names:
+                    out.write(name, name.encode())
+                return {}
+
+            return make
+
+        one = store.run(action_of(q=1), in_order("abc"))
+        assert store.run(action_of(q=2), in_order("cab")).artifact == one.artifact
+
+    def test_what_was_written_can_be_read(self, store):
+        table = pa.table({"stamp_ns": [1, 2], "file": ["a", "b"]})
+
+        def make(out):
+            out.write_table("t.parquet", table)
+            out.write_json("j.json", {"b": 1, "a": [0.5, None]})
+            return {"rows": 2}
+
+        artifact = store.run(action_of(), make).artifact
+        assert artifact.read_table("t.parquet").equals(table)
+        assert artifact.read_table("t.parquet", ["file"]).column_names == ["file"]
+        assert artifact.read_json("j.json") == {"a": [0.5, None], "b": 1}
+        assert artifact.summary() == {"rows": 2}
+        assert [entry.path for entry in artifact.entries()] == ["j.json", "t.parquet"]
+
+    def test_a_name_is_written_once(self, store):
+        def make(out):
+            out.write("a", b"1")
+            out.write("a", b"2")
+
+        with pytest.raises(StoreError, match="written twice"):
+            store.run(action_of(), make)
+
+    @pytest.mark.parametrize("read", ["read_json", "read_table"])
+    def test_a_damaged_file_is_told_with_what_to_do(self, store, read):
+        artifact = store.run(action_of(), write("file", b"{")).artifact
+        with pytest.raises(
+            StoreError, match=r"file: this file of the store is gone or damaged .*bagassets verify"
+        ):
+            getattr(artifact, read)("file")
+        with pytest.raises(StoreError, match="gone or damaged"):
+            getattr(artifact, read)("none")
+
+    def test_many_threads_may_write(self, store):
+        def make(out):
+            threads = [
+                threading.Thread(target=lambda i=i: [out.write(f"{i}/{j}", b"x" * j) for j in range(50)])
+                for i in range(8)
+            ]
+            for thread in threads:
+                thread.start()
+            for thread in threads:
+                thread.join()
+            return {}
+
+        artifact = store.run(action_of(), make).artifact
+        assert len(artifact.entries()) == 400
+        assert artifact_damage(artifact) == []
+
+    def test_one_that_is_not_there_is_told(self, store):
+        with pytest.raises(StoreError, match="materialize the asset that makes it again"):
+            store.artifact("0" * 64)
+
+
+class TestRuns:
+    def test_what_is_known_does_not_run(self, store):
+        first = store.run(action_of(), write("a", b"x"))
+        again = store.run(action_of(), lambda out: pytest.fail("it ran"))
+        assert again.cached
+        assert again.artifact == first.artifact
+        assert again.seconds == pytest.approx(first.seconds, abs=0.001)
+
+    def test_an_error_is_on_record_until_it_succeeds(self, store):
+        def fail(out):
+            out.write("half", b"half")
+            raise DecodeError("topic /x: bad")
+
+        with pytest.raises(DecodeError):
+            store.run(action_of(), fail)
+        assert store.failure(action_of().digest) == "topic /x: bad"
+        assert store.action(action_of().digest) == action_of().as_json()
+        assert list((store.root / "tmp").iterdir()) == []
+        store.run(action_of(), write("a", b"x"))
+        assert store.failure(action_of().digest) is None
+
+    @pytest.mark.parametrize("err", [StoreError("disk full"), KeyboardInterrupt(), ValueError("bug")])
+    def test_what_says_nothing_about_the_action_is_not_on_record(self, store, err):
+        def fail(out):
+            raise err
+
+        with pytest.raises(type(err)):
+            store.run(action_of(), fail)
+        assert store.failure(action_of().digest) is None
+        assert list((store.root / "tmp").iterdir()) == []
+
+    def test_other_bytes_from_a_second_writer_are_told(self, store):
+        pending = store.begin(action_of())
+        store.run(action_of(), write("a", b"first"))
+        pending.out.write("a", b"second")
+        with pytest.raises(StoreError, match="step step is not deterministic"):
+            pending.commit({"bytes": 6})
+        assert store.lookup(action_of()).artifact.path("a").read_bytes() == b"first"
+
+    def test_the_same_bytes_from_a_second_writer_are_fine(self, store):
+        pending = store.begin(action_of())
+        first = store.run(action_of(), write("a", b"data"))
+        pending.out.write("a", b"data")
+        assert pending.commit({"bytes": 4}).artifact == first.artifact
+        assert list((store.root / "tmp").iterdir()) == []
+        assert list(check_store(store)) == []
+
+    def test_a_record_whose_artifact_is_gone_is_worth_nothing(self, store):
+        first = store.run(action_of(), write("a", b"first"))
+        store.remove(first.artifact.digest)
+        assert store.lookup(action_of()) is None
+        second = store.run(action_of(), write("a", b"second"))
+        assert store.lookup(action_of()).artifact == second.artifact
+
+    @pytest.mark.parametrize("torn", [b"", b"{", b"{}"])
+    def test_a_torn_record_is_worth_nothing(self, store, torn):
+        store.run(action_of(), write("a", b"x"))
+        next((store.root / "actions").glob("*/*.json")).write_bytes(torn)
+        assert store.lookup(action_of()) is None
+        assert not store.run(action_of(), write("a", b"x")).cached
+        assert store.run(action_of(), write("a", b"x")).cached
+
+    def test_many_at_once_agree(self, store):
+        outcomes = []
+
+        def run():
+            outcomes.append(store.run(action_of(), write("a", b"data")).artifact.digest)
+
+        threads = [threading.Thread(target=run) for _ in range(16)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        assert len(outcomes) == 16
+        assert len(set(outcomes)) == 1
+        assert list(check_store(store)) == []
+        assert list((store.root / "tmp").iterdir()) == []
+
+
+class TestFileSystems:
+    def test_without_hard_links(self, store, monkeypatch):
+        def refuse(*args):
+            raise OSError(1, "Operation not permitted")
+
+        monkeypatch.setattr(os, "link", refuse)
+        first = store.run(action_of(), write("a", b"x"))
+        assert store.run(action_of(), write("a", b"x")).cached
+        store.record(action_of(), first.artifact, 0.1)
+        with pytest.raises(StoreError, match="not deterministic"):
+            store.record(action_of(), store.run(action_of("other"), write("b", b"y")).artifact, 0.1)
+        assert list(check_store(store)) == []
+
+    def test_a_store_that_cannot_be_written(self, tmp_path):
+        (tmp_path / "store").write_bytes(b"a file")
+        with pytest.raises(StoreError, match=r"the store cannot be read .*check the disk"):
+            Store(tmp_path / "store").run(action_of(), write("a", b"x"))
+
+    @pytest.mark.parametrize("what", ["record", "manifest", "rename"])
+    def test_a_disk_that_fails_late_leaves_nothing(self, store, monkeypatch, what):
+        real_text, real_bytes, real_rename = Path.write_text, Path.write_bytes, Path.rename
+
+        def full(*args, **options):
+            raise OSError(28, "No space left on device")
+
+        if what == "record":
+            monkeypatch.setattr(Path, "write_text", full)
+        elif what == "manifest":
+            monkeypatch.setattr(Path, "write_bytes", full)
+        else:
+            monkeypatch.setattr(Path, "rename", full)
+        with pytest.raises(StoreError, match=r"No space left on device.*free space"):
+            store.run(action_of(), write("a", b"x"))
+        monkeypatch.setattr(Path, "write_text", real_text)
+        monkeypatch.setattr(Path, "write_bytes", real_bytes)
+        monkeypatch.setattr(Path, "rename", real_rename)
+        assert list((store.root / "tmp").iterdir()) == []
+        assert list(store.root.rglob(".*")) == []
+        assert list(check_store(store)) == []
+        assert not store.run(action_of(), write("a", b"x")).cached
+
+    def test_a_failure_that_cannot_be_recorded_hides_none(self, store, monkeypatch):
+        def fail(out):
+            monkeypatch.setattr(Path, "write_text", full)
+            raise DecodeError("topic /x: bad")
+
+        def full(*args, **options):
+            raise OSError(28, "No space left on device")
+
+        with pytest.raises(BagAssetsError, match="topic /x: bad"):
+            store.run(action_of(), fail)
+
+
+def test_the_first_writer_wins_between_look_and_link(store, monkeypatch):
+    """Two processes record the same action at the same time."""
+    artifact = store.run(action_of("a"), write("a", b"1")).artifact
+    real, calls = module._link, []
+
+    def late(temporary, path):
+        if not calls:
+            calls.append(1)
+            path.write_bytes(temporary.read_bytes())
+        return real(temporary, path)
+
+    monkeypatch.setattr(module, "_link", late)
+    store.record(action_of("b"), artifact, 0.1)
+    assert store.lookup(action_of("b")).artifact == artifact
