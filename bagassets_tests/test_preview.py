@@ -6,6 +6,7 @@ import pytest
 
 from bagassets.annotations.table import BoxTable
 from bagassets.defs.pictures import picture_metadata
+from bagassets.errors import RecipeError
 from bagassets.geometry.camera import CameraModel
 from bagassets.geometry.se3 import SE3
 from bagassets.preview.birds_eye import BoxAt, birds_eye
@@ -348,6 +349,11 @@ class TestStep:
         facts = made["preview"].artifact.read_json("facts.json")
         assert facts["missing"] == {"future_trajectory": "the rig stands still"}
         assert "lidar_over_camera" in facts["pictures"]
+
+    def test_a_channel_that_no_rig_has_is_refused(self, tmp_path):
+        (tmp_path / "recipe.yaml").write_text(sample_recipe() + "preview: {lidar: CAM_FRONT}\n")
+        with pytest.raises(RecipeError, match="no rig has a lidar CAM_FRONT"):
+            load_recipe(tmp_path / "recipe.yaml")
 
     def test_it_can_be_switched_off_and_other_settings_draw_anew(self, built):
         recipe, _, _ = built

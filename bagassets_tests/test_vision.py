@@ -366,6 +366,7 @@ class TestBuild:
         [
             ("trajectories: [ego]", "name two frames"),
             ("frames: 0", "must not be smaller than 1"),
+            ("cameras: [CAM_FRON]", "no rig has a camera CAM_FRON; did you mean CAM_FRONT?"),
             ("output: .bagassets/vision", "state folder"),
             ("output: nuscenes/vision", "output of nuscenes"),
         ],

@@ -25,6 +25,7 @@ def problems_in(recipe: Recipe, data: dict[str, Any]) -> Iterator[Problem]:
     yield from _globs(recipe)
     yield from _scenes(recipe)
     yield from _nuscenes(recipe)
+    yield from _shown_channels(recipe)
     for number, rig in enumerate(recipe.rigs):
         for at, sentence in _rig(rig):
             yield ("rigs", number, *at), sentence
@@ -81,6 +82,25 @@ def _outputs(recipe: Recipe) -> Iterator[Problem]:
                 yield at, f"{output} and the {owner} {folder} must not be the same nor lie in each other"
         name = at[0] if isinstance(at[1], str) else recipe.datasets[at[1]].name
         taken.append((f"output of {name}", output, version))
+
+
+def _shown_channels(recipe: Recipe) -> Iterator[Problem]:
+    """Channels of pictures and sequences exist in some rig, or nothing would ever be made of them."""
+    kinds: dict[str, list[str]] = {"camera": [], "lidar": [], "radar": []}
+    for rig in recipe.rigs:
+        for name, channel in rig.channels.items():
+            kinds[channel.modality].append(name)
+    asked: list[tuple[tuple[str | int, ...], str | None, str]] = [
+        (("preview", "camera"), recipe.preview.camera, "camera"),
+        (("preview", "lidar"), recipe.preview.lidar, "lidar"),
+    ]
+    for number, name in enumerate((recipe.vision.cameras or ()) if recipe.vision else ()):
+        asked.append((("vision", "cameras", number), name, "camera"))
+    for at, wanted, kind in asked:
+        if wanted is not None and wanted not in kinds[kind]:
+            near = closest(wanted, kinds[kind])
+            hint = f"; did you mean {near}?" if near else ""
+            yield at, f"no rig has a {kind} {wanted}{hint}"
 
 
 def _globs(recipe: Recipe) -> Iterator[Problem]:
