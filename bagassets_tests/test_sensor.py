@@ -5,6 +5,8 @@ from itertools import pairwise
 
 import dagster as dg
 import pytest
+from dagster._core.definitions.data_version import CachingStaleStatusResolver, StaleStatus
+from dagster._core.loader import LoadingContextForTest
 from dagster._core.storage.tags import PARTITION_NAME_TAG
 
 from bagassets.bags.digest import RecordingStat
@@ -173,6 +175,28 @@ def test_the_dataset_is_asked_for_when_the_recordings_are_done_and_then_nothing(
     assert project.look() == {}
     assert project.cursor.said == "1 recording; up to date."
     assert (project.cursor.asked, project.cursor.watched) == ({}, {})
+
+
+def stale(project):
+    """Return what Dagster's own markers call stale."""
+    graph = build_definitions(project.recipe_file).resolve_asset_graph()
+    resolver = CachingStaleStatusResolver(project.instance, graph, LoadingContextForTest(project.instance))
+    partitions = {key: [None] for key in graph.materializable_asset_keys}
+    partitions |= {key: project.live for key in partitions if graph.get(key).is_partitioned}
+    status = {(key, part): resolver.get_status(key, part) for key in partitions for part in partitions[key]}
+    return {which for which, is_now in status.items() if is_now != StaleStatus.FRESH}
+
+
+def test_the_markers_of_dagster_are_gone_when_the_sensor_has_nothing_to_do(project):
+    project.bring_up_to_date()
+    assert stale(project) == set()
+    shutil.copy(project.bags / "a.bag", project.bags / "c.bag")
+    (project.bags / "c.bag").open("ab").close()
+    project.bring_up_to_date()
+    assert stale(project) == set()
+    (project.bags / "c.bag").unlink()
+    project.bring_up_to_date()
+    assert stale(project) == set()
 
 
 def test_nothing_is_planned_when_nothing_has_changed(project, monkeypatch):
