@@ -1,10 +1,12 @@
 """ROS 1 bags and ROS 2 bag folders, through rosbags."""
 
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 
 from rosbags import rosbag1, rosbag2
 from rosbags.interfaces import Connection, MessageDefinitionFormat
+from rosbags.rosbag1.reader import Chunk
 
 from bagassets.bags.inventory import Definition
 from bagassets.bags.model import RawMessage
@@ -12,6 +14,10 @@ from bagassets.bags.reader import BaseRecording, TopicSource
 from bagassets.bags.typestores import Serialization, normalise_msgtype
 
 __all__ = ["Rosbag1Recording", "Rosbag2Recording", "definition_of"]
+
+
+# Chunks overlap with their neighbours; recorders fill them to a megabyte or a few.
+_KEPT_CHUNKS = 4
 
 
 def definition_of(connection: Connection) -> Definition:
@@ -32,13 +38,44 @@ def _sources(connections: Iterable[Connection], serialization: Serialization) ->
     ]
 
 
+class _LatestChunks:
+    """Keeps the last few decompressed chunks.
+
+    Messages come sorted by time. Where times of neighbouring chunks overlap, as those of many recorders
+    do, rosbags goes back and forth between them, and would decompress each again every time.
+    """
+
+    def __init__(self) -> None:
+        self._kept: dict[int, bytes] = {}
+
+    def keeping(self, position: int, chunk: Chunk) -> Chunk:
+        """Return the chunk, to be decompressed through this."""
+        return chunk._replace(decompressor=partial(self._decompress, position, chunk.decompressor))
+
+    def clear(self) -> None:
+        """Forget all."""
+        self._kept.clear()
+
+    def _decompress(self, position: int, decompress: Callable[[bytes], bytes], data: bytes) -> bytes:
+        content = self._kept.pop(position, None)
+        if content is None:
+            content = decompress(data)
+        self._kept[position] = content  # the newest last
+        if len(self._kept) > _KEPT_CHUNKS:
+            del self._kept[next(iter(self._kept))]
+        return content
+
+
 class Rosbag1Recording(BaseRecording):
     """A ROS 1 bag, plain or compressed with lz4 or bz2."""
 
     def __init__(self, path: Path, message_definitions: Sequence[Path] = ()) -> None:
         self._reader = rosbag1.Reader(path)
         self._reader.open()
+        self._latest = _LatestChunks()
         try:
+            for position, chunk in self._reader.chunks.items():
+                self._reader.chunks[position] = self._latest.keeping(position, chunk)
             super().__init__(path, "ros1", _sources(self._reader.connections, "ros1"), message_definitions)
         except BaseException:
             self._reader.close()
@@ -52,6 +89,7 @@ class Rosbag1Recording(BaseRecording):
     def close(self) -> None:
         """Close the file."""
         self._reader.close()
+        self._latest.clear()
 
 
 class Rosbag2Recording(BaseRecording):
