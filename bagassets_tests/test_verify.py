@@ -12,11 +12,14 @@ from bagassets.cli.rebuild_process import other_environment
 from bagassets.engine.dataset_integrity import check_datasets
 from bagassets.engine.rebuild import known_actions, rebuild
 from bagassets.nuscenes.check import check_dataset
+from bagassets.recipe import load_recipe
 from bagassets.steps import calibration
 from bagassets.steps.nuscenes_dataset import BagPart, assemble, is_untouched
+from bagassets.steps.vision_dataset import VisionPart, assemble_vision, is_vision_complete
 from bagassets.store.action import Step
 from bagassets.store.integrity import artifact_damage, check_store
 from bagassets.store.store import Store
+from bagassets_tests.test_dataset import content
 from bagassets_tests.test_end_to_end import build_all, make_project
 
 VERSION = "v1.0-test"
@@ -68,6 +71,12 @@ def run(recipe, *args, status=0):
     assert result.exception is None, result.exception
     assert (result.return_value or 0) == status, result.output
     return result
+
+
+def load_recipe_with(recipe, text):
+    file = recipe.state.parent / "recipe.yaml"
+    file.write_text(file.read_text() + text)
+    return load_recipe(file)
 
 
 class TestStore:
@@ -243,6 +252,30 @@ class TestDatasets:
         make_dataset(project)
         assert path.read_bytes() == content
         run(project)
+
+    def test_files_of_other_versions_are_looked_at_too(self, project):
+        store, other = store_of(project), project.nuscenes.model_copy(update={"version": "v1.0-other"})
+        made = build_all(project)["a.bag"]["nuscenes_tables"].artifact.digest
+        assemble([BagPart("a.bag", "c", made)], other, store, other.output)
+        (other.output / "v1.0-other" / "log.json").write_bytes(b"[]")
+        assert f"{other.output}/v1.0-other/log.json: was changed" in run(project, status=3).stdout
+
+    def test_a_vision_dataset(self, project):
+        recipe = load_recipe_with(project, "vision: {output: dataset/vision}\n")
+        made = build_all(recipe)
+        parts = [VisionPart(k, k, assets["vision_sequences"].artifact.digest) for k, assets in made.items()]
+        store, output = store_of(recipe), recipe.vision.output
+        assemble_vision(parts, recipe.vision, recipe.splits, store)
+        assert list(check_datasets(recipe, store)) == []
+        before = content(output)
+        image = next(output.rglob("*.jpg"))
+        image.unlink()
+        (output / "annotations" / "train.manifest.json").write_bytes(b"{}")
+        run(recipe, status=3)
+        assert not is_vision_complete(output)
+        assemble_vision(parts, recipe.vision, recipe.splits, store)
+        assert content(output) == before
+        run(recipe)
 
     def test_a_table_that_was_changed(self, project):
         path = project.nuscenes.output / VERSION / "sample.json"

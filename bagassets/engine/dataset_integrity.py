@@ -13,14 +13,14 @@ from pathlib import Path
 from typing import Any
 from uuid import uuid4
 
+from bagassets.engine.dataset_build import dataset_folders
+from bagassets.engine.dataset_lock import LOCK, DatasetLock, load_lock
 from bagassets.errors import StoreError
 from bagassets.recipe.model import Recipe
-from bagassets.steps.nuscenes_dataset import read_lock
-from bagassets.steps.vision_dataset import read_vision_lock
 from bagassets.store.artifact import FileEntry
 from bagassets.store.canonical import digest_file
 from bagassets.store.store import Store
-from bagassets.vision.dataset import ANNOTATIONS, FACTS, FILES, RECORDINGS, SEQUENCES
+from bagassets.vision.dataset import FACTS, FILES, RECORDINGS, SEQUENCES
 
 __all__ = ["DatasetDamage", "check_datasets", "take_out"]
 
@@ -56,28 +56,31 @@ def check_datasets(recipe: Recipe, store: Store, damaged: Collection[str] = ()) 
         DatasetError: a lock file cannot be read.
     """
     check = _Check(store, frozenset(damaged))
-    output, version = recipe.nuscenes.output, recipe.nuscenes.version
-    lock = read_lock(output, version)
-    if lock is not None:
-        yield from check.tables(output / version, lock["tables"])
-        for bag in lock["bags"]:
-            for file in check.read_json(bag["nuscenes_tables"], FILES):
-                path = output / file["filename"]
-                yield from check.file(path, file["artifact"], file["file"], unit=path)
-        yield from check.unchecked(output)
-    vision = None if recipe.vision is None else recipe.vision.output
-    lock = None if vision is None else read_vision_lock(vision)
-    if vision is None or lock is None:
-        return
-    yield from check.tables(vision / ANNOTATIONS, lock["files"])
-    for bag in lock["bags"]:
-        folder = vision / RECORDINGS / bag["folder"]
-        for name in check.entries(bag["vision_sequences"]) or ():
+    for folder in sorted({*dataset_folders(recipe).values()}):
+        for path in sorted(folder.glob(f"*/{LOCK}")):
+            lock = load_lock(path)
+            yield from check.tables(path.parent, lock.files)
+            yield from (
+                _nuscenes(check, lock, folder) if lock.kind == "nuscenes" else _vision(check, lock, folder)
+            )
+            yield from check.unchecked(path.parent)
+
+
+def _nuscenes(check: "_Check", lock: DatasetLock, output: Path) -> Iterator[DatasetDamage]:
+    for bag in lock.bags.values():
+        for file in check.read_json(bag.artifact, FILES):
+            path = output / file["filename"]
+            yield from check.file(path, file["artifact"], file["file"], unit=path)
+
+
+def _vision(check: "_Check", lock: DatasetLock, output: Path) -> Iterator[DatasetDamage]:
+    for bag in lock.value["bags"]:
+        folder, artifact = output / RECORDINGS / bag["folder"], bag["vision_sequences"]
+        for name in check.entries(artifact) or ():
             if name not in {FACTS, FILES, SEQUENCES}:
-                yield from check.file(folder / name, bag["vision_sequences"], name, unit=folder)
-        for file in check.read_json(bag["vision_sequences"], FILES):
+                yield from check.file(folder / name, artifact, name, unit=folder)
+        for file in check.read_json(artifact, FILES):
             yield from check.file(folder / file["filename"], file["artifact"], file["file"], unit=folder)
-    yield from check.unchecked(vision)
 
 
 def take_out(damages: Collection[DatasetDamage]) -> None:
