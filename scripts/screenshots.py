@@ -17,7 +17,8 @@ from urllib.request import Request, urlopen
 import cv2
 from browser import Browser
 
-from bagassets.defs.services import Services, free_port
+from bagassets.defs.ports import free_port
+from bagassets.defs.services import Services
 
 HOST = "127.0.0.1"
 WIDTH, HEIGHT = 1400, 780

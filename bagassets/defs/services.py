@@ -3,19 +3,19 @@
 Imports nothing of Dagster: the processes do.
 """
 
+import fcntl
 import os
 import signal
-import socket
 import subprocess
 import sys
 import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from http.client import HTTPConnection, HTTPException
 from pathlib import Path
-from typing import Self
+from typing import Self, TextIO
 
+from bagassets.defs.ports import answers, reachable, refuse_taken_port, url_of
 from bagassets.errors import BagAssetsError
 from bagassets.forkserver.client import Client, ServerRefusedError
 from bagassets.forkserver.places import Places
@@ -23,13 +23,13 @@ from bagassets.forkserver.tasks import connect, server_spec
 from bagassets.recipe import load_recipe
 from bagassets.recipe.project import dagster_home
 
-__all__ = ["Services", "free_port", "url_of"]
+__all__ = ["Services"]
 
 _POLL_S = 0.2
 _START_S = 120.0
 _STOP_S = 60.0
 _GRACE_S = 10.0
-_ANY_HOST = {"0.0.0.0", "::"}  # noqa: S104  (compared with, not bound to)
+_LOCK = "ui.lock"
 
 
 class Services:
@@ -45,16 +45,21 @@ class Services:
         verbose: have Dagster tell what it does, not just what goes wrong.
 
     Raises:
-        BagAssetsError: the recipe is wrong, or the port is taken.
+        BagAssetsError: the recipe is wrong, its UI is open already, or the port is taken.
     """
 
     def __init__(self, recipe_file: Path, host: str, port: int, *, verbose: bool = False) -> None:
         recipe_file = recipe_file.resolve()
         recipe = load_recipe(recipe_file)
         home = dagster_home(recipe_file, recipe).resolve()
-        _refuse_taken_port(host, port)
         self.url = url_of(host, port)
-        self._address = ("127.0.0.1" if host in _ANY_HOST else host, port)
+        self._lock = _lock(recipe.state, self.url)
+        try:
+            refuse_taken_port(host, port)
+        except BagAssetsError:
+            self._lock.close()
+            raise
+        self._address = (reachable(host), port)
         self._state = recipe.state
         self._servers_before = {places.stamp for places in _alive(recipe.state)}
         self._recipe_file, self._home = recipe_file, home
@@ -66,7 +71,7 @@ class Services:
         options = ["--host", host, "--port", str(port), *level, *code]
         # A session of its own: Ctrl-C in the terminal reaches us alone, and we end it in order.
         self._process = subprocess.Popen(  # noqa: S603  (this interpreter, this package)
-            [sys.executable, "-m", "bagassets.defs.dev", *options],
+            [sys.executable, "-P", "-m", "bagassets.defs.dev", *options],
             stdin=subprocess.PIPE,
             cwd=home,
             env={**os.environ, "DAGSTER_HOME": str(home), "BAGASSETS_RECIPE": str(recipe_file)},
@@ -91,7 +96,7 @@ class Services:
             BagAssetsError: it ended, or did not answer for two minutes.
         """
         deadline = time.monotonic() + _START_S
-        while not (give_up() or _answers(*self._address)):
+        while not (give_up() or answers(*self._address)):
             if not self.is_running:
                 raise BagAssetsError(
                     "the web UI ended before it answered; what it wrote above says why (more of it with --verbose)."
@@ -122,6 +127,7 @@ class Services:
             self._process.wait()
         with suppress(ProcessLookupError):  # mostly: nobody is left
             os.killpg(self._process.pid, signal.SIGTERM)
+        self._lock.close()
 
     def end_runs(self, tell: Callable[[int], None], *, cancel: Callable[[], bool]) -> None:
         """End the fork servers started since, once the runs they execute have ended.
@@ -156,59 +162,26 @@ class Services:
                     running = len(client.status()["jobs"])
 
 
-def free_port(host: str, start: int) -> int:
-    """Return the first free port from `start` on.
-
-    Raises:
-        BagAssetsError: a hundred ports in a row are taken.
-    """
-    for port in range(start, min(start + 100, 65536)):
-        if not _is_taken(host, port):
-            return port
-    raise BagAssetsError(f"no free port of {host} from {start} on; end a program that holds one.")
-
-
-def url_of(host: str, port: int) -> str:
-    """Return where a browser on this machine finds the web UI."""
-    name = "127.0.0.1" if host in _ANY_HOST else host
-    return f"http://[{name}]:{port}" if ":" in name else f"http://{name}:{port}"
-
-
-def _refuse_taken_port(host: str, port: int) -> None:
-    if _is_taken(host, port):
-        raise BagAssetsError(
-            f"port {port} of {host} is taken, perhaps by another web UI; open {url_of(host, port)} to see, or choose "
-            f"another port: --port {free_port(host, port + 1)}."
-        )
-
-
-def _is_taken(host: str, port: int) -> bool:
+def _lock(state: Path, url: str) -> TextIO:
+    """Return the open, locked file that keeps a second daemon from the same state; it names the first's URL."""
     try:
-        family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        state.mkdir(parents=True, exist_ok=True)
+        lock = (state / _LOCK).open("a+", encoding="utf-8")
     except OSError as err:
-        raise BagAssetsError(
-            f"{host}: no such address on this machine ({err.strerror}); --host 127.0.0.1 is for this machine only, "
-            "--host 0.0.0.0 for all that reach it."
-        ) from err
-    with socket.socket(family, kind, protocol) as probe:
-        # As the web server does it, so that a port whose last connections are fading counts as free.
-        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            probe.bind(address)
-        except OSError:
-            return True
-    return False
-
-
-def _answers(host: str, port: int) -> bool:
-    connection = HTTPConnection(host, port, timeout=5.0)
+        raise BagAssetsError(f"{state}: the state folder cannot be written ({err.strerror}).") from err
     try:
-        connection.request("GET", "/server_info")
-        return connection.getresponse().status == 200
-    except (OSError, HTTPException):
-        return False
-    finally:
-        connection.close()
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        lock.seek(0)
+        other = lock.read().strip()
+        lock.close()
+        raise BagAssetsError(
+            f"the web UI of this project is open already at {other}; open that, or end it first (Ctrl-C where it runs)."
+        ) from None
+    lock.truncate(0)
+    lock.write(url)
+    lock.flush()
+    return lock
 
 
 def _alive(state: Path) -> list[Places]:
