@@ -6,7 +6,7 @@ DEVKIT := .devkit-venv
 BIN := $(VENV)/bin
 export BAGASSETS_DEVKIT_PYTHON := $(CURDIR)/$(DEVKIT)/bin/python
 
-.PHONY: demo test lint docs clean bench-incremental bench-plan
+.PHONY: demo test lint docs clean bench bench-incremental bench-plan
 .DEFAULT_GOAL := demo
 
 # A stamp file each, so that a second run costs nothing.
@@ -40,6 +40,14 @@ lint: $(VENV)/.made
 bench-incremental: $(VENV)/.made
 	@mkdir -p build
 	$(BIN)/python benchmarks/incremental.py --json build/incremental.json $(if $(EXTERNAL),--external '$(EXTERNAL)')
+
+# The evaluation of the paper: about 15 minutes on two quiet cores; BENCH="rq1 --full --converter 'CMD {bag} {out}'".
+bench: $(VENV)/.made-bench
+	$(BIN)/python -m benchmarks $(BENCH)
+
+$(VENV)/.made-bench: $(VENV)/.made
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check 'matplotlib>=3.8,<4'
+	touch $@
 
 bench-plan: $(VENV)/.made
 	@mkdir -p build

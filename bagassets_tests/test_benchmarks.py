@@ -1,0 +1,142 @@
+"""The benchmarks: their arithmetic, what they count, and the recordings they make."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from sample_drives import build_recordings
+
+from bagassets.bags.digest_record import ATTRIBUTE
+from bagassets.recipe import load_recipe
+from bagassets.sample.drive import write_drive
+from benchmarks.common import Options, Project, markdown, project, save, speedup
+from benchmarks.drives import write_jpeg_project, write_tas_drive
+from benchmarks.resources import run_watched
+from benchmarks.rq1 import told
+from benchmarks.rq2 import fit
+
+ROOT = Path(__file__).parents[1]
+
+
+def test_speed_up_and_reduction_are_those_of_the_paper():
+    assert speedup([40.0, 38.0, 80.0], [10.0]) == (4.0, 75.0)
+    assert speedup([10.0], [20.0]) == (0.5, -100.0)
+
+
+def test_a_line_is_fitted_through_all_trials():
+    slope, offset, spread = fit({1.0: [5.1, 4.9], 2.0: [8.0, 8.0], 4.0: [14.05, 13.95]})
+    assert (round(slope, 2), round(offset, 2)) == (3.0, 2.0)
+    assert 0 < spread < 0.2
+    exact = fit({1.0: [5.0], 2.0: [8.0], 4.0: [14.0]})
+    assert np.allclose(exact, (3.0, 2.0, 0.0), atol=1e-9)
+
+
+def test_slopes_that_are_noise_are_within_their_interval():
+    dice = np.random.default_rng(4)
+    within = 0
+    for _ in range(200):
+        slope, _, spread = fit({size: dice.normal(0.1, 0.01, 3).tolist() for size in (0.5, 1.0, 2.0)})
+        within += abs(slope) <= spread
+    assert 180 <= within <= 198  # 95 % of 200
+
+
+def test_tables_are_markdown():
+    assert markdown(["run", "s"], [["a", 1.2345], ["b", 123.4], ["c", 7]]) == (
+        "| run | s |\n| --- | --: |\n| a | 1.23 |\n| b | 123 |\n| c | 7 |\n"
+    )
+
+
+def test_results_say_what_they_depend_on(tmp_path, capsys):
+    save(Options(tmp_path, tmp_path / "results", 3, 1.0, 4, "other {bag} {out}"), "rq9", {"x": 1}, "table\n")
+    content = json.loads((tmp_path / "results" / "rq9.json").read_text())
+    assert content["x"] == 1
+    assert content["converter"] == "other {bag} {out}"
+    assert content["machine"]["processors"] >= 1
+    assert content["machine"]["versions"]["dagster"].startswith("1.")
+    assert (tmp_path / "results" / "rq9.md").read_text() == capsys.readouterr().out.rstrip("\n") + "\n"
+
+
+@pytest.fixture
+def drives(tmp_path):
+    made = project(tmp_path / "project", [], 1)
+    for name in ("a.bag", "b.bag"):
+        write_drive(made.bags / name, "ros1", duration_s=0.3)
+    return made
+
+
+def test_a_converter_that_fails_quietly_does_not_look_fast(drives):
+    converter = f'{sys.executable} -c \'import sys, pathlib; bag, out = sys.argv[1:]; \
+pathlib.Path(out, "one.jpg").touch() if bag.endswith("a.bag") else print("Error")\' {{bag}} {{out}}'
+    done = drives.convert_with(converter)
+    assert (done.files, done.failed) == (1, ("b.bag",))
+    assert "FAILED on b.bag" in told({"external": {"files": done.files, "failed": done.failed}})
+    assert drives.convert_with("false {bag} {out}").failed == ("a.bag", "b.bag")
+
+
+def test_digests_are_stored_and_taken_away(drives):
+    drives.store_digests()
+    assert all(ATTRIBUTE in os.listxattr(file) for file in drives.files())
+    drives.hash_at_client()
+    assert not any(ATTRIBUTE in os.listxattr(file) for file in drives.files())
+
+
+def test_time_and_memory_of_all_processes_are_seen(tmp_path):
+    child = "x = bytearray(150_000_000); t = __import__('time'); e = t.time() + 1.0\nwhile t.time() < e: pass"
+    code = f"import subprocess, sys; subprocess.run([sys.executable, '-c', {child!r}]); sys.exit(3)"
+    used = run_watched([sys.executable, "-c", code], cwd=tmp_path)
+    assert used.code == 3
+    assert used.seconds >= 1.0
+    assert used.cpu_s > 0.15  # the processors are shared
+    assert 150 < used.peak_mb < 250
+
+
+def test_lidar_packets_one_by_one_give_the_points_of_whole_scans(tmp_path, monkeypatch):
+    """The benchmark's recordings hold the same drive as those of `bagassets sample`."""
+    monkeypatch.setattr("bagassets.sample.throughput._CYCLE", 1)  # the same image again and again
+    projects = {name: project(tmp_path / name, [], 1) for name in ("packets", "scans")}
+    write_tas_drive(projects["packets"].bags / "drive.bag", "ros1", 5, 0.35)
+    write_drive(projects["scans"].bags / "drive.bag", "ros1", seed=5, profile="tas", duration_s=0.35)
+    text = projects["scans"].recipe.read_text().replace("/lidar_top/packets", "/lidar_top/velodyne_packets")
+    projects["scans"].recipe.write_text(text)
+    clouds = {}
+    for name, made in projects.items():
+        recipe = load_recipe(made.recipe)
+        build_recordings(recipe)
+        files = Path(recipe.store_path).rglob("*.pcd.bin")
+        clouds[name] = {path.name: path.read_bytes() for path in files}
+    assert len(clouds["packets"]) >= 2
+    assert clouds["packets"].keys() == clouds["scans"].keys()
+    assert clouds["packets"] == clouds["scans"]
+
+
+def test_jpeg_recordings_are_passed_through(tmp_path):
+    recipe = load_recipe(write_jpeg_project(tmp_path, 5e6))
+    (results,) = build_recordings(recipe).values()
+    counts = results["frames"].artifact.read_json("channels.json")
+    assert len(counts) == 4
+    written = {path.read_bytes() for path in Path(recipe.store_path).rglob("*.jpg")}
+    assert len(written) == min(5, counts["CAM_BACK"]["counts"]["written"])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error"),
+    [
+        (["rq9"], "no such part: rq9"),
+        (["--size", "0"], "must be positive"),
+        (["--converter", "convert {bag}"], "must say where {bag} and {out} go"),
+    ],
+)
+def test_wrong_use_is_refused(arguments, error):
+    command = [sys.executable, "-m", "benchmarks", *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT)
+    assert done.returncode == 2
+    assert error in done.stderr
+
+
+def test_a_project_is_a_bench(drives):
+    assert isinstance(drives, Project)
+    assert 0.001 < drives.size_gb < 0.1

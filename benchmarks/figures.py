@@ -1,0 +1,53 @@
+"""Figures of the benchmarks: logarithmic seconds, medians with bars from the shortest to the longest time."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from benchmarks.common import median
+
+__all__ = ["bars", "lines"]
+
+
+def bars(file: Path, times: Mapping[str, Mapping[str, Sequence[float]]], title: str) -> None:
+    """Draw groups of bars: method -> scenario -> times."""
+    import matplotlib.pyplot as plt  # noqa: PLC0415  (optional: the dependency group `bench`)
+
+    scenarios = list(next(iter(times.values())))
+    figure, axes = plt.subplots(figsize=(1.6 + 1.9 * len(scenarios), 4))
+    width = 0.8 / len(times)
+    for number, (name, by_scenario) in enumerate(times.items()):
+        places = [index + (number - (len(times) - 1) / 2) * width for index in range(len(scenarios))]
+        taken = [by_scenario[scenario] for scenario in scenarios]
+        middle = [median(one) for one in taken]
+        axes.bar(places, middle, width, yerr=_whiskers(taken, middle), capsize=3, label=name)
+    axes.set_xticks(range(len(scenarios)), scenarios)
+    _finish(figure, axes, file, title)
+
+
+def lines(file: Path, times: Mapping[str, Mapping[float, Sequence[float]]], title: str, across: str) -> None:
+    """Draw a line per run: run -> size -> times."""
+    import matplotlib.pyplot as plt  # noqa: PLC0415
+
+    figure, axes = plt.subplots(figsize=(8, 5))
+    for name, by_size in times.items():
+        taken = list(by_size.values())
+        middle = [median(one) for one in taken]
+        axes.errorbar(list(by_size), middle, yerr=_whiskers(taken, middle), marker="o", capsize=3, label=name)
+    axes.set_xlabel(across)
+    _finish(figure, axes, file, title)
+
+
+def _whiskers(taken: Sequence[Sequence[float]], middle: Sequence[float]) -> list[list[float]]:
+    pairs = list(zip(taken, middle, strict=True))
+    return [[m - min(one) for one, m in pairs], [max(one) - m for one, m in pairs]]
+
+
+def _finish(figure, axes, file: Path, title: str) -> None:  # noqa: ANN001  (matplotlib's)
+    axes.set_yscale("log")
+    axes.set_ylabel("s (median, min to max)")
+    axes.set_title(title)
+    axes.grid(axis="y", alpha=0.4)
+    axes.legend(fontsize=7)
+    figure.tight_layout()
+    file.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(file, dpi=120)
