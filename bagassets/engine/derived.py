@@ -4,21 +4,22 @@ from collections.abc import Callable, Mapping
 from typing import Any, Protocol
 
 from bagassets.bags.inventory import Inventory
-from bagassets.bags.model import Found, Recording
+from bagassets.bags.model import Found
+from bagassets.engine.source import MessageSource
 from bagassets.engine.track import track_of
 from bagassets.errors import BagAssetsError
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.recipe.model import Recipe, Rig
 from bagassets.steps import nuscenes_tables, preview, vision_sequences
 from bagassets.steps.channel import Request
+from bagassets.store.action import Step
 from bagassets.store.artifact import Artifact, ArtifactWriter
 from bagassets.store.store import Store
 
-__all__ = ["Made", "nuscenes_tables_job", "preview_job", "vision_sequences_job"]
+__all__ = ["DERIVED", "Job", "Made"]
 
 # Loading poses and opening the pack costs milliseconds, times recordings: only what runs does so.
-Job = tuple[Request, Callable[[ArtifactWriter], dict[str, Any]]]
-PackJob = tuple[Request, Callable[[Mapping[str, Any], Recording, ArtifactWriter], dict[str, Any]]]
+Job = tuple[Step, Request, Callable[[ArtifactWriter], dict[str, Any]]]
 
 
 class Made(Protocol):
@@ -27,6 +28,7 @@ class Made(Protocol):
     recipe: Recipe
     store: Store
     found: Found
+    source: MessageSource
 
     @property
     def rig(self) -> Rig:
@@ -57,8 +59,7 @@ class Made(Protocol):
         ...
 
 
-def nuscenes_tables_job(made: Made) -> Job:
-    """Return request and work of `nuscenes_tables`."""
+def _nuscenes_tables(made: Made) -> Job:
     poses, boxes = made.artifact("ego_poses"), made.artifact("annotations")
     channels = made.channels("frames") | made.channels("sweeps")
     request = nuscenes_tables.request(
@@ -81,15 +82,10 @@ def nuscenes_tables_job(made: Made) -> Job:
             channels=channels,
         )
 
-    return request, make
+    return nuscenes_tables.STEP, request, make
 
 
-def vision_sequences_job(made: Made) -> PackJob:
-    """Return request and work of `vision_sequences`.
-
-    Raises:
-        BagAssetsError: the recipe asks for no vision dataset.
-    """
+def _vision_sequences(made: Made) -> Job:
     if made.recipe.vision is None:
         raise BagAssetsError(f"{made.found.key}: the recipe has no `vision` section; add one to make it.")
     poses, images = made.artifact("ego_poses"), made.channels("frames")
@@ -103,16 +99,17 @@ def vision_sequences_job(made: Made) -> PackJob:
         frames=images,
     )
 
-    def make(params: Mapping[str, Any], recording: Recording, out: ArtifactWriter) -> dict[str, Any]:
-        return vision_sequences.make(
-            params, recording, out, trajectory=made.trajectory, ego_poses=poses, frames=images
-        )
+    def make(out: ArtifactWriter) -> dict[str, Any]:
+        packed = made.artifact("inventory")
+        with made.source.topics(request.topics, made.inventory, packed) as recording:
+            return vision_sequences.make(
+                request.params, recording, out, trajectory=made.trajectory, ego_poses=poses, frames=images
+            )
 
-    return request, make
+    return vision_sequences.STEP, request, make
 
 
-def preview_job(made: Made) -> Job:
-    """Return request and work of `preview`."""
+def _preview(made: Made) -> Job:
     images, clouds = made.channels("frames"), made.channels("sweeps")
     poses, boxes = made.artifact("ego_poses"), made.artifact("annotations")
     request = preview.request(
@@ -139,4 +136,12 @@ def preview_job(made: Made) -> Job:
             sweeps=clouds,
         )
 
-    return request, make
+    return preview.STEP, request, make
+
+
+DERIVED: Mapping[str, Callable[[Made], Job]] = {
+    "nuscenes_tables": _nuscenes_tables,
+    "vision_sequences": _vision_sequences,
+    "preview": _preview,
+}
+"""Asset -> function that returns its step, its request, and what runs; it raises if the recipe cannot be met."""

@@ -7,7 +7,6 @@ without running anything.
 """
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from concurrent.futures import Executor
 from contextlib import nullcontext
 from functools import cached_property, partial
 from typing import Any
@@ -16,8 +15,15 @@ from bagassets.annotations.files.find import find_labels
 from bagassets.bags.digest import RecordingStat
 from bagassets.bags.inventory import Inventory
 from bagassets.bags.model import Found, Recording
+from bagassets.engine.channel_jobs import (
+    asset_of_channel,
+    channel_request,
+    deskews,
+    make_extractor,
+    step_of_channel,
+)
 from bagassets.engine.channel_pass import ChannelJob, run_pass
-from bagassets.engine.derived import nuscenes_tables_job, preview_job, vision_sequences_job
+from bagassets.engine.derived import DERIVED
 from bagassets.engine.process import encoder_threads, keep_freed_memory
 from bagassets.engine.recording_assets import (
     ASSETS,
@@ -33,19 +39,14 @@ from bagassets.engine.source import MessageSource
 from bagassets.engine.unexpected import in_words
 from bagassets.errors import BagAssetsError, StoreError
 from bagassets.geometry.trajectory import Trajectory
-from bagassets.recipe.model import CameraChannel, Recipe, Rig
+from bagassets.recipe.model import Recipe, Rig
 from bagassets.steps import (
     annotations,
     calibration,
     ego_poses,
-    frames,
     inventory,
-    nuscenes_tables,
-    preview,
-    sweeps,
-    vision_sequences,
 )
-from bagassets.steps.channel import ChannelExtractor, Request
+from bagassets.steps.channel import Request
 from bagassets.steps.selection import choose_rig, present_channels, skip_reason
 from bagassets.store.action import Action, Step
 from bagassets.store.artifact import Artifact, ArtifactWriter
@@ -186,10 +187,6 @@ class RecordingBuild:
         """`global_SE3_ego`."""
         return ego_poses.load_trajectory(self.artifact("ego_poses"))
 
-    @cached_property
-    def _deskews(self) -> bool:
-        return any(getattr(channel, "deskew", False) for channel in self.rig.channels.values())
-
     def artifact(self, asset: str) -> Artifact:
         """Return the artifact of an asset that was made before.
 
@@ -205,7 +202,7 @@ class RecordingBuild:
 
     def _reads(self, asset: str) -> set[str]:
         reads = set(UPSTREAM[asset])
-        if asset == "sweeps" and not self._deskews:
+        if asset == "sweeps" and not deskews(self.rig):
             reads.discard("ego_poses")
         return reads
 
@@ -216,9 +213,7 @@ class RecordingBuild:
             "calibration": self._calibration,
             "ego_poses": self._ego_poses,
             "annotations": self._annotations,
-            "nuscenes_tables": self._nuscenes_tables,
-            "vision_sequences": self._vision_sequences,
-            "preview": self._preview,
+            **{asset: partial(self._derived, asset) for asset in DERIVED},
         }
         if not assets:
             return {}
@@ -304,17 +299,9 @@ class RecordingBuild:
         make = partial(annotations.make, trajectory=self.trajectory, labels=labels)
         return self._run_on_messages("annotations", annotations.STEP, request, make)
 
-    def _nuscenes_tables(self) -> AssetResult:
-        request, make = nuscenes_tables_job(self)
-        return self._run("nuscenes_tables", self._action(nuscenes_tables.STEP, request), make)
-
-    def _vision_sequences(self) -> AssetResult:
-        request, make = vision_sequences_job(self)
-        return self._run_on_messages("vision_sequences", vision_sequences.STEP, request, make)
-
-    def _preview(self) -> AssetResult:
-        request, make = preview_job(self)
-        return self._run("preview", self._action(preview.STEP, request), make)
+    def _derived(self, asset: str) -> AssetResult:
+        step, request, make = DERIVED[asset](self)
+        return self._run(asset, self._action(step, request), make)
 
     # --- frames and sweeps ---------------------------------------------------------------
 
@@ -325,8 +312,8 @@ class RecordingBuild:
         jobs: list[ChannelJob] = []
         for name in self._channels_of(assets):
             try:
-                request = self._channel_request(name)
-                action = self._action(self._channel_step(name), request)
+                request = channel_request(self, name)
+                action = self._action(step_of_channel(self.rig, name), request)
                 known = self.store.lookup(action) if self._dry else self.store.use(action)
                 if known is not None:
                     outcomes[name] = known
@@ -334,7 +321,7 @@ class RecordingBuild:
                     errors[name] = NotMadeError(action, self.store.failure(action.digest))
                 else:
                     jobs.append(
-                        ChannelJob(name, action, request.topics, partial(self._extractor, name, request))
+                        ChannelJob(name, action, request.topics, partial(make_extractor, self, name, request))
                     )
             except Exception as err:  # noqa: BLE001  (as in `_make`)
                 errors[name] = in_words(err, self.found.path, name)
@@ -401,43 +388,7 @@ class RecordingBuild:
 
     def _channels_of(self, assets: Sequence[str]) -> list[str]:
         wanted = {"frames": "frames" in assets, "sweeps": "sweeps" in assets}
-        return [name for name in self._present if wanted[self._asset_of(name)]]
-
-    def _asset_of(self, channel: str) -> str:
-        return "frames" if isinstance(self.rig.channels[channel], CameraChannel) else "sweeps"
-
-    def _channel_step(self, channel: str) -> Step:
-        return frames.STEP if self._asset_of(channel) == "frames" else sweeps.STEP
-
-    def _channel_request(self, name: str) -> Request:
-        channel, calibrated = self.rig.channels[name], self.calibration["channels"][name]
-        clock, limits = self.recipe.clock, self.recipe.limits
-        if isinstance(channel, CameraChannel):
-            return frames.request(name, channel, clock, limits, self.inventory, camera=calibrated["camera"])
-        poses = self.artifact("ego_poses").digest if self._deskews else None
-        return sweeps.request(
-            name,
-            channel,
-            clock,
-            limits,
-            self.inventory,
-            ego_SE3_sensor=calibrated["ego_SE3_sensor"],
-            ego_poses_digest=poses,
-        )
-
-    def _extractor(
-        self,
-        name: str,
-        request: Request,
-        recording: Recording,
-        out: ArtifactWriter,
-        pool: Executor | None,
-    ) -> ChannelExtractor:
-        view = recording.restrict(request.topics)
-        if self._asset_of(name) == "frames":
-            return frames.FrameExtractor(request.params, view, out, pool)
-        trajectory = self.trajectory if request.params.get("deskew") else None
-        return sweeps.SweepExtractor(request.params, view, out, trajectory)
+        return [name for name in self._present if wanted[asset_of_channel(self.rig, name)]]
 
     def channels(self, asset: str) -> dict[str, Artifact]:
         """Return channel -> artifact of `frames` or `sweeps`."""
