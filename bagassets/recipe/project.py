@@ -58,6 +58,8 @@ run_coordinator:
   class: QueuedRunCoordinator
   config:
     dequeue_interval_seconds: 1
+    # As many as this machine had processors; each run needs one, and some memory.
+    max_concurrent_runs: {runs}
     tag_concurrency_limits:
       - key: dagster/partition
         value:
@@ -114,6 +116,7 @@ def dagster_files(project: Path, state: Path, recipe: Path | None = None) -> dic
         logs=json.dumps(str(storage / "compute_logs")),
         project=json.dumps(str(project)),
         recipe=json.dumps(str(recipe)),
+        runs=os.cpu_count() or 1,
     )
     env = _ENV.format(project=_env_value(str(project)), recipe=_env_value(str(recipe)))
     return {"dagster.yaml": dagster_yaml, "workspace.yaml": _WORKSPACE_YAML, ".env": env}
