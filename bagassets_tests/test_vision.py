@@ -353,6 +353,19 @@ class TestBuild:
         again = build_recordings(recipe.model_copy(update={"vision": None}))
         assert all("vision_sequences" not in assets for assets in again.values())
 
+    def test_images_are_lossless_where_the_recipe_says_so(self, built, tmp_path):
+        recipe, _, _ = built
+        text = sample_recipe(root=str(recipe.bags.root)) + "vision: {cameras: [CAM_FRONT], frames: 5}\n"
+        png = text.replace("CAM_FRONT: {modality: camera,", "CAM_FRONT: {modality: camera, output: png,")
+        assert png != text
+        (tmp_path / "recipe.yaml").write_text(png)
+        lossless = load_recipe(tmp_path / "recipe.yaml")
+        made = build_recordings(lossless)
+        assemble_vision(parts_of(made), lossless.vision, Splits(), Store(lossless.store_path))
+        images = list(lossless.vision.output.glob("recordings/*/CAM_FRONT/*/*.*"))
+        assert {path.suffix for path in images} == {".png"}
+        assert all(cv2.imread(str(path)) is not None for path in images[:3])
+
     def test_cameras_can_be_chosen(self, built):
         recipe, _, _ = built
         vision = recipe.vision.model_copy(update={"cameras": ("CAM_FRONT",), "stride": 2})
