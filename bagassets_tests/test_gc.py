@@ -376,9 +376,11 @@ class TestCommand:
         assert check_dataset(load_recipe(recipe_file).nuscenes.output, "v1.0-test") == []
 
     def test_another_project_on_the_store_keeps_its_own(self, recipe_file, tmp_path):
-        other_file = in_process.make_project(tmp_path / "two", drives=())
-        store, other = Store(load_recipe(recipe_file).store_path), load_recipe(other_file)
-        other.store_path.symlink_to(store.root)
+        store = Store(load_recipe(recipe_file).store_path)
+        other_file = in_process.make_project(
+            tmp_path / "two", drives=(), text=in_process.QUICK + f"store: {store.root}\n"
+        )
+        other = load_recipe(other_file)
         note_user(other.store_path, other_file)
         current, removed = make(store, "current"), make(store, "removed")
         with dg.DagsterInstance.from_config(str(dagster_home(other_file, other))) as instance:

@@ -146,3 +146,12 @@ def test_existing_urdf_and_definitions_are_found_beside_the_recipe(tmp_path):
 def test_bag_root_that_is_a_file(tmp_path):
     (tmp_path / "bags").write_text("")
     assert "is a file" in problems(recipe(), tmp_path)["bags.root"]
+
+
+def test_a_shared_store_is_a_folder_of_its_own(tmp_path):
+    told = problems(recipe(store="dataset", nuscenes={"output": "dataset/nuscenes"}), tmp_path)
+    assert "the store" in told["nuscenes.output"]
+    assert "`~` is not expanded" in problems(recipe(store="~/store"), tmp_path)["store"]
+    assert problems(recipe(store="/mnt/store"), tmp_path) == {}
+    loaded = parse_recipe(yaml.safe_dump(recipe(store="../store")), tmp_path / "p" / "recipe.yaml")
+    assert loaded.store_path == tmp_path / "store"

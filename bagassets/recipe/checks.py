@@ -36,6 +36,7 @@ def _paths(recipe: Recipe, data: dict[str, Any]) -> Iterator[Problem]:
     written: list[tuple[tuple[str | int, ...], Any]] = [
         (("bags", "root"), bags["root"]),
         (("state",), data.get("state")),
+        (("store",), data.get("store")),
         (("nuscenes", "output"), data.get("nuscenes", {}).get("output")),
         (("vision", "output"), (data.get("vision") or {}).get("output")),
         *((("datasets", n, "output"), d.get("output")) for n, d in enumerate(data.get("datasets", []))),
@@ -65,6 +66,8 @@ def _outputs(recipe: Recipe) -> Iterator[Problem]:
     """Each dataset has a folder of its own; versions of nuScenes may share a dataroot, as they do in nuScenes."""
     nuscenes = recipe.nuscenes
     taken: list[tuple[str, Path, str | None]] = [("state folder", recipe.state, None)]
+    if recipe.store is not None:
+        taken.append(("store", recipe.store, None))
     wanted: list[tuple[tuple[str | int, ...], Path, str | None]] = [
         (("nuscenes", "output"), nuscenes.output, nuscenes.version)
     ]

@@ -122,4 +122,5 @@ def _absolute(recipe: Recipe, folder: Path) -> Recipe:
         for dataset in recipe.datasets
     )
     update = {"bags": bags, "rigs": rigs, "nuscenes": nuscenes, "vision": vision, "datasets": datasets}
-    return recipe.model_copy(update=update | {"state": (folder / recipe.state).resolve()})
+    store = None if recipe.store is None else (folder / recipe.store).resolve()
+    return recipe.model_copy(update=update | {"state": (folder / recipe.state).resolve(), "store": store})

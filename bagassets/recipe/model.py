@@ -250,6 +250,10 @@ class Recipe(Model):
     name: Slug = Field(description="Name of the project; also names the partitions in Dagster.")
     bags: Bags = Field(description="Where recordings are and which of them count.")
     state: Path = Field(Path(".bagassets"), description="Folder that keeps store and Dagster state.")
+    store: Path | None = Field(
+        None,
+        description="Folder of the artifact store; default: `store` in the state folder. Projects and machines may share one.",
+    )
     clock: Clock = Field("header", description="Time of a message: its header stamp, or when it was logged.")
     rigs: tuple[Rig, ...] = Field(min_length=1, description="Sensor set-ups.")
     scenes: Scenes = Field(Scenes(), description="Scenes and keyframes.")
@@ -287,7 +291,7 @@ class Recipe(Model):
     @property
     def store_path(self) -> Path:
         """Folder of the artifact store."""
-        return self.state / "store"
+        return self.state / "store" if self.store is None else self.store
 
     @property
     def dagster_home(self) -> Path:
