@@ -57,7 +57,13 @@ def test_everything_materializes_and_is_fresh_afterwards(project):
     assert set(states(plan_of(recipe_file, instance), "a.bag").values()) == {"missing"}
     result = materialize(recipe_file, instance, "a.bag")
     assert result.success
-    assert materialized(result) == {*RECORDING_ASSETS, "preview", "dataset_inputs", "nuscenes_dataset", "trajectory_map"}
+    assert materialized(result) == {
+        *RECORDING_ASSETS,
+        "preview",
+        "dataset_inputs",
+        "nuscenes_dataset",
+        "trajectory_map",
+    }
     assert set(states(plan_of(recipe_file, instance), "a.bag").values()) == {"fresh"}
     assert (recipe.nuscenes.output / "v1.0-test" / "sample.json").is_file()
     checks = [
