@@ -45,7 +45,19 @@ def test_only_defs_import_dagster():
 def test_steps_and_engine_import_nothing_above_them():
     level = {name: i for i, names in enumerate(ORDER) for name in names}
     wrong = []
-    for package in ("steps", "vision", "preview", "report", "view", "quality", "engine", "nuscenes", "timeline", "annotations", "store"):
+    for package in (
+        "steps",
+        "vision",
+        "preview",
+        "report",
+        "view",
+        "quality",
+        "engine",
+        "nuscenes",
+        "timeline",
+        "annotations",
+        "store",
+    ):
         for path in (ROOT / package).rglob("*.py"):
             for name in imports_of(path):
                 parts = name.split(".")
