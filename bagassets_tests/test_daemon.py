@@ -64,8 +64,9 @@ def watched(tmp_path_factory):
     project = make_project(folder)
     command = [BIN / "dagster", "dev", "--port", free_port()]
     with (
-        running(command, project, folder / "dagster.log") as process,
+        # First: two processes that make Dagster's databases at the same moment hinder each other.
         open_instance(str(project)) as instance,
+        running(command, project, folder / "dagster.log") as process,
     ):
         watched = Watched(project, instance)
         eventually(lambda: set(watched.dataset) == {"a.bag", "b.mcap"}, "the dataset is made")

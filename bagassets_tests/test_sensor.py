@@ -10,7 +10,7 @@ from dagster._core.loader import LoadingContextForTest
 from dagster._core.storage.tags import PARTITION_NAME_TAG
 
 from bagassets.bags.digest import RecordingStat
-from bagassets.defs import sensor
+from bagassets.defs import sensor, sensor_look
 from bagassets.defs.events import live_partitions
 from bagassets.defs.location import build_definitions
 from bagassets.defs.sensor_cursor import MOST_TRIES, RETRY_S, Cursor
@@ -18,6 +18,7 @@ from bagassets.defs.sensor_look import Look
 from bagassets.defs.workspace import Workspace
 from bagassets.engine.dataset_build import dataset_code_versions
 from bagassets.engine.recording_assets import assets_of
+from bagassets.errors import RecordingError
 from bagassets.recipe import load_recipe
 from bagassets_tests.small_drive import RECIPE, write_drive
 
@@ -367,6 +368,27 @@ def test_a_tick_does_not_wait_for_one_that_takes_longer(project, monkeypatch):
     result = tick(project)
     assert not result.run_requests
     assert result.skip_reason.skip_message == "1 recording; waiting for a.bag to settle."
+
+
+def test_a_recording_that_goes_during_a_look_is_no_failure(project, monkeypatch):
+    monkeypatch.setattr(sensor, "PAUSE_S", 0.0)
+    plan_now, calls = sensor_look.plan_now, []
+
+    def plan(*args):
+        calls.append(args)
+        if len(calls) == 1:
+            raise RecordingError("a.bag: cannot be read (No such file or directory); was it removed?")
+        return plan_now(*args)
+
+    monkeypatch.setattr(sensor_look, "plan_now", plan)
+    assert [request.partition_key for request in tick(project).run_requests] == ["a.bag"]
+
+
+def test_a_missing_bag_root_fails_the_tick_in_words(project, monkeypatch):
+    monkeypatch.setattr(sensor, "PAUSE_S", 0.0)
+    project.bags.rename(project.bags.with_name("elsewhere"))
+    with pytest.raises(dg.Failure, match="no such folder"):
+        tick(project)
 
 
 def test_a_wrong_recipe_fails_the_tick_in_words(project):

@@ -15,6 +15,7 @@ from bagassets.defs.reporting import failures_in_words
 from bagassets.defs.sensor_cursor import Cursor
 from bagassets.defs.sensor_look import Look
 from bagassets.defs.workspace import Workspace
+from bagassets.errors import RecordingError
 
 __all__ = ["recordings_sensor"]
 
@@ -22,6 +23,7 @@ __all__ = ["recordings_sensor"]
 INTERVAL_S = 4
 WATCH_S = 10.0
 PAUSE_S = 0.5
+_MOVING_TRIES = 2
 
 
 def recordings_sensor() -> dg.SensorDefinition:
@@ -50,11 +52,21 @@ def _watch(look: Look) -> dg.SensorResult:
     """Look until there is something to ask for, or nothing to wait for."""
     begun = time.monotonic()
     end = begun + WATCH_S
-    requests = look.look(time.time())
+    requests = _look(look)
     # With thousands of recordings a look takes its time; then look less often.
     pause_s = max(PAUSE_S, 3 * (time.monotonic() - begun))
     while not requests and time.monotonic() < end and look.is_worth_waiting(time.time() + WATCH_S):
         time.sleep(pause_s)
-        requests = look.look(time.time())
+        requests = _look(look)
     skip = dg.SkipReason(look.cursor.said) if not requests else None
     return dg.SensorResult(run_requests=requests, skip_reason=skip, cursor=look.cursor.text())
+
+
+def _look(look: Look) -> list[dg.RunRequest]:
+    """Look; again if a recording went, or was exchanged, while that was done."""
+    for _ in range(_MOVING_TRIES):
+        try:
+            return look.look(time.time())
+        except RecordingError:
+            time.sleep(PAUSE_S)
+    return look.look(time.time())
