@@ -1,0 +1,58 @@
+"""The operations page says what is so: commands, options, files and exit statuses that exist."""
+
+import re
+from pathlib import Path
+
+import click
+
+from bagassets.cli.main import EXIT_CRASH, EXIT_INTERRUPTED, root
+from bagassets.cli.options import EXIT_FOUND
+from bagassets.cli.reference import all_commands
+from bagassets.engine.lock_roots import KEPT_LOCKS
+
+DOCS = Path(__file__).parents[1] / "docs"
+PAGE = (DOCS / "operations.md").read_text(encoding="utf-8")
+
+
+def test_every_command_and_option_exists():
+    commands = {name.removeprefix("bagassets "): command for name, command in all_commands()}
+    named = re.findall(r"(?:`|\$ )bagassets ((?:dataset )?[a-z]+)((?: --?[a-z-]+(?: [A-Z0-9]+)?)*)", PAGE)
+    assert len(named) > 15
+    for name, options in named:
+        assert name in commands, name
+        known = {
+            flag
+            for option in commands[name].params
+            if isinstance(option, click.Option)
+            for flag in option.opts
+        }
+        assert set(re.findall(r"--[a-z-]+", options)) <= known, (name, options)
+
+
+def test_options_named_alone_belong_to_some_command():
+    known = {
+        flag
+        for _, command in all_commands()
+        for option in command.params
+        if isinstance(option, click.Option)
+        for flag in option.opts
+    }
+    assert set(re.findall(r"`(--[a-z-]+)", PAGE)) <= known
+
+
+def test_exit_statuses():
+    rows = {int(number) for number in re.findall(r"^\| (\d+) \|", PAGE, re.MULTILINE)}
+    assert rows == {0, 1, 2, EXIT_FOUND, EXIT_CRASH, EXIT_INTERRUPTED}
+    assert isinstance(root, click.Group)
+
+
+def test_links_and_places():
+    for target in re.findall(r"\]\(([^)#]+)\)", PAGE):
+        assert (DOCS / target).exists(), target
+    assert f"`{KEPT_LOCKS}/`" in PAGE
+
+
+def test_the_unit_runs_a_command_that_exists():
+    unit = (DOCS / "bagassets-watch.service").read_text(encoding="utf-8")
+    assert re.search(r"^ExecStart=\S+/bagassets watch /\S+$", unit, re.MULTILINE)
+    assert "Restart=on-failure" in unit
