@@ -42,9 +42,16 @@ def report(tmp_path):
         "annotations": artifact(store, {"boxes": 11}),
         "nuscenes_tables": artifact(store, {"counts": {"scenes": 2, "samples": 13}}),
     }
-    plan = Plan({"a": bag_plan("a", versions), "b": bag_plan("b")}, {"c.bag": "its key a is that of a"}, ())
+    plan = Plan({"a": bag_plan("a", versions), "b": bag_plan("b")}, {}, ())
     outcomes = {"a": BagOutcome("built"), "b": BagOutcome("failed", "b.bag: [torn] at its end.")}
-    return store, BuildReport(plan, outcomes, ("old",), dataset="updated", dataset_path=Path("/data set"))
+    return store, BuildReport(
+        plan,
+        outcomes,
+        {"c.bag": "its key a is that of a"},
+        ("old",),
+        dataset="updated",
+        dataset_path=Path("/data set"),
+    )
 
 
 def test_a_row_holds_what_the_current_artifacts_say(report):

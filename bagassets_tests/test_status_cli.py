@@ -121,7 +121,7 @@ def test_a_check_looks_only_at_what_is_asked_for(edited):
 
 
 def test_selecting_assets_runs_them_and_what_they_read(edited, monkeypatch):
-    report, runs = build(edited, monkeypatch, bags=(GOOD,), select=frozenset({"frames"}))
+    report, runs = build(edited, monkeypatch, bags=(GOOD,), select=("frames",))
     assert runs == [(GOOD, ("bag", "inventory", "calibration", "frames"))]
     assert report.outcomes.keys() == {GOOD}
     assert report.outcomes[GOOD].result == "built"
@@ -134,9 +134,9 @@ def test_selecting_assets_runs_them_and_what_they_read(edited, monkeypatch):
 @pytest.mark.parametrize(
     ("arguments", "word"),
     [
-        (["build", "--bag", "nothing"], "no such recording"),
-        (["build", "--bag", "a.bog"], "did you mean a.bag"),
-        (["build", "--select", "frame"], "did you mean frames"),
+        (["build", "--check", "--bag", "nothing"], "no such recording"),
+        (["build", "-n", "--bag", "a.bog"], "did you mean a.bag"),
+        (["build", "-n", "--select", "frame"], "did you mean frames"),
         (["status", "--bag", "z*"], "no such recording"),
         (["explain", "nothing", "frames"], "no such recording"),
         (["explain", GOOD, "nothing"], "no such asset"),

@@ -1,15 +1,17 @@
 """`bagassets build`: bring the dataset up to date."""
 
+import json
 import os
 import sys
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from bagassets.cli.options import recipe_option
+from bagassets.cli.progress import progress_for
 
 if TYPE_CHECKING:
     from bagassets.engine.build_report import BuildOptions, Event
@@ -70,18 +72,20 @@ def build(
 
     Only what is stale runs; a recording that fails does not stop the others.
     """
-    from bagassets.engine.build_report import SELECTABLE, BuildOptions  # noqa: PLC0415  (not for --help)
-    from bagassets.engine.choose import SelectionError, choose_assets  # noqa: PLC0415
+    from bagassets.cli.remote import InterruptedBuildError  # noqa: PLC0415  (not for --help)
+    from bagassets.engine.build_report import BuildOptions  # noqa: PLC0415
+    from bagassets.engine.choose import SelectionError  # noqa: PLC0415
 
     recipe = recipe.absolute()
+    options = BuildOptions(_sensible(jobs), retry_failed, bags, select)
     try:
-        assets = choose_assets(SELECTABLE, select)
-        options = BuildOptions(_sensible(jobs), retry_failed, bags, assets)
         if dry_run or check:
             sys.exit(_look(recipe, options, check=check, as_json=as_json))
         sys.exit(_build(recipe, options, trace, as_json=as_json))
     except SelectionError as err:
         raise click.UsageError(str(err)) from err
+    except InterruptedBuildError as err:
+        raise click.Abort from err
 
 
 def _sensible(jobs: int) -> int:
@@ -92,13 +96,36 @@ def _sensible(jobs: int) -> int:
 
 
 def _build(recipe: Path, options: "BuildOptions", trace: Path | None, *, as_json: bool) -> int:
-    from bagassets.cli.progress import progress_for  # noqa: PLC0415
-    from bagassets.cli.summary import MOST_ROWS, print_summary, summary_json, summary_rows  # noqa: PLC0415
+    from bagassets.cli.remote import build_on_server, find_server  # noqa: PLC0415
+    from bagassets.cli.summary import MOST_ROWS, SummaryRow, print_summary  # noqa: PLC0415
+    from bagassets.engine.build_report import BuildReport  # noqa: PLC0415
+
+    most = None if as_json else MOST_ROWS
+    told = None
+    if trace is None and (server := find_server(recipe)) is not None:
+        with server, progress_for() as show:
+            told = build_on_server(server, recipe, options, show, most)
+    if told is None:
+        told = _build_here(recipe, options, trace, most)
+    report = BuildReport.from_json(told)
+    if as_json:
+        click.echo(json.dumps(told, indent=1))
+    else:
+        print_summary(report, [SummaryRow(**row) for row in told["summary"]], recipe)
+    if report.interrupted:
+        return EXIT_INTERRUPTED
+    return 0 if report.succeeded else EXIT_FAILED
+
+
+def _build_here(
+    recipe: Path, options: "BuildOptions", trace: Path | None, most: int | None
+) -> dict[str, Any]:
+    """Build with the driver in this process, while a server starts; return what `build_on_server` does."""
+    from bagassets.cli.summary import summary_rows  # noqa: PLC0415
     from bagassets.forkserver.tasks import start_early  # noqa: PLC0415
     from bagassets.recipe import load_recipe  # noqa: PLC0415
 
     loaded = load_recipe(recipe)
-    store = loaded.store_path
     start_early(loaded.state, recipe)
     from bagassets.defs import driver  # noqa: PLC0415  (Dagster takes a second, as the server does meanwhile)
 
@@ -115,13 +142,8 @@ def _build(recipe: Path, options: "BuildOptions", trace: Path | None, *, as_json
                 listener(event)
 
         report = driver.build(recipe, options, tell)
-    if as_json:
-        click.echo(summary_json(report, summary_rows(report, store)))
-    else:
-        print_summary(report, summary_rows(report, store, most=MOST_ROWS), recipe)
-    if report.interrupted:
-        return EXIT_INTERRUPTED
-    return 0 if report.succeeded else EXIT_FAILED
+    rows = summary_rows(report, loaded.store_path, most=most)
+    return {**report.as_json(), "summary": [row.as_json() for row in rows]}
 
 
 def _look(recipe: Path, options: "BuildOptions", *, check: bool, as_json: bool) -> int:

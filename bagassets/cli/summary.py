@@ -1,6 +1,5 @@
 """The table at the end of a build: what each recording gave, and what was done about it."""
 
-import json
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -8,14 +7,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bagassets.engine.build_report import BagOutcome, BuildReport
-from bagassets.engine.plan import BagPlan
-from bagassets.errors import StoreError
-from bagassets.store.store import Store
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-__all__ = ["SummaryRow", "counts_line", "print_summary", "summary_json", "summary_rows", "ui_command"]
+    from bagassets.engine.plan_model import BagPlan
+    from bagassets.store.store import Store
+
+__all__ = ["SummaryRow", "counts_line", "print_summary", "summary_rows", "ui_command"]
 
 # More rows than this are not read; those where something happened are shown then.
 MOST_ROWS = 60
@@ -59,7 +58,7 @@ class SummaryRow:
         return asdict(self)
 
 
-def summary_rows(report: BuildReport, store: Store | Path, *, most: int | None = None) -> list[SummaryRow]:
+def summary_rows(report: BuildReport, store: "Store | Path", *, most: int | None = None) -> list[SummaryRow]:
     """Return a row per recording, from what its current artifacts say.
 
     Args:
@@ -67,11 +66,15 @@ def summary_rows(report: BuildReport, store: Store | Path, *, most: int | None =
         store: where the artifacts are, or the folder of the store.
         most: with more recordings than this, only those that were built, failed or stopped.
     """
-    outcomes = report.outcomes
+    from bagassets.store.store import Store  # noqa: PLC0415  (not for a report that another process made)
+
+    outcomes, plan = report.outcomes, report.plan
     store = Store(store) if isinstance(store, Path) else store
+    if plan is None:
+        return []
     if most is not None and len(outcomes) > most:
         outcomes = report.having("built", "failed", "stopped")
-    return [_row(store, report.plan.bags[key], outcome) for key, outcome in outcomes.items()]
+    return [_row(store, plan.bags[key], outcome) for key, outcome in outcomes.items()]
 
 
 def print_summary(
@@ -89,7 +92,7 @@ def print_summary(
             console.print(f"{row.recording}: {row.reason}", markup=False, soft_wrap=True)
     if len(rows) < len(report.outcomes):
         console.print(f"{len(report.outcomes) - len(rows)} more recordings; `bagassets status` lists all.")
-    for relative, reason in report.plan.excluded.items():
+    for relative, reason in report.excluded.items():
         if not reason.startswith("not matched"):
             console.print(f"left out {relative}: {reason}", markup=False, soft_wrap=True)
     for key in report.removed:
@@ -127,7 +130,7 @@ def _print_dataset(report: BuildReport, console: "Console") -> None:
         console.print(f"         {report.dataset_problem}", markup=False, soft_wrap=True)
 
 
-def _row(store: Store, bag: BagPlan, outcome: BagOutcome) -> SummaryRow:
+def _row(store: "Store", bag: "BagPlan", outcome: BagOutcome) -> SummaryRow:
     inventory, poses = _summary(store, bag, "inventory"), _summary(store, bag, "ego_poses")
     boxes, tables = _summary(store, bag, "annotations"), _summary(store, bag, "nuscenes_tables")
     counts = tables.get("counts", {})
@@ -146,7 +149,9 @@ def _row(store: Store, bag: BagPlan, outcome: BagOutcome) -> SummaryRow:
     )
 
 
-def _summary(store: Store, bag: BagPlan, asset: str) -> dict[str, Any]:
+def _summary(store: "Store", bag: "BagPlan", asset: str) -> dict[str, Any]:
+    from bagassets.errors import StoreError  # noqa: PLC0415
+
     digest = bag.assets[asset].data_version
     if digest is None:
         return {}
@@ -193,8 +198,3 @@ def span_text(seconds: float | None) -> str:
 
 def _number(value: int | None) -> str:
     return "" if value is None else f"{value}"
-
-
-def summary_json(report: BuildReport, rows: Sequence[SummaryRow]) -> str:
-    """Return report and rows as JSON text."""
-    return json.dumps({**report.as_json(), "summary": [row.as_json() for row in rows]}, indent=1)

@@ -19,7 +19,7 @@ from bagassets.defs.snapshot import SnapshotWriter
 from bagassets.defs.workspace import Workspace
 from bagassets.engine.build_report import BagOutcome, BuildOptions, BuildReport, Event
 from bagassets.engine.dataset_build import dataset_folders
-from bagassets.engine.plan_model import Recorded
+from bagassets.engine.plan_model import Plan, Recorded
 from bagassets.forkserver.client import Client
 from bagassets.forkserver.tasks import connect, server_spec
 from bagassets.recipe.project import dagster_home
@@ -65,8 +65,8 @@ def build(recipe_file: Path, options: BuildOptions, on_event: Listener) -> Build
                 now = survey(instance, workspace)
         if not before.datasets:
             report.dataset = "not selected"
-        report.plan = now.plan
-        _add_idle(report, before.chosen)
+        report.plan, report.excluded = now.plan, now.plan.excluded
+        _add_idle(report, now.plan, before.chosen)
         if options.is_whole and now.is_settled and not report.removed:
             snapshot.write(now.plan, list(dataset_folders(recipe).values()))
     report.seconds = time.monotonic() - started
@@ -104,9 +104,9 @@ def _dataset_outcome(ended: Ended | None) -> tuple[str, str]:
     return ("updated", "") if ended.problem is None else ("failed", ended.problem)
 
 
-def _add_idle(report: BuildReport, chosen: frozenset[str]) -> None:
+def _add_idle(report: BuildReport, plan: Plan, chosen: frozenset[str]) -> None:
     """Add the recordings that had no run, and tell of those with one that they take no part."""
-    for key, bag in report.plan.bags.items():
+    for key, bag in plan.bags.items():
         ran = report.outcomes.get(key)
         if key not in chosen:
             continue

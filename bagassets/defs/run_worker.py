@@ -27,6 +27,7 @@ from bagassets.defs.runs import (
     open_instance,
     preload_definitions,
 )
+from bagassets.defs.sqlite_files import kept_open
 from bagassets.defs.worker_tag import RunWorker
 from bagassets.errors import BagAssetsError
 from bagassets.forkserver.process import ProcessId
@@ -104,6 +105,7 @@ def execute(args: dict[str, Any]) -> dict[str, Any]:
             return found is not None and not found.is_finished
 
         _take_turn(args["locks"], run.tags.get(_PARTITION_TAG), stack, is_wanted)
+        stack.enter_context(kept_open(instance, run_id))
         return execute_run(instance, run_id, cancel_requested=cancel_requested).as_json()
 
 
@@ -126,6 +128,7 @@ def build(args: dict[str, Any]) -> dict[str, Any]:
             location=CodeLocation(**args["location"]),
             run_id=run_id,
         )
+        stack.enter_context(kept_open(instance, run_id))
         return execute_run(instance, run_id, cancel_requested=cancel_requested).as_json()
 
 
@@ -190,7 +193,9 @@ def end_worker(args: dict[str, Any]) -> bool:
 
 def _open(args: dict[str, Any], stack: ExitStack) -> dg.DagsterInstance:
     _apply_dotenv()
-    return stack.enter_context(open_instance(args["instance"]))
+    instance = stack.enter_context(open_instance(args["instance"]))
+    stack.enter_context(kept_open(instance))
+    return instance
 
 
 def _apply_dotenv() -> None:

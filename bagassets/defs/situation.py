@@ -11,15 +11,21 @@ import dagster as dg
 from bagassets.defs.dataset import dataset_is_current
 from bagassets.defs.planning import Planned, plan_now
 from bagassets.defs.runs import open_instance
+from bagassets.defs.sqlite_files import kept_open
 from bagassets.defs.workspace import Workspace
 from bagassets.engine.build_report import BuildOptions
-from bagassets.engine.choose import choose_recordings
+from bagassets.engine.choose import choose_assets, choose_recordings
 from bagassets.engine.dataset_build import dataset_code_versions
 from bagassets.engine.plan_model import Plan
+from bagassets.engine.recording_assets import assets_of
 from bagassets.recipe.project import dagster_home
 from bagassets.trace import span
 
 __all__ = ["Situation", "opened", "survey"]
+
+# The asset of each recording that a dataset is made from, if it is not its tables.
+_OF_DATASETS = {"vision_dataset": "vision_sequences", "trajectory_map": "ego_poses"}
+_TABLES = "nuscenes_tables"
 
 
 @dataclass(frozen=True)
@@ -71,14 +77,18 @@ def survey(
         planned = plan_now(instance, workspace)
     found = planned.discovery.found
     chosen = choose_recordings(found, options.bags) if options.bags else frozenset(found)
+    datasets = tuple(dataset_code_versions(recipe))
+    wanted = choose_assets(("bag", *assets_of(recipe), *datasets), options.select)
+    select = (
+        None if wanted is None else {_OF_DATASETS.get(n, _TABLES) if n in datasets else n for n in wanted}
+    )
     todo = {}
     for key, bag in planned.plan.bags.items():
-        if key in chosen and (
-            assets := bag.to_run(retry_failed=options.retry_failed, select=options.recording_assets)
-        ):
+        if key in chosen and (assets := bag.to_run(retry_failed=options.retry_failed, select=select)):
             todo[key] = assets
     is_current = dataset_is_current(instance, recipe, planned.inputs)
-    return Situation(planned, is_current, chosen, todo, options.datasets(dataset_code_versions(recipe)))
+    asked = datasets if wanted is None else tuple(name for name in datasets if name in wanted)
+    return Situation(planned, is_current, chosen, todo, asked)
 
 
 @contextmanager
@@ -91,5 +101,5 @@ def opened(recipe_file: Path) -> Iterator[tuple[dg.DagsterInstance, Workspace]]:
     workspace = Workspace(recipe_file=str(recipe_file.absolute()))
     home = dagster_home(recipe_file.absolute(), workspace.recipe)
     os.environ["BAGASSETS_RECIPE"] = str(recipe_file.absolute())
-    with open_instance(str(home)) as instance:
+    with open_instance(str(home)) as instance, kept_open(instance):
         yield instance, workspace

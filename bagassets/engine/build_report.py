@@ -1,20 +1,17 @@
 """What a build is asked for, what it tells while it works, and what it came to."""
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, Self
 
-from bagassets.engine.plan_model import Plan
-from bagassets.engine.recording_assets import UPSTREAM
+if TYPE_CHECKING:
+    # Not imported: the command line, which waits while the server works, would pay for all of it.
+    from bagassets.engine.plan_model import Plan
 
-__all__ = ["DATASETS", "SELECTABLE", "BagOutcome", "BuildOptions", "BuildReport", "Event", "Result"]
+__all__ = ["BagOutcome", "BuildOptions", "BuildReport", "Event", "Result"]
 
 Result = Literal["built", "hit", "fresh", "skipped", "failed", "stopped"]
-
-# Dataset -> the asset of each recording that it is made from.
-DATASETS = {"nuscenes_dataset": "nuscenes_tables", "vision_dataset": "vision_sequences"}
-SELECTABLE = ("bag", *UPSTREAM, *DATASETS)
 
 
 @dataclass(frozen=True)
@@ -25,29 +22,27 @@ class BuildOptions:
         jobs: recordings worked on at the same time.
         retry_failed: try again what failed before on the same input.
         bags: keys, globs or paths of the recordings to look at; none = all.
-        select: assets to bring up to date, with what they read; None = all.
+        select: assets to bring up to date, with what they read; none = all.
     """
 
     jobs: int = 1
     retry_failed: bool = False
     bags: tuple[str, ...] = ()
-    select: frozenset[str] | None = None
+    select: tuple[str, ...] = ()
 
     @property
     def is_whole(self) -> bool:
         """True if everything is asked for."""
-        return not self.bags and self.select is None
+        return not self.bags and not self.select
 
-    @property
-    def recording_assets(self) -> frozenset[str] | None:
-        """The assets of a recording that are asked for, with those that selected datasets need; None = all."""
-        if self.select is None:
-            return None
-        return frozenset(DATASETS.get(asset, asset) for asset in self.select)
+    def as_json(self) -> dict[str, Any]:
+        """Return the options as JSON."""
+        return asdict(self)
 
-    def datasets(self, known: Iterable[str]) -> tuple[str, ...]:
-        """Return those of the `known` datasets that are asked for."""
-        return tuple(name for name in known if self.select is None or name in self.select)
+    @classmethod
+    def from_json(cls, value: dict[str, Any]) -> Self:
+        """Return what `as_json` gave."""
+        return cls(value["jobs"], value["retry_failed"], tuple(value["bags"]), tuple(value["select"]))
 
 
 @dataclass(frozen=True)
@@ -66,6 +61,10 @@ class Event:
     key: str = ""
     message: str = ""
     sizes: Mapping[str, int] = field(default_factory=dict)
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the event as JSON."""
+        return asdict(self)
 
 
 @dataclass(frozen=True)
@@ -89,8 +88,9 @@ class BuildReport:
     """What a build came to.
 
     Attributes:
-        plan: the state of everything after the build.
+        plan: the state of everything after the build; None in a report that another process made.
         outcomes: recording -> what happened to it.
+        excluded: path below the bag root -> why it is no recording of the recipe's.
         removed: recordings that were gone.
         dataset: `updated`, `fresh`, `failed`, `stopped`, or `not selected`.
         dataset_problem: why the dataset could not be made.
@@ -99,8 +99,9 @@ class BuildReport:
         seconds: wall time.
     """
 
-    plan: Plan
+    plan: "Plan | None" = None
     outcomes: dict[str, BagOutcome] = field(default_factory=dict)
+    excluded: Mapping[str, str] = field(default_factory=dict)
     removed: tuple[str, ...] = ()
     dataset: str = "fresh"
     dataset_problem: str = ""
@@ -134,7 +135,7 @@ class BuildReport:
                 for key, outcome in self.outcomes.items()
             },
             "counts": self.counts(),
-            "excluded": dict(self.plan.excluded),
+            "excluded": dict(self.excluded),
             "removed": list(self.removed),
             "dataset": {
                 "state": self.dataset,
@@ -144,3 +145,20 @@ class BuildReport:
             "interrupted": self.interrupted,
             "seconds": round(self.seconds, 3),
         }
+
+    @classmethod
+    def from_json(cls, value: dict[str, Any]) -> Self:
+        """Return what `as_json` gave."""
+        return cls(
+            outcomes={
+                key: BagOutcome(bag["result"], bag["reason"], bag["seconds"])
+                for key, bag in value["recordings"].items()
+            },
+            excluded=value["excluded"],
+            removed=tuple(value["removed"]),
+            dataset=value["dataset"]["state"],
+            dataset_problem=value["dataset"]["problem"],
+            dataset_path=Path(value["dataset"]["path"]),
+            interrupted=value["interrupted"],
+            seconds=value["seconds"],
+        )

@@ -5,7 +5,7 @@ import os
 from bagassets.quick import snapshot
 from bagassets.quick.looks import Doubt
 
-__all__ = ["code_stamp", "nothing_to_do"]
+__all__ = ["code_stamp", "nothing_to_do", "state_folder"]
 
 _STATE = ".bagassets"
 _PLAIN = frozenset("ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789._/+-")
@@ -41,7 +41,7 @@ def code_stamp(recipe: str) -> str:
 
 
 def _decide(recipe: str) -> list[str]:
-    header, digests = snapshot.load(_state_folder(recipe))
+    header, digests = snapshot.load(state_folder(recipe))
     if header["places"]["recipe"] != recipe:
         raise Doubt("the snapshot is of another recipe")
     snapshot.check(header, digests, snapshot.look_before(code_stamp(recipe), header["places"]))
@@ -67,7 +67,7 @@ def _recipe_of(arguments: list[str]) -> str | None:
     return recipe or None
 
 
-def _state_folder(recipe: str) -> str:
+def state_folder(recipe: str) -> str:
     """Return the state folder that a recipe names, read without a YAML parser.
 
     Raises:

@@ -1,0 +1,99 @@
+"""Having a build made by the fork server, if there is one: it has imported what a build needs."""
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+from uuid import uuid4
+
+from bagassets.engine.build_report import BuildOptions, Event
+from bagassets.errors import BagAssetsError
+from bagassets.forkserver.client import Client, ServerRefusedError
+from bagassets.forkserver.places import Places
+from bagassets.forkserver.tasks import server_spec
+
+__all__ = ["InterruptedBuildError", "build_on_server", "find_server"]
+
+_JOB = "bagassets.defs.drive:build"
+# A driver that was asked to stop waits this long for its runs; they have less.
+_GRACE_S = 40.0
+
+
+class InterruptedBuildError(BagAssetsError):
+    """A build was interrupted before it could tell what it did."""
+
+
+def find_server(recipe: Path) -> Client | None:
+    """Return a client of the server that fits a recipe, if one is up; none is started.
+
+    The recipe is not read: a server with its stamp has read this very text.
+    """
+    from bagassets.quick.build import state_folder  # noqa: PLC0415
+    from bagassets.quick.looks import Doubt  # noqa: PLC0415
+
+    try:
+        spec = server_spec(Path(state_folder(str(recipe))), recipe)
+        return Client.connect(
+            Places(spec.state_folder, spec.stamp()), {"BAGASSETS_RECIPE": os.fspath(recipe)}
+        )
+    except (Doubt, OSError, BagAssetsError):
+        return None
+
+
+def build_on_server(
+    client: Client, recipe: Path, options: BuildOptions, on_event: Callable[[Event], None], most: int | None
+) -> dict[str, Any] | None:
+    """Have a build made; return its report and the rows of its table as JSON.
+
+    An interrupt (Ctrl-C) stops it cleanly and returns what was done; a second one does not wait.
+
+    Returns:
+        The report, or None if the server is just going and was never asked.
+
+    Raises:
+        BagAssetsError: what the driver raises, in its words.
+    """
+    args = {"recipe": str(recipe), "options": options.as_json(), "most": most}
+    try:
+        job = client.submit(_JOB, args, label=f"build-{uuid4()}", grace_s=_GRACE_S)
+    except ServerRefusedError:
+        return None
+    try:
+        event = _follow(client, job, on_event)
+    except KeyboardInterrupt:
+        client.cancel(job, grace_s=_GRACE_S)
+        event = _follow(client, job, on_event)
+    if event["event"] == "killed":
+        raise BagAssetsError(str(event["reason"]))
+    if event["exit"] != 0:
+        raise _raised(event["error"])
+    report: dict[str, Any] = event["result"]
+    return report
+
+
+def _follow(client: Client, job: str, on_event: Callable[[Event], None]) -> dict[str, Any]:
+    """Hand on what the driver tells, and return how it ended."""
+    while True:
+        event = client.wait()
+        if event is None or event["job"] != job:
+            continue
+        if event["event"] == "note":
+            told = event["note"].get("build")
+            if told is not None:
+                on_event(Event(**told))
+        elif event["event"] in {"finished", "killed"}:
+            return event
+
+
+def _raised(error: dict[str, str]) -> BagAssetsError:
+    from bagassets import errors  # noqa: PLC0415
+    from bagassets.engine.choose import SelectionError  # noqa: PLC0415
+
+    kind, message = error["type"], error["message"]
+    if kind == "KeyboardInterrupt":
+        return InterruptedBuildError("interrupted.")
+    if kind == SelectionError.__name__:
+        return SelectionError(message)
+    if kind in errors.__all__:
+        return BagAssetsError(message)
+    return BagAssetsError(f"the build failed in a worker ({kind}: {message}); please report this.")

@@ -1,0 +1,160 @@
+"""Builds through a real fork server: the driver in a worker, interrupts, SQLite kept open."""
+
+import json
+import os
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+from contextlib import closing
+
+import dagster as dg
+import pytest
+
+from bagassets.cli.remote import build_on_server, find_server
+from bagassets.defs.events import event_database
+from bagassets.defs.runs import open_instance
+from bagassets.defs.sqlite_files import kept_open
+from bagassets.engine.build_report import BagOutcome, BuildOptions, BuildReport, Event
+from bagassets.engine.choose import SelectionError
+from bagassets.forkserver.client import Client
+from bagassets.recipe import load_recipe
+from bagassets_tests.in_process import make_project
+
+pytestmark = pytest.mark.xdist_group("build_server")
+KEYS = ["a.bag", "b.mcap"]
+
+
+@pytest.fixture(scope="module")
+def project(tmp_path_factory):
+    recipe_file = make_project(tmp_path_factory.mktemp("server"), KEYS, duration_s=2.0)
+    yield recipe_file
+    for client in Client.all_of(load_recipe(recipe_file).state):
+        client.shutdown(grace_s=1.0)
+
+
+def command(recipe_file, *arguments):
+    return [sys.executable, "-m", "bagassets", "build", "--recipe", str(recipe_file), *arguments]
+
+
+def run(recipe_file, *arguments):
+    return subprocess.run(command(recipe_file, *arguments), capture_output=True, text=True, check=False)
+
+
+@pytest.fixture
+def built(project):
+    done = run(project, "--json")
+    assert done.returncode == 0, done.stderr
+    return project
+
+
+def test_the_first_build_starts_a_server_that_the_next_one_uses(project):
+    assert find_server(project) is None
+    done = run(project)
+    assert done.returncode == 0, done.stderr
+    assert "2 built" in done.stdout
+    assert "bagassets ui" in done.stdout
+    client = find_server(project)
+    assert client is not None
+    with client:
+        (project.parent / "bags" / KEYS[0]).touch()
+        events = []
+        told = build_on_server(client, project, BuildOptions(jobs=2), events.append, None)
+        assert told["counts"] == {"built": 0, "hit": 1, "fresh": 1, "skipped": 0, "failed": 0, "stopped": 0}
+        assert [(e.kind, e.key) for e in events] == [("planned", ""), ("started", KEYS[0]), ("done", KEYS[0])]
+        assert list(events[0].sizes) == [KEYS[0]]
+        assert [row["recording"] for row in told["summary"]] == KEYS
+        with pytest.raises(SelectionError, match="no such recording"):
+            build_on_server(client, project, BuildOptions(bags=("nothing",)), events.append, None)
+
+
+def test_the_command_line_imports_no_dagster_when_a_server_is_up(built):
+    (built.parent / "bags" / KEYS[1]).touch()
+    code = (
+        f"import sys; sys.argv = {['bagassets', *command(built, '--json')[3:]]!r}; "
+        "from bagassets.__main__ import main; status = main(); "
+        "sys.exit('imported Dagster' if {'dagster', 'pydantic', 'numpy'} & set(sys.modules) else status)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["counts"]["hit"] == 1
+
+
+def test_a_wrong_recipe_is_told_as_ever(built):
+    text = built.read_text()
+    try:
+        built.write_text(text.replace("bags:", "bagz:"))
+        done = run(built)
+    finally:
+        built.write_text(text)
+    assert done.returncode == 1
+    assert "recipe.yaml:3: bagz" in done.stderr
+
+
+def test_an_interrupt_stops_cleanly_and_the_next_build_carries_on(built):
+    recipe = load_recipe(built)
+    text = built.read_text()
+    built.write_text(text.replace("topic: /cam/image_raw", "topic: /cam/image_raw, quality: 20"))
+    assert run(built, "--bag", KEYS[0], "--select", "bag").returncode == 0  # a server for this recipe
+    process = subprocess.Popen(
+        command(built, "--jobs", "1"), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    seen = ""
+    while "start " not in seen:
+        line = process.stderr.readline()
+        assert line, seen
+        seen += line
+    os.kill(process.pid, signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    assert process.returncode in {130, 0}, (out, err)
+    if process.returncode:
+        assert "stopped" in out
+    with open_instance(str(built.parent)) as instance:
+        active = [dg.DagsterRunStatus.STARTED, dg.DagsterRunStatus.STARTING, dg.DagsterRunStatus.CANCELING]
+        deadline = time.monotonic() + 20
+        while instance.get_runs(dg.RunsFilter(statuses=active)) and time.monotonic() < deadline:
+            time.sleep(0.1)
+        assert not instance.get_runs(dg.RunsFilter(statuses=active))
+    done = run(built, "--json")
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["dataset"]["state"] in {"updated", "fresh"}
+    assert recipe.nuscenes.output.is_dir()
+
+
+def test_reports_events_and_options_survive_the_way():
+    options = BuildOptions(3, True, ("a", "b*"), ("frames",))
+    assert BuildOptions.from_json(json.loads(json.dumps(options.as_json()))) == options
+    event = Event("failed", "a", "because", {"a": 1})
+    assert Event(**json.loads(json.dumps(event.as_json()))) == event
+    report = BuildReport(
+        outcomes={"a": BagOutcome("failed", "why", 1.5)},
+        excluded={"x": "y"},
+        removed=("z",),
+        interrupted=True,
+    )
+    again = BuildReport.from_json(json.loads(json.dumps(report.as_json())))
+    assert again.as_json() == report.as_json()
+    assert again.outcomes == report.outcomes
+    assert not again.succeeded
+
+
+def test_databases_that_are_kept_open_are_written_back_at_the_end_only(tmp_path):
+    (tmp_path / "dagster.yaml").write_text("telemetry: {enabled: false}\n")
+    with open_instance(str(tmp_path)) as instance:
+        path = event_database(instance)
+        log = path.with_name("index.db-wal")
+        instance.report_runless_asset_event(dg.AssetMaterialization("first"))
+        assert not log.exists(), "closing the last connection writes the log back"
+        with kept_open(instance):
+            instance.report_runless_asset_event(dg.AssetMaterialization("second"))
+            assert log.stat().st_size > 0
+            with closing(sqlite3.connect(path)) as other:
+                assert other.execute("SELECT count(*) FROM event_logs").fetchone()[0] >= 2
+        assert not log.exists()
+        assert instance.get_latest_materialization_event(dg.AssetKey("second")) is not None
+
+
+def test_an_instance_without_files_needs_nothing_kept_open():
+    with dg.DagsterInstance.ephemeral() as instance, kept_open(instance):
+        assert event_database(instance) is None
