@@ -155,11 +155,9 @@ def is_bulk(topic: str) -> bool:
 
 
 def patched(data: bytes, mark: bytes) -> bytes:
-    """Change two bytes amid a message: a pixel, or a distance."""
+    """Put two bytes amid a message: in a pixel, or in a distance; another mark is another content."""
     middle = len(data) // 2
-    return (
-        data[:middle] + bytes(a ^ b for a, b in zip(data[middle:], mark, strict=False)) + data[middle + 2 :]
-    )
+    return data[:middle] + mark + data[middle + len(mark) :]
 
 
 def count_files(folder: Path) -> int:

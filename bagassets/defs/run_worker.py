@@ -50,6 +50,7 @@ _ASKS_PER_LOOK = 5  # once a second
 _AHEAD = (
     "alembic.command",
     "alembic.runtime.migration",
+    "bagassets.defs.drive",
     "dagster._core.execution.plan.active",
     "dagster._core.execution.plan.execute_plan",
     "dagster._core.executor.in_process",

@@ -1,0 +1,234 @@
+"""The plan: what it remembers, what it tells, and which recordings and assets are meant."""
+
+import json
+import sqlite3
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bagassets.bags.model import Found
+from bagassets.defs import situation
+from bagassets.engine.choose import SelectionError, choose_assets, choose_recordings
+from bagassets.engine.differences import changes, flat, in_words
+from bagassets.engine.plan import Planner
+from bagassets.engine.plan_memo import PlanMemo
+from bagassets.engine.plan_model import RECORDING_ASSETS, AssetState, BagPlan, with_upstream
+from bagassets.recipe import load_recipe
+from bagassets_tests.in_process import build, make_project, survey
+
+KEY = "a.bag"
+
+
+# --- what differs -------------------------------------------------------------------------
+
+
+def action(**fields):
+    return {"step": "frames", "version": 1, "libraries": {}, "params": {}, "inputs": {}} | fields
+
+
+def test_differences_are_told_by_name_with_both_values():
+    before = action(
+        params={"quality": 90, "camera": {"k": [1], "width": 8}}, inputs={"topic:/a": "1", "topic:/b": "1"}
+    )
+    now = action(
+        version=2,
+        params={"quality": 50, "camera": {"k": [2], "width": 8}, "new": True},
+        inputs={"topic:/a": "2"},
+    )
+    found = changes(before, now)
+    assert [str(change) for change in found] == [
+        "step version 1 -> 2",
+        "camera.k changed",
+        "new is new",
+        "quality 90 -> 50",
+        "topic /a changed",
+        "topic /b is gone",
+    ]
+    assert in_words(found) == "step version 1 -> 2, camera.k changed, new is new and 3 more"
+    assert in_words([]) == ""
+
+
+json_objects = st.recursive(
+    st.dictionaries(st.text("abc", min_size=1), st.integers()),
+    lambda inner: st.dictionaries(st.text("abc", min_size=1), inner | st.integers()),
+    max_leaves=8,
+)
+
+
+@given(json_objects, json_objects)
+def test_there_is_a_change_exactly_where_values_differ(before, now):
+    found = changes(action(params=before), action(params=now))
+    assert (found == []) == (dict(flat(before)) == dict(flat(now)))
+    for change in found:
+        assert change.before != change.now
+
+
+# --- what a run takes ---------------------------------------------------------------------
+
+
+def bag(**states):
+    assets = {name: AssetState(states.get(name, "fresh"), "why") for name in RECORDING_ASSETS}
+    return BagPlan(KEY, assets)
+
+
+@pytest.mark.parametrize(
+    ("states", "runs"),
+    [
+        ({}, False),
+        ({"frames": "skipped"}, False),
+        ({"frames": "stale"}, True),
+        ({"frames": "record-only"}, True),
+        ({"frames": "missing"}, True),
+        ({"bag": "stale", "frames": "unknown"}, True),
+        ({"ego_poses": "failed", "nuscenes_tables": "unknown"}, False),
+        ({"ego_poses": "failed", "nuscenes_tables": "unknown", "frames": "stale"}, True),
+    ],
+)
+def test_a_run_is_needed_when_something_can_come_of_it(states, runs):
+    assert bool(bag(**states).to_run()) == runs
+    assert bag(**states).settled == (set(states.values()) <= {"fresh", "skipped"})
+
+
+def test_a_failure_is_tried_again_only_if_asked_for():
+    failed = bag(ego_poses="failed", nuscenes_tables="unknown")
+    assert failed.to_run() == ()
+    assert failed.to_run(retry_failed=True) == RECORDING_ASSETS
+    assert failed.failed == failed.unusable == "why"
+
+
+def test_selected_assets_bring_what_they_read():
+    assert with_upstream(["frames"]) == ("bag", "inventory", "calibration", "frames")
+    assert with_upstream(["bag", "nuscenes_dataset"]) == ("bag",)
+    assert bag(sweeps="stale").to_run(select={"frames"}) == ()
+    assert bag(calibration="stale").to_run(select={"frames"}) == ("bag", "inventory", "calibration", "frames")
+
+
+# --- what is meant ------------------------------------------------------------------------
+
+
+@pytest.fixture
+def found(tmp_path):
+    names = {"monday.bag": "monday.bag", "runs__tuesday": "runs/tuesday"}
+    return {k: Found(k, r, tmp_path / r, "ros1", (tmp_path / r,), 1, 1) for k, r in names.items()}
+
+
+@pytest.mark.parametrize(
+    ("wanted", "keys"),
+    [
+        (["monday.bag"], {"monday.bag"}),
+        (["runs/tuesday"], {"runs__tuesday"}),
+        (["runs*"], {"runs__tuesday"}),
+        (["*", "monday.bag"], {"monday.bag", "runs__tuesday"}),
+    ],
+)
+def test_recordings_are_meant_by_key_path_or_glob(found, wanted, keys):
+    assert choose_recordings(found, wanted) == keys
+
+
+def test_a_path_means_the_recording_there(found, tmp_path):
+    assert choose_recordings(found, [str(tmp_path / "runs" / "tuesday")]) == {"runs__tuesday"}
+
+
+def test_what_means_nothing_is_refused_with_the_nearest(found):
+    with pytest.raises(SelectionError, match=r"did you mean monday\.bag"):
+        choose_recordings(found, ["munday.bag"])
+    with pytest.raises(SelectionError, match="frames"):
+        choose_assets(["frames", "sweeps"], ["sweeps,frame"])
+    assert choose_assets(["frames", "sweeps"], ["sweeps, frames"]) == {"frames", "sweeps"}
+    assert choose_assets(["frames"], []) is None
+
+
+# --- what is remembered -------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def project(tmp_path_factory):
+    return make_project(tmp_path_factory.mktemp("plan"), [KEY, "b.mcap"], duration_s=2.0)
+
+
+@pytest.fixture
+def built(project, monkeypatch):
+    report, _ = build(project, monkeypatch)
+    assert report.succeeded
+    return project
+
+
+def looked_into(recipe_file, monkeypatch):
+    """Return the recordings that a plan looks into."""
+    keys = []
+    plan = Planner.plan
+
+    def note(self, found, recorded):
+        keys.append(found.key)
+        return plan(self, found, recorded)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Planner, "plan", note)
+        survey(recipe_file)
+    return keys
+
+
+def test_recordings_that_are_as_they_were_are_not_looked_into(built, monkeypatch):
+    assert looked_into(built, monkeypatch) == []
+    before = survey(built).plan.bags
+    (load_recipe(built).state / "plan.sqlite").unlink()
+    assert looked_into(built, monkeypatch) == [KEY, "b.mcap"]
+    assert survey(built).plan.bags == before, "a remembered plan is the plan"
+
+
+def test_only_the_recording_that_changed_is_looked_into(built, monkeypatch):
+    (built.parent / "bags" / KEY).touch()
+    assert looked_into(built, monkeypatch) == [KEY]
+
+
+def test_another_recipe_has_all_looked_into(built, monkeypatch):
+    text = built.read_text()
+    built.write_text(text + "# a comment\n")
+    assert looked_into(built, monkeypatch) == [KEY, "b.mcap"]
+    built.write_text(text)
+
+
+@pytest.mark.parametrize("damage", [b"", b"no database", None])
+def test_a_damaged_memory_costs_time_only(built, monkeypatch, damage):
+    path = load_recipe(built).state / "plan.sqlite"
+    if damage is None:
+        with sqlite3.connect(path) as connection:
+            connection.execute("UPDATE bags SET body = '[1]'")
+        connection.close()
+    else:
+        path.write_bytes(damage)
+    assert looked_into(built, monkeypatch) == [KEY, "b.mcap"]
+    assert looked_into(built, monkeypatch) == [], "it was made anew"
+
+
+def test_a_memory_that_cannot_be_written_is_no_error(tmp_path):
+    (tmp_path / "plan.sqlite").mkdir()
+    memo = PlanMemo(tmp_path)
+    memo.save([], ["gone"])
+    assert memo.load() == {}
+
+
+def test_a_recording_that_comes_back_is_a_hit(built, monkeypatch):
+    path = built.parent / "bags" / "b.mcap"
+    aside = path.rename(built.parent / "aside.mcap")
+    report, runs = build(built, monkeypatch)
+    assert report.removed == ("b.mcap",)
+    assert report.dataset == "updated"
+    assert [key for key, _ in runs if key] == []
+    aside.rename(path)
+    report, _ = build(built, monkeypatch)
+    assert report.outcomes["b.mcap"].result == "hit"
+    assert report.dataset == "updated"
+
+
+def test_a_plan_of_dagsters_empty_log_is_all_records(built, monkeypatch):
+    with situation.opened(built) as (instance, workspace):
+        live = frozenset(workspace.discover().found)
+        for key in live:
+            instance.delete_dynamic_partition(f"{workspace.recipe.name}_recordings", key)
+    states = {s.state for b in survey(built).plan.bags.values() for n, s in b.assets.items() if n != "bag"}
+    assert states == {"record-only"}
+    assert json.dumps(survey(built).plan.bags[KEY].as_json())
+    assert Path(built).is_file()
