@@ -16,6 +16,8 @@ from bagassets.recipe.model import Bags
 __all__ = ["Discovery", "discover", "find_one", "matches"]
 
 METADATA = "metadata.yaml"
+_ROS2_KEY, _HEAD_BYTES = b"rosbag2_bagfile_information", 4096
+_NO_STORAGE = "there is no .db3 or .mcap file beside its metadata.yaml; it is still being copied, or damaged"
 # What may lie in a ROS 2 bag folder beside its metadata; zstd when compressed by file.
 _STORAGE = (".db3", ".mcap", ".db3.zstd", ".mcap.zstd")
 _BARE: dict[str, Format] = {".bag": "ros1", ".mcap": "mcap", ".db3": "ros2"}
@@ -135,6 +137,8 @@ class _Walk:
         if whole is not None:
             self._take(whole)
             return
+        if _lacks_storage(Path(path), entries):
+            self.excluded.append((relative or Path(path).name, _NO_STORAGE))
         for entry in entries:
             within = f"{relative}/{entry.name}" if relative else entry.name
             try:
@@ -193,6 +197,17 @@ def _folder_recording(folder: Path, relative: str, entries: list[os.DirEntry[str
         if entry.name == METADATA or (entry.name.endswith(_STORAGE) and not entry.name.startswith("."))
     ]
     return _found(folder, relative, "ros2", sorted(files)) if len(files) > 1 else None
+
+
+def _lacks_storage(folder: Path, entries: list[os.DirEntry[str]]) -> bool:
+    """Tell whether this is the folder of a ROS 2 bag whose files are not there; other metadata.yaml are common."""
+    if not any(entry.name == METADATA for entry in entries):
+        return False
+    try:
+        with (folder / METADATA).open("rb") as file:
+            return _ROS2_KEY in file.read(_HEAD_BYTES)
+    except OSError:
+        return False
 
 
 def _found(path: Path, relative: str, file_format: Format, files: list[tuple[Path, os.stat_result]]) -> Found:
