@@ -33,7 +33,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
         "bagassets.cli.check:check",
         "Hold what was built against the checks of the recipe, and print what they find.",
     ),
-    "ui": ("bagassets.cli.ui:ui", "Open the web UI on a project."),
+    "ui": ("bagassets.cli.ui:ui", "Open the web UI of a project."),
     "report": (
         "bagassets.cli.report:report",
         "Write one HTML page about the dataset: recordings, split, gaps, what was left out, pictures, map.",
@@ -51,7 +51,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "gc": ("bagassets.cli.gc:gc", "Remove artifacts that nothing refers to any more."),
     "dataset": ("bagassets.cli.dataset:dataset", "Compare datasets, and make one again from its lock."),
     "demo": ("bagassets.cli.demo:demo", "Make sample drives and build the dataset from them."),
-    "sample": ("bagassets.cli.sample:sample", "Write synthetic drives."),
+    "sample": ("bagassets.cli.sample:sample", "Write a synthetic drive, whose truth is known."),
     "decoders": ("bagassets.cli.decoders:decoders", "List installed decoders of your own message types."),
     "docs": ("bagassets.cli.docs:docs", "Print reference documentation as Markdown."),
 }
