@@ -19,6 +19,7 @@ from bagassets.bags.digest import DigestIndex, recording_digest, stored_digest
 from bagassets.bags.discover import discover, find_one
 from bagassets.bags.open import open_recording
 from bagassets.bags.reader import BaseRecording
+from bagassets.defs import situation as situations
 from bagassets.engine import channel_pass
 from bagassets.engine.recording_build import BuildFailure
 from bagassets.engine.unexpected import in_words
@@ -568,3 +569,14 @@ class TestInstance:
         for process in opening:
             told = process.communicate(timeout=60)[1]
             assert process.returncode == 0, told
+
+    def test_a_full_disk_under_the_database(self, tmp_path):
+        with mounted(tmp_path / "disk", "-t", "tmpfs", "-o", "size=64k", "tmpfs"):
+            text = in_process.QUICK + f"state: {tmp_path}/disk/state\n"
+            file = tmp_path / "project" / "recipe.yaml"
+            file.parent.mkdir()
+            file.write_text(text.format(name="test", root="bags"))
+            (file.parent / "bags").mkdir()
+            told = "Dagster's database cannot be used .*free space"
+            with pytest.raises(StoreError, match=told), situations.opened(file):
+                pass

@@ -16,6 +16,7 @@ from typing import Any
 import dagster as dg
 
 from bagassets.bags.layouts import load_standard_types
+from bagassets.defs.database_errors import database_in_words
 from bagassets.defs.exclusive import exclusive
 from bagassets.defs.runs import (
     CodeLocation,
@@ -28,7 +29,7 @@ from bagassets.defs.runs import (
     open_instance,
     preload_definitions,
 )
-from bagassets.defs.sqlite_files import kept_open
+from bagassets.defs.sqlite_files import kept_open, share_migrations
 from bagassets.defs.worker_tag import RunWorker
 from bagassets.errors import BagAssetsError
 from bagassets.forkserver.process import ProcessId
@@ -85,6 +86,7 @@ def preload(modules: list[str]) -> None:
     _apply_dotenv()
     for module in _AHEAD:
         import_module(module)
+    share_migrations()
     for module in modules:
         preload_definitions(module)
     load_standard_types()
@@ -203,6 +205,8 @@ def end_worker(args: dict[str, Any]) -> bool:
 
 def _open(args: dict[str, Any], stack: ExitStack) -> dg.DagsterInstance:
     _apply_dotenv()
+    place = args["instance"] if args["instance"].startswith("/") else "this instance"
+    stack.enter_context(database_in_words(place))
     instance = stack.enter_context(open_instance(args["instance"]))
     stack.enter_context(kept_open(instance))
     return instance

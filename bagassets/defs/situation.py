@@ -8,6 +8,7 @@ from pathlib import Path
 
 import dagster as dg
 
+from bagassets.defs.database_errors import database_in_words
 from bagassets.defs.dataset import dataset_is_current
 from bagassets.defs.planning import Planned, plan_now
 from bagassets.defs.runs import open_instance
@@ -101,5 +102,5 @@ def opened(recipe_file: Path) -> Iterator[tuple[dg.DagsterInstance, Workspace]]:
     workspace = Workspace(recipe_file=str(recipe_file.absolute()))
     home = dagster_home(recipe_file.absolute(), workspace.recipe)
     os.environ["BAGASSETS_RECIPE"] = str(recipe_file.absolute())
-    with open_instance(str(home)) as instance, kept_open(instance):
+    with database_in_words(str(home)), open_instance(str(home)) as instance, kept_open(instance):
         yield instance, workspace
