@@ -4,6 +4,8 @@ import json
 import signal
 import socket
 import subprocess
+from contextlib import suppress
+from pathlib import Path
 from urllib.request import Request, urlopen
 
 import pytest
@@ -11,7 +13,9 @@ from click.testing import CliRunner
 
 from bagassets.cli.main import main
 from bagassets.cli.ui import ui
-from bagassets.forkserver.client import Client
+from bagassets.defs.services import end_servers
+from bagassets.forkserver.client import Client, ServerRefusedError
+from bagassets.forkserver.spec import ServerSpec
 from bagassets_tests.services import (
     BIN,
     bare_environment,
@@ -103,6 +107,56 @@ def test_it_ends_when_whoever_started_it_is_killed(project):
         process.kill()
         process.wait()
         eventually(lambda: not any(processes_of(pid) for pid in sessions), "all processes are gone")
+
+
+@pytest.fixture
+def server(tmp_path):
+    spec = ServerSpec.of(
+        tmp_path / "state", modules=("forkserver_jobs",), paths=(str(Path(__file__).parent),)
+    )
+    with Client.ensure(spec) as client:
+        yield client
+        with suppress(ServerRefusedError):
+            client.shutdown(grace_s=0.0)
+
+
+def end(server, cancel):
+    """End a server as the web UI does; return the number of jobs that were waited for."""
+    told = []
+    places = server.places
+    server.close()
+    end_servers([places], told.append, cancel=cancel)
+    eventually(lambda: Client.connect(places) is None, "the server has ended", 10)
+    return told
+
+
+def test_runs_at_work_are_waited_for(server, tmp_path):
+    until = tmp_path / "until"
+    server.submit("forkserver_jobs:wait", {"until": str(until)}, label="run", detached=True)
+    asked = []
+
+    def cancel():
+        asked.append(True)
+        if len(asked) == 3:
+            until.touch()
+        return False
+
+    assert end(server, cancel) == [1]
+    assert len(asked) >= 3
+
+
+def test_runs_at_work_are_cancelled_on_demand(server):
+    server.submit("forkserver_jobs:sleep", {}, label="run", detached=True)
+    assert end(server, lambda: True) == [1]
+
+
+def test_an_idle_server_ends_without_a_word(server):
+    assert end(server, lambda: False) == []
+
+
+def test_a_server_that_a_build_uses_stays(server):
+    end_servers([server.places], pytest.fail, cancel=lambda: False)
+    assert server.status()["draining"] is False
 
 
 def test_an_unknown_host_is_told_in_words(project, capsys):

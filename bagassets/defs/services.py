@@ -10,7 +10,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from pathlib import Path
 from typing import Self, TextIO
@@ -23,12 +23,13 @@ from bagassets.forkserver.tasks import connect, server_spec
 from bagassets.recipe import load_recipe
 from bagassets.recipe.project import dagster_home
 
-__all__ = ["Services"]
+__all__ = ["Services", "end_servers"]
 
 _POLL_S = 0.2
 _START_S = 120.0
 _STOP_S = 60.0
 _GRACE_S = 10.0
+_LEAVE_S = 2.0
 _LOCK = "ui.lock"
 
 
@@ -141,25 +142,48 @@ class Services:
         if self._client is not None:
             self._client.close()
         ours = [places for places in _alive(self._state) if places.stamp not in self._servers_before]
-        told = False
-        for places in ours:
-            client = Client.connect(places)
-            if client is None:
-                continue
-            with client, suppress(ServerRefusedError):
-                if client.status()["clients"] > 1:
-                    continue  # a build uses it as well
-                is_cancelled = False
-                running = client.drain()
-                while running:
-                    if not told:
-                        tell(running)
-                        told = True
-                    if not is_cancelled and cancel():
-                        is_cancelled = True
-                        client.shutdown(grace_s=_GRACE_S)
-                    time.sleep(_POLL_S)
-                    running = len(client.status()["jobs"])
+        end_servers(ours, tell, cancel=cancel)
+
+
+def end_servers(
+    servers: Iterable[Places], tell: Callable[[int], None], *, cancel: Callable[[], bool]
+) -> None:
+    """End fork servers that nobody else is connected to, once the jobs that they have are done.
+
+    Args:
+        servers: where they are.
+        tell: called once, with the number of jobs that are waited for, if there are any.
+        cancel: asked five times a second; True cancels the jobs.
+    """
+    has_told = False
+    for places in servers:
+        client = Client.connect(places)
+        if client is None:
+            continue
+        with client, suppress(ServerRefusedError):  # it has ended
+            if not _is_left_alone(client):
+                continue  # a build uses it as well
+            is_cancelled = False
+            running = client.drain()
+            while running:
+                if not has_told:
+                    tell(running)
+                    has_told = True
+                if not is_cancelled and cancel():
+                    is_cancelled = True
+                    client.shutdown(grace_s=_GRACE_S)
+                time.sleep(_POLL_S)
+                running = len(client.status()["jobs"])
+
+
+def _is_left_alone(client: Client) -> bool:
+    """Tell whether no other client is connected, or stays so: those that just ended may still be counted."""
+    deadline = time.monotonic() + _LEAVE_S
+    while client.status()["clients"] > 1:
+        if time.monotonic() > deadline:
+            return False
+        time.sleep(_POLL_S)
+    return True
 
 
 def _lock(state: Path, url: str) -> TextIO:
