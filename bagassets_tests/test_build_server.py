@@ -158,3 +158,28 @@ def test_databases_that_are_kept_open_are_written_back_at_the_end_only(tmp_path)
 def test_an_instance_without_files_needs_nothing_kept_open():
     with dg.DagsterInstance.ephemeral() as instance, kept_open(instance):
         assert event_database(instance) is None
+
+
+def test_an_engine_is_made_once_for_a_file_and_migrations_are_read_once(tmp_path, monkeypatch):
+    from alembic.script import base
+    from sqlalchemy.pool import NullPool
+
+    from bagassets.defs import sqlite_files
+
+    made = []
+    engine = sqlite_files.create_engine
+    monkeypatch.setattr(sqlite_files, "create_engine", lambda *a, **o: made.append(a) or engine(*a, **o))
+    (tmp_path / "dagster.yaml").write_text("telemetry: {enabled: false}\n")
+    with open_instance(str(tmp_path)) as instance, kept_open(instance):
+        for number in range(3):
+            instance.report_runless_asset_event(dg.AssetMaterialization(f"a{number}"))
+        assert made
+        assert len(made) == len(set(made)), "one per file"
+    other = sqlite_files._create_engine("sqlite://", poolclass=NullPool, echo=False)
+    assert other is not sqlite_files._create_engine("sqlite://", poolclass=NullPool, echo=False)
+    sqlite_files.share_migrations()
+    monkeypatch.setattr(base.Script, "_from_path", lambda *_: pytest.fail("read again"))
+    (tmp_path / "second").mkdir()
+    (tmp_path / "second" / "dagster.yaml").write_text("telemetry: {enabled: false}\n")
+    with open_instance(str(tmp_path / "second")) as instance:
+        assert list(instance.get_dynamic_partitions("none")) == []
