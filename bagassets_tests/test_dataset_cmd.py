@@ -231,7 +231,7 @@ class TestCommand:
         recipe, parts, _ = project
         assemble(parts[:1], recipe.nuscenes, Store(recipe.store_path), tmp_path)
         text = self.run(recipe, "diff", tmp_path, recipe.nuscenes.output, status=3)
-        assert "1 recordings, 1 scenes, 6 samples" in text
+        assert "1 recording, 1 scene, 6 samples" in text
         assert "+ c.mcap: 1 scene, 6 samples, split " in text
         found = json.loads(self.run(recipe, "diff", tmp_path, recipe.nuscenes.output, "--json", status=3))
         assert (found["same"], found["a"]["samples"], found["b"]["samples"]) == (False, 6, 12)

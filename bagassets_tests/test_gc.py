@@ -400,6 +400,14 @@ class TestCommand:
         assert self.steps(self.gc(recipe_file, "--forget", other_file)) == ["current"]
         assert self.gc(recipe_file)["projects"] == [str(recipe_file)]
 
+    def test_a_project_that_was_moved_with_its_store_is_not_missed(self, recipe_file, tmp_path):
+        note_user(load_recipe(recipe_file).store_path, recipe_file)
+        moved = (tmp_path / "one").rename(tmp_path / "moved")
+        write_project(moved, None)
+        found = self.gc(moved / "recipe.yaml")
+        assert found["projects"] == [str(moved / "recipe.yaml")]
+        assert found["artifacts"] == []
+
     def test_assets_of_users_keep_what_they_published(self, recipe_file):
         recipe = load_recipe(recipe_file)
         mine = make(Store(recipe.store_path), "mine")

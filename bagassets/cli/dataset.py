@@ -132,8 +132,13 @@ def _counts(lock: "DatasetLock") -> str:
     bags = lock.bags.values()
     scenes = sum(bag.scenes for bag in bags)
     if lock.kind == "vision":
-        return f"{len(bags)} recordings, {scenes} sequences"
-    return f"{len(bags)} recordings, {scenes} scenes, {sum(bag.samples or 0 for bag in bags)} samples"
+        return f"{_number(len(bags), 'recording')}, {_number(scenes, 'sequence')}"
+    samples = sum(bag.samples or 0 for bag in bags)
+    return f"{_number(len(bags), 'recording')}, {_number(scenes, 'scene')}, {_number(samples, 'sample')}"
+
+
+def _number(number: int, what: str) -> str:
+    return f"{number} {what}{'' if number == 1 else 's'}"
 
 
 def _bag_text(bag: "BagDiff") -> str:
@@ -157,14 +162,15 @@ def _bag_text(bag: "BagDiff") -> str:
 
 
 def _of_bag(bag: "LockedBag") -> str:
-    samples = "" if bag.samples is None else f", {bag.samples} samples"
-    return f"{bag.scenes} {'scene' if bag.scenes == 1 else 'scenes'}{samples}, split {bag.split}"
+    if bag.samples is None:
+        return f"{_number(bag.scenes, 'sequence')}, split {bag.split}"
+    return f"{_number(bag.scenes, 'scene')}, {_number(bag.samples, 'sample')}, split {bag.split}"
 
 
 def _scene_text(scene: "SceneDiff") -> str:
     what = []
     if scene.added:
-        what.append(f"{len(scene.added)} samples added")
+        what.append(f"{_number(len(scene.added), 'sample')} added")
     if scene.removed:
         what.append(f"{len(scene.removed)} removed")
     if scene.changed:

@@ -50,7 +50,7 @@ def find_roots(
     """
     roots = Roots()
     for user in users_of(store.root):
-        if user.recipe in forget:
+        if user.recipe in forget or user.has_moved:
             forget_user(store.root, user)
         elif user.recipe != recipe_file:
             _ask(store, user, roots)

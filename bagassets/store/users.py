@@ -26,10 +26,17 @@ class User:
     Attributes:
         recipe: its recipe file.
         host: the machine that it is on.
+        store: where the store was when it took note, as seen from there.
     """
 
     recipe: Path
     host: str
+    store: Path = Path()
+
+    @property
+    def has_moved(self) -> bool:
+        """Tell whether the project was moved together with the store in it: what is noted of it is of old."""
+        return self.is_here and not self.recipe.exists() and not self.store.exists()
 
     @property
     def is_here(self) -> bool:
@@ -42,8 +49,12 @@ def note_user(root: Path, recipe_file: Path) -> None:
 
     Where that cannot be written, nothing can be made, and what is only read needs no note.
     """
-    value = {"recipe": str(recipe_file.absolute()), "host": socket.gethostname()}
-    path = _file(root, value)
+    value = {
+        "recipe": str(recipe_file.absolute()),
+        "host": socket.gethostname(),
+        "store": str(root.absolute()),
+    }
+    path = _file(root, User(recipe_file.absolute(), value["host"], root.absolute()))
     if path.exists():
         return
     temporary = path.with_name(f".{path.name}.{uuid4().hex}")
@@ -63,7 +74,7 @@ def users_of(root: Path) -> list[User]:
     for path in sorted((root / _FOLDER).glob("*.json")):
         try:
             value = json.loads(path.read_bytes())
-            users.append(User(Path(value["recipe"]), str(value["host"])))
+            users.append(User(Path(value["recipe"]), str(value["host"]), Path(value["store"])))
         except (OSError, ValueError, KeyError, TypeError) as err:
             raise StoreError(
                 f"{path}: this note of a project that uses the store cannot be read ({err}); remove it, and build "
@@ -75,8 +86,8 @@ def users_of(root: Path) -> list[User]:
 def forget_user(root: Path, user: User) -> None:
     """Remove the note of a project that is no more."""
     with suppress(FileNotFoundError):
-        _file(root, {"recipe": str(user.recipe), "host": user.host}).unlink()
+        _file(root, user).unlink()
 
 
-def _file(root: Path, value: dict[str, str]) -> Path:
-    return root / _FOLDER / f"{digest_json(value)[:32]}.json"
+def _file(root: Path, user: User) -> Path:
+    return root / _FOLDER / f"{digest_json([str(user.recipe), user.host, str(user.store)])[:32]}.json"
