@@ -322,6 +322,17 @@ def test_a_recording_with_a_run_is_left_alone(project):
     assert project.cursor.said == "1 recording; waiting for 1 run(s)."
 
 
+def test_no_more_runs_are_asked_for_than_are_worked_off(project, monkeypatch):
+    monkeypatch.setattr(sensor_look, "MOST_RUNS", 2)
+    for name in ("b.bag", "c.bag", "d.bag"):
+        shutil.copy(project.bags / "a.bag", project.bags / name)
+    make_run(project, "a.bag", dg.DagsterRunStatus.STARTED)
+    assert set(project.look()) == {"b.bag"}
+    make_run(project, "b.bag", dg.DagsterRunStatus.STARTED)
+    assert project.look() == {}
+    assert project.live == {"a.bag", "b.bag", "c.bag", "d.bag"}
+
+
 def test_the_dataset_waits_for_runs_but_not_for_ever(project):
     project.bring_up_to_date()
     shutil.copy(project.bags / "a.bag", project.bags / "b.bag")

@@ -22,8 +22,9 @@ from bagassets.store.canonical import digest_json
 
 __all__ = ["Look"]
 
-# Creating a hundred runs in one tick takes longer than a tick may; the rest comes with the next.
-MOST_REQUESTS = 50
+# Creating a hundred runs in one tick takes longer than a tick may, and thousands in the queue make
+# everything slow; the rest comes when some have ended.
+MOST_RUNS = 50
 # The dataset waits for recordings that are being worked on, but not for ever.
 PATIENCE_S = 60.0
 _LONGEST_REASON = 80
@@ -126,7 +127,7 @@ class Look:
         plan, cursor = planned.plan, self.cursor
         requests: list[dg.RunRequest] = []
         for key in sorted((finished.keys() & plan.bags.keys()) - self._active):
-            if len(requests) < MOST_REQUESTS:
+            if len(requests) + len(self._active) < MOST_RUNS:
                 requests += self._recording_request(plan.bags[key], finished[key], now_s)
         is_busy = bool(requests or self._active)
         cursor.busy_since_s = (cursor.busy_since_s or now_s) if is_busy else None
