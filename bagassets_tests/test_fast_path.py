@@ -185,6 +185,21 @@ def test_a_file_that_is_missing_from_the_dataset_is_seen(fresh):
     shutil.rmtree(recipe.nuscenes.output)
 
 
+def test_a_map_that_is_missing_is_seen(tmp_path, monkeypatch):
+    from bagassets.engine.report_data import map_path
+    from bagassets_tests.small_drive import RECIPE
+
+    recipe_file = make_project(tmp_path, [KEY], text=RECIPE, duration_s=1.0)
+    report, _ = build(recipe_file, monkeypatch)
+    assert report.succeeded
+    assert is_quick(recipe_file)
+    map_path(load_recipe(recipe_file)).unlink()
+    assert not is_quick(recipe_file)
+    report, runs = build(recipe_file, monkeypatch)
+    assert report.dataset == "updated"
+    assert [key for key, _ in runs] == [None]
+
+
 def instance_of(recipe_file):
     return open_instance(str(recipe_file.parent))
 

@@ -11,6 +11,7 @@ from bagassets.defs.workspace import Workspace, partitions_name
 from bagassets.engine.named_files import files_beside, named_files
 from bagassets.engine.plan_memo import artifacts_of
 from bagassets.engine.plan_model import Plan
+from bagassets.engine.report_data import map_path
 from bagassets.quick import snapshot
 from bagassets.quick.build import code_stamp
 from bagassets.quick.looks import Doubt
@@ -36,6 +37,7 @@ class SnapshotWriter:
             return
         files = [str(path) for path in named_files(self._recipe)]
         files += [str(folder) for folder in self._recipe.bags.message_definitions]
+        files.append(str(map_path(self._recipe)))
         if any(rig.annotation_files for rig in self._recipe.rigs):
             # Label files may lie outside the bag root.
             recordings = workspace.discover().found.values()
