@@ -252,7 +252,8 @@ class TestCommand:
         assert content(made) == content(dataset)
         before = content(dataset)
         next((dataset / "samples" / "CAM_FRONT").iterdir()).unlink()
-        self.run(recipe, "restore", dataset)
+        told = json.loads(self.run(recipe, "restore", dataset, "--json"))
+        assert (told["folder"], told["lock"]["samples"]) == (str(dataset / VERSION), 12)
         assert content(dataset) == before
 
     def test_a_vision_dataset(self, project, tmp_path):

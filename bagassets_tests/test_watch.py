@@ -13,13 +13,16 @@ from contextlib import contextmanager
 import pytest
 from blake3 import blake3
 
+from bagassets.bags import digest
 from bagassets.bags import watch as module
 from bagassets.bags.digest import stored_digest
 from bagassets.bags.digest_record import ATTRIBUTE, DigestIndex
 from bagassets.bags.discover import find_one
 from bagassets.bags.watch import Watcher
 from bagassets.errors import RecordingError
+from bagassets.recipe import load_recipe
 from bagassets.recipe.model import Bags
+from bagassets_tests import in_process
 from bagassets_tests.test_digest import attributes_work, rewrite_in_place
 
 
@@ -348,3 +351,27 @@ class TestService:
         service.stdout.close()
         assert [line["event"] for line in lines if line["event"] == "wrong"]
         assert lines[-1] == {**lines[-1], "event": "hashed", "digest": hex_of(b"CONTENT")}
+
+
+def test_a_build_never_reads_a_recording_merely_to_hash_it(tmp_path, monkeypatch):
+    recipe_file = in_process.make_project(tmp_path, drives=("a.bag",))
+    recipe = load_recipe(recipe_file)
+    if not attributes_work(recipe.bags.root / "a.bag"):
+        pytest.skip("this file system has no extended attributes")
+    assert catch_up(recipe.bags.root, None).hashed() == ["a.bag"]  # on the server, which has no project
+
+    def refuse(path, stat, between=None):
+        raise AssertionError(f"{path} was hashed")
+
+    monkeypatch.setattr(digest, "hash_file", refuse)
+    report, ran = in_process.build(recipe_file, monkeypatch)
+    assert report.succeeded
+    assert [key for key, _ in ran] == ["a.bag", None]
+    # Touched on the server, where the service sees at once that the content is the same.
+    monkeypatch.undo()
+    os.utime(recipe.bags.root / "a.bag")
+    assert catch_up(recipe.bags.root, None).hashed() == ["a.bag"]
+    monkeypatch.setattr(digest, "hash_file", refuse)
+    report, _ = in_process.build(recipe_file, monkeypatch)
+    assert report.succeeded
+    assert report.having("built") == {}

@@ -91,7 +91,8 @@ Exit status:
     help="Folder of the dataset. Default: where the lock lies, if that is a dataset, else a folder beside the dataset "
     "of the recipe, named after the lock.",
 )
-def restore(lock: Path, recipe: Path, output: Path | None) -> None:
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON document.")
+def restore(lock: Path, recipe: Path, output: Path | None, as_json: bool) -> None:
     """Make the dataset of a lock again, byte for byte.
 
     All artifacts must be in the store; `bagassets gc --lock LOCK` keeps them there, as does a copy of the
@@ -106,7 +107,10 @@ def restore(lock: Path, recipe: Path, output: Path | None) -> None:
     found = load_lock(lock)
     folder = default_output(found, loaded) if output is None else output.absolute()
     made = restore_dataset(found, Store(loaded.store_path), folder)
-    click.echo(f"{made}: {_counts(found)}, as in {found.path}")
+    if as_json:
+        click.echo(json.dumps({"folder": str(made), "lock": _lock_json(found)}, indent=1))
+    else:
+        click.echo(f"{made}: {_counts(found)}, as in {found.path}")
 
 
 def _show(before: "DatasetLock", after: "DatasetLock", found: "DatasetDiff") -> None:
