@@ -51,7 +51,8 @@ def cold(options: Options) -> None:
             best = min(used, key=lambda one: one.seconds)
             figures[name][what] = [asdict(one) for one in used]
             rate = made.size_gb * 1000 / best.seconds
-            rows.append([f"{name}: {what}", best.seconds, best.cpu_s, 100 * best.busy, best.peak_mb, rate])
+            title = f"{name}: {what}" + (", FAILED on some" if any(one.code for one in used) else "")
+            rows.append([title, best.seconds, best.cpu_s, 100 * best.busy, best.peak_mb, rate])
         extra[figures[name]["recordings"]] = _least_cpu_s(runs["bagassets"]) - _least_cpu_s(runs[PLAIN])
         made.stop_server()
         shutil.rmtree(made.state)

@@ -13,7 +13,7 @@ def bars(file: Path, times: Mapping[str, Mapping[str, Sequence[float]]], title: 
     import matplotlib.pyplot as plt  # noqa: PLC0415  (optional: the dependency group `bench`)
 
     scenarios = list(next(iter(times.values())))
-    figure, axes = plt.subplots(figsize=(1.6 + 1.9 * len(scenarios), 4))
+    figure, axes = plt.subplots(figsize=(1.6 + 1.9 * len(scenarios), 4.5), layout="constrained")
     width = 0.8 / len(times)
     for number, (name, by_scenario) in enumerate(times.items()):
         places = [index + (number - (len(times) - 1) / 2) * width for index in range(len(scenarios))]
@@ -28,7 +28,7 @@ def lines(file: Path, times: Mapping[str, Mapping[float, Sequence[float]]], titl
     """Draw a line per run: run -> size -> times."""
     import matplotlib.pyplot as plt  # noqa: PLC0415
 
-    figure, axes = plt.subplots(figsize=(8, 5))
+    figure, axes = plt.subplots(figsize=(8, 6), layout="constrained")
     for name, by_size in times.items():
         taken = list(by_size.values())
         middle = [median(one) for one in taken]
@@ -47,7 +47,6 @@ def _finish(figure, axes, file: Path, title: str) -> None:  # noqa: ANN001  (mat
     axes.set_ylabel("s (median, min to max)")
     axes.set_title(title)
     axes.grid(axis="y", alpha=0.4)
-    axes.legend(fontsize=7)
-    figure.tight_layout()
+    figure.legend(*axes.get_legend_handles_labels(), fontsize=8, loc="outside lower center", ncols=2)
     file.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(file, dpi=120)

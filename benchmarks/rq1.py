@@ -48,7 +48,8 @@ def baselines(made: Project, options: Options) -> tuple[dict[str, dict[str, list
     """Return the times of conversions without a store, and what they left."""
     runs = {PLAIN: [made.convert_plainly() for _ in range(options.trials)]}
     if options.converter is not None:
-        runs[CONVERTER] = [made.convert_with(options.converter) for _ in range(options.trials)]
+        done = [made.convert_with(options.converter) for _ in range(options.trials)]
+        runs[CONVERTER + (" (FAILED on some)" if any(one.failed for one in done) else "")] = done
     times = {name: {"cold": [one.seconds for one in done]} for name, done in runs.items()}
     outputs = {
         name: {"files": done[-1].files, "failed": sorted({key for one in done for key in one.failed})}

@@ -1,0 +1,129 @@
+"""The floor of a cold build: what the libraries alone take for one recording, stage by stage.
+
+Each stage is done by itself on all of the recording, on one thread, and its processor time taken: reading as
+rosbags does, hashing, Bayer conversion, undistortion, JPEG, packets to points, writing. What a build takes
+beyond their sum is ours.
+"""
+
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from bagassets.bags.discover import discover
+from bagassets.bags.open import open_recording
+from bagassets.bags.reader import BaseRecording
+from bagassets.decode.image import decode_image
+from bagassets.decode.velodyne import Packet, PacketParser, RevolutionDecoder, packets_in
+from bagassets.engine.process import keep_freed_memory
+from bagassets.nuscenes.lidar_file import lidar_bytes
+from bagassets.recipe import load_recipe
+from bagassets.store.canonical import digest_bytes, digest_file
+from benchmarks.common import ROOT, Options, markdown, plain_command, project, save
+from benchmarks.drives import LIDAR_TOPIC
+from benchmarks.resources import run_watched
+
+__all__ = ["floor"]
+
+_BAG_GB = 1.9
+_QUALITY = [cv2.IMWRITE_JPEG_QUALITY, 90]
+
+
+class _Stages:
+    """Processor seconds by stage."""
+
+    def __init__(self) -> None:
+        self.cpu_s: dict[str, float] = {}
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Add the processor time of a block to a stage."""
+        began = time.process_time()
+        yield
+        self.cpu_s[name] = self.cpu_s.get(name, 0.0) + time.process_time() - began
+
+
+def floor(options: Options) -> None:
+    """Measure, and write `floor.json` and `floor.md`."""
+    made = project(options.folder / "cold-one", [_BAG_GB * options.size_gb * 1e9], options.trials)
+    (found,) = discover(load_recipe(made.recipe).bags).found.values()
+    cv2.setNumThreads(1)
+    keep_freed_memory()
+    stages, out = _Stages(), options.folder / "floor"
+    out.mkdir(exist_ok=True)
+    with stages.stage("hash the file"):
+        digest_file(found.path)
+    with open_recording(found) as recording:
+        for name in ("read (inventory)", "read (frames and sweeps)"):
+            with stages.stage(name):
+                for _ in recording.messages(list(recording.topics)):
+                    pass
+        with stages.stage("hash the topics"):
+            digest_file(found.path)
+        cameras = [topic for topic in recording.topics if topic.endswith("/image_raw")]
+        for topic in cameras:
+            _images(recording, topic, stages, out)
+        _packets(recording, stages, out)
+    target = made.recipe.parent / "out"
+    target.mkdir(exist_ok=True)
+    plain = run_watched(plain_command(made.bags, target), cwd=ROOT, env={"BENCH_RECIPE": str(made.recipe)})
+    rows: list[list[object]] = [[name, seconds] for name, seconds in stages.cpu_s.items()]
+    total = sum(stages.cpu_s.values())
+    rows += [["floor, all of these", total], ["plain conversion", plain.cpu_s]]
+    rows += [["left: Python, calibration, deskewing, tables, imports", plain.cpu_s - total]]
+    save(
+        options,
+        "floor",
+        {"size_gb": made.size_gb, "cpu_s": stages.cpu_s, "plain_cpu_s": plain.cpu_s},
+        f"One recording of {made.size_gb:.2f} GB.\n\n" + markdown(["stage", "CPU-s"], rows),
+    )
+
+
+def _images(recording: BaseRecording, topic: str, stages: _Stages, out: Path) -> None:
+    """Convert, undistort, encode and write the images of a camera, as many as there are."""
+    maps = None
+    for number, raw in enumerate(recording.messages([topic])):
+        reading = decode_image(recording.decode(raw))
+        pixels = np.asarray(reading.pixels)
+        if maps is None:
+            height, width = pixels.shape
+            matrix = np.array([[0.62 * width, 0, width / 2], [0, 0.62 * width, height / 2], [0, 0, 1]])
+            lens = np.array([-0.16, 0.03, 0.0008, -0.0006, 0.0])
+            maps = cv2.initUndistortRectifyMap(matrix, lens, np.eye(3), matrix, (width, height), cv2.CV_16SC2)
+        with stages.stage("Bayer to colour"):
+            image = cv2.cvtColor(pixels, cv2.COLOR_BayerBG2BGRA)
+        with stages.stage("undistort"):
+            image = cv2.remap(image, *maps, cv2.INTER_LINEAR)
+        with stages.stage("JPEG"):
+            encoded = cv2.imencode(".jpg", image, _QUALITY)[1]
+        _write(out / f"{number % 8}.jpg", encoded.data, stages)
+
+
+def _packets(recording: BaseRecording, stages: _Stages, out: Path) -> None:
+    """Decode and write the packets of the lidar, a tenth of a second at a time."""
+    parser, decoder = PacketParser(None), RevolutionDecoder(None)
+    packets: list[Packet] = []
+    written = 0
+    for raw in recording.messages([LIDAR_TOPIC]):
+        message = recording.decode(raw)
+        stamp_ns = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+        packets += [parser.parse(stamp_ns, data) for _, data in packets_in(message)]
+        if packets[-1].host_ns - packets[0].host_ns < 100_000_000:
+            continue
+        times_ns = np.array([packet.host_ns for packet in packets], np.int64)
+        with stages.stage("packets to points"):
+            points = decoder.decode(packets, times_ns).points
+        _write(out / f"{written % 8}.bin", lidar_bytes(points), stages)
+        packets, written = [], written + 1
+    if not written:
+        sys.exit(f"{LIDAR_TOPIC} holds no revolution")
+
+
+def _write(path: Path, data: memoryview, stages: _Stages) -> None:
+    with stages.stage("hash and write"):
+        digest_bytes(data)
+        path.write_bytes(data)
