@@ -77,8 +77,8 @@ def test_it_shows_the_project_and_leaves_nothing_behind(project):
         sessions = [process.pid, *child_sessions(process.pid)]
         process.send_signal(signal.SIGINT)
         assert process.wait(60) == 0
-        eventually(lambda: not any(processes_of(pid) for pid in sessions), "all processes are gone", 20)
-        eventually(lambda: servers_of(project) == [], "the fork server has ended", 20)
+        assert [pid for session in sessions for pid in processes_of(session)] == []
+        eventually(lambda: servers_of(project) == [], "the fork server has ended", 10)
     assert log.read_text().splitlines() == [f"{url}  (web UI of project; Ctrl-C ends it)"]
 
 

@@ -126,8 +126,7 @@ class Services:
         except subprocess.TimeoutExpired:
             os.killpg(self._process.pid, signal.SIGKILL)
             self._process.wait()
-        with suppress(ProcessLookupError):  # mostly: nobody is left
-            os.killpg(self._process.pid, signal.SIGTERM)
+        _end_group(self._process.pid)
         self._lock.close()
 
     def end_runs(self, tell: Callable[[int], None], *, cancel: Callable[[], bool]) -> None:
@@ -143,6 +142,17 @@ class Services:
             self._client.close()
         ours = [places for places in _alive(self._state) if places.stamp not in self._servers_before]
         end_servers(ours, tell, cancel=cancel)
+
+
+def _end_group(group: int) -> None:
+    """End what is left of a group of processes; Dagster's code server would take up to a minute."""
+    deadline = time.monotonic() + _LEAVE_S
+    with suppress(ProcessLookupError):  # nobody is left
+        os.killpg(group, signal.SIGTERM)
+        while time.monotonic() < deadline:
+            os.killpg(group, 0)
+            time.sleep(_POLL_S / 4)
+        os.killpg(group, signal.SIGKILL)
 
 
 def end_servers(
