@@ -1,5 +1,6 @@
 """Projects that are built in this process: the driver's runs without its server."""
 
+import os
 import sys
 from importlib import import_module
 from pathlib import Path
@@ -23,13 +24,21 @@ class InProcessClient:
 
     def submit(self, function, args, *, label, on_lost=None):
         self.submitted.append((args["partition_key"], tuple(args["assets"])))
-        # The definitions read the recipe when they are imported, as in a new worker.
-        sys.modules.pop("bagassets.definitions", None)
+        self._load_definitions()
         module, name = function.split(":")
         job = f"job-{len(self.submitted)}"
         result = getattr(import_module(module), name)(args)
         self.events.append({"event": "finished", "job": job, "exit": 0, "result": result})
         return job
+
+    @staticmethod
+    def _load_definitions():
+        """The definitions read the recipe when they are imported; a new worker would import them."""
+        recipe = Path(os.environ["BAGASSETS_RECIPE"])
+        loaded = sys.modules.get("bagassets.definitions")
+        if getattr(loaded, "read_from", None) != (recipe, recipe.read_text()):
+            sys.modules.pop("bagassets.definitions", None)
+            import_module("bagassets.definitions").read_from = (recipe, recipe.read_text())
 
     def wait(self, _timeout_s=None):
         return self.events.pop(0)
