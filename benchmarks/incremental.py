@@ -39,6 +39,7 @@ from benchmarks.rewrite import rewrite
 
 ROOT = Path(__file__).parents[1]
 CAMERA = "/cam_front/image_raw"
+_FEWEST_FILES = 20  # per recording, of a second or more
 DECODING = {"frames", "sweeps"}
 
 
@@ -216,6 +217,11 @@ def run(bench: Bench, external: str | None) -> None:
 
     bench.measure("cold, server down", bench.start_over, "built in")
     bench.measure("cold, server up", bench.forget_results, "built in")
+    files, expected = (bench.figures[mode]["files"] for mode in ("cold, server up", "plain, all"))
+    if files != expected or files < _FEWEST_FILES * len(list(bench.bags.glob("*.bag"))):
+        sys.exit(
+            f"the build left {files} files, the plain conversion {expected}: recordings too short for a scene?"
+        )
     bench.measure("warm, server up", nothing, "nothing to do", times=3 * bench.times)
     bench.measure("warm, server down", bench.stop_server, "nothing to do")
     bench.build("nothing to do")

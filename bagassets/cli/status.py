@@ -21,6 +21,16 @@ EXIT_STALE = 3
 
 # More recordings than this are not listed when they are fresh.
 MOST_ROWS = 40
+# Narrower terminals get shorter headings.
+_WIDE = 110
+_SHORT = {
+    "inventory": "invent.",
+    "calibration": "calibr.",
+    "ego_poses": "poses",
+    "annotations": "boxes",
+    "nuscenes_tables": "tables",
+    "vision_sequences": "vision",
+}
 _ORDER = ("fresh", "record-only", "stale", "unknown", "missing", "failed", "skipped")
 _COLOURS = {"fresh": "green", "record-only": "cyan", "stale": "yellow", "unknown": "yellow", "missing": "yellow",
             "failed": "bold red", "skipped": "dim"}  # fmt: skip
@@ -107,9 +117,8 @@ def _print(situation: "Situation", *, show_all: bool) -> None:
     if len(bags) > MOST_ROWS and not show_all:
         listed = {key: bag for key, bag in bags.items() if not bag.settled}
     if listed:
-        console.print(
-            _table({key: {n: s.state for n, s in bag.assets.items()} for key, bag in listed.items()})
-        )
+        states = {key: {n: s.state for n, s in bag.assets.items()} for key, bag in listed.items()}
+        console.print(_table(states, short=console.width < _WIDE))
     if len(listed) < len(bags):
         console.print(f"{len(bags) - len(listed)} more recordings are fresh or skipped; --all lists them.")
     for line in _reasons(situation, listed):
@@ -121,7 +130,7 @@ def _print(situation: "Situation", *, show_all: bool) -> None:
     console.print(f"{len(bags)} recording{'' if len(bags) == 1 else 's'}: {told or 'nothing here'}.")
 
 
-def _table(states: Mapping[str, Mapping[str, str]]) -> Any:
+def _table(states: Mapping[str, Mapping[str, str]], *, short: bool) -> Any:
     from rich import box  # noqa: PLC0415
     from rich.table import Table  # noqa: PLC0415
     from rich.text import Text  # noqa: PLC0415
@@ -130,7 +139,7 @@ def _table(states: Mapping[str, Mapping[str, str]]) -> Any:
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=0)
     table.add_column("recording", overflow="fold", min_width=9)
     for name in assets:
-        table.add_column(name.replace("_", " "), overflow="fold")
+        table.add_column(_SHORT.get(name, name) if short else name.replace("_", " "), overflow="fold")
     for key, row in states.items():
         table.add_row(key, *(Text(row[name], style=_COLOURS[row[name]]) for name in assets))
     return table
