@@ -235,6 +235,29 @@ class TestFollowing:
         if attributes_work(bag):
             assert events.of("wrong")
 
+    def test_what_comes_before_the_first_notification_is_not_missed(self, root, index, monkeypatch):
+        real, looked = module.Watcher._look, []
+
+        def look(self):
+            found = real(self)
+            looked.append(1)
+            if len(looked) == 2:  # it looked, and nobody notifies yet
+                (root / "a.bag").write_bytes(b"content")
+            return found
+
+        follow = module.Notifications.follow
+
+        def late(self):
+            if looked[1:]:
+                follow(self)  # established only after the file is there
+            else:
+                threading.Timer(0.5, follow, [self]).start()
+
+        monkeypatch.setattr(module.Watcher, "_look", look)
+        monkeypatch.setattr(module.Notifications, "follow", late)
+        with watching(root, index, ready=False) as events:
+            eventually(lambda: events.hashed() == ["a.bag"])
+
     def test_nobody_needs_to_notify(self, root, index, monkeypatch):
         monkeypatch.setattr(module.Notifications, "follow", lambda self: None)
         with watching(root, index, rescan_s=0.3, ready=False) as events:

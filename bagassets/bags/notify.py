@@ -8,6 +8,9 @@ from typing import Self
 
 __all__ = ["Notifications"]
 
+# How soon the first answer comes, changes or none: from then on nothing is missed.
+_FIRST_MS = 500
+
 
 class Notifications:
     """Calls `wake` soon after anything changed below a folder, from a thread of its own.
@@ -67,8 +70,14 @@ class Notifications:
                 stop_event=stop,
                 raise_interrupt=False,
                 ignore_permission_denied=True,
+                rust_timeout=_FIRST_MS,
+                yield_on_timeout=True,
             )
-            for _ in changes:
-                self._wake()
+            established = False
+            for found in changes:
+                # What came between the last look and the first notification is told by nobody: look once more.
+                if found or not established:
+                    self._wake()
+                established = True
         except (OSError, RuntimeError) as err:  # the latter from watchfiles, also for too many watches
             self._failed(str(err))
