@@ -23,6 +23,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from hashlib import blake2b
 from pathlib import Path
 from typing import Any
 
@@ -132,13 +133,13 @@ class Bench:
     def change_content(self) -> None:
         """Change every image and every lidar packet of one recording, as another drive would."""
         self.change += 1
-        mark = self.change.to_bytes(2, "little")
+        mark = blake2b(str(self.change).encode()).digest()
         rewrite(self.bag(), lambda topic, data: patched(data, mark) if is_bulk(topic) else data)
 
     def change_camera(self) -> None:
         """Change the images of one camera in one recording."""
         self.change += 1
-        mark = self.change.to_bytes(2, "little")
+        mark = blake2b(str(self.change).encode()).digest()
         rewrite(self.bag(), lambda topic, data: patched(data, mark) if topic == CAMERA else data)
 
     def change_metadata(self) -> None:
@@ -156,7 +157,7 @@ def is_bulk(topic: str) -> bool:
 
 
 def patched(data: bytes, mark: bytes) -> bytes:
-    """Put two bytes amid a message: in a pixel, or in a distance; another mark is another content."""
+    """Put some bytes amid a message: in pixels, or in distances. A pixel alone may make no other JPEG."""
     middle = len(data) // 2
     return data[:middle] + mark + data[middle + len(mark) :]
 
