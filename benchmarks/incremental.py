@@ -157,9 +157,12 @@ def is_bulk(topic: str) -> bool:
 
 
 def patched(data: bytes, mark: bytes) -> bytes:
-    """Put some bytes amid a message: in pixels, or in distances. A pixel alone may make no other JPEG."""
-    middle = len(data) // 2
-    return data[:middle] + mark + data[middle + len(mark) :]
+    """Put some bytes amid a message: in pixels, or in distances; a pixel alone may make no other JPEG.
+
+    An image is hit half a row (of 1920 pixels) beyond its middle, which is an edge: undistortion drops those.
+    """
+    place = len(data) // 2 + (900 if len(data) > 1_000_000 else 0)
+    return data[:place] + mark + data[place + len(mark) :]
 
 
 def count_files(folder: Path) -> int:
