@@ -19,9 +19,8 @@ from bagassets.bags.model import RawMessage, Recording
 from bagassets.decode.compressed_image import decode_compressed_image
 from bagassets.decode.image import decode_image
 from bagassets.decode.model import ImageReading
-from bagassets.decode.registry import decoder_params, plugin_decoder
+from bagassets.decode.registry import plugin_decoder
 from bagassets.errors import BagAssetsError, DecodeError, LossLimitError
-from bagassets.plugins import installed_decoders
 from bagassets.recipe.model import CameraChannel, Limits
 from bagassets.recipe.model_base import Clock
 from bagassets.steps.channel import Counts, Request
@@ -31,6 +30,7 @@ from bagassets.steps.image_output import (
     raw_pixels,
     require_calibration,
 )
+from bagassets.steps.topic_types import require_type
 from bagassets.store.action import Step
 from bagassets.store.artifact import ArtifactWriter, FileEntry
 from bagassets.trace import span
@@ -81,12 +81,7 @@ def request(
         PluginError: several decoder plug-ins claim its type.
     """
     topic = inventory.topic(channel.topic)
-    plugin = decoder_params("image", topic.msgtype)
-    if topic.msgtype not in _DECODERS and not plugin:
-        raise DecodeError(
-            f"{name}: {channel.topic} carries {topic.msgtype}, a camera needs Image or CompressedImage; "
-            f"{installed_decoders().advice('image', topic.msgtype)}"
-        )
+    plugin = require_type(name, channel.topic, topic.msgtype, "image")
     params: dict[str, Any] = channel.model_dump(
         mode="json", include={"topic", "output", "quality", "undistort", "target", "to_8bit"}
     )

@@ -4,13 +4,12 @@ Files: `<stamp_ns>.pcd.bin` or `<stamp_ns>.pcd`, `index.parquet`, `channel.json`
 """
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Literal
 
 from bagassets.bags.inventory import Inventory, TopicRecord
 from bagassets.bags.model import RawMessage, Recording
 from bagassets.decode.clouds import CLOUD_DECODERS
 from bagassets.decode.fields import stamp_ns
-from bagassets.decode.registry import decoder_params
 from bagassets.errors import CalibrationError, DecodeError, LossLimitError, PoseError, RecipeError
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.recipe.model import LidarChannel, Limits, RadarChannel
@@ -19,6 +18,7 @@ from bagassets.steps.channel import Request
 from bagassets.steps.lidar_sweeps import NO_STAMP, CloudSweeps, LidarWriter, PacketSweeps
 from bagassets.steps.radar_sweeps import RadarSweeps
 from bagassets.steps.sweep_files import SweepFiles
+from bagassets.steps.topic_types import require_type
 from bagassets.store.action import Step
 from bagassets.store.artifact import ArtifactWriter
 
@@ -56,6 +56,7 @@ def request(
     Raises:
         RecipeError: the recipe says something about packets, but the topic carries clouds; or about
             azimuths, but a plug-in decodes them.
+        DecodeError: the topic carries something else.
         PluginError: several decoder plug-ins claim its type.
         CalibrationError: the channel is to be deskewed, but its extrinsics are not known.
         PoseError: the channel is to be deskewed, but there are no ego poses.
@@ -69,7 +70,8 @@ def request(
         "clock": clock,
         "lost_messages": limits.lost_messages,
     }
-    plugin = decoder_params("radar" if isinstance(channel, RadarChannel) else "cloud", topic.msgtype)
+    family: Literal["radar", "cloud"] = "radar" if isinstance(channel, RadarChannel) else "cloud"
+    plugin = require_type(name, channel.topic, topic.msgtype, family)
     params |= plugin
     if isinstance(channel, RadarChannel):
         if plugin and channel.azimuth_positive is not None:

@@ -1,0 +1,62 @@
+"""A topic of the wrong type is told when a channel is asked for, not as messages that were lost."""
+
+import pytest
+
+from bagassets.errors import DecodeError
+from bagassets.recipe.model import CameraChannel, Limits, RadarChannel
+from bagassets.steps import frames
+from bagassets_tests.sweep_run import inventory, lidar, request
+
+EXPECTED = {
+    "camera": "expected sensor_msgs/Image or CompressedImage; ",
+    "lidar": "expected sensor_msgs/PointCloud2, LaserScan, or Velodyne packets",
+    "radar": "expected sensor_msgs/PointCloud2 or the targets of a radar",
+}
+NAMES = {"camera": "CAM_FRONT", "lidar": "LIDAR_TOP", "radar": "RADAR_FRONT"}
+
+
+def ask(modality, msgtype):
+    if modality == "camera":
+        channel = CameraChannel(topic="/sensor", undistort=False)
+        return frames.request("CAM_FRONT", channel, "header", Limits(), inventory(msgtype), camera=None)
+    return request(lidar() if modality == "lidar" else RadarChannel(topic="/sensor"), msgtype)
+
+
+@pytest.mark.parametrize(
+    ("modality", "msgtype"),
+    [
+        ("camera", "sensor_msgs/msg/PointCloud2"),
+        ("camera", "velodyne_msgs/msg/VelodyneScan"),
+        ("lidar", "sensor_msgs/msg/Image"),
+        ("lidar", "sensor_msgs/msg/CompressedImage"),
+        ("lidar", "nav_msgs/msg/OccupancyGrid"),
+        ("lidar", "std_msgs/msg/String"),
+        ("radar", "sensor_msgs/msg/Image"),
+        ("radar", "sensor_msgs/msg/LaserScan"),
+        ("radar", "nav_msgs/msg/Odometry"),
+        ("radar", "tf2_msgs/msg/TFMessage"),
+    ],
+)
+def test_a_topic_of_the_wrong_type_is_refused_by_name(modality, msgtype):
+    with pytest.raises(DecodeError) as caught:
+        ask(modality, msgtype)
+    text = str(caught.value)
+    assert text.startswith(f"{NAMES[modality]} (/sensor): carries {msgtype}, {EXPECTED[modality]}")
+    assert "correct the topic in the recipe" in text
+
+
+@pytest.mark.parametrize(
+    ("modality", "msgtype"),
+    [
+        ("camera", "sensor_msgs/msg/CompressedImage"),
+        ("lidar", "sensor_msgs/msg/LaserScan"),
+        ("lidar", "velodyne_msgs/msg/VelodyneScan"),
+        ("lidar", "acme_msgs/msg/LidarFrame"),
+        ("lidar", "std_msgs/msg/UInt8MultiArray"),
+        ("radar", "radar_msgs/msg/RadarScan"),
+        ("radar", "acme_msgs/msg/Tracks"),
+        ("radar", "sensor_msgs/msg/PointCloud"),
+    ],
+)
+def test_types_that_may_hold_what_is_needed_are_taken(modality, msgtype):
+    assert ask(modality, msgtype).params["msgtype"] == msgtype
