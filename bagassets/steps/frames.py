@@ -37,7 +37,7 @@ from bagassets.trace import span
 
 __all__ = ["STEP", "FrameExtractor", "request"]
 
-STEP = Step("frames", 2, ("opencv-python-headless", "pyarrow"))
+STEP = Step("frames", 3, ("opencv-python-headless", "pyarrow"))
 
 _SCHEMA = pa.schema(
     {
@@ -160,6 +160,9 @@ class FrameExtractor:
         except DecodeError as err:
             self._fail(err)
             return
+        if not reading.stamp_ns and self._params["clock"] == "header":
+            self._fail(DecodeError("its header stamp is zero; set `clock: log` in the recipe"), "zero stamp")
+            return
         stamp_us = reading.stamp_ns // 1000
         if stamp_us in self._stamps_us:
             self._counts.lose("duplicate stamp")
@@ -208,8 +211,6 @@ class FrameExtractor:
         reading = self._decoder(self._recording.decode(message))
         if self._params["clock"] == "log":
             return replace(reading, stamp_ns=message.log_time_ns)
-        if not reading.stamp_ns and self._counts.read > 1:
-            raise DecodeError("its header stamp is zero; set `clock: log` in the recipe")
         return reading
 
     def _collect(self) -> None:
@@ -253,10 +254,10 @@ class FrameExtractor:
         while self._in_flight:
             self._in_flight.popleft()[2].cancel()
 
-    def _fail(self, err: DecodeError) -> None:
+    def _fail(self, err: DecodeError, reason: str | None = None) -> None:
         self._failed += 1
         self._first_error = self._first_error or str(err)
-        self._counts.lose(str(err))
+        self._counts.lose(reason or str(err))
 
     def _grey_range(self) -> tuple[float, float] | None:
         """Return the grey values that become 0 and 255: fixed, or percentiles over the recording."""

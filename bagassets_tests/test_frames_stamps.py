@@ -1,0 +1,57 @@
+"""Images whose header has no stamp: never a file of the year 1970, whichever of them comes first."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from bagassets.bags.model import RawMessage
+from bagassets.errors import LossLimitError
+from bagassets.steps.frames import FrameExtractor
+from bagassets.store.artifact import ArtifactWriter
+
+IMAGE = "sensor_msgs/msg/Image"
+
+
+class Photos:
+    """A recording whose messages tell the seconds of their stamps."""
+
+    def decode(self, message):
+        stamp = SimpleNamespace(sec=int(message.data), nanosec=0)
+        header = SimpleNamespace(stamp=stamp, frame_id="cam")
+        return SimpleNamespace(
+            header=header, height=4, width=6, encoding="mono8", is_bigendian=0, step=6, data=np.zeros(24, np.uint8)
+        )  # fmt: skip
+
+
+def extractor(folder, *seconds, clock="header", lost_messages=1.0):
+    params = {
+        "channel": "CAM", "topic": "/cam", "msgtype": IMAGE, "output": "jpeg", "undistort": False, "target": None,
+        "to_8bit": None, "camera": None, "clock": clock, "lost_messages": lost_messages,
+    }  # fmt: skip
+    made = FrameExtractor(params, Photos(), ArtifactWriter(folder / "a"))
+    for number, stamp_s in enumerate(seconds, 7):
+        made.add(RawMessage("/cam", IMAGE, number * 10**9, str(stamp_s).encode()))
+    return made
+
+
+@pytest.mark.parametrize("seconds", [(0,), (0, 0, 0), (0, 5, 6), (5, 0, 6)])
+def test_an_image_without_stamp_is_lost_wherever_it_comes(tmp_path, seconds):
+    counts = extractor(tmp_path, *seconds).finish()["counts"]
+    written = len(seconds) - seconds.count(0)
+    assert (counts["written"], counts["lost"]) == (written, {"zero stamp": seconds.count(0)})
+    assert not (tmp_path / "a" / "files" / "0.jpg").exists()
+
+
+def test_a_camera_without_stamps_asks_for_the_log_clock(tmp_path):
+    made = extractor(tmp_path, 0, lost_messages=0.5)
+    with pytest.raises(
+        LossLimitError, match="lost 1 of 1 messages; the first: its header stamp is zero; set `clock: log`"
+    ):
+        made.finish()
+
+
+def test_with_the_log_clock_stamps_do_not_matter(tmp_path):
+    counts = extractor(tmp_path, 0, 0, clock="log").finish()["counts"]
+    assert (counts["written"], counts["lost"]) == (2, {})
+    assert (tmp_path / "a" / "files" / "7000000000.jpg").exists()
