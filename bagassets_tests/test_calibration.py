@@ -94,6 +94,21 @@ class TestExtrinsics:
         assert made.channels["CAM_FRONT"]["source"] == "tf_static"
         assert made.summary["notes"] == []
 
+    def test_transforms_that_cannot_be_decoded_are_named_where_a_frame_is_missing(self, tmp_path):
+        damaged = ("/tf_static", TFMESSAGE, T0, DecodeError("it is cut off"))
+        nonsense = ("/tf", TFMESSAGE, T0, tf(transform(0, "", "cam", CAM)))
+        with pytest.raises(CalibrationError) as caught:
+            Calibrated(tmp_path, rig({}), damaged, nonsense, IMAGES, LENS)
+        text = str(caught.value)
+        assert "no frames are known at all" in text
+        assert "could not be decoded in /tf (it lacks a frame id), /tf_static (it is cut off)," in text
+        assert text.endswith("or give its extrinsics there.")
+
+    def test_whole_transforms_are_not_blamed_for_a_missing_frame(self, tmp_path):
+        with pytest.raises(CalibrationError) as caught:
+            Calibrated(tmp_path, rig({}, ego_frame="base"), STATIC, IMAGES, LENS)
+        assert "decoded" not in str(caught.value)
+
     def test_from_fixed_joints_in_tf(self, tmp_path):
         """As robot_state_publisher of ROS 1 sends them, among edges that move."""
         entries = [

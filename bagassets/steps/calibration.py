@@ -122,8 +122,18 @@ def _extrinsics(
         ego_SE3_sensor, sources = frames.fixed(ego_frame, frame)
     except CalibrationError as err:
         raise CalibrationError(
-            f"{name} ({fields['topic']}): {err}. Correct ego_frame or the channel's frame in the recipe, "
-            "or give its extrinsics there."
+            f"{name} ({fields['topic']}): {err}. {_damage(frames)}Correct ego_frame or the channel's frame in the "
+            "recipe, or give its extrinsics there."
         ) from err
     notes += [f"{name}: {note}." for note in frames.disagreements(ego_frame, frame)]
     return ego_SE3_sensor, "+".join(sources)
+
+
+def _damage(frames: RigFrames) -> str:
+    """Return what of the transforms could not be decoded, as that may be what is missing; else nothing."""
+    topics = [f"{topic} ({reason})" for topic, reason in sorted(frames.troubles.items())]
+    return (
+        f"Transforms could not be decoded in {', '.join(topics)}, so frames may be missing. "
+        if topics
+        else ""
+    )

@@ -33,16 +33,18 @@ class RigFrames:
 
     Attributes:
         counts: transforms read and lost, in the topics that were read.
+        troubles: topic -> why something in it could not be decoded, of the topics that were read.
     """
 
     def __init__(
         self, recording: Recording, tf_static: Collection[str], tf: Collection[str], urdf: Sequence[Edge]
     ) -> None:
         self.counts = Counts()
+        self.troubles: dict[str, str] = {}
         self._recording = recording
         self._tf = tf
         self._layers: list[list[Edge]] = [
-            read_transforms(recording, tf_static, "tf_static", self.counts),
+            read_transforms(recording, tf_static, "tf_static", self.counts, troubles=self.troubles),
             list(urdf),
         ]
         self._tree = TfTree(*self._layers)
@@ -60,7 +62,8 @@ class RigFrames:
             if self._tf_is_read:
                 raise
         self._tf_is_read = True
-        self._layers.append(read_transforms(self._recording, self._tf, "tf", self.counts))
+        moving = read_transforms(self._recording, self._tf, "tf", self.counts, troubles=self.troubles)
+        self._layers.append(moving)
         self._tree = TfTree(*self._layers)
         return self._tree.fixed(dst, src)
 

@@ -19,6 +19,7 @@ def read_transforms(
     counts: Counts | None = None,
     *,
     clock: Clock = "header",
+    troubles: dict[str, str] | None = None,
 ) -> list[Edge]:
     """Return the edges in `topics`.
 
@@ -28,15 +29,18 @@ def read_transforms(
         source: what to call them.
         counts: takes the number of transforms read and lost.
         clock: which time of a transform counts; that of its header, or when its message was logged.
+        troubles: takes, of each topic with something that could not be decoded, the first reason.
     """
     log = TransformLog(source)
     counts = counts if counts is not None else Counts()
+    troubles = troubles if troubles is not None else {}
     for message in recording.messages(topics):
         try:
             stamped = transforms(recording.decode(message))
         except DecodeError as err:
             counts.read += 1
             counts.lose(str(err))
+            troubles.setdefault(message.topic, str(err))
             continue
         for transform in stamped:
             counts.read += 1
@@ -44,6 +48,7 @@ def read_transforms(
                 reading = decode_transform(transform)
             except DecodeError as err:
                 counts.lose(str(err))
+                troubles.setdefault(message.topic, str(err))
                 continue
             stamp_ns = reading.stamp_ns if clock == "header" else message.log_time_ns
             log.add(reading.parent, reading.child, stamp_ns, reading.parent_SE3_child)
