@@ -20,8 +20,10 @@ from bagassets.quality.dataset_rows import DatasetRows, read_dataset
 from bagassets.quality.devkit_rules import devkit_ready
 from bagassets.quality.file_rules import files_match
 from bagassets.quality.pose_rules import poses_cover_sensors
+from bagassets.quality.scene_rules import scenes_made
 from bagassets.quality.topic_rules import channels_present, stamps_monotonic, topic_rates
 from bagassets.recipe.model import NuScenes, Rig
+from bagassets.recipe.model_annotations import AnnotationTopic
 from bagassets.recipe.model_checks import (
     BoxesCheck,
     CalibrationCheck,
@@ -93,6 +95,12 @@ class TestTopics:
         finding = channels_present(RIG, recording, ChannelsCheck(optional=("CAM_FRONT",)))
         assert finding.passed
         assert finding.facts["absent"] == ["CAM_FRONT"]
+
+    def test_a_topic_of_boxes_that_is_missing_is_named(self):
+        rig = RIG.model_copy(update={"annotations": (AnnotationTopic(topic="/boxes"),)})
+        assert channels_present(rig, inventory(), ChannelsCheck()).problems == [
+            "annotations: topic /boxes is not in the recording"
+        ]
 
     def test_rates_out_of_limits_are_named(self):
         slow = TopicsCheck.model_validate({"limits": {"/cam": {"min_hz": 20}, "/odom": {"max_hz": 5}}})
@@ -535,3 +543,30 @@ class TestDevkit:
             finally:
                 (root / name).unlink()
                 (root / name).write_bytes(before)
+
+
+class TestScenes:
+    @pytest.mark.parametrize(
+        ("counts", "reason"),
+        [
+            ({"refused_keyframes": 4}, "4 keyframes lack a channel within scenes.tolerance_s"),
+            ({"remainder_s": 0.5}, "its 0.5 s are shorter than scenes.min_length_s"),
+            ({"channels": {"LIDAR_TOP": {"without_pose": 3}}}, "the readings of LIDAR_TOP have no ego pose"),
+            ({}, "LIDAR_TOP has too few readings"),
+        ],
+    )
+    def test_a_recording_without_scene_is_told_why(self, counts, reason):
+        none = {
+            "scenes": 0,
+            "samples": 0,
+            "remainder_s": 0.0,
+            "refused_keyframes": 0,
+            "channels": {"LIDAR_TOP": {}},
+        }
+        (problem,) = scenes_made({"reference": "LIDAR_TOP", "counts": none | counts}).problems
+        assert problem.startswith("it gives no scene: ")
+        assert reason in problem
+
+    def test_one_with_a_scene_passes(self):
+        counts = {"scenes": 1, "samples": 4, "remainder_s": 0.2, "refused_keyframes": 1, "channels": {}}
+        assert scenes_made({"reference": "LIDAR_TOP", "counts": counts}).passed

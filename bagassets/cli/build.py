@@ -52,6 +52,8 @@ Exit status:
 @click.option("--jobs", "-j", type=click.IntRange(min=1), default=os.cpu_count() or 1,
               show_default="processors", help="Recordings worked on at the same time; at most two per processor.")  # fmt: skip
 @click.option("--retry-failed", is_flag=True, help="Try again what failed before on the same input.")
+@click.option("--allow-empty", is_flag=True,
+              help="Believe a bag root without any recording where there were some; the dataset becomes empty.")  # fmt: skip
 @click.option("--dry-run", "-n", is_flag=True, help="Tell what would run, and why; run nothing.")
 @click.option("--check", is_flag=True, help="Run nothing; exit with 0 if all is fresh, 3 if not (for CI).")
 @click.option("--trace", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE",
@@ -63,6 +65,7 @@ def build(
     select: tuple[str, ...],
     jobs: int,
     retry_failed: bool,
+    allow_empty: bool,
     dry_run: bool,
     check: bool,
     trace: Path | None,
@@ -77,7 +80,7 @@ def build(
     from bagassets.engine.choose import SelectionError  # noqa: PLC0415
 
     recipe = recipe.absolute()
-    options = BuildOptions(_sensible(jobs), retry_failed, bags, select)
+    options = BuildOptions(_sensible(jobs), retry_failed, bags, select, allow_empty)
     try:
         if dry_run or check:
             sys.exit(_look(recipe, options, check=check, as_json=as_json))

@@ -39,6 +39,9 @@ def demo(ctx: click.Context, folder: Path, seconds: float) -> None:
     from bagassets.sample.recipe import sample_recipe  # noqa: PLC0415
 
     folder = folder.absolute()
+    recipe = folder / "recipe.yaml"
+    if recipe.exists() and load_recipe(recipe).nuscenes.version != "v1.0-demo":
+        raise click.UsageError(f"{folder} holds a project of its own; give the demo another folder.")
     recordings = folder / "recordings"
     missing = missing_drives(recordings)
     if missing:
@@ -50,7 +53,6 @@ def demo(ctx: click.Context, folder: Path, seconds: float) -> None:
         ) as names:
             for _ in names:
                 pass
-    recipe = folder / "recipe.yaml"
     if not recipe.exists():
         write_project(folder, sample_recipe(name="demo", version="v1.0-demo"))
     elif not all((folder / name).exists() for name in FILES):

@@ -19,7 +19,10 @@ __all__ = ["SummaryRow", "counts_line", "print_summary", "summary_rows", "ui_com
 # More rows than this are not read; those where something happened are shown then.
 MOST_ROWS = 60
 _WIDTH_OF_LOGS = 120
-_COLOURS = {"built": "green", "hit": "cyan", "failed": "bold red", "stopped": "yellow", "skipped": "dim"}
+_COLOURS = {"built": "green", "hit": "cyan", "failed": "bold red", "stopped": "yellow", "skipped": "dim",
+            "error": "bold red", "warn": "yellow"}  # fmt: skip
+# More findings of checks than this are only counted.
+_MOST_REMARKS = 12
 _NUMBERS = ("images", "sweeps", "poses", "boxes", "scenes", "keyframes")
 
 
@@ -95,8 +98,14 @@ def print_summary(
     for relative, reason in report.excluded.items():
         if not reason.startswith("not matched"):
             console.print(f"left out {relative}: {reason}", markup=False, soft_wrap=True)
+    for copy, first in report.duplicates.items():
+        console.print(
+            f"copy {copy}: the same content as {first}, which is in the dataset for both",
+            markup=False, soft_wrap=True,
+        )  # fmt: skip
     for key in report.removed:
         console.print(f"removed {key}", markup=False, soft_wrap=True)
+    _print_remarks(report, console)
     console.print(counts_line(report), markup=False, soft_wrap=True)
     _print_dataset(report, console)
     console.print(f"web UI:  {ui_command(recipe_file)}", markup=False, soft_wrap=True)
@@ -121,6 +130,17 @@ def _quoted(path: Path) -> str:
     import shlex  # noqa: PLC0415
 
     return shlex.quote(str(path))
+
+
+def _print_remarks(report: BuildReport, console: "Console") -> None:
+    """Print what checks found: errors first, and no more than fits a screen."""
+    told = sorted(report.remarks, key=lambda remark: remark.severity != "error")
+    for remark in told[:_MOST_REMARKS]:
+        console.print(f"[{_COLOURS[remark.severity]}]{remark.severity}[/] ", end="")
+        problem = f"{remark.key or 'dataset'}: {remark.problem} ({remark.check})"
+        console.print(problem, markup=False, soft_wrap=True)
+    if len(told) > _MOST_REMARKS:
+        console.print(f"{len(told) - _MOST_REMARKS} more findings; `bagassets check` lists all.")
 
 
 def _print_dataset(report: BuildReport, console: "Console") -> None:

@@ -13,6 +13,7 @@ import dagster as dg
 from bagassets.defs.dataset import record_inputs
 from bagassets.defs.partitions import add_partitions, remove_partition
 from bagassets.defs.planning import Planned
+from bagassets.defs.remarks import remarks
 from bagassets.defs.side_by_side import Ended, Listener, Runs
 from bagassets.defs.situation import Situation, opened, survey
 from bagassets.defs.snapshot import SnapshotWriter
@@ -20,8 +21,11 @@ from bagassets.defs.workspace import Workspace
 from bagassets.engine.build_report import BagOutcome, BuildOptions, BuildReport, Event
 from bagassets.engine.dataset_build import dataset_folders
 from bagassets.engine.plan_model import Plan, Recorded
+from bagassets.errors import RecordingError
 from bagassets.forkserver.client import Client
 from bagassets.forkserver.tasks import connect, server_spec
+from bagassets.nuscenes.dataset import read_lock
+from bagassets.recipe.model import Recipe
 from bagassets.recipe.project import dagster_home
 from bagassets.trace import span
 
@@ -40,6 +44,8 @@ def build(recipe_file: Path, options: BuildOptions, on_event: Listener) -> Build
         snapshot = SnapshotWriter(instance, workspace)
         before = now = survey(instance, workspace, options)
         report = BuildReport(before.plan, dataset_path=recipe.nuscenes.output)
+        if not options.allow_empty:
+            _refuse_empty(recipe, before.planned)
         report.removed = _register(instance, workspace, before.planned)
         if before.todo or (before.datasets and not before.dataset_is_current):
             home = str(dagster_home(recipe_file.absolute(), recipe))
@@ -59,18 +65,40 @@ def build(recipe_file: Path, options: BuildOptions, on_event: Listener) -> Build
                     record_inputs(instance, recipe, now.planned.inputs)
                     runs.work({"": before.datasets})
             report.interrupted = runs.interrupted
+            report.remarks = tuple(remarks(instance, {key: one.run_id for key, one in runs.ended.items()}))
             report.dataset, report.dataset_problem = _dataset_outcome(runs.ended.get(""))
             if report.succeeded and options.is_whole:
                 snapshot = SnapshotWriter(instance, workspace)
                 now = survey(instance, workspace)
+        lock = read_lock(recipe.nuscenes.output, recipe.nuscenes.version)
+        report.duplicates = {} if lock is None else lock["duplicates"]
         if not before.datasets:
             report.dataset = "not selected"
+        elif report.dataset == "fresh" and lock is None:
+            report.dataset = "not made"
+        elif report.dataset == "fresh" and report.interrupted:
+            report.dataset = "stopped"
         report.plan, report.excluded = now.plan, now.plan.excluded
-        _add_idle(report, now.plan, before.chosen)
+        _add_idle(report, now.plan, before.chosen, is_whole=options.is_whole)
         if options.is_whole and now.is_settled and not report.removed:
             snapshot.write(now.plan, list(dataset_folders(recipe).values()))
     report.seconds = time.monotonic() - started
     return report
+
+
+def _refuse_empty(recipe: Recipe, planned: Planned) -> None:
+    """Refuse to take an empty bag root for the truth where there were recordings: a disk may be missing.
+
+    Raises:
+        RecordingError: all recordings are gone at once.
+    """
+    gone = len(planned.plan.removed)
+    if gone and not planned.discovery.found:
+        recordings = "the recording that was" if gone == 1 else f"all {gone} recordings that were"
+        raise RecordingError(
+            f"{recipe.bags.root}: {recordings} here before cannot be found; is the disk mounted, and do "
+            "bags.include and bags.exclude mean this? If they are gone for good, use --allow-empty."
+        )
 
 
 def _register(instance: dg.DagsterInstance, workspace: Workspace, planned: Planned) -> tuple[str, ...]:
@@ -104,7 +132,7 @@ def _dataset_outcome(ended: Ended | None) -> tuple[str, str]:
     return ("updated", "") if ended.problem is None else ("failed", ended.problem)
 
 
-def _add_idle(report: BuildReport, plan: Plan, chosen: frozenset[str]) -> None:
+def _add_idle(report: BuildReport, plan: Plan, chosen: frozenset[str], *, is_whole: bool) -> None:
     """Add the recordings that had no run, and tell of those with one that they take no part."""
     for key, bag in plan.bags.items():
         ran = report.outcomes.get(key)
@@ -116,6 +144,9 @@ def _add_idle(report: BuildReport, plan: Plan, chosen: frozenset[str]) -> None:
             report.outcomes[key] = BagOutcome(
                 "failed", f"{bag.failed} (failed before; --retry-failed tries again)"
             )
-        elif ran is None:
+        elif ran is None and (bag.settled or not is_whole):
             report.outcomes[key] = BagOutcome("fresh")
+        elif ran is None:
+            waiting = next(one.reason for one in bag.assets.values() if one.state not in {"fresh", "skipped"})
+            report.outcomes[key] = BagOutcome("stopped", f"{waiting}; the next build carries on")
     report.outcomes = dict(sorted(report.outcomes.items()))

@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     # Not imported: the command line, which waits while the server works, would pay for all of it.
     from bagassets.engine.plan_model import Plan
 
-__all__ = ["BagOutcome", "BuildOptions", "BuildReport", "Event", "Result"]
+__all__ = ["BagOutcome", "BuildOptions", "BuildReport", "Event", "Remark", "Result"]
 
 Result = Literal["built", "hit", "fresh", "skipped", "failed", "stopped"]
 
@@ -23,12 +23,14 @@ class BuildOptions:
         retry_failed: try again what failed before on the same input.
         bags: keys, globs or paths of the recordings to look at; none = all.
         select: assets to bring up to date, with what they read; none = all.
+        allow_empty: believe a bag root without any recording, where there were some before.
     """
 
     jobs: int = 1
     retry_failed: bool = False
     bags: tuple[str, ...] = ()
     select: tuple[str, ...] = ()
+    allow_empty: bool = False
 
     @property
     def is_whole(self) -> bool:
@@ -42,7 +44,13 @@ class BuildOptions:
     @classmethod
     def from_json(cls, value: dict[str, Any]) -> Self:
         """Return what `as_json` gave."""
-        return cls(value["jobs"], value["retry_failed"], tuple(value["bags"]), tuple(value["select"]))
+        return cls(
+            value["jobs"],
+            value["retry_failed"],
+            tuple(value["bags"]),
+            tuple(value["select"]),
+            value["allow_empty"],
+        )
 
 
 @dataclass(frozen=True)
@@ -83,6 +91,27 @@ class BagOutcome:
     seconds: float = 0.0
 
 
+@dataclass(frozen=True)
+class Remark:
+    """What a check said of a recording that was built.
+
+    Attributes:
+        key: partition key; empty for the dataset.
+        severity: `error` or `warn`.
+        check: name of the check.
+        problem: what it found first, in words.
+    """
+
+    key: str
+    severity: str
+    check: str
+    problem: str
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the remark as JSON."""
+        return asdict(self)
+
+
 @dataclass
 class BuildReport:
     """What a build came to.
@@ -92,7 +121,9 @@ class BuildReport:
         outcomes: recording -> what happened to it.
         excluded: path below the bag root -> why it is no recording of the recipe's.
         removed: recordings that were gone.
-        dataset: `updated`, `fresh`, `failed`, `stopped`, or `not selected`.
+        remarks: what checks found in what was built now.
+        duplicates: recording -> another one with the same content, which stands for it in the dataset.
+        dataset: `updated`, `fresh`, `failed`, `stopped`, `not made`, or `not selected`.
         dataset_problem: why the dataset could not be made.
         dataset_path: its dataroot.
         interrupted: somebody stopped the build.
@@ -103,6 +134,8 @@ class BuildReport:
     outcomes: dict[str, BagOutcome] = field(default_factory=dict)
     excluded: Mapping[str, str] = field(default_factory=dict)
     removed: tuple[str, ...] = ()
+    remarks: tuple[Remark, ...] = ()
+    duplicates: Mapping[str, str] = field(default_factory=dict)
     dataset: str = "fresh"
     dataset_problem: str = ""
     dataset_path: Path = Path()
@@ -137,6 +170,8 @@ class BuildReport:
             "counts": self.counts(),
             "excluded": dict(self.excluded),
             "removed": list(self.removed),
+            "remarks": [remark.as_json() for remark in self.remarks],
+            "duplicates": dict(self.duplicates),
             "dataset": {
                 "state": self.dataset,
                 "path": str(self.dataset_path),
@@ -156,6 +191,8 @@ class BuildReport:
             },
             excluded=value["excluded"],
             removed=tuple(value["removed"]),
+            remarks=tuple(Remark(**remark) for remark in value["remarks"]),
+            duplicates=value["duplicates"],
             dataset=value["dataset"]["state"],
             dataset_problem=value["dataset"]["problem"],
             dataset_path=Path(value["dataset"]["path"]),

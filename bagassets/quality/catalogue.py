@@ -15,6 +15,7 @@ from bagassets.quality.evidence import Evidence
 from bagassets.quality.file_rules import files_match
 from bagassets.quality.finding import Finding
 from bagassets.quality.pose_rules import poses_cover_sensors
+from bagassets.quality.scene_rules import scenes_made
 from bagassets.quality.topic_rules import channels_present, stamps_monotonic, topic_rates
 from bagassets.recipe.model_checks import Checks, Severity
 
@@ -106,6 +107,13 @@ RECORDING_CHECKS = (
         "channels_present",
         "Every message read was written, merged or counted as lost, and every lidar and radar has files.",
         lambda e: channels_complete(e.channels("sweeps"), e.checks.channels_present),
+    ),
+    RecordingCheck(
+        "scenes_made",
+        "nuscenes_tables",
+        "scenes_made",
+        "The recording gives at least one scene.",
+        lambda e: scenes_made(e.table_facts),
     ),
     RecordingCheck(
         "poses_cover_sensors",

@@ -66,6 +66,12 @@ class Evidence:
         return {name: artifact.read_json(f"{name}.json") for name in RECORDING_TABLES}
 
     @cached_property
+    def table_facts(self) -> dict[str, Any]:
+        """Content of `facts.json` beside the tables."""
+        facts: dict[str, Any] = self._current("nuscenes_tables").read_json("facts.json")
+        return facts
+
+    @cached_property
     def files(self) -> list[dict[str, str]]:
         """Content of `files.json`."""
         files: list[dict[str, str]] = self._current("nuscenes_tables").read_json("files.json")

@@ -37,6 +37,11 @@ def channels_present(rig: Rig, inventory: Inventory, check: ChannelsCheck) -> Fi
         else:
             reason = f"cannot be read: {record.problem}"
         problems.append(f"{name}: topic {channel.topic} {reason}")
+    problems += [
+        f"annotations: topic {source.topic} is not in the recording"
+        for source in rig.annotations
+        if source.topic not in inventory.topics
+    ]
     return Finding(problems, {"channels": len(rig.channels), "absent": absent})
 
 

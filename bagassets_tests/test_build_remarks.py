@@ -1,0 +1,74 @@
+"""What a build tells besides its table: findings of checks, copies, recordings that are all gone."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+
+import pytest
+
+from bagassets_tests.small_drive import RECIPE, write_drive
+
+pytestmark = pytest.mark.xdist_group("build_remarks")
+
+
+def run(folder, *args):
+    return subprocess.run(
+        [sys.executable, "-m", "bagassets", "build", "--recipe", str(folder / "recipe.yaml"), *args],
+        capture_output=True, text=True, timeout=240, check=False, env={**os.environ, "COLUMNS": "200"},
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def project(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("remarks")
+    write_drive(folder / "bags" / "a.bag", "ros1")
+    shutil.copy(folder / "bags" / "a.bag", folder / "bags" / "copy.bag")
+    write_drive(folder / "bags" / "short.mcap", "mcap", duration_s=0.6)
+    text = RECIPE.format(name="remarks", root="bags")
+    text = text.replace("    channels:", "    annotations: [{topic: /boxes}]\n    channels:")
+    text += "      RADAR_FRONT: {modality: radar, topic: /radr}\n"
+    (folder / "recipe.yaml").write_text(text)
+    return folder, run(folder)
+
+
+def test_what_checks_find_in_what_was_built_is_told(project):
+    _, done = project
+    assert done.returncode == 0, done.stdout + done.stderr
+    told = done.stdout
+    assert "error a.bag: RADAR_FRONT: topic /radr is not in the recording" in told
+    assert "(and 1 more)" in told
+    assert "warn short.mcap: it gives no scene: " in told
+    assert "scenes.min_length_s" in told
+
+
+def test_a_copy_is_told(project):
+    _, done = project
+    assert "copy copy.bag: the same content as a.bag, which is in the dataset for both" in done.stdout
+
+
+def test_all_recordings_gone_at_once_is_a_question_not_a_fact(project):
+    folder, _ = project
+    (folder / "bags").rename(folder / "elsewhere")
+    (folder / "bags").mkdir()
+    scenes = folder / "dataset" / "nuscenes" / "v1.0-test" / "scene.json"
+    before = scenes.read_bytes()
+    refused = run(folder)
+    assert refused.returncode == 1
+    assert "all 3 recordings that were here before cannot be found; is the disk mounted" in refused.stderr
+    assert scenes.read_bytes() == before
+    told = json.loads(run(folder, "--allow-empty", "--json").stdout)
+    assert told["removed"] == ["a.bag", "copy.bag", "short.mcap"]
+    assert json.loads(scenes.read_bytes()) == []
+
+
+def test_a_dataset_that_was_never_made_is_not_up_to_date(tmp_path):
+    write_drive(tmp_path / "bags" / "a.bag", "ros1", duration_s=1.0)
+    (tmp_path / "recipe.yaml").write_text(
+        RECIPE.format(name="odom", root="bags").replace("/odom}", "/odomm}")
+    )
+    done = run(tmp_path)
+    assert done.returncode == 1
+    assert "dataset: " in done.stdout
+    assert "(not made)" in done.stdout
