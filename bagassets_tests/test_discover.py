@@ -106,21 +106,63 @@ def test_links_are_followed_but_not_in_circles(tmp_path):
     assert relatives(tmp_path) == ["again/a.bag", "b.bag", "real/a.bag"]
 
 
-def test_an_unreadable_folder_must_be_excluded_by_name(tmp_path, monkeypatch):
-    touch(tmp_path, "a.bag", "private/b.bag")
-    scandir = os.scandir  # chmod would not stop tests that run as root
+def forbid(monkeypatch, folder):
+    """Make a folder unreadable; chmod would not stop tests that run as root."""
+    scandir = os.scandir
 
     def guarded(path):
-        if str(path).endswith("private"):
+        if Path(path) == folder:
             raise PermissionError(13, "Permission denied", str(path))
         return scandir(path)
 
     monkeypatch.setattr(os, "scandir", guarded)
-    with pytest.raises(RecordingError, match=r"private: cannot be read \(Permission denied\)"):
-        discover(Bags(root=tmp_path))
+
+
+def test_an_unreadable_folder_is_left_out_with_a_reason(tmp_path, monkeypatch):
+    touch(tmp_path, "a.bag", "private/b.bag", "z/c.bag")
+    forbid(monkeypatch, tmp_path / "private")
+    discovery = discover(Bags(root=tmp_path))
+    assert list(discovery.found) == ["a.bag", "z__c.bag"]
+    reason = "cannot be read: permissions; correct that, or name it in bags.exclude"
+    assert discovery.excluded == [("private", reason)]
+    assert discovery.unreadable == {"private": f"{tmp_path / 'private'}: {reason}."}
+
+
+def test_an_unreadable_folder_may_be_excluded_by_name(tmp_path, monkeypatch):
+    touch(tmp_path, "a.bag", "private/b.bag")
+    forbid(monkeypatch, tmp_path / "private")
     discovery = discover(Bags(root=tmp_path, exclude=("private/**",)))
     assert list(discovery.found) == ["a.bag"]
     assert discovery.excluded == [("private", "cannot be read, and excluded by bags.exclude (private/**)")]
+    assert discovery.unreadable == {}
+    assert discovery.removed(["private__b.bag"]) == ("private__b.bag",)
+
+
+def test_an_unreadable_root_is_refused(tmp_path, monkeypatch):
+    forbid(monkeypatch, tmp_path)
+    with pytest.raises(RecordingError, match=r"cannot be read: permissions; correct that or bags\.root"):
+        discover(Bags(root=tmp_path))
+
+
+@pytest.mark.parametrize("folder", ["private", "Tür 1/x", "東京", "_a_", "x" * 120, "a/metadata"])
+def test_recordings_in_an_unreadable_folder_are_not_removed(tmp_path, monkeypatch, folder):
+    names = ["b.bag", "sub/c.bag", "my drive.mcap", "京.db3"]
+    touch(tmp_path / folder, *names)
+    touch(tmp_path, "other/d.bag")
+    before = discover(Bags(root=tmp_path)).found
+    assert len(before) == 5
+    forbid(monkeypatch, tmp_path / folder)
+    discovery = discover(Bags(root=tmp_path))
+    assert list(discovery.found) == ["other__d.bag"]
+    assert discovery.unseen(before) == before.keys() - {"other__d.bag"}
+    assert discovery.removed([*before, "other__e.bag"]) == ("other__e.bag",)
+
+
+def test_a_bag_folder_that_cannot_be_read_is_not_removed(tmp_path, monkeypatch):
+    touch(tmp_path, "my d/metadata.yaml", "my d/d.mcap")
+    (key,) = discover(Bags(root=tmp_path)).found
+    forbid(monkeypatch, tmp_path / "my d")
+    assert discover(Bags(root=tmp_path)).unseen([key, "my-dog.bag"]) == {key}
 
 
 def test_a_name_that_is_no_utf8_is_reported(tmp_path):

@@ -1,6 +1,7 @@
 """The plan: what it remembers, what it tells, and which recordings and assets are meant."""
 
 import json
+import os
 import sqlite3
 from pathlib import Path
 
@@ -221,6 +222,29 @@ def test_a_recording_that_comes_back_is_a_hit(built, monkeypatch):
     report, _ = build(built, monkeypatch)
     assert report.outcomes["b.mcap"].result == "hit"
     assert report.dataset == "updated"
+
+
+def test_a_recording_in_a_folder_that_cannot_be_read_is_not_removed(built, monkeypatch):
+    folder = built.parent / "bags" / "day"
+    folder.mkdir()
+    (built.parent / "bags" / "b.mcap").rename(folder / "b.mcap")
+    build(built, monkeypatch)
+    scandir = os.scandir
+
+    def refuse(path):
+        if str(path) == str(folder):
+            raise PermissionError(13, "Permission denied", str(path))
+        return scandir(path)
+
+    monkeypatch.setattr(os, "scandir", refuse)
+    report, _ = build(built, monkeypatch)
+    assert report.removed == ()
+    assert report.outcomes[KEY].result == "fresh"
+    assert report.excluded["day"].startswith("cannot be read: permissions;")
+    monkeypatch.setattr(os, "scandir", scandir)
+    report, runs = build(built, monkeypatch)
+    assert report.outcomes["day__b.mcap"].result == "fresh"
+    assert [key for key, _ in runs if key] == []
 
 
 def test_a_plan_of_dagsters_empty_log_is_all_records(built, monkeypatch):

@@ -1,5 +1,6 @@
 """The sensor, look by look, in a real Dagster instance; and what it remembers in between."""
 
+import os
 import shutil
 from itertools import pairwise
 
@@ -258,6 +259,30 @@ def test_all_recordings_at_once_are_dropped_after_a_while_as_a_disk_may_come_bac
     assert project.live == {"a.bag", "b.mcap"}
     assert set(project.look(after_s=61)) == {""}
     assert project.live == frozenset()
+
+
+def test_recordings_in_a_folder_that_cannot_be_read_stay_and_others_go_on(project, monkeypatch):
+    write_drive(project.bags / "day" / "b.mcap", "mcap", duration_s=2.0)
+    project.bring_up_to_date()
+    scandir = os.scandir
+
+    def refuse(path):
+        if str(path).endswith("/day"):
+            raise PermissionError(13, "Permission denied", str(path))
+        return scandir(path)
+
+    monkeypatch.setattr(os, "scandir", refuse)
+    shutil.copy(project.bags / "a.bag", project.bags / "z.bag")
+    project.bring_up_to_date()
+    assert project.live == {"a.bag", "day__b.mcap", "z.bag"}
+    (project.bags / "a.bag").unlink()
+    (project.bags / "z.bag").unlink()
+    project.look(after_s=100)
+    project.look(after_s=100)
+    assert project.live == {"day__b.mcap"}
+    monkeypatch.undo()
+    project.bring_up_to_date()
+    assert project.live == {"day__b.mcap"}
 
 
 def test_the_last_recording_goes_at_once(project):

@@ -165,7 +165,7 @@ class TestCatchingUp:
         monkeypatch.setattr(os, "scandir", refuse)
         events = catch_up(root, index)
         assert events.hashed() == ["a.bag"]
-        assert "secret: cannot be read (Permission denied)" in events.of("problem")[0]
+        assert "secret: cannot be read: permissions" in events.of("problem")[0]
 
     def test_it_says_if_digests_can_be_stored_nowhere(self, root, monkeypatch):
         def refuse(*args):

@@ -5,6 +5,7 @@ import hashlib
 import os
 import re
 import unicodedata
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -36,31 +37,48 @@ class Discovery:
 
     Attributes:
         found: partition key -> recording, sorted by key.
-        excluded: path below the root and reason of each recording that the globs leave out.
-        unreadable: sentence for each folder or file that cannot be read, if that was to be told so.
+        excluded: path below the root and reason of each recording that is left out, and of each
+            folder that cannot be read.
+        unreadable: path below the root of each folder or file that cannot be read -> a sentence; not
+            of those that `bags.exclude` names.
     """
 
     found: dict[str, Found]
     excluded: list[tuple[str, str]]
-    unreadable: list[str] = field(default_factory=list)
+    unreadable: dict[str, str] = field(default_factory=dict)
+
+    def unseen(self, keys: Iterable[str]) -> frozenset[str]:
+        """Return those of `keys` that are not found, but may lie where nothing can be read.
+
+        A key does not tell its path exactly, so that this errs on the side of keeping one.
+        """
+        heads = tuple(_start_of_keys(f"{relative}/") for relative in self.unreadable)
+        same = {_key(relative) for relative in self.unreadable}
+        return frozenset(
+            key for key in keys if key not in self.found and (key in same or key.startswith(heads))
+        )
+
+    def removed(self, keys: Iterable[str]) -> tuple[str, ...]:
+        """Return, sorted, those of `keys` whose recordings are gone for sure."""
+        missing = [key for key in keys if key not in self.found]
+        return tuple(sorted(set(missing) - self.unseen(missing)))
 
 
-def discover(bags: Bags, *, skip_unreadable: bool = False) -> Discovery:
+def discover(bags: Bags) -> Discovery:
     """Return the recordings that the recipe's `bags` select.
 
-    Hidden files and those of unfinished copies (`.active`, `.part`, `.tmp`) are no recordings.
+    Hidden files and those of unfinished copies (`.active`, `.part`, `.tmp`) are no recordings. What
+    cannot be read below the root is left out; see `Discovery.unseen` before taking what it held for removed.
 
     Args:
         bags: where to look and what counts.
-        skip_unreadable: go on without folders that cannot be read; only for those who never take
-            a recording that is not found for a removed one.
 
     Raises:
-        RecordingError: the root is missing, or a folder below it cannot be read and is not excluded.
+        RecordingError: the root is missing or cannot be read.
     """
     if not bags.root.is_dir():
         raise RecordingError(f"{bags.root}: no such folder; correct bags.root in the recipe.")
-    walk = _Walk(bags, skip_unreadable)
+    walk = _Walk(bags)
     walk.folder(bags.root, "", ())
     found: dict[str, Found] = {}
     for recording in sorted(walk.found, key=lambda recording: recording.relative):
@@ -74,7 +92,9 @@ def discover(bags: Bags, *, skip_unreadable: bool = False) -> Discovery:
             )
         else:
             found[recording.key] = recording
-    return Discovery(dict(sorted(found.items())), sorted(walk.excluded), sorted(walk.unreadable))
+    return Discovery(
+        dict(sorted(found.items())), sorted(walk.excluded), dict(sorted(walk.unreadable.items()))
+    )
 
 
 def find_one(path: Path) -> Found:
@@ -114,10 +134,9 @@ class _Walk:
     """
 
     bags: Bags
-    skip_unreadable: bool = False
     found: list[Found] = field(default_factory=list)
     excluded: list[tuple[str, str]] = field(default_factory=list)
-    unreadable: list[str] = field(default_factory=list)
+    unreadable: dict[str, str] = field(default_factory=dict)
 
     def folder(self, path: Path | str, relative: str, ancestors: tuple[tuple[int, int], ...]) -> None:
         """Walk one folder; `ancestors` are device and inode of the folders it lies in."""
@@ -164,18 +183,19 @@ class _Walk:
             self.excluded.append((ascii(recording.relative)[1:-1], "its name is not UTF-8; rename it"))
 
     def _unreadable(self, relative: str, err: OSError) -> None:
-        """Refuse what cannot be read: taken for empty, its recordings would count as removed."""
+        """Leave out what cannot be read; the root itself must be readable."""
         for pattern in self.bags.exclude:
             if matches(pattern, relative) or matches(pattern, f"{relative}/"):
                 self.excluded.append((relative, f"cannot be read, and excluded by bags.exclude ({pattern})"))
                 return
-        sentence = (
-            f"{self.bags.root / relative}: cannot be read ({err.strerror}); correct its permissions or name it in "
-            "bags.exclude."
-        )
-        if not self.skip_unreadable:
-            raise RecordingError(sentence) from err
-        self.unreadable.append(sentence)
+        cause = "permissions" if isinstance(err, PermissionError) else err.strerror
+        if not relative:
+            raise RecordingError(
+                f"{self.bags.root}: cannot be read: {cause}; correct that or bags.root."
+            ) from err
+        reason = f"cannot be read: {cause}; correct that, or name it in bags.exclude"
+        self.excluded.append((ascii(relative)[1:-1] if not _decodable(relative) else relative, reason))
+        self.unreadable[relative] = f"{self.bags.root / relative}: {reason}."
 
 
 def _exclusion(bags: Bags, relative: str) -> str | None:
@@ -234,11 +254,20 @@ def _key(relative: str) -> str:
     plain = relative.replace("/", "__")
     if len(plain) <= _LONGEST_SLUG and _PLAIN.fullmatch(relative):
         return plain
-    folded = unicodedata.normalize("NFKD", plain).encode("ascii", "ignore").decode()
-    slug = re.sub(r"\.{2,}", ".", re.sub(r"[^A-Za-z0-9._-]+", "-", folded)).strip(".-") or "recording"
+    slug = _slug(plain) or "recording"
     parts = relative.split("/")
     ambiguous = "__" in relative or (len(parts) > 1 and any(part != part.strip("_") for part in parts))
     if slug == plain and not ambiguous and len(slug) <= _LONGEST_SLUG:
         return slug
     digest = hashlib.blake2s(relative.encode("utf-8", "surrogateescape"), digest_size=4).hexdigest()
     return f"{slug[:_LONGEST_SLUG].rstrip('.-')}-{digest}"
+
+
+def _slug(plain: str) -> str:
+    folded = unicodedata.normalize("NFKD", plain).encode("ascii", "ignore").decode()
+    return re.sub(r"\.{2,}", ".", re.sub(r"[^A-Za-z0-9._-]+", "-", folded)).strip(".-")
+
+
+def _start_of_keys(prefix: str) -> str:
+    """Return what the keys of all paths that start with `prefix`, which ends with a slash, start with."""
+    return _slug(prefix.replace("/", "__"))[:_LONGEST_SLUG].rstrip(".-")

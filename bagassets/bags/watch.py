@@ -163,8 +163,8 @@ class Watcher:
             seconds until another may be finished.
         """
         now_s, wall_s = time.monotonic(), time.time()
-        discovery = discover(self._bags, skip_unreadable=True)
-        for sentence in discovery.unreadable:
+        discovery = discover(self._bags)
+        for sentence in discovery.unreadable.values():
             self._tell_once(WatchEvent("problem", sentence))
         due: list[tuple[float, str, Found]] = []
         seen: dict[Path, _File] = {}

@@ -88,20 +88,21 @@ def _recordings(roots: tuple[Path, ...], bags: Any, errors: list[str]) -> Iterat
     for root in roots:
         try:
             if bags is not None:
-                below = discover(bags).found
+                discovery = discover(bags)
             elif root.is_dir() and not (root / "metadata.yaml").is_file():
-                below = discover(Bags(root=root.absolute())).found
+                discovery = discover(Bags(root=root.absolute()))
             else:
                 yield find_one(root)
                 continue
-            if not below:
+            errors += discovery.unreadable.values()
+            if not discovery.found and not discovery.unreadable:
                 raise RecordingError(
                     f"{root}: no recording found; expected .bag, .mcap or .db3 files, or ROS 2 bag folders."
                 )
         except BagAssetsError as err:
             errors.append(str(err))
             continue
-        yield from below.values()
+        yield from discovery.found.values()
 
 
 def _digested(found: "Found", index: "DigestIndex | None", *, rehash: bool) -> dict[str, Any]:

@@ -81,7 +81,10 @@ def _propose(project: Path, root: Path, look_at: int) -> str:
     from bagassets.recipe.model import Bags  # noqa: PLC0415
     from bagassets.recipe.propose import propose  # noqa: PLC0415
 
-    found = sorted(discover(Bags(root=root)).found.values(), key=lambda recording: recording.relative)
+    discovery = discover(Bags(root=root))
+    for sentence in discovery.unreadable.values():
+        click.echo(f"left out: {sentence}", err=True)
+    found = sorted(discovery.found.values(), key=lambda recording: recording.relative)
     if not found:
         raise RecipeError(
             f"{root}: no recording found; expected .bag, .mcap or .db3 files, or ROS 2 bag folders."

@@ -52,9 +52,11 @@ class Look:
         discovery = self._workspace.discover()
         stats = _stats(discovery)
         live = live_partitions(self._instance, recipe)
-        if self._is_disk_gone(live, frozenset(stats), now_s):
+        # What lies in a folder that cannot be read now is not gone.
+        there = frozenset(stats) | discovery.unseen(live)
+        if self._is_disk_gone(live, there, now_s):
             return []
-        live = self._drop_removed(live, frozenset(stats))
+        live = self._drop_removed(live, there)
         active = active_runs(self._instance, self._datasets)
         self._active = set(active.values())
         records = self._state_of_records()
@@ -64,6 +66,7 @@ class Look:
                 recipe.model_dump(mode="json"),
                 {key: stat.as_json() for key, stat in stats.items()},
                 {key: _beside(recipe, found) for key, found in discovery.found.items()},
+                discovery.unreadable,
                 sorted(live),
                 sorted(active),
             ]

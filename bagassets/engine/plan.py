@@ -74,8 +74,7 @@ def make_plan(
     for key, found in discovery.found.items():
         latest = {asset: records[key] for asset, records in recorded.items() if key in records}
         bags[key] = planner.plan(found, latest if key in registered else {})
-    removed = tuple(sorted(registered - discovery.found.keys()))
-    return Plan(bags, dict(discovery.excluded), removed)
+    return Plan(bags, dict(discovery.excluded), discovery.removed(registered))
 
 
 @dataclass

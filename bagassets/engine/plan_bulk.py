@@ -68,9 +68,8 @@ def plan_in_bulk(
             learned.append(Remembered(marks[key], plan, found_now))
     unsettled = [key for key in others if key in before and not bags[key].settled]
     memo.save(learned, [*unsettled, *(before.keys() - discovery.found.keys())])
-    removed = tuple(sorted(registered - discovery.found.keys()))
     ordered = {key: bags[key] for key in discovery.found}
-    return Plan(ordered, dict(discovery.excluded), removed), dict(recorded)
+    return Plan(ordered, dict(discovery.excluded), discovery.removed(registered)), dict(recorded)
 
 
 def _holds(store: Store, entry: Remembered) -> bool:

@@ -142,7 +142,7 @@ class Plan:
     Attributes:
         bags: partition key -> states of a recording.
         excluded: path below the bag root -> why the globs leave it out.
-        removed: registered partition keys without a recording.
+        removed: registered partition keys whose recordings are gone; not those of folders that cannot be read.
     """
 
     bags: Mapping[str, BagPlan]
