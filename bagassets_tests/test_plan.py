@@ -16,6 +16,7 @@ from bagassets.engine.differences import changes, flat, in_words
 from bagassets.engine.plan import Planner
 from bagassets.engine.plan_memo import PlanMemo
 from bagassets.engine.plan_model import RECORDING_ASSETS, AssetState, BagPlan, with_upstream
+from bagassets.errors import RecordingError
 from bagassets.recipe import load_recipe
 from bagassets_tests.in_process import build, make_project, survey
 
@@ -245,6 +246,16 @@ def test_a_recording_in_a_folder_that_cannot_be_read_is_not_removed(built, monke
     report, runs = build(built, monkeypatch)
     assert report.outcomes["day__b.mcap"].result == "fresh"
     assert [key for key, _ in runs if key] == []
+
+
+def test_a_missing_bag_root_is_told_with_the_line_of_the_recipe(built):
+    text = built.read_text()
+    line = 1 + next(n for n, one in enumerate(text.splitlines()) if "root: bags" in one)
+    built.write_text(text.replace("root: bags", "root: /nonexistent"))
+    with pytest.raises(RecordingError) as caught:
+        survey(built)
+    assert str(caught.value).startswith(f"{built}:{line}: bags.root: there is no folder /nonexistent; ")
+    built.write_text(text)
 
 
 def test_a_plan_of_dagsters_empty_log_is_all_records(built, monkeypatch):

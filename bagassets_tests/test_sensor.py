@@ -423,7 +423,7 @@ def test_a_recording_that_goes_during_a_look_is_no_failure(project, monkeypatch)
 def test_a_missing_bag_root_fails_the_tick_in_words(project, monkeypatch):
     monkeypatch.setattr(sensor, "PAUSE_S", 0.0)
     project.bags.rename(project.bags.with_name("elsewhere"))
-    with pytest.raises(dg.Failure, match="no such folder"):
+    with pytest.raises(dg.Failure, match=r"recipe\.yaml:3: bags\.root: there is no folder"):
         tick(project)
 
 

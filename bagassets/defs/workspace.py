@@ -10,7 +10,7 @@ from bagassets.bags.discover import Discovery, discover
 from bagassets.bags.model import Found
 from bagassets.defs.recording_partitions import partitions_name, recording_partitions
 from bagassets.errors import RecordingError
-from bagassets.recipe import Recipe, load_recipe
+from bagassets.recipe import Recipe, load_recipe, where_in
 from bagassets.store.artifact import Artifact
 from bagassets.store.store import Store
 from bagassets.store.users import note_user
@@ -52,7 +52,18 @@ class Workspace(dg.ConfigurableResource):  # type: ignore[type-arg]
         return index_of(self.recipe)
 
     def discover(self) -> Discovery:
-        """Look for recordings below the bag root (file names and sizes only)."""
+        """Look for recordings below the bag root (file names and sizes only).
+
+        Raises:
+            RecordingError: the root is missing, which is told with the line of the recipe, or cannot be read.
+        """
+        root = self.recipe.bags.root
+        if not root.is_dir():
+            # Not when the recipe is read: the disk may come back, and what needs no recordings goes on meanwhile.
+            raise RecordingError(
+                f"{where_in(Path(self.recipe_file), ('bags', 'root'))}: there is no folder {root}; correct it, or mount "
+                "its disk."
+            )
         return discover(self.recipe.bags)
 
     def found(self, key: str) -> Found:

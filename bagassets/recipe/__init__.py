@@ -1,6 +1,6 @@
 """The recipe: what a user configures, checked and typed."""
 
-from bagassets.recipe.load import load_recipe, parse_recipe
+from bagassets.recipe.load import load_recipe, parse_recipe, where_in
 from bagassets.recipe.model import Recipe, Rig
 
-__all__ = ["Recipe", "Rig", "load_recipe", "parse_recipe"]
+__all__ = ["Recipe", "Rig", "load_recipe", "parse_recipe", "where_in"]

@@ -17,7 +17,7 @@ from bagassets.recipe.explain import Problem, explain
 from bagassets.recipe.model import Recipe
 from bagassets.recipe.yaml_text import Place, read_yaml
 
-__all__ = ["load_recipe", "parse_recipe"]
+__all__ = ["load_recipe", "parse_recipe", "where_in"]
 
 
 def load_recipe(path: Path | str) -> Recipe:
@@ -73,6 +73,15 @@ def parse_recipe(text: str, path: Path) -> Recipe:
     if problems:
         raise _wrong(problems, places, path)
     return recipe
+
+
+def where_in(path: Path, at: tuple[str | int, ...]) -> str:
+    """Return `file:line: field` of a value in a recipe, for what turns out to be wrong only when it is used."""
+    try:
+        _, places = read_yaml(path.read_text(encoding="utf-8"), path)
+    except (OSError, UnicodeDecodeError, RecipeError):
+        return f"{path}: {field_name(at)}"  # it was read before, and is another now
+    return f"{path}:{places.line_of(at)}: {field_name(at)}"
 
 
 def _causes(err: ValidationError) -> list[Any]:
