@@ -1,13 +1,16 @@
-"""Telling in words that Dagster's database cannot be used: a full disk, a folder without permission, a server that is down."""
+"""Telling in words that a database cannot be used: a full disk, a folder without permission, a server that is down."""
 
+import os
+import sqlite3
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 from sqlalchemy.exc import OperationalError
 
 from bagassets.errors import StoreError
 
-__all__ = ["database_in_words"]
+__all__ = ["database_in_words", "require_writable"]
 
 
 @contextmanager
@@ -27,3 +30,24 @@ def database_in_words(place: str) -> Iterator[None]:
             f"{place}: Dagster's database cannot be used ({err.orig}); free space, or mend the folder or server that "
             "dagster.yaml names. Nothing that is in the store is lost."
         ) from err
+    except sqlite3.OperationalError as err:
+        # Of a file of our own in the state folder, opened without SQLAlchemy.
+        raise StoreError(
+            f"{place}: a database of this project cannot be used ({err}); free space, or mend the permissions of its "
+            "state folder. Nothing that is in the store is lost."
+        ) from err
+
+
+def require_writable(state: Path) -> None:
+    """Refuse a state folder that cannot be written: even a look keeps its databases and locks there.
+
+    Raises:
+        StoreError: it, or the folder that it is to be made in, cannot be written.
+    """
+    for folder in (state, state / "dagster"):
+        there = next(one for one in (folder, *folder.parents) if one.exists())
+        if not os.access(there, os.W_OK | os.X_OK):
+            raise StoreError(
+                f"{state}: this state folder cannot be written ({there} is read-only for this user); mend its permissions, "
+                "or set `state` in the recipe to a folder that can be written."
+            )

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import dagster as dg
 
-from bagassets.defs.database_errors import database_in_words
+from bagassets.defs.database_errors import database_in_words, require_writable
 from bagassets.defs.dataset import dataset_is_current
 from bagassets.defs.planning import Planned, plan_now
 from bagassets.defs.runs import open_instance
@@ -98,8 +98,10 @@ def opened(recipe_file: Path) -> Iterator[tuple[dg.DagsterInstance, Workspace]]:
 
     Raises:
         RecipeError: the recipe is missing or wrong, or its project is another recipe's.
+        StoreError: the state folder cannot be written, or the database cannot be used.
     """
     workspace = Workspace(recipe_file=str(recipe_file.absolute()))
+    require_writable(workspace.recipe.state)
     home = dagster_home(recipe_file.absolute(), workspace.recipe)
     os.environ["BAGASSETS_RECIPE"] = str(recipe_file.absolute())
     with database_in_words(str(home)), open_instance(str(home)) as instance, kept_open(instance):
