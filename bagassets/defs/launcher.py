@@ -151,6 +151,8 @@ class BagAssetsRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
                     self._hand_over(run.run_id, self._client_for(spec))
                 except ServerRefusedError:
                     self._drop_client()
+                    # Its successor would take the run for one that a dead server left behind.
+                    self._instance.add_run_tags(run.run_id, {WORKER_TAG: ""})
                     if is_last:
                         raise
                 else:
