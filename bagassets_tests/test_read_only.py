@@ -39,6 +39,16 @@ def test_a_state_folder_that_is_not_there_yet_needs_a_place_to_be_made_in(tmp_pa
     require_writable(tmp_path / "not" / "yet")
 
 
+def test_a_file_that_somebody_else_made_is_named(tmp_path, monkeypatch):
+    lock = tmp_path / "dagster" / "opening.lock"
+    lock.parent.mkdir()
+    lock.touch()
+    access = os.access
+    monkeypatch.setattr(os, "access", lambda path, mode: path != lock and access(path, mode))
+    with pytest.raises(StoreError, match=rf"\({lock} is read-only for this user\)"):
+        require_writable(tmp_path)
+
+
 def test_a_database_of_our_own_that_cannot_be_opened_is_told_in_words(tmp_path):
     with (
         pytest.raises(

@@ -12,6 +12,9 @@ from bagassets.errors import StoreError
 
 __all__ = ["database_in_words", "require_writable"]
 
+# What any command writes below Dagster's part of the state folder; somebody else may have made it.
+_WRITTEN = ("opening.lock", "history/runs.db", "history/runs/index.db")
+
 
 @contextmanager
 def database_in_words(place: str) -> Iterator[None]:
@@ -44,9 +47,9 @@ def require_writable(state: Path) -> None:
     Raises:
         StoreError: it, or the folder that it is to be made in, cannot be written.
     """
-    for folder in (state, state / "dagster"):
-        there = next(one for one in (folder, *folder.parents) if one.exists())
-        if not os.access(there, os.W_OK | os.X_OK):
+    for path in (state, *(state / "dagster" / name for name in _WRITTEN)):
+        there = next(one for one in (path, *path.parents) if one.exists())
+        if not os.access(there, os.W_OK | (os.X_OK if there.is_dir() else 0)):
             raise StoreError(
                 f"{state}: this state folder cannot be written ({there} is read-only for this user); mend its permissions, "
                 "or set `state` in the recipe to a folder that can be written."
