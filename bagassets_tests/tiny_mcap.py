@@ -2,7 +2,7 @@
 
 from functools import cache
 
-from mcap.writer import Writer
+from mcap.writer import CompressionType, Writer
 
 from bagassets_tests.small_drive import LATENCY_NS, STORE2, messages
 
@@ -21,7 +21,9 @@ def _serialized(duration_s):
     ]
 
 
-def write_tiny(path, note="", *, duration_s=1.2, spoil=None):
+def write_tiny(
+    path, note="", *, duration_s=1.2, spoil=None, compression=CompressionType.ZSTD, chunk_size=1024 * 1024
+):
     """Write the drive.
 
     Args:
@@ -29,9 +31,11 @@ def write_tiny(path, note="", *, duration_s=1.2, spoil=None):
         note: goes into the metadata: the messages stay the same, the content does not.
         duration_s: length of the drive.
         spoil: (topic, number of the message on it, bytes) -> bytes to write instead.
+        compression: of chunks.
+        chunk_size: bytes of messages after which a chunk ends.
     """
     with path.open("wb") as stream:
-        writer = Writer(stream)
+        writer = Writer(stream, chunk_size, compression)
         writer.start(profile="", library="test")
         channels, numbers = {}, {}
         for topic, msgtype, stamp_ns, data, definition in _serialized(duration_s):

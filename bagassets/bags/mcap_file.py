@@ -5,9 +5,11 @@ from pathlib import Path
 
 from mcap.reader import make_reader
 from mcap.records import Schema
+from mcap.stream_reader import CRCValidationError
 from mcap.summary import Summary
 
 from bagassets.bags.inventory import Definition
+from bagassets.bags.mcap_checksums import checksum_mismatch
 from bagassets.bags.model import RawMessage
 from bagassets.bags.reader import BaseRecording, TopicSource
 from bagassets.bags.typestores import Serialization, normalise_msgtype
@@ -48,10 +50,17 @@ class McapRecording(BaseRecording):
             raise
 
     def _read(self, topics: Collection[str]) -> Iterator[RawMessage]:
-        for _, channel, message in self._reader.iter_messages(topics=list(topics), log_time_order=True):
-            yield RawMessage(
-                channel.topic, self.topics[channel.topic].msgtype, message.log_time, message.data
-            )
+        try:
+            for _, channel, message in self._reader.iter_messages(topics=list(topics), log_time_order=True):
+                yield RawMessage(
+                    channel.topic, self.topics[channel.topic].msgtype, message.log_time, message.data
+                )
+        except CRCValidationError as err:
+            raise checksum_mismatch(self.path) or err from err
+
+    def check_content(self) -> None:
+        """Check the checksum of every chunk that is read from now on."""
+        self._reader = make_reader(self._file, validate_crcs=True)
 
     def close(self) -> None:
         """Close the file."""
@@ -60,7 +69,7 @@ class McapRecording(BaseRecording):
 
 def _checked(summary: Summary | None, path: Path) -> Summary:
     if summary is None or summary.statistics is None:
-        raise RecordingError(f"{path}: the MCAP has no summary; run `mcap recover {path.name}` first.")
+        raise RecordingError(f"{path}: the MCAP has no summary; run `mcap recover` on it first.")
     return summary
 
 

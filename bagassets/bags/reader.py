@@ -61,6 +61,9 @@ class BaseRecording(ABC):
     def close(self) -> None:
         """Close the files."""
 
+    def check_content(self) -> None:  # noqa: B027  (most formats have no checksums, or are always checked)
+        """Check the checksums that the format has while messages are read, where that costs time."""
+
     def messages(self, topics: Collection[str]) -> Iterator[RawMessage]:
         """Yield the messages of `topics` in order of log time; see `Recording`."""
         unknown = sorted(set(topics) - self.topics.keys())

@@ -7,8 +7,10 @@ from pathlib import Path
 from rosbags import rosbag1, rosbag2
 from rosbags.interfaces import Connection, MessageDefinitionFormat
 from rosbags.rosbag1.reader import Chunk
+from rosbags.rosbag2 import ReaderError
 
 from bagassets.bags.inventory import Definition
+from bagassets.bags.mcap_checksums import checksum_mismatch
 from bagassets.bags.model import RawMessage
 from bagassets.bags.reader import BaseRecording, TopicSource
 from bagassets.bags.typestores import Serialization, normalise_msgtype
@@ -106,8 +108,13 @@ class Rosbag2Recording(BaseRecording):
 
     def _read(self, topics: Collection[str]) -> Iterator[RawMessage]:
         chosen = [c for c in self._reader.connections if c.topic in topics]
-        for connection, log_time_ns, data in self._reader.messages(chosen):
-            yield RawMessage(connection.topic, self.topics[connection.topic].msgtype, log_time_ns, data)
+        try:
+            for connection, log_time_ns, data in self._reader.messages(chosen):
+                yield RawMessage(connection.topic, self.topics[connection.topic].msgtype, log_time_ns, data)
+        except ReaderError as err:
+            # The library checks the chunks of MCAP files in every pass, but does not tell which one is damaged.
+            mismatches = (checksum_mismatch(file) for file in sorted(self.path.glob("*.mcap")))
+            raise next(filter(None, mismatches), err) from err
 
     def close(self) -> None:
         """Close the files."""

@@ -63,6 +63,7 @@ def make_inventory(recording: BaseRecording, out: ArtifactWriter, *, size: int) 
         name: [] for name, info in recording.topics.items() if info.msgtype not in BULK
     }
     fixes: list[FixReading] = []
+    recording.check_content()
     for number, message in enumerate(recording.messages(list(recording.topics))):
         name, info = message.topic, recording.topics[message.topic]
         log = logs[name]
