@@ -272,7 +272,8 @@ class RecordingBuild:
             with self.source.whole() as recording:
                 return inventory.make_inventory(recording, out, size=self.found.size)
 
-        return self._run("inventory", inventory.STEP.action({}, {"bag": self.digest, **definitions}), make)
+        request = inventory.request(self.found.format, self.digest, definitions)
+        return self._run("inventory", inventory.STEP.action(request.params, request.inputs), make)
 
     def _calibration(self) -> AssetResult:
         request = calibration.request(self.rig, self.inventory)

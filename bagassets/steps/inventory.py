@@ -3,23 +3,25 @@
 Files: `inventory.json`, and `messages.parquet` with the small messages that later steps read.
 """
 
+from collections.abc import Mapping
 from dataclasses import replace
 from operator import itemgetter
 from typing import Any
 
 from bagassets.bags.damage import advice_for
-from bagassets.bags.model import RawMessage
+from bagassets.bags.model import Format, RawMessage
 from bagassets.bags.pack import write_pack
 from bagassets.bags.reader import BaseRecording
 from bagassets.decode.navsat import FixReading, decode_navsat
 from bagassets.errors import DecodeError, RecordingError
 from bagassets.geometry.sun import daylight
+from bagassets.steps.channel import Request
 from bagassets.steps.topic_log import TopicLog
 from bagassets.steps.topic_probe import TopicProbe
 from bagassets.store.action import Step
 from bagassets.store.artifact import ArtifactWriter
 
-__all__ = ["STEP", "make_inventory"]
+__all__ = ["STEP", "make_inventory", "request"]
 
 # rosbags has the standard types, which recordings without definitions are decoded with.
 STEP = Step("inventory", 5, ("pyarrow", "rosbags"))
@@ -45,6 +47,17 @@ FIRST_GNSS_NS = 631_152_000 * 1_000_000_000  # 1990-01-01
 # Header stamps further from the log time than this are remarked upon.
 MOST_OFFSET_S = 1.0
 NAVSAT = "sensor_msgs/msg/NavSatFix"
+
+
+def request(file_format: Format, bag_digest: str, definitions: Mapping[str, str]) -> Request:
+    """Return what the inventory depends on.
+
+    Args:
+        file_format: what the recording is read as: the same bytes under another suffix are read differently.
+        bag_digest: digest of its content.
+        definitions: `msg:<path>` -> digest, of definitions of message types that came without.
+    """
+    return Request({"format": file_format}, (), {"bag": bag_digest, **definitions})
 
 
 def make_inventory(recording: BaseRecording, out: ArtifactWriter, *, size: int) -> dict[str, Any]:
