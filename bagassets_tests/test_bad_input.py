@@ -125,10 +125,11 @@ class TestFiles:
         assert list(check_store(Store(project.store_path))) == []
 
     def test_the_failure_is_on_record_and_not_tried_again(self, project):
-        (project.bags.root / "text.bag").write_text("no bag " * 1000)
+        path = project.bags.root / "text.bag"
+        path.write_text("no bag " * 1000)
         told = sentence(project, "text.bag")
         (record,) = failed_actions(project)
-        assert json.loads(record.read_bytes())["error"] == told
+        assert json.loads(record.read_bytes())["error"] == told.replace(str(path), "<recording>")
 
     def test_a_ros2_bag_that_lacks_a_file_says_which(self, project, drives):
         folder = project.bags.root / "split"

@@ -87,7 +87,7 @@ def run_pass(
         if channel in errors:
             running.discard()
             if not errors[channel].transient:
-                store.record_failure(running.action, str(errors[channel]))
+                store.record_failure(running.action, str(errors[channel]), recording.path)
         else:
             try:
                 outcomes[channel] = running.commit(summaries[channel])

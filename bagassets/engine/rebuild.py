@@ -173,7 +173,7 @@ class _ForgetfulStore(Store):
         differing = () if before is None else _differing(before.artifact, artifact)
         self.again[action.digest] = Rebuilt(action.digest, artifact.digest, differing)
 
-    def record_failure(self, action: Action, error: str) -> None:
+    def record_failure(self, action: Action, error: str, subject: Path | None = None) -> None:  # noqa: ARG002  (as declared)
         self.failures[action.digest] = error
 
 

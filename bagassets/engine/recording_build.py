@@ -236,9 +236,11 @@ class RecordingBuild:
                 raise in_words(err, self.found.path, asset) from err
 
         with span(asset):
-            outcome = self.store.lookup(action) if self._dry else self.store.run(action, told)
+            outcome = (
+                self.store.lookup(action) if self._dry else self.store.run(action, told, self.found.path)
+            )
         if outcome is None:
-            raise NotMadeError(action, self.store.failure(action.digest))
+            raise NotMadeError(action, self.store.failure(action.digest, self.found.path))
         self._artifacts[asset] = outcome.artifact
         return AssetResult(asset, outcome.artifact, outcome.action_digest, outcome.cached, outcome.seconds)
 
@@ -319,7 +321,7 @@ class RecordingBuild:
                 if known is not None:
                     outcomes[name] = known
                 elif self._dry:
-                    errors[name] = NotMadeError(action, self.store.failure(action.digest))
+                    errors[name] = NotMadeError(action, self.store.failure(action.digest, self.found.path))
                 else:
                     jobs.append(
                         ChannelJob(name, action, request.topics, partial(make_extractor, self, name, request))

@@ -13,6 +13,7 @@ Everything appears by an atomic rename or link, so processes and machines may sh
 import errno
 import json
 import os
+import re
 import shutil
 import socket
 import time
@@ -32,6 +33,8 @@ __all__ = ["Outcome", "Pending", "Store"]
 # How a file system says that a folder of that name is there and holds something.
 _TAKEN = {errno.ENOTEMPTY, errno.EEXIST}
 _ATTEMPTS = 5
+# Stands for the path of the recording in errors on record: actions go by content, whatever its name.
+_SUBJECT = "<recording>"
 # How it says that it has no hard links.
 _NO_HARD_LINK = {errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS, errno.EACCES, errno.EMLINK}
 
@@ -222,11 +225,16 @@ class Store:
         """Start an action that is not known; the caller commits or discards it."""
         return Pending(self, action)
 
-    def run(self, action: Action, make: Callable[[ArtifactWriter], dict[str, Any]]) -> Outcome:
+    def run(
+        self,
+        action: Action,
+        make: Callable[[ArtifactWriter], dict[str, Any]],
+        subject: Path | None = None,
+    ) -> Outcome:
         """Return the known outcome of `action`, or let `make` produce it; `make` returns the summary.
 
         An error of `make` is recorded under the action's digest and raised again, unless it says nothing
-        about the action: a full disk, a recording that changed meanwhile.
+        about the action: a full disk, a recording that changed meanwhile. See `record_failure` for `subject`.
         """
         known = self.use(action)
         if known is not None:
@@ -237,7 +245,7 @@ class Store:
         except BagAssetsError as err:
             pending.discard()
             if not err.transient:
-                self.record_failure(action, str(err))
+                self.record_failure(action, str(err), subject)
             raise
         except BaseException:
             pending.discard()
@@ -267,16 +275,26 @@ class Store:
             path.unlink(missing_ok=True)  # its artifact is gone, so the record is worth nothing
             self.record(action, artifact, seconds)
 
-    def failure(self, action_digest: str) -> str | None:
-        """Return the error that an action is on record with."""
+    def failure(self, action_digest: str, subject: Path | None = None) -> str | None:
+        """Return the error that an action is on record with, told of `subject`; see `record_failure`."""
         try:
             text = json.loads(self._failure_file(action_digest).read_bytes())["error"]
         except (OSError, ValueError, KeyError):
             return None
-        return str(text)
+        return str(text) if subject is None else str(text).replace(_SUBJECT, str(subject))
 
-    def record_failure(self, action: Action, error: str) -> None:
-        """Record that `action` failed; the newest error is kept. One that cannot be recorded is tried again."""
+    def record_failure(self, action: Action, error: str, subject: Path | None = None) -> None:
+        """Record that `action` failed; the newest error is kept. One that cannot be recorded is tried again.
+
+        Args:
+            action: what failed.
+            error: the sentence.
+            subject: the recording. Its path is not kept: the same content may come under another name.
+        """
+        if subject is not None:
+            # Not where the path only begins that of another file: a.bag and a.bag.json, drive and drive-2.
+            whole = re.escape(str(subject)) + r"(?![\w-]|\.\w)"
+            error = re.sub(whole, _SUBJECT, error)
         path = self._failure_file(action.digest)
         content = {"action": action.as_json(), "error": error}
         with suppress(OSError), _written(path, content) as temporary:
