@@ -29,7 +29,8 @@ test: $(VENV)/.made $(DEVKIT)/.made
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
-	$(BIN)/pytest -n auto --dist loadgroup
+	@# By file, as fixtures of a file are dear to make.
+	$(BIN)/pytest -n auto --dist loadfile
 
 lint: $(VENV)/.made
 	$(BIN)/ruff check .
