@@ -88,7 +88,15 @@ def eventually(condition, what, seconds=WAIT_S):
 
 
 def complaints(log):
-    """Return the errors in a Dagster log; on a busy machine Dagster itself warns of being slow."""
+    """Return what a Dagster log says above INFO, but that Dagster would like `dg dev` better."""
     text = re.sub(r"\x1b\[[0-9;]*m", "", log.read_text("utf-8", "replace"))
-    marks = (" - ERROR - ", " - CRITICAL - ", "Traceback (most recent call last)")
-    return [line for line in text.splitlines() if any(mark in line for mark in marks)]
+    lines = [line for line in text.splitlines() if line.strip()]
+    return [
+        line
+        for number, line in enumerate(lines)
+        if " - INFO - " not in line
+        # A race for a new SQLite file has Dagster say so with `logging.info`, and from then on everything twice.
+        and not line.startswith("INFO:")
+        and "SupersessionWarning: Function `dev_command`" not in line
+        and not (number and "SupersessionWarning" in lines[number - 1])
+    ]
