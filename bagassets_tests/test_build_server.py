@@ -57,6 +57,8 @@ def test_the_first_build_starts_a_server_that_the_next_one_uses(project):
     assert "bagassets ui" in done.stdout
     client = find_server(project)
     assert client is not None
+    servers = list(client.places.folder.glob("*.log"))
+    assert servers == [client.places.log], "the server started early is the one that was asked for later"
     with client:
         (project.parent / "bags" / KEYS[0]).touch()
         events = []

@@ -34,12 +34,12 @@ from bagassets.bags.discover import find_one
 from bagassets.forkserver.client import Client
 from bagassets.recipe import load_recipe
 from bagassets.recipe.project import write_project
-from bagassets.sample.drive import write_drive
-from bagassets.sample.recipe import sample_recipe
+from benchmarks.drives import tas_recipe, write_tas_drive
 from benchmarks.rewrite import rewrite
 
 ROOT = Path(__file__).parents[1]
 CAMERA = "/cam_front/image_raw"
+_MARK = 16  # bytes changed amid a message: fits between the block headers of a lidar packet
 _FEWEST_FILES = 20  # per recording, of a second or more
 DECODING = {"frames", "sweeps"}
 
@@ -133,13 +133,13 @@ class Bench:
     def change_content(self) -> None:
         """Change every image and every lidar packet of one recording, as another drive would."""
         self.change += 1
-        mark = blake2b(str(self.change).encode()).digest()
+        mark = blake2b(str(self.change).encode(), digest_size=_MARK).digest()
         rewrite(self.bag(), lambda topic, data: patched(data, mark) if is_bulk(topic) else data)
 
     def change_camera(self) -> None:
         """Change the images of one camera in one recording."""
         self.change += 1
-        mark = blake2b(str(self.change).encode()).digest()
+        mark = blake2b(str(self.change).encode(), digest_size=_MARK).digest()
         rewrite(self.bag(), lambda topic, data: patched(data, mark) if topic == CAMERA else data)
 
     def change_metadata(self) -> None:
@@ -193,11 +193,10 @@ def main() -> None:
 
 
 def prepare(folder: Path, bags: int, seconds: float, times: int) -> Bench:
-    text = sample_recipe(throughput=True).replace("settle_s: 2", "settle_s: 0")
-    write_project(folder, text + "preview: {enabled: false}\n")
+    write_project(folder, tas_recipe(Path("recordings")) + "preview: {enabled: false}\n")
     bench = Bench(folder / "recipe.yaml", times)
     for seed in range(bags):
-        write_drive(bench.bags / f"drive{seed}.bag", "ros1", seed, "tas", seconds)
+        write_tas_drive(bench.bags / f"drive{seed}.bag", "ros1", seed, seconds)
     print(f"{bags} recordings, {sizes(bench.bags) / 1e6:.0f} MB, {os.cpu_count()} processors", flush=True)
     return bench
 

@@ -213,4 +213,10 @@ def _environment(recipe: Path | None) -> dict[str, str]:
     dotenv = _text(recipe.with_name(".env")) if recipe is not None else None
     for line in (dotenv or "").splitlines():
         names.discard(line.strip().removeprefix("export ").partition("=")[0].strip())
-    return {name: os.environ[name] for name in sorted(names)}
+    values = {name: _as_given(os.environ[name]) for name in sorted(names)}
+    return {name: value for name, value in values.items() if value}
+
+
+def _as_given(value: str) -> str:
+    """Return a variable without what `import cv2` adds to it: folders below its own, for its subprocesses."""
+    return os.pathsep.join(part for part in value.split(os.pathsep) if f"{os.sep}cv2{os.sep}" not in part)
