@@ -170,7 +170,9 @@ def test_an_engine_is_made_once_for_a_file_and_migrations_are_read_once(tmp_path
 
     made = []
     engine = sqlite_files.create_engine
-    monkeypatch.setattr(sqlite_files, "create_engine", lambda *a, **o: made.append(a) or engine(*a, **o))
+    monkeypatch.setattr(
+        sqlite_files, "create_engine", lambda *a, **o: made.append((*a, o["poolclass"])) or engine(*a, **o)
+    )
     (tmp_path / "dagster.yaml").write_text("telemetry: {enabled: false}\n")
     with open_instance(str(tmp_path)) as instance, kept_open(instance):
         for number in range(3):

@@ -12,6 +12,7 @@ import click
 
 from bagassets.cli.options import recipe_option
 from bagassets.cli.progress import progress_for
+from bagassets.trace import span
 
 if TYPE_CHECKING:
     from bagassets.engine.build_report import BuildOptions, Event
@@ -99,17 +100,10 @@ def _sensible(jobs: int) -> int:
 
 
 def _build(recipe: Path, options: "BuildOptions", trace: Path | None, *, as_json: bool) -> int:
-    from bagassets.cli.remote import build_on_server, find_server  # noqa: PLC0415
     from bagassets.cli.summary import MOST_ROWS, SummaryRow, print_summary  # noqa: PLC0415
     from bagassets.engine.build_report import BuildReport  # noqa: PLC0415
 
-    most = None if as_json else MOST_ROWS
-    told = None
-    if trace is None and (server := find_server(recipe)) is not None:
-        with server, progress_for() as show:
-            told = build_on_server(server, recipe, options, show, most)
-    if told is None:
-        told = _build_here(recipe, options, trace, most)
+    told = _told_by_server(recipe, options, trace, None if as_json else MOST_ROWS)
     report = BuildReport.from_json(told)
     if as_json:
         click.echo(json.dumps(told, indent=1))
@@ -120,33 +114,32 @@ def _build(recipe: Path, options: "BuildOptions", trace: Path | None, *, as_json
     return 0 if report.succeeded else EXIT_FAILED
 
 
-def _build_here(
+def _told_by_server(
     recipe: Path, options: "BuildOptions", trace: Path | None, most: int | None
 ) -> dict[str, Any]:
-    """Build with the driver in this process, while a server starts; return what `build_on_server` does."""
-    from bagassets.cli.summary import summary_rows  # noqa: PLC0415
-    from bagassets.forkserver.tasks import start_early  # noqa: PLC0415
-    from bagassets.recipe import load_recipe  # noqa: PLC0415
-
-    loaded = load_recipe(recipe)
-    start_early(loaded.state, recipe)
-    from bagassets.defs import driver  # noqa: PLC0415  (Dagster takes a second, as the server does meanwhile)
+    """Have the build made, and show how it goes; return the report and the rows of its table as JSON."""
+    from bagassets.cli.remote import build_on_server, server_for  # noqa: PLC0415
 
     with ExitStack() as stack:
         listeners: list[Callable[[Event], None]] = [stack.enter_context(progress_for())]
         if trace is not None:
             from bagassets.engine.trace import recorded_trace, trace_bags  # noqa: PLC0415
+            from bagassets.recipe import load_recipe  # noqa: PLC0415
 
-            stack.enter_context(recorded_trace(trace, loaded.state))
+            stack.enter_context(recorded_trace(trace, load_recipe(recipe).state))
             listeners.append(trace_bags)
 
         def tell(event: "Event") -> None:
             for listener in listeners:
                 listener(event)
 
-        report = driver.build(recipe, options, tell)
-    rows = summary_rows(report, loaded.store_path, most=most)
-    return {**report.as_json(), "summary": [row.as_json() for row in rows]}
+        while True:
+            with span("find or start the server"):
+                server = server_for(recipe)
+            with server:
+                told = build_on_server(server, recipe, options, tell, most)
+            if told is not None:
+                return told
 
 
 def _look(recipe: Path, options: "BuildOptions", *, check: bool, as_json: bool) -> int:

@@ -1,4 +1,8 @@
-"""Having a build made by the fork server, if there is one: it has imported what a build needs."""
+"""Having a build made by the fork server, which has imported what a build needs.
+
+A server that is to be started imports Dagster once, for all builds until it ends; were the driver in
+this process, both would.
+"""
 
 import os
 from collections.abc import Callable
@@ -11,8 +15,9 @@ from bagassets.errors import BagAssetsError
 from bagassets.forkserver.client import Client, ServerRefusedError
 from bagassets.forkserver.places import Places
 from bagassets.forkserver.tasks import server_spec
+from bagassets.store.writable import require_writable
 
-__all__ = ["InterruptedBuildError", "build_on_server", "find_server"]
+__all__ = ["InterruptedBuildError", "build_on_server", "find_server", "server_for"]
 
 _JOB = "bagassets.defs.drive:build"
 # A driver that was asked to stop waits this long for its runs; they have less.
@@ -40,6 +45,23 @@ def find_server(recipe: Path) -> Client | None:
         return None
 
 
+def server_for(recipe: Path) -> Client:
+    """Return a client of the server that fits a recipe; one is started if there is none.
+
+    Raises:
+        RecipeError: the recipe is missing or wrong.
+        BagAssetsError: the server cannot start.
+    """
+    found = find_server(recipe)
+    if found is not None:
+        return found
+    from bagassets.recipe import load_recipe  # noqa: PLC0415  (a server that is up has read it)
+
+    state = load_recipe(recipe).state
+    require_writable(state)
+    return Client.ensure(server_spec(state, recipe))
+
+
 def build_on_server(
     client: Client, recipe: Path, options: BuildOptions, on_event: Callable[[Event], None], most: int | None
 ) -> dict[str, Any] | None:
@@ -59,6 +81,9 @@ def build_on_server(
     except ServerRefusedError:
         return None
     try:
+        import rich.console  # noqa: PLC0415  (40 ms for the table at the end, while the server works)
+        import rich.table  # noqa: F401, PLC0415
+
         event = _follow(client, job, on_event)
     except KeyboardInterrupt:
         client.cancel(job, grace_s=_GRACE_S)

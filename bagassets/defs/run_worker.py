@@ -7,7 +7,7 @@ and opens the instance itself: database connections must not be made before a fo
 import os
 import signal
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from importlib import import_module
 from pathlib import Path
@@ -15,7 +15,7 @@ from typing import Any
 
 import dagster as dg
 
-from bagassets.bags.layouts import load_standard_types
+from bagassets.bags.layouts import compile_common_types, load_standard_types
 from bagassets.defs.database_errors import database_in_words
 from bagassets.defs.exclusive import exclusive
 from bagassets.defs.runs import (
@@ -81,8 +81,12 @@ _AHEAD = (
 )
 
 
-def preload(modules: list[str]) -> None:
-    """Import what workers share, before the server forks; opens no instance and starts no thread."""
+def preload(modules: list[str]) -> Iterator[None]:
+    """Import what workers share, before the server forks; opens no instance and starts no thread.
+
+    Returns:
+        Steps of a few milliseconds that make workers faster yet, and can wait until the server is idle.
+    """
     _apply_dotenv()
     for module in _AHEAD:
         import_module(module)
@@ -90,6 +94,7 @@ def preload(modules: list[str]) -> None:
     for module in modules:
         preload_definitions(module)
     load_standard_types()
+    return compile_common_types()
 
 
 def execute(args: dict[str, Any]) -> dict[str, Any]:

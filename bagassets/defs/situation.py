@@ -8,7 +8,7 @@ from pathlib import Path
 
 import dagster as dg
 
-from bagassets.defs.database_errors import database_in_words, require_writable
+from bagassets.defs.database_errors import database_in_words
 from bagassets.defs.dataset import dataset_is_current
 from bagassets.defs.planning import Planned, plan_now
 from bagassets.defs.runs import open_instance
@@ -20,6 +20,7 @@ from bagassets.engine.dataset_build import dataset_code_versions
 from bagassets.engine.plan_model import Plan
 from bagassets.engine.recording_assets import assets_of
 from bagassets.recipe.project import dagster_home
+from bagassets.store.writable import require_writable
 from bagassets.trace import span
 
 __all__ = ["Situation", "opened", "survey"]

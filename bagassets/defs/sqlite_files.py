@@ -1,18 +1,18 @@
 """Cheaper use of Dagster's SQLite files by processes that write hundreds of events.
 
 For every event Dagster makes an engine, opens a connection and closes it again. The last connection to
-close writes the log (WAL) back into the database file, with two syncs of the disk: so somebody keeps
-one open meanwhile. An engine compiles each statement anew: so the one of a file is used again. Whether
+close writes the log (WAL) back into the database file, with two syncs of the disk, and an engine compiles
+each statement anew: so the engine of a file is used again, and its connections stay open meanwhile. Whether
 a database has the newest schema is asked of Alembic, which imports a hundred small modules for it: that is
-done once, before workers are forked. And a commit need not wait for the disk: after a power loss the newest records may be missing, which the next
-build records again from the store, but the database is whole.
+done once, before workers are forked. And a commit need not wait for the disk: after a power loss the newest
+records may be missing, which the next build records again from the store, but the database is whole.
 """
 
 import sqlite3
+from collections import Counter
 from collections.abc import Iterator
-from contextlib import ExitStack, closing, contextmanager, suppress
+from contextlib import contextmanager
 from functools import cache, lru_cache
-from pathlib import Path
 from typing import Any
 
 import dagster as dg
@@ -21,9 +21,9 @@ from alembic.script import ScriptDirectory
 from dagster._core.storage.event_log.sqlite import sqlite_event_log
 from dagster._core.storage.runs.sqlite import sqlite_run_storage
 from dagster._core.storage.sql import get_alembic_config
-from sqlalchemy import create_engine, event
+from sqlalchemy import create_engine, event, make_url
 from sqlalchemy.engine import Engine
-from sqlalchemy.pool import NullPool
+from sqlalchemy.pool import NullPool, QueuePool
 
 from bagassets.defs.events import event_database
 
@@ -31,6 +31,10 @@ __all__ = ["kept_open", "share_migrations"]
 
 _FROM_CONFIG = "from_config"
 _CREATE_ENGINE = "create_engine"  # what both storages call the function by
+
+_KEPT: Counter[str] = Counter()  # database file -> how many keep it open
+_POOLED: dict[tuple[str, float | None], Engine] = {}  # database file, timeout -> engine with open connections
+_DISPOSE = "dispose"  # what Dagster does to an engine after each event
 
 
 @cache
@@ -59,19 +63,15 @@ def kept_open(instance: dg.DagsterInstance, *run_ids: str) -> Iterator[None]:
     _relax_commits()
     _share_engines()
     files = [index, index.parent.parent / "runs.db", *(index.with_name(f"{run_id}.db") for run_id in run_ids)]
-    with ExitStack() as stack:
-        for path in files:
-            _hold(path, stack)
+    paths = [str(path) for path in files]
+    _KEPT.update(paths)
+    try:
         yield
-
-
-def _hold(path: Path, stack: ExitStack) -> None:
-    if not path.is_file():
-        return
-    with suppress(sqlite3.Error):  # Dagster will say what is wrong with it
-        connection = stack.enter_context(closing(sqlite3.connect(path)))
-        # Only a connection that has read holds the log.
-        connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
+    finally:
+        _KEPT.subtract(paths)
+        for (path, _), engine in list(_POOLED.items()):
+            if _KEPT[path] <= 0:
+                Engine.dispose(engine)
 
 
 @cache
@@ -89,18 +89,23 @@ def _share_engines() -> None:
 
 def _create_engine(url: str, **options: Any) -> Engine:
     timeout_s = options.get("connect_args", {}).get("timeout")
-    if options != _file_options(timeout_s):
+    plain: dict[str, Any] = {} if timeout_s is None else {"connect_args": {"timeout": timeout_s}}
+    if options != plain | {"poolclass": NullPool}:
         return create_engine(url, **options)  # not as it was when this was written: as asked for
-    return _engine(url, timeout_s)
+    path = str(make_url(url).database)
+    if _KEPT[path] <= 0:
+        return _engine(url, timeout_s)
+    if (path, timeout_s) not in _POOLED:
+        engine = create_engine(url, poolclass=QueuePool, **plain)
+        setattr(engine, _DISPOSE, lambda close=True: None)  # noqa: ARG005  (called as Engine.dispose is)
+        _POOLED[path, timeout_s] = engine
+    return _POOLED[path, timeout_s]
 
 
 @lru_cache(maxsize=32)
 def _engine(url: str, timeout_s: float | None) -> Engine:
-    return create_engine(url, **_file_options(timeout_s))
-
-
-def _file_options(timeout_s: float | None) -> dict[str, Any]:
-    return {"poolclass": NullPool} | ({} if timeout_s is None else {"connect_args": {"timeout": timeout_s}})
+    plain: dict[str, Any] = {} if timeout_s is None else {"connect_args": {"timeout": timeout_s}}
+    return create_engine(url, poolclass=NullPool, **plain)
 
 
 def _on_connect(connection: Any, _record: object) -> None:

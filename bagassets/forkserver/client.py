@@ -25,8 +25,6 @@ _ANSWER_S = 15.0
 _GRACE_S = 30.0
 _RETRY_S = 0.05
 _LOG_LINES = 15
-_EARLY_S = 60.0
-_STARTERS: list["subprocess.Popen[bytes]"] = []  # kept, so that none is finalized while it runs
 
 
 class ServerRefusedError(BagAssetsError):
@@ -73,20 +71,6 @@ class Client:
                 raise BagAssetsError(_cannot_start(places, f"it did not answer within {timeout_s:.0f} s"))
             _start(spec, places, max(1.0, deadline - time.monotonic()))
             time.sleep(_RETRY_S)
-
-    @classmethod
-    def start_early(cls, spec: ServerSpec) -> None:
-        """Have a server for `spec` start, if there is none, while this process still imports what it needs.
-
-        Nobody is told if it cannot: `ensure` will find out.
-        """
-        places = Places(spec.state_folder, spec.stamp())
-        client = cls.connect(places)
-        if client is not None:
-            client.close()
-            return
-        with suppress(BagAssetsError, OSError):
-            _STARTERS.append(_starter(spec, places, _EARLY_S))
 
     @classmethod
     def connect(cls, places: Places, variables: Mapping[str, str] | None = None) -> Self | None:

@@ -8,7 +8,7 @@ import signal
 import socket
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from typing import Any
 
@@ -51,6 +51,7 @@ class Server:
         self._count = 0
         self._last_use = self._last_age_check = time.monotonic()
         self._loaded: LoadedSources | None = None
+        self._later: Iterator[None] | None = None
         self._is_told_to_end = False
         self._ops: dict[str, Callable[[Connection, Message], Message]] = {
             "hello": self._hello,
@@ -69,8 +70,9 @@ class Server:
         Raises:
             BagAssetsError: a thread was started, so that forking would be unsafe.
         """
+        gc.disable()  # nothing to collect while modules are imported, and a quarter of the time
         if self._spec.preload:
-            load_function(self._spec.preload)(list(self._spec.modules))
+            self._later = load_function(self._spec.preload)(list(self._spec.modules)) or iter(())
         others = [thread.name for thread in threading.enumerate() if thread is not threading.main_thread()]
         if others:
             raise BagAssetsError(
@@ -78,8 +80,8 @@ class Server:
                 "process with threads cannot be forked safely; start them inside assets or resources instead."
             )
         self._loaded = LoadedSources()
-        gc.collect()
         gc.freeze()  # keeps the collector of a worker from copying the pages it shares
+        gc.enable()
 
     def serve(self, on_ready: Callable[[], None]) -> None:
         """Answer clients until the server ends; `on_ready` is called once they can connect."""
@@ -90,13 +92,30 @@ class Server:
         )
         try:
             while not self._is_done():
-                for key, _ in self._selector.select(_TICK_S):
+                ready = self._selector.select(0.0 if self._later is not None else _TICK_S)
+                for key, _ in ready:
                     key.data()
+                if not ready:
+                    self._prepare_more()
                 self._collect()
                 self._tick()
         finally:
             self._stop_listening()
         _LOG.info("ended")
+
+    def _prepare_more(self) -> None:
+        """Do one step of what could wait, while nobody asks for anything."""
+        if self._later is None:
+            return
+        try:
+            next(self._later)
+        except StopIteration:
+            self._later = None
+        except Exception:  # noqa: BLE001  (modules of users may raise anything)
+            _LOG.exception("%s: a later step failed; workers do without", self._spec.preload)
+            self._later = None
+        if self._later is None:
+            gc.freeze()
 
     def _listen(self) -> None:
         self._places.remove_socket()  # left by a server that was killed; the lock says it is ours

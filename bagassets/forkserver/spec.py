@@ -42,7 +42,8 @@ class ServerSpec:
         recipe: recipe file that the modules read, if any.
         modules: modules imported ahead.
         paths: folders put on the module search path, for modules that are not installed.
-        preload: `module:function` called with the names of the modules before the server serves.
+        preload: `module:function` called with the names of the modules before the server serves; may
+            return an iterator of steps that are done once it serves, while nobody asks for anything.
         environment: variables that count, but those that the recipe's `.env` sets anyway.
         sources: files and folders of source code that the stamp covers.
         idle_timeout_s: seconds without a job or client after which the server ends.

@@ -6,16 +6,14 @@ A run's id is its job's label, so the worker's output is in `Places.job_log(run_
 
 import hashlib
 from collections.abc import Iterable, Mapping
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
 
-from bagassets.errors import BagAssetsError
 from bagassets.forkserver.client import Client
 from bagassets.forkserver.spec import IDLE_TIMEOUT_S, ServerSpec
 
-__all__ = ["DEFINITIONS", "END_WORKER", "connect", "server_spec", "start_early", "submit_build", "submit_run"]
+__all__ = ["DEFINITIONS", "END_WORKER", "connect", "server_spec", "submit_build", "submit_run"]
 
 DEFINITIONS = "bagassets.definitions"
 _WORKER = "bagassets.defs.run_worker"
@@ -43,12 +41,6 @@ def server_spec(
         preload=f"{_WORKER}:preload",
         idle_timeout_s=idle_timeout_s,
     )
-
-
-def start_early(state_folder: Path, recipe: Path) -> None:
-    """Have the server start that `connect` will ask for, if there is none; returns at once."""
-    with suppress(BagAssetsError):  # `connect` will say it
-        Client.start_early(server_spec(state_folder, recipe))
 
 
 def connect(spec: ServerSpec, instance: str, *, timeout_s: float = 60.0) -> Client:
