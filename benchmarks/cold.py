@@ -83,7 +83,12 @@ def _runs(made: Project, options: Options) -> dict[str, list[Used]]:
     }
     if options.converter is not None and "jpeg" not in made.recipe.parent.name:
         commands["external converter"] = lambda: _convert_each(made, str(options.converter))
-    return {name: [run() for _ in range(options.trials)] for name, run in commands.items()}
+    runs: dict[str, list[Used]] = {name: [] for name in commands}
+    for _ in range(options.trials):  # by turns: what else the machine does changes with time
+        for name, run in commands.items():
+            made.settle()
+            runs[name].append(run())
+    return runs
 
 
 def _build(made: Project) -> Used:

@@ -95,6 +95,14 @@ class Project(Bench):
         self.touch()
         self.store_digests()
 
+    def settle(self) -> None:
+        """Have the disk finish what was written, and the recordings in the page cache, whoever is next."""
+        os.sync()
+        for file in self.files():
+            with file.open("rb", buffering=0) as stream:
+                while stream.read(1 << 24):
+                    pass
+
     def files(self) -> list[Path]:
         """Return all files of all recordings."""
         found = discover(load_recipe(self.recipe).bags).found.values()
@@ -108,6 +116,7 @@ class Project(Bench):
     def convert_plainly(self) -> Converted:
         """Convert all recordings one after the other with the same code, in one process and without store."""
         out = self._empty_output()
+        self.settle()
         began = time.perf_counter()
         done = subprocess.run(plain_command(self.bags, out), check=False, cwd=ROOT, env=self._environment())
         seconds = time.perf_counter() - began
@@ -122,6 +131,7 @@ class Project(Bench):
         Many converters tell of errors and end with 0 all the same: one that leaves no file has failed.
         """
         out = self._empty_output()
+        self.settle()
         seconds, failed = 0.0, []
         for found in discover(load_recipe(self.recipe).bags).found.values():
             target = out / found.key
@@ -162,6 +172,7 @@ def repeated(trials: int, before: Callable[[], Any], timed: Callable[[], float])
     times = []
     for _ in range(trials):
         before()
+        os.sync()  # what was written before is not part of it
         times.append(timed())
     return times
 

@@ -76,6 +76,7 @@ class Bench:
         seconds, ran = [], set()
         for _ in range(times or self.times):
             before()
+            os.sync()  # what was written before is not part of it
             known = set(self.actions())
             seconds.append(self.build(expected))
             ran = {name for digest, name in self.actions().items() if digest not in known}
@@ -259,6 +260,7 @@ def convert(command: list[str], bench: Bench) -> tuple[float, int]:
     out = bench.recipe.parent / "out"
     shutil.rmtree(out, ignore_errors=True)
     out.mkdir()
+    os.sync()
     began = time.perf_counter()
     done = subprocess.run(
         command, check=False, cwd=ROOT, env={**os.environ, "BENCH_RECIPE": str(bench.recipe)}

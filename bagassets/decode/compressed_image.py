@@ -15,13 +15,15 @@ from bagassets.errors import DecodeError
 __all__ = ["decode_compressed_image", "image_size", "unpack"]
 
 _JPEG, _PNG = b"\xff\xd8\xff", b"\x89PNG\r\n\x1a\n"
+_USUAL_PADDING = 4096
 _BAYER = re.compile(r"bayer_[rgb]{4}(8|16)")
 
 
 def decode_compressed_image(message: Any) -> ImageReading:
     """Return the image with the bytes as recorded; `encoding` is `jpeg`, `png` or `<type>:<bayer pattern>`.
 
-    The type is told from the first bytes, since `format` is often empty and sometimes wrong.
+    The type is told from the first bytes, since `format` is often empty and sometimes wrong. The bytes
+    are a view of the message's.
 
     Raises:
         DecodeError: it is neither a JPEG nor a PNG, or it is cut off.
@@ -30,15 +32,16 @@ def decode_compressed_image(message: Any) -> ImageReading:
     said = str(message.format)
     if "compressedDepth" in said:
         raise DecodeError("compressedDepth images are not supported; record the raw depth topic")
-    data = np.asarray(message.data).tobytes()
-    if data.startswith(_JPEG):
+    data = np.ascontiguousarray(message.data, np.uint8).data
+    start = bytes(data[: len(_PNG)])
+    if start.startswith(_JPEG):
         kind = "jpeg"
         # Decoders fill the missing part of a cut-off JPEG with grey; drivers pad whole ones with zeros.
-        if not data.rstrip(b"\x00").endswith(b"\xff\xd9"):
+        if not _without_padding(data).endswith(b"\xff\xd9"):
             raise DecodeError("the JPEG is cut off")
-    elif data.startswith(_PNG):
+    elif start == _PNG:
         kind = "png"
-        if b"IEND" not in data[-1024:]:
+        if b"IEND" not in bytes(data[-1024:]):
             raise DecodeError("the PNG is cut off")
     else:
         raise DecodeError(f"format '{said}' is neither JPEG nor PNG by its first bytes")
@@ -49,7 +52,13 @@ def decode_compressed_image(message: Any) -> ImageReading:
     return ImageReading(stamp_ns, frame_id, None, data, f"{kind}:{inside.group(0)}" if inside else kind)
 
 
-def unpack(encoded: bytes, encoding: str) -> Pixels:
+def _without_padding(data: memoryview) -> bytes:
+    """Return the last bytes that are not zeros appended to the rest."""
+    end = bytes(data[-_USUAL_PADDING:]).rstrip(b"\x00")
+    return end if len(end) > 1 else bytes(data).rstrip(b"\x00")
+
+
+def unpack(encoded: bytes | memoryview, encoding: str) -> Pixels:
     """Return the pixels, (H, W) grey or (H, W, 3) BGR, uint8 or uint16.
 
     Raises:
@@ -66,13 +75,13 @@ def unpack(encoded: bytes, encoding: str) -> Pixels:
     return demosaic(np.ascontiguousarray(pixels if pixels.ndim == 2 else pixels[:, :, 0]), pattern)
 
 
-def image_size(encoded: bytes) -> tuple[int, int]:
+def image_size(encoded: bytes | memoryview) -> tuple[int, int]:
     """Return width and height from the header of a JPEG or PNG, without decoding it.
 
     Raises:
         DecodeError: there is no such header.
     """
-    if encoded.startswith(_PNG):
+    if encoded[: len(_PNG)] == _PNG:
         width, height = struct.unpack(">II", encoded[16:24])
         return width, height
     at = 2

@@ -18,14 +18,14 @@ class ImageReading:
         stamp_ns: header stamp.
         frame_id: sensor frame, without leading slash.
         pixels: (H, W) or (H, W, 3) BGR, uint8 or uint16; None if only `encoded` is at hand.
-        encoded: the bytes of a JPEG or PNG as recorded, else None.
+        encoded: the bytes of a JPEG or PNG as recorded, maybe as a view of the message's, else None.
         encoding: `jpeg`, `png` or the raw encoding as recorded.
     """
 
     stamp_ns: int
     frame_id: str
     pixels: NDArray[np.uint8] | NDArray[np.uint16] | None
-    encoded: bytes | None
+    encoded: bytes | memoryview | None
     encoding: str
 
 

@@ -58,7 +58,7 @@ def _image_problem(reading: ImageReading) -> str | None:
         return "pixels and encoded bytes are both given, or neither"
     if reading.encoded is not None:
         magic = _MAGIC.get(reading.encoding.partition(":")[0])
-        known = magic is not None and reading.encoded.startswith(magic)
+        known = magic is not None and bytes(reading.encoded[: len(magic)]) == magic
         return None if known else "encoded bytes are not what its encoding says, jpeg or png"
     layout = ENCODINGS.get(reading.encoding)
     if layout is None:

@@ -172,9 +172,14 @@ class FrameExtractor:
         if self._pool is None:
             self._take(reading.stamp_ns, message.log_time_ns, partial(self._write, reading))
             return
-        if reading.pixels is not None and not isinstance(message.data, bytes):
-            # A view of the message, which is valid during this call only.
-            reading = replace(reading, pixels=reading.pixels.copy())
+        if not isinstance(message.data, bytes):
+            # Views of the message are valid during this call only.
+            pixels, encoded = reading.pixels, reading.encoded
+            reading = replace(
+                reading,
+                pixels=None if pixels is None else pixels.copy(),
+                encoded=None if encoded is None else bytes(encoded),
+            )
         future = self._pool.submit(self._write, reading)
         self._in_flight.append((reading.stamp_ns, message.log_time_ns, future))
         while len(self._in_flight) > _MOST_IN_FLIGHT:

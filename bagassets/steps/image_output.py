@@ -98,7 +98,7 @@ class ImageOutput:
         pixels = None if mosaic is None else bayer_to_bgra(mosaic, reading.encoding)
         return raw_pixels(reading) if pixels is None else pixels
 
-    def _as_recorded(self, encoded: bytes, encoding: str) -> EncodedImage:
+    def _as_recorded(self, encoded: bytes | memoryview, encoding: str) -> EncodedImage:
         width, height = image_size(encoded)
         self._check(width, height)
         return EncodedImage(encoded, ".png" if encoding.startswith("png") else ".jpg", width, height)
