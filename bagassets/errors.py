@@ -14,6 +14,7 @@ __all__ = [
     "DatasetError",
     "DecodeError",
     "LossLimitError",
+    "MemoryShortageError",
     "PluginError",
     "PoseError",
     "RecipeError",
@@ -77,6 +78,12 @@ class PoseError(BagAssetsError):
 
 class StoreError(BagAssetsError):
     """The artifact store misses something, holds damaged bytes, or cannot be written."""
+
+    transient = True
+
+
+class MemoryShortageError(BagAssetsError):
+    """A step ran out of memory; with fewer beside it, or on another machine, it may succeed."""
 
     transient = True
 

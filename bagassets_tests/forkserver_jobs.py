@@ -15,6 +15,25 @@ def preload(modules):
         __import__(module)
 
 
+STEPS_DONE = []
+
+
+def preload_in_steps(modules):
+    preload(modules)
+
+    def steps():
+        for number in range(3):
+            STEPS_DONE.append(number)
+            yield
+        raise ValueError("the fourth step")
+
+    return steps()
+
+
+def steps_done(_args):
+    return STEPS_DONE
+
+
 def add(args):
     note({"half": args["x"]})
     print("adding")  # noqa: T201  (it goes to the job's log)

@@ -12,6 +12,9 @@ from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
+import numpy as np
+import pyarrow as pa
 import pytest
 
 from bagassets.bags import digest
@@ -552,9 +555,19 @@ class TestKilled:
         assert list(check_store(store)) == []
 
 
+def no_memory_in_opencv():
+    with pytest.raises(cv2.error) as caught:
+        cv2.resize(np.zeros((1, 1, 3), np.uint8), (2**30, 2**30))
+    return caught.value
+
+
 def test_words_for_errors_that_are_ours_already():
     err = StoreError("x")
     assert in_words(err, Path("a.bag"), "frames") is err
+    for short in (MemoryError(), pa.lib.ArrowMemoryError("malloc of size 1 failed"), no_memory_in_opencv()):
+        told = in_words(short, Path("a.bag"), "frames CAM_FRONT")
+        assert told.transient
+        assert str(told).startswith("a.bag: frames CAM_FRONT ran out of memory; ")
     assert ChangedWhileReadError.transient
     assert not RecordingError.transient
 

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import sqlite3
 import subprocess
@@ -19,6 +20,7 @@ from bagassets.defs.sqlite_files import kept_open
 from bagassets.engine.build_report import BagOutcome, BuildOptions, BuildReport, Event
 from bagassets.engine.choose import SelectionError
 from bagassets.forkserver.client import Client
+from bagassets.forkserver.process import ProcessId
 from bagassets.recipe import load_recipe
 from bagassets_tests.in_process import make_project
 
@@ -121,6 +123,35 @@ def test_an_interrupt_stops_cleanly_and_the_next_build_carries_on(built):
     done = run(built, "--json")
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["dataset"]["state"] in {"updated", "fresh"}
+    assert recipe.nuscenes.output.is_dir()
+
+
+def test_a_killed_worker_fails_its_recording_and_the_build_goes_on(built):
+    recipe = load_recipe(built)
+    text = built.read_text()
+    built.write_text(re.sub(r"/cam/image_raw(, quality: \d+)?", "/cam/image_raw, quality: 21", text))
+    assert run(built, "--bag", KEYS[0], "--select", "bag").returncode == 0  # a server for this recipe
+
+    def kill_first(event):
+        if (event.kind, event.key) == ("started", KEYS[0]):
+            with find_server(built) as other:
+                (worker,) = (
+                    job for job in other.status()["jobs"] if job["function"].endswith("run_worker:build")
+                )
+                assert ProcessId.from_json(worker["process"]).send(signal.SIGKILL)
+
+    with find_server(built) as client:
+        told = build_on_server(client, built, BuildOptions(jobs=1), kill_first, None)
+    outcomes = {row["recording"]: row for row in told["summary"]}
+    assert outcomes[KEYS[0]]["result"] == "failed"
+    assert "was killed by SIGKILL, maybe because the system ran out of memory" in json.dumps(told)
+    assert outcomes[KEYS[1]]["result"] == "built"
+    done = run(built, "--json")
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["counts"]["built"] == 1, (
+        "a worker that was killed left no failure on record"
+    )
+    built.write_text(text)
     assert recipe.nuscenes.output.is_dir()
 
 

@@ -3,7 +3,7 @@
 import click
 import pytest
 
-from bagassets.cli.main import COMMANDS, main, root
+from bagassets.cli.main import COMMANDS, EXIT_ERROR, main, root
 from bagassets.cli.reference import all_commands
 
 LEAVES = {name: command for name, command in all_commands() if not isinstance(command, click.Group)}
@@ -33,3 +33,12 @@ def test_every_option_is_explained(name):
 def test_a_mistyped_command_is_answered_with_the_one_that_was_meant(capsys):
     assert main(["biuld"]) == 2
     assert "Did you mean build?" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("place", ["file/drive.mcap", "file/deeper/drive.bag", "file/drive"])
+def test_a_place_that_cannot_be_is_told_and_is_no_defect(tmp_path, capsys, place):
+    (tmp_path / "file").write_text("not a folder")
+    assert main(["sample", str(tmp_path / place)]) == EXIT_ERROR
+    told = capsys.readouterr().err
+    assert f"{tmp_path / 'file'}" in told
+    assert "mend this one" in told

@@ -261,6 +261,20 @@ def test_the_stamp_covers_what_counts(tmp_path, monkeypatch):
     assert stamp() == seen[0], "a change taken back finds the first server again"
 
 
+def test_what_can_wait_is_prepared_while_the_server_serves(tmp_path):
+    with Client.ensure(spec_in(tmp_path / "state", preload=f"{JOBS}:preload_in_steps")) as client:
+        numbers = iter(range(10_000))
+
+        def done():
+            job = client.submit(f"{JOBS}:steps_done", {}, label=f"steps-{next(numbers)}")
+            return end_of(client, job)["result"] == [0, 1, 2]
+
+        eventually(done)
+        eventually(lambda: "a later step failed; workers do without" in client.places.log.read_text())
+        assert done()
+        client.shutdown(grace_s=0.0)
+
+
 def test_a_server_that_cannot_start_shows_the_end_of_its_log(tmp_path):
     options = write_module(tmp_path / "code", "broken_module", "raise RuntimeError('broken beyond repair')\n")
     with pytest.raises(BagAssetsError, match="broken beyond repair"):

@@ -11,6 +11,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from bagassets.bags.discover import find_one
+from bagassets.bags.open import open_recording
+from bagassets.decode.fields import stamp_ns
 from bagassets.errors import DatasetError, RecipeError
 from bagassets.geometry.se3 import SE3
 from bagassets.recipe import load_recipe
@@ -258,6 +261,20 @@ class TestRecordingFiles:
             )
             position = [float(row[name]) for name in "xyz"]
             assert position == pytest.approx(map_SE3_cam.translation, abs=1e-3)
+
+    def test_with_log_times_tf_counts_by_log_time_too(self, tmp_path):
+        path = tmp_path / "recordings" / "drive.bag"
+        write_recordings([Target(path, "ros1")], seed=5, duration_s=1.2)
+        (tmp_path / "recipe.yaml").write_text(sample_recipe() + VISION + "clock: log\n")
+        made = build_recordings(load_recipe(tmp_path / "recipe.yaml"))["drive.bag"]["vision_sequences"]
+        table = made.artifact.read_table("trajectories/CAM_FRONT-map.parquet")
+        with open_recording(find_one(path)) as recording:
+            messages = [(raw.log_time_ns, recording.decode(raw)) for raw in recording.messages(["/tf"])]
+        logged = {log_time_ns for log_time_ns, _ in messages}
+        stamped = {stamp_ns(one.header.stamp) for _, tf in messages for one in tf.transforms}
+        assert logged.isdisjoint(stamped), "else the test says nothing"
+        assert table.num_rows > 20
+        assert set(table["stamp_ns"].to_pylist()) <= logged
 
     def test_a_frame_that_is_not_there_is_told_and_costs_nothing_else(self, built, dataset):
         facts = built[2]["drive.bag"]["vision_sequences"].artifact.read_json("facts.json")

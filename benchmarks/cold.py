@@ -1,13 +1,15 @@
 """Cold builds: seconds, processor time, memory and idle processors, beside conversions without a store.
 
 One long recording, the same at a quarter of its length (memory must not grow), eight side by side, many small
-ones (what a recording costs beyond the work), and JPEG that is passed through.
+ones (what a recording costs beyond the work), and JPEG that is passed through, of two sizes: their
+difference is without what starting takes.
 """
 
 import os
 import shlex
 import shutil
 import sys
+import time
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
@@ -39,10 +41,12 @@ def cold(options: Options) -> None:
         f"8 recordings of {size / 8:.2f} GB": lambda: project(folder / "cold-8", [size * 1.25e8] * 8, trials),
         f"{small} recordings of 5 MB": lambda: project(folder / "cold-small", [_SMALL_BYTES] * small, trials),
         f"JPEG, {size / 2:.2f} GB": lambda: jpeg_project(folder / "cold-jpeg", size * 5e8, trials),
+        f"JPEG, {size / 8:.2f} GB": lambda: jpeg_project(folder / "cold-jpeg-quarter", size * 1.25e8, trials),
     }
     figures: dict[str, Any] = {}
     rows: list[list[Any]] = []
     extra: dict[int, float] = {}  # recordings -> processor time beyond that of the plain conversion
+    passed_on: list[tuple[float, dict[str, float]]] = []  # GB of JPEG, and seconds of each way
     for name, make in cases.items():
         made = make()
         runs = _runs(made, options)
@@ -55,6 +59,9 @@ def cold(options: Options) -> None:
             rows.append([title, best.seconds, best.cpu_s, 100 * best.busy, best.peak_mb, rate])
         extra[figures[name]["recordings"]] = _least_cpu_s(runs["bagassets"]) - _least_cpu_s(runs[PLAIN])
         made.stop_server()
+        if name.startswith("JPEG"):
+            seconds = {what: min(one.seconds for one in used) for what, used in runs.items()}
+            passed_on.append((made.size_gb, seconds | {"copying the file": _copy_s(made, options)}))
         shutil.rmtree(made.state)
     head = ["run, best of trials", "s", "CPU-s", "processors busy %", "peak memory MB", "MB/s"]
     each = (extra[small] - extra[8]) / (small - 8)
@@ -63,11 +70,33 @@ def cold(options: Options) -> None:
         f"\nBeyond the plain conversion: {each:.2f} CPU-seconds for each recording, and {extra[8] - 8 * each:.1f} "
         "once, to start (from 8 recordings and the small ones).\n"
     )
+    (large, slow), (little, fast) = passed_on
+    rates = {what: (large - little) * 1000 / (slow[what] - fast[what]) for what in slow}
+    figures["jpeg_mb_per_s"] = rates
+    note += (
+        f"\nJPEG, each MB beyond the first {little * 1000:.0f}: "
+        + ", ".join(f"{what} {rate:.0f} MB/s" for what, rate in rates.items())
+        + ".\n"
+    )
     save(options, "cold", {"cases": figures}, markdown(head, rows) + note)
 
 
 def _least_cpu_s(runs: list[Used]) -> float:
     return min(used.cpu_s for used in runs)
+
+
+def _copy_s(made: Project, options: Options) -> float:
+    """Return the seconds of a mere copy, the best of some: what the system takes to write as many bytes."""
+    taken = []
+    for _ in range(options.trials):
+        made.settle()
+        target = made.recipe.parent / "copy"
+        began = time.perf_counter()
+        for file in made.files():
+            shutil.copyfile(file, target)
+        taken.append(time.perf_counter() - began)
+        target.unlink()
+    return min(taken)
 
 
 def jpeg_project(folder: Path, size: float, trials: int) -> Project:

@@ -53,6 +53,7 @@ def floor(options: Options) -> None:
     (found,) = discover(load_recipe(made.recipe).bags).found.values()
     cv2.setNumThreads(1)
     keep_freed_memory()
+    made.settle()
     stages, out = _Stages(), options.folder / "floor"
     out.mkdir(exist_ok=True)
     with stages.stage("hash the file"):

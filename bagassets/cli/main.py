@@ -3,6 +3,7 @@
 Subcommands are imported when they are called, so that `bagassets --help` pays for none of them.
 """
 
+import errno
 import importlib
 import os
 import sys
@@ -59,6 +60,22 @@ COMMANDS: dict[str, tuple[str, str]] = {
 EXIT_ERROR = 1
 EXIT_CRASH = 70
 EXIT_INTERRUPTED = 130
+
+# What a file system may answer to a place that a user named; any other error of the system is a defect.
+_REFUSALS = frozenset(
+    {
+        errno.EACCES,
+        errno.EDQUOT,
+        errno.EEXIST,
+        errno.EISDIR,
+        errno.ENAMETOOLONG,
+        errno.ENOENT,
+        errno.ENOSPC,
+        errno.ENOTDIR,
+        errno.EPERM,
+        errno.EROFS,
+    }
+)
 
 
 class LazyGroup(click.Group):
@@ -132,6 +149,14 @@ def main(args: Sequence[str] | None = None) -> int:
     except BagAssetsError as err:
         for line in str(err).splitlines():
             click.echo(f"error: {line}", err=True)
+        return EXIT_ERROR
+    except OSError as err:
+        if err.errno not in _REFUSALS or err.filename is None:
+            return _crashed(err, arguments)
+        click.echo(
+            f"error: {err.filename}: {err.strerror}; name another place, or mend this one and try again.",
+            err=True,
+        )
         return EXIT_ERROR
     except Exception as err:  # noqa: BLE001  (a defect; its traceback goes to a file)
         return _crashed(err, arguments)

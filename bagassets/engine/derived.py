@@ -94,6 +94,7 @@ def _vision_sequences(made: Made) -> Job:
         made.recipe.vision,
         made.found.key,
         made.inventory,
+        clock=made.recipe.clock,
         calibration=made.calibration,
         ego_poses=poses,
         frames=images,

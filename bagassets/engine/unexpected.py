@@ -3,10 +3,11 @@
 import traceback
 from pathlib import Path
 
-from bagassets.errors import BagAssetsError, UnexpectedError
+from bagassets.errors import BagAssetsError, MemoryShortageError, UnexpectedError
 
 __all__ = ["in_words"]
 
+_OPENCV_NO_MEMORY = -4  # cv2.Error.StsNoMem, as `cv2.error.code`
 _PACKAGE = Path(__file__).parents[1]
 
 
@@ -20,6 +21,11 @@ def in_words(err: Exception, path: Path, what: str) -> BagAssetsError:
     """
     if isinstance(err, BagAssetsError):
         return err
+    if isinstance(err, MemoryError) or getattr(err, "code", None) == _OPENCV_NO_MEMORY:
+        return MemoryShortageError(
+            f"{path}: {what} ran out of memory; nothing of it is on record. Build again with fewer recordings at a time "
+            "(--jobs), or on a machine with more memory."
+        )
     ours = [
         frame for frame in traceback.extract_tb(err.__traceback__) if frame.filename.startswith(str(_PACKAGE))
     ]

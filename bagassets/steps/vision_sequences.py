@@ -16,6 +16,7 @@ from bagassets.errors import CalibrationError
 from bagassets.geometry.tf_tree import TfTree
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.recipe.model import CameraChannel, Rig
+from bagassets.recipe.model_base import Clock
 from bagassets.recipe.model_vision import Vision
 from bagassets.steps.channel import Request
 from bagassets.steps.transform_logs import read_transforms
@@ -30,7 +31,7 @@ from bagassets.vision.trajectories import Bodies, csv_bytes, tf_poses, trajector
 
 __all__ = ["STEP", "make", "request"]
 
-STEP = Step("vision_sequences", 1, ("pyarrow",))
+STEP = Step("vision_sequences", 2, ("pyarrow",))
 
 _LEAST_DIGITS = 4
 
@@ -41,6 +42,7 @@ def request(
     key: str,
     inventory: Inventory,
     *,
+    clock: Clock,
     calibration: Mapping[str, Any],
     ego_poses: Artifact,
     frames: Mapping[str, Artifact],
@@ -52,6 +54,7 @@ def request(
         vision: the recipe's `vision`.
         key: partition key.
         inventory: what is in the recording.
+        clock: which time of a message counts.
         calibration: content of `calibration.json`.
         ego_poses: the artifact of poses.
         frames: channel -> artifact of its images.
@@ -73,6 +76,7 @@ def request(
         "trajectories": sorted(set(vision.trajectories)),
         "tf": tf,
         "tf_static": tf_static,
+        "tf_clock": clock if tf else None,
         "tf_max_gap_s": getattr(rig.ego_pose, "max_gap_s", 0.0),
         "calibration": {
             "ego_frame": calibration["ego_frame"],
@@ -229,7 +233,7 @@ def _write_trajectories(
     bodies = Bodies.of(params["calibration"], poses_json["global_frame"])
     tree = TfTree(
         read_transforms(recording, params["tf_static"], "tf_static"),
-        read_transforms(recording, params["tf"], "tf"),
+        read_transforms(recording, params["tf"], "tf", clock=params["tf_clock"] or "header"),
     )
     missing = {}
     for pair in params["trajectories"]:
