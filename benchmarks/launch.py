@@ -86,7 +86,7 @@ def main() -> None:
 
 def measure(launcher: str) -> dict[str, float]:
     """Return seconds from the click to the first step (cold and warm), and until one and many runs are done."""
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
         home = Path(folder)
         (home / "timed_definitions.py").write_text(DEFINITIONS, "utf-8")
         settings = "telemetry: {enabled: false}\n" + COORDINATOR + launcher

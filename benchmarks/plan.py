@@ -164,7 +164,9 @@ def datasets(instance: dg.DagsterInstance, workspace: Workspace) -> None:
     for name in ("samples", "sweeps", "maps", recipe.nuscenes.version):
         (recipe.nuscenes.output / name).mkdir(parents=True)
     time.sleep(0.05)
-    (recipe.nuscenes.output / recipe.nuscenes.version / LOCK).write_text('{"bags": []}', "utf-8")
+    (recipe.nuscenes.output / recipe.nuscenes.version / LOCK).write_text(
+        '{"bags": [], "duplicates": {}}', "utf-8"
+    )
     if recipe.vision is not None:
         (recipe.vision.output / ANNOTATIONS).mkdir(parents=True)
         (recipe.vision.output / ANNOTATIONS / VISION_LOCK).write_text('{"bags": [], "files": []}', "utf-8")
