@@ -88,6 +88,18 @@ def event_database(instance: dg.DagsterInstance) -> Path | None:
     return None if path_for_shard is None else Path(path_for_shard("index"))
 
 
+def database_place(instance: dg.DagsterInstance) -> str | None:
+    """Return the file or, of PostgreSQL, the URL of the database that holds the events about assets.
+
+    None if they are kept in something else.
+    """
+    file = event_database(instance)
+    if file is not None:
+        return str(file)
+    url = getattr(instance.event_log_storage, "postgres_url", None)
+    return url if isinstance(url, str) else None
+
+
 def latest_ids(
     instance: dg.DagsterInstance, assets: Iterable[str] = ALL_ASSETS
 ) -> dict[str, Mapping[str, int]]:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import dagster as dg
 
-from bagassets.defs.events import event_database
+from bagassets.defs.events import database_place
 from bagassets.defs.workspace import Workspace, partitions_name
 from bagassets.engine.named_files import files_beside, named_files
 from bagassets.engine.plan_memo import artifacts_of
@@ -30,7 +30,7 @@ class SnapshotWriter:
         self._recipe = workspace.recipe
         self._before: snapshot.Before | None = None
         recipe_file = Path(workspace.recipe_file).absolute()
-        database = event_database(instance)
+        database = database_place(instance)
         config = dagster_home(recipe_file, self._recipe) / "dagster.yaml"
         # A database that is named by a variable may be another one next time.
         if database is None or "env:" in config.read_text("utf-8"):
@@ -46,7 +46,7 @@ class SnapshotWriter:
             recipe=str(recipe_file),
             files=[*files, str(config)],
             bag_root=str(self._recipe.bags.root),
-            database=str(database),
+            database=database,
             partitions=partitions_name(self._recipe),
             artifacts=str(self._recipe.store_path / "artifacts"),
         )

@@ -7,6 +7,7 @@ be made in the time that Dagster needs to begin importing.
 import os
 import sqlite3
 from hashlib import blake2b
+from typing import Any
 
 __all__ = ["Doubt", "database_look", "files_look", "folder_look", "signature", "tree_look"]
 
@@ -18,6 +19,7 @@ _ASSETS = (
     "ORDER BY asset_key"
 )
 _PARTITIONS = "SELECT partition FROM dynamic_partitions WHERE partitions_def_name = ? ORDER BY partition"
+_ABOUT_ASSETS = " WHERE asset_key IS NOT NULL"
 _SCHEMA = "SELECT version_num FROM alembic_version"
 _MOST_ENTRIES = 20_000
 
@@ -114,23 +116,28 @@ def folder_look(folder: str, depth: int = 2) -> str:
     return _digest(lines)
 
 
-def database_look(path: str, partitions: str) -> str:
+def database_look(place: str, partitions: str) -> str:
     """Return a digest that changes with every event about an asset, wipe, deleted run or partition.
 
     Ids alone would not do: SQLite gives those of deleted events away again.
 
     Args:
-        path: the database of Dagster's event log (SQLite).
+        place: the database of Dagster's event log: a file of SQLite, or the URL of a PostgreSQL database.
         partitions: name of the dynamic partitions.
 
     Raises:
         Doubt: it cannot be read, or has another schema.
     """
+    read = _postgres_rows if "://" in place else _sqlite_rows
+    return _digest([repr(rows) for rows in read(place, partitions)])
+
+
+def _sqlite_rows(path: str, partitions: str) -> list[Any]:
     quoted = path.replace("%", "%25").replace("?", "%3f").replace("#", "%23")
     try:
         connection = sqlite3.connect(f"file:{quoted}?mode=ro", timeout=1.0, uri=True)
         try:
-            found = [
+            return [
                 connection.execute(_SCHEMA).fetchall(),
                 connection.execute(_EVENTS).fetchall(),
                 connection.execute(_NEWEST).fetchall(),
@@ -141,7 +148,35 @@ def database_look(path: str, partitions: str) -> str:
             connection.close()
     except sqlite3.Error as err:
         raise Doubt(f"{path}: {err}") from err
-    return _digest([repr(rows) for rows in found])
+
+
+def _postgres_rows(url: str, partitions: str) -> list[Any]:
+    """Read the same from PostgreSQL, where events of runs lie in the same table as those about assets."""
+    try:
+        import psycopg2  # noqa: PLC0415  (only there, and with dagster-postgres)
+    except ImportError as err:
+        raise Doubt("psycopg2 is not installed") from err
+    scheme, _, rest = url.partition("://")
+    rows: list[Any] = []
+    try:
+        connection = psycopg2.connect(f"{scheme.partition('+')[0]}://{rest}", connect_timeout=2)
+        try:
+            with connection.cursor() as cursor:
+                for query in (
+                    _SCHEMA,
+                    _EVENTS + _ABOUT_ASSETS,
+                    _NEWEST.replace(" ORDER", _ABOUT_ASSETS + " ORDER"),
+                    _ASSETS,
+                ):
+                    cursor.execute(query)
+                    rows.append(cursor.fetchall())
+                cursor.execute(_PARTITIONS.replace("?", "%s"), (partitions,))
+                rows.append(cursor.fetchall())
+        finally:
+            connection.close()
+    except psycopg2.Error as err:
+        raise Doubt(f"PostgreSQL: {err}") from err
+    return rows
 
 
 def _digest(lines: list[str]) -> str:

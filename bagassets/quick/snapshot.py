@@ -23,7 +23,7 @@ class Places(TypedDict):
         recipe: the recipe file.
         files: files that the recipe names, and Dagster's configuration.
         bag_root: folder of the recordings.
-        database: the database of Dagster's event log.
+        database: the database of Dagster's event log, a file of SQLite or a URL of PostgreSQL.
         partitions: name of the dynamic partitions.
         artifacts: folder of the artifacts in the store.
     """
@@ -88,9 +88,13 @@ def save(
     }
     path = os.path.join(state, NAME)  # noqa: PTH118  (no pathlib here: its import costs 5 ms)
     temporary = f"{path}.{os.getpid()}"
-    with open(temporary, "wb") as stream:  # noqa: PTH123
+    with open(temporary, "wb", opener=_private) as stream:
         stream.write(json.dumps(header).encode() + b"\n" + digests)
     os.replace(temporary, path)  # noqa: PTH105
+
+
+def _private(path: str, flags: int) -> int:
+    return os.open(path, flags, 0o600)  # the URL of a database may hold a password
 
 
 def remove(state: str) -> None:

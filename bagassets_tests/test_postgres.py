@@ -1,0 +1,108 @@
+"""A project whose Dagster database is a real PostgreSQL: builds, and the decision that there is nothing to do."""
+
+import os
+import pwd
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import pytest
+
+from bagassets.defs.runs import open_instance
+from bagassets.defs.workspace import partitions_name
+from bagassets.forkserver.client import Client
+from bagassets.quick.build import nothing_to_do
+from bagassets.quick.looks import Doubt, database_look
+from bagassets.recipe import load_recipe
+from bagassets_tests.in_process import make_project
+
+KEYS = ["a.bag", "b.mcap"]
+PORT = 5439
+PROGRAMS = next(
+    (folder for folder in sorted(Path("/usr/lib/postgresql").glob("*/bin"), reverse=True)), None
+) or (Path(found).parent if (found := shutil.which("initdb")) else None)
+
+pytestmark = pytest.mark.skipif(PROGRAMS is None, reason="PostgreSQL is not installed")
+
+
+def run(program, *arguments):
+    """Run a program of PostgreSQL, which refuses to run as root."""
+    user = {"user": "postgres"} if os.getuid() == 0 else {}
+    command = [str(PROGRAMS / program), *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd="/", **user)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.fixture(scope="module")
+def url():
+    folder = Path(tempfile.mkdtemp(prefix="bagassets-postgres-"))
+    if os.getuid() == 0:
+        os.chown(folder, pwd.getpwnam("postgres").pw_uid, -1)
+    data = str(folder / "data")
+    run("initdb", "--pgdata", data, "--auth", "trust", "--username", "postgres", "--no-sync")
+    options = f"-c listen_addresses= -c unix_socket_directories={folder} -c fsync=off -p {PORT}"
+    run("pg_ctl", "--pgdata", data, "--wait", "--options", options, "--log", str(folder / "log"), "start")
+    try:
+        run("createdb", "--host", str(folder), "--port", str(PORT), "--username", "postgres", "dagster")
+        # Without a driver in the URL SQLAlchemy takes psycopg 3, with which dagster-postgres cannot work.
+        yield f"postgresql+psycopg2://postgres@/dagster?host={folder}&port={PORT}"
+    finally:
+        run("pg_ctl", "--pgdata", data, "--mode", "immediate", "stop")
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+@pytest.fixture(scope="module")
+def project(tmp_path_factory, url):
+    recipe_file = make_project(tmp_path_factory.mktemp("postgres"), KEYS, duration_s=2.0)
+    config = recipe_file.with_name("dagster.yaml")
+    before, _, rest = config.read_text().partition("storage:\n")
+    _, _, after = rest.partition("local_artifact_storage:\n")
+    storage = f"storage:\n  postgres:\n    postgres_url: {url}\nlocal_artifact_storage:\n"
+    config.write_text(before + storage + after)
+    yield recipe_file
+    for client in Client.all_of(load_recipe(recipe_file).state):
+        client.shutdown(grace_s=1.0)
+
+
+def build(recipe_file, *arguments):
+    command = [sys.executable, "-m", "bagassets", "build", "--recipe", str(recipe_file), *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def decide(recipe_file):
+    return nothing_to_do(["build", "--recipe", str(recipe_file)])
+
+
+def test_a_build_and_the_next_one_which_has_nothing_to_do(project):
+    assert "2 built" in build(project)
+    assert decide(project)[0] == "2 fresh: nothing to do"
+    assert "nothing to do" in build(project)
+    assert not list(project.parent.rglob("index.db")), "no SQLite beside it"
+    snapshot = load_recipe(project).state / "nothing-to-do.snapshot"
+    assert snapshot.stat().st_mode & 0o077 == 0, "it may hold a password"
+
+
+@pytest.mark.parametrize("what", ["an asset wiped", "a run deleted", "a partition removed"])
+def test_what_happened_in_the_database_is_noticed(project, what):
+    build(project)
+    assert decide(project) is not None
+    with open_instance(str(project.parent)) as instance:
+        if what == "an asset wiped":
+            (key,) = (key for key in instance.get_asset_keys() if key.path[-1] == "ego_poses")
+            instance.wipe_assets([key])
+        elif what == "a run deleted":
+            instance.delete_run(instance.get_runs()[-1].run_id)
+        else:
+            instance.delete_dynamic_partition(partitions_name(load_recipe(project)), KEYS[0])
+    assert decide(project) is None
+    assert "failed" not in build(project)
+    assert decide(project) is not None, "all is as it was"
+
+
+def test_a_database_that_is_not_there_is_a_doubt(url):
+    with pytest.raises(Doubt, match="PostgreSQL"):
+        database_look(url.replace(f"port={PORT}", "port=5440"), "recordings")
