@@ -78,7 +78,8 @@ def plugin_box_decoder(msgtype: str, given: Mapping[str, str] | None) -> BoxDeco
         raise PluginError(f"{plugin}: {plugin.reference} is no BoxDecoder; mend or uninstall it.")
 
     def items(message: Any) -> Iterable[Any]:
-        return _guarded(plugin, lambda whole: list(decoder.items(whole)), message)  # type: ignore[no-any-return]
+        found: list[Any] = _guarded(plugin, lambda whole: list(decoder.items(whole)), message)
+        return found
 
     def decode(message: Any, item: Any) -> BoxReading | None:
         box = _guarded(plugin, decoder.decode, message, item)

@@ -23,7 +23,7 @@ from dagster._core.storage.runs.sqlite import sqlite_run_storage
 from dagster._core.storage.sql import get_alembic_config
 from sqlalchemy import create_engine, event, make_url
 from sqlalchemy.engine import Engine
-from sqlalchemy.pool import NullPool, QueuePool
+from sqlalchemy.pool import NullPool, Pool, QueuePool
 
 from bagassets.defs.events import event_database
 
@@ -89,14 +89,13 @@ def _share_engines() -> None:
 
 def _create_engine(url: str, **options: Any) -> Engine:
     timeout_s = options.get("connect_args", {}).get("timeout")
-    plain: dict[str, Any] = {} if timeout_s is None else {"connect_args": {"timeout": timeout_s}}
-    if options != plain | {"poolclass": NullPool}:
+    if options != _file_options(NullPool, timeout_s):
         return create_engine(url, **options)  # not as it was when this was written: as asked for
     path = str(make_url(url).database)
     if _KEPT[path] <= 0:
         return _engine(url, timeout_s)
     if (path, timeout_s) not in _POOLED:
-        engine = create_engine(url, poolclass=QueuePool, **plain)
+        engine = create_engine(url, **_file_options(QueuePool, timeout_s))
         setattr(engine, _DISPOSE, lambda close=True: None)  # noqa: ARG005  (called as Engine.dispose is)
         _POOLED[path, timeout_s] = engine
     return _POOLED[path, timeout_s]
@@ -104,8 +103,11 @@ def _create_engine(url: str, **options: Any) -> Engine:
 
 @lru_cache(maxsize=32)
 def _engine(url: str, timeout_s: float | None) -> Engine:
-    plain: dict[str, Any] = {} if timeout_s is None else {"connect_args": {"timeout": timeout_s}}
-    return create_engine(url, poolclass=NullPool, **plain)
+    return create_engine(url, **_file_options(NullPool, timeout_s))
+
+
+def _file_options(pool: type[Pool], timeout_s: float | None) -> dict[str, Any]:
+    return {"poolclass": pool} | ({} if timeout_s is None else {"connect_args": {"timeout": timeout_s}})
 
 
 def _on_connect(connection: Any, _record: object) -> None:

@@ -23,7 +23,7 @@ def index_of(recipe: Recipe) -> DigestIndex:
     return DigestIndex(recipe.state)
 
 
-class Workspace(dg.ConfigurableResource):  # type: ignore[type-arg]
+class Workspace(dg.ConfigurableResource):  # type: ignore[type-arg]  # steps get it itself, not a value
     """What a step needs of its surroundings.
 
     Ask for it in an asset of your own as parameter `workspace: Workspace`.

@@ -11,16 +11,15 @@ from typing import Any
 
 __all__ = ["Doubt", "database_look", "files_look", "folder_look", "signature", "tree_look"]
 
-# The schema that the queries below were written for: `alembic_version` of Dagster 1.13.
-_EVENTS = "SELECT max(id), count(*) FROM event_logs"
-_NEWEST = "SELECT id, run_id, timestamp FROM event_logs ORDER BY id DESC LIMIT 1"
-_ASSETS = (
-    "SELECT asset_key, last_run_id, last_materialization_timestamp, wipe_timestamp FROM asset_keys "
-    "ORDER BY asset_key"
+# The schema that these were written for: `alembic_version` of Dagster 1.13. PostgreSQL keeps the events of runs in the
+# table of those about assets, which alone count.
+_QUERIES = (
+    "SELECT version_num FROM alembic_version",
+    "SELECT max(id), count(*) FROM event_logs {chosen}",
+    "SELECT id, run_id, timestamp FROM event_logs {chosen} ORDER BY id DESC LIMIT 1",
+    "SELECT asset_key, last_run_id, last_materialization_timestamp, wipe_timestamp FROM asset_keys ORDER BY asset_key",
 )
-_PARTITIONS = "SELECT partition FROM dynamic_partitions WHERE partitions_def_name = ? ORDER BY partition"
-_ABOUT_ASSETS = " WHERE asset_key IS NOT NULL"
-_SCHEMA = "SELECT version_num FROM alembic_version"
+_PARTITIONS = "SELECT partition FROM dynamic_partitions WHERE partitions_def_name = {mark} ORDER BY partition"
 _MOST_ENTRIES = 20_000
 
 
@@ -137,13 +136,7 @@ def _sqlite_rows(path: str, partitions: str) -> list[Any]:
     try:
         connection = sqlite3.connect(f"file:{quoted}?mode=ro", timeout=1.0, uri=True)
         try:
-            return [
-                connection.execute(_SCHEMA).fetchall(),
-                connection.execute(_EVENTS).fetchall(),
-                connection.execute(_NEWEST).fetchall(),
-                connection.execute(_ASSETS).fetchall(),
-                connection.execute(_PARTITIONS, (partitions,)).fetchall(),
-            ]
+            return _rows(connection.cursor(), partitions, mark="?")
         finally:
             connection.close()
     except sqlite3.Error as err:
@@ -151,31 +144,29 @@ def _sqlite_rows(path: str, partitions: str) -> list[Any]:
 
 
 def _postgres_rows(url: str, partitions: str) -> list[Any]:
-    """Read the same from PostgreSQL, where events of runs lie in the same table as those about assets."""
     try:
         import psycopg2  # noqa: PLC0415  (only there, and with dagster-postgres)
     except ImportError as err:
         raise Doubt("psycopg2 is not installed") from err
     scheme, _, rest = url.partition("://")
-    rows: list[Any] = []
     try:
         connection = psycopg2.connect(f"{scheme.partition('+')[0]}://{rest}", connect_timeout=2)
         try:
-            with connection.cursor() as cursor:
-                for query in (
-                    _SCHEMA,
-                    _EVENTS + _ABOUT_ASSETS,
-                    _NEWEST.replace(" ORDER", _ABOUT_ASSETS + " ORDER"),
-                    _ASSETS,
-                ):
-                    cursor.execute(query)
-                    rows.append(cursor.fetchall())
-                cursor.execute(_PARTITIONS.replace("?", "%s"), (partitions,))
-                rows.append(cursor.fetchall())
+            return _rows(connection.cursor(), partitions, mark="%s", chosen="WHERE asset_key IS NOT NULL")
         finally:
             connection.close()
     except psycopg2.Error as err:
         raise Doubt(f"PostgreSQL: {err}") from err
+
+
+def _rows(cursor: Any, partitions: str, *, mark: str, chosen: str = "") -> list[Any]:
+    """Return what each query gives; `mark` stands for a value, `chosen` picks the events that count."""
+    rows: list[Any] = []
+    for query in _QUERIES:
+        cursor.execute(query.format(chosen=chosen))
+        rows.append(cursor.fetchall())
+    cursor.execute(_PARTITIONS.format(mark=mark), (partitions,))
+    rows.append(cursor.fetchall())
     return rows
 
 

@@ -1,5 +1,6 @@
 """Writers of sample recordings: one interface, three formats, every compression they know."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
@@ -43,15 +44,16 @@ class Recorder(Protocol):
         """Return the bytes of a message in this format."""
 
 
-class _Recorder:
-    """What the formats share: `add` makes the connection of a topic, and returns what appends to it."""
+class _Recorder(ABC):
+    """What the formats share: `_add` makes the connection of a topic, and returns what appends to it."""
 
     def __init__(self, *, ros1: bool) -> None:
         self.messages = Messages(ros1=ros1)
         self._appenders: dict[str, Callable[[int, bytes | bytearray], None]] = {}
 
+    @abstractmethod
     def _add(self, topic: str, msgtype: str) -> Callable[[int, bytes | bytearray], None]:
-        raise NotImplementedError
+        """Make the connection of a topic; return what appends to it."""
 
     def serialize(self, msgtype: str, message: Any) -> bytes:
         store = self.messages.store
