@@ -7,6 +7,7 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
+from bagassets.forkserver.places import Places
 from bagassets.forkserver.worker import cancel_requested, note
 
 
@@ -102,3 +103,12 @@ def write_down(args):
 def touch(args):
     with Path(args["file"]).open("a", encoding="utf-8") as file:
         file.write("x")
+
+
+def watch_for_server(args):
+    """As first job: write down whether the server served when this began, and wait until it does."""
+    places = Places(Path(args["state"]), args["stamp"])
+    began = "after" if places.socket is not None else "before"
+    while places.socket is None:
+        time.sleep(0.02)
+    Path(args["file"]).write_text(f"began {began} it served, ended after", "utf-8")

@@ -155,6 +155,9 @@ class Messages:
             raise message.data
         return message.data
 
+    def packet(self, message: RawMessage, payloads: Any) -> None:
+        """Leave it to decoding."""
+
 
 def raw(message: Any, msgtype: str, log_time_ns: int, topic: str = "/sensor") -> RawMessage:
     return RawMessage(topic, msgtype, log_time_ns, message)

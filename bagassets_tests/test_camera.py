@@ -17,7 +17,8 @@ from hypothesis import strategies as st
 from bagassets.decode.camera_info import decode_camera_info
 from bagassets.decode.model import ImageReading
 from bagassets.errors import CalibrationError
-from bagassets.geometry.camera import CameraModel, undistort
+from bagassets.geometry.camera import CameraModel
+from bagassets.geometry.undistortion import undistort
 from bagassets.steps.image_output import ImageOutput, intrinsic_matrix
 from bagassets_tests.pose_data import camera_info, region
 

@@ -275,6 +275,29 @@ def test_what_can_wait_is_prepared_while_the_server_serves(tmp_path):
         client.shutdown(grace_s=0.0)
 
 
+def test_a_first_job_works_while_the_server_imports(tmp_path):
+    slow = write_module(tmp_path / "code", "slow_module", "import time\ntime.sleep(1.5)\n")
+    spec = spec_in(tmp_path / "state", **slow)
+    file = tmp_path / "order"
+    with Client.ensure(spec, first_job=(f"{JOBS}:watch_for_server", {"file": str(file)})) as client:
+        eventually(lambda: file.exists() and file.read_text() == "began before it served, ended after")
+        eventually(lambda: client.status()["jobs"] == [])
+        client.shutdown(grace_s=0.0)
+
+
+def test_a_first_job_is_for_a_server_that_is_started(client, tmp_path):
+    first_job = (f"{JOBS}:watch_for_server", {"file": str(tmp_path / "order")})
+    with Client.ensure(spec_in(tmp_path / "state"), first_job=first_job) as second:
+        assert second.process == client.process
+        assert not (tmp_path / "order").exists()
+
+
+def test_a_server_serves_though_its_first_job_failed(tmp_path):
+    with Client.ensure(spec_in(tmp_path / "state"), first_job=(f"{JOBS}:fail", {})) as client:
+        assert end_of(client, client.submit(f"{JOBS}:add", {"x": 1, "y": 2}, label="sum"))["result"] == 3
+        client.shutdown(grace_s=0.0)
+
+
 def test_a_server_that_cannot_start_shows_the_end_of_its_log(tmp_path):
     options = write_module(tmp_path / "code", "broken_module", "raise RuntimeError('broken beyond repair')\n")
     with pytest.raises(BagAssetsError, match="broken beyond repair"):

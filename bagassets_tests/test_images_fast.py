@@ -13,7 +13,8 @@ from sample_drives import build_sample
 from bagassets.bags.open import open_recording
 from bagassets.decode.image import bayer_to_bgra, to_bgr_or_grey
 from bagassets.engine.process import encoder_threads, encoders, keep_freed_memory
-from bagassets.geometry.camera import CameraModel, undistort
+from bagassets.geometry.camera import CameraModel
+from bagassets.geometry.undistortion import undistort
 
 PATTERNS = ["rggb", "bggr", "gbrg", "grbg"]
 

@@ -9,7 +9,7 @@ ROOT = Path(bagassets.__file__).parent
 
 # Lower layers may not import upper ones; each package names what it may import.
 ORDER = [
-    ("errors",),
+    ("errors", "kernels"),
     ("geometry",),
     ("recipe",),
     ("store", "bags"),

@@ -1,8 +1,10 @@
 """Reading recordings: every format, odd ones, broken ones."""
 
 import sqlite3
+import struct
 
 import pytest
+from rosbags.rosbag1 import Reader as Rosbag1Reader
 from rosbags.rosbag1 import Writer as Rosbag1Writer
 
 from bagassets.bags.open import open_recording
@@ -107,3 +109,95 @@ def test_truncated_files_are_refused(tmp_path, file_format, name):
     path.write_bytes(data[: len(data) // 2])
     with pytest.raises(RecordingError, match=r"cannot be read|no summary"):
         open_recording(path)
+
+
+# --- ROS 1 records, which are read without rosbags -------------------------------------------
+
+
+def header_of(**fields):
+    """The header of a record, its fields in this order."""
+    parts = [name.encode() + b"=" + value for name, value in fields.items()]
+    body = b"".join(struct.pack("<I", len(part)) + part for part in parts)
+    return struct.pack("<I", len(body)) + body
+
+
+def message_header(connection, time_ns, order=("op", "conn", "time")):
+    values = {
+        "op": b"\x02",
+        "conn": struct.pack("<I", connection),
+        "time": struct.pack("<II", *divmod(time_ns, 10**9)),
+    }
+    return header_of(**{name: values[name] for name in order})
+
+
+def with_headers(bag, change):
+    """Rewrite the header of each message record of an uncompressed bag; its length must stay."""
+    data = bytearray(bag.read_bytes())
+    with Rosbag1Reader(bag) as reader:
+        places = [
+            (reader.chunks[entry.chunk_pos].datapos + entry.offset, connection.id, entry.time)
+            for connection in reader.connections
+            for entry in reader.indexes[connection.id]
+        ]
+    for number, (at, connection, time_ns) in enumerate(sorted(places)):
+        header = change(number, connection, time_ns)
+        (length,) = struct.unpack_from("<I", data, at)
+        assert len(header) == 4 + length
+        data[at : at + len(header)] = header
+    bag.write_bytes(data)
+    return len(places)
+
+
+@pytest.mark.parametrize("compression", [None, "LZ4", "BZ2"])
+def test_ros1_messages_are_those_that_rosbags_reads(tmp_path, compression):
+    bag = write_drive(tmp_path / "a.bag", "ros1", duration_s=1.0)
+    if compression is not None:
+        rewrite = Rosbag1Writer(tmp_path / "packed.bag")
+        rewrite.set_compression(Rosbag1Writer.CompressionFormat[compression])
+        with Rosbag1Reader(bag) as reader, rewrite:
+            added = {
+                c.id: rewrite.add_connection(c.topic, c.msgtype, typestore=STORE1) for c in reader.connections
+            }
+            for connection, time_ns, data in reader.messages():
+                rewrite.write(added[connection.id], time_ns, data)
+        bag = tmp_path / "packed.bag"
+    with Rosbag1Reader(bag) as reader, open_recording(bag) as recording:
+        theirs = [(c.topic, time_ns, data) for c, time_ns, data in reader.messages()]
+        ours = [(m.topic, m.log_time_ns, bytes(m.data)) for m in recording.messages(TOPICS)]
+    assert ours == theirs
+
+
+def test_fields_of_a_ros1_header_may_stand_in_any_order_and_change_it(tmp_path):
+    bag = write_drive(tmp_path / "a.bag", "ros1", duration_s=1.0)
+    orders = [("op", "conn", "time"), ("time", "conn", "op"), ("conn", "time", "op")]
+    with open_recording(bag) as recording:
+        before = [(m.topic, m.log_time_ns, bytes(m.data)) for m in recording.messages(TOPICS)]
+    changed = with_headers(bag, lambda number, *facts: message_header(*facts, order=orders[number % 3]))
+    assert changed == len(before)
+    with open_recording(bag) as recording:
+        assert [(m.topic, m.log_time_ns, bytes(m.data)) for m in recording.messages(TOPICS)] == before
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        lambda connection, time_ns: message_header(connection, time_ns + 1),
+        lambda connection, time_ns: message_header(connection + 1, time_ns),
+        lambda connection, time_ns: message_header(connection, time_ns).replace(b"op=\x02", b"op=\x04"),
+    ],
+    ids=["another time", "another connection", "no message"],
+)
+def test_a_ros1_record_that_is_not_what_the_index_says_is_damage(tmp_path, wrong):
+    bag = write_drive(tmp_path / "a.bag", "ros1", duration_s=1.0)
+
+    def change(number, connection, time_ns):
+        return wrong(connection, time_ns) if number == 20 else message_header(connection, time_ns)
+
+    with_headers(bag, change)
+    with (
+        pytest.raises(
+            RecordingError, match=r"the index announces a message of .* where none is.*rosbag reindex"
+        ),
+        open_recording(bag) as recording,
+    ):
+        list(recording.messages(TOPICS))

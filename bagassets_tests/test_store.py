@@ -3,7 +3,10 @@
 import json
 import math
 import os
+import subprocess
+import sys
 import threading
+import time
 from pathlib import Path
 
 import pyarrow as pa
@@ -321,3 +324,55 @@ def test_the_first_writer_wins_between_look_and_link(store, monkeypatch):
     monkeypatch.setattr(module, "_link", late)
     store.record(action_of("b"), artifact, 0.1)
     assert store.lookup(action_of("b")).artifact == artifact
+
+
+# --- an action that another process makes -------------------------------------------------------
+
+
+def test_who_comes_while_an_action_is_made_waits_for_it(store):
+    begun, made = threading.Event(), []
+
+    def make(out):
+        made.append(threading.get_ident())
+        begun.set()
+        assert not waiter.is_set()
+        out.write("a", b"1")
+        return {}
+
+    waiter, outcomes = threading.Event(), []
+
+    def second():
+        begun.wait(30)
+        outcomes.append(store.run(action_of(), make))
+        waiter.set()
+
+    other = threading.Thread(target=second)
+    other.start()
+    outcomes.append(store.run(action_of(), lambda out: (begun.set(), time.sleep(0.3), make(out))[2]))
+    other.join(30)
+    assert sorted(outcome.cached for outcome in outcomes) == [False, True]
+    assert len(made) == 1
+    assert list((store.root / "underway").iterdir()) == []
+
+
+def test_an_action_whose_maker_died_is_made(store):
+    script = (
+        "import os, sys; from pathlib import Path\n"
+        "from bagassets.store.underway import underway\n"
+        "with underway(Path(sys.argv[1]), sys.argv[2]):\n"
+        "    os._exit(0)\n"
+    )
+    command = [sys.executable, "-c", script, str(store.root), action_of().digest]
+    subprocess.run(command, check=True)
+    assert (store.root / "underway" / f"{action_of().digest}.lock").exists()
+    assert not store.run(action_of(), write("a", b"1")).cached
+
+
+def test_a_failure_is_not_waited_for_twice(store):
+    def fail(_out):
+        raise DecodeError("no such luck")
+
+    for _ in range(2):
+        with pytest.raises(DecodeError):
+            store.run(action_of(), fail)
+    assert list((store.root / "underway").iterdir()) == []

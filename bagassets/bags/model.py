@@ -1,13 +1,13 @@
 """What every reader of recordings offers, whatever the file format."""
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, Protocol, Self
 
 Format = Literal["ros1", "ros2", "mcap"]
 
-__all__ = ["Definition", "Format", "Found", "RawMessage", "Recording", "TopicInfo"]
+__all__ = ["Definition", "Format", "Found", "RawMessage", "Recording", "SkimmedPacket", "TopicInfo"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,6 +73,15 @@ class RawMessage:
     data: bytes | memoryview
 
 
+@dataclass(slots=True)
+class SkimmedPacket:
+    """Stamp and frame id of the header of a packet message, and the bytes of the packet."""
+
+    stamp_ns: int
+    frame_id: str
+    payload: bytes
+
+
 class Recording(Protocol):
     """An open recording. Close it, or use it as a context manager."""
 
@@ -101,6 +110,15 @@ class Recording(Protocol):
 
     def header_stamp_ns(self, message: RawMessage) -> int | None:
         """Return the header stamp without decoding the message; None if its type has no header."""
+        ...
+
+    def packet(self, message: RawMessage, payloads: Sequence[str]) -> SkimmedPacket | None:
+        """Return header and bytes of a packet without decoding its message, None if only decoding tells.
+
+        Args:
+            message: whose packet.
+            payloads: names that the field with the bytes may have.
+        """
         ...
 
     def restrict(self, topics: Collection[str]) -> "Recording":

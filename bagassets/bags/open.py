@@ -8,7 +8,8 @@ from bagassets.bags.database_file import DatabaseRecording
 from bagassets.bags.mcap_file import McapRecording
 from bagassets.bags.model import Found
 from bagassets.bags.reader import BaseRecording
-from bagassets.bags.rosbag import Rosbag1Recording, Rosbag2Recording
+from bagassets.bags.rosbag import Rosbag2Recording
+from bagassets.bags.rosbag1 import Rosbag1Recording
 from bagassets.errors import RecordingError
 
 __all__ = ["open_recording"]

@@ -9,7 +9,7 @@ from typing import Any, Self
 from bagassets.bags.damage import damaged
 from bagassets.bags.inventory import Definition
 from bagassets.bags.layouts import choice_of
-from bagassets.bags.model import Format, RawMessage, TopicInfo
+from bagassets.bags.model import Format, RawMessage, SkimmedPacket, TopicInfo
 from bagassets.bags.typestores import MessageTypes, Serialization
 from bagassets.errors import BagAssetsError
 
@@ -88,6 +88,10 @@ class BaseRecording(ABC):
     def header(self, message: RawMessage) -> tuple[int, str] | None:
         """Return header stamp in nanoseconds and frame id (no leading slash), or None without header."""
         return self._types[message.topic].header(message.msgtype, message.data)
+
+    def packet(self, message: RawMessage, payloads: Sequence[str]) -> SkimmedPacket | None:
+        """Return what is asked of a packet message, without decoding it; see `Recording`."""
+        return self._types[message.topic].packet(message.msgtype, message.data, payloads)
 
     def has_definition(self, topic: str) -> bool:
         """Tell whether a definition came with the messages of a topic."""

@@ -1,12 +1,10 @@
-"""ROS 1 bags and ROS 2 bag folders, through rosbags."""
+"""ROS 2 bag folders, through rosbags, and what its readers tell of the topics in a bag."""
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
-from functools import partial
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from pathlib import Path
 
-from rosbags import rosbag1, rosbag2
+from rosbags import rosbag2
 from rosbags.interfaces import Connection, MessageDefinitionFormat
-from rosbags.rosbag1.reader import Chunk
 from rosbags.rosbag2 import ReaderError
 
 from bagassets.bags.inventory import Definition
@@ -15,11 +13,7 @@ from bagassets.bags.model import RawMessage
 from bagassets.bags.reader import BaseRecording, TopicSource
 from bagassets.bags.typestores import Serialization, normalise_msgtype
 
-__all__ = ["Rosbag1Recording", "Rosbag2Recording", "definition_of"]
-
-
-# Chunks overlap with their neighbours; recorders fill them to a megabyte or a few.
-_KEPT_CHUNKS = 4
+__all__ = ["Rosbag2Recording", "definition_of", "sources_of"]
 
 
 def definition_of(connection: Connection) -> Definition:
@@ -33,65 +27,12 @@ def definition_of(connection: Connection) -> Definition:
             return Definition("none", "")
 
 
-def _sources(connections: Iterable[Connection], serialization: Serialization) -> list[TopicSource]:
+def sources_of(connections: Iterable[Connection], serialization: Serialization) -> list[TopicSource]:
+    """Return the topics that the connections of a bag carry."""
     return [
         TopicSource(c.topic, normalise_msgtype(c.msgtype), c.msgcount, definition_of(c), serialization)
         for c in connections
     ]
-
-
-class _LatestChunks:
-    """Keeps the last few decompressed chunks.
-
-    Messages come sorted by time. Where times of neighbouring chunks overlap, as those of many recorders
-    do, rosbags goes back and forth between them, and would decompress each again every time.
-    """
-
-    def __init__(self) -> None:
-        self._kept: dict[int, bytes] = {}
-
-    def keeping(self, position: int, chunk: Chunk) -> Chunk:
-        """Return the chunk, to be decompressed through this."""
-        return chunk._replace(decompressor=partial(self._decompress, position, chunk.decompressor))
-
-    def clear(self) -> None:
-        """Forget all."""
-        self._kept.clear()
-
-    def _decompress(self, position: int, decompress: Callable[[bytes], bytes], data: bytes) -> bytes:
-        content = self._kept.pop(position, None)
-        if content is None:
-            content = decompress(data)
-        self._kept[position] = content  # the newest last
-        if len(self._kept) > _KEPT_CHUNKS:
-            del self._kept[next(iter(self._kept))]
-        return content
-
-
-class Rosbag1Recording(BaseRecording):
-    """A ROS 1 bag, plain or compressed with lz4 or bz2."""
-
-    def __init__(self, path: Path, message_definitions: Sequence[Path] = ()) -> None:
-        self._reader = rosbag1.Reader(path)
-        self._reader.open()
-        self._latest = _LatestChunks()
-        try:
-            for position, chunk in self._reader.chunks.items():
-                self._reader.chunks[position] = self._latest.keeping(position, chunk)
-            super().__init__(path, "ros1", _sources(self._reader.connections, "ros1"), message_definitions)
-        except BaseException:
-            self._reader.close()
-            raise
-
-    def _read(self, topics: Collection[str]) -> Iterator[RawMessage]:
-        chosen = [c for c in self._reader.connections if c.topic in topics]
-        for connection, log_time_ns, data in self._reader.messages(chosen):
-            yield RawMessage(connection.topic, self.topics[connection.topic].msgtype, log_time_ns, data)
-
-    def close(self) -> None:
-        """Close the file."""
-        self._reader.close()
-        self._latest.clear()
 
 
 class Rosbag2Recording(BaseRecording):
@@ -101,7 +42,7 @@ class Rosbag2Recording(BaseRecording):
         self._reader = rosbag2.Reader(path)
         self._reader.open()
         try:
-            super().__init__(path, "ros2", _sources(self._reader.connections, "cdr"), message_definitions)
+            super().__init__(path, "ros2", sources_of(self._reader.connections, "cdr"), message_definitions)
         except BaseException:
             self._reader.close()
             raise

@@ -13,6 +13,8 @@ from rosbags.interfaces import Nodetype
 
 from bagassets.bags.inventory import Definition
 from bagassets.bags.layouts import Choice, Layout, Serialization, choice_of
+from bagassets.bags.model import SkimmedPacket
+from bagassets.bags.skim import Skimmer, packet_skimmer
 from bagassets.errors import DecodeError
 
 __all__ = ["MessageTypes", "Serialization", "normalise_msgtype"]
@@ -46,6 +48,7 @@ class MessageTypes:
         self._folders = tuple(message_definitions)
         self._choices: dict[str, Choice | str] = {}
         self._headers: dict[str, str] = {}
+        self._skimmers: dict[str, Skimmer | None] = {}
 
     def problem(self, msgtype: str) -> str | None:
         """Return why messages of a type cannot be decoded, or None."""
@@ -74,6 +77,7 @@ class MessageTypes:
             self._definitions[msgtype] = definition
             self._choices.pop(msgtype, None)
             self._headers.pop(msgtype, None)
+            self._skimmers.pop(msgtype, None)
 
     def definition(self, msgtype: str) -> Definition:
         """Return what messages of a type are decoded with, wherever it came from.
@@ -112,6 +116,20 @@ class MessageTypes:
             return _read_header(data, self.serialization, sequence=layout == "sequence")
         except (struct.error, IndexError):
             return None  # too short to hold a header
+
+    def packet(self, msgtype: str, data: bytes | memoryview, payloads: Sequence[str]) -> SkimmedPacket | None:
+        """Return what is asked of a packet message, without decoding it; None if only decoding tells.
+
+        Args:
+            msgtype: type of the message.
+            data: its bytes.
+            payloads: names that the field with the packet may have; the same in every call.
+        """
+        if msgtype not in self._skimmers:
+            layout = None if self.is_ambiguous(msgtype) else self.layout(msgtype)
+            self._skimmers[msgtype] = None if layout is None else packet_skimmer(layout, payloads)
+        skim = self._skimmers[msgtype]
+        return None if skim is None else skim(data)
 
     def _where_header(self, msgtype: str) -> str:
         layout = self.layout(msgtype)

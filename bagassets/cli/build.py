@@ -135,7 +135,7 @@ def _told_by_server(
 
         while True:
             with span("find or start the server"):
-                server = server_for(recipe)
+                server = server_for(recipe, options.bags)
             with server:
                 told = build_on_server(server, recipe, options, tell, most)
             if told is not None:

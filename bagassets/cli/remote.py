@@ -5,7 +5,7 @@ this process, both would.
 """
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
@@ -20,6 +20,7 @@ from bagassets.store.writable import require_writable
 __all__ = ["InterruptedBuildError", "build_on_server", "find_server", "server_for"]
 
 _JOB = "bagassets.defs.drive:build"
+_AHEAD = "bagassets.defs.ahead:make_inventories"
 # A driver that was asked to stop waits this long for its runs; they have less.
 _GRACE_S = 40.0
 
@@ -45,8 +46,13 @@ def find_server(recipe: Path) -> Client | None:
         return None
 
 
-def server_for(recipe: Path) -> Client:
+def server_for(recipe: Path, bags: Sequence[str]) -> Client:
     """Return a client of the server that fits a recipe; one is started if there is none.
+
+    Args:
+        recipe: recipe file.
+        bags: which recordings are going to be built (`BuildOptions.bags`): a server that starts reads the first
+            of them meanwhile.
 
     Raises:
         RecipeError: the recipe is missing or wrong.
@@ -59,7 +65,8 @@ def server_for(recipe: Path) -> Client:
 
     state = load_recipe(recipe).state
     require_writable(state)
-    return Client.ensure(server_spec(state, recipe))
+    ahead = {"recipe": str(recipe), "bags": list(bags)}
+    return Client.ensure(server_spec(state, recipe), first_job=(_AHEAD, ahead))
 
 
 def build_on_server(

@@ -6,9 +6,10 @@ import numpy as np
 
 from bagassets.errors import DecodeError
 
-__all__ = ["as_bytes", "payload", "sender"]
+__all__ = ["PAYLOADS", "as_bytes", "payload", "sender"]
 
-_PAYLOADS = ("payload", "data", "packet", "raw", "bytes")
+# Names of the field with the bytes of a packet, in the order in which they are looked for.
+PAYLOADS = ("payload", "data", "packet", "raw", "bytes")
 _ADDRESSES = ("sender_ip", "address", "src_ip", "source_ip")
 _PORTS = ("sender_port", "src_port", "source_port")
 
@@ -19,11 +20,11 @@ def payload(message: Any) -> bytes:
     Raises:
         DecodeError: no field holds bytes.
     """
-    for name in _PAYLOADS:
+    for name in PAYLOADS:
         value = getattr(message, name, None)
         if isinstance(value, np.ndarray | bytes | bytearray | memoryview | list):
             return as_bytes(value)
-    raise DecodeError(f"it has no field {' or '.join(_PAYLOADS)} with the bytes of a packet")
+    raise DecodeError(f"it has no field {' or '.join(PAYLOADS)} with the bytes of a packet")
 
 
 def as_bytes(value: Any) -> bytes:

@@ -1,4 +1,4 @@
-"""Start a server in the background: `python -m bagassets.forkserver SPEC STAMP TIMEOUT_S`.
+"""Start a server in the background: `python -m bagassets.forkserver SPEC STAMP TIMEOUT_S [FIRST_JOB]`.
 
 The command returns 0 as soon as a server with this stamp answers, be it this one or
 another that was quicker, and 1 if it cannot start; what it has to say goes to its log.
@@ -15,6 +15,7 @@ from pathlib import Path
 from bagassets.errors import BagAssetsError
 from bagassets.forkserver.lock import ServerLock, remove_leftovers
 from bagassets.forkserver.places import Places
+from bagassets.forkserver.protocol import Message
 from bagassets.forkserver.server import Server
 from bagassets.forkserver.spec import SOURCE_CHANGED, ServerSpec
 
@@ -34,7 +35,8 @@ def main(arguments: list[str]) -> int:
         os.close(ready)
         code = 1
         try:
-            code = _serve(spec, Places(spec.state_folder, stamp), timeout_s, tell)
+            first_job = json.loads(arguments[3]) if len(arguments) > 3 else None
+            code = _serve(spec, Places(spec.state_folder, stamp), timeout_s, tell, first_job)
         finally:
             logging.shutdown()
             os._exit(code)
@@ -44,7 +46,7 @@ def main(arguments: list[str]) -> int:
     return os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
 
 
-def _serve(spec: ServerSpec, places: Places, timeout_s: float, tell: int) -> int:
+def _serve(spec: ServerSpec, places: Places, timeout_s: float, tell: int, first_job: Message | None) -> int:
     deadline = time.monotonic() + timeout_s
     while (lock := ServerLock.try_acquire(places.lock)) is None:
         if _answers(places):
@@ -57,7 +59,7 @@ def _serve(spec: ServerSpec, places: Places, timeout_s: float, tell: int) -> int
     _remove_old_logs(places.folder / "logs")
     server = Server(spec, places, lock)
     try:
-        server.prepare()
+        server.prepare(first_job)
     except BagAssetsError as err:
         _LOG.error("%s", err)
         return 1

@@ -55,8 +55,16 @@ class Client:
     # --- finding a server ------------------------------------------------------------
 
     @classmethod
-    def ensure(cls, spec: ServerSpec, *, timeout_s: float = 60.0) -> Self:
+    def ensure(
+        cls, spec: ServerSpec, *, timeout_s: float = 60.0, first_job: tuple[str, Message] | None = None
+    ) -> Self:
         """Return a client of a server for `spec`, which is started if there is none.
+
+        Args:
+            spec: what it must be like.
+            timeout_s: how long it may take to start.
+            first_job: `module:function` and its arguments, for a server that is started here to work on while
+                it imports what other jobs need; nobody is told how it ends.
 
         Raises:
             BagAssetsError: the server cannot start; the message ends with the last lines of its log.
@@ -69,7 +77,7 @@ class Client:
                 return client
             if time.monotonic() > deadline:
                 raise BagAssetsError(_cannot_start(places, f"it did not answer within {timeout_s:.0f} s"))
-            _start(spec, places, max(1.0, deadline - time.monotonic()))
+            _start(spec, places, max(1.0, deadline - time.monotonic()), first_job)
             time.sleep(_RETRY_S)
 
     @classmethod
@@ -135,15 +143,11 @@ class Client:
             ServerRefusedError: the server takes no jobs any more.
         """
         job = {
-            "function": function,
-            "args": dict(args),
-            "label": label,
+            **_request(function, args, label, {**os.environ, **self._variables}),
             "on_lost": on_lost,
             "detached": detached,
             "once": once,
             "grace_s": grace_s,
-            "env": {**os.environ, **self._variables},
-            "cwd": str(Path.cwd()),
         }
         return str(self._ask({"op": "submit", "job": job})["job"])
 
@@ -221,13 +225,28 @@ class Client:
         return [message for message in messages if "reply" in message]
 
 
+def _request(function: str, args: Mapping[str, Any], label: str, environment: dict[str, str]) -> Message:
+    """Return what a server must know of a job of this process, one that nobody misses if it is lost."""
+    return {
+        "function": function,
+        "args": dict(args),
+        "label": label,
+        "on_lost": None,
+        "detached": False,
+        "once": False,
+        "grace_s": _GRACE_S,
+        "env": environment,
+        "cwd": str(Path.cwd()),
+    }
+
+
 def _recipe_variable(spec: ServerSpec) -> dict[str, str]:
     return {} if spec.recipe is None else {"BAGASSETS_RECIPE": str(spec.recipe)}
 
 
-def _start(spec: ServerSpec, places: Places, timeout_s: float) -> None:
+def _start(spec: ServerSpec, places: Places, timeout_s: float, first_job: tuple[str, Message] | None) -> None:
     """Start a server and return when it, or another with its stamp, answers."""
-    with _starter(spec, places, timeout_s) as starter:
+    with _starter(spec, places, timeout_s, first_job) as starter:
         try:
             code = starter.wait(timeout_s)
         except subprocess.TimeoutExpired as err:
@@ -240,7 +259,9 @@ def _start(spec: ServerSpec, places: Places, timeout_s: float) -> None:
         raise BagAssetsError(_cannot_start(places, f"it ended with exit code {code}"))
 
 
-def _starter(spec: ServerSpec, places: Places, timeout_s: float) -> "subprocess.Popen[bytes]":
+def _starter(
+    spec: ServerSpec, places: Places, timeout_s: float, first_job: tuple[str, Message] | None
+) -> "subprocess.Popen[bytes]":
     """Return a process that starts a server and ends when one with its stamp answers."""
     places.make()
     search = [*spec.paths, *filter(None, [os.environ.get("PYTHONPATH")])]
@@ -248,6 +269,10 @@ def _starter(spec: ServerSpec, places: Places, timeout_s: float) -> "subprocess.
     spec_json = json.dumps(spec.as_json())
     # -P keeps the current folder off the search path, whatever it is.
     command = [sys.executable, "-P", "-m", "bagassets.forkserver", spec_json, places.stamp, str(timeout_s)]
+    if first_job is not None:
+        function, args = first_job
+        request = _request(function, args, function.rpartition(":")[2], environment)
+        command.append(json.dumps({**request, "detached": True}))
     with places.log.open("ab") as log:
         return subprocess.Popen(  # noqa: S603  (this interpreter, this package)
             command,

@@ -64,13 +64,21 @@ class Server:
 
     # --- life ------------------------------------------------------------------------
 
-    def prepare(self) -> None:
+    def prepare(self, first_job: Message | None = None) -> None:
         """Import everything that workers share.
+
+        Args:
+            first_job: begun before that, as soon as its own module is imported. Its arguments get `state`
+                and `stamp`, which tell it when the server takes other jobs.
 
         Raises:
             BagAssetsError: a thread was started, so that forking would be unsafe.
         """
         gc.disable()  # nothing to collect while modules are imported, and a quarter of the time
+        if first_job is not None:
+            load_function(first_job["function"])
+            place = {"state": str(self._spec.state_folder), "stamp": self._places.stamp}
+            self._start({**first_job, "args": {**first_job["args"], **place}})
         if self._spec.preload:
             self._later = load_function(self._spec.preload)(list(self._spec.modules)) or iter(())
         others = [thread.name for thread in threading.enumerate() if thread is not threading.main_thread()]

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from bagassets.errors import CalibrationError
 from bagassets.geometry.se3 import Floats
 
-__all__ = ["CameraModel", "undistort"]
+__all__ = ["CameraModel"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,21 +145,6 @@ class CameraModel:
                 self.matrix, self._coefficients, np.eye(3), target.matrix, size, cv2.CV_16SC2
             )
         return maps[0], maps[1]
-
-
-def undistort(
-    pixels: NDArray[np.uint8] | NDArray[np.uint16], maps: tuple[NDArray[Any], NDArray[Any]]
-) -> NDArray[Any]:
-    """Return an image (H, W) or (H, W, C) looked up bilinearly through maps of `undistortion_maps`.
-
-    OpenCV does 8 bit in integers, but 16 bit in single precision, where processors round differently.
-    In double precision the products of 16-bit pixels and 10-bit weights are exact, and so is the result.
-    """
-    if pixels.dtype == np.uint8:
-        mixed: NDArray[Any] = cv2.remap(pixels, *maps, cv2.INTER_LINEAR)
-        return mixed
-    exact = np.asarray(cv2.remap(pixels.astype(np.float64), *maps, cv2.INTER_LINEAR), dtype=np.float64)
-    return np.floor(exact + 0.5).astype(np.uint16)
 
 
 def _tilt(x: Floats, y: Floats, tilt_x: float, tilt_y: float) -> tuple[Floats, Floats]:

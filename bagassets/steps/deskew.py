@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from bagassets.geometry.se3 import SE3, Floats, quaternion_multiply, rotate
 from bagassets.geometry.trajectory import Trajectory
+from bagassets.kernels.motion import move_points
 
 __all__ = ["deskewed"]
 
@@ -51,6 +52,8 @@ def deskewed(
     if transforms is None:
         return None
     moved = points.copy()
+    if move_points(moved, times_ns - first, knots - first, transforms, KNOT_NS):
+        return moved
     for begin in range(0, len(points), _CHUNK):
         part = slice(begin, begin + _CHUNK)
         _move(moved[part], times_ns[part] - first, knots - first, transforms)
@@ -60,7 +63,7 @@ def deskewed(
 def _move(
     points: NDArray[np.float32], since_ns: NDArray[np.int64], knots_ns: NDArray[np.int64], transforms: Floats
 ) -> None:
-    """Transform (N, >=3) points in place, each by the transform of its time.
+    """Transform (N, >=3) points in place, each by the transform of its time; see `move_points`.
 
     Args:
         points: changed in their first three columns.

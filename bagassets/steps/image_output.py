@@ -14,7 +14,8 @@ from bagassets.decode.compressed_image import image_size, unpack
 from bagassets.decode.image import Pixels, bayer_to_bgra, to_bgr_or_grey
 from bagassets.decode.model import ImageReading
 from bagassets.errors import CalibrationError, DecodeError, RecipeError
-from bagassets.geometry.camera import CameraModel, undistort
+from bagassets.geometry.camera import CameraModel
+from bagassets.geometry.undistortion import Undistortion
 
 __all__ = ["EncodedImage", "ImageOutput", "raw_pixels"]
 
@@ -58,11 +59,11 @@ class ImageOutput:
         camera = params["camera"]
         self._recorded = None if camera is None else CameraModel.from_calibration(camera)
         self.written = self._recorded
-        self._maps: tuple[Any, Any] | None = None
+        self._undistort: Undistortion | None = None
         if self._recorded is not None and params["undistort"]:
             self.written = self._recorded.undistorted(params["target"])
             if self._recorded.distorts or params["target"] is not None:
-                self._maps = self._recorded.undistortion_maps(self.written)
+                self._undistort = Undistortion(self._recorded, self.written)
 
     def make(self, reading: ImageReading) -> EncodedImage:
         """Return the file of one image.
@@ -72,17 +73,17 @@ class ImageOutput:
             CalibrationError: its size is not that of the calibration.
             RecipeError: 16-bit grey is to become JPEG without a rule.
         """
-        if reading.encoded is not None and self._format == "as_recorded" and self._maps is None:
+        if reading.encoded is not None and self._format == "as_recorded" and self._undistort is None:
             return self._as_recorded(reading.encoded, reading.encoding)
         jpeg = self._format == "jpeg" or (
             self._format == "as_recorded" and reading.encoding.startswith("jpeg")
         )
-        pixels = self._pixels(reading, four=jpeg and self._maps is not None)
+        pixels = self._pixels(reading, four=self._undistort is not None)
         self._check(pixels.shape[1], pixels.shape[0])
         if pixels.dtype == np.uint16:
             pixels = self._to_8bit(pixels)
-        if self._maps is not None:
-            pixels = undistort(pixels, self._maps)
+        if self._undistort is not None:
+            pixels = self._undistort(pixels)
         if jpeg:
             done, data = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, self._quality])
         else:
@@ -93,7 +94,7 @@ class ImageOutput:
 
     @staticmethod
     def _pixels(reading: ImageReading, *, four: bool) -> Pixels:
-        """Return grey, BGR, or BGRA where that is as good and faster: JPEG leaves the fourth channel out."""
+        """Return grey, BGR, or of a Bayer mosaic BGRA, which is undistorted faster, into BGR."""
         mosaic = reading.pixels if four else None
         pixels = None if mosaic is None else bayer_to_bgra(mosaic, reading.encoding)
         return raw_pixels(reading) if pixels is None else pixels

@@ -9,7 +9,7 @@ The stamp of a file is the end (recipe: start or middle) of its revolution. When
   stamp is taken as it is.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -198,11 +198,15 @@ class PacketSweeps:
             DecodeError: the message holds no packets.
         """
         header_ns, frame_id = stamp_and_frame(message.header) if hasattr(message, "header") else (0, "")
-        packets = packets_in(message)
-        stamps = [own or header_ns for own, _ in packets]
+        packets = [(own or header_ns, data) for own, data in packets_in(message)]
+        self.add_packets(packets, raw.log_time_ns)
+        return frame_id
+
+    def add_packets(self, packets: Sequence[tuple[int, bytes]], log_time_ns: int) -> None:
+        """Take the packets, stamp and bytes, that one message brought."""
         # With log times: what a message brings had arrived by then.
-        shift = raw.log_time_ns - stamps[-1] if self._by_log_time and stamps else 0
-        for stamp, (_, data) in zip(stamps, packets, strict=True):
+        shift = log_time_ns - packets[-1][0] if self._by_log_time and packets else 0
+        for stamp, data in packets:
             self._writer.files.counts.read += 1
             if len(data) == POSITION_PACKET_SIZE:
                 self._writer.files.lose("position packet")
@@ -212,10 +216,9 @@ class PacketSweeps:
             except DecodeError as err:
                 self._fail(str(err), 1)
                 continue
-            revolution = self._cutter.push(packet, raw.log_time_ns)
+            revolution = self._cutter.push(packet, log_time_ns)
             if revolution is not None:
                 self._write(revolution)
-        return frame_id
 
     def finish(self) -> None:
         """Write what was collected since the last cut."""

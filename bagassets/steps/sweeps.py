@@ -10,7 +10,9 @@ from bagassets.bags.inventory import Inventory, TopicRecord
 from bagassets.bags.model import RawMessage, Recording
 from bagassets.decode.clouds import CLOUD_DECODERS
 from bagassets.decode.fields import stamp_ns
+from bagassets.decode.packets import PAYLOADS
 from bagassets.errors import CalibrationError, DecodeError, LossLimitError, PoseError, RecipeError
+from bagassets.geometry.tf_tree import normalise_frame
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.recipe.model import LidarChannel, Limits, RadarChannel
 from bagassets.recipe.model_base import Clock
@@ -167,7 +169,7 @@ class SweepExtractor:
         self._messages += 1
         failed_before = self._failed_parts
         try:
-            frame_id = self._sweeps.add(self._decoded(message), message)
+            frame_id = self._take(message)
             self._frame_id = self._frame_id or frame_id
         except DecodeError as err:
             self._files.counts.read += 1
@@ -200,6 +202,15 @@ class SweepExtractor:
             }
         )
         return {**facts, "bytes": files.bytes}
+
+    def _take(self, message: RawMessage) -> str:
+        """Hand a message on to be written; return its frame."""
+        if isinstance(self._sweeps, PacketSweeps):
+            packet = self._recording.packet(message, PAYLOADS)
+            if packet is not None:
+                self._sweeps.add_packets([(packet.stamp_ns, packet.payload)], message.log_time_ns)
+                return self._frame_id or normalise_frame(packet.frame_id)
+        return self._sweeps.add(self._decoded(message), message)
 
     def _decoded(self, message: RawMessage) -> Any:
         decoded = self._recording.decode(message)

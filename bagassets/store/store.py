@@ -6,6 +6,7 @@ Layout::
     actions/<2 hex>/<digest>.json           the artifact that an action produced
     actions/<2 hex>/<digest>.failed.json    the error it ended with
     tmp/                                    what is being made
+    underway/<digest>.lock                  held by who makes it
 
 Everything appears by an atomic rename or link, so processes and machines may share a store.
 """
@@ -27,6 +28,7 @@ from uuid import uuid4
 from bagassets.errors import BagAssetsError, StoreError
 from bagassets.store.action import Action
 from bagassets.store.artifact import MANIFEST, Artifact, ArtifactWriter
+from bagassets.store.underway import underway
 
 __all__ = ["Outcome", "Pending", "Store"]
 
@@ -233,12 +235,18 @@ class Store:
     ) -> Outcome:
         """Return the known outcome of `action`, or let `make` produce it; `make` returns the summary.
 
-        An error of `make` is recorded under the action's digest and raised again, unless it says nothing
+        If another process just makes it, its outcome is waited for. An error of `make` is recorded under the action's digest and raised again, unless it says nothing
         about the action: a full disk, a recording that changed meanwhile. See `record_failure` for `subject`.
         """
         known = self.use(action)
         if known is not None:
             return known
+        with underway(self.root, action.digest):
+            return self.use(action) or self._make(action, make, subject)
+
+    def _make(
+        self, action: Action, make: Callable[[ArtifactWriter], dict[str, Any]], subject: Path | None
+    ) -> Outcome:
         pending = self.begin(action)
         try:
             summary = make(pending.out)

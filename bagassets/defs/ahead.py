@@ -1,0 +1,63 @@
+"""What a build can begin with while its server still imports Dagster: the inventories of its recordings.
+
+Starting the server keeps one processor busy for a second or two. Meanwhile this reads the recordings
+that the build will begin with, on another one; runs find the inventories in the store, or wait for the
+one that is just being made. It needs nothing of Dagster, and says nothing: what goes wrong here
+goes wrong again in the run, which tells.
+"""
+
+import gc
+import logging
+from pathlib import Path
+from typing import Any
+
+from bagassets.bags.digest import DigestIndex, recording_digest, recording_stat
+from bagassets.bags.discover import discover
+from bagassets.bags.model import Found
+from bagassets.engine.choose import choose_recordings
+from bagassets.engine.recording_build import BuildFailure, RecordingBuild
+from bagassets.errors import BagAssetsError
+from bagassets.forkserver.places import Places
+from bagassets.recipe import load_recipe
+from bagassets.recipe.model import Recipe
+from bagassets.store.store import Store
+
+__all__ = ["make_inventories"]
+
+_LOG = logging.getLogger(__name__)
+# A second saved is nothing to larger ones, and an interrupted build should not leave a reader behind for long.
+_LARGEST_BYTES = 4_000_000_000
+
+
+def make_inventories(args: dict[str, Any]) -> int:
+    """Make inventories until the server takes jobs; return how many were looked at.
+
+    Args:
+        args: `recipe` (file), `bags` (of `BuildOptions`), and `state` and `stamp` of the server's `Places`.
+    """
+    gc.enable()  # the server has it off while it imports
+    places = Places(Path(args["state"]), args["stamp"])
+    recipe = load_recipe(Path(args["recipe"]))
+    found = discover(recipe.bags).found
+    chosen = choose_recordings(found, args["bags"]) if args["bags"] else found.keys()
+    looked_at = 0
+    # As the driver goes about it: the largest first.
+    for recording in sorted((found[key] for key in found if key in chosen), key=lambda one: -one.size):
+        if places.socket is not None:
+            break
+        if recording.size > _LARGEST_BYTES:
+            continue
+        looked_at += 1
+        try:
+            _make_inventory(recipe, recording)
+        except (BagAssetsError, BuildFailure) as err:
+            _LOG.info("%s: %s", recording.key, err)
+    return looked_at
+
+
+def _make_inventory(recipe: Recipe, recording: Found) -> None:
+    stat = recording_stat(recording)
+    digest = recording_digest(recording, DigestIndex(recipe.state)).digest
+    build = RecordingBuild(recipe, Store(recipe.store_path), recording, digest, stat)
+    for _ in build.build({"inventory"}):
+        pass

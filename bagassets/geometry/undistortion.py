@@ -1,0 +1,53 @@
+"""Making of an image what a camera without distortion, or of another size, would have taken."""
+
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from bagassets.geometry.camera import CameraModel
+from bagassets.kernels.bilinear import BilinearLookup
+
+__all__ = ["Undistortion", "undistort"]
+
+
+class Undistortion:
+    """Turns images of one camera into those of another model; several threads may share it.
+
+    Args:
+        recorded: the camera as recorded.
+        written: as the images are to be.
+    """
+
+    def __init__(self, recorded: CameraModel, written: CameraModel) -> None:
+        self._maps = recorded.undistortion_maps(written)
+        self._lookup = BilinearLookup(*self._maps, recorded.width, recorded.height)
+
+    def __call__(self, pixels: NDArray[Any]) -> NDArray[Any]:
+        """Return the image of (H, W) grey, (H, W, 3) BGR or (H, W, 4) BGRA; of the latter it is BGR, too.
+
+        8-bit BGRA is fastest.
+        """
+        if pixels.dtype == np.uint8 and pixels.ndim == 3 and self._lookup.is_fast:
+            bgra = pixels if pixels.shape[2] == 4 else cv2.cvtColor(pixels, cv2.COLOR_BGR2BGRA)
+            return self._lookup(np.ascontiguousarray(bgra))
+        undistorted = undistort(pixels, self._maps)
+        if undistorted.ndim == 3 and undistorted.shape[2] == 4:
+            return cv2.cvtColor(undistorted, cv2.COLOR_BGRA2BGR)
+        return undistorted
+
+
+def undistort(
+    pixels: NDArray[np.uint8] | NDArray[np.uint16], maps: tuple[NDArray[Any], NDArray[Any]]
+) -> NDArray[Any]:
+    """Return an image (H, W) or (H, W, C) looked up bilinearly through maps of `undistortion_maps`.
+
+    OpenCV does 8 bit in integers, but 16 bit in single precision, where processors round differently.
+    In double precision the products of 16-bit pixels and 10-bit weights are exact, and so is the result.
+    """
+    if pixels.dtype == np.uint8:
+        mixed: NDArray[Any] = cv2.remap(pixels, *maps, cv2.INTER_LINEAR)
+        return mixed
+    exact = np.asarray(cv2.remap(pixels.astype(np.float64), *maps, cv2.INTER_LINEAR), dtype=np.float64)
+    return np.floor(exact + 0.5).astype(np.uint16)

@@ -1,0 +1,142 @@
+"""Machine code gives the bytes of its slower twins, and is used where it can be."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bagassets.geometry.camera import CameraModel
+from bagassets.geometry.undistortion import Undistortion, undistort
+from bagassets.kernels import bilinear, machine_code, motion
+from bagassets.kernels.bilinear import BilinearLookup
+from bagassets.kernels.machine_code import MachineCode
+from bagassets.kernels.motion import move_points
+from bagassets.steps import deskew
+
+LENSES = [(-0.3, 0.1, 0.0, 0.0, 0.0), (0.5, 0.2, 0.0, 0.0, 0.0), (0.0, 0.0, 0.05, -0.08, 0.0), (0.0,) * 5]
+
+
+@pytest.fixture
+def no_llvmlite(monkeypatch):
+    monkeypatch.setattr(machine_code, "llvm", None)
+    for module, name, build in ((bilinear, "_LOOKUP", "_build"), (motion, "_MOVE", "_build")):
+        known = getattr(module, name)
+        monkeypatch.setattr(
+            module, name, MachineCode(known._name, known._signature._argtypes_, getattr(module, build))
+        )
+
+
+def lens(width, height, coefficients):
+    focal = 0.62 * width
+    return CameraModel("plumb_bob", width, height, focal, focal, width / 2, height / 2, coefficients)
+
+
+def pixels_of(seed, *shape):
+    return np.random.default_rng(seed).integers(0, 256, shape, dtype=np.uint8)
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    st.integers(2, 150),
+    st.integers(2, 90),
+    st.sampled_from(LENSES),
+    st.floats(0.4, 2.5),
+    st.integers(0, 9999),
+)
+def test_images_are_those_of_opencv(width, height, coefficients, zoom, seed):
+    camera = lens(width, height, coefficients)
+    written = camera.undistorted()
+    written = CameraModel(
+        "none", width, height, written.fx * zoom, written.fy * zoom, written.cx, written.cy, ()
+    )
+    bgra = pixels_of(seed, height, width, 4)
+    straight = Undistortion(camera, written)
+    plain = undistort(bgra[..., :3].copy(), camera.undistortion_maps(written))
+    assert np.array_equal(straight(bgra), plain)
+    assert np.array_equal(straight(bgra[..., :3].copy()), plain)
+
+
+def test_images_of_other_sizes_than_recorded():
+    camera = lens(333, 217, LENSES[0])
+    for width, height in ((640, 480), (97, 31)):
+        written = camera.undistorted()
+        written = CameraModel(
+            "none",
+            width,
+            height,
+            written.fx * width / 333,
+            written.fy * width / 333,
+            width / 2,
+            height / 2,
+            (),
+        )
+        bgra = pixels_of(width, 217, 333, 4)
+        plain = undistort(bgra[..., :3].copy(), camera.undistortion_maps(written))
+        assert np.array_equal(Undistortion(camera, written)(bgra), plain)
+
+
+def test_nearly_all_pixels_of_a_lens_are_looked_up_in_machine_code():
+    camera = lens(1920, 1080, LENSES[0])
+    lookup = BilinearLookup(*camera.undistortion_maps(camera.undistorted()), 1920, 1080)
+    assert lookup.is_fast
+    assert len(lookup._others) < 0.01 * 1920 * 1080
+
+
+def test_grey_and_16_bit_images_stay_with_opencv():
+    camera = lens(64, 48, LENSES[0])
+    straight, maps = (
+        Undistortion(camera, camera.undistorted()),
+        camera.undistortion_maps(camera.undistorted()),
+    )
+    for image in (pixels_of(1, 48, 64), pixels_of(2, 48, 64, 3).astype(np.uint16) * 257):
+        assert np.array_equal(straight(image), undistort(image, maps))
+
+
+@pytest.mark.parametrize("shape", [(48, 64, 3), (64, 48, 4), (48, 63, 4)])
+def test_an_image_that_the_maps_are_not_for_is_refused(shape):
+    camera = lens(64, 48, LENSES[0])
+    lookup = BilinearLookup(*camera.undistortion_maps(camera.undistorted()), 64, 48)
+    with pytest.raises(ValueError, match="no image of"):
+        lookup(np.zeros(shape, np.uint8))
+
+
+def scan(seed, points, group, knots):
+    dice = np.random.default_rng(seed)
+    span = (knots - 1) * deskew.KNOT_NS - int(dice.integers(0, deskew.KNOT_NS))
+    times = np.sort(dice.integers(0, span + 1, -(-points // group))).repeat(group)[:points]
+    knots_ns = np.arange(knots, dtype=np.int64) * deskew.KNOT_NS
+    knots_ns[-1] = span
+    cloud = dice.normal(0, 40, (points, 5)).astype(np.float32)
+    return cloud, times, knots_ns, dice.normal(0, 1, (knots, 12))
+
+
+@settings(max_examples=80, deadline=None)
+@given(st.integers(0, 9999), st.integers(1, 400), st.integers(1, 40), st.integers(2, 60))
+def test_points_move_as_numpy_moves_them(seed, points, group, knots):
+    cloud, times, knots_ns, transforms = scan(seed, points, group, knots)
+    plain, fast = cloud.copy(), cloud.copy()
+    deskew._move(plain, times, knots_ns, transforms)
+    assert move_points(fast, times, knots_ns, transforms, deskew.KNOT_NS)
+    assert plain.tobytes() == fast.tobytes()
+    assert not np.array_equal(plain[:, :3], cloud[:, :3])
+
+
+def test_without_llvmlite_the_twins_give_the_same(no_llvmlite):
+    camera = lens(150, 90, LENSES[0])
+    straight, bgra = Undistortion(camera, camera.undistorted()), pixels_of(3, 90, 150, 4)
+    assert not straight._lookup.is_fast
+    plain = undistort(bgra[..., :3].copy(), camera.undistortion_maps(camera.undistorted()))
+    assert np.array_equal(straight(bgra), plain)
+    cloud, times, knots_ns, transforms = scan(1, 100, 8, 20)
+    assert not move_points(cloud, times, knots_ns, transforms, deskew.KNOT_NS)
+    with pytest.raises(RuntimeError, match="no machine code"):
+        straight._lookup(bgra)
+
+
+def test_what_cannot_be_compiled_is_told_once_and_done_without(caplog):
+    code = MachineCode("wrong", [], lambda: "this is no module")
+    assert code.function() is None
+    assert code.function() is None
+    assert [record.message for record in caplog.records] == [
+        "wrong cannot be compiled here; a slower twin is used"
+    ]

@@ -1,0 +1,81 @@
+"""Packets are taken out of messages without decoding, just as decoding gives them, or left to decoding."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from bagassets.bags.inventory import Definition
+from bagassets.bags.typestores import MessageTypes
+from bagassets.decode.fields import stamp_and_frame
+from bagassets.decode.packets import PAYLOADS, payload
+
+NAME = "some_msgs/msg/Packet"
+HEADER = "MSG: std_msgs/Header\nuint32 seq\ntime stamp\nstring frame_id\n"
+ETHERNET = "std_msgs/Header header\nuint8[4] sender_ip\nuint16 sender_port\nuint8[] payload\n"
+
+
+def types_of(text, serialization="ros1"):
+    return MessageTypes(serialization, {NAME: Definition("msg", f"{text}{'=' * 80}\n{HEADER}")})
+
+
+def message_of(text, stamp=(5, 6), frame="lidar", **values):
+    store = get_typestore(Stores.ROS1_NOETIC)
+    store.register(get_types_from_msg(text, NAME))
+    head = store.types["std_msgs/msg/Header"](7, store.types["builtin_interfaces/msg/Time"](*stamp), frame)
+    return bytes(store.serialize_ros1(store.types[NAME](header=head, **values), NAME))
+
+
+def ethernet(data, **header):
+    return message_of(
+        ETHERNET, **header, sender_ip=np.array([1, 2, 3, 4], np.uint8), sender_port=2368,
+        payload=np.frombuffer(data, np.uint8),
+    )  # fmt: skip
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.binary(max_size=1300), st.text(max_size=20), st.integers(0, 2**31 - 1), st.integers(0, 10**9 - 1))
+def test_what_is_skimmed_is_what_decoding_gives(data, frame, seconds, nanoseconds):
+    types = types_of(ETHERNET)
+    raw = ethernet(data, frame=frame, stamp=(seconds, nanoseconds))
+    decoded = types.decode(NAME, raw)
+    packet = types.packet(NAME, memoryview(raw), PAYLOADS)
+    assert packet is not None
+    assert (packet.stamp_ns, packet.payload) == (stamp_and_frame(decoded.header)[0], payload(decoded))
+    assert packet.frame_id == decoded.header.frame_id
+
+
+@pytest.mark.parametrize("cut", [0, 3, 16, 30, -1])
+def test_a_message_that_is_cut_off_is_left_to_decoding(cut):
+    assert types_of(ETHERNET).packet(NAME, ethernet(b"data")[:cut], PAYLOADS) is None
+
+
+def test_a_message_that_is_longer_than_it_says_is_left_to_decoding():
+    assert types_of(ETHERNET).packet(NAME, ethernet(b"data") + b"!", PAYLOADS) is None
+
+
+def test_a_frame_that_is_no_text_is_left_to_decoding():
+    raw = ethernet(b"data").replace(b"lidar", b"\xff\xfedar")
+    assert types_of(ETHERNET).packet(NAME, raw, PAYLOADS) is None
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "uint8[] payload\n",
+        "std_msgs/Header header\nuint8[] payload\nuint8 after\n",
+        "std_msgs/Header header\nstring name\nuint8[] payload\n",
+        "std_msgs/Header header\nuint16[] payload\n",
+        "std_msgs/Header header\nuint8[4] payload\n",
+        "std_msgs/Header header\nuint8[3] payload\nuint8[] data\n",
+        "std_msgs/Header header\nuint8[] content\n",
+        "std_msgs/Header header\n",
+    ],
+)
+def test_other_layouts_are_left_to_decoding(text):
+    assert types_of(text).packet(NAME, bytes(64), PAYLOADS) is None
+
+
+def test_ros2_messages_are_left_to_decoding():
+    assert types_of(ETHERNET, "cdr").packet(NAME, bytes(64), PAYLOADS) is None
