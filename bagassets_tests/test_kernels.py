@@ -1,5 +1,7 @@
 """Machine code gives the bytes of its slower twins, and is used where it can be."""
 
+import sys
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -18,7 +20,9 @@ LENSES = [(-0.3, 0.1, 0.0, 0.0, 0.0), (0.5, 0.2, 0.0, 0.0, 0.0), (0.0, 0.0, 0.05
 
 @pytest.fixture
 def no_llvmlite(monkeypatch):
-    monkeypatch.setattr(machine_code, "llvm", None)
+    monkeypatch.setitem(sys.modules, "llvmlite", None)
+    monkeypatch.setitem(sys.modules, "llvmlite.binding", None)
+    monkeypatch.setattr(machine_code, "_ALL", [])
     for module, name, build in ((bilinear, "_LOOKUP", "_build"), (motion, "_MOVE", "_build")):
         known = getattr(module, name)
         monkeypatch.setattr(
@@ -133,7 +137,14 @@ def test_without_llvmlite_the_twins_give_the_same(no_llvmlite):
         straight._lookup(bgra)
 
 
-def test_what_cannot_be_compiled_is_told_once_and_done_without(caplog):
+def test_all_are_compiled_before_workers_fork():
+    for _ in machine_code.compile_all():
+        pass
+    assert {code._name for code in machine_code._ALL if code._function is not None} >= {"lookup", "move"}
+
+
+def test_what_cannot_be_compiled_is_told_once_and_done_without(caplog, monkeypatch):
+    monkeypatch.setattr(machine_code, "_ALL", [])
     code = MachineCode("wrong", [], lambda: "this is no module")
     assert code.function() is None
     assert code.function() is None

@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from importlib import import_module
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +35,7 @@ from bagassets.defs.worker_tag import RunWorker
 from bagassets.errors import BagAssetsError
 from bagassets.forkserver.process import ProcessId
 from bagassets.forkserver.worker import cancel_requested
+from bagassets.kernels.machine_code import compile_all
 from bagassets.trace import name_process, span
 
 __all__ = ["build", "end_worker", "execute", "preload", "recover", "report_lost"]
@@ -85,7 +87,7 @@ def preload(modules: list[str]) -> Iterator[None]:
     """Import what workers share, before the server forks; opens no instance and starts no thread.
 
     Returns:
-        Steps of a few milliseconds that make workers faster yet, and can wait until the server is idle.
+        Short steps that make workers faster yet, and can wait until the server is idle.
     """
     _apply_dotenv()
     for module in _AHEAD:
@@ -94,7 +96,7 @@ def preload(modules: list[str]) -> Iterator[None]:
     for module in modules:
         preload_definitions(module)
     load_standard_types()
-    return compile_common_types()
+    return chain(compile_all(), compile_common_types())
 
 
 def execute(args: dict[str, Any]) -> dict[str, Any]:

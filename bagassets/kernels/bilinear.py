@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from bagassets.kernels.machine_code import MachineCode, counting, ir
+from bagassets.kernels.machine_code import MachineCode, counting
 
 __all__ = ["BilinearLookup"]
 
@@ -35,18 +35,23 @@ class BilinearLookup:
         self._xy = np.ascontiguousarray(xy)
         self._fraction = np.ascontiguousarray(fraction)
         self._size = (height, width)
-        x: NDArray[np.int16] = self._xy[..., 0].ravel()
-        y: NDArray[np.int16] = self._xy[..., 1].ravel()
-        # All four pixels lie in the image.
-        inside = (x >= 0) & (x < width - 1) & (y >= 0) & (y < height - 1)
+        # Unsigned, what is left of the image or above it is far to the right or below.
+        x, y = (np.ascontiguousarray(self._xy[..., axis]).view(np.uint16).ravel() for axis in range(2))
+        inside = (x < width - 1) & (y < height - 1)  # all four pixels lie in the image
+        self._some_black = False
+        if inside.all() and len(inside) % _LANES == 0:
+            self._runs = np.array([0, len(inside) // _LANES], dtype=np.int64)
+            self._others = np.empty(0, dtype=np.int64)
+            return
         whole = inside[: len(inside) // _LANES * _LANES].reshape(-1, _LANES)
         groups: NDArray[np.bool_] = np.logical_and.reduce(whole, axis=1)
         edges = np.flatnonzero(np.diff(groups, prepend=False, append=False))
-        self._runs = np.ascontiguousarray(edges, dtype=np.int64)  # begin, end, begin, end, …
-        black = (x < -1) | (x >= width) | (y < -1) | (y >= height)
-        self._some_black = bool(black.any())
-        black[: len(groups) * _LANES] |= np.repeat(groups, _LANES)
-        self._others = np.flatnonzero(~black)  # at the border, or between it and a whole group
+        self._runs = edges.astype(np.int64)  # begin, end, begin, end, …
+        just_before = np.uint16(0xFFFF)  # -1: two of the four pixels are in the image
+        done = ((x >= width) & (x != just_before)) | ((y >= height) & (y != just_before))
+        self._some_black = bool(done.any())
+        done[: len(groups) * _LANES] |= np.repeat(groups, _LANES)
+        self._others = np.flatnonzero(~done)  # at the border, or between it and a whole group
 
     @property
     def is_fast(self) -> bool:
@@ -89,6 +94,8 @@ class BilinearLookup:
 
 def _build() -> Any:
     """Return the function: source, its bytes per row, both maps, target, runs of groups, number of runs."""
+    from llvmlite import ir  # noqa: PLC0415
+
     i8, i16, i32, i64 = (ir.IntType(bits) for bits in (8, 16, 32, 64))
     arguments = [i8, None, i32, i16, i8, i64, None]
     types = [i64 if kind is None else kind.as_pointer() for kind in arguments]
@@ -107,6 +114,9 @@ def _build() -> Any:
     def lanes_of(vector: Any, lanes: list[int]) -> Any:
         chosen = ir.Constant(ir.VectorType(i32, len(lanes)), lanes)
         return b.shuffle_vector(vector, ir.Constant(vector.type, ir.Undefined), chosen)
+
+    def lanes_in(vector: Any) -> list[Any]:
+        return [b.extract_element(vector, i32(lane)) for lane in range(vector.type.count)]
 
     def load(pointer: Any, index: Any, kind: Any, align: int) -> Any:
         return b.load(b.bitcast(b.gep(pointer, [index]), kind.as_pointer()), align=align)
@@ -135,13 +145,13 @@ def _build() -> Any:
         with counting(b, begin, end) as group:
             later = b.add(group, i64(_AHEAD))
             later = b.select(b.icmp_signed("<", later, end), later, group)
-            [asked] = _lanes(b, offsets(load(xy, b.mul(later, i64(_LANES)), ir.VectorType(i32, 1), 4)))
+            [asked] = lanes_in(offsets(load(xy, b.mul(later, i64(_LANES)), ir.VectorType(i32, 1), 4)))
             below = b.gep(source, [b.add(b.zext(asked, i64), stride)])
             b.call(prefetch, [below, i32(0), i32(3), i32(1)])  # to be read, often, as data
 
             first = b.mul(group, i64(_LANES))
             upper = lower = ir.Constant(ir.VectorType(i64, _LANES), ir.Undefined)
-            for lane, offset in enumerate(_lanes(b, offsets(load(xy, first, ir.VectorType(i32, _LANES), 4)))):
+            for lane, offset in enumerate(lanes_in(offsets(load(xy, first, ir.VectorType(i32, _LANES), 4)))):
                 at = b.zext(offset, i64)
                 upper = b.insert_element(upper, load(source, at, i64, 1), i32(lane))
                 lower = b.insert_element(lower, load(source, b.add(at, stride), i64, 1), i32(lane))
@@ -164,10 +174,6 @@ def _build() -> Any:
             b.store(bgr, put, align=1)
     b.ret_void()
     return module
-
-
-def _lanes(b: Any, vector: Any) -> list[Any]:
-    return [b.extract_element(vector, ir.IntType(32)(lane)) for lane in range(vector.type.count)]
 
 
 _LOOKUP = MachineCode(

@@ -1,4 +1,7 @@
-"""Compiling functions that are written with llvmlite's builder."""
+"""Compiling functions that are written with llvmlite's builder.
+
+llvmlite takes 0.2 s to import, and is imported when the first function is compiled.
+"""
 
 import ctypes
 import logging
@@ -7,16 +10,12 @@ from contextlib import contextmanager
 from threading import Lock
 from typing import Any
 
-try:
-    import llvmlite.binding as llvm
-    from llvmlite import ir
-except ImportError:  # no wheel for this platform or Python: numpy and OpenCV do
-    llvm = ir = None
-
-__all__ = ["MachineCode", "counting", "ir"]
+__all__ = ["MachineCode", "compile_all", "counting"]
 
 _LOG = logging.getLogger(__name__)
 _LOCK = Lock()
+
+_ALL: list["MachineCode"] = []
 
 Function = Callable[..., None]
 
@@ -37,6 +36,7 @@ class MachineCode:
         self._engine: Any = None
         self._function: Function | None = None
         self._tried = False
+        _ALL.append(self)
 
     def function(self) -> Function | None:
         """Return the function, which releases the interpreter lock; None if it cannot be had here."""
@@ -48,15 +48,25 @@ class MachineCode:
 
     def _compile(self) -> None:
         try:
-            if llvm is not None:
-                self._engine = _compiled(str(self._build()))
-                self._function = self._signature(self._engine.get_function_address(self._name))
+            self._engine = _compiled(str(self._build()))
+            self._function = self._signature(self._engine.get_function_address(self._name))
+        except ImportError:
+            _LOG.info("%s: there is no llvmlite; a slower twin is used", self._name)
         except Exception:  # noqa: BLE001  (an unknown processor, memory that may not be executed: the twin does)
             _LOG.warning("%s cannot be compiled here; a slower twin is used", self._name, exc_info=True)
         self._tried = True
 
 
+def compile_all() -> Iterator[None]:
+    """Compile what is imported, one function a step: a process that is then forked has it for its children."""
+    for code in _ALL:
+        code.function()
+        yield
+
+
 def _compiled(text: str) -> Any:
+    import llvmlite.binding as llvm  # noqa: PLC0415
+
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     module = llvm.parse_assembly(text)
@@ -77,11 +87,11 @@ def counting(b: Any, begin: Any, end: Any) -> Iterator[Any]:
     body, after = b.append_basic_block("body"), b.append_basic_block("after")
     b.branch(head)
     b.position_at_end(head)
-    number = b.phi(ir.IntType(64))
+    number = b.phi(begin.type)
     number.add_incoming(begin, before)
     b.cbranch(b.icmp_signed("<", number, end), body, after)
     b.position_at_end(body)
     yield number
-    number.add_incoming(b.add(number, ir.IntType(64)(1)), b.block)
+    number.add_incoming(b.add(number, begin.type(1)), b.block)
     b.branch(head)
     b.position_at_end(after)

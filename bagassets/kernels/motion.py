@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bagassets.kernels.machine_code import MachineCode, counting, ir
+from bagassets.kernels.machine_code import MachineCode, counting
 
 __all__ = ["move_points"]
 
@@ -54,6 +54,8 @@ def move_points(
 
 def _build() -> Any:
     """Return the function: points, their times and number, knots, matrices, last interval, its length."""
+    from llvmlite import ir  # noqa: PLC0415
+
     i64, single, double = ir.IntType(64), ir.FloatType(), ir.DoubleType()
     four = ir.VectorType(double, 4)
     arguments = [single, i64, None, i64, four, None, None]
