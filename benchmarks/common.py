@@ -39,7 +39,16 @@ __all__ = [
 ]
 
 ROOT = Path(__file__).parents[1]
-_PACKAGES = ("bagassets", "dagster", "rosbags", "mcap", "opencv-python-headless", "numpy", "velodyne-decoder")
+_PACKAGES = (
+    "bagassets",
+    "dagster",
+    "rosbags",
+    "mcap",
+    "opencv-python-headless",
+    "numpy",
+    "llvmlite",
+    "velodyne-decoder",
+)
 
 
 @dataclass(frozen=True)
