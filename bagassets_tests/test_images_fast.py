@@ -15,6 +15,7 @@ from bagassets.decode.image import bayer_to_bgra, to_bgr_or_grey
 from bagassets.engine.process import encoder_threads, encoders, keep_freed_memory
 from bagassets.geometry.camera import CameraModel
 from bagassets.geometry.undistortion import undistort
+from bagassets.steps.frames import _outlasts_the_call
 
 PATTERNS = ["rggb", "bggr", "gbrg", "grbg"]
 
@@ -91,3 +92,10 @@ def test_memory_that_was_freed_is_used_again():
     for _ in range(20):
         np.ones(6_000_000, np.uint8)  # 1465 pages
     assert resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before < 1465
+
+
+def test_only_buffers_that_are_used_again_are_copied():
+    assert _outlasts_the_call(b"image")
+    assert _outlasts_the_call(memoryview(b"chunk with an image")[2:7])
+    assert not _outlasts_the_call(memoryview(bytearray(b"image")))
+    assert not _outlasts_the_call(memoryview(np.zeros(5, np.uint8)))

@@ -172,8 +172,7 @@ class FrameExtractor:
         if self._pool is None:
             self._take(reading.stamp_ns, message.log_time_ns, partial(self._write, reading))
             return
-        if not isinstance(message.data, bytes):
-            # Views of the message are valid during this call only.
+        if not _outlasts_the_call(message.data):
             pixels, encoded = reading.pixels, reading.encoded
             reading = replace(
                 reading,
@@ -294,3 +293,8 @@ class FrameExtractor:
             raise LossLimitError(
                 f"{where}: counts do not add up, {self._counts.as_json()}; this is a bug of the step, please report it."
             )
+
+
+def _outlasts_the_call(data: bytes | memoryview) -> bool:
+    """Tell whether what a reader handed out stays as it is; of a buffer that is used again, it does not."""
+    return isinstance(data.obj if isinstance(data, memoryview) else data, bytes)
