@@ -15,8 +15,7 @@ from pathlib import Path
 from bagassets.errors import BagAssetsError
 from bagassets.forkserver.lock import ServerLock, remove_leftovers
 from bagassets.forkserver.places import Places
-from bagassets.forkserver.protocol import Message
-from bagassets.forkserver.server import Server
+from bagassets.forkserver.server import FirstJob, Server
 from bagassets.forkserver.spec import SOURCE_CHANGED, ServerSpec
 
 _LOG = logging.getLogger(__name__)
@@ -35,8 +34,8 @@ def main(arguments: list[str]) -> int:
         os.close(ready)
         code = 1
         try:
-            first_job = json.loads(arguments[3]) if len(arguments) > 3 else None
-            code = _serve(spec, Places(spec.state_folder, stamp), timeout_s, tell, first_job)
+            places, first_job = Places(spec.state_folder, stamp), arguments[3:]
+            code = _serve(spec, places, timeout_s, tell, json.loads(first_job[0]) if first_job else None)
         finally:
             logging.shutdown()
             os._exit(code)
@@ -46,7 +45,7 @@ def main(arguments: list[str]) -> int:
     return os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
 
 
-def _serve(spec: ServerSpec, places: Places, timeout_s: float, tell: int, first_job: Message | None) -> int:
+def _serve(spec: ServerSpec, places: Places, timeout_s: float, tell: int, first_job: FirstJob | None) -> int:
     deadline = time.monotonic() + timeout_s
     while (lock := ServerLock.try_acquire(places.lock)) is None:
         if _answers(places):

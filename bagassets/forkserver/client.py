@@ -143,11 +143,15 @@ class Client:
             ServerRefusedError: the server takes no jobs any more.
         """
         job = {
-            **_request(function, args, label, {**os.environ, **self._variables}),
+            "function": function,
+            "args": dict(args),
+            "label": label,
             "on_lost": on_lost,
             "detached": detached,
             "once": once,
             "grace_s": grace_s,
+            "env": {**os.environ, **self._variables},
+            "cwd": str(Path.cwd()),
         }
         return str(self._ask({"op": "submit", "job": job})["job"])
 
@@ -225,21 +229,6 @@ class Client:
         return [message for message in messages if "reply" in message]
 
 
-def _request(function: str, args: Mapping[str, Any], label: str, environment: dict[str, str]) -> Message:
-    """Return what a server must know of a job of this process, one that nobody misses if it is lost."""
-    return {
-        "function": function,
-        "args": dict(args),
-        "label": label,
-        "on_lost": None,
-        "detached": False,
-        "once": False,
-        "grace_s": _GRACE_S,
-        "env": environment,
-        "cwd": str(Path.cwd()),
-    }
-
-
 def _recipe_variable(spec: ServerSpec) -> dict[str, str]:
     return {} if spec.recipe is None else {"BAGASSETS_RECIPE": str(spec.recipe)}
 
@@ -270,9 +259,7 @@ def _starter(
     # -P keeps the current folder off the search path, whatever it is.
     command = [sys.executable, "-P", "-m", "bagassets.forkserver", spec_json, places.stamp, str(timeout_s)]
     if first_job is not None:
-        function, args = first_job
-        request = _request(function, args, function.rpartition(":")[2], environment)
-        command.append(json.dumps({**request, "detached": True}))
+        command.append(json.dumps(first_job))
     with places.log.open("ab") as log:
         return subprocess.Popen(  # noqa: S603  (this interpreter, this package)
             command,

@@ -10,6 +10,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 from bagassets.errors import BagAssetsError
@@ -23,7 +24,10 @@ from bagassets.forkserver.protocol import Message
 from bagassets.forkserver.spec import ServerSpec
 from bagassets.forkserver.worker import load_function
 
-__all__ = ["Server"]
+__all__ = ["FirstJob", "Server"]
+
+# `module:function` and its arguments.
+FirstJob = tuple[str, Message]
 
 _LOG = logging.getLogger(__name__)
 _TICK_S = 0.5
@@ -64,21 +68,31 @@ class Server:
 
     # --- life ------------------------------------------------------------------------
 
-    def prepare(self, first_job: Message | None = None) -> None:
+    def prepare(self, first_job: FirstJob | None = None) -> None:
         """Import everything that workers share.
 
         Args:
-            first_job: begun before that, as soon as its own module is imported. Its arguments get `state`
-                and `stamp`, which tell it when the server takes other jobs.
+            first_job: begun before that, as soon as its own module is imported, in the surroundings of the
+                server. Its arguments get `state` and `stamp`, which tell it when the server takes other jobs.
 
         Raises:
             BagAssetsError: a thread was started, so that forking would be unsafe.
         """
         gc.disable()  # nothing to collect while modules are imported, and a quarter of the time
         if first_job is not None:
-            load_function(first_job["function"])
-            place = {"state": str(self._spec.state_folder), "stamp": self._places.stamp}
-            self._start({**first_job, "args": {**first_job["args"], **place}})
+            function, args = first_job
+            load_function(function)
+            self._start(
+                {
+                    "function": function,
+                    "args": {**args, "state": str(self._spec.state_folder), "stamp": self._places.stamp},
+                    "label": function.rpartition(":")[2],
+                    "on_lost": None,
+                    "detached": True,
+                    "env": dict(os.environ),
+                    "cwd": str(Path.cwd()),
+                }
+            )
         if self._spec.preload:
             self._later = load_function(self._spec.preload)(list(self._spec.modules)) or iter(())
         others = [thread.name for thread in threading.enumerate() if thread is not threading.main_thread()]
