@@ -25,9 +25,7 @@ def no_llvmlite(monkeypatch):
     monkeypatch.setattr(machine_code, "_ALL", [])
     for module, name, build in ((bilinear, "_LOOKUP", "_build"), (motion, "_MOVE", "_build")):
         known = getattr(module, name)
-        monkeypatch.setattr(
-            module, name, MachineCode(known._name, known._signature._argtypes_, getattr(module, build))
-        )
+        monkeypatch.setattr(module, name, MachineCode(known._name, getattr(module, build)))
 
 
 def lens(width, height, coefficients):
@@ -145,7 +143,7 @@ def test_all_are_compiled_before_workers_fork():
 
 def test_what_cannot_be_compiled_is_told_once_and_done_without(caplog, monkeypatch):
     monkeypatch.setattr(machine_code, "_ALL", [])
-    code = MachineCode("wrong", [], lambda: "this is no module")
+    code = MachineCode("wrong", lambda: "this is no function")
     assert code.function() is None
     assert code.function() is None
     assert [record.message for record in caplog.records] == [

@@ -13,9 +13,9 @@ from rosbags.interfaces import Nodetype
 from bagassets.bags.layouts import Layout
 from bagassets.bags.model import SkimmedPacket
 
-__all__ = ["Skimmer", "packet_skimmer"]
+__all__ = ["HEADER", "Skimmer", "packet_skimmer"]
 
-_HEADER = "std_msgs/msg/Header"
+HEADER = "std_msgs/msg/Header"
 _HEADER_FIELDS = ["seq", "stamp", "frame_id"]
 _SIZES = {
     **dict.fromkeys(("bool", "byte", "char", "int8", "uint8"), 1),
@@ -46,7 +46,7 @@ def packet_skimmer(layout: Layout, payloads: Sequence[str]) -> Skimmer | None:
     kinds = list(fields.values())
     if layout.serialization != "ros1" or len(kinds) < 2 or list(fields)[-1] != payload:
         return None
-    if kinds[0] != (Nodetype.NAME, _HEADER) or [n for n, _ in layout.types[_HEADER][1]] != _HEADER_FIELDS:
+    if kinds[0] != (Nodetype.NAME, HEADER) or [n for n, _ in layout.types[HEADER][1]] != _HEADER_FIELDS:
         return None
     if kinds[-1][0] != Nodetype.SEQUENCE or _fixed_size(kinds[-1][1][0]) != 1:
         return None

@@ -14,12 +14,10 @@ from rosbags.interfaces import Nodetype
 from bagassets.bags.inventory import Definition
 from bagassets.bags.layouts import Choice, Layout, Serialization, choice_of
 from bagassets.bags.model import SkimmedPacket
-from bagassets.bags.skim import Skimmer, packet_skimmer
+from bagassets.bags.skim import HEADER, Skimmer, packet_skimmer
 from bagassets.errors import DecodeError
 
 __all__ = ["MessageTypes", "Serialization", "normalise_msgtype"]
-
-_HEADER = "std_msgs/msg/Header"
 
 
 def normalise_msgtype(name: str) -> str:
@@ -136,11 +134,11 @@ class MessageTypes:
         first = None if layout is None else _first_field(layout, msgtype)
         if layout is None or first is None:
             return "none"
-        if first == (Nodetype.NAME, _HEADER):
+        if first == (Nodetype.NAME, HEADER):
             return "header"
         if first[0] == Nodetype.SEQUENCE:
             inner, _ = first[1]
-            if inner[0] == Nodetype.NAME and _first_field(layout, inner[1]) == (Nodetype.NAME, _HEADER):
+            if inner[0] == Nodetype.NAME and _first_field(layout, inner[1]) == (Nodetype.NAME, HEADER):
                 return "sequence"
         return "none"
 

@@ -15,7 +15,8 @@ from pathlib import Path
 from bagassets.errors import BagAssetsError
 from bagassets.forkserver.lock import ServerLock, remove_leftovers
 from bagassets.forkserver.places import Places
-from bagassets.forkserver.server import FirstJob, Server
+from bagassets.forkserver.protocol import FirstJob
+from bagassets.forkserver.server import Server
 from bagassets.forkserver.spec import SOURCE_CHANGED, ServerSpec
 
 _LOG = logging.getLogger(__name__)

@@ -16,7 +16,7 @@ from typing import Any, Self
 from bagassets.errors import BagAssetsError
 from bagassets.forkserver.places import Places
 from bagassets.forkserver.process import ProcessId
-from bagassets.forkserver.protocol import Lines, Message, encode
+from bagassets.forkserver.protocol import FirstJob, Lines, Message, encode
 from bagassets.forkserver.spec import SOURCE_CHANGED, ServerSpec
 
 __all__ = ["Client", "ServerRefusedError"]
@@ -55,9 +55,7 @@ class Client:
     # --- finding a server ------------------------------------------------------------
 
     @classmethod
-    def ensure(
-        cls, spec: ServerSpec, *, timeout_s: float = 60.0, first_job: tuple[str, Message] | None = None
-    ) -> Self:
+    def ensure(cls, spec: ServerSpec, *, timeout_s: float = 60.0, first_job: FirstJob | None = None) -> Self:
         """Return a client of a server for `spec`, which is started if there is none.
 
         Args:
@@ -233,7 +231,7 @@ def _recipe_variable(spec: ServerSpec) -> dict[str, str]:
     return {} if spec.recipe is None else {"BAGASSETS_RECIPE": str(spec.recipe)}
 
 
-def _start(spec: ServerSpec, places: Places, timeout_s: float, first_job: tuple[str, Message] | None) -> None:
+def _start(spec: ServerSpec, places: Places, timeout_s: float, first_job: FirstJob | None) -> None:
     """Start a server and return when it, or another with its stamp, answers."""
     with _starter(spec, places, timeout_s, first_job) as starter:
         try:
@@ -249,7 +247,7 @@ def _start(spec: ServerSpec, places: Places, timeout_s: float, first_job: tuple[
 
 
 def _starter(
-    spec: ServerSpec, places: Places, timeout_s: float, first_job: tuple[str, Message] | None
+    spec: ServerSpec, places: Places, timeout_s: float, first_job: FirstJob | None
 ) -> "subprocess.Popen[bytes]":
     """Return a process that starts a server and ends when one with its stamp answers."""
     places.make()

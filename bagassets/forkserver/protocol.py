@@ -8,9 +8,11 @@ import json
 import socket
 from typing import Any
 
-__all__ = ["Lines", "Message", "encode"]
+__all__ = ["FirstJob", "Lines", "Message", "encode"]
 
 Message = dict[str, Any]
+# `module:function` and its arguments, for a server to begin with.
+FirstJob = tuple[str, Message]
 _CHUNK = 1 << 16
 
 

@@ -20,14 +20,11 @@ from bagassets.forkserver.loaded import LoadedSources
 from bagassets.forkserver.lock import ServerLock
 from bagassets.forkserver.places import Places
 from bagassets.forkserver.process import ProcessId
-from bagassets.forkserver.protocol import Message
+from bagassets.forkserver.protocol import FirstJob, Message
 from bagassets.forkserver.spec import ServerSpec
 from bagassets.forkserver.worker import load_function
 
-__all__ = ["FirstJob", "Server"]
-
-# `module:function` and its arguments.
-FirstJob = tuple[str, Message]
+__all__ = ["Server"]
 
 _LOG = logging.getLogger(__name__)
 _TICK_S = 0.5

@@ -1,5 +1,6 @@
 """Making of an image what a camera without distortion, or of another size, would have taken."""
 
+from threading import Lock
 from typing import Any
 
 import cv2
@@ -15,24 +16,37 @@ __all__ = ["Undistortion", "undistort"]
 class Undistortion:
     """Turns images of one camera into those of another model; several threads may share it.
 
+    The maps are made with the first image: in a thread, those of several cameras side by side.
+
     Args:
         recorded: the camera as recorded.
         written: as the images are to be.
     """
 
     def __init__(self, recorded: CameraModel, written: CameraModel) -> None:
-        self._maps = recorded.undistortion_maps(written)
-        self._lookup = BilinearLookup(*self._maps, recorded.width, recorded.height)
+        self._recorded = recorded
+        self._written = written
+        self._made: BilinearLookup | None = None
+        self._lock = Lock()
+
+    @property
+    def _lookup(self) -> BilinearLookup:
+        with self._lock:
+            if self._made is None:
+                maps = self._recorded.undistortion_maps(self._written)
+                self._made = BilinearLookup(*maps, self._recorded.width, self._recorded.height)
+            return self._made
 
     def __call__(self, pixels: NDArray[Any]) -> NDArray[Any]:
         """Return the image of (H, W) grey, (H, W, 3) BGR or (H, W, 4) BGRA; of the latter it is BGR, too.
 
         8-bit BGRA is fastest.
         """
-        if pixels.dtype == np.uint8 and pixels.ndim == 3 and self._lookup.is_fast:
+        lookup = self._lookup
+        if pixels.dtype == np.uint8 and pixels.ndim == 3 and lookup.is_fast:
             bgra = pixels if pixels.shape[2] == 4 else cv2.cvtColor(pixels, cv2.COLOR_BGR2BGRA)
-            return self._lookup(np.ascontiguousarray(bgra))
-        undistorted = undistort(pixels, self._maps)
+            return lookup(np.ascontiguousarray(bgra))
+        undistorted = undistort(pixels, lookup.maps)
         if undistorted.ndim == 3 and undistorted.shape[2] == 4:
             return cv2.cvtColor(undistorted, cv2.COLOR_BGRA2BGR)
         return undistorted

@@ -4,14 +4,13 @@ Twice as fast as OpenCV, which waits for memory: a lens bends rows, and the proc
 which part of the image is next. Here each pixel is asked for some time before its turn.
 """
 
-import ctypes
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from bagassets.kernels.machine_code import MachineCode, counting
+from bagassets.kernels.machine_code import MachineCode, begin_function, counting, everywhere
 
 __all__ = ["BilinearLookup"]
 
@@ -52,6 +51,11 @@ class BilinearLookup:
         self._some_black = bool(done.any())
         done[: len(groups) * _LANES] |= np.repeat(groups, _LANES)
         self._others = np.flatnonzero(~done)  # at the border, or between it and a whole group
+
+    @property
+    def maps(self) -> tuple[NDArray[np.int16], NDArray[np.uint16]]:
+        """The maps, for `cv2.remap`."""
+        return self._xy, self._fraction
 
     @property
     def is_fast(self) -> bool:
@@ -97,16 +101,10 @@ def _build() -> Any:
     from llvmlite import ir  # noqa: PLC0415
 
     i8, i16, i32, i64 = (ir.IntType(bits) for bits in (8, 16, 32, 64))
-    arguments = [i8, None, i32, i16, i8, i64, None]
-    types = [i64 if kind is None else kind.as_pointer() for kind in arguments]
-    module = ir.Module("bilinear")
-    function = ir.Function(module, ir.FunctionType(ir.VoidType(), types), "lookup")
+    function, b = begin_function("lookup", [i8, None, i32, i16, i8, i64, None])
     source, stride, xy, fraction, target, runs, number = function.args
-    for pointer in (source, xy, fraction, target, runs):
-        pointer.add_attribute("noalias")
     signature = ir.FunctionType(ir.VoidType(), [i8.as_pointer(), i32, i32, i32])
-    prefetch = ir.Function(module, signature, "llvm.prefetch.p0")
-    b = ir.IRBuilder(function.append_basic_block())
+    prefetch = ir.Function(function.module, signature, "llvm.prefetch.p0")
 
     def splat(kind: Any, value: int, lanes: int) -> Any:
         return ir.Constant(ir.VectorType(kind, lanes), [value] * lanes)
@@ -126,8 +124,8 @@ def _build() -> Any:
         lanes = packed.type.count
         half = splat(i32, 16, lanes)
         column, row = b.ashr(b.shl(packed, half), half), b.ashr(packed, half)
-        wide = b.insert_element(ir.Constant(packed.type, ir.Undefined), b.trunc(stride, i32), i32(0))
-        return b.add(b.mul(row, lanes_of(wide, [0] * lanes)), b.shl(column, splat(i32, 2, lanes)))
+        strides = everywhere(b, b.trunc(stride, i32), lanes)
+        return b.add(b.mul(row, strides), b.shl(column, splat(i32, 2, lanes)))
 
     def mixed_in_row(pixels: Any, share: Any) -> Any:
         """Return 32 times the mean of two neighbours, in 16 bits: (each left and right) to (each)."""
@@ -173,9 +171,7 @@ def _build() -> Any:
             put = b.bitcast(b.gep(target, [b.mul(first, i64(3))]), bgr.type.as_pointer())
             b.store(bgr, put, align=1)
     b.ret_void()
-    return module
+    return function
 
 
-_LOOKUP = MachineCode(
-    "lookup", [ctypes.c_void_p, ctypes.c_int64, *[ctypes.c_void_p] * 4, ctypes.c_int64], _build
-)
+_LOOKUP = MachineCode("lookup", _build)

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from threading import Lock
 from typing import Any
 
-__all__ = ["MachineCode", "compile_all", "counting"]
+__all__ = ["MachineCode", "begin_function", "compile_all", "counting", "everywhere"]
 
 _LOG = logging.getLogger(__name__)
 _LOCK = Lock()
@@ -24,14 +24,12 @@ class MachineCode:
     """A function that is compiled when it is first asked for.
 
     Args:
-        name: of the function that `build` defines.
-        arguments: their C types.
-        build: returns the `ir.Module`.
+        name: of the function, for people.
+        build: returns the `ir.Function`, begun with `begin_function`.
     """
 
-    def __init__(self, name: str, arguments: Sequence[Any], build: Callable[[], Any]) -> None:
+    def __init__(self, name: str, build: Callable[[], Any]) -> None:
         self._name = name
-        self._signature = ctypes.CFUNCTYPE(None, *arguments)
         self._build = build
         self._engine: Any = None
         self._function: Function | None = None
@@ -48,8 +46,10 @@ class MachineCode:
 
     def _compile(self) -> None:
         try:
-            self._engine = _compiled(str(self._build()))
-            self._function = self._signature(self._engine.get_function_address(self._name))
+            built = self._build()
+            self._engine = _compiled(str(built.module))
+            types = [ctypes.c_void_p if arg.type.is_pointer else ctypes.c_int64 for arg in built.args]
+            self._function = ctypes.CFUNCTYPE(None, *types)(self._engine.get_function_address(built.name))
         except ImportError:
             _LOG.info("%s: there is no llvmlite; a slower twin is used", self._name)
         except Exception:  # noqa: BLE001  (an unknown processor, memory that may not be executed: the twin does)
@@ -78,6 +78,32 @@ def _compiled(text: str) -> Any:
     engine = llvm.create_mcjit_compiler(module, machine)
     engine.finalize_object()
     return engine
+
+
+def begin_function(name: str, pointed_to: Sequence[Any]) -> tuple[Any, Any]:
+    """Return a function that returns nothing, in a module of its own, and a builder at its begin.
+
+    Args:
+        name: of the function.
+        pointed_to: what each argument points to, memory that no other one does; None for a 64-bit number.
+    """
+    from llvmlite import ir  # noqa: PLC0415
+
+    types = [ir.IntType(64) if kind is None else kind.as_pointer() for kind in pointed_to]
+    function = ir.Function(ir.Module(name), ir.FunctionType(ir.VoidType(), types), name)
+    for argument in function.args:
+        if argument.type.is_pointer:
+            argument.add_attribute("noalias")
+    return function, ir.IRBuilder(function.append_basic_block())
+
+
+def everywhere(b: Any, value: Any, lanes: int) -> Any:
+    """Build a vector that has a value in each of its lanes."""
+    from llvmlite import ir  # noqa: PLC0415
+
+    undefined = ir.Constant(ir.VectorType(value.type, lanes), ir.Undefined)
+    first = ir.Constant(ir.VectorType(ir.IntType(32), lanes), [0] * lanes)
+    return b.shuffle_vector(b.insert_element(undefined, value, ir.IntType(32)(0)), undefined, first)
 
 
 @contextmanager

@@ -1,12 +1,11 @@
 """Moving points that were measured while the sensor moved, each by the transform of its time."""
 
-import ctypes
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bagassets.kernels.machine_code import MachineCode, counting
+from bagassets.kernels.machine_code import MachineCode, begin_function, counting, everywhere
 
 __all__ = ["move_points"]
 
@@ -58,19 +57,8 @@ def _build() -> Any:
 
     i64, single, double = ir.IntType(64), ir.FloatType(), ir.DoubleType()
     four = ir.VectorType(double, 4)
-    arguments = [single, i64, None, i64, four, None, None]
-    types = [i64 if kind is None else kind.as_pointer() for kind in arguments]
-    module = ir.Module("motion")
-    function = ir.Function(module, ir.FunctionType(ir.VoidType(), types), "move")
+    function, b = begin_function("move", [single, i64, None, i64, four, None, None])
     points, times, number, knots, columns, last, length = function.args
-    for pointer in (points, times, knots, columns):
-        pointer.add_attribute("noalias")
-    b = ir.IRBuilder(function.append_basic_block())
-
-    def everywhere(value: Any, kind: Any) -> Any:
-        undefined = ir.Constant(kind, ir.Undefined)
-        lanes = ir.Constant(ir.VectorType(ir.IntType(32), kind.count), [0] * kind.count)
-        return b.shuffle_vector(b.insert_element(undefined, value, ir.IntType(32)(0)), undefined, lanes)
 
     def at(pointer: Any, index: Any) -> Any:
         return b.load(b.gep(pointer, [index]), align=8)
@@ -92,10 +80,10 @@ def _build() -> Any:
             for column, kept in enumerate(matrix):
                 low = at(columns, b.add(b.mul(left, i64(4)), i64(column)))
                 high = at(columns, b.add(b.mul(right, i64(4)), i64(column)))
-                b.store(b.fadd(low, b.fmul(b.fsub(high, low), everywhere(share, four))), kept)
+                b.store(b.fadd(low, b.fmul(b.fsub(high, low), everywhere(b, share, 4))), kept)
         first = b.gep(points, [b.mul(point, i64(5))])
         x, y, z = (
-            everywhere(b.fpext(b.load(b.gep(first, [i64(axis)]), align=4), double), four) for axis in range(3)
+            everywhere(b, b.fpext(b.load(b.gep(first, [i64(axis)]), align=4), double), 4) for axis in range(3)
         )
         of_x, of_y, of_z, shift = (b.load(kept) for kept in matrix)
         moved = b.fadd(b.fmul(of_x, x), b.fmul(of_y, y))
@@ -104,12 +92,7 @@ def _build() -> Any:
         for axis in range(3):
             b.store(b.extract_element(rounded, ir.IntType(32)(axis)), b.gep(first, [i64(axis)]), align=4)
     b.ret_void()
-    return module
+    return function
 
 
-_MOVE = MachineCode(
-    "move",
-    [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p]
-    + [ctypes.c_int64] * 2,
-    _build,
-)
+_MOVE = MachineCode("move", _build)

@@ -5,7 +5,6 @@ This is the hot path. It runs in worker threads; OpenCV releases the interpreter
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from threading import Lock
 from typing import Any
 
 import cv2
@@ -60,13 +59,11 @@ class ImageOutput:
         camera = params["camera"]
         self._recorded = None if camera is None else CameraModel.from_calibration(camera)
         self.written = self._recorded
-        self._undistorts = False
-        self._undistortion: Undistortion | None = None
-        self._lock = Lock()
+        self._undistort: Undistortion | None = None
         if self._recorded is not None and params["undistort"]:
             self.written = self._recorded.undistorted(params["target"])
             if self._recorded.distorts or params["target"] is not None:
-                self._undistorts = True
+                self._undistort = Undistortion(self._recorded, self.written)
 
     def make(self, reading: ImageReading) -> EncodedImage:
         """Return the file of one image.
@@ -76,16 +73,16 @@ class ImageOutput:
             CalibrationError: its size is not that of the calibration.
             RecipeError: 16-bit grey is to become JPEG without a rule.
         """
-        if reading.encoded is not None and self._format == "as_recorded" and not self._undistorts:
+        if reading.encoded is not None and self._format == "as_recorded" and self._undistort is None:
             return self._as_recorded(reading.encoded, reading.encoding)
         jpeg = self._format == "jpeg" or (
             self._format == "as_recorded" and reading.encoding.startswith("jpeg")
         )
-        pixels = self._pixels(reading, four=self._undistorts)
+        pixels = self._pixels(reading, four=self._undistort is not None)
         self._check(pixels.shape[1], pixels.shape[0])
         if pixels.dtype == np.uint16:
             pixels = self._to_8bit(pixels)
-        if self._undistorts:
+        if self._undistort is not None:
             pixels = self._undistort(pixels)
         if jpeg:
             done, data = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, self._quality])
@@ -101,13 +98,6 @@ class ImageOutput:
         mosaic = reading.pixels if four else None
         pixels = None if mosaic is None else bayer_to_bgra(mosaic, reading.encoding)
         return raw_pixels(reading) if pixels is None else pixels
-
-    def _undistort(self, pixels: Pixels) -> Pixels:
-        # Its maps are made with the first image: in a thread, those of several cameras side by side.
-        with self._lock:
-            if self._undistortion is None and self._recorded is not None and self.written is not None:
-                self._undistortion = Undistortion(self._recorded, self.written)
-        return pixels if self._undistortion is None else self._undistortion(pixels)
 
     def _as_recorded(self, encoded: bytes | memoryview, encoding: str) -> EncodedImage:
         width, height = image_size(encoded)

@@ -235,8 +235,9 @@ class Store:
     ) -> Outcome:
         """Return the known outcome of `action`, or let `make` produce it; `make` returns the summary.
 
-        If another process just makes it, its outcome is waited for. An error of `make` is recorded under the action's digest and raised again, unless it says nothing
-        about the action: a full disk, a recording that changed meanwhile. See `record_failure` for `subject`.
+        If another process just makes it, its outcome is waited for. An error of `make` is recorded under the
+        action's digest and raised again, unless it says nothing about the action: a full disk, a recording that
+        changed meanwhile. See `record_failure` for `subject`.
         """
         known = self.use(action)
         if known is not None:
