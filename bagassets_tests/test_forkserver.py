@@ -1,12 +1,17 @@
 """The fork server: jobs, ends of all kinds, one server per stamp, and its own end."""
 
+import json
 import os
+import re
+import resource
 import signal
+import socket
 import subprocess
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -354,10 +359,10 @@ def test_an_idle_server_ends_but_not_while_a_client_is_there(tmp_path):
     client = Client.ensure(spec)
     stays = not eventually_within(2.0, lambda: not client.process.is_alive())
     assert stays
-    socket = client.places.socket
+    path = client.places.socket
     client.close()
     eventually(lambda: not client.process.is_alive(), "the idle server is gone")
-    assert not socket.exists()
+    assert not path.exists()
     assert Client.connect(client.places) is None
 
 
@@ -413,6 +418,71 @@ def test_leftovers_of_dead_servers_are_removed(tmp_path):
         (folder / name).touch()
     with Client.ensure(spec_in(tmp_path)) as client:
         assert not list(folder.glob("feed.*"))
+        client.shutdown()
+
+
+def leave_socket(path):
+    """Leave a socket behind as a server does that is killed."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with socket.socket(socket.AF_UNIX) as listener:
+        listener.bind(str(path))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [None, b"", b"\0", b"\xff\xfe", b"relative/x.sock", b"/etc/hostname", b"SOCKET and more", b"SOCKET"],
+)
+def test_a_server_starts_whatever_another_left_of_socket_and_lock(tmp_path, text):
+    spec = spec_in(tmp_path)
+    places = Places(tmp_path, spec.stamp())
+    leave_socket(places.choose_socket())
+    if text is not None:
+        places.lock.write_bytes(text.replace(b"SOCKET", bytes(places.choose_socket())))
+    assert Client.connect(places) is None
+    with Client.ensure(spec, timeout_s=20.0) as client:
+        assert client.places.socket == places.choose_socket()
+        client.shutdown()
+
+
+def test_a_lock_that_names_a_file_of_others_has_nothing_removed(tmp_path):
+    spec = spec_in(tmp_path / "copy")
+    ours, theirs = Places(tmp_path / "copy", spec.stamp()), Places(tmp_path / "original", spec.stamp())
+    for places in (ours, theirs):
+        leave_socket(places.choose_socket())
+    precious = tmp_path / "precious.txt"
+    precious.write_text("kept")
+    ours.lock.write_text(str(theirs.choose_socket()))  # as in a copy of the state folder of a server at work
+    ours.lock.with_name("feed.lock").write_text(str(precious))
+    with Client.ensure(spec) as client:
+        client.shutdown()
+    assert theirs.choose_socket().is_socket()
+    assert precious.read_text() == "kept"
+
+
+def test_a_server_that_cannot_note_its_socket_says_so_and_the_next_one_starts(tmp_path):
+    spec = spec_in(tmp_path)
+    places = Places(tmp_path, spec.stamp())
+    places.make()
+    command = [sys.executable, "-m", "bagassets.forkserver", json.dumps(spec.as_json()), spec.stamp(), "20"]
+    # A pipe takes more bytes, a file not one: as on a full disk.
+    full = partial(resource.setrlimit, resource.RLIMIT_FSIZE, (0, 0))
+    surroundings = os.environ | {"PYTHONPATH": str(TESTS)}
+    ended = subprocess.run(
+        command, check=False, capture_output=True, text=True, env=surroundings, preexec_fn=full
+    )
+    assert ended.returncode == 1
+    assert re.search(
+        r"\.sock: the fork server cannot make its socket, or note it in .*\.lock \(", ended.stderr
+    )
+    assert "Traceback" not in ended.stderr
+    with Client.ensure(spec) as client:
+        client.shutdown()
+
+
+def test_a_socket_without_its_lock_is_removed_like_other_leftovers(tmp_path):
+    leave_socket(tmp_path / "forkserver" / "feed.sock")
+    with Client.ensure(spec_in(tmp_path)) as client:
+        assert not list((tmp_path / "forkserver").glob("feed.*"))
         client.shutdown()
 
 

@@ -55,6 +55,9 @@ def _serve(spec: ServerSpec, places: Places, timeout_s: float, tell: int, first_
             _LOG.error("another server holds %s and does not answer", places.lock)
             return 1
         time.sleep(_POLL_S)
+    # Of a server that was killed; a first job takes one that is noted for ours.
+    places.remove_socket()
+    lock.write("")
     remove_leftovers(spec.state_folder)
     _remove_old_logs(places.folder / "logs")
     server = Server(spec, places, lock)
@@ -74,7 +77,11 @@ def _serve(spec: ServerSpec, places: Places, timeout_s: float, tell: int, first_
         os.write(tell, b"1")
         os.close(tell)
 
-    server.serve(on_ready)
+    try:
+        server.serve(on_ready)
+    except BagAssetsError as err:
+        _LOG.error("%s", err)
+        return 1
     return 0
 
 

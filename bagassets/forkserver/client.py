@@ -275,5 +275,5 @@ def _cannot_start(places: Places, reason: str) -> str:
         lines = places.log.read_text("utf-8", "replace").splitlines()[-_LOG_LINES:]
     except OSError:
         lines = []
-    tail = "".join(f"\n  {line}" for line in lines) or " it is empty"
+    tail = "".join(f"\n  {line}" for line in lines) or " it is empty; is the disk full?"
     return f"the fork server cannot start: {reason}. The last lines of {places.log}:{tail}"

@@ -49,30 +49,49 @@ class Places:
 
     @property
     def socket(self) -> Path | None:
-        """Socket of the server that runs or ran here, as it wrote it down; None if there was none."""
+        """Socket of the server that runs or ran here, as it wrote it down; None if there was none.
+
+        Whatever else the file holds after a power loss, or in a copy of the state folder, is no socket of this server.
+        """
         try:
-            text = self.lock.read_text("utf-8")
-        except OSError:
+            path = Path(self.lock.read_text("utf-8"))
+        except (OSError, UnicodeDecodeError):
             return None
-        return Path(text) if text else None
+        is_ours = path == self._socket_here or path.name == self._socket_elsewhere
+        return path if path.is_absolute() and is_ours else None
 
     def choose_socket(self) -> Path:
         """Return where a new server puts its socket: here, unless the path is too long for one.
 
+        Whoever binds it removes what a server that was killed may have left there.
+
         Raises:
             BagAssetsError: the runtime folder that is taken instead belongs to somebody else.
         """
-        path = self.folder / f"{self.stamp[:16]}.sock"
+        path = self._socket_here
         if len(os.fsencode(path)) <= _SOCKET_PATH_LIMIT:
             return path
-        owner = hashlib.sha256(os.fsencode(self.folder)).hexdigest()[:16]
-        return _runtime_folder() / f"{owner}-{self.stamp[:16]}.sock"
+        return _runtime_folder() / self._socket_elsewhere
 
     def remove_socket(self) -> None:
-        """Remove the socket; only while holding the lock."""
-        path = self.socket
-        if path is not None:
-            path.unlink(missing_ok=True)
+        """Remove the socket; only while holding the lock.
+
+        The name that it must have counts as well as the one written down: a server that was killed, or met a full
+        disk, may have made its socket and written nothing.
+        """
+        for path in {self._socket_here, self.socket}:
+            if path is not None and path.is_socket():
+                path.unlink(missing_ok=True)
+
+    @property
+    def _socket_here(self) -> Path:
+        return self.folder / f"{self.stamp[:16]}.sock"
+
+    @property
+    def _socket_elsewhere(self) -> str:
+        """Name of the socket in the runtime folder, where servers of all state folders have theirs."""
+        owner = hashlib.sha256(os.fsencode(self.folder)).hexdigest()[:16]
+        return f"{owner}-{self.stamp[:16]}.sock"
 
     def make(self) -> None:
         """Make the folders.
@@ -91,8 +110,9 @@ class Places:
     @classmethod
     def known(cls, state_folder: Path) -> Iterator["Places"]:
         """Yield the places of every server that was started here, alive or not."""
-        for lock in sorted((state_folder / "forkserver").glob("*.lock")):
-            yield cls(state_folder, lock.stem)
+        folder = state_folder / "forkserver"
+        for stamp in sorted({path.stem for kind in ("lock", "sock") for path in folder.glob(f"*.{kind}")}):
+            yield cls(state_folder, stamp)
 
 
 def _runtime_folder() -> Path:

@@ -103,7 +103,11 @@ class Server:
         gc.enable()
 
     def serve(self, on_ready: Callable[[], None]) -> None:
-        """Answer clients until the server ends; `on_ready` is called once they can connect."""
+        """Answer clients until the server ends; `on_ready` is called once they can connect.
+
+        Raises:
+            BagAssetsError: the socket cannot be made.
+        """
         self._listen()
         on_ready()
         _LOG.info(
@@ -137,16 +141,23 @@ class Server:
             gc.freeze()
 
     def _listen(self) -> None:
-        self._places.remove_socket()  # left by a server that was killed; the lock says it is ours
         path = self._places.choose_socket()
         listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         mask = os.umask(0o177)
         try:
+            path.unlink(missing_ok=True)  # left by a server that was killed; the lock says that it is ours
             listener.bind(str(path))
+            listener.listen(64)
+            self._lock.write(str(path))
+        except OSError as err:
+            listener.close()
+            path.unlink(missing_ok=True)
+            raise BagAssetsError(
+                f"{path}: the fork server cannot make its socket, or note it in {self._places.lock} ({err.strerror}); "
+                "free space, or mend the folder."
+            ) from err
         finally:
             os.umask(mask)
-        listener.listen(64)
-        self._lock.write(str(path))
         listener.setblocking(False)
         self._listener = listener
         self._selector.register(listener, selectors.EVENT_READ, self._accept)
