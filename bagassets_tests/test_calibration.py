@@ -386,7 +386,11 @@ class TestRectified:
             made.pose("CAM_FRONT").transform_points(point_image), CAM.transform_points(point_cam), atol=1e-9
         )
         assert made.summary["notes"] == [
-            "CAM_FRONT: its images are rectified by a turn of 2.29 degrees, which its extrinsics include."
+            (
+                "CAM_FRONT: P puts its centre 0.15 m beside the first camera of a stereo pair; its frame cam is taken "
+                "for its own centre, so nothing is added."
+            ),
+            "CAM_FRONT: its images are rectified by a turn of 2.29 degrees, which its extrinsics include.",
         ]
 
     def test_a_point_lands_where_p_puts_it(self, tmp_path):
@@ -431,6 +435,75 @@ class TestRectified:
                 (topic, kind, T0, message),
                 (topic, kind, T0 + 1, later),
             )
+
+
+class TestStereo:
+    """The second camera of a stereo pair: P holds for points in the frame of the first."""
+
+    FIRST_TURN = SE3.create((np.cos(0.01), 0.0, np.sin(0.01), 0.0), (0, 0, 0))
+    SECOND_TURN = SE3.create((np.cos(0.02), np.sin(0.02), 0.0, 0.0), (0, 0, 0))
+    P = np.array([300.0, 0, 310, 0, 0, 300, 230, 0, 0, 0, 1, 0])
+
+    def entries(self, *, frame="cam", tx=-45.0, ty=0.0, image="image_rect", first_tx=0.0):
+        second_p, first_p = self.P.copy(), self.P.copy()
+        second_p[3], second_p[7], first_p[3] = tx, ty, first_tx
+        first = camera_info(r=self.FIRST_TURN.rotation_matrix.reshape(-1), p=first_p)
+        second = camera_info(r=self.SECOND_TURN.rotation_matrix.reshape(-1), p=second_p)
+        first.header.frame_id, second.header.frame_id = "cam", frame
+        own = ("/tf_static", TFMESSAGE, T0, tf(transform(0, "base_link", "own", CAM)))
+        return [
+            STATIC, own, reading(f"/right/{image}", IMAGE, frame), ("/left/camera_info", CAMERA_INFO, T0, first),
+            ("/right/camera_info", CAMERA_INFO, T0, second),
+        ]  # fmt: skip
+
+    def made(self, folder, *, camera=None, **fields):
+        topic = f"/right/{fields.get('image', 'image_rect')}"
+        return Calibrated(folder, rig({"topic": topic} | (camera or {})), *self.entries(**fields))
+
+    @pytest.mark.parametrize(("tx", "ty"), [(-45.0, 0.0), (45.0, 0.0), (0.0, -60.0)])
+    def test_a_point_lands_where_p_puts_it(self, tmp_path, tx, ty):
+        """The whole way, by the definition of the message: [u v w] = P [X Y Z 1], rectified frame of the first."""
+        made = self.made(tmp_path, tx=tx, ty=ty)
+        model = CameraModel.from_calibration(made.channels["CAM_FRONT"]["camera"])
+        point_ego = np.array([[12.0, 1.0, 0.5]])
+        pixel = model.project(made.pose("CAM_FRONT").inverse().transform_points(point_ego))[0][0]
+        x, y, z = self.FIRST_TURN.transform_points(CAM.inverse().transform_points(point_ego))[0]
+        np.testing.assert_allclose(
+            pixel, [(300 * x + 310 * z + tx) / z, (300 * y + 230 * z + ty) / z], atol=1e-6
+        )
+        beside_m = np.hypot(tx, ty) / 300
+        assert made.summary["notes"][0] == (
+            f"CAM_FRONT: P puts its centre {beside_m:.4g} m beside the first camera of a stereo pair, whose frame cam it "
+            "names (/left/camera_info); its extrinsics include that."
+        )
+
+    def test_a_camera_with_a_frame_of_its_own_stays_there(self, tmp_path):
+        made = self.made(tmp_path, frame="own")
+        assert made.pose("CAM_FRONT").translation == pytest.approx(CAM.translation)
+        assert "its frame own is taken for its own centre" in made.summary["notes"][0]
+        assert made.request.topics == ("/right/camera_info", "/tf_static")
+
+    def test_a_frame_shared_with_cameras_that_are_not_the_first_is_its_own(self, tmp_path):
+        made = self.made(tmp_path, first_tx=-45.0)
+        assert made.pose("CAM_FRONT").translation == pytest.approx(CAM.translation)
+        assert "taken for its own centre" in made.summary["notes"][0]
+
+    def test_extrinsics_in_the_recipe_win(self, tmp_path):
+        given = {"translation": [1.0, 2.0, 3.0], "rotation": [1.0, 0.0, 0.0, 0.0]}
+        made = self.made(tmp_path, camera={"extrinsics": given})
+        assert made.pose("CAM_FRONT").translation == pytest.approx((1.0, 2.0, 3.0))
+        assert "the extrinsics in the recipe are taken for its own centre" in made.summary["notes"][0]
+
+    def test_images_that_are_not_rectified_are_noted(self, tmp_path):
+        made = self.made(tmp_path, image="image_raw")
+        assert_same(made.pose("CAM_FRONT"), CAM)
+        (note,) = made.summary["notes"]
+        assert "its extrinsics do not include that, as its images are not rectified" in note
+
+    @pytest.mark.parametrize("frame", ["cam", "own"])
+    def test_one_camera_alone_is_not_noted(self, tmp_path, frame):
+        made = self.made(tmp_path, tx=0.0, image="image_raw", frame=frame)
+        assert made.summary["notes"] == []
 
 
 def test_a_urdf_that_is_not_there_is_named(tmp_path):

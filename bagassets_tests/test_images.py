@@ -6,10 +6,11 @@ import cv2
 import numpy as np
 import pytest
 
-from bagassets.decode.compressed_image import decode_compressed_image, image_size
+from bagassets.decode.compressed_image import decode_compressed_image, image_size, unpack
 from bagassets.decode.image import decode_image, to_bgr_or_grey
 from bagassets.errors import DecodeError
 from bagassets.geometry.camera import CameraModel
+from bagassets.steps.image_output import ImageOutput
 
 RGB = (200, 120, 40)
 HEADER = SimpleNamespace(stamp=SimpleNamespace(sec=1, nanosec=2), frame_id="/cam")
@@ -118,6 +119,103 @@ def test_the_type_is_told_from_the_bytes(data, kind):
 def test_cut_off_or_unknown_bytes_are_refused(data):
     with pytest.raises(DecodeError, match=r"cut off|neither"):
         decode_compressed_image(compressed(data))
+
+
+# --- what `format` says of the pixels inside, as image_transport's publisher writes it --------
+
+
+def published(rgb, said):
+    """A message as image_transport makes it: RGB or BGR is handed to an encoder that takes it for BGR."""
+    kind = "png" if "png" in said else "jpg"
+    handed = (
+        rgb if "rgb" in said.rpartition("compressed")[2] or said.endswith("compressed") else rgb[..., ::-1]
+    )
+    flags = [cv2.IMWRITE_JPEG_QUALITY, 100] if kind == "jpg" else []
+    return compressed(cv2.imencode(f".{kind}", np.ascontiguousarray(handed), flags)[1].tobytes(), said)
+
+
+def decoded(message):
+    reading = decode_compressed_image(message)
+    return unpack(reading.encoded, reading.encoding)
+
+
+@pytest.mark.parametrize("kind", ["png", "jpeg"])
+@pytest.mark.parametrize("before", ["rgb8; ", "bgr8; ", "bayer_rggb8; ", ""])
+@pytest.mark.parametrize("inside", ["rgb8", "bgr8"])
+def test_the_colour_order_that_format_names_counts(kind, before, inside):
+    rows = np.full((16, 16, 3), RGB, np.uint8)
+    pixels = decoded(published(rows, f"{before}{kind} compressed {inside}"))
+    assert np.abs(pixels.astype(int) - RGB[::-1]).max() <= (2 if kind == "jpeg" else 0)
+
+
+@pytest.mark.parametrize("kind", ["png", "jpeg"])
+@pytest.mark.parametrize("camera", ["rgb8", "bgr8", "rgba8"])
+def test_old_recordings_that_name_no_order_hold_rgb(kind, camera):
+    pixels = decoded(published(np.full((16, 16, 3), RGB, np.uint8), f"{camera}; {kind} compressed"))
+    assert np.abs(pixels.astype(int) - RGB[::-1]).max() <= (2 if kind == "jpeg" else 0)
+
+
+@pytest.mark.parametrize(
+    "said", ["", "png", "rgb8", "rgb8; png", "rgb8; png compressed bgr8", "mono8; png compressed "]
+)
+def test_other_texts_leave_the_file_as_a_viewer_shows_it(said):
+    data = cv2.imencode(".png", np.full((4, 4, 3), RGB[::-1], np.uint8))[1].tobytes()
+    assert (decoded(compressed(data, said)) == RGB[::-1]).all()
+
+
+def test_16_bit_colours_and_alpha_are_put_in_order_too():
+    deep = np.full((4, 4, 3), RGB, np.uint16) * 257
+    pixels = decoded(published(deep, "rgb16; png compressed rgb16"))
+    assert pixels.dtype == np.uint16
+    assert (pixels == np.array(RGB[::-1]) * 257).all()
+    data = cv2.imencode(".png", np.full((4, 4, 4), (*RGB, 9), np.uint8))[1].tobytes()
+    assert (decoded(compressed(data, "rgba8; png compressed rgba8")) == RGB[::-1]).all()
+
+
+@pytest.mark.parametrize(
+    "said", ["mono16; png compressed ", "16UC1; png compressed", "mono16; png compressed mono16"]
+)
+def test_compressed_grey_stays_grey(said):
+    assert (decoded(compressed(PNG, said)) == np.full((24, 40), 7, np.uint16)).all()
+
+
+@pytest.mark.parametrize("pattern", ["rggb", "bggr", "gbrg", "grbg"])
+@pytest.mark.parametrize("ending", ["", " ", " bayer"])
+def test_a_compressed_mosaic_gives_the_true_colour(pattern, ending):
+    said = f"bayer_{pattern}8; png compressed{ending}" + (f"_{pattern}8" if ending.strip() else "")
+    data = cv2.imencode(".png", mosaic(pattern, np.uint8))[1].tobytes()
+    assert decoded(compressed(data, said))[8, 8].tolist() == list(RGB[::-1])
+
+
+def test_a_bayer_camera_compressed_as_grey_is_grey():
+    data = cv2.imencode(".png", np.full((4, 4), 9, np.uint8))[1].tobytes()
+    assert (decoded(compressed(data, "bayer_rggb8; png compressed mono8")) == 9).all()
+
+
+@pytest.mark.parametrize(
+    ("said", "passed"),
+    [
+        ("bgr8; png compressed bgr8", True),
+        ("rgb8; png compressed rgb8", False),
+        ("bayer_rggb8; png compressed ", False),
+    ],
+)
+def test_only_what_any_viewer_shows_right_passes_as_recorded(said, passed):
+    params = {
+        "channel": "CAM", "topic": "/cam", "output": "as_recorded", "quality": 90, "camera": None, "undistort": False,
+        "target": None,
+    }  # fmt: skip
+    rows = mosaic("rggb", np.uint8) if "bayer" in said else np.full((16, 16, 3), RGB, np.uint8)
+    message = (
+        compressed(cv2.imencode(".png", rows)[1].tobytes(), said)
+        if "bayer" in said
+        else published(rows, said)
+    )
+    made = ImageOutput(params, None).make(decode_compressed_image(message))
+    assert made.extension == ".png"
+    assert (bytes(made.data) == message.data.tobytes()) == passed
+    shown = cv2.imdecode(np.frombuffer(made.data, np.uint8), cv2.IMREAD_COLOR)
+    assert shown[8, 8].tolist() == list(RGB[::-1])
 
 
 LENSES = {

@@ -1,4 +1,16 @@
-"""`sensor_msgs/CompressedImage`: JPEG and PNG, whatever `format` claims."""
+"""`sensor_msgs/CompressedImage`: JPEG and PNG, told apart by their bytes.
+
+`format` is free text. What image_transport writes is `<encoding of the camera>; jpeg compressed <encoding that
+was compressed>`, and its subscriber reads it back as follows (compressed_image_transport, publisher and
+subscriber):
+
+* after `compressed bgr8` the file is as any viewer shows it;
+* after `compressed rgb8`, and in recordings of before 2013 that name no second encoding for a colour camera, red and
+  blue of the file are exchanged: RGB was handed to an encoder that takes BGR;
+* a Bayer camera without a second encoding, or with a Bayer pattern for it, was compressed as a mosaic.
+
+Any other text (`jpeg`, `png`) leaves the file as any viewer shows it.
+"""
 
 import re
 import struct
@@ -17,13 +29,15 @@ __all__ = ["decode_compressed_image", "image_size", "unpack"]
 _JPEG, _PNG = b"\xff\xd8\xff", b"\x89PNG\r\n\x1a\n"
 _USUAL_PADDING = 4096
 _BAYER = re.compile(r"bayer_[rgb]{4}(8|16)")
+_COLOUR = re.compile(r"\s*(rgb|bgr)a?(8|16)\s*;")
 
 
 def decode_compressed_image(message: Any) -> ImageReading:
-    """Return the image with the bytes as recorded; `encoding` is `jpeg`, `png` or `<type>:<bayer pattern>`.
+    """Return the image with the bytes as recorded; `encoding` is `jpeg` or `png`.
 
-    The type is told from the first bytes, since `format` is often empty and sometimes wrong. The bytes
-    are a view of the message's.
+    If the pixels inside are not what a viewer shows, it goes on with a colon and what they are: `rgb`, or
+    the Bayer pattern. The type is told from the first bytes, since `format` is often empty and sometimes
+    wrong. The bytes are a view of the message's.
 
     Raises:
         DecodeError: it is neither a JPEG nor a PNG, or it is cut off.
@@ -45,11 +59,22 @@ def decode_compressed_image(message: Any) -> ImageReading:
             raise DecodeError("the PNG is cut off")
     else:
         raise DecodeError(f"format '{said}' is neither JPEG nor PNG by its first bytes")
-    # "<original encoding>; jpeg compressed <encoding inside>": the second one counts.
-    inside = _BAYER.search(said.rsplit("compressed", 1)[-1]) or (
-        _BAYER.search(said) if "compressed" not in said else None
-    )
-    return ImageReading(stamp_ns, frame_id, None, data, f"{kind}:{inside.group(0)}" if inside else kind)
+    inside = _inside(said)
+    return ImageReading(stamp_ns, frame_id, None, data, f"{kind}:{inside}" if inside else kind)
+
+
+def _inside(said: str) -> str:
+    """Return what `format` says of the pixels inside: a Bayer pattern, rgb, or nothing if they are as usual."""
+    recorded, told, inside = said.rpartition("compressed")
+    inside = inside.strip()
+    # Without a second encoding, the first one says what was compressed.
+    pattern = _BAYER.search(inside or recorded)
+    if pattern is not None:
+        return pattern.group(0)
+    if not told:
+        return ""
+    swapped = inside.startswith("rgb") or (not inside and _COLOUR.match(recorded))
+    return "rgb" if swapped else ""
 
 
 def _without_padding(data: memoryview) -> bytes:
@@ -69,10 +94,12 @@ def unpack(encoded: bytes | memoryview, encoding: str) -> Pixels:
         raise DecodeError(f"the {encoding.partition(':')[0].upper()} does not decode")
     if pixels.ndim == 3 and pixels.shape[2] == 4:
         pixels = pixels[:, :, :3]
-    pattern = encoding.partition(":")[2]
-    if not pattern:
+    inside = encoding.partition(":")[2]
+    if inside == "rgb" and pixels.ndim == 3:
+        pixels = pixels[:, :, ::-1]
+    if inside in {"", "rgb"}:
         return np.ascontiguousarray(pixels)
-    return demosaic(np.ascontiguousarray(pixels if pixels.ndim == 2 else pixels[:, :, 0]), pattern)
+    return demosaic(np.ascontiguousarray(pixels if pixels.ndim == 2 else pixels[:, :, 0]), inside)
 
 
 def image_size(encoded: bytes | memoryview) -> tuple[int, int]:

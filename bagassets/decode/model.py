@@ -19,7 +19,8 @@ class ImageReading:
         frame_id: sensor frame, without leading slash.
         pixels: (H, W) or (H, W, 3) BGR, uint8 or uint16; None if only `encoded` is at hand.
         encoded: the bytes of a JPEG or PNG as recorded, maybe as a view of the message's, else None.
-        encoding: `jpeg`, `png` or the raw encoding as recorded.
+        encoding: `jpeg` or `png`, followed by `:rgb` if red and blue are exchanged inside, or by a colon and the
+            Bayer pattern of a compressed mosaic; or the raw encoding as recorded.
     """
 
     stamp_ns: int

@@ -96,7 +96,8 @@ class CameraChannel(_Channel):
     intrinsics: Intrinsics | None = Field(None, description="Calibration by hand; wins over CameraInfo.")
     output: Literal["jpeg", "png", "as_recorded"] = Field(
         "jpeg",
-        description="File format. as_recorded passes a JPEG or PNG through byte for byte if it needs no undistortion.",
+        description="File format. as_recorded passes a JPEG or PNG through byte for byte if it needs no undistortion "
+        "and holds neither a Bayer mosaic nor red and blue exchanged.",
     )
     quality: int = Field(90, ge=1, le=100, description="JPEG quality.")
     undistort: bool = Field(True, description="Remove lens distortion (R = identity); needs intrinsics.")

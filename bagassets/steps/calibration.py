@@ -23,7 +23,7 @@ from bagassets.store.canonical import digest_bytes
 
 __all__ = ["STEP", "camera_info_topic", "make", "request"]
 
-STEP = Step("calibration", 2)
+STEP = Step("calibration", 3)
 
 
 def request(rig: Rig, inventory: Inventory) -> Request:
@@ -47,8 +47,10 @@ def request(rig: Rig, inventory: Inventory) -> Request:
         fields |= {"topic": channel.topic, "frame": channel.frame or (frames[0] if frames else "")}
         if isinstance(channel, CameraChannel) and channel.intrinsics is None:
             fields["rectified"] = is_rectified(channel)
-            fields["camera_info"] = camera_info_topic(channel)
-            topics += [fields["camera_info"]] if inventory.has(fields["camera_info"]) else []
+            fields["camera_info"] = own = camera_info_topic(channel)
+            # If this is the second camera of a stereo pair, the first one may be among these.
+            fields["same_frame"] = [] if channel.extrinsics else _infos_of(inventory, fields["frame"], own)
+            topics += [topic for topic in (own, *fields["same_frame"]) if inventory.has(topic)]
         channels[name] = fields | {"modality": channel.modality}
     by_recipe = all(fields["extrinsics"] is not None for fields in channels.values())
     static = [topic for topic in rig.tf_static if inventory.has(topic) and not by_recipe]
@@ -61,6 +63,12 @@ def request(rig: Rig, inventory: Inventory) -> Request:
         except OSError as err:
             raise CalibrationError(f"{rig.urdf}: the URDF cannot be read ({err.strerror}).") from err
     return Request(params, tuple(sorted({*topics, *static, *moving})), inputs)
+
+
+def _infos_of(inventory: Inventory, frame: str, but: str) -> list[str]:
+    """Return the CameraInfo topics of a frame, except one of them."""
+    infos = inventory.of_type("sensor_msgs/msg/CameraInfo")
+    return [info.name for info in infos if info.name != but and frame and frame in info.frame_ids]
 
 
 def make(

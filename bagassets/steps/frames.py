@@ -11,7 +11,6 @@ from functools import partial
 from typing import Any
 
 import cv2
-import numpy as np
 import pyarrow as pa
 
 from bagassets.bags.inventory import Inventory
@@ -24,6 +23,7 @@ from bagassets.errors import BagAssetsError, DecodeError, LossLimitError
 from bagassets.recipe.model import CameraChannel, Limits
 from bagassets.recipe.model_base import Clock
 from bagassets.steps.channel import Counts, Request
+from bagassets.steps.grey_survey import GreySurvey
 from bagassets.steps.image_output import (
     ImageOutput,
     intrinsic_matrix,
@@ -37,7 +37,7 @@ from bagassets.trace import span
 
 __all__ = ["STEP", "FrameExtractor", "request"]
 
-STEP = Step("frames", 3, ("opencv-python-headless", "pyarrow"))
+STEP = Step("frames", 4, ("opencv-python-headless", "pyarrow"))
 
 _SCHEMA = pa.schema(
     {
@@ -142,7 +142,11 @@ class FrameExtractor:
         )
         self._out = out
         self._counts = Counts()
-        self._output = ImageOutput(self._params, self._grey_range())
+        rule = params["to_8bit"]
+        self._percentiles: tuple[float, float] | None = None if rule is None else rule["percentiles"]
+        self._survey = None if self._percentiles is None else GreySurvey(out.scratch)
+        fixed = None if rule is None or rule["range"] is None else (rule["range"][0], rule["range"][1])
+        self._output = ImageOutput(self._params, fixed)
         self._pool = pool
         self._in_flight: deque[tuple[int, int, Future[_Written]]] = deque()
         self._rows: list[dict[str, Any]] = []
@@ -154,6 +158,16 @@ class FrameExtractor:
 
     def add(self, message: RawMessage) -> None:
         """Take the next message; one that cannot be decoded is counted as lost."""
+        if self._survey is None:
+            self._convert(message)
+            return
+        try:
+            pixels = raw_pixels(self._decode(message))
+        except DecodeError:
+            pixels = None  # counted as lost when its turn comes
+        self._survey.add(message, pixels)
+
+    def _convert(self, message: RawMessage) -> None:
         self._counts.read += 1
         try:
             reading = self._decode(message)
@@ -190,6 +204,10 @@ class FrameExtractor:
         Raises:
             LossLimitError: more was lost than the recipe allows, or the counts do not add up.
         """
+        if self._survey is not None and self._percentiles is not None:
+            self._output.grey_range = self._survey.range(*self._percentiles)
+            for message in self._survey.messages():
+                self._convert(message)
         while self._in_flight:
             self._collect()
         self._check()
@@ -262,24 +280,6 @@ class FrameExtractor:
         self._failed += 1
         self._first_error = self._first_error or str(err)
         self._counts.lose(reason or str(err))
-
-    def _grey_range(self) -> tuple[float, float] | None:
-        """Return the grey values that become 0 and 255: fixed, or percentiles over the recording."""
-        rule = self._params["to_8bit"]
-        if rule is None:
-            return None
-        if rule["range"] is not None:
-            return rule["range"][0], rule["range"][1]
-        histogram = np.zeros(65536, np.int64)
-        for message in self._recording.messages(self.topics):
-            try:
-                pixels = raw_pixels(self._decoder(self._recording.decode(message)))
-            except DecodeError:
-                continue  # counted when the message comes in the pass itself
-            histogram += np.bincount(pixels.ravel(), minlength=65536)
-        share = np.cumsum(histogram) / max(1, int(histogram.sum()))
-        low, high = (int(np.searchsorted(share, p / 100.0)) for p in rule["percentiles"])
-        return float(low), float(max(high, low + 1))
 
     def _check(self) -> None:
         where = f"{self._params['channel']}: topic {self._params['topic']}"

@@ -49,13 +49,16 @@ class ImageOutput:
     Args:
         params: of the step `frames`.
         grey_range: values that become 0 and 255 when 16-bit grey is made 8 bit, or None.
+
+    Attributes:
+        grey_range: the same; to be set before the first image if it is not known yet.
     """
 
     def __init__(self, params: Mapping[str, Any], grey_range: tuple[float, float] | None) -> None:
         self._name = f"{params['channel']} ({params['topic']})"
         self._format = params["output"]
         self._quality = params["quality"]
-        self._range = grey_range
+        self.grey_range = grey_range
         camera = params["camera"]
         self._recorded = None if camera is None else CameraModel.from_calibration(camera)
         self.written = self._recorded
@@ -73,7 +76,7 @@ class ImageOutput:
             CalibrationError: its size is not that of the calibration.
             RecipeError: 16-bit grey is to become JPEG without a rule.
         """
-        if reading.encoded is not None and self._format == "as_recorded" and self._undistort is None:
+        if self._passes(reading) and reading.encoded is not None:
             return self._as_recorded(reading.encoded, reading.encoding)
         jpeg = self._format == "jpeg" or (
             self._format == "as_recorded" and reading.encoding.startswith("jpeg")
@@ -92,6 +95,10 @@ class ImageOutput:
             raise DecodeError("the image cannot be encoded")
         return EncodedImage(data.data, ".jpg" if jpeg else ".png", pixels.shape[1], pixels.shape[0])
 
+    def _passes(self, reading: ImageReading) -> bool:
+        """Tell whether the file as recorded is what is wanted: any viewer shows it right, and nothing is undistorted."""
+        return self._format == "as_recorded" and self._undistort is None and ":" not in reading.encoding
+
     @staticmethod
     def _pixels(reading: ImageReading, *, four: bool) -> Pixels:
         """Return grey, BGR, or of a Bayer mosaic BGRA, which is undistorted faster, into BGR."""
@@ -109,14 +116,14 @@ class ImageOutput:
             self._recorded.check_size(width, height, self._name)
 
     def _to_8bit(self, pixels: Pixels) -> Pixels:
-        if self._range is None:
+        if self.grey_range is None:
             if self._format == "jpeg":
                 raise RecipeError(
                     f"{self._name}: 16-bit images become JPEG only by a rule; give the channel `to_8bit` with a "
                     "range or percentiles, or set `output: png` to keep 16 bit."
                 )
             return pixels
-        low, high = self._range
+        low, high = self.grey_range
         table = np.clip((np.arange(65536) - low) * (255.0 / (high - low)), 0, 255).round().astype(np.uint8)
         scaled: Pixels = table[pixels]
         return scaled

@@ -1,8 +1,15 @@
-"""Intrinsics of cameras for `calibration.json`: from CameraInfo, or by hand from the recipe."""
+"""Intrinsics of cameras for `calibration.json`: from CameraInfo, or by hand from the recipe.
+
+The second camera of a stereo pair has Tx = -fx * baseline in P (sensor_msgs/CameraInfo), which projects points
+given in the frame of the *first* camera. What `frame_id` names is not agreed upon: image_geometry and
+stereo_image_proc want the first camera's frame in both messages, while many drivers give each camera the frame
+of its own centre, with the baseline in TF. So the baseline is added to the extrinsics only where
+another camera, whose Tx is 0, is in the same frame: two cameras are not in one place.
+"""
 
 from collections.abc import Mapping
 from dataclasses import asdict
-from math import acos, degrees
+from math import acos, degrees, hypot
 from typing import Any
 
 import numpy as np
@@ -18,6 +25,8 @@ __all__ = ["camera_info_topic", "camera_intrinsics", "is_rectified", "rounded"]
 
 # A smaller turn between the camera and its rectified image is not worth a note.
 TOLD_DEG = 0.01
+# What P has for a shorter baseline is rounding.
+LEAST_BASELINE_M = 1e-5
 
 
 def camera_info_topic(channel: CameraChannel) -> str:
@@ -42,8 +51,9 @@ def camera_intrinsics(
 ) -> tuple[dict[str, Any] | None, SE3]:
     """Return `camera` of a channel in `calibration.json`, and `frame_SE3_image`.
 
-    The latter is the turn from the camera's frame to the axes of the image: identity, but for images
-    that were rectified by a rotation R before they were recorded.
+    The latter leads from the camera's frame to the centre and the axes of the image: identity, but for images
+    that were rectified by a rotation R before they were recorded, and for the second camera of a stereo pair whose
+    frame is that of the first.
 
     Args:
         name: the channel.
@@ -87,9 +97,57 @@ def camera_intrinsics(
         "roi": asdict(calibration.roi),
         "source": "camera_info",
     }
+    first = _first_of_pair(name, fields, calibration, recording, notes)
     if not fields["rectified"]:
         return camera, SE3()
-    return camera | _of_rectified(name, topic, calibration), _turn(name, calibration, notes)
+    if first is None:
+        return camera | _of_rectified(name, topic, calibration), _turn(name, calibration, notes)
+    # The frame is that of the first camera, and so is the turn from it to the axes that both images share.
+    frame_SE3_image = _turn(name, first, notes) @ SE3.create((1.0, 0.0, 0.0, 0.0), _beside_m(calibration))
+    return camera | _of_rectified(name, topic, calibration), frame_SE3_image
+
+
+def _beside_m(calibration: CameraCalibration) -> tuple[float, float, float]:
+    """Return where P has the centre of a camera, in the rectified axes of the first one of its stereo pair."""
+    p = calibration.p
+    return (-p[3] / p[0] if p[0] else 0.0, -p[7] / p[5] if p[5] else 0.0, 0.0)
+
+
+def _first_of_pair(
+    name: str,
+    fields: Mapping[str, Any],
+    calibration: CameraCalibration,
+    recording: Recording,
+    notes: list[str],
+) -> CameraCalibration | None:
+    """Return the calibration of the first camera of a stereo pair if this is the second, in the frame of the first."""
+    baseline_m = hypot(*_beside_m(calibration))
+    if baseline_m < LEAST_BASELINE_M:
+        return None
+    told = f"{name}: P puts its centre {baseline_m:.4g} m beside the first camera of a stereo pair"
+    for topic in fields["same_frame"]:
+        try:
+            reading, _ = _one_calibration(name, topic, recording, rectified=True)
+        except CalibrationError:
+            continue
+        if reading is None or hypot(*_beside_m(reading.calibration)) >= LEAST_BASELINE_M:
+            continue
+        if fields["rectified"]:
+            notes.append(
+                f"{told}, whose frame {fields['frame']} it names ({topic}); its extrinsics include that."
+            )
+            return reading.calibration
+        notes.append(
+            f"{told}, whose frame {fields['frame']} it names ({topic}); its extrinsics do not include that, as its "
+            "images are not rectified. Give it a `frame` or `extrinsics` of its own."
+        )
+        return None
+    if fields["rectified"]:
+        what = (
+            "the extrinsics in the recipe are" if fields["extrinsics"] else f"its frame {fields['frame']} is"
+        )
+        notes.append(f"{told}; {what} taken for its own centre, so nothing is added.")
+    return None
 
 
 def _of_rectified(name: str, topic: str, calibration: CameraCalibration) -> dict[str, Any]:

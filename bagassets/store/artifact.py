@@ -117,6 +117,11 @@ class ArtifactWriter:
         self._lock = threading.Lock()
         self._files.mkdir(parents=True)
 
+    @property
+    def scratch(self) -> Path:
+        """A folder on the disk of the store, for files without a name: whatever has one stays in the artifact."""
+        return self._folder
+
     def write(self, relative: str, data: bytes | memoryview) -> FileEntry:
         """Write one file.
 
