@@ -30,6 +30,7 @@ from bagassets.steps import (
     frames,
     inventory,
     nuscenes_tables,
+    preview,
     sweeps,
     vision_sequences,
 )
@@ -42,7 +43,7 @@ GOLDEN = Path(__file__).with_name("golden.json")
 STEPS = {
     step.STEP.name: step.STEP
     for step in (
-        inventory, calibration, ego_poses, annotations, frames, sweeps, nuscenes_tables, vision_sequences,
+        inventory, calibration, ego_poses, annotations, frames, sweeps, nuscenes_tables, vision_sequences, preview,
     )
 }  # fmt: skip
 START_NS = 1_700_000_000_000_000_000
@@ -54,7 +55,7 @@ RECIPE = """
 name: golden
 bags: {root: bags, settle_s: 0}
 vision: {frames: 4, trajectories: ["CAM_FRONT:global"]}
-preview: {enabled: false}
+preview: {columns: 3, width: 640}
 scenes: {min_length_s: 0}
 rigs:
   - name: car

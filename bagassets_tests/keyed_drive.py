@@ -18,7 +18,7 @@ name: keys
 bags: {root: bags}
 nuscenes: {version: v1.0-keys}
 vision: {frames: 5}
-preview: {enabled: false}
+preview: {width: 320}
 rigs:
   - name: car
     ego_pose: {source: odometry, topic: /odom}

@@ -82,6 +82,9 @@ def test_the_drive_has_something_of_everything(folder, now):
     (boxes,) = folder.rglob("sample_annotation.json")
     rows = json.loads(boxes.read_text())
     assert any(row["num_lidar_pts"] > 0 for row in rows)
+    (timeline,) = (path for path in folder.rglob("timeline.jpg") if path.parent.name == "files")
+    pictures = json.loads(timeline.with_name("facts.json").read_text())
+    assert (len(pictures["pictures"]), pictures["missing"]) == (5, {})
 
 
 def test_an_older_processor_makes_the_same_bytes(now, tmp_path):

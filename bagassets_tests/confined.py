@@ -1,0 +1,60 @@
+"""Steps that run where nothing exists but what their actions name.
+
+All other files are moved away while a step runs, so that nobody can open them: neither Python, nor pyarrow
+and OpenCV, whose own code opens files. A step that reads more either fails or, where it can do without,
+makes other bytes.
+"""
+
+from collections.abc import Collection, Iterable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+import pytest
+
+from bagassets.engine import recording_build
+from bagassets.store.store import Store
+
+
+@contextmanager
+def confined(inventory: str, recording: Path, others: Iterable[Path]) -> Iterator[None]:
+    """Confine every step of a `RecordingBuild` in this block.
+
+    Args:
+        inventory: digest of the recording's inventory, which has the small messages.
+        recording: the recording; there for the passes over it only.
+        others: files and folders that no step may read.
+    """
+    run, run_pass = Store.run, recording_build.run_pass
+
+    def run_confined(store, action, make, *rest):
+        def make_confined(out):
+            with nothing_but(store, {*action.inputs.values(), inventory}, [recording, *others]):
+                return make(out)
+
+        return run(store, action, make_confined, *rest)
+
+    def pass_confined(opened, jobs, store, *rest, **options):
+        declared = {digest for job in jobs for digest in job.action.inputs.values()}
+        with nothing_but(store, declared, others):
+            return run_pass(opened, jobs, store, *rest, **options)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Store, "run", run_confined)
+        patch.setattr(recording_build, "run_pass", pass_confined)
+        yield
+
+
+@contextmanager
+def nothing_but(store: Store, declared: Collection[str], others: Iterable[Path]) -> Iterator[None]:
+    """Take away the artifacts that are not declared, and other files; put them back in the end."""
+    artifacts = [folder for folder in store.root.glob("artifacts/*/*") if folder.name not in declared]
+    there = [path for path in others if path.exists()]  # not so if one step runs another
+    with ExitStack() as taken:
+        for path in (*artifacts, *there):
+            taken.callback(_put_back, path.rename(path.with_name(f"{path.name}.away")), path)
+        yield
+
+
+def _put_back(away: Path, path: Path) -> None:
+    if not path.exists():  # an artifact may have been made again, byte for byte
+        away.rename(path)
