@@ -167,6 +167,47 @@ class TestTopics:
         ):
             Posed(tmp_path / "b", ODOM, *entries)
 
+    @pytest.mark.parametrize(
+        ("axis", "value", "reason"),
+        [
+            ("x", 1e308, "its position is farther away than any place on Earth"),
+            ("z", -9e7, "its position is farther away than any place on Earth"),
+            ("y", math.nan, "its position is not finite"),
+            ("w", 1e308, "its quaternion is not of unit length"),
+            ("x", 65536.5, "its position is out of reach from those before and after it"),
+        ],
+    )
+    @pytest.mark.parametrize("place", [0, 40, len(TIMES) - 1])
+    def test_a_pose_beyond_physics_is_a_lost_message(self, tmp_path, place, axis, value, reason):
+        entries = odometries(TIMES)
+        pose = entries[place][3].pose.pose
+        setattr(pose.orientation if axis == "w" else pose.position, axis, value)
+        made = Posed(tmp_path, ODOM, *entries)
+        assert made.json["counts"]["lost"] == {reason: 1}
+        assert made.json["origin"] is None
+        others = Posed(tmp_path / "whole", ODOM, *odometries(TIMES)).table
+        del others[place]
+        assert made.table == others
+
+    def test_a_vehicle_that_finds_itself_elsewhere_is_no_stray(self, tmp_path):
+        def jumping(t):
+            pose = truth(t)
+            x_m, y_m, z_m = pose.translation
+            return SE3(pose.rotation, (x_m + (5000.0 if t > 1.0 else 0.0), y_m, z_m))
+
+        made = Posed(tmp_path, ODOM, *odometries(TIMES, jumping))
+        assert made.json["counts"]["lost"] == {}
+        assert made.summary["count"] == len(TIMES)
+
+    def test_two_sources_on_one_topic_are_named(self, tmp_path):
+        def alternating(t):
+            return SE3() if round(t / 0.02) % 2 else SE3(truth(t).rotation, (5000.0, 0.0, 0.0))
+
+        with pytest.raises(
+            LossLimitError, match=r"from /odom: 98 of 100 .* because its position is out of reach"
+        ):
+            Posed(tmp_path, ODOM, *odometries(TIMES, alternating))
+
     def test_no_usable_pose_at_all(self, tmp_path):
         with pytest.raises(
             PoseError, match=r"from /odom: none of 1 messages gives a pose \(1 because its bytes do not fit\)"

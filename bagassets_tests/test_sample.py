@@ -79,6 +79,25 @@ def test_an_unknown_compression_is_refused_before_anything_is_written(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_lz4_frames_are_those_that_ros_1_reads_and_carry_checksums(tmp_path):
+    """Each byte of a chunk that is changed is noticed; roslz4 refuses other flags than these."""
+    path = tmp_path / "d.bag"
+    write_drive(path, "ros1", compression="lz4", duration_s=SHORT_S)
+    data = path.read_bytes()
+    frames = [at for at in range(len(data)) if data.startswith(b"\x04\x22\x4d\x18", at)]
+    assert frames
+    assert {data[at + 4] for at in frames} == {
+        0b0110_0100
+    }  # version 1, blocks apart, checksum of the content
+    assert {data[at + 5] >> 4 for at in frames} <= {4, 5, 6, 7}
+    for at in np.random.default_rng(3).integers(frames[0] + 7, data.index(b"op=\x04", frames[0]), 40):
+        damaged = bytearray(data)
+        damaged[at] ^= 0x10
+        path.write_bytes(damaged)
+        with pytest.raises(RecordingError):
+            content(path)
+
+
 class TestThroughput:
     @pytest.fixture(scope="class")
     def drive(self, tmp_path_factory):

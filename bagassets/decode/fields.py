@@ -13,6 +13,11 @@ from bagassets.geometry.tf_tree import normalise_frame
 __all__ = ["rigid_transform", "stamp_and_frame", "stamp_ns", "unit_quaternion"]
 
 
+# Coordinates in metres have their origin in the Earth's centre (ECEF), on the equator (UTM) or nearby:
+# twice the Earth's circumference is beyond all of them.
+_FARTHEST_M = 8e7
+
+
 def stamp_ns(time: Any) -> int:
     """Return a `builtin_interfaces/Time` as nanoseconds since the epoch."""
     return int(time.sec) * 1_000_000_000 + int(time.nanosec)
@@ -43,10 +48,13 @@ def rigid_transform(position: Any, orientation: Any) -> SE3:
     """Return the transform of a `Point` or `Vector3` in metres and a `Quaternion`.
 
     Raises:
-        DecodeError: a number is not finite, or the quaternion is not of unit length.
+        DecodeError: a number is not finite, the position is nowhere on Earth, or the quaternion is not of
+            unit length.
     """
     quaternion = unit_quaternion(orientation)
     translation = (float(position.x), float(position.y), float(position.z))
     if not all(isfinite(v) for v in translation):
         raise DecodeError("its position is not finite")
+    if not all(abs(v) < _FARTHEST_M for v in translation):
+        raise DecodeError("its position is farther away than any place on Earth")
     return SE3(quaternion, translation)

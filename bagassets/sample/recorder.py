@@ -6,6 +6,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
+import lz4.frame
 from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
 from rosbags.rosbag1 import Writer as Rosbag1Writer
@@ -75,11 +76,29 @@ class _Ros1Recorder(_Recorder):
         writer = Rosbag1Writer(path)
         if compression != "none":
             writer.set_compression(Rosbag1Writer.CompressionFormat[compression.upper()])
+        if compression == "lz4":
+            writer.compressor = _roslz4
         self._writer = stack.enter_context(writer)
 
     def _add(self, topic: str, msgtype: str) -> Callable[[int, bytes | bytearray], None]:
         connection = self._writer.add_connection(topic, msgtype, typestore=self.messages.store)
         return lambda log_time_ns, data: self._writer.write(connection, log_time_ns, bytes(data))
+
+
+def _roslz4(data: bytes) -> bytes:
+    """Return a frame as ROS 1 writes it, and as it alone reads: with a checksum, without size, blocks apart.
+
+    Source: `roslz4/src/lz4s.c` of ros_comm, which refuses any other frame.
+    """
+    compressed: bytes = lz4.frame.compress(
+        data,
+        compression_level=0,
+        block_size=lz4.frame.BLOCKSIZE_MAX1MB,
+        block_linked=False,
+        content_checksum=True,
+        store_size=False,
+    )
+    return compressed
 
 
 class _Ros2Recorder(_Recorder):

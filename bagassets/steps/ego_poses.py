@@ -26,13 +26,14 @@ from bagassets.recipe.model_poses import (
     TfSource,
 )
 from bagassets.steps.channel import Counts, Request
+from bagassets.steps.pose_samples import strays
 from bagassets.steps.pose_sources import PoseSamples, read_samples
 from bagassets.store.action import Step
 from bagassets.store.artifact import Artifact, ArtifactWriter
 
 __all__ = ["STEP", "load_trajectory", "make", "request"]
 
-STEP = Step("ego_poses", 2, ("pyarrow",))
+STEP = Step("ego_poses", 3, ("pyarrow",))
 
 # Coordinates beyond this lose centimetres in the float32 arithmetic of training code.
 FAR_M = 100_000.0
@@ -115,7 +116,6 @@ def make(params: Mapping[str, Any], recording: Recording, out: ArtifactWriter) -
         samples = PoseSamples([0], [pose], "global", None, Counts(read=0, written=0))
     else:
         samples = read_samples(params, recording)
-        _check_losses(params, samples)
         if not samples.poses:
             lost = "; ".join(f"{number} because {reason}" for reason, number in samples.counts.lost.items())
             raise PoseError(
@@ -127,6 +127,8 @@ def make(params: Mapping[str, Any], recording: Recording, out: ArtifactWriter) -
         raise PoseError(
             f"ego poses from {params.get('topic', 'TF')}: all header stamps are zero; set `clock: log` in the recipe."
         )
+    stamps_ns, rows = _without_strays(samples, stamps_ns, rows)
+    _check_losses(params, samples)
     counts = samples.counts
     if params["source"] != "fixed":
         counts.merged += repeated
@@ -163,10 +165,10 @@ def make(params: Mapping[str, Any], recording: Recording, out: ArtifactWriter) -
 
 def _check_losses(params: Mapping[str, Any], samples: PoseSamples) -> None:
     counts = samples.counts
-    if samples.poses and samples.failed > params["lost_messages"] * counts.read:
+    if samples.failed > params.get("lost_messages", 0.0) * counts.read:
         reason = max(counts.lost, key=lambda name: counts.lost[name])
         raise LossLimitError(
-            f"ego poses from {params['topic']}: {samples.failed} of {counts.read} messages cannot be used, most often "
+            f"ego poses from {params.get('topic', 'TF')}: {samples.failed} of {counts.read} messages cannot be used, most often "
             f"because {reason}; limits.lost_messages in the recipe accepts a share of {params['lost_messages']:g}."
         )
 
@@ -194,6 +196,20 @@ def _ordered(samples: PoseSamples) -> tuple[list[int], np.ndarray[Any, np.dtype[
     stamps_ns = sorted(first)
     rows = np.array([[*first[stamp].translation, *first[stamp].rotation] for stamp in stamps_ns])
     return stamps_ns, rows, len(samples.poses) - len(stamps_ns)
+
+
+def _without_strays(
+    samples: PoseSamples, stamps_ns: list[int], rows: "np.ndarray[Any, np.dtype[np.float64]]"
+) -> tuple[list[int], "np.ndarray[Any, np.dtype[np.float64]]"]:
+    """Leave out poses that nothing could have driven to and back from, and count them."""
+    out_of_reach = strays(stamps_ns, rows[:, :3])
+    number = int(out_of_reach.sum())
+    if number:
+        samples.counts.lose("its position is out of reach from those before and after it", number)
+        # Many sources begin at zero, and then find out where they are: that is no damage.
+        samples.failed += int(out_of_reach[1:-1].sum())
+    kept = ~out_of_reach
+    return [stamp for stamp, keep in zip(stamps_ns, kept, strict=True) if keep], rows[kept]
 
 
 def _recentre(rows: np.ndarray[Any, np.dtype[np.float64]]) -> dict[str, Any] | None:

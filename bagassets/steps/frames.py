@@ -37,7 +37,7 @@ from bagassets.trace import span
 
 __all__ = ["STEP", "FrameExtractor", "request"]
 
-STEP = Step("frames", 4, ("opencv-python-headless", "pyarrow"))
+STEP = Step("frames", 5, ("opencv-python-headless", "pyarrow"))
 
 _SCHEMA = pa.schema(
     {

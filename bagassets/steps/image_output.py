@@ -10,7 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from bagassets.decode.compressed_image import image_size, unpack
+from bagassets.decode.compressed_image import checked_size, unpack
 from bagassets.decode.image import Pixels, bayer_to_bgra, to_bgr_or_grey
 from bagassets.decode.model import ImageReading
 from bagassets.errors import CalibrationError, DecodeError, RecipeError
@@ -107,7 +107,7 @@ class ImageOutput:
         return raw_pixels(reading) if pixels is None else pixels
 
     def _as_recorded(self, encoded: bytes | memoryview, encoding: str) -> EncodedImage:
-        width, height = image_size(encoded)
+        width, height = checked_size(encoded, encoding)
         self._check(width, height)
         return EncodedImage(encoded, ".png" if encoding.startswith("png") else ".jpg", width, height)
 

@@ -4,6 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from bagassets.bags.model import RawMessage
 from bagassets.errors import CalibrationError
 from bagassets.geometry.se3 import SE3, Floats
@@ -11,7 +13,12 @@ from bagassets.geometry.wgs84 import LocalFrame, utm
 from bagassets.steps.channel import Counts
 from bagassets.steps.rig_frames import RigFrames
 
-__all__ = ["PoseSamples", "mounted", "stamp_of", "wgs84_origin"]
+__all__ = ["PoseSamples", "mounted", "stamp_of", "strays", "wgs84_origin"]
+
+
+# Nothing on wheels reaches this speed; a number with a flipped bit soon does. Poses whose stamps almost
+# agree differ by noise.
+_FASTEST_MPS, _NOISE_M = 1000.0, 10.0
 
 
 @dataclass
@@ -50,6 +57,25 @@ class PoseSamples:
         for stamp_ns, position, rotation in zip(stamps_ns, positions_m, rotations, strict=True):
             self.stamps_ns.append(stamp_ns)
             self.poses.append(SE3.create(rotation, position) @ sensor_SE3_ego)
+
+
+def strays(stamps_ns: list[int], positions_m: Floats) -> "np.ndarray[Any, np.dtype[np.bool_]]":
+    """Return (N,) which of (N, 3) positions in order of time are out of reach from both their neighbours.
+
+    A jump after which the positions go on from there, as when a vehicle finds itself on a map, makes no
+    stray. At either end of the trajectory, where there is one neighbour, that one must be in reach of the
+    next.
+    """
+    out_of_reach = np.zeros(len(stamps_ns), np.bool_)
+    if len(stamps_ns) < 3:
+        return out_of_reach
+    steps_m = np.diff(positions_m, axis=0)
+    seconds = np.diff(np.array(stamps_ns, np.int64)).astype(np.float64) / 1e9
+    jumps = np.sqrt((steps_m * steps_m).sum(axis=1)) > _NOISE_M + _FASTEST_MPS * seconds
+    out_of_reach[1:-1] = jumps[:-1] & jumps[1:]
+    out_of_reach[0] = jumps[0] and not jumps[1]
+    out_of_reach[-1] = jumps[-1] and not jumps[-2]
+    return out_of_reach
 
 
 def stamp_of(params: Mapping[str, Any], message: RawMessage, header_ns: int | None) -> int:

@@ -1,0 +1,177 @@
+"""Whether a JPEG or PNG is whole: every segment and chunk of it, up to its end.
+
+Decoders make a picture of damaged bytes without a word, and files that are passed through are not
+decoded at all. Sources: ITU-T T.81, annex B; the PNG specification, sections 5 and 11.
+
+The texts of the errors carry no numbers: steps count lost messages by them.
+"""
+
+import re
+import struct
+import zlib
+from collections.abc import Iterator
+
+import numpy as np
+
+from bagassets.errors import DecodeError
+
+__all__ = ["JPEG", "PNG", "check_jpeg", "check_png"]
+
+JPEG, PNG = b"\xff\xd8\xff", b"\x89PNG\r\n\x1a\n"
+
+_START = b"\xff\xd8"
+_PADDING = re.compile(rb"\x00*")
+_END, _SCAN, _TABLES, _QUANTISATION, _INTERVAL = 0xD9, 0xDA, 0xC4, 0xDB, 0xDD
+_RESTARTS = range(0xD0, 0xD8)
+_BLOCK = 1 << 16
+# SOF0-SOF15 but DHT, JPG and DAC in between.
+_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
+# What else has a length: DHT, DAC, DNL, DHP, EXP, JPGn, APPn, COM.
+_SEGMENTS = _FRAMES | {0xC4, 0xCC, *range(0xDA, 0xE0), *range(0xE0, 0xFF)}
+
+_FRAME_SIZE = struct.Struct(">HH")
+_CHUNK = struct.Struct(">I4s")
+_HEADER = struct.Struct(">II")
+_CHUNK_TYPE = re.compile(rb"[A-Za-z]{4}")
+
+
+def check_jpeg(data: memoryview) -> tuple[int, int]:
+    """Return width and height of a JPEG whose segments and scans are whole up to its end.
+
+    Zeros may follow, which drivers pad with, and further pictures, as in stereo and preview files.
+
+    Raises:
+        DecodeError: it is cut off, or there is something that cannot be where it is.
+    """
+    size, at = _picture(data, 0)
+    while (at := _after_padding(data, at)) < len(data):
+        if data[at : at + 2] != _START:
+            raise DecodeError("the JPEG goes on after its end")
+        _, at = _picture(data, at)
+    return size
+
+
+def _picture(data: memoryview, at: int) -> tuple[tuple[int, int], int]:
+    """Return the size of the picture that starts at `at`, and where it ends."""
+    size: tuple[int, int] | None = None
+    interval = 0
+    has_scan = False
+    at += len(_START)
+    while True:
+        if at + 2 > len(data):
+            raise DecodeError("the JPEG is cut off")
+        marker = data[at + 1]
+        if data[at] != 0xFF or not (marker in _SEGMENTS or marker == 0xFF):
+            if has_scan and marker == _END and data[at] == 0xFF and size is not None:
+                return size, at + 2
+            raise DecodeError("the JPEG is damaged: a segment does not begin where the one before it ends")
+        if marker == 0xFF:  # fill bytes may stand before a marker
+            at += 1
+            continue
+        if at + 4 > len(data) or (end := at + 2 + (data[at + 2] << 8 | data[at + 3])) > len(data):
+            raise DecodeError("the JPEG is cut off")
+        inside = data[at + 4 : end]
+        if not _fits(marker, inside):
+            raise DecodeError("the JPEG is damaged: the length of a segment contradicts what is in it")
+        if marker in _FRAMES:
+            if size is not None:
+                raise DecodeError("the JPEG is damaged: its frame begins twice")
+            height, width = _FRAME_SIZE.unpack_from(inside, 1)
+            size = width, height
+        elif marker == _INTERVAL:
+            interval = inside[0] << 8 | inside[1]
+        elif marker == _SCAN:
+            if size is None:
+                raise DecodeError("the JPEG is damaged: a scan begins before the frame")
+            has_scan = True
+            end = _end_of_scan(data, end, restarts=interval > 0)
+        at = end
+
+
+def _fits(marker: int, inside: memoryview) -> bool:
+    """Tell whether a segment has the length that its content asks for."""
+    if marker in _FRAMES:
+        return len(inside) >= 9 and len(inside) == 6 + 3 * inside[5] and any(inside[1:3]) and any(inside[3:5])
+    if marker == _SCAN:
+        return len(inside) >= 6 and len(inside) == 4 + 2 * inside[0]
+    if marker == _INTERVAL:
+        return len(inside) == 2
+    at = 0
+    if marker == _QUANTISATION:
+        while at < len(inside):
+            at += 65 if inside[at] < 16 else 129
+    elif marker == _TABLES:
+        while at < len(inside):
+            at += 17 + sum(inside[at + 1 : at + 17])
+    else:
+        return True
+    return at == len(inside) > 0
+
+
+def _end_of_scan(data: memoryview, at: int, *, restarts: bool) -> int:
+    """Return where the marker stands that ends a scan; those that restart it stand in order."""
+    expected = 0
+    for marker_at in _markers_in_scan(data, at):
+        marker = data[marker_at + 1]
+        if marker not in _RESTARTS:
+            return marker_at
+        if not restarts or marker & 7 != expected:
+            raise DecodeError("the JPEG is damaged: a part of its scan is missing or strange")
+        expected = (expected + 1) & 7
+    raise DecodeError("the JPEG is cut off")
+
+
+def _markers_in_scan(data: memoryview, at: int) -> Iterator[int]:
+    """Yield where 0xff stands before anything but the zero that follows it in the data of a scan.
+
+    Block by block, so that what is compared stays in the cache: twice as fast as `re`, without its lock.
+    """
+    values = np.frombuffer(data, np.uint8)
+    buffer = np.empty(min(_BLOCK, len(values)), np.bool_)
+    for start in range(at, len(values) - 1, _BLOCK):
+        following = values[start + 1 : start + 1 + _BLOCK]
+        found = buffer[: len(following)]
+        np.equal(values[start : start + len(following)], 0xFF, out=found)
+        bits = found.view(np.uint8)
+        np.minimum(bits, following, out=bits)
+        if found.any():
+            for place in found.nonzero()[0].tolist():
+                if following[place] != 0xFF:  # fill bytes may stand before a marker
+                    yield start + place
+
+
+def _after_padding(data: memoryview, at: int) -> int:
+    found = _PADDING.match(data, at)
+    return at if found is None else found.end()
+
+
+def check_png(data: memoryview) -> tuple[int, int]:
+    """Return width and height of a PNG whose chunks are whole, by their checksums, up to its end.
+
+    Zeros may follow, which drivers pad with.
+
+    Raises:
+        DecodeError: it is cut off, a checksum is wrong, or there is something that cannot be where it is.
+    """
+    at = len(PNG)
+    kind = b""
+    has_data = False
+    while kind != b"IEND":
+        if at + 12 > len(data):
+            raise DecodeError("the PNG is cut off")
+        length, kind = _CHUNK.unpack_from(data, at)
+        if not _CHUNK_TYPE.fullmatch(kind) or (at == len(PNG)) != (kind == b"IHDR"):
+            raise DecodeError("the PNG is damaged: a chunk does not begin where the one before it ends")
+        end = at + 8 + length
+        if end + 4 > len(data):
+            raise DecodeError("the PNG is cut off")
+        if zlib.crc32(data[at + 4 : end]) != int.from_bytes(data[end : end + 4]):
+            raise DecodeError("the PNG is damaged: the checksum of a chunk is wrong")
+        has_data = has_data or kind == b"IDAT"
+        at = end + 4
+    if not has_data:
+        raise DecodeError("the PNG has no pixels")
+    if _after_padding(data, at) < len(data):
+        raise DecodeError("the PNG goes on after its end")
+    width, height = _HEADER.unpack_from(data, len(PNG) + 8)
+    return width, height
