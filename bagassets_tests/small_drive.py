@@ -114,13 +114,19 @@ def messages(store, duration_s=3.0, ros1=False):
             )  # fmt: skip
 
 
-def write_drive(path: Path, file_format: str, duration_s=3.0) -> Path:
-    """Write the drive as `ros1` (.bag), `ros2` (a folder) or `mcap`; return its path."""
+def write_drive(path: Path, file_format: str, duration_s=3.0, keep=lambda _topic, _stamp_ns: True) -> Path:
+    """Write the drive as `ros1` (.bag), `ros2` (a folder) or `mcap`, of it the messages to `keep`; return its path."""
+
+    def kept(store, **options):
+        for topic, msgtype, stamp_ns, message in messages(store, duration_s, **options):
+            if keep(topic, stamp_ns):
+                yield topic, msgtype, stamp_ns, message
+
     path.parent.mkdir(parents=True, exist_ok=True)
     if file_format == "ros1":
         with Rosbag1Writer(path) as writer:
             connections = {}
-            for topic, msgtype, stamp_ns, message in messages(STORE1, duration_s, ros1=True):
+            for topic, msgtype, stamp_ns, message in kept(STORE1, ros1=True):
                 if topic not in connections:
                     connections[topic] = writer.add_connection(topic, msgtype, typestore=STORE1)
                 writer.write(
@@ -129,7 +135,7 @@ def write_drive(path: Path, file_format: str, duration_s=3.0) -> Path:
     elif file_format == "ros2":
         with Rosbag2Writer(path, version=9) as writer:
             connections = {}
-            for topic, msgtype, stamp_ns, message in messages(STORE2, duration_s):
+            for topic, msgtype, stamp_ns, message in kept(STORE2):
                 if topic not in connections:
                     connections[topic] = writer.add_connection(topic, msgtype, typestore=STORE2)
                 writer.write(
@@ -140,7 +146,7 @@ def write_drive(path: Path, file_format: str, duration_s=3.0) -> Path:
             writer = McapWriter(stream)
             writer.start(profile="", library="test")
             channels = {}
-            for topic, msgtype, stamp_ns, message in messages(STORE2, duration_s):
+            for topic, msgtype, stamp_ns, message in kept(STORE2):
                 if topic not in channels:
                     text, _ = STORE2.generate_msgdef(msgtype, ros_version=2)
                     schema = writer.register_schema(msgtype, "ros2msg", text.encode())

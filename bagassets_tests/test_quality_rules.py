@@ -20,7 +20,7 @@ from bagassets.quality.dataset_rows import DatasetRows, read_dataset
 from bagassets.quality.devkit_rules import devkit_ready
 from bagassets.quality.file_rules import files_match
 from bagassets.quality.pose_rules import poses_cover_sensors
-from bagassets.quality.scene_rules import scenes_made
+from bagassets.quality.scene_rules import keyframes_complete, scenes_made
 from bagassets.quality.topic_rules import channels_present, stamps_monotonic, topic_rates
 from bagassets.recipe.model import NuScenes, Rig
 from bagassets.recipe.model_annotations import AnnotationTopic
@@ -90,7 +90,7 @@ class TestTopics:
     )
     def test_a_channel_that_is_missing_is_named_with_its_topic(self, recording, reason):
         assert channels_present(RIG, recording, ChannelsCheck()).problems == [
-            f"CAM_FRONT: topic /cam {reason}"
+            f"CAM_FRONT: topic /cam {reason}, so its samples lack CAM_FRONT (rigs[].required skips such recordings)"
         ]
         finding = channels_present(RIG, recording, ChannelsCheck(optional=("CAM_FRONT",)))
         assert finding.passed
@@ -444,7 +444,29 @@ class TestDevkit:
         root, tables = dataset
         finding = find_in(root, tables)
         assert finding.problems == []
-        assert finding.facts == {"scenes": 1, "samples_without_LIDAR_TOP": 0}
+        assert finding.facts == {
+            "scenes": 1,
+            "samples_without_LIDAR_TOP": 0,
+            "samples_lacking_a_channel": 0,
+        }
+
+    def test_samples_that_lack_a_channel_of_their_rig_are_a_warning(self, dataset):
+        root, tables = dataset
+        cameras = {row["token"] for row in tables["sensor"] if row["channel"] == "CAM_FRONT"}
+        mounted = {r["token"] for r in tables["calibrated_sensor"] if r["sensor_token"] in cameras}
+        late = {row["token"] for row in tables["sample"][:2]}
+        rest = [
+            row
+            for row in tables["sample_data"]
+            if row["calibrated_sensor_token"] not in mounted or row["sample_token"] not in late
+        ]
+        finding = find_in(root, {**tables, "sample_data": rest})
+        (sentence,) = finding.warnings
+        samples = len(tables["sample"])
+        assert sentence.startswith(f"2 of {samples} samples lack a channel that their rig has elsewhere")
+        assert f"CAM_FRONT in 2; the first is sample {tables['sample'][0]['token']}" in sentence
+        assert finding.facts["samples_lacking_a_channel"] == 2
+        assert (finding.problems, finding.passed, finding.weight("error")) == ([], False, "warn")
 
     @pytest.mark.parametrize(
         ("table", "column", "value", "words"),
@@ -545,11 +567,17 @@ class TestDevkit:
                 (root / name).write_bytes(before)
 
 
+SHORT = {"lacking_at_keyframes": {"keyframes": 4, "before_first": 0, "after_last": 0}}
+
+
 class TestScenes:
     @pytest.mark.parametrize(
         ("counts", "reason"),
         [
-            ({"refused_keyframes": 4}, "4 keyframes lack a channel within scenes.tolerance_s"),
+            (
+                {"dropped_keyframes": 4, "channels": {"LIDAR_TOP": SHORT | {"span_ns": [T0, T0]}}},
+                "4 of 4 keyframes were dropped, where a channel has no reading within 0.1 s",
+            ),
             ({"remainder_s": 0.5}, "its 0.5 s are shorter than scenes.min_length_s"),
             ({"channels": {"LIDAR_TOP": {"without_pose": 3}}}, "the readings of LIDAR_TOP have no ego pose"),
             ({}, "LIDAR_TOP has too few readings"),
@@ -560,13 +588,62 @@ class TestScenes:
             "scenes": 0,
             "samples": 0,
             "remainder_s": 0.0,
-            "refused_keyframes": 0,
+            "dropped_keyframes": 0,
             "channels": {"LIDAR_TOP": {}},
         }
-        (problem,) = scenes_made({"reference": "LIDAR_TOP", "counts": none | counts}).problems
+        facts = {"reference": "LIDAR_TOP", "tolerance_s": 0.1, "counts": none | counts}
+        (problem,) = scenes_made(facts).problems
         assert problem.startswith("it gives no scene: ")
         assert reason in problem
 
     def test_one_with_a_scene_passes(self):
-        counts = {"scenes": 1, "samples": 4, "remainder_s": 0.2, "refused_keyframes": 1, "channels": {}}
+        counts = {"scenes": 1, "samples": 4, "remainder_s": 0.2, "dropped_keyframes": 1, "channels": {}}
         assert scenes_made({"reference": "LIDAR_TOP", "counts": counts}).passed
+
+
+class TestKeyframes:
+    def find(self, **counts):
+        channels = {
+            name: {
+                "span_ns": [T0, T0 + 20 * S],
+                "lacking_at_keyframes": dict.fromkeys(SHORT["lacking_at_keyframes"], 0),
+            }
+            for name in ("CAM_FRONT", "LIDAR_TOP", "RADAR_FRONT")
+        }
+        channels |= counts.pop("channels", {})
+        none = {
+            "scenes": 1,
+            "samples": 24,
+            "dropped_keyframes": 0,
+            "lacking_samples": 0,
+            "channels": channels,
+        }
+        return keyframes_complete({"tolerance_s": 0.1, "counts": none | counts})
+
+    def test_complete_ones_pass(self):
+        finding = self.find()
+        assert finding.passed
+        assert finding.facts["lacking_at_keyframes"] == {}
+
+    def test_a_channel_that_stops_is_named_with_time_and_cost(self):
+        stops = {"keyframes": 16, "before_first": 0, "after_last": 15}
+        late = {"keyframes": 1, "before_first": 1, "after_last": 0}
+        (problem,) = self.find(
+            dropped_keyframes=16,
+            channels={
+                "CAM_FRONT": {"span_ns": [T0, T0 + 12 * S], "lacking_at_keyframes": stops},
+                "RADAR_FRONT": {"span_ns": [T0 + S // 2, T0 + 20 * S], "lacking_at_keyframes": late},
+            },
+        ).problems
+        assert problem.startswith(
+            "16 of 40 keyframes were dropped, where a channel has no reading within 0.1 s (scenes.tolerance_s): "
+            "CAM_FRONT at 16 (15 after it stops at 12.0 s, 2023-11-14T22:13:32.000Z), "
+            "RADAR_FRONT at 1 (1 before it starts at 0.5 s, 2023-11-14T22:13:20.500Z)"
+        )
+        assert "raise scenes.tolerance_s" in problem
+        assert "`missing: allow`" in problem
+
+    def test_samples_that_were_allowed_to_lack_one_are_counted(self):
+        short = {"span_ns": [T0, T0 + 20 * S], **SHORT}
+        (problem,) = self.find(lacking_samples=4, channels={"CAM_FRONT": short}).problems
+        assert problem == "4 of 24 samples lack a channel, as scenes.missing allows: CAM_FRONT at 4"

@@ -206,17 +206,68 @@ class TestReadings:
             np.testing.assert_allclose(row["rotation"], EXTRINSICS[channel]["rotation"], atol=1e-9)
             assert np.shape(row["camera_intrinsic"]) == ((3, 3) if channel.startswith("CAM") else (0,))
 
-    def test_a_missing_channel_is_allowed_and_counted(self, store):
-        late = regular(12, 2.0, 2.0)
-        made = make_tables(store, Drive(stamps={"CAM_FRONT": late}))
-        assert len(made.table("sample")) == 8
-        assert made.facts["counts"]["channels"]["CAM_FRONT"]["missing_at_keyframes"] == 4
-
-    def test_or_refused(self, store):
-        late = regular(12, 2.0, 2.0)
-        made = make_tables(store, Drive(stamps={"CAM_FRONT": late}), missing="refuse")
+    def test_a_channel_that_starts_late_costs_the_keyframes_before_it(self, store):
+        made = make_tables(store, Drive(stamps={"CAM_FRONT": regular(12, 2.0, 2.0)}))
         assert len(made.table("sample")) == 4
-        assert made.facts["counts"]["refused_keyframes"] == 4
+        counts = made.facts["counts"]
+        assert (counts["dropped_keyframes"], counts["lacking_samples"]) == (4, 0)
+        assert counts["channels"]["CAM_FRONT"]["lacking_at_keyframes"] == {
+            "keyframes": 4, "before_first": 4, "after_last": 0,
+        }  # fmt: skip
+        assert counts["channels"]["CAM_FRONT"]["span_ns"][0] == T0 + 2 * S
+        assert counts["channels"]["CAM_BACK"]["lacking_at_keyframes"]["keyframes"] == 0
+        self.assert_complete(made)
+
+    def test_so_does_one_that_stops_and_one_that_pauses(self, store):
+        front, radar = regular(12, 2.0, 0.0), regular(13, 4.0)
+        pause = (radar > T0 + 0.7 * S) & (radar < T0 + 1.4 * S)
+        made = make_tables(store, Drive(stamps={"CAM_FRONT": front, "RADAR_FRONT": radar[~pause]}))
+        assert [round(seconds_of(1000 * row["timestamp"]), 3) for row in made.table("sample")] == [
+            0.0,
+            0.5,
+            1.5,
+            2.0,
+        ]
+        counts = made.facts["counts"]
+        assert counts["dropped_keyframes"] == 4
+        assert counts["channels"]["CAM_FRONT"]["lacking_at_keyframes"]["after_last"] == 3
+        assert counts["channels"]["RADAR_FRONT"]["lacking_at_keyframes"] == {
+            "keyframes": 1, "before_first": 0, "after_last": 0,
+        }  # fmt: skip
+        self.assert_complete(made)
+
+    def test_a_keyframe_moves_rather_than_be_dropped(self, store):
+        front = regular(12, 4.0)
+        gap = (front > T0 + 0.85 * S) & (front < T0 + 1.2 * S)
+        made = make_tables(store, Drive(stamps={"CAM_FRONT": front[~gap]}))
+        seconds = [round(seconds_of(1000 * row["timestamp"]), 3) for row in made.table("sample")]
+        assert seconds == [0.0, 0.5, 0.9, 1.5, 2.0, 2.5, 3.0, 3.5]
+        assert made.facts["counts"]["dropped_keyframes"] == 0
+        self.assert_complete(made)
+
+    @staticmethod
+    def assert_complete(made):
+        names = channel_of(made)
+        held = Counter(
+            (row["sample_token"], names[row["calibrated_sensor_token"]])
+            for row in made.table("sample_data")
+            if row["is_key_frame"]
+        )
+        assert set(held.values()) == {1}
+        assert len(held) == len(made.table("sample")) * len(made.facts["channels"])
+
+    def test_samples_may_be_allowed_to_lack_a_channel_and_are_counted(self, store):
+        made = make_tables(store, Drive(stamps={"CAM_FRONT": regular(12, 2.0, 2.0)}), missing="allow")
+        assert len(made.table("sample")) == 8
+        counts = made.facts["counts"]
+        assert (counts["dropped_keyframes"], counts["lacking_samples"]) == (0, 4)
+        assert counts["channels"]["CAM_FRONT"]["lacking_at_keyframes"]["before_first"] == 4
+        assert counts["channels"]["CAM_FRONT"]["keyframes"] == 4
+
+    def test_a_channel_without_any_reading_costs_no_keyframe(self, store):
+        made = make_tables(store, Drive(stamps={"CAM_FRONT": regular(12, 0.0)}))
+        assert len(made.table("sample")) == 8
+        assert made.facts["counts"]["channels"]["CAM_FRONT"]["span_ns"] == []
 
     def test_poses_that_share_no_time_with_the_readings_fail_with_both_times(self, store):
         elsewhere = Trajectory(np.array([S, 2 * S]), np.zeros((2, 3)), np.tile([1.0, 0, 0, 0], (2, 1)), S, 0)

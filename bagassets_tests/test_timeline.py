@@ -5,7 +5,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bagassets.timeline.keyframes import choose_keyframes, match_readings, nearest, owning_keyframe
+from bagassets.timeline.keyframes import (
+    choose_keyframes,
+    match_readings,
+    nearest,
+    owning_keyframe,
+    partner_readings,
+)
 from bagassets.timeline.scenes import cut_scenes
 
 S = 1_000_000_000
@@ -20,8 +26,17 @@ def regular(hz, seconds, phase_s=0.0):
     return stamps(*(phase_s + np.arange(round(hz * seconds)) / hz))
 
 
-def keyframe_seconds(readings, hz=2.0):
-    chosen = choose_keyframes(readings, START, int(readings[-1]), round(S / hz))
+def chosen_of(readings, *grid, **options):
+    """The readings that became keyframes, without the targets that have none."""
+    found = choose_keyframes(readings, *grid, **options)
+    return found[found >= 0]
+
+
+def keyframe_seconds(readings, hz=2.0, *others, tolerance_s=0.1):
+    partners = [partner_readings(readings, other, round(tolerance_s * S)) for other in others]
+    chosen = chosen_of(
+        readings, START, int(readings[-1]), round(S / hz), partners=np.stack(partners) if others else None
+    )
     return ((readings[chosen] - START) / S).round(3).tolist()
 
 
@@ -55,7 +70,7 @@ class TestScenes:
         assert cut_scenes(START, START, 20 * S, 1, S // 2).scenes == ()
         (scene,) = cut_scenes(START, START, 20 * S, 0, S // 2).scenes
         assert scene.window_start_ns <= START < scene.window_end_ns
-        assert len(choose_keyframes(stamps(0), scene.start_ns, scene.end_ns, S // 2)) == 1
+        assert len(chosen_of(stamps(0), scene.start_ns, scene.end_ns, S // 2)) == 1
 
     @given(
         span=st.integers(0, 200 * S),
@@ -103,12 +118,12 @@ class TestKeyframes:
         assert len(keyframe_seconds(regular(7.3, 20))) == pytest.approx(40, abs=1)
 
     def test_no_readings_no_keyframes(self):
-        assert len(choose_keyframes(stamps(), START, START + 5 * S, S // 2)) == 0
+        assert len(chosen_of(stamps(), START, START + 5 * S, S // 2)) == 0
 
     @given(readings=sorted_stamps, hz=st.sampled_from([0.5, 1.0, 2.0, 5.0, 10.0]), end=st.integers(0, 60 * S))
     def test_for_any_clock(self, readings, hz, end):
         period = round(S / hz)
-        chosen = choose_keyframes(readings, START, START + end, period)
+        chosen = chosen_of(readings, START, START + end, period)
         picked = readings[chosen]
         assert (np.diff(chosen) > 0).all()
         assert (np.diff(picked) >= period // 2).all()
@@ -130,6 +145,68 @@ class TestKeyframes:
         assert len(keyframe_seconds(readings)) == 40
 
 
+class TestCompleteKeyframes:
+    """With partners a keyframe lies where every channel has a reading."""
+
+    def test_a_gap_of_one_channel_moves_a_keyframe_to_the_nearest_complete_reading(self):
+        lidar, camera = regular(10, 2), regular(10, 2, 0.01)
+        gap = (camera > START + 0.85 * S) & (camera < START + 1.15 * S)
+        assert keyframe_seconds(lidar, 2.0, camera[~gap], tolerance_s=0.05) == [0.0, 0.5, 0.8, 1.5]
+
+    def test_a_channel_that_stops_costs_what_follows(self):
+        assert keyframe_seconds(regular(10, 4), 2.0, regular(10, 2)) == [0.0, 0.5, 1.0, 1.5, 2.0]
+
+    def test_every_channel_counts(self):
+        lidar = regular(10, 3)
+        early, late = regular(10, 2), regular(10, 2, 1.0)
+        assert keyframe_seconds(lidar, 2.0, early, late, tolerance_s=0.04) == [1.0, 1.5, 1.9]
+
+    def test_two_keyframes_never_share_a_reading(self):
+        assert keyframe_seconds(regular(20, 2), 2.0, stamps(0.25, 1.25), tolerance_s=0.24) == [0.05, 1.05]
+
+    def test_a_slow_channel_sets_the_pace(self):
+        seconds = keyframe_seconds(regular(10, 20), 2.0, regular(1, 20, 0.3))
+        assert len(seconds) == 20
+
+    def test_usual_rates_cost_no_keyframe(self):
+        others = [regular(hz, 20, 0.017) for hz in (13, 12, 20, 50, 5)]
+        assert len(keyframe_seconds(regular(10, 20), 2.0, *others)) == 40
+
+    @given(
+        readings=sorted_stamps,
+        others=st.lists(sorted_stamps, min_size=1, max_size=3),
+        hz=st.sampled_from([0.5, 1.0, 2.0, 5.0, 10.0]),
+        share=st.floats(0.01, 0.49),
+    )
+    def test_for_any_clocks_each_is_complete_and_none_is_left_out_that_could_be(
+        self, readings, others, hz, share
+    ):
+        period = round(S / hz)
+        tolerance, end = int(share * period), START + 60 * S
+        partners = np.stack([partner_readings(readings, other, tolerance) for other in others])
+        found = choose_keyframes(readings, START, end, period, partners)
+        picked = readings[found[found >= 0]]
+        assert (np.diff(found[found >= 0]) > 0).all()
+        assert (np.diff(picked) >= period // 2).all()
+        for other in others:
+            assert (match_readings(picked, other, tolerance) >= 0).all()
+        complete = (partners >= 0).all(axis=0)
+        for number, index in enumerate(found.tolist()):
+            if index >= 0:
+                continue
+            target = START + number * period
+            inside = np.flatnonzero(
+                complete & (readings >= target - period // 2) & (readings < target + period // 2)
+            )
+            before = found[:number][found[:number] >= 0]
+            for candidate in inside.tolist():
+                assert len(before)
+                assert (
+                    readings[candidate] < readings[before[-1]] + period // 2
+                    or (partners[:, candidate] == partners[:, before[-1]]).any()
+                )
+
+
 class TestMatching:
     def test_each_keyframe_takes_the_nearest(self):
         keyframes = stamps(0.0, 0.5, 1.0)
@@ -142,6 +219,9 @@ class TestMatching:
 
     def test_a_reading_between_two_keyframes_goes_to_the_nearer_one(self):
         assert match_readings(stamps(0.0, 0.5), stamps(0.3), S).tolist() == [-1, 0]
+
+    def test_a_reading_that_is_nearest_to_one_keyframe_only_is_its_own(self):
+        assert match_readings(stamps(0.0, 0.3), stamps(0.16, 0.35), S // 5).tolist() == [0, 1]
 
     def test_empty(self):
         assert match_readings(stamps(0.0), stamps(), S).tolist() == [-1]
@@ -159,10 +239,10 @@ class TestMatching:
                 assert away[index] == away.min()
                 assert away[index] <= tolerance
             elif len(readings) and away.min() <= tolerance:
-                # Refused only because another keyframe is at least as near to that reading.
-                candidate = readings[away == away.min()][0]
-                assert np.sort(np.abs(keyframes - candidate))[0] <= away.min()
-                assert len(keyframes) > 1
+                # Refused only because another keyframe has that reading, and is at least as near to it.
+                candidate = np.flatnonzero(away == away.min())[0]
+                (other,) = keyframes[matched == candidate]
+                assert abs(other - readings[candidate]) <= away.min()
 
     @given(keyframes=sorted_stamps.filter(len), readings=sorted_stamps)
     def test_readings_belong_to_the_sample_that_follows_closest(self, keyframes, readings):

@@ -74,10 +74,10 @@ def _print(verdicts: Sequence["Verdict"]) -> None:
         if verdict.finding.passed:
             counts["passed"] += 1
             continue
-        counts[verdict.severity] += 1
-        mark = click.style(f"{verdict.severity:5}", fg="red" if verdict.severity == "error" else "yellow")
+        counts[verdict.weight] += 1
+        mark = click.style(f"{verdict.weight:5}", fg="red" if verdict.weight == "error" else "yellow")
         click.echo(f"{mark} {verdict.recording or 'dataset'}: {verdict.check}")
-        problems = verdict.finding.problems
+        problems = verdict.finding.sentences
         for problem in problems[:_MOST_PROBLEMS]:
             click.echo(f"      {problem}")
         if len(problems) > _MOST_PROBLEMS:

@@ -99,17 +99,18 @@ def dataset_checks(recipe: Recipe) -> list[dg.AssetChecksDefinition]:
 
 
 def _result(asset: str, name: str, finding: Finding, severity: Severity) -> dg.AssetCheckResult:
-    sentences = "\n".join(f"- {problem}" for problem in finding.problems[:MOST_SENTENCES])
-    metadata: dict[str, dg.MetadataValue | int] = {"problems": len(finding.problems)}
+    sentences = "\n".join(f"- {problem}" for problem in finding.sentences[:MOST_SENTENCES])
+    metadata: dict[str, dg.MetadataValue | int] = {"problems": len(finding.sentences)}
     if sentences:
         metadata["found"] = dg.MetadataValue.md(sentences)
+    weight = severity if finding.passed else finding.weight(severity)
     if finding.facts:
         metadata["facts"] = dg.MetadataValue.json(dict(finding.facts))
     return dg.AssetCheckResult(
         passed=finding.passed,
         asset_key=asset,
         check_name=name,
-        severity=dg.AssetCheckSeverity.WARN if severity == "warn" else dg.AssetCheckSeverity.ERROR,
-        description=finding.problems[0] if finding.problems else None,
+        severity=dg.AssetCheckSeverity.WARN if weight == "warn" else dg.AssetCheckSeverity.ERROR,
+        description=None if finding.passed else finding.sentences[0],
         metadata=metadata,
     )

@@ -41,7 +41,16 @@ class Verdict:
     @property
     def is_error(self) -> bool:
         """Tell whether something was found that weighs as an error."""
-        return self.severity == "error" and self.finding is not None and not self.finding.passed
+        return self.finding is not None and not self.finding.passed and self.weight == "error"
+
+    @property
+    def weight(self) -> Severity:
+        """How much what was found weighs."""
+        return (
+            self.severity
+            if self.finding is None or self.finding.passed
+            else self.finding.weight(self.severity)
+        )
 
     def as_json(self) -> dict[str, Any]:
         """Return the verdict as JSON."""
@@ -49,9 +58,9 @@ class Verdict:
             "recording": self.recording,
             "asset": self.asset,
             "check": self.check,
-            "severity": self.severity,
+            "severity": self.weight,
             "passed": None if self.finding is None else self.finding.passed,
-            "problems": [] if self.finding is None else list(self.finding.problems),
+            "problems": [] if self.finding is None else self.finding.sentences,
             "facts": {} if self.finding is None else dict(self.finding.facts),
         }
 

@@ -1,4 +1,8 @@
-"""Which readings make up which scene: keyframes, their readings, and the sample of every other reading."""
+"""Which readings make up which scene: keyframes, their readings, and the sample of every other reading.
+
+A keyframe lies where every channel has a reading within tolerance. A channel of which the recording
+has no reading at all costs none: a sample without it is better than no sample, and checks name it.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -7,10 +11,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bagassets.timeline.keyframes import Stamps, choose_keyframes, match_readings, owning_keyframe
+from bagassets.timeline.keyframes import (
+    Stamps,
+    choose_keyframes,
+    match_readings,
+    owning_keyframe,
+    partner_readings,
+)
 from bagassets.timeline.scenes import SceneSpan, cut_scenes
 
-__all__ = ["ChannelPlan", "RecordingPlan", "SceneParams", "ScenePlan", "plan_scenes"]
+__all__ = ["ChannelPlan", "RecordingPlan", "SceneParams", "ScenePlan", "Shortage", "plan_scenes"]
 
 
 @dataclass(frozen=True)
@@ -74,6 +84,21 @@ class ScenePlan:
 
 
 @dataclass
+class Shortage:
+    """Keyframes at which a channel has no reading within tolerance: dropped, or kept without it.
+
+    Attributes:
+        keyframes: their number.
+        before_first: those of them before the channel's first reading.
+        after_last: those of them after its last reading.
+    """
+
+    keyframes: int = 0
+    before_first: int = 0
+    after_last: int = 0
+
+
+@dataclass
 class RecordingPlan:
     """The scenes of a recording, and what became of the rest.
 
@@ -81,15 +106,17 @@ class RecordingPlan:
         scenes: in order.
         remainder_s: time at the end that was too short for a scene.
         empty_scenes: scenes left out because no keyframe was found in them.
-        refused_keyframes: keyframes left out because they lack a channel.
-        missing: channel -> keyframes that have no reading of it.
+        dropped_keyframes: keyframes left out because there a channel has no reading.
+        lacking_samples: samples that lack a channel.
+        shortages: channel -> where it has no reading.
     """
 
     scenes: list[ScenePlan] = field(default_factory=list)
     remainder_s: float = 0.0
     empty_scenes: int = 0
-    refused_keyframes: int = 0
-    missing: dict[str, int] = field(default_factory=dict)
+    dropped_keyframes: int = 0
+    lacking_samples: int = 0
+    shortages: dict[str, Shortage] = field(default_factory=dict)
 
 
 def plan_scenes(stamps_ns: Mapping[str, Stamps], params: SceneParams) -> RecordingPlan:
@@ -99,7 +126,7 @@ def plan_scenes(stamps_ns: Mapping[str, Stamps], params: SceneParams) -> Recordi
         stamps_ns: channel -> stamps of its readings, strictly increasing.
         params: the recipe's scenes.
     """
-    plan = RecordingPlan(missing=dict.fromkeys(sorted(stamps_ns), 0))
+    plan = RecordingPlan(shortages={channel: Shortage() for channel in sorted(stamps_ns)})
     reference = stamps_ns[params.reference]
     if not len(reference):
         return plan
@@ -119,28 +146,59 @@ def plan_scenes(stamps_ns: Mapping[str, Stamps], params: SceneParams) -> Recordi
 def _plan_scene(
     span: SceneSpan, stamps_ns: Mapping[str, Stamps], params: SceneParams, plan: RecordingPlan
 ) -> ScenePlan | None:
-    inside = {channel: _window(stamps, span) for channel, stamps in stamps_ns.items()}
-    reference = stamps_ns[params.reference][inside[params.reference]]
-    keyframes = reference[choose_keyframes(reference, span.start_ns, span.end_ns, params.period_ns)]
-    if params.refuse_incomplete:
-        complete = np.ones(len(keyframes), dtype=np.bool_)
-        for channel, stamps in stamps_ns.items():
-            complete &= match_readings(keyframes, stamps[inside[channel]], params.tolerance_ns) >= 0
-        plan.refused_keyframes += int(np.count_nonzero(~complete))
-        keyframes = keyframes[complete]
+    inside = {channel: _window(stamps, span) for channel, stamps in sorted(stamps_ns.items())}
+    readings = {channel: stamps_ns[channel][window] for channel, window in inside.items()}
+    keyframes = _keyframes(span, readings, stamps_ns, params, plan)
     if not len(keyframes):
         return None
     channels = {}
-    for channel, stamps in sorted(stamps_ns.items()):
-        readings = stamps[inside[channel]]
-        matched = match_readings(keyframes, readings, params.tolerance_ns)
-        plan.missing[channel] += int(np.count_nonzero(matched < 0))
-        sample = owning_keyframe(keyframes, readings)
-        is_keyframe = np.zeros(len(readings), dtype=np.bool_)
+    for channel, stamps in readings.items():
+        matched = match_readings(keyframes, stamps, params.tolerance_ns)
+        sample = owning_keyframe(keyframes, stamps)
+        is_keyframe = np.zeros(len(stamps), dtype=np.bool_)
         is_keyframe[matched[matched >= 0]] = True
         sample[matched[matched >= 0]] = np.flatnonzero(matched >= 0)
         channels[channel] = ChannelPlan(inside[channel], sample, is_keyframe)
     return ScenePlan(span, keyframes, channels)
+
+
+def _keyframes(
+    span: SceneSpan,
+    readings: Mapping[str, Stamps],
+    stamps_ns: Mapping[str, Stamps],
+    params: SceneParams,
+    plan: RecordingPlan,
+) -> Stamps:
+    """Return the stamps of a scene's keyframes; count what lacks a channel.
+
+    Args:
+        span: the scene.
+        readings: channel -> stamps of its readings in the scene.
+        stamps_ns: channel -> stamps of its readings in the recording.
+        params: the recipe's scenes.
+        plan: takes the counts.
+    """
+    reference = readings[params.reference]
+    others = [name for name in readings if name != params.reference and len(stamps_ns[name])]
+    anywhere = placed = choose_keyframes(reference, span.start_ns, span.end_ns, params.period_ns)
+    if params.refuse_incomplete and others:
+        partners = [partner_readings(reference, readings[name], params.tolerance_ns) for name in others]
+        placed = choose_keyframes(reference, span.start_ns, span.end_ns, params.period_ns, np.stack(partners))
+    looked_at = anywhere >= 0
+    candidates = reference[anywhere[looked_at]]
+    dropped = placed[looked_at] < 0
+    lacks_any = np.zeros(len(candidates), dtype=np.bool_)
+    for name in others:
+        lacks = match_readings(candidates, readings[name], params.tolerance_ns) < 0
+        lacks &= dropped | (not params.refuse_incomplete)
+        lacks_any |= lacks
+        shortage, stamps = plan.shortages[name], stamps_ns[name]
+        shortage.keyframes += int(np.count_nonzero(lacks))
+        shortage.before_first += int(np.count_nonzero(candidates[lacks] < stamps[0]))
+        shortage.after_last += int(np.count_nonzero(candidates[lacks] > stamps[-1]))
+    plan.dropped_keyframes += int(np.count_nonzero(dropped))
+    plan.lacking_samples += int(np.count_nonzero(lacks_any & ~dropped))
+    return reference[placed[placed >= 0]]
 
 
 def _window(stamps_ns: Stamps, span: SceneSpan) -> NDArray[np.intp]:

@@ -15,7 +15,7 @@ from bagassets.quality.evidence import Evidence
 from bagassets.quality.file_rules import files_match
 from bagassets.quality.finding import Finding
 from bagassets.quality.pose_rules import poses_cover_sensors
-from bagassets.quality.scene_rules import scenes_made
+from bagassets.quality.scene_rules import keyframes_complete, scenes_made
 from bagassets.quality.topic_rules import channels_present, stamps_monotonic, topic_rates
 from bagassets.recipe.model_checks import Checks, Severity
 
@@ -116,6 +116,13 @@ RECORDING_CHECKS = (
         lambda e: scenes_made(e.table_facts),
     ),
     RecordingCheck(
+        "keyframes_complete",
+        "nuscenes_tables",
+        "keyframes_complete",
+        "No keyframe was dropped for want of a channel, and no sample lacks one.",
+        lambda e: keyframes_complete(e.table_facts),
+    ),
+    RecordingCheck(
         "poses_cover_sensors",
         "nuscenes_tables",
         "poses_cover_sensors",
@@ -167,7 +174,8 @@ DATASET_CHECKS = (
     DatasetCheck(
         "devkit_ready",
         "devkit_ready",
-        "The dataset has what nuscenes-devkit asks for: formats, units, maps, splits, layouts of files.",
+        "The dataset has what nuscenes-devkit and its users ask for: formats, units, maps, splits, layouts of files, all "
+        "channels in every sample.",
         devkit_ready,
     ),
 )

@@ -4,12 +4,13 @@ import json
 from array import array
 from collections.abc import Iterator, Mapping, Sequence
 from collections.abc import Set as AbstractSet
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from bagassets.nuscenes.dataset import read_lock
 from bagassets.nuscenes.schema import RECORDING_TABLES, SHARED_TABLES, TABLES, Row
 from bagassets.nuscenes.table_file import copy_rows, read_table
 
@@ -32,6 +33,7 @@ class DatasetRows:
         scenes: names of all scenes.
         recordings: number of recordings whose rows are in `tables`.
         of: number of recordings in the dataset.
+        rigs: recording -> the rig that made it, as the lock file says.
     """
 
     dataroot: Path
@@ -40,6 +42,7 @@ class DatasetRows:
     scenes: AbstractSet[str]
     recordings: int
     of: int
+    rigs: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def is_whole(self) -> bool:
@@ -66,11 +69,13 @@ def read_dataset(dataroot: Path, version: str, most_bytes: int = MOST_BYTES) -> 
     folder = dataroot / version
     logs, scenes = read_table(folder, "log"), read_table(folder, "scene")
     names = frozenset(str(row["name"]) for row in scenes)
+    lock = read_lock(dataroot, version) or {"bags": []}
+    rigs = {bag["key"]: bag["rig"] for bag in lock["bags"]}
     paths = [folder / f"{name}.json" for name in TABLES]
     size = sum(path.stat().st_size for path in paths if path.is_file())
     if size <= most_bytes:
         tables = {name: read_table(folder, name) for name in TABLES}
-        return DatasetRows(dataroot, version, tables, names, len(logs), len(logs))
+        return DatasetRows(dataroot, version, tables, names, len(logs), len(logs), rigs)
     step = max(1, -(-size // most_bytes))
     chosen = {str(row["token"]) for row in logs[::step]}
     rows = {name: read_table(folder, name) for name in SHARED_TABLES}
@@ -86,7 +91,7 @@ def read_dataset(dataroot: Path, version: str, most_bytes: int = MOST_BYTES) -> 
     ):
         rows[table] = _chosen(folder, table, "token", _tokens(rows[owner], f"{table}_token"))
     return DatasetRows(
-        dataroot, version, {name: rows[name] for name in TABLES}, names, len(chosen), len(logs)
+        dataroot, version, {name: rows[name] for name in TABLES}, names, len(chosen), len(logs), rigs
     )
 
 

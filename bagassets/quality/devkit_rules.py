@@ -4,6 +4,7 @@ Integrity of references and files is checked by `bagassets.nuscenes.check`.
 """
 
 import json
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from pathlib import Path
@@ -29,7 +30,7 @@ Tables = Mapping[str, Sequence[Row]]
 
 
 def devkit_ready(rows: DatasetRows) -> Finding:
-    """Check what the devkit asserts or silently relies on."""
+    """Check what the devkit asserts or silently relies on, and what those who use it take for granted."""
     dataroot, tables = rows.dataroot, rows.tables
     problems = [
         *_map(dataroot, tables),
@@ -39,20 +40,62 @@ def devkit_ready(rows: DatasetRows) -> Finding:
         *_annotations(tables),
         *_splits(rows.folder / SPLITS, rows.scenes),
     ]
-    facts = {"scenes": len(rows.scenes), "samples_without_LIDAR_TOP": _samples_without(tables, "LIDAR_TOP")}
-    return Finding(problems, facts)
-
-
-def _samples_without(tables: Tables, channel: str) -> int:
-    """Count samples without a keyframe of a channel; the devkit's evaluation and renderers name LIDAR_TOP."""
-    sensors = {row["token"] for row in tables["sensor"] if row["channel"] == channel}
-    calibrated = {row["token"] for row in tables["calibrated_sensor"] if row["sensor_token"] in sensors}
-    having = {
-        row["sample_token"]
-        for row in tables["sample_data"]
-        if row["is_key_frame"] is True and row["calibrated_sensor_token"] in calibrated
+    held = _channels_of_samples(tables)
+    lacking = _lacking_channels(rows, held)
+    facts = {
+        "scenes": len(rows.scenes),
+        # The devkit's evaluation and renderers name this channel.
+        "samples_without_LIDAR_TOP": sum("LIDAR_TOP" not in channels for channels in held.values()),
+        "samples_lacking_a_channel": len(lacking),
     }
-    return sum(row["token"] not in having for row in tables["sample"])
+    return Finding(problems, facts, _lacking_told(lacking, held))
+
+
+def _channels_of_samples(tables: Tables) -> dict[str, set[str]]:
+    """Return sample token -> channels with a keyframe of it, in order of the table."""
+    channels = _channel_of(tables)
+    held: dict[str, set[str]] = {row["token"]: set() for row in tables["sample"]}
+    for row in tables["sample_data"]:
+        if row["is_key_frame"] is True and row["sample_token"] in held:
+            held[row["sample_token"]].add(channels.get(row["calibrated_sensor_token"], ""))
+    return held
+
+
+def _channel_of(tables: Tables) -> dict[str, str]:
+    """Return calibrated_sensor token -> channel."""
+    names = {row["token"]: str(row["channel"]) for row in tables["sensor"]}
+    return {row["token"]: names.get(row["sensor_token"], "") for row in tables["calibrated_sensor"]}
+
+
+def _lacking_channels(rows: DatasetRows, held: Mapping[str, AbstractSet[str]]) -> dict[str, list[str]]:
+    """Return sample token -> channels that it lacks and other readings of its rig have.
+
+    Recordings of one rig are looked at together, so that a camera that was off for all of one is missed.
+    """
+    tables = rows.tables
+    rig_of_log = {row["token"]: rows.rigs.get(row["logfile"], row["token"]) for row in tables["log"]}
+    rig_of_scene = {row["token"]: rig_of_log.get(row["log_token"], "") for row in tables["scene"]}
+    rig_of = {row["token"]: rig_of_scene.get(row["scene_token"], "") for row in tables["sample"]}
+    channels = _channel_of(tables)
+    of_rig: dict[str, set[str]] = {}
+    for row in tables["sample_data"]:
+        rig = rig_of.get(row["sample_token"], "")
+        of_rig.setdefault(rig, set()).add(channels.get(row["calibrated_sensor_token"], ""))
+    lacking = {token: sorted(of_rig.get(rig_of[token], set()) - has) for token, has in held.items()}
+    return {token: names for token, names in lacking.items() if names}
+
+
+def _lacking_told(lacking: Mapping[str, Sequence[str]], held: Mapping[str, AbstractSet[str]]) -> list[str]:
+    if not lacking:
+        return []
+    counts = Counter(name for names in lacking.values() for name in names)
+    told = ", ".join(f"{name} in {number}" for name, number in counts.most_common())
+    sentence = (
+        f"{len(lacking)} of {len(held)} samples lack a channel that their rig has elsewhere, and code that takes every "
+        f"channel for granted fails on them: {told}; the first is sample {next(iter(lacking))}. `missing: refuse` under "
+        "scenes drops single samples, rigs[].required leaves out recordings without the channel"
+    )
+    return [sentence]
 
 
 def _first(what: str, offenders: Sequence[str]) -> Iterator[str]:

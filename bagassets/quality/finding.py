@@ -5,6 +5,8 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Any
 
+from bagassets.recipe.model_checks import Severity
+
 __all__ = ["Finding", "clock"]
 
 
@@ -14,16 +16,27 @@ class Finding:
 
     Attributes:
         problems: sentences, each naming its first offender; empty if all is well.
+        warnings: sentences about what the recipe may have asked for; they never weigh more than a warning.
         facts: numbers that were looked at, for people.
     """
 
     problems: Sequence[str] = ()
     facts: Mapping[str, Any] = field(default_factory=dict)
+    warnings: Sequence[str] = ()
+
+    @property
+    def sentences(self) -> list[str]:
+        """All that was found, problems first."""
+        return [*self.problems, *self.warnings]
 
     @property
     def passed(self) -> bool:
         """Tell whether nothing was found."""
-        return not self.problems
+        return not self.sentences
+
+    def weight(self, severity: Severity) -> Severity:
+        """Return how much the finding weighs, given what the recipe says of the check."""
+        return severity if self.problems else "warn"
 
 
 def clock(stamp_ns: int) -> str:

@@ -1,11 +1,18 @@
-"""Rules about scenes: a recording that takes part gives at least one."""
+"""Rules about scenes: a recording that takes part gives at least one, and its samples have all channels."""
 
 from collections.abc import Mapping
 from typing import Any
 
-from bagassets.quality.finding import Finding
+from bagassets.quality.finding import Finding, clock
 
-__all__ = ["scenes_made"]
+__all__ = ["keyframes_complete", "scenes_made"]
+
+# Channels named in one sentence.
+_MOST_CHANNELS = 3
+_WAYS_OUT = (
+    "raise scenes.tolerance_s, lower scenes.keyframe_hz, or keep samples that lack a channel with "
+    "`missing: allow` under scenes"
+)
 
 
 def scenes_made(facts: Mapping[str, Any]) -> Finding:
@@ -15,19 +22,85 @@ def scenes_made(facts: Mapping[str, Any]) -> Finding:
         facts: content of `facts.json` of the step `nuscenes_tables`.
     """
     counts = facts["counts"]
-    told = {name: counts[name] for name in ("scenes", "samples", "remainder_s", "refused_keyframes")}
+    told = {name: counts[name] for name in ("scenes", "samples", "remainder_s", "dropped_keyframes")}
     return Finding([] if counts["scenes"] else [f"it gives no scene: {_reason(facts)}"], told)
 
 
 def _reason(facts: Mapping[str, Any]) -> str:
     counts, reference = facts["counts"], facts["reference"]
-    if counts["refused_keyframes"]:
-        return (
-            f"{counts['refused_keyframes']} keyframes lack a channel within scenes.tolerance_s, and "
-            "scenes.missing says refuse"
-        )
+    if counts["dropped_keyframes"]:
+        return f"{_dropped(facts)}; {_WAYS_OUT}"
     if counts["remainder_s"]:
         return f"its {counts['remainder_s']:g} s are shorter than scenes.min_length_s"
     if counts["channels"][reference].get("without_pose"):
         return f"the readings of {reference} have no ego pose"
     return f"{reference} has too few readings to make one of scenes.min_length_s"
+
+
+def keyframes_complete(facts: Mapping[str, Any]) -> Finding:
+    """Check that no keyframe was dropped for want of a channel, and that no sample lacks one.
+
+    Channels of which the recording has no reading at all are for `channels_present` to name.
+
+    Args:
+        facts: content of `facts.json` of the step `nuscenes_tables`.
+    """
+    counts = facts["counts"]
+    dropped, lacking = counts["dropped_keyframes"], counts["lacking_samples"]
+    told = {
+        "samples": counts["samples"],
+        "dropped_keyframes": dropped,
+        "samples_lacking_a_channel": lacking,
+        "lacking_at_keyframes": {name: short["keyframes"] for name, short, _ in _shortages(facts)},
+    }
+    problems = []
+    if dropped and counts["scenes"]:
+        problems.append(f"{_dropped(facts)}; {_WAYS_OUT}")
+    if lacking:
+        problems.append(
+            f"{lacking} of {counts['samples']} samples lack a channel, as scenes.missing allows: {_channels(facts)}"
+        )
+    return Finding(problems, told)
+
+
+def _dropped(facts: Mapping[str, Any]) -> str:
+    counts = facts["counts"]
+    number, of = counts["dropped_keyframes"], counts["dropped_keyframes"] + counts["samples"]
+    return (
+        f"{number} of {of} keyframes were dropped, where a channel has no reading within "
+        f"{facts['tolerance_s']:g} s (scenes.tolerance_s): {_channels(facts)}"
+    )
+
+
+def _shortages(facts: Mapping[str, Any]) -> list[tuple[str, Mapping[str, int], list[int]]]:
+    """Return channel, counts and span of the channels that lack readings at keyframes, the worst first."""
+    found = [
+        (name, counts["lacking_at_keyframes"], counts["span_ns"])
+        for name, counts in sorted(facts["counts"]["channels"].items())
+        if counts["lacking_at_keyframes"]["keyframes"]
+    ]
+    return sorted(found, key=lambda entry: -entry[1]["keyframes"])
+
+
+def _channels(facts: Mapping[str, Any]) -> str:
+    """Return which channels lack readings at how many keyframes, and when they start late or stop early."""
+    begins_ns = min((span[0] for span in _spans(facts)), default=0)
+    shortages = _shortages(facts)
+    told = []
+    for name, short, span in shortages[:_MOST_CHANNELS]:
+        ends = []
+        if short["before_first"]:
+            ends.append(f"{short['before_first']} before it starts {_moment(span[0], begins_ns)}")
+        if short["after_last"]:
+            ends.append(f"{short['after_last']} after it stops {_moment(span[1], begins_ns)}")
+        told.append(f"{name} at {short['keyframes']}" + (f" ({', '.join(ends)})" if ends else ""))
+    more = len(shortages) - len(told)
+    return ", ".join(told) + (f" and {more} more channels" if more > 0 else "")
+
+
+def _spans(facts: Mapping[str, Any]) -> list[list[int]]:
+    return [counts["span_ns"] for counts in facts["counts"]["channels"].values() if counts["span_ns"]]
+
+
+def _moment(stamp_ns: int, begins_ns: int) -> str:
+    return f"at {(stamp_ns - begins_ns) / 1e9:.1f} s, {clock(stamp_ns).partition(' ')[0]}"

@@ -20,7 +20,10 @@ def watched_topics(rig: Rig) -> dict[str, str]:
 
 
 def channels_present(rig: Rig, inventory: Inventory, check: ChannelsCheck) -> Finding:
-    """Check that each configured channel has readable messages in the recording."""
+    """Check that each configured channel has readable messages in the recording.
+
+    It costs no keyframe if one has none: the samples are made without it.
+    """
     problems = []
     absent = []
     for name, channel in sorted(rig.channels.items()):
@@ -36,7 +39,9 @@ def channels_present(rig: Rig, inventory: Inventory, check: ChannelsCheck) -> Fi
             reason = "has no messages"
         else:
             reason = f"cannot be read: {record.problem}"
-        problems.append(f"{name}: topic {channel.topic} {reason}")
+        problems.append(
+            f"{name}: topic {channel.topic} {reason}, so its samples lack {name} (rigs[].required skips such recordings)"
+        )
     problems += [
         f"annotations: topic {source.topic} is not in the recording"
         for source in rig.annotations

@@ -217,7 +217,11 @@ class Scenes(Model):
         "elsewhere the nearest observation within tolerance_s counts, moved on as the track moved there.",
     )
     missing: Literal["allow", "refuse"] = Field(
-        "allow", description="A keyframe that lacks a channel is kept (allow) or makes no keyframe (refuse)."
+        "refuse",
+        description="What if a channel has no reading within tolerance_s of a keyframe: refuse moves the keyframe to the "
+        "nearest reading of the reference where all channels that the recording has are at hand, and drops it if there "
+        "is none; allow keeps the sample without the channel, which code that takes every channel for granted stumbles "
+        "over. Builds say how many keyframes are dropped, or samples lack a channel.",
     )
 
 

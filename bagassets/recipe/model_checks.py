@@ -126,6 +126,10 @@ class Checks(Model):
     boxes_plausible: BoxesCheck = Field(BoxesCheck(), description="Boxes were understood and make sense.")
     poses_cover_sensors: PosesCheck = Field(PosesCheck(), description="Readings have an ego pose.")
     scenes_made: Check = Field(Check(severity="warn"), description="A recording gives at least one scene.")
+    keyframes_complete: Check = Field(
+        Check(severity="warn"),
+        description="No keyframe was dropped for want of a channel; no sample lacks one.",
+    )
     references_intact: Check = Field(Check(), description="Tokens, chains and counts of the tables agree.")
     tokens_unique: Check = Field(Check(), description="No token and no file name exists twice.")
     files_match: Check = Field(Check(), description="Files on disk are those that the tables name.")

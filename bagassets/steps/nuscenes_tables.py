@@ -1,12 +1,15 @@
 """The step `nuscenes_tables`: one recording's rows of the nuScenes tables.
 
 `facts.json` counts, per channel, where the readings went: `keyframes` and `sweeps` have rows,
-`without_pose` and `outside_scenes` have none. Of the boxes it counts `observations` (rows of
+`without_pose` and `outside_scenes` have none; `lacking_at_keyframes` says at how many keyframes, dropped or
+kept, it has no reading within tolerance, and how many of these lie before its first reading and after its
+last. Of the boxes it counts `observations` (rows of
 `annotations`), those `observations_outside_scenes`, `tracks` and `tracks_without_keyframe`, and what
 was written: `instances`, `annotations`, and of these how many were `held`, not interpolated.
 """
 
 from collections.abc import Mapping
+from dataclasses import asdict
 from datetime import UTC, datetime
 from typing import Any
 
@@ -27,7 +30,7 @@ from bagassets.store.artifact import Artifact, ArtifactWriter
 
 __all__ = ["STEP", "make", "request"]
 
-STEP = Step("nuscenes_tables", 3)
+STEP = Step("nuscenes_tables", 4)
 
 FILES = "files.json"
 FACTS = "facts.json"
@@ -120,7 +123,8 @@ def make(
         "duration_s": round(sum(scene.span.duration_s for scene in plan.scenes), 3),
         "remainder_s": round(plan.remainder_s, 3),
         "scenes_without_keyframe": plan.empty_scenes,
-        "refused_keyframes": plan.refused_keyframes,
+        "dropped_keyframes": plan.dropped_keyframes,
+        "lacking_samples": plan.lacking_samples,
         "channels": {name: _channel_counts(name, readings, sensors, plan) for name in sorted(readings)},
         "boxes": objects.counts,
     }
@@ -128,6 +132,8 @@ def make(
         "rig": identity.rig,
         "key": identity.key,
         "reference": scene_params.reference,
+        "missing": params["scenes"]["missing"],
+        "tolerance_s": params["scenes"]["tolerance_s"],
         "channels": {
             name: channel.modality for name, channel in readings.items() if sensors.keyframes.get(name)
         },
@@ -193,8 +199,8 @@ def _clock(stamp_ns: int) -> str:
 
 def _channel_counts(
     name: str, readings: Mapping[str, ChannelReadings], sensors: SensorRows, plan: RecordingPlan
-) -> dict[str, int]:
-    channel = readings[name]
+) -> dict[str, Any]:
+    channel, shortage = readings[name], plan.shortages[name]
     keyframes, sweeps = sensors.keyframes.get(name, 0), sensors.sweeps.get(name, 0)
     return {
         "readings": len(channel) + channel.without_pose,
@@ -202,5 +208,6 @@ def _channel_counts(
         "sweeps": sweeps,
         "without_pose": channel.without_pose,
         "outside_scenes": len(channel) - keyframes - sweeps,
-        "missing_at_keyframes": plan.missing[name],
+        "span_ns": [int(stamp) for stamp in channel.stamps_ns[[0, -1]]] if len(channel) else [],
+        "lacking_at_keyframes": asdict(shortage),
     }

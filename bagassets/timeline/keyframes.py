@@ -8,10 +8,19 @@ from numpy.typing import NDArray
 
 Stamps = NDArray[np.int64]
 
-__all__ = ["Stamps", "choose_keyframes", "match_readings", "nearest", "owning_keyframe"]
+__all__ = [
+    "Stamps",
+    "choose_keyframes",
+    "match_readings",
+    "nearest",
+    "owning_keyframe",
+    "partner_readings",
+]
 
 
-def choose_keyframes(readings_ns: Stamps, start_ns: int, end_ns: int, period_ns: int) -> NDArray[np.intp]:
+def choose_keyframes(
+    readings_ns: Stamps, start_ns: int, end_ns: int, period_ns: int, partners: NDArray[np.intp] | None = None
+) -> NDArray[np.intp]:
     """Choose the readings of the reference channel that become keyframes.
 
     Targets lie on a grid: start, start + period, … Each takes the reading nearest to it among those
@@ -19,36 +28,50 @@ def choose_keyframes(readings_ns: Stamps, start_ns: int, end_ns: int, period_ns:
     without such a reading makes no keyframe: a gap costs the keyframes inside it and nothing else,
     and a reference that is slower than the grid gives all its readings.
 
+    With `partners` only complete readings count, so a keyframe moves to the nearest reading where
+    every channel is at hand, and there is none where there is no such reading.
+
     Args:
         readings_ns: (N,) stamps of the reference channel within the scene.
         start_ns: first target.
         end_ns: end of the scene, inclusive; no target lies after it.
         period_ns: time between targets, > 0.
+        partners: (C, N) reading of each other channel that would go with each reading, or -1; two
+            keyframes share none.
 
     Returns:
-        (K,) indices into `readings_ns`, strictly increasing.
+        (T,) for each target the index into `readings_ns`, or -1; those >= 0 are strictly increasing.
     """
     half_ns = period_ns // 2
-    chosen: list[int] = []
     number = max(0, (end_ns - start_ns) // period_ns + 1)
     targets = start_ns + period_ns * np.arange(number, dtype=np.int64)
-    lows = np.searchsorted(readings_ns, targets - half_ns, side="left")
-    highs = np.searchsorted(readings_ns, targets + half_ns, side="left")
-    for target, low, high in zip(targets.tolist(), lows.tolist(), highs.tolist(), strict=True):
+    chosen = np.full(number, -1, dtype=np.intp)
+    usable = np.arange(len(readings_ns), dtype=np.intp)
+    if partners is not None:
+        usable = np.flatnonzero((partners >= 0).all(axis=0))
+        partners = partners[:, usable]
+    stamps_ns = readings_ns[usable]
+    lows = np.searchsorted(stamps_ns, targets - half_ns, side="left").tolist()
+    highs = np.searchsorted(stamps_ns, targets + half_ns, side="left").tolist()
+    last = -1
+    for number, (target, low, high) in enumerate(zip(targets.tolist(), lows, highs, strict=True)):
         first = low
-        if chosen:
-            earliest_ns = int(readings_ns[chosen[-1]]) + half_ns
-            first = max(low, int(np.searchsorted(readings_ns, earliest_ns, side="left")), chosen[-1] + 1)
-        if first < high:
-            away = np.abs(readings_ns[first:high] - target)
-            chosen.append(first + int(np.argmin(away)))
-    return np.array(chosen, dtype=np.intp)
+        if last >= 0:
+            earliest_ns = int(stamps_ns[last]) + half_ns
+            first = max(low, int(np.searchsorted(stamps_ns, earliest_ns, side="left")), last + 1)
+        free = np.arange(first, high)
+        if partners is not None and last >= 0:
+            free = free[(partners[:, first:high] != partners[:, [last]]).all(axis=0)]
+        if len(free):
+            last = int(free[np.argmin(np.abs(stamps_ns[free] - target))])
+            chosen[number] = usable[last]
+    return chosen
 
 
 def match_readings(keyframes_ns: Stamps, readings_ns: Stamps, tolerance_ns: int) -> NDArray[np.intp]:
     """Give each keyframe the reading of a channel that is nearest in time.
 
-    A reading that is nearest to several keyframes goes to the one it is nearest to.
+    A reading that is nearest to several keyframes goes to the one it is nearest to, of equals the first.
 
     Args:
         keyframes_ns: (K,) stamps of the keyframes.
@@ -59,12 +82,26 @@ def match_readings(keyframes_ns: Stamps, readings_ns: Stamps, tolerance_ns: int)
         (K,) index of the reading of each keyframe, or -1 where the channel has none; no reading
         appears twice.
     """
-    if not len(keyframes_ns) or not len(readings_ns):
-        return np.full(len(keyframes_ns), -1, dtype=np.intp)
-    reading = nearest(readings_ns, keyframes_ns)
-    mutual = nearest(keyframes_ns, readings_ns[reading]) == np.arange(len(keyframes_ns))
-    close = np.abs(readings_ns[reading] - keyframes_ns) <= tolerance_ns
-    return np.where(mutual & close, reading, -1)
+    matched = partner_readings(keyframes_ns, readings_ns, tolerance_ns)
+    taken = np.flatnonzero(matched >= 0)
+    away = np.abs(readings_ns[matched[taken]] - keyframes_ns[taken])
+    # Keyframes that share a reading follow each other: the nearest of each group comes first, and stays.
+    order = taken[np.lexsort((taken, away, matched[taken]))]
+    shared = np.zeros(len(order), dtype=np.bool_)
+    shared[1:] = matched[order[1:]] == matched[order[:-1]]
+    matched[order[shared]] = -1
+    return matched
+
+
+def partner_readings(stamps_ns: Stamps, readings_ns: Stamps, tolerance_ns: int) -> NDArray[np.intp]:
+    """Return for each of (N,) stamps the nearest of (M,) readings, or -1 if it is farther than the tolerance.
+
+    Several stamps may have the same one.
+    """
+    if not len(stamps_ns) or not len(readings_ns):
+        return np.full(len(stamps_ns), -1, dtype=np.intp)
+    reading = nearest(readings_ns, stamps_ns)
+    return np.where(np.abs(readings_ns[reading] - stamps_ns) <= tolerance_ns, reading, -1)
 
 
 def owning_keyframe(keyframes_ns: Stamps, readings_ns: Stamps) -> NDArray[np.intp]:
