@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from bagassets.cli.main import EXIT_ERROR, main
-from bagassets.defs.database_errors import database_in_words
+from bagassets.defs.databases import database_in_words
 from bagassets.errors import StoreError
 from bagassets.store.writable import require_writable
 from bagassets_tests.in_process import make_project

@@ -9,6 +9,9 @@ import signal
 import sys
 import threading
 import warnings
+from pathlib import Path
+
+from bagassets.errors import BagAssetsError
 
 __all__ = ["main"]
 
@@ -21,7 +24,15 @@ def main() -> None:
     warnings.filterwarnings("ignore", message="Function `dev_command` is superseded")
     from dagster._cli.dev import dev_command  # noqa: PLC0415  (after the filter)
 
+    from bagassets.defs.databases import ready_to_open  # noqa: PLC0415  (imports Dagster as well)
+
     threading.Thread(target=_follow_starter, daemon=True).start()
+    try:
+        # Of the processes that Dagster starts, none waits for another that makes the databases.
+        with ready_to_open(Path(os.environ["DAGSTER_HOME"])):
+            pass
+    except BagAssetsError as err:
+        sys.exit(f"error: {err}")
     dev_command(sys.argv[1:], prog_name="dagster dev")
 
 

@@ -17,7 +17,7 @@ from typing import Any
 import dagster as dg
 
 from bagassets.bags.layouts import compile_common_types, load_standard_types
-from bagassets.defs.database_errors import database_in_words
+from bagassets.defs.databases import database_in_words
 from bagassets.defs.exclusive import exclusive
 from bagassets.defs.runs import (
     CodeLocation,

@@ -32,7 +32,7 @@ from dagster._utils.hosted_user_process import recon_job_from_origin, recon_repo
 from dagster._utils.interrupts import capture_interrupts, check_captured_interrupt
 from dagster_shared.error import SerializableErrorInfo
 
-from bagassets.defs.creation import alone_if_new
+from bagassets.defs.databases import ready_to_open
 from bagassets.errors import BagAssetsError
 
 __all__ = [
@@ -137,7 +137,7 @@ def open_instance(place: str) -> dg.DagsterInstance:
     """Open the instance in a Dagster home folder, or one that `pack_instance` wrote down."""
     if place.startswith("{"):
         return dg.DagsterInstance.from_ref(deserialize_value(place, InstanceRef))
-    with alone_if_new(Path(place)):
+    with ready_to_open(Path(place)):
         return dg.DagsterInstance.from_config(place)
 
 

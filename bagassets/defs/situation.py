@@ -8,7 +8,7 @@ from pathlib import Path
 
 import dagster as dg
 
-from bagassets.defs.database_errors import database_in_words
+from bagassets.defs.databases import database_in_words
 from bagassets.defs.dataset import dataset_is_current
 from bagassets.defs.planning import Planned, plan_now
 from bagassets.defs.runs import open_instance

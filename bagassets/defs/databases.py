@@ -1,0 +1,195 @@
+"""Dagster's SQLite databases: made whole or not at all, by one process, and damage told in words.
+
+Dagster makes a database where it belongs, table by table, and takes one without tables for finished: a process
+that is killed meanwhile leaves a project that no build can use. Here databases are made in a folder of their
+own and moved into place; one that was left unfinished, and holds nothing, is replaced.
+"""
+
+import fcntl
+import os
+import shlex
+import shutil
+import sqlite3
+from collections.abc import Iterator
+from contextlib import ExitStack, closing, contextmanager
+from pathlib import Path
+from uuid import uuid4
+
+import yaml
+from dagster._core.storage.event_log.schema import SqlEventLogStorageMetadata
+from dagster._core.storage.runs.schema import RunStorageSqlMetadata
+from dagster._core.storage.schedules.schema import ScheduleStorageSqlMetadata
+from dagster._core.storage.sqlite_storage import DagsterSqliteStorage
+from sqlalchemy import MetaData
+from sqlalchemy.exc import DatabaseError, OperationalError
+
+from bagassets.errors import StoreError
+
+__all__ = ["database_in_words", "ready_to_open"]
+
+_LOCK = "opening.lock"
+_NEW = "new-"
+# What Dagster keeps in SQLite, below the folder of the storage.
+_DATABASES: dict[str, MetaData] = {
+    "history/runs.db": RunStorageSqlMetadata,
+    "history/runs/index.db": SqlEventLogStorageMetadata,
+    "schedules/schedules.db": ScheduleStorageSqlMetadata,
+}
+# Tables that Dagster fills when it makes a database, or again whenever it likes.
+_VERSION, _INDEXES = "alembic_version", "secondary_indexes"
+_WITHOUT_WORTH = frozenset({_VERSION, _INDEXES, "instance_info", "daemon_heartbeats"})
+_BUSY_S = 5.0
+
+
+@contextmanager
+def ready_to_open(home: Path) -> Iterator[None]:
+    """Have the databases of the instance in `home` whole before it is opened, and let nobody replace them meanwhile.
+
+    Other databases than SQLite are left to their servers.
+
+    Raises:
+        StoreError: a database is damaged, or cannot be made.
+    """
+    folder = _storage(home)
+    if folder is None:
+        yield
+        return
+    with ExitStack() as stack:
+        with database_in_words(str(home)), _disk_in_words(folder):
+            folder.mkdir(parents=True, exist_ok=True)
+            descriptor = os.open(folder / _LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+            stack.callback(os.close, descriptor)
+            fcntl.flock(descriptor, fcntl.LOCK_SH)  # waits while somebody makes them
+            if _unfinished(folder):
+                fcntl.flock(descriptor, fcntl.LOCK_EX)
+                _make(folder, _unfinished(folder))
+        yield
+
+
+@contextmanager
+def _disk_in_words(folder: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as err:
+        raise StoreError(
+            f"{err.filename or folder}: Dagster's database cannot be made ({err.strerror}); free space, or mend the folder."
+        ) from err
+
+
+@contextmanager
+def database_in_words(place: str) -> Iterator[None]:
+    """Turn errors of the database into ours: a full disk, a folder without permission, a server that is down, damage.
+
+    Args:
+        place: the Dagster home, for the sentence.
+
+    Raises:
+        StoreError: the database refused.
+    """
+    try:
+        yield
+    except OperationalError as err:
+        raise StoreError(
+            f"{place}: Dagster's database cannot be used ({err.orig}); free space, or mend the folder or server that "
+            "dagster.yaml names. Nothing that is in the store is lost."
+        ) from err
+    except DatabaseError as err:
+        if type(err.orig) is not sqlite3.DatabaseError:
+            raise
+        raise _damaged(_first_damaged(Path(place)), str(err.orig)) from err
+    except sqlite3.OperationalError as err:
+        # Of a file of our own in the state folder, opened without SQLAlchemy.
+        raise StoreError(
+            f"{place}: a database of this project cannot be used ({err}); free space, or mend the permissions of its "
+            "state folder. Nothing that is in the store is lost."
+        ) from err
+
+
+def _unfinished(folder: Path) -> list[str]:
+    """Return the databases that are missing, or were left unfinished and hold nothing.
+
+    Raises:
+        StoreError: one is damaged.
+    """
+    return [name for name, schema in _DATABASES.items() if not _is_whole(folder / name, schema)]
+
+
+def _is_whole(path: Path, schema: MetaData) -> bool:
+    """Tell whether a database is finished, or holds something that nobody may throw away."""
+    if not path.exists():
+        return False
+    try:
+        with closing(_opened(path)) as connection:
+            rows = connection.execute("SELECT name FROM sqlite_master WHERE type = 'table'").fetchall()
+            tables = {name for (name,) in rows}
+            if tables.issuperset({*schema.tables, _VERSION}) and all(
+                _has_rows(connection, name) for name in (_VERSION, _INDEXES)
+            ):
+                return True
+            return any(_has_rows(connection, name) for name in tables - _WITHOUT_WORTH)
+    except sqlite3.OperationalError:
+        return True  # in use, or not to be read: Dagster says so itself
+    except sqlite3.DatabaseError as err:
+        raise _damaged(path, str(err)) from err
+
+
+def _opened(path: Path) -> sqlite3.Connection:
+    quoted = str(path).replace("%", "%25").replace("?", "%3f").replace("#", "%23")
+    return sqlite3.connect(f"file:{quoted}?mode=ro", timeout=_BUSY_S, uri=True)
+
+
+def _has_rows(connection: sqlite3.Connection, table: str) -> bool:
+    quoted = table.replace('"', '""')
+    return connection.execute(f'SELECT 1 FROM "{quoted}" LIMIT 1').fetchone() is not None  # noqa: S608  (quoted)
+
+
+def _make(folder: Path, names: list[str]) -> None:
+    """Put new databases in place; whoever is killed meanwhile leaves those of old or new ones, each of them whole."""
+    for leftover in folder.glob(f"{_NEW}*"):
+        shutil.rmtree(leftover, ignore_errors=True)
+    if not names:
+        return
+    new = folder / f"{_NEW}{uuid4().hex}"
+    try:
+        DagsterSqliteStorage.from_local(str(new)).dispose()
+        for name in names:
+            path = folder / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            # First what belongs to the old one: a log of another database would spoil the new one.
+            for kind in ("wal", "shm", "journal"):
+                path.with_name(f"{path.name}-{kind}").unlink(missing_ok=True)
+            (new / name).replace(path)
+    finally:
+        shutil.rmtree(new, ignore_errors=True)
+
+
+def _first_damaged(home: Path) -> Path:
+    """Return the database that SQLite finds damage in; the folder of all of them if it finds none."""
+    folder = _storage(home) or home
+    for path in (*(folder / name for name in _DATABASES), *sorted(folder.glob("history/runs/*.db"))):
+        try:
+            with closing(_opened(path)) as connection:
+                if connection.execute("PRAGMA quick_check(1)").fetchall() != [("ok",)]:
+                    return path
+        except sqlite3.OperationalError:
+            continue
+        except sqlite3.DatabaseError:
+            return path
+    return folder
+
+
+def _damaged(path: Path, reason: str) -> StoreError:
+    aside = f"mv {shlex.quote(str(path))} {shlex.quote(f'{path}.damaged')}"
+    return StoreError(
+        f"{path}: this database of Dagster's is damaged ({reason}). Stop `bagassets ui`, then put a backup in its place or "
+        f"move it aside (`{aside}`), and build again: all artifacts in the store are safe and nothing is made anew, "
+        "only the history of runs in this file is lost."
+    )
+
+
+def _storage(home: Path) -> Path | None:
+    try:
+        config = yaml.safe_load((home / "dagster.yaml").read_text("utf-8"))
+        return Path(config["storage"]["sqlite"]["base_dir"])
+    except (OSError, yaml.YAMLError, KeyError, TypeError):
+        return None

@@ -1,0 +1,319 @@
+"""Dagster's SQLite files: whatever a kill or a failing disk made of them, a build works or says what to do."""
+
+import json
+import os
+import re
+import shlex
+import shutil
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
+from pathlib import Path
+from uuid import uuid4
+
+import dagster as dg
+import pytest
+
+from bagassets.defs.databases import database_in_words, ready_to_open
+from bagassets.defs.runs import open_instance
+from bagassets.errors import StoreError
+from bagassets.forkserver.client import Client
+from bagassets_tests.in_process import build, make_project, survey
+
+DATABASES = ["history/runs.db", "history/runs/index.db", "schedules/schedules.db"]
+
+
+@pytest.fixture
+def home(tmp_path):
+    """The folder of a Dagster instance that was never opened."""
+    return write_home(tmp_path)
+
+
+@pytest.fixture(scope="module")
+def opened_home(tmp_path_factory):
+    """The folder of one that was opened once."""
+    folder = write_home(tmp_path_factory.mktemp("opened"))
+    open_instance(str(folder)).dispose()
+    return folder
+
+
+@pytest.fixture
+def new_home(home, opened_home):
+    """The folder of one in which nothing is recorded."""
+    shutil.copytree(storage_of(opened_home), storage_of(home))
+    return home
+
+
+def write_home(folder):
+    storage = folder / "state" / "dagster"
+    (folder / "dagster.yaml").write_text(f"storage:\n  sqlite:\n    base_dir: {storage}\n")
+    return folder
+
+
+def storage_of(home):
+    return home / "state" / "dagster"
+
+
+def works(home):
+    """Whether partitions, events, runs and ticks can be written and read."""
+    with open_instance(str(home)) as instance:
+        instance.add_dynamic_partitions("bags", ["a"])
+        instance.report_runless_asset_event(dg.AssetMaterialization("asset", partition="a"))
+        event = instance.get_latest_materialization_event(dg.AssetKey("asset"))
+        assert instance.get_runs() == []
+        assert instance.schedule_storage.all_instigator_state() == []
+        return instance.get_dynamic_partitions("bags") == ["a"] and event is not None
+
+
+def marks(path):
+    """Which migrations a database is marked with."""
+    with closing(sqlite3.connect(path)) as connection:
+        rows = connection.execute("SELECT name FROM secondary_indexes").fetchall()
+        return sorted(name for (name,) in rows), connection.execute("PRAGMA journal_mode").fetchone()
+
+
+def empty(path):
+    path.write_bytes(b"")
+
+
+def headless(path):
+    """As when the process dies after the first table."""
+    path.unlink()
+    with closing(sqlite3.connect(path)) as connection:
+        connection.execute("CREATE TABLE secondary_indexes (id INTEGER PRIMARY KEY)")
+        connection.commit()
+
+
+def without_version(path):
+    with closing(sqlite3.connect(path)) as connection:
+        connection.execute("DROP TABLE alembic_version")
+        connection.commit()
+
+
+def without_stamp(path):
+    with closing(sqlite3.connect(path)) as connection:
+        connection.execute("DELETE FROM alembic_version")
+        connection.commit()
+
+
+def without_marks(path):
+    with closing(sqlite3.connect(path)) as connection:
+        connection.execute("DELETE FROM secondary_indexes")
+        connection.commit()
+
+
+def without_one_table(path):
+    name = {"runs": "kvs", "index": "dynamic_partitions", "schedules": "instigators"}[path.stem]
+    with closing(sqlite3.connect(path)) as connection:
+        connection.execute(f"DROP TABLE {name}")
+        connection.commit()
+
+
+def in_its_log(path):
+    """As when the process dies before anything of the log (WAL) got into the file."""
+    path.unlink()
+    connection = sqlite3.connect(path)
+    connection.execute("PRAGMA journal_mode = WAL")
+    connection.execute("CREATE TABLE secondary_indexes (id INTEGER PRIMARY KEY)")
+    connection.commit()
+    copies = [(other, other.read_bytes()) for other in path.parent.glob(f"{path.name}*")]
+    connection.close()
+    for other, content in copies:
+        other.write_bytes(content)
+
+
+@pytest.mark.parametrize(
+    "leave",
+    [
+        empty,
+        headless,
+        without_version,
+        without_stamp,
+        without_marks,
+        without_one_table,
+        in_its_log,
+        Path.unlink,
+    ],
+)
+@pytest.mark.parametrize("name", DATABASES)
+def test_a_database_that_was_left_unfinished_is_made_anew(new_home, name, leave):
+    path = storage_of(new_home) / name
+    whole = marks(path)
+    others = {other: (storage_of(new_home) / other).stat().st_ino for other in DATABASES if other != name}
+    leave(path)
+    assert works(new_home)
+    assert marks(path) == whole
+    assert {other: (storage_of(new_home) / other).stat().st_ino for other in others} == others, (
+        "they were whole"
+    )
+
+
+@pytest.mark.parametrize("leave", [without_marks, without_version])
+def test_a_database_that_holds_something_is_left_alone(home, leave):
+    assert works(home)
+    path = storage_of(home) / "history/runs/index.db"
+    leave(path)
+    inode = path.stat().st_ino
+    with open_instance(str(home)) as instance:
+        assert instance.get_dynamic_partitions("bags") == ["a"]
+        assert instance.get_latest_materialization_event(dg.AssetKey("asset")) is not None
+    assert path.stat().st_ino == inode
+
+
+def test_databases_appear_whole_or_not_at_all(home):
+    """What stands under the final name at any moment of their making is whole."""
+    code = f"from bagassets.defs.runs import open_instance; open_instance({str(home)!r}).dispose()"
+    process = subprocess.Popen([sys.executable, "-c", code])
+    looks = 0
+    while process.poll() is None:
+        time.sleep(0.0002)
+        for name in DATABASES:
+            path = storage_of(home) / name
+            if path.exists():
+                looks += 1
+                with closing(sqlite3.connect(f"file:{path}?mode=ro", uri=True)) as connection:
+                    assert connection.execute("SELECT count(*) FROM secondary_indexes").fetchone()[0] > 1
+                    assert connection.execute("SELECT count(*) FROM alembic_version").fetchone()[0] == 1
+    assert process.returncode == 0
+    assert looks
+    assert not list(storage_of(home).glob("new-*"))
+
+
+def test_many_that_open_a_new_instance_at_once_agree(home):
+    code = f"from bagassets.defs.runs import open_instance; open_instance({str(home)!r}).add_dynamic_partitions('p', ['k'])"
+    with ThreadPoolExecutor(3) as pool:
+        ends = list(
+            pool.map(
+                lambda _: subprocess.run(
+                    [sys.executable, "-c", code], capture_output=True, text=True, check=False
+                ),
+                range(3),
+            )
+        )
+    assert [end.returncode for end in ends] == [0] * 3, [end.stderr for end in ends]
+    with open_instance(str(home)) as instance:
+        assert instance.get_dynamic_partitions("p") == ["k"]
+
+
+def test_what_a_killed_maker_left_is_removed(home):
+    leftover = storage_of(home) / "new-feed"
+    leftover.mkdir(parents=True)
+    (leftover / "half").touch()
+    assert works(home)
+    assert not leftover.exists()
+
+
+@pytest.mark.parametrize("name", DATABASES)
+def test_garbage_is_named_with_the_way_out_which_works(tmp_path, monkeypatch, name):
+    recipe = make_project(tmp_path)
+    build(recipe, monkeypatch)
+    path = tmp_path / ".bagassets/dagster" / name
+    path.write_bytes(os.urandom(5000))
+    with pytest.raises(StoreError, match="is damaged") as told:
+        survey(recipe)
+    assert str(told.value).startswith(f"{path}: ")
+    aside = re.search(r"`(mv .*?)`", str(told.value))[1]
+    subprocess.run(shlex.split(aside), check=True)
+    report, _ = build(recipe, monkeypatch)
+    assert report.counts()["hit" if name.endswith("index.db") else "fresh"] == 1
+    assert not report.having("built", "failed")
+
+
+def test_damage_within_a_file_is_named_when_it_is_met(home):
+    with open_instance(str(home)) as instance:
+        for number in range(200):
+            instance.report_runless_asset_event(dg.AssetMaterialization("asset", partition=str(number)))
+    path = storage_of(home) / "history/runs/index.db"
+    content = bytearray(path.read_bytes())
+    for page in range(4096 * 8, len(content), 4096):
+        content[page : page + 100] = b"\xa5" * 100
+    path.write_bytes(content)
+    with pytest.raises(StoreError, match=re.escape(f"{path}: this database")):
+        _read_everything(home)
+
+
+def _read_everything(home):
+    with database_in_words(str(home)), open_instance(str(home)) as instance:
+        instance.get_latest_materialization_event(dg.AssetKey("asset"))
+        instance.event_log_storage.get_latest_storage_id_by_partition(
+            dg.AssetKey("asset"), dg.DagsterEventType.ASSET_MATERIALIZATION
+        )
+
+
+def test_a_folder_that_cannot_be_made_is_told(home):
+    (home / "state").write_text("a file")
+    with pytest.raises(StoreError, match="cannot be made"), ready_to_open(home):
+        pass
+
+
+# --- kills, by the command ---------------------------------------------------------------
+
+
+def processes_with(mark):
+    """The processes that have a variable in their environment."""
+    found = []
+    for entry in Path("/proc").glob("[0-9]*"):
+        try:
+            if mark.encode() in (entry / "environ").read_bytes():
+                found.append(int(entry.name))
+        except OSError:
+            continue
+    return found
+
+
+def kill_all(mark):
+    """Kill everything that has the mark, at once, as a power loss or a container's end does."""
+    while pids := processes_with(mark):
+        for number in (signal.SIGSTOP, signal.SIGKILL):  # stopped first, so that none tidies up after another
+            for pid in pids:
+                try:
+                    os.kill(pid, number)
+                except ProcessLookupError:
+                    continue
+
+
+MOMENTS = {
+    "the server serves": lambda state: any(p.read_text() for p in (state / "forkserver").glob("*.lock")),
+    "databases are begun": lambda state: any((state / "dagster").glob("**/*.db*")),
+    "the index is there": lambda state: (state / "dagster/history/runs/index.db").exists(),
+    "an artifact is there": lambda state: any((state / "store/artifacts").glob("*/*")),
+}
+
+
+@pytest.mark.parametrize(
+    ("moment", "delay_s"),
+    [
+        ("the server serves", 0.0),
+        ("databases are begun", 0.0),
+        ("databases are begun", 0.05),
+        ("the index is there", 0.01),
+        ("an artifact is there", 0.0),
+    ],
+)
+def test_a_build_killed_in_its_first_second_is_no_obstacle_to_the_next(tmp_path, moment, delay_s):
+    recipe = make_project(tmp_path)
+    state, mark = tmp_path / ".bagassets", f"BAGASSETS_TEST_MARK={uuid4()}"
+    command = [sys.executable, "-m", "bagassets", "build", "--recipe", str(recipe), "--json"]
+    surroundings = os.environ | dict([mark.split("=")])
+    process = subprocess.Popen(
+        command, env=surroundings, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
+    try:
+        while process.poll() is None and not MOMENTS[moment](state):
+            time.sleep(0.0005)
+        time.sleep(delay_s)
+    finally:
+        kill_all(mark)
+        process.wait()
+    assert process.returncode == -signal.SIGKILL, "the build was over before"
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    for client in Client.all_of(state):
+        client.shutdown(grace_s=0.0)
+    assert done.returncode == 0, done.stderr
+    counts = json.loads(done.stdout)["counts"]
+    assert counts["built"] + counts["hit"] == 1
+    assert json.loads(done.stdout)["dataset"]["state"] == "updated"
