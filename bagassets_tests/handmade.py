@@ -15,7 +15,7 @@ from bagassets.geometry.se3 import SE3
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.nuscenes.lidar_file import lidar_bytes
 from bagassets.nuscenes.radar_file import radar_bytes
-from bagassets.recipe.model import Rig, Scenes
+from bagassets.recipe.model import AttributesByMotion, Rig, Scenes
 from bagassets.steps import nuscenes_tables
 from bagassets.store.action import Step
 from bagassets.store.canonical import digest_bytes
@@ -211,6 +211,7 @@ def box_artifact(store, table):
         out.write_table("annotations.parquet", table.to_arrow())
 
     key = [table.stamps_ns.tolist(), list(table.tracks), table.centers_m.tolist(), list(table.categories)]
+    key.append([list(names) for names in table.attributes])
     return _artifact(store, {"boxes": key}, write)
 
 
@@ -248,7 +249,15 @@ class Made:
 
 
 def make_tables(
-    store: Store, drive: Drive | None = None, *, key="drive_1", table=None, the_rig=None, poses=None, **scenes
+    store: Store,
+    drive: Drive | None = None,
+    *,
+    key="drive_1",
+    table=None,
+    the_rig=None,
+    poses=None,
+    attributes=None,
+    **scenes,
 ) -> Made:
     """Run the step on a drive."""
     drive = drive or Drive()
@@ -262,8 +271,9 @@ def make_tables(
     calibration = {"channels": {name: {"ego_SE3_sensor": EXTRINSICS[name]} for name in drive.channels}}
     inputs = {"ego_poses": ego_poses, "annotations": boxes, "channels": channels}
     request = nuscenes_tables.request(
-        the_rig or rig(drive.channels), Scenes(**scenes), key, calibration=calibration, **inputs
-    )
+        the_rig or rig(drive.channels), Scenes(**scenes), key, attributes=attributes or AttributesByMotion(),
+        calibration=calibration, **inputs,
+    )  # fmt: skip
     outcome = store.run(
         nuscenes_tables.STEP.action(request.params, request.inputs),
         lambda out: nuscenes_tables.make(

@@ -212,9 +212,19 @@ class TestAccount:
         assert counts.lost == {"second box of one track at one time": 1}
         assert table.categories == ["car", "car"]
 
-    def test_boxes_without_track_are_objects_of_their_own(self):
-        table, _ = collect(box(track_id=""), box(track_id=""))
-        assert len(set(table.tracks)) == 2
+    def test_boxes_without_track_are_all_kept(self):
+        table, _ = collect(box(track_id=""), box(track_id=""), box())
+        assert (list(table.tracks), table.without_track, table.track_count) == (["", "", "1"], 2, 1)
+
+    def test_the_message_that_a_box_came_with_survives_parquet_form(self):
+        collector = BoxCollector(FRAMES, {"/boxes": SourceRules()})
+        for message, stamps in enumerate(((T0 + 4, T0 + 9, T0 + 30), (T0 + 40, T0 + 10))):
+            for stamp_ns in stamps:
+                collector.add(box(stamp_ns=stamp_ns, track_id=""), message=message)
+        collector.add(box(stamp_ns=T0 + 5, track_id=""))  # of a label file: the stamp says what came together
+        table = BoxTable.from_arrow(collector.finish().to_arrow())
+        assert (table.stamps_ns - T0).tolist() == [4, 5, 9, 10, 30, 40]
+        assert (table.message_stamps_ns - T0).tolist() == [9, 5, 9, 10, 9, 10]
 
     def test_a_source_may_refuse_bad_boxes(self):
         with pytest.raises(DecodeError, match=r"/boxes: a box cannot be used \(its size is not positive\)"):

@@ -114,6 +114,23 @@ class TestBirdsEye:
         assert (box.category, box.width_m, box.length_m) == ("car", 2.0, 5.0)
         assert box.global_SE3_box.translation == pytest.approx((2.0, 0.0, 0.0))
 
+    def test_of_boxes_without_identity_those_of_the_nearest_message_are_shown(self):
+        table = BoxTable(
+            stamps_ns=np.array([0, 0, S // 10], dtype=np.int64),
+            tracks=["", "", ""],
+            categories=["car", "truck", "car"],
+            attributes=[[], [], []],
+            centers_m=np.array([[0.0, 0, 0], [9.0, 9, 9], [1.0, 0, 0]]),
+            rotations=np.tile([1.0, 0, 0, 0], (3, 1)),
+            sizes_m=np.tile([2.0, 5.0, 1.5], (3, 1)),
+            scores=np.ones(3),
+            sources=["/boxes"] * 3,
+        )
+        assert [box.category for box in boxes_at(table, S // 25)] == ["car", "truck"]
+        (box,) = boxes_at(table, S // 15)
+        assert box.global_SE3_box.translation == pytest.approx((1.0, 0.0, 0.0))
+        assert boxes_at(table, S) == []
+
     def test_the_range_suits_the_points(self):
         ego = SE3.create((1, 0, 0, 0), (100.0, 0.0, 0.0))
         room = np.array([[100.0 + x, y, 0.0] for x in (-6.0, 6.0) for y in (-4.0, 4.0)])

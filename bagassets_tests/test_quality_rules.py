@@ -244,7 +244,7 @@ class TestBoxes:
     def test_sound_boxes_pass(self):
         finding = self.find()
         assert finding.problems == []
-        assert finding.facts == {"boxes": 20, "tracks": 2, "kept": {}}
+        assert finding.facts == {"boxes": 20, "tracks": 2, "without_track": 0, "kept": {}}
 
     def test_no_boxes_pass(self):
         nothing = BoxTable.from_arrow(boxes().to_arrow().slice(0, 0))

@@ -333,11 +333,13 @@ class TestBoxes:
         assert all(len(scenes) == 1 for scenes in scenes_of.values())
 
     def test_attributes(self, made):
-        assert made.facts["attributes"] == ["vehicle.moving", "vehicle.parked"]
-        assert Counter(len(row["attribute_tokens"]) for row in made.table("sample_annotation")) == {
-            1: 16,
-            0: 8,
-        }
+        assert made.facts["attributes"] == ["pedestrian.moving", "vehicle.moving", "vehicle.parked"]
+        assert {len(row["attribute_tokens"]) for row in made.table("sample_annotation")} == {1}
+        boxes = made.facts["counts"]["boxes"]
+        assert (boxes["attributes_given"], boxes["attributes_by_motion"]) == (
+            16,
+            8,
+        )  # nothing is given the walker
 
     def test_a_track_is_interpolated_over_gaps_up_to_the_recipe_s_limit(self, store):
         slow = true_boxes(Drive(), hz=1.0, phase_s=0.25)

@@ -1,11 +1,12 @@
 """Collecting boxes: category mapping, checks, and an account of every box that was not kept."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import isfinite
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bagassets.annotations.frames import BoxFrames
 from bagassets.annotations.table import BoxTable
@@ -127,14 +128,16 @@ class BoxCollector:
         self._rules = rules
         self._boxes: list[BoxReading] = []
         self._places: list[Place] = []
+        self._messages: list[int | None] = []
         self._seen: set[tuple[str, int, str]] = set()
 
-    def add(self, box: BoxReading, place: Place = NOWHERE) -> None:
+    def add(self, box: BoxReading, place: Place = NOWHERE, message: int | None = None) -> None:
         """Take one box; `box.source` says which rules apply.
 
         Args:
             box: the box.
             place: where it was read.
+            message: number of the message that it came with; None: boxes of one stamp came together.
 
         Raises:
             DecodeError: the box cannot be used and its source refuses such boxes.
@@ -149,18 +152,17 @@ class BoxCollector:
             return
         if not self._accepts(box, rules, place):
             return
-        # Without a track every box is an object of its own.
-        track = box.track_id or f"untracked-{box.stamp_ns}-{counts.read}"
-        key = (box.source, box.stamp_ns, track)
-        if key in self._seen:
+        key = (box.source, box.stamp_ns, box.track_id)
+        if box.track_id and key in self._seen:
             self._lose(box.source, SECOND, place)
             return
         self._seen.add(key)
         category = rules.categories.get(box.category, box.category)
         recorded = (rules.attribute_names.get(name, name) for name in box.attributes)
         attributes = dict.fromkeys((*filter(None, recorded), *rules.attributes.get(category, ())))
-        self._boxes.append(replace(box, track_id=track, category=category, attributes=tuple(attributes)))
+        self._boxes.append(replace(box, category=category, attributes=tuple(attributes)))
         self._places.append(place)
+        self._messages.append(message)
 
     def lose_undecoded(self, source: str, reason: str, place: Place = NOWHERE) -> None:
         """Count a box that could not even be decoded.
@@ -174,12 +176,15 @@ class BoxCollector:
     def finish(self) -> BoxTable:
         """Place all boxes; those without an ego pose at their time are counted as lost."""
         centers, rotations, valid = self.frames.place(self._boxes)
-        kept = []
-        for box, place, has_pose in zip(self._boxes, self._places, valid.tolist(), strict=True):
+        kept, numbers = [], []
+        for box, place, message, has_pose in zip(
+            self._boxes, self._places, self._messages, valid.tolist(), strict=True
+        ):
             counts = self.counts[box.source]
             if has_pose:
                 counts.written += 1
                 kept.append(box)
+                numbers.append(message)
             else:
                 counts.lose(NO_POSE, place)
         return BoxTable(
@@ -192,6 +197,7 @@ class BoxCollector:
             sizes_m=np.array([box.size_m for box in kept], dtype=np.float64).reshape(-1, 3),
             scores=np.array([box.score for box in kept], dtype=np.float64),
             sources=[box.source for box in kept],
+            messages_ns=_message_stamps(kept, numbers),
         )
 
     def _lose(self, source: str, reason: str, place: Place, *, refuse: bool | None = None) -> None:
@@ -232,3 +238,19 @@ class BoxCollector:
             self.unknown_frames[box.source].add(box.frame_id)
             return UNKNOWN_FRAME
         return None
+
+
+def _message_stamps(boxes: Sequence[BoxReading], messages: Sequence[int | None]) -> NDArray[np.int64]:
+    """Return the stamp of the message that each box came with: the (lower) median, where its boxes differ."""
+    together: dict[tuple[str, int], list[int]] = {}
+    for box, message in zip(boxes, messages, strict=True):
+        if message is not None:
+            together.setdefault((box.source, message), []).append(box.stamp_ns)
+    stamps = {key: sorted(own)[(len(own) - 1) // 2] for key, own in together.items()}
+    return np.array(
+        [
+            box.stamp_ns if message is None else stamps[box.source, message]
+            for box, message in zip(boxes, messages, strict=True)
+        ],
+        dtype=np.int64,
+    )

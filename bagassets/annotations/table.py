@@ -23,6 +23,7 @@ SCHEMA = pa.schema(
         ),
         ("score", pa.float64()),
         ("source", pa.string()),
+        ("message_ns", pa.int64()),
     ]
 )
 
@@ -33,7 +34,7 @@ class BoxTable:
 
     Attributes:
         stamps_ns: (N,) int64.
-        tracks: track ids; the same object over time within one source.
+        tracks: track ids; the same object over time within one source. Empty: the box has no identity.
         categories: after the recipe's mapping.
         attributes: after the recipe's mapping.
         centers_m: (N, 3) box centres in the global frame.
@@ -41,6 +42,8 @@ class BoxTable:
         sizes_m: (N, 3) width, length, height.
         scores: (N,) confidence.
         sources: topic or file of each box.
+        messages_ns: (N,) stamp of the message, or labelled frame, that each box came with; boxes of one source
+            that share it belong together. None: that is the stamp of the box.
     """
 
     stamps_ns: NDArray[np.int64]
@@ -52,12 +55,28 @@ class BoxTable:
     sizes_m: Floats
     scores: Floats
     sources: Sequence[str]
+    messages_ns: NDArray[np.int64] | None = None
 
     def __len__(self) -> int:
         return len(self.stamps_ns)
 
+    @property
+    def message_stamps_ns(self) -> NDArray[np.int64]:
+        """Stamp of the message that each box came with."""
+        return self.stamps_ns if self.messages_ns is None else self.messages_ns
+
+    @property
+    def without_track(self) -> int:
+        """Number of boxes without identity."""
+        return sum(not track for track in self.tracks)
+
+    @property
+    def track_count(self) -> int:
+        """Number of tracks."""
+        return len({name for name in zip(self.sources, self.tracks, strict=True) if name[1]})
+
     def to_arrow(self) -> pa.Table:
-        """Return the rows sorted by stamp, track and source."""
+        """Return the rows sorted by stamp, track and source; boxes without identity keep their order."""
         numbers = np.concatenate([self.centers_m, self.rotations, self.sizes_m], axis=1)
         order = sorted(range(len(self)), key=lambda i: (self.stamps_ns[i], self.tracks[i], self.sources[i]))
         columns: list[object] = [
@@ -68,6 +87,7 @@ class BoxTable:
             *(numbers[order, column] for column in range(10)),
             self.scores[order],
             [self.sources[i] for i in order],
+            self.message_stamps_ns[order],
         ]
         return pa.table(
             [pa.array(column, type=field.type) for column, field in zip(columns, SCHEMA, strict=True)],
@@ -91,4 +111,5 @@ class BoxTable:
             sizes_m=numbers("width", "length", "height"),
             scores=table.column("score").to_numpy(),
             sources=table.column("source").to_pylist(),
+            messages_ns=table.column("message_ns").to_numpy(),
         )

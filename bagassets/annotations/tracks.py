@@ -1,6 +1,10 @@
-"""Tracks at chosen times: boxes interpolated between the observations of the same object."""
+"""Boxes at chosen times.
 
-from collections.abc import Iterator
+Boxes of a track are interpolated between the observations of the same object. Of boxes without identity
+nobody knows which ones are the same object, so a time takes those of one message, the nearest.
+"""
+
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +15,7 @@ from bagassets.geometry.se3 import Floats
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.timeline.keyframes import Stamps, nearest
 
-__all__ = ["Track", "TrackBoxes", "tracks_of"]
+__all__ = ["Messages", "Track", "TrackBoxes", "messages_of", "tracks_of"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,11 +85,47 @@ class Track:
         return TrackBoxes(at, observation[at], centers[at], rotations[at], held)
 
 
+@dataclass(frozen=True, eq=False)
+class Messages:
+    """The boxes without identity of one source, by the message that they came with.
+
+    Attributes:
+        source: topic or file.
+        stamps_ns: (M,) stamps of the messages, strictly increasing.
+        rows: (M,) rows of the table that came with each.
+    """
+
+    source: str
+    stamps_ns: Stamps
+    rows: Sequence[NDArray[np.intp]]
+
+    def at(self, times_ns: Stamps, tolerance_ns: int) -> NDArray[np.intp]:
+        """Return for each of (T,) times the index of the nearest message, or -1 if it is not within `tolerance_ns`."""
+        message = nearest(self.stamps_ns, times_ns)
+        close = np.abs(self.stamps_ns[message] - times_ns) <= tolerance_ns
+        return np.where(close, message, -1)
+
+
+def messages_of(table: BoxTable) -> Iterator[Messages]:
+    """Yield the boxes without identity, sorted by source."""
+    rows: dict[str, dict[int, list[int]]] = {}
+    for row, (source, track, stamp_ns) in enumerate(
+        zip(table.sources, table.tracks, table.message_stamps_ns.tolist(), strict=True)
+    ):
+        if not track:
+            rows.setdefault(source, {}).setdefault(stamp_ns, []).append(row)
+    for source, messages in sorted(rows.items()):
+        stamps = sorted(messages)
+        index = [np.array(messages[stamp], dtype=np.intp) for stamp in stamps]
+        yield Messages(source, np.array(stamps, dtype=np.int64), index)
+
+
 def tracks_of(table: BoxTable) -> Iterator[Track]:
     """Yield the tracks of a table, sorted by source and track id."""
     rows: dict[tuple[str, str], list[int]] = {}
     for row, name in enumerate(zip(table.sources, table.tracks, strict=True)):
-        rows.setdefault(name, []).append(row)
+        if name[1]:
+            rows.setdefault(name, []).append(row)
     for (source, track_id), numbers in sorted(rows.items()):
         index = np.array(numbers, dtype=np.intp)
         index = index[np.argsort(table.stamps_ns[index], kind="stable")]

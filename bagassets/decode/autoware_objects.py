@@ -9,8 +9,21 @@ from bagassets.errors import DecodeError
 
 __all__ = ["decode_object", "items"]
 
-# autoware_perception_msgs/ObjectClassification
-CLASSES = ("unknown", "car", "truck", "bus", "trailer", "motorcycle", "bicycle", "pedestrian")
+# autoware_perception_msgs/ObjectClassification; the last four came later.
+CLASSES = (
+    "unknown",
+    "car",
+    "truck",
+    "bus",
+    "trailer",
+    "motorcycle",
+    "bicycle",
+    "pedestrian",
+    "animal",
+    "hazard",
+    "over_drivable",
+    "under_drivable",
+)
 BOUNDING_BOX = 0  # autoware_perception_msgs/Shape
 
 

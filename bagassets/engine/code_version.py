@@ -90,4 +90,5 @@ def _rig_fields(recipe: Recipe, rig: Rig, asset: str) -> Any:
             return [vision, rig.name, rig.tf, rig.tf_static, sorted(cameras)]
         case _:
             scenes = recipe.scenes.model_dump(mode="json")
-            return [scenes, rig.name, rig.vehicle, rig.location, sorted(channels)]
+            attributes = recipe.nuscenes.attributes_by_motion.model_dump(mode="json")
+            return [scenes, attributes, rig.name, rig.vehicle, rig.location, sorted(channels)]

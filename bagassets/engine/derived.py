@@ -66,6 +66,7 @@ def _nuscenes_tables(made: Made) -> Job:
         made.rig,
         made.recipe.scenes,
         made.found.key,
+        attributes=made.recipe.nuscenes.attributes_by_motion,
         calibration=made.calibration,
         ego_poses=poses,
         annotations=boxes,

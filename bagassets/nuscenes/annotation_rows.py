@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from bagassets.annotations.motion import MotionRule, has_attributes, motion_attributes, motion_of
 from bagassets.annotations.table import BoxTable
-from bagassets.annotations.tracks import Track, tracks_of
+from bagassets.annotations.tracks import Messages, Track, messages_of, tracks_of
 from bagassets.nuscenes.lidar_file import read_lidar_file
 from bagassets.nuscenes.points import count_points
 from bagassets.nuscenes.radar_file import read_radar_file
@@ -17,6 +18,7 @@ from bagassets.nuscenes.scene_plan import SceneParams, ScenePlan
 from bagassets.nuscenes.table_file import quaternion, rounded
 from bagassets.nuscenes.tokens import RecordingTokens, attribute_token, category_token, visibility_token
 from bagassets.nuscenes.visibility import CameraView, visibility_levels
+from bagassets.timeline.keyframes import Stamps
 
 __all__ = ["AnnotationRows", "annotation_rows"]
 
@@ -46,15 +48,26 @@ def annotation_rows(
     channels: Mapping[str, ChannelReadings],
     scenes: Sequence[ScenePlan],
     params: SceneParams,
+    motion: MotionRule | None,
 ) -> AnnotationRows:
-    """Return the rows of all scenes: each track at each keyframe where it exists.
+    """Return the rows of all scenes: each track at each keyframe where it exists, and boxes without identity.
 
     An instance is a track within one scene. Its category is the one that most of its boxes carry
     (of equals the first by name), since nuScenes keeps the category with the instance.
+    Of boxes without identity a keyframe takes those of the nearest message of each source; each is an instance
+    of its own, at each keyframe.
+
+    Args:
+        tokens: of the recording.
+        boxes: in the global frame.
+        channels: readings of all channels.
+        scenes: of the recording.
+        params: how boxes reach keyframes.
+        motion: when objects that come without attributes count as moving; None: they get none.
     """
-    builder = _Builder(tokens, boxes, params)
+    builder = _Builder(tokens, boxes, params, motion)
     rows = builder.rows
-    tracks = list(tracks_of(boxes))
+    tracks, messages = list(tracks_of(boxes)), list(messages_of(boxes))
     in_scenes = np.zeros(len(boxes), dtype=np.bool_)
     with_boxes: set[int] = set()
     for scene in scenes:
@@ -64,6 +77,8 @@ def annotation_rows(
         with_boxes.update(
             number for number, track in enumerate(tracks) if builder.add_instance(track, scene, samples)
         )
+        for source in messages:
+            builder.add_messages(source, scene, samples)
         for sample, annotations in enumerate(samples):
             if annotations:
                 _measure(annotations, channels, scene, sample)
@@ -73,20 +88,29 @@ def annotation_rows(
         "observations_outside_scenes": int(np.count_nonzero(~in_scenes)),
         "tracks": len(tracks),
         "tracks_without_keyframe": len(tracks) - len(with_boxes),
+        "without_track": boxes.without_track,
+        "without_track_unused": boxes.without_track - len(builder.used),
         "instances": len(rows.tables["instance"]),
         "annotations": len(rows.tables["sample_annotation"]),
         "held": builder.held,
+        **builder.attribute_counts,
     }
     return rows
 
 
 class _Builder:
-    """Turns tracks into instances, scene by scene."""
+    """Turns tracks and single boxes into instances, scene by scene."""
 
-    def __init__(self, tokens: RecordingTokens, boxes: BoxTable, params: SceneParams) -> None:
+    def __init__(
+        self, tokens: RecordingTokens, boxes: BoxTable, params: SceneParams, motion: MotionRule | None
+    ) -> None:
         self.rows = AnnotationRows()
         self.held = 0
-        self._tokens, self._boxes, self._params = tokens, boxes, params
+        self.used: set[int] = set()
+        self.attribute_counts = dict.fromkeys(
+            ("attributes_given", "attributes_by_motion", "attributes_undetermined", "attributes_none"), 0
+        )
+        self._tokens, self._boxes, self._params, self._motion = tokens, boxes, params, motion
 
     def add_instance(self, track: Track, scene: ScenePlan, samples: list[list[dict[str, Any]]]) -> bool:
         """Add the boxes of a track to the `samples` of a scene; return whether there are any."""
@@ -98,27 +122,18 @@ class _Builder:
         observations = track.rows[found.observations].tolist()
         votes = Counter(boxes.categories[row] for row in observations)
         category = min(votes, key=lambda name: (-votes[name], name))
-        self.rows.categories.add(category)
         stamps = [int(scene.keyframes_ns[sample]) for sample in found.at]
         tokens = [self._tokens.track("sample_annotation", *name, stamp) for stamp in stamps]
         instance = self._tokens.track("instance", *name, int(scene.keyframes_ns[0]))
-        self.rows.tables["instance"].append(
-            {
-                "token": instance,
-                "category_token": category_token(category),
-                "nbr_annotations": len(tokens),
-                "first_annotation_token": tokens[0],
-                "last_annotation_token": tokens[-1],
-            }
-        )
+        self._add_instance_row(instance, category, tokens)
+        by_motion = self._by_motion(track, category, scene.keyframes_ns[found.at])
         for position, (sample, row) in enumerate(zip(found.at.tolist(), observations, strict=True)):
-            self.rows.attributes.update(boxes.attributes[row])
             samples[sample].append(
                 {
                     "token": tokens[position],
                     "sample_token": self._tokens.row("sample", "", stamps[position]),
                     "instance_token": instance,
-                    "attribute_tokens": [attribute_token(name) for name in boxes.attributes[row]],
+                    "attribute_tokens": self._attributes(row, category, by_motion[position]),
                     "translation": rounded(found.centers_m[position]),
                     "size": rounded(boxes.sizes_m[row]),
                     "rotation": quaternion(found.rotations[position]),
@@ -127,6 +142,68 @@ class _Builder:
                 }
             )
         return True
+
+    def add_messages(self, messages: Messages, scene: ScenePlan, samples: list[list[dict[str, Any]]]) -> None:
+        """Add the boxes without identity of a source: those of the message nearest to each keyframe."""
+        boxes = self._boxes
+        nearest = messages.at(scene.keyframes_ns, self._params.tolerance_ns).tolist()
+        for sample, (message, stamp_ns) in enumerate(zip(nearest, scene.keyframes_ns.tolist(), strict=True)):
+            if message < 0:
+                continue
+            rows = messages.rows[message].tolist()
+            self.used.update(rows)
+            for number, row in enumerate(rows):
+                name = (messages.source, f"{messages.stamps_ns[message]} #{number}", stamp_ns)
+                token, instance = (
+                    self._tokens.track(table, *name) for table in ("sample_annotation", "instance")
+                )
+                category = boxes.categories[row]
+                self.held += int(boxes.stamps_ns[row]) != stamp_ns
+                self._add_instance_row(instance, category, [token])
+                samples[sample].append(
+                    {
+                        "token": token,
+                        "sample_token": self._tokens.row("sample", "", stamp_ns),
+                        "instance_token": instance,
+                        "attribute_tokens": self._attributes(row, category, ""),
+                        "translation": rounded(boxes.centers_m[row]),
+                        "size": rounded(boxes.sizes_m[row]),
+                        "rotation": quaternion(boxes.rotations[row]),
+                        "prev": "",
+                        "next": "",
+                    }
+                )
+
+    def _add_instance_row(self, token: str, category: str, annotations: Sequence[str]) -> None:
+        self.rows.categories.add(category)
+        self.rows.tables["instance"].append(
+            {
+                "token": token,
+                "category_token": category_token(category),
+                "nbr_annotations": len(annotations),
+                "first_annotation_token": annotations[0],
+                "last_annotation_token": annotations[-1],
+            }
+        )
+
+    def _by_motion(self, track: Track, category: str, times_ns: Stamps) -> list[str]:
+        """Return the attribute that the motion of a track determines at each time, or an empty name."""
+        if self._motion is None:
+            return [""] * len(times_ns)
+        return motion_attributes(category, motion_of(track, times_ns, self._motion), self._motion)
+
+    def _attributes(self, row: int, category: str, by_motion: str) -> list[str]:
+        """Return the attribute tokens of a box: those that its source gives, else the one by motion."""
+        names: Sequence[str] = self._boxes.attributes[row]
+        if names:
+            kind = "given"
+        elif by_motion:
+            kind, names = "by_motion", [by_motion]
+        else:
+            kind = "undetermined" if has_attributes(category) else "none"
+        self.attribute_counts[f"attributes_{kind}"] += 1
+        self.rows.attributes.update(names)
+        return [attribute_token(name) for name in names]
 
 
 def _measure(

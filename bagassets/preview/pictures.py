@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from bagassets.annotations.table import BoxTable
-from bagassets.annotations.tracks import tracks_of
+from bagassets.annotations.tracks import messages_of, tracks_of
 from bagassets.geometry.se3 import SE3, Floats
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.preview.birds_eye import BoxAt, birds_eye
@@ -220,14 +220,20 @@ def suitable_range_m(points_global: Floats, global_SE3_ego: SE3) -> float:
 
 
 def boxes_at(boxes: BoxTable, moment_ns: int) -> list[BoxAt]:
-    """Return the boxes of all tracks at one moment, interpolated as for keyframes."""
+    """Return the boxes at one moment, chosen and interpolated as for keyframes."""
     moment = np.array([moment_ns], dtype=np.int64)
     found = []
+
+    def show(row: int, pose: SE3) -> None:
+        width_m, length_m, _ = (float(v) for v in boxes.sizes_m[row])
+        found.append(BoxAt(boxes.categories[row], pose, width_m, length_m))
+
     for track in tracks_of(boxes):
         at = track.at(moment, BOX_GAP_NS, BOX_TOLERANCE_NS)
         if len(at.at):
-            row = int(track.rows[at.observations[0]])
-            width_m, length_m, _ = (float(v) for v in boxes.sizes_m[row])
-            pose = SE3.create(at.rotations[0], at.centers_m[0])
-            found.append(BoxAt(boxes.categories[row], pose, width_m, length_m))
+            show(int(track.rows[at.observations[0]]), SE3.create(at.rotations[0], at.centers_m[0]))
+    for messages in messages_of(boxes):
+        message = int(messages.at(moment, BOX_TOLERANCE_NS)[0])
+        for row in messages.rows[message].tolist() if message >= 0 else ():
+            show(row, SE3.create(boxes.rotations[row], boxes.centers_m[row]))
     return found

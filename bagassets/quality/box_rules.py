@@ -37,7 +37,8 @@ def boxes_plausible(counts: Mapping[str, Any], table: BoxTable, check: BoxesChec
     }
     facts = {
         "boxes": len(table),
-        "tracks": len(set(zip(table.sources, table.tracks, strict=True))),
+        "tracks": table.track_count,
+        "without_track": table.without_track,
         "kept": kept,
     }
     return Finding([*problems, *_jumps(table, check), *_sizes(table, check)], facts)
@@ -73,6 +74,6 @@ def _sizes(table: BoxTable, check: BoxesCheck) -> Iterator[str]:
         width, length, height = table.sizes_m[row].tolist()
         yield (
             f"{len(wrong)} boxes are smaller than {check.min_size_m:g} m or larger than {check.max_size_m:g} m, the first "
-            f"is {table.tracks[row]} of {table.sources[row]} at {clock(int(table.stamps_ns[row]))}: "
+            f"is {table.tracks[row] or 'one without track'} of {table.sources[row]} at {clock(int(table.stamps_ns[row]))}: "
             f"{width:g} x {length:g} x {height:g} m"
         )

@@ -232,6 +232,24 @@ class NamedText(Model):
     description: str = Field("", description="One sentence for people.")
 
 
+class AttributesByMotion(Model):
+    """Attributes for boxes whose source gives none: moving, stopped, parked, standing (docs/annotations.md)."""
+
+    enabled: bool = Field(True, description="Determine attributes by motion.")
+    moving_mps: float = Field(0.5, gt=0, description="An object at this speed or more is moving.")
+    window_s: float = Field(
+        1.0,
+        gt=0,
+        description="A speed is measured over this time around the keyframe, at least over half of it.",
+    )
+    parked_m: float = Field(
+        1.0,
+        gt=0,
+        description="A vehicle is parked if it was never moving in the recording and never farther than this from "
+        "where it was first seen; otherwise, when at rest, it has stopped.",
+    )
+
+
 class NuScenes(Model):
     """The nuScenes dataset that is written."""
 
@@ -239,6 +257,9 @@ class NuScenes(Model):
     version: Slug = Field("v1.0-custom", description="Version folder.")
     categories: tuple[NamedText, ...] = Field((), description="Categories; those met in the bags are added.")
     attributes: tuple[NamedText, ...] = Field((), description="Attributes; those met in the bags are added.")
+    attributes_by_motion: AttributesByMotion = Field(
+        AttributesByMotion(), description="Attributes for boxes whose source gives none."
+    )
 
 
 class Limits(Model):

@@ -27,7 +27,7 @@ from bagassets.store.artifact import Artifact, ArtifactWriter
 
 __all__ = ["STEP", "make", "request"]
 
-STEP = Step("annotations", 2, ("pyarrow",))
+STEP = Step("annotations", 3, ("pyarrow",))
 
 TABLE = "annotations.parquet"
 COUNTS = "annotations.json"
@@ -130,7 +130,7 @@ def make(
             continue
         counts.written += 1
         decode = partial(decoders[message.topic].decode, decoded)
-        ignored[message.topic] += _add_boxes(collector, decode, message, items, params["clock"])
+        ignored[message.topic] += _add_boxes(collector, decode, message, items, params["clock"], counts.read)
     for topic, counts in messages.items():
         _check_limits(topic, counts, collector, params["lost_messages"])
     labelled = add_labels(files, labels or {}, recording, params["clock"], collector) if files else {}
@@ -195,8 +195,9 @@ def _add_boxes(
     message: RawMessage,
     items: Iterable[Any],
     clock: Clock,
+    number: int,
 ) -> int:
-    """Hand the boxes of one message to the collector; return the number of items that are no boxes."""
+    """Hand the boxes of a topic's message to the collector; return the number of items that are no boxes."""
     ignored = 0
     label = f"message logged at {message.log_time_ns}"
     place = Place(label, f"{message.topic}, {label}")
@@ -210,7 +211,7 @@ def _add_boxes(
             ignored += 1
             continue
         stamp_ns = message.log_time_ns if clock == "log" else box.stamp_ns
-        collector.add(replace(box, stamp_ns=stamp_ns, source=message.topic), place)
+        collector.add(replace(box, stamp_ns=stamp_ns, source=message.topic), place, number)
     return ignored
 
 
@@ -240,6 +241,7 @@ def _check_frames(source: str, collector: BoxCollector, limit: float) -> None:
 def _facts(table: BoxTable) -> dict[str, Any]:
     return {
         "boxes": len(table),
-        "tracks": len(set(zip(table.sources, table.tracks, strict=True))),
+        "tracks": table.track_count,
+        "without_track": table.without_track,
         "categories": sorted(set(table.categories)),
     }

@@ -4,8 +4,11 @@
 `without_pose` and `outside_scenes` have none; `lacking_at_keyframes` says at how many keyframes, dropped or
 kept, it has no reading within tolerance, and how many of these lie before its first reading and after its
 last. Of the boxes it counts `observations` (rows of
-`annotations`), those `observations_outside_scenes`, `tracks` and `tracks_without_keyframe`, and what
-was written: `instances`, `annotations`, and of these how many were `held`, not interpolated.
+`annotations`), those `observations_outside_scenes`, `tracks` and `tracks_without_keyframe`, boxes
+`without_track` and those of them that no keyframe took (`without_track_unused`), and what was written:
+`instances`, `annotations`, and of these how many were `held`, not interpolated. Each annotation has
+`attributes_given` by its source or `attributes_by_motion`; of the others nuScenes has attributes for those that are
+`attributes_undetermined`, and none for `attributes_none`.
 """
 
 from collections.abc import Mapping
@@ -13,6 +16,7 @@ from dataclasses import asdict
 from datetime import UTC, datetime
 from typing import Any
 
+from bagassets.annotations.motion import MotionRule
 from bagassets.annotations.table import BoxTable
 from bagassets.errors import CalibrationError, DatasetError, PoseError
 from bagassets.geometry.trajectory import Trajectory
@@ -23,14 +27,14 @@ from bagassets.nuscenes.schema import RECORDING_TABLES
 from bagassets.nuscenes.sensor_rows import Identity, SensorRows, sensor_rows
 from bagassets.nuscenes.table_file import table_bytes
 from bagassets.nuscenes.tokens import RecordingTokens
-from bagassets.recipe.model import CameraChannel, Rig, Scenes
+from bagassets.recipe.model import AttributesByMotion, CameraChannel, Rig, Scenes
 from bagassets.steps.channel import Request
 from bagassets.store.action import Step
 from bagassets.store.artifact import Artifact, ArtifactWriter
 
 __all__ = ["STEP", "make", "request"]
 
-STEP = Step("nuscenes_tables", 4)
+STEP = Step("nuscenes_tables", 5)
 
 FILES = "files.json"
 FACTS = "facts.json"
@@ -41,6 +45,7 @@ def request(
     scenes: Scenes,
     key: str,
     *,
+    attributes: AttributesByMotion,
     calibration: Mapping[str, Any],
     ego_poses: Artifact,
     annotations: Artifact,
@@ -52,6 +57,7 @@ def request(
         rig: the rig that made the recording.
         scenes: how recordings are cut.
         key: partition key.
+        attributes: which attributes are determined by motion.
         calibration: content of `calibration.json`; only the extrinsics of `channels` are read.
         ego_poses: the artifact of poses.
         annotations: the artifact of boxes.
@@ -69,6 +75,9 @@ def request(
         "location": rig.location,
         "scenes": {**scenes.model_dump(mode="json"), "reference": _reference(rig, scenes, channels)},
         "extrinsics": extrinsics,
+        "attributes_by_motion": attributes.model_dump(mode="json", exclude={"enabled"})
+        if attributes.enabled
+        else None,
     }
     inputs = {f"channel:{name}": artifact.digest for name, artifact in channels.items()}
     return Request(params, (), {**inputs, "ego_poses": ego_poses.digest, "annotations": annotations.digest})
@@ -112,6 +121,7 @@ def make(
         readings,
         plan.scenes,
         scene_params,
+        _motion_rule(params["attributes_by_motion"], scene_params),
     )
     tables = {**sensors.tables, **objects.tables}
     for name in RECORDING_TABLES:
@@ -143,6 +153,13 @@ def make(
     }
     out.write_json(FACTS, facts)
     return facts
+
+
+def _motion_rule(params: Mapping[str, float] | None, scenes: SceneParams) -> MotionRule | None:
+    if params is None:
+        return None
+    window_ns = round(params["window_s"] * 1e9)
+    return MotionRule(params["moving_mps"], window_ns, params["parked_m"], scenes.box_gap_ns)
 
 
 def _extrinsics(calibration: Mapping[str, Any], channel: str) -> dict[str, list[float]]:

@@ -25,7 +25,7 @@ from bagassets.store.canonical import digest_json
 
 __all__ = ["FACTS", "INLINE_BYTES", "STEP", "THUMBNAIL", "make", "request"]
 
-STEP = Step("preview", 4, ("opencv-python-headless",))
+STEP = Step("preview", 5, ("opencv-python-headless",))
 
 FACTS = "facts.json"
 THUMBNAIL = "thumbnail.jpg"

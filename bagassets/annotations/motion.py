@@ -1,0 +1,126 @@
+"""Attributes that the motion of an object determines.
+
+nuScenes tells vehicles that are moving, stopped (at rest, about to go on) and parked (at rest for good), and
+persons that are moving, standing, and sitting or lying. From a track alone follows:
+
+- a vehicle or person at `moving_mps` or more is moving;
+- a slower vehicle is parked if it never moved in this recording, else stopped;
+- a slower person who moved before or after is standing. One who never moved may as well sit or lie.
+
+Whether a cycle has a rider, no motion says. What is not determined stays empty.
+
+The speed at a time is how far the object comes, over ground, within `window_s` around it, as far as the track
+goes, but at least within half of that; labels are off by decimetres, and over 0.1 s that would be metres
+per second. It moved if it was ever that fast, or farther than `parked_m` from where it was first seen.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bagassets.annotations.tracks import Track
+from bagassets.geometry.se3 import Floats
+from bagassets.timeline.keyframes import Stamps, nearest
+
+__all__ = ["Motion", "MotionRule", "has_attributes", "motion_attributes", "motion_of"]
+
+_CYCLES = frozenset({"vehicle.bicycle", "vehicle.motorcycle"})
+# Those that nuscenes-devkit detects as pedestrians; who sits in a wheelchair never stands.
+_PERSONS = frozenset(
+    f"human.pedestrian.{name}" for name in ("adult", "child", "construction_worker", "police_officer")
+)
+
+
+@dataclass(frozen=True)
+class MotionRule:
+    """When an object counts as moving.
+
+    Attributes:
+        moving_mps: the least speed of what moves.
+        window_ns: time over which a speed is measured.
+        parked_m: what never moved stays within this distance of where it was first seen.
+        gap_ns: across a longer gap between observations no speed is measured.
+    """
+
+    moving_mps: float
+    window_ns: int
+    parked_m: float
+    gap_ns: int
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """How one object moves at the times asked for.
+
+    Attributes:
+        speeds_mps: (T,) over ground; NaN where the track is too short to tell.
+        moved: whether it ever moved in the recording; None: no part of the track is long enough to tell.
+    """
+
+    speeds_mps: Floats
+    moved: bool | None
+
+
+def has_attributes(category: str) -> bool:
+    """Tell whether nuScenes has attributes for a category."""
+    return category.startswith(("vehicle.", "human.pedestrian."))
+
+
+def motion_of(track: Track, times_ns: Stamps, rule: MotionRule) -> Motion:
+    """Return how a track moves at (T,) times."""
+    speeds = _speeds(track, times_ns, rule)
+    observed = _speeds(track, track.stamps_ns, rule)
+    known = observed[np.isfinite(observed)]
+    if not len(known):
+        return Motion(speeds, None)
+    away = track.centers_m[:, :2] - track.centers_m[0, :2]
+    farthest_m = np.sqrt((away * away).sum(axis=1).max())
+    return Motion(speeds, bool(known.max() >= rule.moving_mps or farthest_m > rule.parked_m))
+
+
+def motion_attributes(category: str, motion: Motion, rule: MotionRule) -> list[str]:
+    """Return the attribute that each speed determines for an object of a category; empty where it determines none."""
+    is_person = category in _PERSONS
+    is_vehicle = category.startswith("vehicle.") and category not in _CYCLES
+    if motion.moved is None or not (is_person or is_vehicle):
+        return [""] * len(motion.speeds_mps)
+    if not motion.moved:
+        return ["" if is_person else "vehicle.parked"] * len(motion.speeds_mps)
+    moving, still = (
+        ("pedestrian.moving", "pedestrian.standing") if is_person else ("vehicle.moving", "vehicle.stopped")
+    )
+    return [
+        "" if np.isnan(speed) else moving if speed >= rule.moving_mps else still
+        for speed in motion.speeds_mps.tolist()
+    ]
+
+
+def _speeds(track: Track, times_ns: Stamps, rule: MotionRule) -> Floats:
+    """Return the speed over ground at (T,) times, NaN where the track around is too short."""
+    stamps = track.stamps_ns
+    breaks = np.flatnonzero(np.diff(stamps) > rule.gap_ns) + 1
+    firsts, lasts = np.concatenate([[0], breaks]), np.concatenate([breaks, [len(stamps)]]) - 1
+    stretch = np.searchsorted(breaks, nearest(stamps, times_ns), side="right")
+    start, end = stamps[firsts[stretch]], stamps[lasts[stretch]]
+    half_ns = rule.window_ns // 2
+    middle = np.clip(times_ns, start, end)
+    before, after = np.maximum(middle - half_ns, start), np.minimum(middle + half_ns, end)
+    moves = _positions(track, after) - _positions(track, before)
+    speeds = np.full(len(times_ns), np.nan)
+    enough = after - before >= max(half_ns, 1)
+    seconds = (after - before)[enough] / 1e9
+    speeds[enough] = np.sqrt((moves * moves).sum(axis=1))[enough] / seconds
+    return speeds
+
+
+def _positions(track: Track, times_ns: NDArray[np.int64]) -> Floats:
+    """Return where the track is, x and y (T, 2), at times between its first and its last observation."""
+    last = len(track.stamps_ns) - 1
+    left = np.clip(np.searchsorted(track.stamps_ns, times_ns, side="right") - 1, 0, last)
+    right = np.minimum(left + 1, last)
+    gap_ns = np.maximum(track.stamps_ns[right] - track.stamps_ns[left], 1)
+    fraction = (times_ns - track.stamps_ns[left]) / gap_ns
+    start, end = track.centers_m[left, :2], track.centers_m[right, :2]
+    positions: Floats = start + (end - start) * fraction[:, None]
+    return positions
