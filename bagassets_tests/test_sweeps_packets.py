@@ -154,3 +154,144 @@ def test_the_same_messages_give_the_same_artifact(run):
     asked = request(lidar(deskew=True), SCAN, mount=MOUNT, poses="p")
     digests = {run(asked, scans(3), driving(10.0)).digest for _ in range(2)}
     assert len(digests) == 1
+
+
+# --- a restricted field of view ----
+
+
+def azimuth_deg(packets):
+    return packets["blocks"]["azimuth"][:, 0] / 100.0
+
+
+def reports(packets, first_deg, last_deg):
+    """Which packets a lidar sends that reports from one azimuth to another, clockwise."""
+    return (azimuth_deg(packets) - first_deg) % 360 <= (last_deg - first_deg) % 360
+
+
+def restricted(turns, first_deg, last_deg, *, lost=(), **options):
+    """Messages of a lidar that is silent outside its field of view, its clock and stamps going on."""
+    packets = vlp16_packets(turns, **options)
+    sent = np.flatnonzero(reports(packets, first_deg, last_deg))
+    for number, index in enumerate(sent.tolist()):
+        if number not in lost:
+            stamp = START_NS + index * VLP16_PACKET_NS
+            payload = np.frombuffer(packets[index].tobytes(), np.uint8)
+            yield raw(EthernetPacket(header(stamp), payload), PACKET, stamp + 3_000_000)
+
+
+VIEWS = [
+    (270.0, 90.0),
+    (90.0, 270.0),
+    (0.0, 180.0),
+    (200.0, 120.0),
+    (300.0, 330.0),
+    (10.0, 350.0),
+]
+
+
+@pytest.mark.parametrize(("first_deg", "last_deg"), VIEWS)
+def test_a_restricted_view_gives_a_sweep_each_turn(run, first_deg, last_deg):
+    turns = 6
+    opposite = (first_deg + last_deg) / 2 + (0 if last_deg < first_deg else 180)
+    messages = list(restricted(turns, first_deg, last_deg, start_deg=opposite % 360))
+    result = run(request(lidar(), PACKET), messages)
+    assert result.lost == {}
+    assert len(result.index) == turns
+    assert result.summary["counts"]["read"] == len(messages)
+    view_ns = ((last_deg - first_deg) % 360) / 360 * PERIOD_NS
+    for number, row in enumerate(result.index):
+        if 360 - (last_deg - first_deg) % 360 > 20:
+            # One sweep from the first to the last azimuth, stamped when it was over and not when the next one began.
+            assert row["end_ns"] - row["start_ns"] == pytest.approx(view_ns, abs=2 * VLP16_PACKET_NS)
+        assert row["stamp_ns"] == row["end_ns"]
+        assert row["start_ns"] - START_NS - number * PERIOD_NS < PERIOD_NS
+    # All returns of all packets are points of some sweep.
+    assert result.summary["points"]["written"] == len(messages) * 12 * 32
+
+
+@pytest.mark.parametrize("cut_deg", [90.0, 180.0, 269.0, 123.4])
+def test_a_cut_in_the_arc_that_is_not_reported_changes_nothing(run, cut_deg):
+    plain = run(request(lidar(), PACKET), restricted(5, 272.0, 88.0, start_deg=180.0))
+    cut = run(request(lidar(cut_angle_deg=cut_deg), PACKET), restricted(5, 272.0, 88.0, start_deg=180.0))
+    keys = ("stamp_ns", "start_ns", "end_ns", "digest", "points")
+    assert len(cut.index) == 5
+    assert [[row[key] for key in keys] for row in cut.index] == [
+        [row[key] for key in keys] for row in plain.index
+    ]
+
+
+@pytest.mark.parametrize("cut_deg", [0.0, 45.0, 300.0])
+def test_a_cut_inside_the_view_is_kept(run, cut_deg):
+    messages = list(restricted(6, 270.0, 90.0, start_deg=180.0))
+    result = run(request(lidar(cut_angle_deg=cut_deg), PACKET), messages)
+    assert len(result.index) == 5  # the first and the last one are parts
+    assert set(result.lost) == {"incomplete revolution"}
+    for row in result.index:
+        assert row["end_ns"] - row["start_ns"] == pytest.approx(PERIOD_NS, abs=2 * VLP16_PACKET_NS)
+    azimuths = np.degrees(np.arctan2(-result.points()[:, 1], result.points()[:, 0])) % 360
+    assert abs((azimuths[0] - cut_deg + 180) % 360 - 180) < 6
+
+
+def test_times_follow_the_lidar_over_an_arc_that_is_not_reported(run):
+    rng = np.random.default_rng(3)
+    asked = request(lidar(cut_angle_deg=0.0), PACKET)
+    exact = run(asked, restricted(5, 270.0, 90.0, start_deg=180.0))
+    late = []
+    for message in restricted(5, 270.0, 90.0, start_deg=180.0):
+        stamp = message.log_time_ns - 3_000_000 + int(rng.integers(0, 3_000_000))
+        late.append(raw(EthernetPacket(header(stamp), message.data.payload), PACKET, message.log_time_ns))
+    jittered = run(asked, late)
+    spans = [[row["end_ns"] - row["start_ns"] for row in result.index] for result in (exact, jittered)]
+    assert np.abs(np.array(spans[0]) - spans[1]).max() <= 2_000
+
+
+def test_a_lidar_whose_clock_does_not_run_may_have_a_restricted_view(run):
+    messages = []
+    for message in restricted(5, 270.0, 90.0, start_deg=180.0):
+        payload = message.data.payload.copy()
+        payload[1200:1204] = 0
+        messages.append(raw(EthernetPacket(message.data.header, payload), PACKET, message.log_time_ns))
+    result = run(request(lidar(), PACKET), messages)
+    assert (len(result.index), result.lost) == (5, {})
+
+
+def test_parts_of_a_restricted_view_are_lost_and_counted(run):
+    messages = list(restricted(6.25, 270.0, 90.0, start_deg=0.0))  # begins inside, ends at its last azimuth
+    result = run(request(lidar(), PACKET), messages)
+    assert len(result.index) == 6
+    first_part = sum(message.log_time_ns - START_NS < PERIOD_NS / 2 for message in messages)
+    assert result.lost == {"incomplete revolution": first_part}
+    # 8 packets in the middle of one sweep are 16 degrees too many of 38.
+    whole = list(restricted(6, 270.0, 90.0, start_deg=180.0))
+    few = list(restricted(6, 270.0, 90.0, start_deg=180.0, lost=set(range(2 * 38 + 10, 2 * 38 + 18))))
+    assert len(whole) - len(few) == 8
+    result = run(request(lidar(), PACKET), few)
+    assert len(result.index) == 5
+    assert result.lost == {"incomplete revolution": pytest.approx(38 - 8, abs=1)}
+
+
+def test_whole_turns_lost_from_a_restricted_view_join_no_halves(run):
+    messages = [
+        message
+        for message in restricted(6, 270.0, 90.0, start_deg=180.0)
+        if not 2.5 <= (message.log_time_ns - START_NS) / PERIOD_NS < 3.5
+    ]
+    result = run(request(lidar(), PACKET), messages)
+    assert len(result.index) == 4
+    assert set(result.lost) == {"incomplete revolution"}
+
+
+def test_packets_lost_by_chance_are_no_restricted_view(run):
+    """A seventh of each turn is lost, another one each time."""
+    packets = vlp16_packets(6)
+    per_turn = len(packets) / 6
+    kept = []
+    for index, packet in enumerate(packets):
+        turn, place = divmod(index / per_turn, 1)
+        if not 0 <= (place - 0.21 * turn) % 1 < 0.15:
+            stamp = START_NS + index * VLP16_PACKET_NS
+            payload = np.frombuffer(packet.tobytes(), np.uint8)
+            kept.append(raw(EthernetPacket(header(stamp), payload), PACKET, stamp))
+    result = run(request(lidar(), PACKET), kept)
+    assert result.index == []
+    assert result.lost == {"incomplete revolution": len(kept)}

@@ -36,9 +36,8 @@ def parsed(packets, packet_ns=VLP16_PACKET_NS, jitter_ns=None, model=None):
 
 def cut(packets, cut_deg=0.0):
     cutter = RevolutionCutter(cut_deg)
-    turns = [turn for number, packet in enumerate(packets) if (turn := cutter.push(packet, number))]
-    last = cutter.flush()
-    return turns + ([last] if last else [])
+    turns = [turn for number, packet in enumerate(packets) for turn in cutter.push(packet, number)]
+    return turns + cutter.flush()
 
 
 # --- messages and packets -------------------------------------------------------------------

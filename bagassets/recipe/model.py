@@ -125,7 +125,11 @@ class LidarChannel(_Channel):
         "start", description="Which time of a revolution the recording's own stamp means, for clouds."
     )
     cut_angle_deg: float | None = Field(
-        None, ge=0, lt=360, description="Azimuth at which packets are cut into revolutions; default 0."
+        None,
+        ge=0,
+        lt=360,
+        description="Azimuth at which packets are cut into revolutions; default: 0, or the middle of the arc that a "
+        "lidar with a restricted field of view does not report.",
     )
     deskew: bool = Field(False, description="Move each point to the stamp of its revolution, with ego poses.")
     min_range_m: float = Field(0.0, ge=0, description="Nearer points are dropped and counted.")

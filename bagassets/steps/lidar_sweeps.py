@@ -216,14 +216,12 @@ class PacketSweeps:
             except DecodeError as err:
                 self._fail(str(err), 1)
                 continue
-            revolution = self._cutter.push(packet, log_time_ns)
-            if revolution is not None:
+            for revolution in self._cutter.push(packet, log_time_ns):
                 self._write(revolution)
 
     def finish(self) -> None:
         """Write what was collected since the last cut."""
-        revolution = self._cutter.flush()
-        if revolution is not None:
+        for revolution in self._cutter.flush():
             self._write(revolution)
 
     def _parse(self, host_ns: int, data: bytes) -> Packet:

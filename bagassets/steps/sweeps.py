@@ -26,9 +26,7 @@ from bagassets.store.artifact import ArtifactWriter
 
 __all__ = ["STEP", "SweepExtractor", "request"]
 
-STEP = Step("sweeps", 1, ("pyarrow", "velodyne-decoder"))
-
-DEFAULT_CUT_ANGLE_DEG = 0.0
+STEP = Step("sweeps", 2, ("pyarrow", "velodyne-decoder"))
 
 
 def request(
@@ -93,8 +91,7 @@ def request(
             )
         params |= {"header_stamp_is": channel.header_stamp_is, "period_ns": _period_ns(topic)}
     else:
-        cut = DEFAULT_CUT_ANGLE_DEG if channel.cut_angle_deg is None else channel.cut_angle_deg
-        params |= {"model": channel.model, "cut_angle_deg": cut}
+        params |= {"model": channel.model, "cut_angle_deg": channel.cut_angle_deg}
     if not channel.deskew:
         return Request(params, (channel.topic,))
     if ego_SE3_sensor is None:
