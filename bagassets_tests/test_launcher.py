@@ -1,21 +1,29 @@
 """The run launcher and the build jobs: real instance, real processes, the web UI's own mutations."""
 
+import datetime as dt
 import json
 import signal
+import socket
+import sqlite3
 import subprocess
 import sys
 import time
+from contextlib import closing
 from pathlib import Path
+from uuid import uuid4
 
 import pytest
 import small_definitions
+from dagster._core.events import DagsterEvent, DagsterEventType
 from dagster._core.launcher import WorkerStatus
+from dagster._core.storage.tags import GRPC_INFO_TAG
 from dagster._core.workspace.context import WorkspaceProcessContext
 from dagster._core.workspace.load_target import ModuleTarget
 from dagster._daemon.run_coordinator.queued_run_coordinator_daemon import QueuedRunCoordinatorDaemon
 from dagster_graphql.test.utils import execute_dagster_graphql
 
 from bagassets.defs.launcher import BagAssetsRunLauncher
+from bagassets.defs.leftovers import UNTAKEN_S, end_left_behind
 from bagassets.defs.runs import CodeLocation, create_run, open_instance
 from bagassets.defs.worker_tag import WORKER_TAG, RunWorker
 from bagassets.forkserver.client import Client
@@ -427,6 +435,83 @@ def test_an_orphan_that_dies_later_is_noticed(workspace, instance, steering):
     assert status_of(instance, run_id) == "STARTED"
     assert worker.process.send(signal.SIGKILL)
     assert ended(instance, run_id) == "FAILURE"
+
+
+def begin_to_start(instance, run_id, *, waited_s):
+    """Leave a run as a launcher does that is killed before it hands the run over, some time ago."""
+    starting = DagsterEvent(DagsterEventType.PIPELINE_STARTING.value, "__ASSET_JOB", message="about to start")
+    instance.report_dagster_event(starting, run_id)
+    age(instance, run_id, waited_s)
+
+
+def age(instance, run_id, waited_s):
+    then = dt.datetime.now(dt.UTC).replace(tzinfo=None) - dt.timedelta(seconds=waited_s)
+    path = Path(instance.root_directory) / "history" / "runs.db"
+    with closing(sqlite3.connect(path)) as runs:
+        runs.execute("UPDATE runs SET update_timestamp = ? WHERE run_id = ?", (str(then), run_id))
+        runs.commit()
+
+
+def test_a_run_that_nobody_launched_is_reported_after_a_while_and_not_before(instance):
+    young, old, never = (create_run(instance, ["whole"], location=LOCATION) for _ in range(3))
+    begin_to_start(instance, young, waited_s=UNTAKEN_S - 60)
+    begin_to_start(instance, old, waited_s=UNTAKEN_S + 1)
+    age(instance, never, UNTAKEN_S + 1)
+    reported, watched_by_nobody = end_left_behind(instance)
+    assert (set(reported), watched_by_nobody) == ({old, never}, 1)
+    assert [status_of(instance, run_id) for run_id in (young, old, never)] == [
+        "STARTING",
+        "FAILURE",
+        "FAILURE",
+    ]
+    assert "No worker took this run within 300 s" in messages(instance, old)
+    age(instance, young, UNTAKEN_S + 1)
+    assert end_left_behind(instance) == ([young], 0)
+
+
+def test_a_run_that_was_never_handed_to_its_server_is_reported(instance, builder):
+    run_id = create_run(instance, ["whole"], location=LOCATION)
+    begin_to_start(instance, run_id, waited_s=0)
+    instance.add_run_tags(run_id, RunWorker(run_id, builder.process).tags())
+    age(instance, run_id, UNTAKEN_S - 60)
+    assert end_left_behind(instance) == ([], 1)
+    age(instance, run_id, UNTAKEN_S + 1)
+    assert end_left_behind(instance) == ([run_id], 0)
+
+
+def test_runs_of_others_are_not_taken_for_left_behind(instance, tmp_path, workspace, steering):
+    started = create_run(instance, ["whole"], location=LOCATION)
+    begin_to_start(instance, started, waited_s=0)
+    begun = DagsterEvent(DagsterEventType.PIPELINE_START.value, "__ASSET_JOB", message="elsewhere")
+    instance.report_dagster_event(begun, started)
+    age(instance, started, 2 * UNTAKEN_S)
+    left_to_dagster = create_run(instance, ["whole"], location=LOCATION)
+    begin_to_start(instance, left_to_dagster, waited_s=0)
+    with socket.socket(socket.AF_UNIX) as server:
+        place = f"/tmp/{uuid4().hex}"
+        server.bind(place)
+        server.listen()
+        tag = {GRPC_INFO_TAG: json.dumps({"host": "localhost", "socket": place}), WORKER_TAG: ""}
+        instance.add_run_tags(left_to_dagster, tag)
+        age(instance, left_to_dagster, 2 * UNTAKEN_S)
+        assert end_left_behind(instance) == ([], 0)
+        Path(place).unlink()
+    assert end_left_behind(instance) == ([left_to_dagster], 0)
+    instance.report_run_failed(instance.get_run_by_id(started))
+    waits = click(workspace, "patient")
+    wait_for_attempt(steering)
+    age(instance, waits, 2 * UNTAKEN_S)
+    assert end_left_behind(instance) == ([], 0)
+    assert instance.run_launcher.terminate(waits)
+    assert ended(instance, waits) == "CANCELED"
+
+
+def test_a_server_that_is_asked_for_reports_what_was_left_behind_before(instance, place):
+    run_id = create_run(instance, ["whole"], location=LOCATION)
+    begin_to_start(instance, run_id, waited_s=UNTAKEN_S - 1)
+    with connect(server_spec(place / "waiting", None, modules=()), instance.root_directory) as client:
+        assert ended(instance, run_id) == "FAILURE"
+        client.shutdown()
 
 
 # --- jobs of the build -------------------------------------------------------------------

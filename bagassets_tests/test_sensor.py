@@ -1,19 +1,26 @@
 """The sensor, look by look, in a real Dagster instance; and what it remembers in between."""
 
+import datetime as dt
 import os
 import shutil
+import sqlite3
+from contextlib import closing
 from itertools import pairwise
 
 import dagster as dg
 import pytest
 from dagster._core.definitions.data_version import CachingStaleStatusResolver, StaleStatus
+from dagster._core.events import DagsterEvent, DagsterEventType
 from dagster._core.loader import LoadingContextForTest
 from dagster._core.storage.tags import PARTITION_NAME_TAG
 
 from bagassets.bags.digest import RecordingStat
 from bagassets.defs import sensor, sensor_look
-from bagassets.defs.events import live_partitions
+from bagassets.defs.events import event_database, live_partitions
+from bagassets.defs.leftovers import UNTAKEN_S
 from bagassets.defs.location import build_definitions
+from bagassets.defs.partitions import add_partitions
+from bagassets.defs.runs import create_run, open_instance
 from bagassets.defs.sensor_cursor import MOST_TRIES, RETRY_S, Cursor
 from bagassets.defs.sensor_look import Look
 from bagassets.defs.workspace import Workspace
@@ -21,6 +28,7 @@ from bagassets.engine.dataset_build import dataset_code_versions
 from bagassets.engine.recording_assets import assets_of
 from bagassets.errors import RecordingError
 from bagassets.recipe import load_recipe
+from bagassets_tests.in_process import InProcessClient, build, make_project
 from bagassets_tests.small_drive import RECIPE, write_drive
 
 T0_S = 1_800_000_000.0
@@ -439,3 +447,47 @@ def test_the_sensor_is_on_by_default(project):
         build_definitions(project.recipe_file).resolve_sensor_def("recordings").default_status
         == dg.DefaultSensorStatus.RUNNING
     )
+
+
+# --- runs that were left behind ----------------------------------------------------------
+
+
+@pytest.fixture
+def left_behind(tmp_path, monkeypatch):
+    """A project whose daemon was killed when it had marked the run of `a.bag` as starting: recipe, instance, run."""
+    recipe_file = make_project(tmp_path)
+    monkeypatch.setenv("BAGASSETS_RECIPE", str(recipe_file))
+    InProcessClient._load_definitions()
+    with open_instance(str(tmp_path)) as instance:
+        recipe = load_recipe(recipe_file)
+        add_partitions(instance, recipe, ["a.bag"])
+        run_id = create_run(instance, ["bag", *assets_of(recipe)], partition_key="a.bag")
+        starting = DagsterEvent(DagsterEventType.PIPELINE_STARTING.value, "__ASSET_JOB", message="to start")
+        instance.report_dagster_event(starting, run_id)
+        yield recipe_file, instance, run_id
+
+
+def make_old(instance, run_id):
+    then = str(dt.datetime.now(dt.UTC).replace(tzinfo=None) - dt.timedelta(seconds=UNTAKEN_S + 1))
+    path = event_database(instance).parent.parent / "runs.db"
+    with closing(sqlite3.connect(path)) as runs:
+        runs.execute("UPDATE runs SET update_timestamp = ? WHERE run_id = ?", (then, run_id))
+        runs.commit()
+
+
+def test_a_run_left_behind_no_longer_keeps_the_sensor_from_asking(left_behind):
+    recipe_file, instance, run_id = left_behind
+    look = Look(instance, Workspace(recipe_file=str(recipe_file)), Cursor())
+    assert [look.look(T0_S + second) for second in (0, 1)] == [[], []], "it may be starting"
+    make_old(instance, run_id)
+    (request,) = look.look(T0_S + 2)
+    assert request.partition_key == "a.bag"
+    assert instance.get_run_by_id(run_id).status == dg.DagsterRunStatus.FAILURE
+
+
+def test_a_build_reports_runs_left_behind(left_behind, monkeypatch):
+    recipe_file, instance, run_id = left_behind
+    make_old(instance, run_id)
+    report, _ = build(recipe_file, monkeypatch)
+    assert report.counts()["built"] == 1
+    assert instance.get_run_by_id(run_id).status == dg.DagsterRunStatus.FAILURE

@@ -11,6 +11,7 @@ from pathlib import Path
 import dagster as dg
 
 from bagassets.defs.dataset import record_inputs
+from bagassets.defs.leftovers import end_left_behind
 from bagassets.defs.partitions import add_partitions, remove_partition
 from bagassets.defs.planning import Planned
 from bagassets.defs.remarks import remarks
@@ -41,6 +42,7 @@ def build(recipe_file: Path, options: BuildOptions, on_event: Listener) -> Build
     started = time.monotonic()
     with opened(recipe_file) as (instance, workspace):
         recipe = workspace.recipe
+        end_left_behind(instance)
         snapshot = SnapshotWriter(instance, workspace)
         before = now = survey(instance, workspace, options)
         report = BuildReport(before.plan, dataset_path=recipe.nuscenes.output)

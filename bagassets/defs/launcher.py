@@ -67,7 +67,12 @@ class BagAssetsRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
     It keeps no record of its runs: a tag on each names the worker, so that any process can
     cancel it or tell whether it lives. As long as a launcher that launched something exists
     (the web server's, the daemon's), the server stays up.
+
+    Attributes:
+        names_workers: a run that it launched and that names no worker has none (see `leftovers`).
     """
+
+    names_workers = True
 
     def __init__(
         self,

@@ -19,6 +19,7 @@ import dagster as dg
 from bagassets.bags.layouts import compile_common_types, load_standard_types
 from bagassets.defs.databases import database_in_words
 from bagassets.defs.exclusive import exclusive
+from bagassets.defs.leftovers import end_left_behind, report_ended
 from bagassets.defs.runs import (
     CodeLocation,
     RunOutcome,
@@ -40,12 +41,6 @@ from bagassets.trace import name_process, span
 
 __all__ = ["build", "end_worker", "execute", "preload", "recover", "report_lost"]
 
-_UNFINISHED = [
-    dg.DagsterRunStatus.NOT_STARTED,
-    dg.DagsterRunStatus.STARTING,
-    dg.DagsterRunStatus.STARTED,
-    dg.DagsterRunStatus.CANCELING,
-]
 _PARTITION_TAG = "dagster/partition"
 _POLL_S = 0.5
 _ASKS_PER_LOOK = 5  # once a second
@@ -154,13 +149,13 @@ def build(args: dict[str, Any]) -> dict[str, Any]:
 def report_lost(args: dict[str, Any]) -> None:
     """Report the run of a worker that was killed or failed, unless it has ended."""
     with ExitStack() as stack:
-        _report_ended(_open(args["args"], stack), args["args"]["run_id"], args["reason"])
+        report_ended(_open(args["args"], stack), args["args"]["run_id"], args["reason"])
 
 
 def recover(args: dict[str, Any]) -> list[str]:
-    """Report runs of this machine whose worker and server are gone, and return their ids.
+    """Report the runs that are left behind (see `leftovers`), and return their ids.
 
-    Stays as long as workers of former servers are at work, as nobody else would notice their end.
+    Stays as long as workers of former servers are at work, or runs wait for one, as nobody else would notice their end.
     """
     reported: list[str] = []
     server = os.getppid()
@@ -173,18 +168,9 @@ def recover(args: dict[str, Any]) -> list[str]:
             return reported
         instance = _open(args, stack)
         while True:
-            orphans = 0
-            for record in instance.get_run_records(dg.RunsFilter(statuses=_UNFINISHED)):
-                worker = RunWorker.of(record.dagster_run)
-                if worker is None or not worker.is_on_this_host or worker.is_watched():
-                    continue
-                if worker.is_alive():
-                    orphans += 1
-                    continue
-                reason = f"The worker ({worker}) is gone, and so is the server that watched it."
-                if _report_ended(instance, record.dagster_run.run_id, reason):
-                    reported.append(record.dagster_run.run_id)
-            if not orphans or not has_server():
+            ended, watched_by_nobody = end_left_behind(instance)
+            reported += ended
+            if not watched_by_nobody or not has_server():
                 return reported
             time.sleep(_POLL_S)
 
@@ -206,7 +192,7 @@ def end_worker(args: dict[str, Any]) -> bool:
         worker = RunWorker.of(run) if run is not None else None
         if worker is not None and not worker.is_watched():
             what = "was killed, as it did not stop" if killed else "is gone"
-            _report_ended(instance, args["run_id"], f"The worker ({worker}) {what}.")
+            report_ended(instance, args["run_id"], f"The worker ({worker}) {what}.")
     return killed
 
 
@@ -237,15 +223,3 @@ def _take_turn(
         return is_wanted(asked) and not (is_interrupted() or cancel_requested())
 
     return stack.enter_context(exclusive(Path(locks), partition_key, keep_waiting=keep_waiting))
-
-
-def _report_ended(instance: dg.DagsterInstance, run_id: str, reason: str) -> bool:
-    """Report a run whose worker is gone as cancelled or failed; return False if it had ended anyway."""
-    run = instance.get_run_by_id(run_id)
-    if run is None or run.is_finished:
-        return False
-    if run.status == dg.DagsterRunStatus.CANCELING:
-        instance.report_run_canceled(run, reason)
-    else:
-        instance.report_run_failed(run, reason)
-    return True

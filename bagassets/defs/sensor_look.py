@@ -9,6 +9,7 @@ from bagassets.bags.discover import Discovery
 from bagassets.bags.model import Found
 from bagassets.defs.dataset import dataset_is_current, record_inputs
 from bagassets.defs.events import live_partitions
+from bagassets.defs.leftovers import end_left_behind
 from bagassets.defs.partitions import DATASET, active_runs, add_partitions, remove_partition
 from bagassets.defs.planning import Planned, plan_now
 from bagassets.defs.sensor_cursor import Cursor
@@ -58,6 +59,8 @@ class Look:
             return []
         live = self._drop_removed(live, there)
         active = active_runs(self._instance, self._datasets)
+        if active and end_left_behind(self._instance)[0]:
+            active = active_runs(self._instance, self._datasets)
         self._active = set(active.values())
         records = self._state_of_records()
         quiet = digest_json(
