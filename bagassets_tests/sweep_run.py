@@ -41,7 +41,7 @@ def inventory(msgtype, count=11, *, period_ns=PERIOD_NS, gaps=(), header_stamps=
         "last_ns": START_NS + 5 + span, "first_stamp_ns": stamps[0], "last_stamp_ns": stamps[1], "rate_hz": 10.0,
         "max_gap_s": 0.1, "gaps": tuple(gaps), "gap_count": len(gaps), "header_offset_s": None, "unordered_stamps": 0,
         "frame_ids": ("lidar",), "packed": False, "problem": None, "definition": Definition("none", ""),
-        "serialization": "cdr",
+        "serialization": "cdr", "period_ns": period_ns if count > 1 else None,
     }  # fmt: skip
     names = TopicRecord.__dataclass_fields__
     record = TopicRecord(**{name: value for name, value in fields.items() if name in names})

@@ -77,7 +77,7 @@ def test_the_truth_of_a_topic(tmp_path, inventory_of):
         "first_ns": NOON_NS, "last_ns": NOON_NS + 15 * SECOND,
         "first_stamp_ns": NOON_NS - SECOND // 10, "last_stamp_ns": NOON_NS + 15 * SECOND - 7 * SECOND // 10,
         "rate_hz": 0.4, "max_gap_s": 10.0, "gaps": [{"start_ns": NOON_NS + 3 * SECOND, "duration_s": 10.0}],
-        "gap_count": 1, "header_offset_s": {"min": 0.1, "median": 0.4, "max": 0.7}, "unordered_stamps": 0, "first_unordered_ns": None,
+        "gap_count": 1, "header_offset_s": {"min": 0.1, "median": 0.4, "max": 0.7}, "unordered_stamps": 0, "first_unordered_ns": None, "period_ns": 900_000_000,
         "frame_ids": ["odom", "map"], "packed": True, "problem": None, "serialization": "ros1",
     }  # fmt: skip
     assert (value["start_ns"], value["end_ns"], value["duration_s"]) == (NOON_NS, NOON_NS + 15 * SECOND, 15.0)

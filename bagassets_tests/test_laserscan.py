@@ -41,6 +41,37 @@ def test_each_ray_has_its_time(meaning, first):
     assert reading.span_ns == (STAMP + first, STAMP + first + 2_000_000)
 
 
+def test_by_definition_the_header_is_the_time_of_the_first_ray():
+    assert (decode_laserscan(scan([1, 2, 3], time_increment=0.001)).times_ns - STAMP).tolist() == [
+        0,
+        10**6,
+        2 * 10**6,
+    ]
+    backwards = scan([1, 2, 3], time_increment=-0.001)
+    assert (decode_laserscan(backwards).times_ns - STAMP).tolist() == [0, -(10**6), -2 * 10**6]
+    for meaning, first in (("start", 2), ("middle", 1), ("end", 0)):
+        times = decode_laserscan(backwards, meaning).times_ns - STAMP
+        assert times.tolist() == [first * 10**6, (first - 1) * 10**6, (first - 2) * 10**6]
+
+
+@pytest.mark.parametrize(
+    ("increment_s", "scan_s", "known"),
+    [
+        (0.05, 0.1, True),  # two steps of 50 ms
+        (0.05, 0.0667, True),  # drivers measure scan_time, or set it
+        (0.05, 0.0, True),  # many leave it out
+        (0.1, 0.1, False),  # the rays take twice as long as there is from scan to scan
+        (50.0, 0.1, False),  # milliseconds, written as seconds
+        (1.5, 0.0, False),  # three seconds are no scan
+        (0.0, 0.1, False),  # made from a depth image
+    ],
+)
+def test_ray_times_count_if_the_time_from_scan_to_scan_allows_them(increment_s, scan_s, known):
+    reading = decode_laserscan(scan([1, 2, 3], time_increment=increment_s, scan_time=scan_s))
+    assert (reading.times_ns is not None) == known
+    assert (reading.span_ns is not None) == known
+
+
 def test_the_span_counts_rays_that_hit_nothing():
     reading = decode_laserscan(scan([np.nan, 2, np.nan], time_increment=0.001))
     assert reading.span_ns == (STAMP, STAMP + 2_000_000)

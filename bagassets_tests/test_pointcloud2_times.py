@@ -69,6 +69,20 @@ def test_times_of_another_clock_keep_only_their_differences(start_s):
 
 
 @pytest.mark.parametrize(
+    ("stamp_is", "moved_ns"), [("start", 0), ("middle", 49_999_500), ("end", 99_999_000)]
+)
+def test_a_header_that_nobody_explains_stays_the_stamp_of_times_of_another_clock(stamp_is, moved_ns):
+    columns = {axis: np.arange(1.0, 5, dtype=np.float32) for axis in "xyz"}
+    columns["timestamp"] = 1234.5 + OFFSETS_NS * 1e-9
+    found = decode_pointcloud2(cloud(HEADER_NS, columns), None, stamp_is).times_ns
+    assert np.abs(found - (HEADER_NS + OFFSETS_NS - moved_ns)).max() <= 250
+
+
+def test_relative_times_count_from_a_header_that_nobody_explains():
+    assert np.array_equal(times("t", OFFSETS_NS.astype(np.uint32), None), HEADER_NS + OFFSETS_NS)
+
+
+@pytest.mark.parametrize(
     "values",
     [
         np.zeros(4, np.uint32),

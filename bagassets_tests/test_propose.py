@@ -220,6 +220,19 @@ def test_sixteen_bit_grey_gets_a_rule(tmp_path):
     assert proposed(one, tmp_path).rigs[0].channels["CAM_FRONT"].to_8bit.percentiles == (1, 99)
 
 
+def test_clouds_without_point_times_ask_what_their_header_means(tmp_path):
+    def lidars(timed):
+        return glance(topic("/points", CLOUD, frame="lidar", timed=timed), odometry())
+
+    text = text_of(lidars(False))
+    assert "guess: stamps stay as recorded, as the points have no times." in text
+    assert proposed(lidars(False), tmp_path).rigs[0].channels["LIDAR_TOP"].header_stamp_is is None
+    said = parse_recipe(text.replace("# header_stamp_is:", "header_stamp_is:"), tmp_path / "r.yaml")
+    assert said.rigs[0].channels["LIDAR_TOP"].header_stamp_is == "start"
+    for timed in (True, None):
+        assert "header_stamp_is" not in text_of(lidars(timed))
+
+
 def test_missing_transform_is_said_and_loads(tmp_path):
     one = glance(topic("/cam/image_raw", IMAGE, frame="cam"), odometry())
     assert proposed(one, tmp_path).rigs[0].channels["CAM_FRONT"].extrinsics is None

@@ -6,6 +6,7 @@ from rosbags.rosbag1 import Writer
 from small_drive import START_NS, STORE1, write_drive
 
 from bagassets.bags.open import open_recording
+from bagassets.decode.point_times import TIME_NAMES
 from bagassets.recipe import parse_recipe
 from bagassets.recipe.glance import glance, merge_glances
 from bagassets.recipe.propose import propose
@@ -159,3 +160,26 @@ def test_empty_recording(tmp_path):
     seen = Bag(tmp_path / "a.bag").glance()
     assert not seen.topics
     assert "a.bag has no camera" in propose({"a.bag": seen}, name="x", root=tmp_path)
+
+
+@pytest.mark.parametrize("name", [*TIME_NAMES, "intensity", "ring", "tone"])
+def test_clouds_say_whether_their_points_have_times(tmp_path, name):
+    bag = Bag(tmp_path / "a.bag")
+    field = bag.types["sensor_msgs/msg/PointField"]
+    fields = [field(axis, 4 * place, 7, 1) for place, axis in enumerate(("x", "y", "z", name.upper()))]
+    message = bag.types["sensor_msgs/msg/PointCloud2"](
+        bag.header(0, "lidar"), 1, 1, fields, False, 16, 16, np.zeros(16, np.uint8), True
+    )
+    bag.add(0, "/points", "sensor_msgs/msg/PointCloud2", message)
+    assert bag.glance().topics["/points"].timed == (name in TIME_NAMES)
+
+
+@pytest.mark.parametrize("increment_s", [0.0, 0.001])
+def test_scans_say_whether_their_rays_have_times(tmp_path, increment_s):
+    bag = Bag(tmp_path / "a.bag")
+    ranges = np.ones(3, np.float32)
+    message = bag.types["sensor_msgs/msg/LaserScan"](
+        bag.header(0, "lidar"), 0.0, 1.0, 0.5, increment_s, 0.1, 0.1, 30.0, ranges, ranges
+    )
+    bag.add(0, "/scan", "sensor_msgs/msg/LaserScan", message)
+    assert bag.glance().topics["/scan"].timed == (increment_s > 0)

@@ -5,9 +5,10 @@ import json
 import numpy as np
 import pytest
 
-from bagassets.bags.inventory import Gap
+from bagassets.bags.model import RawMessage
 from bagassets.errors import CalibrationError, DecodeError, LossLimitError, PoseError, RecipeError
 from bagassets.recipe.model import RadarChannel
+from bagassets.steps.topic_log import TopicLog
 from bagassets_tests.sweep_data import (
     VLP16_PACKET_NS,
     EthernetPacket,
@@ -28,8 +29,10 @@ from bagassets_tests.sweep_run import (
     START_NS,
     Runner,
     clouds,
+    driving,
     lidar,
     request,
+    scans,
     singles,
 )
 
@@ -67,6 +70,7 @@ def test_fields_that_do_not_shape_the_bytes_do_not_enter_the_key():
     [
         {"stamp": "start"},
         {"header_stamp_is": "end"},
+        {"stamp_offset_s": 0.1},
         {"min_range_m": 1.0},
         {"max_range_m": 100.0},
     ],
@@ -89,11 +93,32 @@ def test_deskewing_needs_extrinsics_and_poses():
         request(lidar(deskew=True), CLOUD, mount=MOUNT)
 
 
-def test_the_period_leaves_pauses_out():
-    assert request(lidar(), CLOUD).params["period_ns"] == PERIOD_NS
-    assert request(lidar(), CLOUD, gaps=[Gap(START_NS, 3.0)], count=11).params["period_ns"] > PERIOD_NS * 0.9
-    assert request(lidar(), CLOUD, count=1).params["period_ns"] is None
-    assert request(lidar(), CLOUD, header_stamps=False).params["period_ns"] == PERIOD_NS
+def test_the_period_is_asked_for_only_if_the_recipe_says_what_the_header_means():
+    assert request(lidar(), CLOUD).params["period_ns"] is None
+    assert request(lidar(header_stamp_is="start"), CLOUD).params["period_ns"] == PERIOD_NS
+    assert request(lidar(), CLOUD, period_ns=90_000_000) == request(lidar(), CLOUD)
+
+
+def period_of(stamps_ns, log_times_ns=None):
+    """What the inventory says of the period of a topic."""
+    log = TopicLog(CLOUD)
+    for number, stamp_ns in enumerate(stamps_ns):
+        log_time_ns = stamp_ns if log_times_ns is None else log_times_ns[number]
+        log.add(RawMessage("/sensor", CLOUD, log_time_ns, b""), None if log_times_ns else (stamp_ns, "lidar"))
+    return log.as_json("")["period_ns"]
+
+
+def test_the_period_is_the_median_of_the_stamps():
+    every = [START_NS + number * PERIOD_NS for number in range(12)]
+    assert period_of(every) == PERIOD_NS
+    # Clouds that are missing, come late, twice, or after a pause shift nothing.
+    assert period_of([stamp for number, stamp in enumerate(every) if number not in {3, 7, 8}]) == PERIOD_NS
+    assert period_of([*every[:4], every[5], every[4], *every[6:], every[6]]) == PERIOD_NS
+    assert period_of([*every[:6], *(stamp + 3 * 10**9 for stamp in every[6:])]) == PERIOD_NS
+    assert period_of([0, *every]) == PERIOD_NS
+    assert period_of(every[:1]) is None
+    assert period_of([], []) is None
+    assert period_of([0] * 12, every) == PERIOD_NS
 
 
 # --- clouds -----
@@ -101,12 +126,12 @@ def test_the_period_leaves_pauses_out():
 
 def test_each_cloud_becomes_a_file_named_by_its_stamp(run):
     result = run(request(lidar(), CLOUD), clouds(3))
-    assert [row["stamp_ns"] for row in result.index] == [START_NS + (n + 1) * PERIOD_NS for n in range(3)]
+    assert [row["stamp_ns"] for row in result.index] == [START_NS + n * PERIOD_NS for n in range(3)]
     for number, row in enumerate(result.index):
         assert row["file"] == f"{row['stamp_ns']}.pcd.bin"
         assert row["log_time_ns"] == START_NS + number * PERIOD_NS + 7_000_000
         assert row["points"] == 4
-        assert (row["start_ns"], row["end_ns"]) == (row["stamp_ns"] - PERIOD_NS, row["stamp_ns"])
+        assert (row["start_ns"], row["end_ns"]) == (row["stamp_ns"], row["stamp_ns"])
     assert result.points(2)[:, 0].tolist() == [3.0, 4.0, 5.0, 6.0]
     assert result.channel["channel"] == "LIDAR_TOP"
     assert result.channel["frame_id"] == "lidar"
@@ -125,8 +150,44 @@ def test_each_cloud_becomes_a_file_named_by_its_stamp(run):
 )  # fmt: skip
 def test_the_stamp_is_the_wanted_moment_of_the_revolution(run, means, wanted, moved):
     asked = request(lidar(header_stamp_is=means, stamp=wanted), CLOUD)
-    result = run(asked, clouds(1))
+    result = run(asked, clouds(2))
     assert result.index[0]["stamp_ns"] == START_NS + round(moved * PERIOD_NS)
+    assert result.index[0]["end_ns"] - result.index[0]["start_ns"] == PERIOD_NS
+
+
+@pytest.mark.parametrize("wanted", ["start", "middle", "end"])
+def test_the_stamp_stays_as_recorded_unless_something_says_otherwise(run, wanted):
+    result = run(request(lidar(stamp=wanted), CLOUD), clouds(3))
+    assert [row["stamp_ns"] for row in result.index] == [START_NS + n * PERIOD_NS for n in range(3)]
+    # Of times on another clock only the differences count, and the header stays the stamp.
+    boot_s = 77.0 + np.array([0.0, 0.03, 0.06, 0.1])
+    result = run(request(lidar(stamp=wanted), CLOUD), clouds(3, timestamp=boot_s))
+    assert [row["stamp_ns"] for row in result.index] == [START_NS + n * PERIOD_NS for n in range(3)]
+    row = result.index[0]
+    assert (row["end_ns"] - row["start_ns"]) == PERIOD_NS
+
+
+@pytest.mark.parametrize(("source", "msgtype"), [(clouds, CLOUD), (scans, SCAN)])
+def test_an_offset_of_the_clock_moves_everything(run, source, msgtype):
+    plain = run(request(lidar(), msgtype), source(3))
+    moved = run(request(lidar(stamp_offset_s=-0.25), msgtype), source(3))
+    for row, other in zip(plain.index, moved.index, strict=True):
+        assert row["digest"] == other["digest"]
+        for key in ("stamp_ns", "start_ns", "end_ns"):
+            assert other[key] - row[key] == -250_000_000
+
+
+def test_an_offset_of_the_clock_counts_before_deskewing(run):
+    times = np.array([0, 30, 60, 100], np.uint32) * 1_000_000
+    fields = {"mount": MOUNT, "poses": "p"}
+    late = [raw(message.data, CLOUD, message.log_time_ns + 200_000_000) for message in clouds(2, t=times)]
+    for message in late:
+        message.data.header = header(START_NS + 200_000_000 if message is late[0] else START_NS + 300_000_000)
+    exact = run(request(lidar(deskew=True), CLOUD, **fields), clouds(2, t=times), driving(10.0))
+    mended = run(request(lidar(deskew=True, stamp_offset_s=-0.2), CLOUD, **fields), late, driving(10.0))
+    assert [(row["stamp_ns"], row["digest"]) for row in mended.index] == [
+        (row["stamp_ns"], row["digest"]) for row in exact.index
+    ]
 
 
 def test_point_times_tell_the_revolution_better_than_the_period(run):
@@ -137,7 +198,7 @@ def test_point_times_tell_the_revolution_better_than_the_period(run):
 
 
 def test_a_single_cloud_keeps_its_stamp(run):
-    result = run(request(lidar(), CLOUD, count=1), clouds(1))
+    result = run(request(lidar(header_stamp_is="start"), CLOUD, count=1), clouds(1))
     assert result.index[0]["stamp_ns"] == START_NS
 
 
@@ -178,7 +239,7 @@ def test_of_two_clouds_in_one_microsecond_the_first_is_kept(run):
     messages = [raw(cloud(START_NS + extra, columns), CLOUD, START_NS + extra) for extra in (0, 400, 1_000)]
     result = run(request(lidar(), CLOUD), messages)
     assert result.lost == {"duplicate stamp": 1}
-    assert [row["stamp_ns"] - PERIOD_NS - START_NS for row in result.index] == [0, 1_000]
+    assert [row["stamp_ns"] - START_NS for row in result.index] == [0, 1_000]
 
 
 def test_the_index_is_sorted_though_messages_are_not(run):
@@ -193,6 +254,19 @@ def test_a_laser_scan_is_stamped_by_its_rays(run):
     result = run(request(lidar(), LASER), [raw(scan, LASER, START_NS)])
     assert result.index[0]["stamp_ns"] == START_NS + 10_000_000
     assert result.points().shape == (11, 5)
+
+
+def laser(number, **fields):
+    for index in range(number):
+        stamp = START_NS + index * PERIOD_NS
+        yield raw(Scan(header(stamp), np.full(11, 5.0, np.float32), np.zeros(0), **fields), LASER, stamp)
+
+
+@pytest.mark.parametrize("wanted", ["start", "middle", "end"])
+@pytest.mark.parametrize("fields", [{}, {"scan_time": 0.1}, {"time_increment": 0.05, "scan_time": 0.1}])
+def test_laser_scans_whose_rays_have_no_times_keep_their_stamps(run, wanted, fields):
+    result = run(request(lidar(stamp=wanted), LASER), laser(2, **fields))
+    assert [row["stamp_ns"] for row in result.index] == [START_NS, START_NS + PERIOD_NS]
 
 
 def test_no_messages_give_an_empty_index(run):

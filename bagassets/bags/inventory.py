@@ -76,6 +76,7 @@ class TopicRecord:
         problem: why its messages cannot be decoded; None if they can.
         definition: what its messages are decoded with.
         first_unordered_ns: the first header stamp that is smaller than the one before; None if there is none.
+        period_ns: median time between two header stamps, of log times if the type has none; None for fewer than two.
     """
 
     name: str
@@ -99,6 +100,7 @@ class TopicRecord:
     problem: str | None
     definition: Definition
     first_unordered_ns: int | None = None
+    period_ns: int | None = None
 
     @classmethod
     def from_json(cls, value: Mapping[str, Any]) -> Self:

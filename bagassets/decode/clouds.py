@@ -10,7 +10,8 @@ from bagassets.decode.pointcloud2 import decode_pointcloud2
 
 __all__ = ["CLOUD_DECODERS", "CloudDecoder"]
 
-CloudDecoder = Callable[[Any, Moment], CloudReading]
+# A message, what its header stamp means as far as the recipe says, and which moment will be the stamp.
+CloudDecoder = Callable[[Any, Moment | None, Moment], CloudReading]
 
 # Messages of any other type on a lidar's topic are searched for Velodyne packets.
 CLOUD_DECODERS: dict[str, CloudDecoder] = {

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from bagassets.decode.fields import stamp_and_frame
 from bagassets.decode.model import CloudReading
-from bagassets.decode.point_times import Moment
+from bagassets.decode.point_times import LONGEST_REVOLUTION_NS, Moment
 from bagassets.decode.pointcloud2 import NO_INTENSITY
 from bagassets.errors import DecodeError
 from bagassets.geometry.portable import sin_cos
@@ -17,14 +17,20 @@ __all__ = ["decode_laserscan"]
 
 Floats = NDArray[np.float64]
 
+# Rays may take a little longer than `scan_time`, which some drivers measure and others set.
+_LONGEST_IN_SCANS = 1.5
 
-def decode_laserscan(message: Any, header_stamp_is: Moment = "start") -> CloudReading:
+
+def decode_laserscan(
+    message: Any, header_stamp_is: Moment | None = None, _stamp_is: Moment = "end"
+) -> CloudReading:
     """Return the rays that hit something, as points with z = 0 and ring 0.
 
     Rays that are not finite, or outside `range_min` to `range_max`, are no measurements by the
     definition of the message; they are dropped and counted. Ray i was measured
-    `i * time_increment` after the first one; the header stamp is the time of the first ray
-    unless `header_stamp_is` says otherwise.
+    `i * time_increment` after the first one, whose time the header stamp is by definition; `header_stamp_is` may
+    say otherwise. Without an increment, as in scans made from depth images, all rays were measured at
+    once; and so they count if the rays would take longer than `scan_time`, the time from scan to scan, allows.
 
     Raises:
         DecodeError: angles or intensities do not fit the ranges.
@@ -45,7 +51,8 @@ def decode_laserscan(message: Any, header_stamp_is: Moment = "start") -> CloudRe
     points[:, 3] = NO_INTENSITY
     if len(intensities):
         points[:, 3] = np.where(np.isfinite(intensities), intensities, np.float32(NO_INTENSITY))[hit]
-    times = _ray_times_ns(float(message.time_increment), len(ranges), stamp, header_stamp_is)
+    offsets = _ray_offsets_ns(float(message.time_increment), float(message.scan_time), len(ranges))
+    times = None if offsets is None else offsets + (stamp - _header_offset_ns(offsets, header_stamp_is))
     return CloudReading(
         stamp_ns=stamp,
         frame_id=frame_id,
@@ -56,15 +63,22 @@ def decode_laserscan(message: Any, header_stamp_is: Moment = "start") -> CloudRe
     )
 
 
-def _ray_times_ns(
-    increment_s: float, number: int, stamp_ns: int, header_stamp_is: Moment
-) -> NDArray[np.int64] | None:
+def _ray_offsets_ns(increment_s: float, scan_s: float, number: int) -> NDArray[np.int64] | None:
+    """Return when each ray was measured after the first one; None if the message does not tell."""
     if not number or not np.isfinite(increment_s) or increment_s == 0.0:
         return None
-    offsets = np.rint(np.arange(number, dtype=np.float64) * increment_s * 1e9).astype(np.int64)
-    duration = int(offsets[-1])
-    anchor = {"start": 0, "middle": duration // 2, "end": duration}[header_stamp_is]
-    return offsets + (stamp_ns - anchor)
+    duration_s = abs(increment_s) * (number - 1)
+    if duration_s * 1e9 > LONGEST_REVOLUTION_NS or 0.0 < scan_s * _LONGEST_IN_SCANS < duration_s:
+        return None
+    return np.asarray(np.rint(np.arange(number, dtype=np.float64) * increment_s * 1e9).astype(np.int64))
+
+
+def _header_offset_ns(offsets: NDArray[np.int64], header_stamp_is: Moment | None) -> int:
+    """Return which of the offsets from the first ray the header stamp means; rays may be listed backwards."""
+    first, last = int(offsets.min()), int(offsets.max())
+    if header_stamp_is is None:
+        return 0
+    return {"start": first, "middle": (first + last) // 2, "end": last}[header_stamp_is]
 
 
 @lru_cache(maxsize=8)

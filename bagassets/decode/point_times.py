@@ -18,7 +18,8 @@ Relative times count from the header stamp. If the recipe says that the header s
 end (middle) of a revolution, and no time is negative, they count from the start instead, and are
 moved so that the last (the middle) falls on the header stamp. Absolute times that are more than
 ten seconds away from the header stamp come from another clock, such as time since boot: only
-their differences are used, and they are moved likewise so that they agree with the header stamp.
+their differences are used, and they are moved likewise so that they agree with the header stamp;
+unless the recipe says what that means, they are moved so that the revolution keeps it for its stamp.
 
 Times that do not differ at all, or that span more than two seconds, are taken for not recorded.
 """
@@ -31,7 +32,7 @@ from numpy.typing import NDArray
 
 from bagassets.errors import DecodeError
 
-__all__ = ["Moment", "point_times_ns"]
+__all__ = ["LONGEST_REVOLUTION_NS", "Moment", "point_times_ns"]
 
 Moment = Literal["start", "middle", "end"]
 
@@ -69,7 +70,8 @@ def point_times_ns(
     fields: Mapping[str, NDArray[Any]],
     keep: NDArray[np.bool_] | None,
     header_ns: int,
-    header_stamp_is: Moment,
+    header_stamp_is: Moment | None,
+    stamp: Moment = "end",
 ) -> NDArray[np.int64] | None:
     """Return the absolute time of each point, (N,) nanoseconds on the clock of the header.
 
@@ -77,7 +79,8 @@ def point_times_ns(
         fields: field name -> (height, width) values.
         keep: (height * width,) which points are wanted; None for all.
         header_ns: header stamp.
-        header_stamp_is: what the header stamp means.
+        header_stamp_is: what the header stamp means; None if the recipe does not say.
+        stamp: which moment of the revolution will be its stamp.
 
     Returns:
         None if the cloud has no usable point times.
@@ -103,9 +106,9 @@ def point_times_ns(
     if absolute and max(abs(first - header_ns), abs(last - header_ns)) <= OTHER_CLOCK_NS:
         return times_ns
     relative = not absolute and max(abs(first), abs(last)) <= LONGEST_REVOLUTION_NS
-    if relative and (header_stamp_is == "start" or first < 0):
+    if relative and (header_stamp_is in {None, "start"} or first < 0):
         return times_ns + header_ns
-    anchor = {"start": first, "middle": (first + last) // 2, "end": last}[header_stamp_is]
+    anchor = {"start": first, "middle": (first + last) // 2, "end": last}[header_stamp_is or stamp]
     return times_ns + (header_ns - anchor)
 
 

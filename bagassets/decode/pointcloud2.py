@@ -93,13 +93,16 @@ def first_of(fields: Mapping[str, NDArray[Any]], names: tuple[str, ...]) -> NDAr
     return None
 
 
-def decode_pointcloud2(message: Any, header_stamp_is: Moment = "start") -> CloudReading:
+def decode_pointcloud2(
+    message: Any, header_stamp_is: Moment | None = None, stamp_is: Moment = "end"
+) -> CloudReading:
     """Return the points of a lidar cloud; those that are not finite are dropped and counted.
 
     Args:
         message: a `sensor_msgs/PointCloud2`.
-        header_stamp_is: which moment of the revolution the header stamp means; relative point
-            times are read accordingly.
+        header_stamp_is: which moment of the revolution the header stamp means, as far as the recipe says;
+            point times are read accordingly.
+        stamp_is: which moment of the revolution will be its stamp.
 
     Raises:
         DecodeError: x, y or z is missing, or the layout contradicts itself.
@@ -124,7 +127,7 @@ def decode_pointcloud2(message: Any, header_stamp_is: Moment = "start") -> Cloud
         stamp_ns=stamp,
         frame_id=frame_id,
         points=points,
-        times_ns=point_times_ns(fields, finite, stamp, header_stamp_is),
+        times_ns=point_times_ns(fields, finite, stamp, header_stamp_is, stamp_is),
         dropped=height * width - len(points),
     )
 

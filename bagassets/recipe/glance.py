@@ -52,6 +52,7 @@ class TopicGlance:
         ncom_sender: IPv4 address that OxTS NCOM packets come from; "" if there are some but the
             messages do not tell; None if there are none.
         message_bytes: size of the first message; 0 if none was seen.
+        timed: the points of a cloud or the rays of a scan have times; None for other types.
     """
 
     name: str
@@ -67,6 +68,7 @@ class TopicGlance:
     oriented: bool | None = None
     ncom_sender: str | None = None
     message_bytes: int = 0
+    timed: bool | None = None
 
 
 @dataclass(frozen=True)
@@ -98,6 +100,7 @@ class _Seen:
     calibrated: bool | None = None
     oriented: bool | None = None
     ncom_sender: str | None = None
+    timed: bool | None = None
     problem: str | None = None
 
 
@@ -192,6 +195,10 @@ def _note(
         state.encoding = str(value.encoding)
     elif kind == "CompressedImage":
         state.encoding = str(value.format)
+    elif kind == "PointCloud2":
+        state.timed = bool(state.timed) or any(_is_time(str(field.name).lower()) for field in value.fields)
+    elif kind == "LaserScan":
+        state.timed = bool(state.timed) or float(value.time_increment) != 0.0
     elif kind == "CameraInfo":
         k = value.K if hasattr(value, "K") else value.k
         state.calibrated = bool(state.calibrated) or float(k[0]) > 0.0
@@ -212,6 +219,11 @@ def _note_header(message: RawMessage, header: Any, state: _Seen) -> None:
         state.zero_stamps += 1
     else:
         state.offsets_s.append((message.log_time_ns - stamp_ns) / 1e9)
+
+
+def _is_time(field: str) -> bool:
+    """Tell whether a field of points is their time, as far as its name says; see `bagassets.decode.point_times`."""
+    return "time" in field or "stamp" in field or field.partition("_")[0] == "t"
 
 
 def _note_packet(value: Any, state: _Seen) -> None:
@@ -260,6 +272,7 @@ def _topic(recording: Recording, name: str, state: _Seen) -> TopicGlance:
         oriented=state.oriented,
         ncom_sender=state.ncom_sender,
         message_bytes=state.bytes,
+        timed=state.timed,
     )
 
 
@@ -279,6 +292,7 @@ def _merge(one: TopicGlance, other: TopicGlance) -> TopicGlance:
         oriented=_any(one.oriented, other.oriented),
         ncom_sender=one.ncom_sender or (one.ncom_sender if other.ncom_sender is None else other.ncom_sender),
         message_bytes=one.message_bytes or other.message_bytes,
+        timed=_any(one.timed, other.timed),
     )
 
 

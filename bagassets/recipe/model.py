@@ -119,10 +119,17 @@ class LidarChannel(_Channel):
         None, description="Velodyne model for packets, e.g. VLP-16, VLS-128; default: asked from the packets."
     )
     stamp: Literal["end", "start", "middle"] = Field(
-        "end", description="Which time of a revolution is its stamp."
+        "end",
+        description="Which time of a revolution is its stamp; of clouds without point times, if header_stamp_is is given.",
     )
-    header_stamp_is: Literal["end", "start", "middle"] = Field(
-        "start", description="Which time of a revolution the recording's own stamp means, for clouds."
+    header_stamp_is: Literal["end", "start", "middle"] | None = Field(
+        None,
+        description="Which time of a revolution the recording's own stamp means, for clouds; default: what the points' "
+        "own times say, and without such times the stamp stays as recorded.",
+    )
+    stamp_offset_s: float = Field(
+        0.0,
+        description="Added to all stamps of the channel, for a sensor whose clock runs behind (positive) or ahead.",
     )
     cut_angle_deg: float | None = Field(
         None,

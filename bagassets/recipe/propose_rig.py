@@ -150,6 +150,14 @@ def _write_channel(sheet: Sheet, rig: RigProposal, name: str, sensor: Sensor) ->
     sheet.field(4, f"topic: {scalar(topic.name)}")
     if sensor.modality == "camera":
         _write_camera(sheet, sensor)
+    if sensor.modality == "lidar" and topic.timed is False:
+        sheet.note(
+            4,
+            "guess: stamps stay as recorded, as the points have no times. Some drivers stamp the start of a revolution, "
+            "others its end or middle, simulators the one instant of all points; docs/poses.md tells how to find "
+            "out. For stamps at the end of revolutions, say what the header means:",
+        )
+        sheet.off(4, "header_stamp_is: start")
     if not topic.frames:
         sheet.note(4, "not guessed: the headers name no frame; give the sensor's")
         sheet.off(4, f"frame: {rig.ego.name}")

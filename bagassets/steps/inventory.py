@@ -24,7 +24,7 @@ from bagassets.store.artifact import ArtifactWriter
 __all__ = ["STEP", "make_inventory", "request"]
 
 # rosbags has the standard types, which recordings without definitions are decoded with.
-STEP = Step("inventory", 5, ("pyarrow", "rosbags"))
+STEP = Step("inventory", 6, ("pyarrow", "rosbags"))
 
 # Types of sensor data in bulk: never packed, whatever their size.
 BULK = frozenset(

@@ -4,9 +4,9 @@ The stamp of a file is the end (recipe: start or middle) of its revolution. When
 
 * for packets from the packets at both cuts (`bagassets.steps.revolutions`);
 * for clouds with point times, and laser scans, from the first and the last of them;
-* for other clouds from the message's stamp, which means the moment `header_stamp_is`, and the
-  mean period of the topic, pauses left out. Of a single message the period is not known: its
-  stamp is taken as it is.
+* for other clouds from the message's stamp and the median period of the topic, if the recipe says which moment
+  the former means (`header_stamp_is`). If it does not, or if there is one message only, so that no period is
+  known, the stamp stays as recorded, and the span in the index is that moment.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -44,13 +44,15 @@ NO_STAMP = "its header has no stamp; set clock: log in the recipe"
 
 
 def revolution_span_ns(
-    reading: CloudReading, period_ns: int | None, header_stamp_is: Moment
+    reading: CloudReading, period_ns: int | None, header_stamp_is: Moment | None
 ) -> tuple[int, int]:
     """Return when the revolution of a cloud began and ended, on the clock of its stamp."""
     if reading.span_ns is not None:
         return reading.span_ns
     if reading.times_ns is not None:
         return int(reading.times_ns.min()), int(reading.times_ns.max())
+    if header_stamp_is is None:
+        return reading.stamp_ns, reading.stamp_ns
     duration = period_ns or 0
     before = {"start": 0, "middle": duration // 2, "end": duration}[header_stamp_is]
     return reading.stamp_ns - before, reading.stamp_ns - before + duration
@@ -70,6 +72,7 @@ class LidarWriter:
         self._topic: str = params["topic"]
         self._channel: str = params["channel"]
         self._stamp: Moment = params["stamp"]
+        self._offset_ns = round(params["stamp_offset_s"] * 1e9)
         self._min_m: float = params["min_range_m"]
         self._max_m: float | None = params["max_range_m"]
         self._trajectory = trajectory
@@ -87,7 +90,7 @@ class LidarWriter:
         *,
         parts: int = 1,
     ) -> None:
-        """Write one revolution; all times on the clock of the recipe.
+        """Write one revolution; all times on the clock of the recipe, without the channel's own offset.
 
         Raises:
             RecipeError: the recipe wants it deskewed, but its points have no times.
@@ -96,6 +99,9 @@ class LidarWriter:
         if not len(points):
             self.files.lose("no point in it", parts)
             return
+        if self._offset_ns:
+            span_ns = (span_ns[0] + self._offset_ns, span_ns[1] + self._offset_ns)
+            times_ns = None if times_ns is None else times_ns + self._offset_ns
         start, end = span_ns
         stamp = {"start": start, "middle": (start + end) // 2, "end": end}[self._stamp]
         if self._ego_SE3_sensor is not None and self._trajectory is not None:
@@ -134,7 +140,8 @@ class CloudSweeps:
         self._writer = writer
         self._plugin = plugin_decoder("cloud", params["msgtype"], params.get("decoder"))
         self._msgtype: str = params["msgtype"]
-        self._header_stamp_is: Moment = params["header_stamp_is"]
+        self._header_stamp_is: Moment | None = params["header_stamp_is"]
+        self._stamp: Moment = params["stamp"]
         self._period_ns: int | None = params["period_ns"]
         self._by_log_time = params["clock"] == "log"
 
@@ -162,7 +169,7 @@ class CloudSweeps:
 
     def _reading(self, message: Any) -> CloudReading:
         if self._plugin is None:
-            return CLOUD_DECODERS[self._msgtype](message, self._header_stamp_is)
+            return CLOUD_DECODERS[self._msgtype](message, self._header_stamp_is, self._stamp)
         reading: CloudReading = self._plugin(message)
         if not reading.stamp_ns and not self._by_log_time:
             raise DecodeError(NO_STAMP)

@@ -6,7 +6,7 @@ Files: `<stamp_ns>.pcd.bin` or `<stamp_ns>.pcd`, `index.parquet`, `channel.json`
 from collections.abc import Mapping
 from typing import Any, Literal
 
-from bagassets.bags.inventory import Inventory, TopicRecord
+from bagassets.bags.inventory import Inventory
 from bagassets.bags.model import RawMessage, Recording
 from bagassets.decode.clouds import CLOUD_DECODERS
 from bagassets.decode.fields import stamp_ns
@@ -26,7 +26,7 @@ from bagassets.store.artifact import ArtifactWriter
 
 __all__ = ["STEP", "SweepExtractor", "request"]
 
-STEP = Step("sweeps", 2, ("pyarrow", "velodyne-decoder"))
+STEP = Step("sweeps", 3, ("pyarrow", "velodyne-decoder"))
 
 
 def request(
@@ -81,7 +81,9 @@ def request(
             )
         params["azimuth_positive"] = channel.azimuth_positive
         return Request(params, (channel.topic,))
-    params |= channel.model_dump(mode="json", include={"stamp", "deskew", "min_range_m", "max_range_m"})
+    params |= channel.model_dump(
+        mode="json", include={"stamp", "stamp_offset_s", "deskew", "min_range_m", "max_range_m"}
+    )
     if _holds_clouds(params):
         given = [field for field in ("model", "cut_angle_deg") if getattr(channel, field) is not None]
         if given:
@@ -89,7 +91,9 @@ def request(
                 f"{name}: {' and '.join(given)} can be set for Velodyne packets only, but {channel.topic} "
                 f"carries {topic.msgtype}; remove it from the recipe."
             )
-        params |= {"header_stamp_is": channel.header_stamp_is, "period_ns": _period_ns(topic)}
+        params |= {"header_stamp_is": channel.header_stamp_is}
+        # Only what the header is said to mean asks for the length of a revolution.
+        params |= {"period_ns": None if channel.header_stamp_is is None else topic.period_ns}
     else:
         params |= {"model": channel.model, "cut_angle_deg": channel.cut_angle_deg}
     if not channel.deskew:
@@ -107,18 +111,6 @@ def request(
 def _holds_clouds(params: Mapping[str, Any]) -> bool:
     """Tell whether the messages of a lidar are clouds; else they are searched for Velodyne packets."""
     return params["msgtype"] in CLOUD_DECODERS or "decoder" in params
-
-
-def _period_ns(topic: TopicRecord) -> int | None:
-    """Return the mean time between two messages, pauses left out."""
-    first, last = topic.first_stamp_ns, topic.last_stamp_ns
-    if first is None or last is None:
-        first, last = topic.first_ns, topic.last_ns
-    periods = topic.count - 1 - len(topic.gaps)
-    if first is None or last is None or periods < 1:
-        return None
-    paused_ns = round(sum(gap.duration_s for gap in topic.gaps) * 1e9)
-    return max(0, last - first - paused_ns) // periods or None
 
 
 class SweepExtractor:

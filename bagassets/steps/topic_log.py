@@ -88,11 +88,18 @@ class TopicLog:
                 "median": _seconds(int(np.sort(offsets)[len(offsets) // 2])),
                 "max": _seconds(int(offsets.max())),
             },
+            "period_ns": _median_period(stamps if (stamps > 0).any() else times),
             "unordered_stamps": self._unordered,
             "first_unordered_ns": self._first_unordered_ns,
             "frame_ids": list(self._frames),
             **_gaps(times, periods),
         }
+
+
+def _median_period(stamps: "np.ndarray[Any, np.dtype[np.int64]]") -> int | None:
+    """Return the median time between two of the stamps, in whichever order they came; pauses and lost ones shift nothing."""
+    periods = np.sort(np.diff(np.unique(stamps[stamps > 0])))
+    return int(periods[len(periods) // 2]) if len(periods) else None
 
 
 def _gaps(
