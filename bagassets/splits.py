@@ -1,7 +1,11 @@
-"""Splits: which part of a dataset a recording belongs to, decided by a hash and never revised."""
+"""Splits: which part of a dataset each recording belongs to, a function of the set of recordings alone."""
 
-from collections.abc import Iterable
+from bisect import bisect_left
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
+from math import ceil, floor
 from typing import Any
 
 from blake3 import blake3
@@ -9,31 +13,91 @@ from blake3 import blake3
 from bagassets.recipe.model_splits import Splits
 from bagassets.store.canonical import canonical_json
 
-__all__ = ["SplitShare", "shares_of", "split_of"]
+__all__ = ["SplitShare", "deal", "moves", "shares_of"]
+
+_POSITIONS = 2**64
+# Chance decides as long as no boundary between splits is off by more than this share of the recordings.
+_LEEWAY = Fraction(1, 20)
+# Shares that differ more from what was asked for are named.
+_FAR = 0.1
 
 
-def split_of(key: str, splits: Splits) -> str:
-    """Return the split of a recording.
+def deal(keys: Iterable[str], splits: Splits) -> dict[str, str]:
+    """Return the split of each recording of a dataset.
 
-    A pinned recording is where the recipe says. Else a hash of seed and key is held against the
-    shares, laid end to end in order of their names: other recordings have no say, so adding one
-    never moves another.
+    A pinned recording is where the recipe says. A hash of seed and key gives each other one a position,
+    and the shares are laid end to end, in order of their names, over positions. With many recordings that
+    is all: none has a say about another. With few, chance would leave splits empty or far too large; so
+    each boundary is shifted along the row of recordings until no more than 5 % of all recordings (a quarter of
+    the smallest share, if that is less) are on the wrong side of it, and each split that was asked for has one
+    as long as there are enough.
+
+    One recording more or less moves each boundary past at most one other: with n splits at most n - 1
+    recordings change theirs, once there are as many recordings as splits.
 
     Args:
-        key: partition key of the recording.
+        keys: partition keys of the recordings, in any order.
         splits: the recipe's `splits`.
     """
-    if key in splits.pinned:
-        return splits.pinned[key]
-    digest = blake3(canonical_json([splits.seed, key])).digest(length=8)
-    position = int.from_bytes(digest, "big") / 2.0**64
-    bound = 0.0
+    keys = frozenset(keys)
+    dealt = {key: splits.pinned[key] for key in sorted(keys & splits.pinned.keys())}
+    ranked = sorted((_position(key, splits.seed), key) for key in keys - dealt.keys())
     names = sorted(name for name, share in splits.shares.items() if share > 0)
-    for name in names[:-1]:
-        bound += splits.shares[name]
-        if position < bound:
-            return name
-    return names[-1]
+    pinned = Counter(dealt.values())
+    cuts = _cuts(
+        [position for position, _ in ranked],
+        [_exact(splits.shares[name]) for name in names],
+        [pinned[name] for name in names],
+    )
+    for name, first, last in zip(names, cuts[:-1], cuts[1:], strict=True):
+        dealt |= {key: name for _, key in ranked[first:last]}
+    return dict(sorted(dealt.items()))
+
+
+def _position(key: str, seed: int) -> int:
+    return int.from_bytes(blake3(canonical_json([seed, key])).digest(length=8), "big")
+
+
+def _exact(share: float) -> Fraction:
+    return Fraction(repr(share))
+
+
+def _cuts(positions: Sequence[int], shares: Sequence[Fraction], pinned: Sequence[int]) -> list[int]:
+    """Return where each split begins in the row of recordings, and where the last one ends.
+
+    Args:
+        positions: of the recordings that are not pinned, ascending.
+        shares: of the splits, each > 0.
+        pinned: recordings that each split has already.
+    """
+    number = len(positions)
+    total, leeway = number + sum(pinned), min(_LEEWAY, min(shares) / (4 * sum(shares)))
+    cuts, bound, before = [0], Fraction(0), 0
+    for share, has in zip(shares[:-1], pinned[:-1], strict=True):
+        bound += share / sum(shares)
+        before += has
+        by_chance = bisect_left(positions, ceil(bound * _POSITIONS))
+        least = floor(total * (bound - leeway) + Fraction(1, 2)) - before
+        most = ceil(total * (bound + leeway) - Fraction(1, 2)) - before
+        cuts.append(min(max(by_chance, least, 0), max(most, 0), number))
+    cuts.append(number)
+    needed = [int(not has) for has in pinned]
+    if sum(needed) > number:
+        needed = [0] * len(needed)
+    for split in range(1, len(cuts) - 1):
+        cuts[split] = max(cuts[split], cuts[split - 1] + needed[split - 1])
+    for split in range(len(cuts) - 2, 0, -1):
+        cuts[split] = min(cuts[split], cuts[split + 1] - needed[split])
+    return cuts
+
+
+def moves(before: Mapping[str, str], after: Mapping[str, str]) -> dict[str, tuple[str, str]]:
+    """Return recording -> its old and its new split, of those that are in both and changed theirs."""
+    return {
+        key: (split, after[key])
+        for key, split in sorted(before.items())
+        if key in after and after[key] != split
+    }
 
 
 @dataclass(frozen=True)
@@ -59,6 +123,11 @@ class SplitShare:
         """Share of the time that it has beyond (or short of) what the recipe asks for."""
         return self.share - self.asked
 
+    @property
+    def is_far(self) -> bool:
+        """True if it is empty though it was asked for, or has far more or less time than that."""
+        return abs(self.deviation) > _FAR or (self.asked > 0 and not self.recordings)
+
     def as_json(self) -> dict[str, Any]:
         """Return the numbers, rounded for people."""
         return {
@@ -69,20 +138,28 @@ class SplitShare:
             "deviation": round(self.deviation, 4),
         }
 
+    @classmethod
+    def from_json(cls, name: str, value: Mapping[str, Any]) -> "SplitShare":
+        """Return what `as_json` gave, as rounded there."""
+        return cls(name, value["asked"], value["recordings"], value["duration_s"], value["share"])
 
-def shares_of(durations_s: Iterable[tuple[str, float]], splits: Splits) -> list[SplitShare]:
+
+def shares_of(
+    durations_s: Iterable[tuple[str, float]], splits: Splits, dealt: Mapping[str, str]
+) -> list[SplitShare]:
     """Return what each split of the recipe got, sorted by name.
 
     Args:
         durations_s: key and duration of each recording.
         splits: the recipe's `splits`.
+        dealt: recording -> split, as `deal` gave them; others do not count.
     """
     numbers = dict.fromkeys(splits.shares, 0)
     seconds = dict.fromkeys(splits.shares, 0.0)
     for key, duration_s in durations_s:
-        name = split_of(key, splits)
-        numbers[name] += 1
-        seconds[name] += duration_s
+        if key in dealt:
+            numbers[dealt[key]] += 1
+            seconds[dealt[key]] += duration_s
     total = sum(seconds[name] for name in sorted(seconds))
     return [
         SplitShare(

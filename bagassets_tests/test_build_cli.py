@@ -10,7 +10,7 @@ from rich.console import Console
 
 from bagassets.cli import progress
 from bagassets.cli.main import root
-from bagassets.cli.summary import counts_line, print_summary, span_text, summary_rows, ui_command
+from bagassets.cli.summary import counts_line, print_summary, span_text, splits_text, summary_rows, ui_command
 from bagassets.engine.build_report import BagOutcome, BuildReport, Event
 from bagassets.engine.plan import RECORDING_ASSETS, AssetState, BagPlan, Plan
 from bagassets.store.store import Store
@@ -49,6 +49,11 @@ def report(tmp_path):
         outcomes,
         {"c.bag": "its key a is that of a"},
         ("old",),
+        moved={"a": ("val", "train")},
+        splits={
+            "train": {"asked": 0.8, "recordings": 2, "share": 0.83, "is_far": False},
+            "val": {"asked": 0.2, "recordings": 1, "share": 0.17, "is_far": False},
+        },
         dataset="updated",
         dataset_path=Path("/data set"),
     )
@@ -97,7 +102,12 @@ def test_the_table_fits_80_columns_and_tells_everything(report):
     assert "failed b: b.bag: [torn] at its end." in text
     assert "left out c.bag: its key a is that of a" in text
     assert "removed old" in text
+    assert "moved a: from val to train; `splits.pinned` keeps recordings where they are" in text
     assert "dataset: /data set (updated)" in text
+    assert (
+        "splits:  train 2 (83% of the time), val 1 (17% of the time); in the devkit custom_train, custom_val"
+        in text
+    )
     assert "bagassets ui --recipe /p/recipe.yaml" in text
 
 
@@ -114,6 +124,14 @@ def test_the_line_that_opens_the_ui_can_be_pasted(tmp_path, monkeypatch):
     assert ui_command(Path("recipe.yaml")) == "bagassets ui"
     assert ui_command(tmp_path / "my demo" / "recipe.yaml") == "bagassets ui --recipe 'my demo/recipe.yaml'"
     assert ui_command(Path("/elsewhere/recipe.yaml")) == "bagassets ui --recipe /elsewhere/recipe.yaml"
+
+
+def test_a_share_far_from_what_was_asked_for_is_said():
+    night = {"asked": 0.5, "recordings": 0, "share": 0.0, "is_far": True}
+    day = {"asked": 0.5, "recordings": 2, "share": 1.0, "is_far": True}
+    assert splits_text({"day": day, "night": night}) == (
+        "day 2 (100% of the time, 50% asked for), night 0 (0% of the time, 50% asked for)"
+    )
 
 
 def test_counts_name_what_there_is():

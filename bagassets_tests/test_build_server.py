@@ -164,11 +164,14 @@ def test_reports_events_and_options_survive_the_way():
         outcomes={"a": BagOutcome("failed", "why", 1.5)},
         excluded={"x": "y"},
         removed=("z",),
+        moved={"a": ("val", "train")},
+        splits={"train": {"asked": 1.0, "is_far": False}},
         interrupted=True,
     )
     again = BuildReport.from_json(json.loads(json.dumps(report.as_json())))
     assert again.as_json() == report.as_json()
     assert again.outcomes == report.outcomes
+    assert again.moved == report.moved
     assert not again.succeeded
 
 

@@ -66,7 +66,9 @@ class TestDiff:
 
     def test_added_and_removed_recordings_with_their_scenes_and_samples(self, store, tmp_path):
         a, b, c = part(store, "a"), part(store, "b", seed=1), part(store, "c", seed=2)
-        found = diff_of(store, tmp_path, [a, b], [b, c])
+        # Else b would be in train once and in val once.
+        stays = lock_of(store, tmp_path / "one", [a, b]).bags["b"].split
+        found = diff_of(store, tmp_path, [a, b], [b, c], dealt={"b": stays, "c": "train"})
         assert [(bag.key, bag.change) for bag in found.bags] == [("a", "removed"), ("c", "added")]
         (removed,), (added,) = found.bags[0].scenes, found.bags[1].scenes
         assert (removed.name, removed.change, len(removed.removed)) == ("a_000", "removed", 6)

@@ -388,7 +388,10 @@ def test_nothing_usable_still_tells_what_a_rig_looks_like(tmp_path):
         parse_recipe(text, tmp_path / "recipe.yaml")
     lines = text.splitlines()
     start = next(n for n, line in enumerate(lines) if line.strip().startswith("# - name"))
-    lines[start:] = [line.replace("# ", "", 1) for line in lines[start:]]
+    uncommented = [
+        line.replace("# ", "", 1) if line.strip().startswith("#") else line for line in lines[start:]
+    ]
+    lines[start:] = uncommented
     assert parse_recipe("\n".join(lines), tmp_path / "recipe.yaml").rigs[0].name == "rig"
 
 

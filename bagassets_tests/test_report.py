@@ -24,7 +24,7 @@ from bagassets.report.trajectory_map import MapWay, trajectory_map_page
 from bagassets.report.write import write_page
 from bagassets.sample.drive import Target, write_recordings
 from bagassets.sample.recipe import sample_recipe
-from bagassets.splits import shares_of
+from bagassets.splits import deal, shares_of
 from bagassets.store.store import Store
 from bagassets_tests.sample_drives import build_recordings
 
@@ -71,7 +71,8 @@ def facts(key, **fields):
 
 def data_of(tmp_path, recordings, excluded=None):
     durations = [(r.key, r.duration_s) for r in recordings if r.state == "ready"]
-    return ReportData("yard", tmp_path / "nuscenes", recordings, excluded or {}, shares_of(durations, SPLITS))
+    shares = shares_of(durations, SPLITS, deal([key for key, _ in durations], SPLITS))
+    return ReportData("yard", tmp_path / "nuscenes", recordings, excluded or {}, shares)
 
 
 class TestPage:

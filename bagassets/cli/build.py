@@ -145,16 +145,18 @@ def _told_by_server(
 def _look(recipe: Path, options: "BuildOptions", *, check: bool, as_json: bool) -> int:
     """Tell what a build would do; return the exit status of --check, or 0 of a dry run."""
     from bagassets.cli.dry_run import dry_run_json, dry_run_lines, verdict  # noqa: PLC0415
-    from bagassets.defs.situation import opened, survey  # noqa: PLC0415
+    from bagassets.defs.situation import opened, survey, would_move  # noqa: PLC0415
 
     with opened(recipe) as (instance, workspace):
         situation = survey(instance, workspace, options)
+        moved = would_move(situation, workspace.recipe) if situation.datasets else {}
     if as_json:
-        click.echo(dry_run_json(situation))
-    elif not check:
-        for line in dry_run_lines(situation):
-            click.echo(line)
+        click.echo(dry_run_json(situation, moved))
     else:
+        for line in dry_run_lines(situation) if not check else ():
+            click.echo(line)
+        for key, (was, now) in moved.items():
+            click.echo(f"{key} would move from {was} to {now}; `splits.pinned` keeps it where it is.")
         click.echo(verdict(situation))
     if not check:
         return 0

@@ -1,7 +1,7 @@
 """What `bagassets build --dry-run` and `--check` say: what would run, what may run, and why."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
 from bagassets.engine.plan_model import State
@@ -21,7 +21,7 @@ _WORDS: dict[State, str] = {
 
 
 def dry_run_lines(situation: "Situation") -> Iterator[str]:
-    """Yield what a build would do, for people."""
+    """Yield what a build would do to recordings and datasets, for people."""
     for key, assets in situation.todo.items():
         yield key
         for name in assets:
@@ -35,7 +35,6 @@ def dry_run_lines(situation: "Situation") -> Iterator[str]:
         yield f"{key}\n  is gone: its partition and scenes would be removed"
     if situation.datasets:
         yield f"dataset\n  {_dataset(situation)}"
-    yield verdict(situation)
 
 
 def verdict(situation: "Situation") -> str:
@@ -52,8 +51,13 @@ def verdict(situation: "Situation") -> str:
     return f"to do: {', '.join(parts)}."
 
 
-def dry_run_json(situation: "Situation") -> str:
-    """Return what a build would do, as JSON."""
+def dry_run_json(situation: "Situation", moved: Mapping[str, tuple[str, str]]) -> str:
+    """Return what a build would do, as JSON.
+
+    Args:
+        situation: how things are.
+        moved: recording that would change its split -> the old one and the new one.
+    """
     value = {
         "settled": situation.is_settled,
         "recordings": {
@@ -65,6 +69,7 @@ def dry_run_json(situation: "Situation") -> str:
         },
         "failed": situation.failed,
         "removed": list(situation.plan.removed),
+        "moved": {key: list(splits) for key, splits in moved.items()},
         "datasets": {name: _dataset_state(situation) for name in situation.datasets},
     }
     return json.dumps(value, indent=1)

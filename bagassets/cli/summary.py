@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bagassets.engine.build_report import BagOutcome, BuildReport
+from bagassets.nuscenes.splits import devkit_split_name
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -14,7 +15,7 @@ if TYPE_CHECKING:
     from bagassets.engine.plan_model import BagPlan
     from bagassets.store.store import Store
 
-__all__ = ["SummaryRow", "counts_line", "print_summary", "summary_rows", "ui_command"]
+__all__ = ["SummaryRow", "counts_line", "print_summary", "splits_text", "summary_rows", "ui_command"]
 
 # More rows than this are not read; those where something happened are shown then.
 MOST_ROWS = 60
@@ -23,6 +24,8 @@ _COLOURS = {"built": "green", "hit": "cyan", "failed": "bold red", "stopped": "y
             "error": "bold red", "warn": "yellow"}  # fmt: skip
 # More findings of checks than this are only counted.
 _MOST_REMARKS = 12
+# Nor more recordings that changed their split: a new seed moves many.
+_MOST_MOVES = 12
 _NUMBERS = ("images", "sweeps", "poses", "boxes", "scenes", "keyframes")
 
 
@@ -105,6 +108,13 @@ def print_summary(
         )  # fmt: skip
     for key in report.removed:
         console.print(f"removed {key}", markup=False, soft_wrap=True)
+    for key, (was, now) in list(report.moved.items())[:_MOST_MOVES]:
+        console.print(
+            f"moved {key}: from {was} to {now}; `splits.pinned` keeps recordings where they are",
+            markup=False, soft_wrap=True,
+        )  # fmt: skip
+    if len(report.moved) > _MOST_MOVES:
+        console.print(f"{len(report.moved) - _MOST_MOVES} more recordings moved to another split.")
     _print_remarks(report, console)
     console.print(counts_line(report), markup=False, soft_wrap=True)
     _print_dataset(report, console)
@@ -148,6 +158,18 @@ def _print_dataset(report: BuildReport, console: "Console") -> None:
     console.print(f"dataset: {report.dataset_path} ({state})", markup=False, soft_wrap=True)
     if report.dataset_problem:
         console.print(f"         {report.dataset_problem}", markup=False, soft_wrap=True)
+    if any(share["recordings"] for share in report.splits.values()):
+        console.print(f"splits:  {splits_text(report.splits)}", markup=False, soft_wrap=True)
+
+
+def splits_text(splits: Mapping[str, Mapping[str, Any]]) -> str:
+    """Return what each split has, what was asked for if that is far from it, and what the devkit calls it."""
+    told = []
+    for name, share in splits.items():
+        asked = f", {share['asked']:.0%} asked for" if share["is_far"] else ""
+        told.append(f"{name} {share['recordings']} ({share['share']:.0%} of the time{asked})")
+    renamed = [devkit_split_name(name) for name in splits if devkit_split_name(name) != name]
+    return ", ".join(told) + (f"; in the devkit {', '.join(renamed)}" if renamed else "")
 
 
 def _row(store: "Store", bag: "BagPlan", outcome: BagOutcome) -> SummaryRow:

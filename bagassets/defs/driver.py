@@ -7,6 +7,7 @@ others, and an interrupt loses nothing that was finished.
 import time
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import dagster as dg
 
@@ -20,7 +21,7 @@ from bagassets.defs.situation import Situation, opened, survey
 from bagassets.defs.snapshot import SnapshotWriter
 from bagassets.defs.workspace import Workspace
 from bagassets.engine.build_report import BagOutcome, BuildOptions, BuildReport, Event
-from bagassets.engine.dataset_build import dataset_folders
+from bagassets.engine.dataset_build import dataset_folders, split_on_disk
 from bagassets.engine.plan_model import Plan, Recorded
 from bagassets.errors import RecordingError
 from bagassets.forkserver.client import Client
@@ -28,6 +29,7 @@ from bagassets.forkserver.tasks import connect, server_spec
 from bagassets.nuscenes.dataset import read_lock
 from bagassets.recipe.model import Recipe
 from bagassets.recipe.project import dagster_home
+from bagassets.splits import SplitShare, moves
 from bagassets.trace import span
 
 __all__ = ["build"]
@@ -46,6 +48,7 @@ def build(recipe_file: Path, options: BuildOptions, on_event: Listener) -> Build
         snapshot = SnapshotWriter(instance, workspace)
         before = now = survey(instance, workspace, options)
         report = BuildReport(before.plan, dataset_path=recipe.nuscenes.output)
+        split_before = split_on_disk(recipe)
         if not options.allow_empty:
             _refuse_empty(recipe, before.planned)
         report.removed = _register(instance, workspace, before.planned)
@@ -74,6 +77,8 @@ def build(recipe_file: Path, options: BuildOptions, on_event: Listener) -> Build
                 now = survey(instance, workspace)
         lock = read_lock(recipe.nuscenes.output, recipe.nuscenes.version)
         report.duplicates = {} if lock is None else lock["duplicates"]
+        report.splits = {} if lock is None else _shares(lock["shares"])
+        report.moved = moves(split_before, split_on_disk(recipe))
         if not before.datasets:
             report.dataset = "not selected"
         elif report.dataset == "fresh" and lock is None:
@@ -86,6 +91,12 @@ def build(recipe_file: Path, options: BuildOptions, on_event: Listener) -> Build
             snapshot.write(now.plan, list(dataset_folders(recipe).values()))
     report.seconds = time.monotonic() - started
     return report
+
+
+def _shares(locked: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
+    """Return what each split has, and whether that is far from what was asked for."""
+    shares = [SplitShare.from_json(name, value) for name, value in locked.items()]
+    return {share.name: {**share.as_json(), "is_far": share.is_far} for share in shares}
 
 
 def _refuse_empty(recipe: Recipe, planned: Planned) -> None:

@@ -1,6 +1,6 @@
 """From results to what people see in Dagster: metadata, and failures without tracebacks."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -20,7 +20,14 @@ from bagassets.errors import BagAssetsError, UnexpectedError
 from bagassets.splits import SplitShare
 from bagassets.steps.nuscenes_dataset import DatasetSummary
 
-__all__ = ["dataset_metadata", "failures_in_words", "inputs_metadata", "result_metadata", "split_table"]
+__all__ = [
+    "dataset_metadata",
+    "failures_in_words",
+    "inputs_metadata",
+    "moved_table",
+    "result_metadata",
+    "split_table",
+]
 
 CHANNEL_ASSETS = ("frames", "sweeps")
 _COUNTS = {"read", "written", "merged", "lost"}
@@ -88,6 +95,8 @@ def dataset_metadata(made: DatasetSummary) -> dict[str, Any]:
     }
     if made.files:
         metadata["files"] = dg.MetadataValue.md(record_table(made.files, ("way", "files")))
+    if made.moved:
+        metadata["moved"] = dg.MetadataValue.md(moved_table(made.moved))
     if made.duplicates:
         metadata["duplicates"] = dg.MetadataValue.md(
             record_table(made.duplicates, ("left out", "same content as"))
@@ -109,6 +118,11 @@ def split_table(shares: Sequence[SplitShare]) -> str:
         for share in shares
     ]
     return table(("split", "recordings", "duration", "share", "asked for", "deviation"), rows)
+
+
+def moved_table(moved: Mapping[str, tuple[str, str]]) -> str:
+    """Return a Markdown table of the recordings that changed their split."""
+    return table(("recording", "was in", "is in"), [(key, *splits) for key, splits in moved.items()])
 
 
 @contextmanager

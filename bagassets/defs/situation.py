@@ -16,14 +16,16 @@ from bagassets.defs.sqlite_files import kept_open
 from bagassets.defs.workspace import Workspace
 from bagassets.engine.build_report import BuildOptions
 from bagassets.engine.choose import choose_assets, choose_recordings
-from bagassets.engine.dataset_build import dataset_code_versions
+from bagassets.engine.dataset_build import dataset_code_versions, deal_contents, split_on_disk
 from bagassets.engine.plan_model import Plan
 from bagassets.engine.recording_assets import assets_of
+from bagassets.recipe.model import Recipe
 from bagassets.recipe.project import dagster_home
+from bagassets.splits import moves
 from bagassets.store.writable import require_writable
 from bagassets.trace import span
 
-__all__ = ["Situation", "opened", "survey"]
+__all__ = ["Situation", "opened", "survey", "would_move"]
 
 # The asset of each recording that a dataset is made from, if it is not its tables.
 _OF_DATASETS = {"vision_dataset": "vision_sequences", "trajectory_map": "ego_poses"}
@@ -91,6 +93,16 @@ def survey(
     is_current = dataset_is_current(instance, recipe, planned.inputs)
     asked = datasets if wanted is None else tuple(name for name in datasets if name in wanted)
     return Situation(planned, is_current, chosen, todo, asked)
+
+
+def would_move(situation: Situation, recipe: Recipe) -> dict[str, tuple[str, str]]:
+    """Return recording -> the split it is in and the one that a build would put it into, if that is another one."""
+    entering = {part.key: part.content for part in situation.planned.inputs.parts}
+    for key in situation.todo:
+        bag = situation.plan.bags[key]
+        if bag.skipped is None and bag.unusable is None:
+            entering[key] = bag.assets["bag"].data_version or key
+    return moves(split_on_disk(recipe), deal_contents(entering, recipe.splits))
 
 
 @contextmanager

@@ -6,7 +6,7 @@ from typing import Any
 import dagster as dg
 
 from bagassets.defs.dataset import current_inputs
-from bagassets.defs.reporting import failures_in_words, split_table
+from bagassets.defs.reporting import failures_in_words, moved_table, split_table
 from bagassets.defs.workspace import Workspace
 from bagassets.engine.dataset_build import build_vision_dataset, dataset_code_versions
 from bagassets.recipe.model import Recipe
@@ -47,6 +47,7 @@ def _metadata(made: VisionSummary, failed: Mapping[str, str]) -> dict[str, Any]:
         "sequences": dg.MetadataValue.json(dict(made.sequences)),
         "images": dg.MetadataValue.json(dict(made.images)),
         "split_shares": dg.MetadataValue.md(split_table(made.shares)),
+        "moved": dg.MetadataValue.md(moved_table(made.moved)),
         "files": dg.MetadataValue.json(dict(made.files)),
         "duplicates": dg.MetadataValue.json(dict(made.duplicates)),
         "failed": dg.MetadataValue.json(dict(failed)),

@@ -123,6 +123,9 @@ class BuildReport:
         removed: recordings that were gone.
         remarks: what checks found in what was built now.
         duplicates: recording -> another one with the same content, which stands for it in the dataset.
+        moved: recording that this build put into another split -> the old one and the new one.
+        splits: split -> what it has of the recordings and of the time (`SplitShare.as_json`), and whether that `is_far` from
+            what was asked for.
         dataset: `updated`, `fresh`, `failed`, `stopped`, `not made`, or `not selected`.
         dataset_problem: why the dataset could not be made.
         dataset_path: its dataroot.
@@ -136,6 +139,8 @@ class BuildReport:
     removed: tuple[str, ...] = ()
     remarks: tuple[Remark, ...] = ()
     duplicates: Mapping[str, str] = field(default_factory=dict)
+    moved: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    splits: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     dataset: str = "fresh"
     dataset_problem: str = ""
     dataset_path: Path = Path()
@@ -172,6 +177,8 @@ class BuildReport:
             "removed": list(self.removed),
             "remarks": [remark.as_json() for remark in self.remarks],
             "duplicates": dict(self.duplicates),
+            "moved": {key: list(splits) for key, splits in self.moved.items()},
+            "splits": {name: dict(share) for name, share in self.splits.items()},
             "dataset": {
                 "state": self.dataset,
                 "path": str(self.dataset_path),
@@ -193,6 +200,8 @@ class BuildReport:
             removed=tuple(value["removed"]),
             remarks=tuple(Remark(**remark) for remark in value["remarks"]),
             duplicates=value["duplicates"],
+            moved={key: (was, now) for key, (was, now) in value["moved"].items()},
+            splits=value["splits"],
             dataset=value["dataset"]["state"],
             dataset_problem=value["dataset"]["problem"],
             dataset_path=Path(value["dataset"]["path"]),

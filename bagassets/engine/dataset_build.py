@@ -8,8 +8,17 @@ from typing import Any
 from bagassets.engine.plan_model import Plan
 from bagassets.errors import DatasetError
 from bagassets.recipe.model import Recipe
+from bagassets.recipe.model_splits import Splits
+from bagassets.splits import deal
 from bagassets.steps import trajectory_map, vision_dataset
-from bagassets.steps.nuscenes_dataset import VERSION, BagPart, DatasetSummary, assemble, is_untouched
+from bagassets.steps.nuscenes_dataset import (
+    VERSION,
+    BagPart,
+    DatasetSummary,
+    assemble,
+    is_untouched,
+    read_lock,
+)
 from bagassets.steps.vision_dataset import VisionPart, VisionSummary, assemble_vision, is_vision_complete
 from bagassets.store.canonical import digest_json
 from bagassets.store.lease import in_use
@@ -23,8 +32,10 @@ __all__ = [
     "dataset_code_version",
     "dataset_code_versions",
     "dataset_folders",
+    "deal_contents",
     "is_on_disk",
     "select_inputs",
+    "split_on_disk",
 ]
 
 
@@ -59,9 +70,37 @@ class DatasetInputs:
             value["vision_failed"] = dict(self.vision_failed)
         return digest_json(value)
 
+    def dealt(self, splits: Splits) -> dict[str, str]:
+        """Return recording -> its split, the same for all datasets."""
+        contents = {part.key: part.content for part in self.vision}
+        return deal_contents(contents | {part.key: part.content for part in self.parts}, splits)
+
     def as_json(self) -> dict[str, Any]:
         """Return counts for people."""
         return {"recordings": len(self.parts), "skipped": len(self.skipped), "failed": len(self.failed)}
+
+
+def deal_contents(contents: Mapping[str, str], splits: Splits) -> dict[str, str]:
+    """Return recording -> its split; a copy counts once and goes where its original goes.
+
+    Args:
+        contents: recording -> digest of its content.
+        splits: the recipe's `splits`.
+    """
+    first: dict[str, str] = {}
+    for key, content in sorted(contents.items()):
+        first.setdefault(content, key)
+    dealt = deal(first.values(), splits)
+    return {key: dealt[first[content]] for key, content in contents.items()}
+
+
+def split_on_disk(recipe: Recipe) -> dict[str, str]:
+    """Return recording -> its split in the nuScenes dataset as it is; nothing if there is none that can be read."""
+    try:
+        lock = read_lock(recipe.nuscenes.output, recipe.nuscenes.version)
+    except DatasetError:
+        return {}
+    return {} if lock is None else {bag["key"]: bag["split"] for bag in lock["bags"]}
 
 
 def select_inputs(plan: Plan, live: frozenset[str]) -> DatasetInputs:
@@ -101,6 +140,7 @@ def build_dataset(recipe: Recipe, store: Store, inputs: DatasetInputs) -> Datase
             store,
             settings.output,
             splits=recipe.splits,
+            dealt=inputs.dealt(recipe.splits),
             skipped=inputs.skipped,
             failed=inputs.failed,
         )
@@ -129,6 +169,7 @@ def build_vision_dataset(recipe: Recipe, store: Store, inputs: DatasetInputs) ->
             recipe.vision,
             recipe.splits,
             store,
+            dealt=inputs.dealt(recipe.splits),
             skipped=inputs.skipped,
             failed=inputs.vision_failed,
         )

@@ -93,6 +93,7 @@ def build_named_dataset(
         store,
         settings.output,
         splits=recipe.splits,
+        dealt=inputs.dealt(recipe.splits),
         skipped=chosen.skipped,
         failed=inputs.failed,
     )

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from bagassets.engine.current import current_artifact
+from bagassets.engine.dataset_build import deal_contents
 from bagassets.engine.plan_model import BagPlan, Plan
 from bagassets.engine.track import Track, track_of
 from bagassets.errors import StoreError
@@ -15,13 +16,15 @@ from bagassets.report.grid_map import colour_of_split
 from bagassets.report.model import Gaps, RecordingFacts, ReportData, Way
 from bagassets.report.trajectory_map import MapWay
 from bagassets.report.write import write_page
-from bagassets.splits import shares_of, split_of
+from bagassets.splits import shares_of
 from bagassets.steps import trajectory_map
 from bagassets.steps.preview import FACTS, THUMBNAIL
 from bagassets.store.artifact import Artifact
 from bagassets.store.store import Outcome, Store
 
 __all__ = ["build_map", "map_path", "report_data"]
+
+_NO_SPLIT = "not in the dataset"
 
 
 def report_data(recipe: Recipe, store: Store, plan: Plan) -> ReportData:
@@ -32,9 +35,10 @@ def report_data(recipe: Recipe, store: Store, plan: Plan) -> ReportData:
         store: where the artifacts are.
         plan: states of all recordings.
     """
-    recordings = [_facts(recipe, store, bag) for _, bag in sorted(plan.bags.items())]
+    dealt = _dealt(recipe, plan)
+    recordings = [_facts(recipe, store, bag, dealt.get(bag.key, "")) for _, bag in sorted(plan.bags.items())]
     durations_s = [(r.key, r.duration_s) for r in recordings if r.state in {"ready", "stale"}]
-    shares = shares_of(durations_s, recipe.splits)
+    shares = shares_of(durations_s, recipe.splits, dealt)
     dataset = recipe.nuscenes.output / recipe.nuscenes.version
     idle_pins = sorted(recipe.splits.pinned.keys() - plan.bags.keys())
     return ReportData(recipe.name, dataset, recordings, plan.excluded, shares, idle_pins)
@@ -51,11 +55,21 @@ def build_map(recipe: Recipe, store: Store, plan: Plan) -> Outcome:
     Raises:
         DatasetError: it cannot be written.
     """
-    ways = _map_ways(recipe, _tracks(recipe, store, plan))
+    ways = _map_ways(recipe, _tracks(recipe, store, plan), _dealt(recipe, plan))
     shell = store.run(trajectory_map.SHELL_STEP.action({}, {}), trajectory_map.make_shell).artifact
     outcome = store.run(trajectory_map.action(ways, shell), partial(trajectory_map.make, ways, shell))
     write_page(map_path(recipe), outcome.artifact.path(trajectory_map.MAP).read_text(encoding="utf-8"))
     return outcome
+
+
+def _dealt(recipe: Recipe, plan: Plan) -> dict[str, str]:
+    """Return recording -> its split, of all that take part."""
+    contents = {
+        key: bag.assets["bag"].data_version or key
+        for key, bag in plan.bags.items()
+        if bag.skipped is None and bag.unusable is None
+    }
+    return deal_contents(contents, recipe.splits)
 
 
 def _tracks(recipe: Recipe, store: Store, plan: Plan) -> dict[str, Track]:
@@ -71,12 +85,12 @@ def _tracks(recipe: Recipe, store: Store, plan: Plan) -> dict[str, Track]:
     return found
 
 
-def _map_ways(recipe: Recipe, found: Mapping[str, Track]) -> list[MapWay]:
+def _map_ways(recipe: Recipe, found: Mapping[str, Track], dealt: Mapping[str, str]) -> list[MapWay]:
     """Return the recordings on the map, coloured by split."""
     splits = sorted(recipe.splits.shares)
     ways = []
     for key, track in found.items():
-        split = split_of(key, recipe.splits)
+        split = dealt.get(key, _NO_SPLIT)
         stamps_ns = [point[0] for point in track.local]
         seconds = (stamps_ns[-1] - stamps_ns[0]) / 1e9 if stamps_ns else 0.0
         note = f"{split}, {seconds:.0f} s"
@@ -92,7 +106,7 @@ def _local(track: Track) -> list[tuple[float, float]]:
     return [(x, y) for _, x, y in track.local]
 
 
-def _facts(recipe: Recipe, store: Store, bag: BagPlan) -> RecordingFacts:
+def _facts(recipe: Recipe, store: Store, bag: BagPlan, split: str) -> RecordingFacts:
     inventory = current_artifact(store, bag, "inventory")
     state, reason = _state(bag)
     if inventory is None:
@@ -112,7 +126,7 @@ def _facts(recipe: Recipe, store: Store, bag: BagPlan) -> RecordingFacts:
         start_ns=seen["start_ns"],
         duration_s=seen["duration_s"],
         rig=_summary(store, bag, "nuscenes_tables").get("rig", ""),
-        split=split_of(bag.key, recipe.splits) if state in {"ready", "stale"} else "",
+        split=split if state in {"ready", "stale"} else "",
         daylight=seen["daylight"],
         length_m=_summary(store, bag, "ego_poses").get("length_m"),
         counts=_counts(store, bag),

@@ -26,7 +26,7 @@ from bagassets.nuscenes.swap import swap_in
 from bagassets.nuscenes.table_file import json_bytes
 from bagassets.recipe.model import NuScenes
 from bagassets.recipe.model_splits import Splits
-from bagassets.splits import SplitShare
+from bagassets.splits import SplitShare, deal, moves
 from bagassets.store.canonical import digest_json
 from bagassets.store.store import Store
 
@@ -52,6 +52,7 @@ class DatasetSummary:
         files: way (linked, cloned, copied, removed; kept: looked at and found in place) -> number of files.
         duplicates: recording that was left out -> recording with the same content.
         changed: the tables were exchanged; False if they were the same already.
+        moved: recordings that are in another split than before -> the old one and the new one.
     """
 
     digest: str
@@ -62,6 +63,7 @@ class DatasetSummary:
     files: Mapping[str, int] = field(default_factory=dict)
     duplicates: Mapping[str, str] = field(default_factory=dict)
     changed: bool = True
+    moved: Mapping[str, tuple[str, str]] = field(default_factory=dict)
 
 
 def assemble(
@@ -71,6 +73,7 @@ def assemble(
     output: Path,
     *,
     splits: Splits | None = None,
+    dealt: Mapping[str, str] | None = None,
     skipped: Mapping[str, str] | None = None,
     failed: Mapping[str, str] | None = None,
     expected: Mapping[str, str] | None = None,
@@ -86,6 +89,7 @@ def assemble(
         store: where the artifacts are.
         output: the dataroot.
         splits: the recipe's `splits`; None: its defaults.
+        dealt: recording -> its split; None: as the recipe deals just these.
         skipped: recordings that take no part -> why, for the lock file.
         failed: recordings that failed -> why, for the lock file.
         expected: digests of the files that must come out, by name; otherwise nothing is exchanged.
@@ -97,14 +101,16 @@ def assemble(
     """
     splits = splits or Splits()
     chosen, duplicates = _without_copies(parts)
+    dealt = deal([part.key for part in chosen], splits) if dealt is None else dealt
     entries = [Entry(part, store.artifact(part.tables)) for part in chosen]
     current = output / settings.version
     with guarded(output):
         _refuse_foreign(current)
+        split_before = _splits(current)
         leftovers = sorted(output.glob(f"{settings.version}.tmp-*"))
         new = output / f"{settings.version}.tmp-{uuid4().hex}"
         new.mkdir()
-        written = write_tables(new, entries, settings, splits)
+        written = write_tables(new, entries, settings, splits, dealt)
         refuse_unexpected(new, written.digests, expected)
         left_out = {"duplicates": duplicates, "skipped": skipped or {}, "failed": failed or {}}
         lock = _lock(settings, splits, entries, written, left_out)
@@ -127,6 +133,7 @@ def assemble(
         files=dict(sorted(files.items())),
         duplicates=duplicates,
         changed=changed,
+        moved=moves(split_before, written.split_of),
     )
 
 
@@ -249,11 +256,20 @@ def _retire(output: Path, current: Path, retired: Sequence[Path]) -> int:
 
 def _bags(folder: Path) -> dict[str, str]:
     """Return recording -> digest of its tables of a version folder; nothing if it never got its lock."""
+    return {bag["key"]: bag["nuscenes_tables"] for bag in _locked(folder)}
+
+
+def _splits(folder: Path) -> dict[str, str]:
+    """Return recording -> split of a version folder; nothing if it never got its lock."""
+    return {bag["key"]: bag["split"] for bag in _locked(folder)}
+
+
+def _locked(folder: Path) -> Sequence[Mapping[str, Any]]:
     try:
         lock = read_lock(folder.parent, folder.name)
     except DatasetError:  # torn by a power loss, in a folder that is removed anyway
-        return {}
-    return {} if lock is None else {bag["key"]: bag["nuscenes_tables"] for bag in lock["bags"]}
+        return ()
+    return () if lock is None else lock["bags"]
 
 
 def _touched_by_others(output: Path, current: Path) -> bool:

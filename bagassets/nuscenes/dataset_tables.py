@@ -14,7 +14,7 @@ from bagassets.nuscenes.splits import devkit_split_name
 from bagassets.nuscenes.table_file import json_bytes, rows_text, table_bytes, write_joined
 from bagassets.recipe.model import NuScenes
 from bagassets.recipe.model_splits import Splits
-from bagassets.splits import SplitShare, shares_of, split_of
+from bagassets.splits import SplitShare, shares_of
 from bagassets.store.artifact import Artifact
 
 __all__ = ["LOCK", "SPLITS", "BagPart", "Entry", "WrittenTables", "write_tables"]
@@ -81,7 +81,11 @@ class WrittenTables:
 
 
 def write_tables(
-    folder: Path, entries: Sequence[Entry], settings: NuScenes, recipe_splits: Splits
+    folder: Path,
+    entries: Sequence[Entry],
+    settings: NuScenes,
+    recipe_splits: Splits,
+    dealt: Mapping[str, str],
 ) -> WrittenTables:
     """Write all 13 tables and `splits.json` into a folder that exists.
 
@@ -92,6 +96,7 @@ def write_tables(
         entries: recordings in the order of their keys.
         settings: the recipe's `nuscenes`.
         recipe_splits: the recipe's `splits`.
+        dealt: recording -> its split.
     """
     rows: dict[str, int] = {}
     digests: dict[str, str] = {}
@@ -102,7 +107,7 @@ def write_tables(
     for table, shared in _shared(entries, settings).items():
         rows[table] = len(shared)
         digests[f"{table}.json"] = _write(folder / f"{table}.json", table_bytes(table, shared))
-    split_by_key = {entry.part.key: split_of(entry.part.key, recipe_splits) for entry in entries}
+    split_by_key = {entry.part.key: dealt[entry.part.key] for entry in entries}
     splits: dict[str, list[str]] = {devkit_split_name(name): [] for name in sorted(recipe_splits.shares)}
     for entry in entries:
         names = [row["name"] for row in entry.artifact.read_json("scene.json")]
@@ -110,7 +115,7 @@ def write_tables(
     digests[SPLITS] = _write(folder / SPLITS, json_bytes(splits))
     ordered = {name: rows[name] for name in TABLES}
     durations_s = [(entry.part.key, entry.facts["counts"]["duration_s"]) for entry in entries]
-    shares = shares_of(durations_s, recipe_splits)
+    shares = shares_of(durations_s, recipe_splits, dealt)
     return WrittenTables(ordered, dict(sorted(digests.items())), splits, split_by_key, shares)
 
 

@@ -1,6 +1,6 @@
 """What a recipe may say about splits."""
 
-from typing import Self
+from typing import Any, Self
 
 from pydantic import Field, model_validator
 
@@ -12,8 +12,11 @@ __all__ = ["Splits"]
 class Splits(Model):
     """How recordings are dealt to train, val and other splits, for all datasets alike.
 
-    A seeded hash of the recording's key decides, so that adding or removing a recording never
-    moves another one. Shares of recordings, and still more of driven time, are met approximately.
+    The set of recordings alone decides, in whatever order they came; no split is empty while there are as many
+    recordings as splits. In small sets a new recording may move another one, which the build and `build --check` say and
+    `pinned` prevents; in large ones a hash of the key decides. Shares of recordings, and still more of driven time, are
+    met approximately. In `splits.json`, train and val are called custom_train and custom_val, because nuscenes-devkit
+    answers the plain names with the scenes of nuScenes.
     """
 
     shares: dict[Slug, float] = Field(
@@ -22,8 +25,18 @@ class Splits(Model):
     )
     seed: int = Field(0, description="Another seed deals all recordings anew.")
     pinned: dict[str, Slug] = Field(
-        default_factory=dict, description="Recording (its partition key) -> the split it belongs to."
+        default_factory=dict,
+        description="Recording (its partition key) -> the split it belongs to; `pin` is another name of the field.",
     )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _pin(cls, value: Any) -> Any:
+        if isinstance(value, dict) and "pin" in value:
+            if "pinned" in value:
+                raise FieldValueError(("pin",), "is the same as pinned; give one of them")
+            return {"pinned" if name == "pin" else name: content for name, content in value.items()}
+        return value
 
     @model_validator(mode="after")
     def _shares(self) -> Self:

@@ -70,6 +70,10 @@ def propose(
     if not rigs:
         _no_rig(sheet)
     _scenes(sheet, rigs)
+    sheet.field(
+        0, "splits:", "of whole recordings; nuscenes-devkit knows these as custom_train and custom_val"
+    )
+    sheet.field(1, "shares: {train: 0.8, val: 0.2}")
     sheet.field(0, "nuscenes:")
     sheet.field(1, f"version: {scalar(f'v1.0-{_slug(name)}')}")
     return sheet.text()

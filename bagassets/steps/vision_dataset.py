@@ -21,4 +21,4 @@ __all__ = [
 ]
 
 # Raised whenever the bytes of a dataset change for the same recordings.
-VERSION = 1
+VERSION = 2

@@ -26,7 +26,7 @@ from bagassets.nuscenes.swap import swap_in
 from bagassets.nuscenes.table_file import json_bytes, rows_text, write_joined
 from bagassets.recipe.model_splits import Splits
 from bagassets.recipe.model_vision import Vision
-from bagassets.splits import SplitShare, shares_of, split_of
+from bagassets.splits import SplitShare, deal, moves, shares_of
 from bagassets.store.artifact import Artifact
 from bagassets.store.canonical import digest_bytes, digest_file, digest_json
 from bagassets.store.store import Store
@@ -79,6 +79,7 @@ class VisionSummary:
         shares: what each split got of the recorded time.
         files: way (linked, cloned, copied) -> number of files that were new.
         duplicates: recording that was left out -> recording with the same content.
+        moved: recordings that are in another split than before -> the old one and the new one.
     """
 
     digest: str
@@ -88,6 +89,7 @@ class VisionSummary:
     shares: Sequence[SplitShare]
     files: Mapping[str, int] = field(default_factory=dict)
     duplicates: Mapping[str, str] = field(default_factory=dict)
+    moved: Mapping[str, tuple[str, str]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -104,6 +106,7 @@ def assemble_vision(
     splits: Splits,
     store: Store,
     *,
+    dealt: Mapping[str, str] | None = None,
     skipped: Mapping[str, str] | None = None,
     failed: Mapping[str, str] | None = None,
     expected: Mapping[str, str] | None = None,
@@ -117,6 +120,7 @@ def assemble_vision(
         vision: the recipe's `vision`.
         splits: the recipe's `splits`.
         store: where the artifacts are.
+        dealt: recording -> its split; None: as the recipe deals just these.
         skipped: recordings that take no part -> why, for the lock file.
         failed: recordings that failed -> why, for the lock file.
         expected: digests of the files that must come out, by name; otherwise nothing is exchanged.
@@ -127,10 +131,14 @@ def assemble_vision(
         StoreError: an artifact is not in the store.
     """
     output = vision.output
-    entries, duplicates = _entries(parts, splits, store)
-    shares = shares_of([(entry.part.key, entry.facts["duration_s"]) for entry in entries], splits)
+    entries, duplicates = _entries(parts, splits, store, dealt)
+    split_by_key = {entry.part.key: entry.split for entry in entries}
+    durations_s = [(entry.part.key, entry.facts["duration_s"]) for entry in entries]
+    shares = shares_of(durations_s, splits, split_by_key)
     _refuse_foreign(output)
     with guarded(output):
+        locked = read_vision_lock(output) or {"bags": []}
+        moved = moves({bag["key"]: bag["split"] for bag in locked["bags"]}, split_by_key)
         linker = Linker(output)
         for entry in entries:
             _put_recording(linker, entry, store, output)
@@ -159,6 +167,7 @@ def assemble_vision(
         shares=shares,
         files=dict(sorted(linker.counts.items())),
         duplicates=duplicates,
+        moved=moved,
     )
 
 
@@ -189,7 +198,7 @@ def is_vision_complete(output: Path) -> bool:
 
 
 def _entries(
-    parts: Sequence[VisionPart], splits: Splits, store: Store
+    parts: Sequence[VisionPart], splits: Splits, store: Store, dealt: Mapping[str, str] | None
 ) -> tuple[list[_Entry], dict[str, str]]:
     """Return the recordings that enter in the order of their keys, and copies -> what stands for them."""
     chosen: dict[str, VisionPart] = {}
@@ -199,9 +208,10 @@ def _entries(
         if first is not part:
             duplicates[part.key] = first.key
     entries = []
+    dealt = deal([part.key for part in chosen.values()], splits) if dealt is None else dealt
     for part in chosen.values():
         artifact = store.artifact(part.sequences)
-        entries.append(_Entry(part, artifact, artifact.read_json(FACTS), split_of(part.key, splits)))
+        entries.append(_Entry(part, artifact, artifact.read_json(FACTS), dealt[part.key]))
     return entries, duplicates
 
 

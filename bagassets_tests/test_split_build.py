@@ -1,0 +1,108 @@
+"""By the command: small sets leave no split empty, and a recording that a new one moves is named, before and after."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from bagassets.engine.dataset_build import DatasetInputs, deal_contents
+from bagassets.recipe.model_splits import Splits
+from bagassets.splits import deal, moves
+from bagassets.steps.nuscenes_dataset import BagPart
+from bagassets.steps.vision_dataset import VisionPart
+from bagassets_tests.in_process import QUICK
+from bagassets_tests.small_drive import write_drive
+
+pytestmark = pytest.mark.xdist_group("split_build")
+
+FIRST = ("a.mcap", "b.mcap")
+STALE = 3
+
+
+def arriving():
+    """Return the name of a recording that moves one of `FIRST`."""
+    names = (f"c{number}.mcap" for number in range(100))
+    before = deal(FIRST, Splits())
+    return next(name for name in names if moves(before, deal([*FIRST, name], Splits())))
+
+
+def run(folder, *args):
+    return subprocess.run(
+        [sys.executable, "-m", "bagassets", "build", "--recipe", str(folder / "recipe.yaml"), *args],
+        capture_output=True, text=True, timeout=240, check=False, env={**os.environ, "COLUMNS": "200"},
+    )  # fmt: skip
+
+
+def splits_of(folder):
+    return json.loads((folder / "dataset" / "nuscenes" / "v1.0-test" / "splits.json").read_bytes())
+
+
+def write(folder, name, number):
+    # Recordings with the same content would enter once.
+    write_drive(folder / "bags" / name, "mcap", duration_s=1.4 + 0.1 * number)
+
+
+@pytest.fixture(scope="module")
+def project(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("splits")
+    for number, name in enumerate(FIRST):
+        write(folder, name, number)
+    (folder / "recipe.yaml").write_text(QUICK.format(name="splits", root="bags"))
+    return folder, run(folder)
+
+
+def test_two_recordings_are_one_in_train_and_one_in_val_and_the_build_says_so(project):
+    folder, done = project
+    assert done.returncode == 0, done.stderr
+    found = splits_of(folder)
+    assert sorted(len(scenes) for scenes in found.values()) == [1, 1]
+    (line,) = [line for line in done.stdout.splitlines() if line.startswith("splits:")]
+    assert line.startswith("splits:  train 1 (")
+    assert "% of the time, 80% asked for), val 1 (" in line
+    assert line.endswith("; in the devkit custom_train, custom_val")
+
+
+def test_a_recording_that_moves_is_named_before_and_after_and_a_pin_stops_it(project):
+    folder, _ = project
+    name = arriving()
+    write(folder, name, 2)
+    ((key, (was, now)),) = moves(deal(FIRST, Splits()), deal([*FIRST, name], Splits())).items()
+    checked = run(folder, "--check")
+    assert checked.returncode == STALE
+    assert f"{key} would move from {was} to {now}; `splits.pinned` keeps it where it is." in checked.stdout
+    assert json.loads(run(folder, "--check", "--json").stdout)["moved"] == {key: [was, now]}
+    built = run(folder)
+    assert (
+        f"moved {key}: from {was} to {now}; `splits.pinned` keeps recordings where they are" in built.stdout
+    )
+    assert f"{Path(key).name}_000" in splits_of(folder)[f"custom_{now}"]
+
+    text = (folder / "recipe.yaml").read_text()
+    (folder / "recipe.yaml").write_text(text + f"splits: {{pin: {{{key}: {was}}}}}\n")
+    told = json.loads(run(folder, "--json").stdout)
+    assert told["moved"][key] == [now, was]
+    assert f"{Path(key).name}_000" in splits_of(folder)[f"custom_{was}"]
+    assert told["splits"][was]["is_far"] in {True, False}
+    assert run(folder, "--check").returncode == 0
+
+
+def test_a_copy_goes_where_its_original_goes_and_does_not_count():
+    contents = {f"drive_{number}": str(number) for number in range(5)}
+    copies = contents | {f"copy_{number}": str(number) for number in range(5)}
+    dealt = deal_contents(copies, Splits())
+    assert sorted(dealt[f"copy_{number}"] for number in range(5)) == ["train"] * 4 + ["val"]
+    assert all(dealt[f"copy_{number}"] == dealt[f"drive_{number}"] for number in range(5))
+
+
+def test_all_datasets_have_the_same_splits_even_if_one_lacks_a_recording():
+    keys = [f"drive_{number}" for number in range(7)]
+    inputs = DatasetInputs(
+        tuple(BagPart(key, key, "tables") for key in keys[1:]),
+        {},
+        {keys[0]: "why"},
+        tuple(VisionPart(key, key, "sequences") for key in keys),
+    )
+    assert inputs.dealt(Splits()) == deal(keys, Splits())
