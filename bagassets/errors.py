@@ -7,6 +7,8 @@ an exit status; nothing in the library exits or prints.
 
 from typing import ClassVar
 
+from bagassets.escaping import visible
+
 __all__ = [
     "BagAssetsError",
     "CalibrationError",
@@ -28,12 +30,25 @@ __all__ = [
 class BagAssetsError(Exception):
     """Base of all errors raised on purpose; its text is meant for users.
 
+    It is shown by terminals, the web UI and logs, and quotes what somebody recorded: names that hold line
+    breaks or control characters are spelled out.
+
+    Args:
+        sentences: the text, a line for each.
+
     Attributes:
         transient: the error says nothing about what was asked for, which may succeed when tried again;
             it is not put on record.
     """
 
     transient: ClassVar[bool] = False
+
+    def __init__(self, *sentences: str) -> None:
+        super().__init__(*map(visible, sentences))
+
+    def __str__(self) -> str:
+        """Return the text."""
+        return "\n".join(self.args)
 
 
 class RecipeError(BagAssetsError):

@@ -9,7 +9,8 @@ ROOT = Path(bagassets.__file__).parent
 
 # Lower layers may not import upper ones; each package names what it may import.
 ORDER = [
-    ("errors", "kernels"),
+    ("escaping", "kernels"),
+    ("errors",),
     ("geometry",),
     ("recipe",),
     ("store", "bags"),

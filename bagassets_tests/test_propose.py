@@ -6,8 +6,8 @@ import pytest
 
 from bagassets.bags.globs import matches
 from bagassets.errors import RecipeError
+from bagassets.escaping import yaml_scalar
 from bagassets.recipe import parse_recipe
-from bagassets.recipe.commented_yaml import scalar
 from bagassets.recipe.glance import Glance, TopicGlance
 from bagassets.recipe.grouping import match_globs
 from bagassets.recipe.propose import propose
@@ -415,7 +415,7 @@ def test_radar_alone_gets_a_reference_channel(tmp_path):
     "name", ["/a", "yes", "Null", "12", "1e3", "a: b", "a #b", "", " x", "ü\n\t", '"', "\\", "*a", "{x}"]
 )
 def test_any_text_survives_as_a_scalar(name, tmp_path):
-    assert read_yaml(f"a: {scalar(name)}", tmp_path)[0] == {"a": name}
+    assert read_yaml(f"a: {yaml_scalar(name)}", tmp_path)[0] == {"a": name}
 
 
 @pytest.mark.parametrize("name", ["my yard!", "...", "ünï", "-x-"])

@@ -4,6 +4,8 @@ from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime, timedelta
 from typing import Any
 
+from bagassets.escaping import visible
+
 __all__ = ["describe_text"]
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
@@ -23,7 +25,7 @@ def describe_text(inventory: Mapping[str, Any]) -> str:
     if inventory["topics"]:
         lines += ["", *_table([_row(topic) for topic in inventory["topics"]])]
     if inventory["notes"]:
-        lines += ["", *(f"note: {_plain(note)}" for note in inventory["notes"])]
+        lines += ["", *(f"note: {visible(note)}" for note in inventory["notes"])]
     return "\n".join(lines) + "\n"
 
 
@@ -52,14 +54,14 @@ def _facts(inventory: Mapping[str, Any]) -> list[tuple[str, str]]:
 def _row(topic: Mapping[str, Any]) -> list[str]:
     offset = topic["header_offset_s"]
     return [
-        _plain(topic["name"]),
-        _plain(topic["type"]),
+        visible(topic["name"]),
+        visible(topic["type"]),
         str(topic["count"]),
         "-" if topic["rate_hz"] is None else f"{topic['rate_hz']:.2f}",
         "-" if topic["max_gap_s"] is None else f"{topic['max_gap_s']:.3f} s",
         "-" if offset is None else f"{offset['median']:+.3f} s",
-        _plain(", ".join(topic["frame_ids"])) or "-",
-        _plain(topic["problem"] or ""),
+        visible(", ".join(topic["frame_ids"])) or "-",
+        visible(topic["problem"] or ""),
     ]
 
 
@@ -99,10 +101,3 @@ def _bytes(size: int) -> str:
         if value < 999.95:
             return f"{value:.1f} {unit}"
     return f"{value / 1000:.1f} TB"
-
-
-def _plain(text: str) -> str:
-    """Return text of a recording without what a terminal would obey."""
-    return "".join(
-        character if character.isprintable() else "\N{REPLACEMENT CHARACTER}" for character in text
-    )

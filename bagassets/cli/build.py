@@ -12,6 +12,7 @@ import click
 
 from bagassets.cli.options import recipe_option
 from bagassets.cli.progress import progress_for
+from bagassets.cli.terminal import echo, echo_lines
 from bagassets.trace import span
 
 if TYPE_CHECKING:
@@ -95,7 +96,7 @@ def build(
 def _sensible(jobs: int) -> int:
     most = _JOBS_PER_PROCESSOR * (os.cpu_count() or 1)
     if jobs > most:
-        click.echo(f"--jobs {jobs}: this machine has {os.cpu_count()} processors; {most} are used.", err=True)
+        echo(f"--jobs {jobs}: this machine has {os.cpu_count()} processors; {most} are used.", err=True)
     return min(jobs, most)
 
 
@@ -106,7 +107,7 @@ def _build(recipe: Path, options: "BuildOptions", trace: Path | None, *, as_json
     told = _told_by_server(recipe, options, trace, None if as_json else MOST_ROWS)
     report = BuildReport.from_json(told)
     if as_json:
-        click.echo(json.dumps(told, indent=1))
+        echo_lines(json.dumps(told, indent=1))
     else:
         print_summary(report, [SummaryRow(**row) for row in told["summary"]], recipe)
     if report.interrupted:
@@ -151,13 +152,13 @@ def _look(recipe: Path, options: "BuildOptions", *, check: bool, as_json: bool) 
         situation = survey(instance, workspace, options)
         moved = would_move(situation, workspace.recipe) if situation.datasets else {}
     if as_json:
-        click.echo(dry_run_json(situation, moved))
+        echo_lines(dry_run_json(situation, moved))
     else:
         for line in dry_run_lines(situation) if not check else ():
-            click.echo(line)
+            echo_lines(line)
         for key, (was, now) in moved.items():
-            click.echo(f"{key} would move from {was} to {now}; `splits.pinned` keeps it where it is.")
-        click.echo(verdict(situation))
+            echo(f"{key} would move from {was} to {now}; `splits.pinned` keeps it where it is.")
+        echo(verdict(situation))
     if not check:
         return 0
     if not situation.is_settled:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from bagassets.cli.options import EXIT_FOUND, recipe_option
+from bagassets.cli.terminal import echo, echo_lines
 
 if TYPE_CHECKING:
     from bagassets.engine.checking import Verdict
@@ -59,7 +60,7 @@ def check(recipe: Path, bags: tuple[str, ...], as_json: bool) -> int:
     if not bags:
         verdicts += check_nuscenes(loaded)
     if as_json:
-        click.echo(json.dumps([verdict.as_json() for verdict in verdicts], indent=1))
+        echo_lines(json.dumps([verdict.as_json() for verdict in verdicts], indent=1))
     else:
         _print(verdicts)
     return EXIT_FOUND if any(verdict.is_error for verdict in verdicts) else 0
@@ -75,12 +76,12 @@ def _print(verdicts: Sequence["Verdict"]) -> None:
             counts["passed"] += 1
             continue
         counts[verdict.weight] += 1
-        mark = click.style(f"{verdict.weight:5}", fg="red" if verdict.weight == "error" else "yellow")
-        click.echo(f"{mark} {verdict.recording or 'dataset'}: {verdict.check}")
+        click.secho(f"{verdict.weight:5}", fg="red" if verdict.weight == "error" else "yellow", nl=False)
+        echo(f" {verdict.recording or 'dataset'}: {verdict.check}")
         problems = verdict.finding.sentences
         for problem in problems[:_MOST_PROBLEMS]:
-            click.echo(f"      {problem}")
+            echo(f"      {problem}")
         if len(problems) > _MOST_PROBLEMS:
-            click.echo(f"      and {len(problems) - _MOST_PROBLEMS} more")
+            echo(f"      and {len(problems) - _MOST_PROBLEMS} more")
     told = ", ".join(f"{number} {what}" for what, number in counts.items() if number)
-    click.echo(f"{len(verdicts)} checks: {told or 'none'}.")
+    echo(f"{len(verdicts)} checks: {told or 'none'}.")

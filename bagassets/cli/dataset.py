@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from bagassets.cli.options import EXIT_FOUND, recipe_option
+from bagassets.cli.terminal import echo, echo_lines
 
 if TYPE_CHECKING:
     from bagassets.engine.dataset_diff import BagDiff, DatasetDiff, SceneDiff
@@ -65,7 +66,7 @@ def diff(before: Path, after: Path, recipe: Path, as_json: bool) -> int:
     one, other = load_lock(before), load_lock(after)
     found = diff_datasets(one, other, store)
     if as_json:
-        click.echo(json.dumps({"a": _lock_json(one), "b": _lock_json(other), **_diff_json(found)}, indent=1))
+        echo_lines(json.dumps({"a": _lock_json(one), "b": _lock_json(other), **_diff_json(found)}, indent=1))
     else:
         _show(one, other, found)
     return 0 if found.is_empty else EXIT_FOUND
@@ -108,28 +109,28 @@ def restore(lock: Path, recipe: Path, output: Path | None, as_json: bool) -> Non
     folder = default_output(found, loaded) if output is None else output.absolute()
     made = restore_dataset(found, Store(loaded.store_path), folder)
     if as_json:
-        click.echo(json.dumps({"folder": str(made), "lock": _lock_json(found)}, indent=1))
+        echo_lines(json.dumps({"folder": str(made), "lock": _lock_json(found)}, indent=1))
     else:
-        click.echo(f"{made}: {_counts(found)}, as in {found.path}")
+        echo(f"{made}: {_counts(found)}, as in {found.path}")
 
 
 def _show(before: "DatasetLock", after: "DatasetLock", found: "DatasetDiff") -> None:
-    click.echo(f"A {before.path}: {_counts(before)}")
-    click.echo(f"B {after.path}: {_counts(after)}")
+    echo(f"A {before.path}: {_counts(before)}")
+    echo(f"B {after.path}: {_counts(after)}")
     if found.is_empty:
-        click.echo("The datasets are the same.")
+        echo("The datasets are the same.")
         return
     for bag in found.bags:
-        click.echo(f"{_SIGNS[bag.change]} {bag.key}: {_bag_text(bag)}")
+        echo(f"{_SIGNS[bag.change]} {bag.key}: {_bag_text(bag)}")
         for scene in bag.scenes or ():
             if bag.change == "changed":
-                click.echo(f"    {_SIGNS[scene.change]} {scene.name}: {_scene_text(scene)}")
+                echo(f"    {_SIGNS[scene.change]} {scene.name}: {_scene_text(scene)}")
     for why, keys in found.left_out.items():
         for key, (old, new) in keys.items():
-            click.echo(f"{why} {key}: {old or 'not before'} -> {new or 'not any more'}")
+            echo(f"{why} {key}: {old or 'not before'} -> {new or 'not any more'}")
     for field, (old, new) in found.settings.items():
-        click.echo(f"setting {field}: {json.dumps(old)} -> {json.dumps(new)}")
-    click.echo(f"files that differ: {', '.join(found.files) or 'none'}")
+        echo(f"setting {field}: {json.dumps(old)} -> {json.dumps(new)}")
+    echo(f"files that differ: {', '.join(found.files) or 'none'}")
 
 
 def _counts(lock: "DatasetLock") -> str:

@@ -2,6 +2,8 @@
 
 import click
 
+from bagassets.cli.terminal import echo, echo_lines
+
 __all__ = ["decoders"]
 
 
@@ -36,7 +38,7 @@ def decoders(as_json: bool) -> None:
             {"name": plugin.name, "family": plugin.family, "type": plugin.msgtype, **plugin.as_json()}
         )
     if as_json:
-        click.echo(json.dumps({"decoders": rows, "problems": problems}, indent=2))
+        echo_lines(json.dumps({"decoders": rows, "problems": problems}, indent=2))
     elif rows:
         table = [("type", "becomes", "package", "decoder")]
         table += [
@@ -45,11 +47,11 @@ def decoders(as_json: bool) -> None:
         ]
         widths = [max(len(row[i]) for row in table) for i in range(4)]
         for row in table:
-            click.echo("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
+            echo("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
     elif not problems:
-        click.echo("No decoder plug-ins are installed; the types that need none are in docs/decoders.md.")
+        echo("No decoder plug-ins are installed; the types that need none are in docs/decoders.md.")
     if problems and not as_json:
         for problem in problems:
-            click.echo(f"error: {problem}", err=True)
+            echo_lines(f"error: {problem}", err=True)
     if problems:
         click.get_current_context().exit(1)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from bagassets.cli.options import EXIT_FOUND
+from bagassets.cli.terminal import echo, echo_lines
 from bagassets.errors import BagAssetsError, RecordingError
 
 if TYPE_CHECKING:
@@ -71,10 +72,10 @@ def digest(bags: tuple[Path, ...], recipe: Path | None, rehash: bool, verify: bo
         if not as_json:
             _show(entry)
     for sentence in errors:
-        click.echo(f"error: {sentence}", err=True)
+        echo_lines(f"error: {sentence}", err=True)
     wrong = sum(len(entry.get("disagreements", ())) for entry in done)
     if as_json:
-        click.echo(json.dumps({"recordings": done, "errors": errors}, indent=1))
+        echo_lines(json.dumps({"recordings": done, "errors": errors}, indent=1))
     else:
         _summarize(done, wrong if verify else None)
     return 1 if errors else EXIT_FOUND if wrong else 0
@@ -142,9 +143,9 @@ def _verified(found: "Found", index: "DigestIndex | None") -> dict[str, Any]:
 
 def _show(entry: dict[str, Any]) -> None:
     if "digest" in entry:
-        click.echo(f"{entry['digest']}  {entry['path']}")
+        echo(f"{entry['digest']}  {entry['path']}")
     for disagreement in entry.get("disagreements", ()):
-        click.echo(disagreement["message"])
+        echo_lines(disagreement["message"])
     sys.stdout.flush()
 
 
@@ -153,15 +154,13 @@ def _summarize(done: list[dict[str, Any]], wrong: int | None) -> None:
     size = sum(entry["size"] for entry in done)
     number = f"{len(done)} recording{'' if len(done) == 1 else 's'}, {_megabytes(size)}"
     if wrong is not None:
-        click.echo(
-            f"{number} hashed again: {wrong or 'no'} disagreement{'' if wrong == 1 else 's'}.", err=True
-        )
+        echo(f"{number} hashed again: {wrong or 'no'} disagreement{'' if wrong == 1 else 's'}.", err=True)
         return
     hashed = sum(entry["hashed_bytes"] for entry in done)
     nowhere = sum(file["kept"] == "nowhere" for entry in done for file in entry["files"])
-    click.echo(f"{number}; {_megabytes(hashed)} hashed, the rest was on record.", err=True)
+    echo(f"{number}; {_megabytes(hashed)} hashed, the rest was on record.", err=True)
     if nowhere:
-        click.echo(
+        echo(
             f"{nowhere} digest{'' if nowhere == 1 else 's'} could not be stored: the files take no extended attributes "
             "from you. Name a recipe with --recipe; its index takes them.",
             err=True,

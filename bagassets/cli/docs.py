@@ -2,6 +2,8 @@
 
 import click
 
+from bagassets.cli.terminal import echo_lines
+
 __all__ = ["docs"]
 
 
@@ -25,7 +27,7 @@ def recipe() -> None:
     """Print all fields of the recipe with type, default and meaning."""
     from bagassets.recipe.reference import render_reference  # noqa: PLC0415  (pydantic)
 
-    click.echo(render_reference(), nl=False)
+    echo_lines(render_reference(), nl=False)
 
 
 @docs.command(
@@ -38,4 +40,4 @@ def cli() -> None:
     """Print the help of all commands."""
     from bagassets.cli.reference import render_reference  # noqa: PLC0415  (imports every command)
 
-    click.echo(render_reference(), nl=False)
+    echo_lines(render_reference(), nl=False)

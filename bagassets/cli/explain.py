@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from bagassets.cli.options import recipe_option
+from bagassets.cli.terminal import echo, echo_lines
 
 if TYPE_CHECKING:
     from bagassets.engine.explain import ActionPair, Explanation
@@ -58,10 +59,10 @@ def explain(bag: str, asset: str, recipe: Path, as_json: bool) -> None:
         recorded = recorded_of(instance, workspace.recipe, keys[0])
         explanation = explain_asset(planner, found[keys[0]], recorded, asset)
     if as_json:
-        click.echo(json.dumps(explanation.as_json(), indent=1))
+        echo_lines(json.dumps(explanation.as_json(), indent=1))
         return
     for line in explanation_lines(explanation):
-        click.echo(line)
+        echo(line)
 
 
 def explanation_lines(told: "Explanation") -> Iterator[str]:

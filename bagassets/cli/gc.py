@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from bagassets.cli.options import recipe_option
+from bagassets.cli.terminal import echo, echo_lines
 
 if TYPE_CHECKING:
     from bagassets.store.collect import Garbage
@@ -90,7 +91,7 @@ def gc(
     collected = Collected() if dry_run else collect(store, garbage, now_s)
     listed = garbage if dry_run else collected.removed
     if as_json:
-        click.echo(
+        echo_lines(
             json.dumps(
                 {
                     "dry_run": dry_run,
@@ -107,19 +108,19 @@ def gc(
         return
     for entry in listed:
         days = (now_s - entry.used_s) / _DAY_S
-        click.echo(
+        echo(
             f"{entry.size / 1e6:10.1f} MB  {entry.step or '(unrecorded)':<18} {entry.artifact[:16]}  "
             f"last used {days:.1f} days ago"
         )
     verb = "would be removed" if dry_run else "removed"
-    click.echo(
+    echo(
         f"{len(listed)} artifact{'' if len(listed) == 1 else 's'}, {sum(e.size for e in listed) / 1e6:.1f} MB, {verb}; "
         f"{len(roots.projects)} project{'' if len(roots.projects) == 1 else 's'} and {len(roots.locks)} dataset "
         f"lock{'' if len(roots.locks) == 1 else 's'} asked.",
         err=True,
     )
     if collected.spared or collected.leftovers:
-        click.echo(
+        echo(
             f"{collected.spared} spared, because a build uses them; {collected.leftovers} leftovers of killed builds removed.",
             err=True,
         )

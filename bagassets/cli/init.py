@@ -8,7 +8,9 @@ from typing import TypeVar
 
 import click
 
+from bagassets.cli.terminal import echo
 from bagassets.errors import BagAssetsError, RecipeError
+from bagassets.escaping import visible
 
 __all__ = ["init"]
 
@@ -60,9 +62,7 @@ def init(project: Path, bags: Path | None, look_at: int, force: bool) -> None:
                 f"{project} has no recipe.yaml yet; name the folder of the recordings with --bags."
             )
         write_project(project, None, load_recipe(recipe_file).state)
-        click.echo(
-            f"Rewrote dagster.yaml and .env in {project}; recipe.yaml and workspace.yaml are as they were."
-        )
+        echo(f"Rewrote dagster.yaml and .env in {project}; recipe.yaml and workspace.yaml are as they were.")
         return
     present = [name for name in FILES if (project / name).exists()]
     if present and not force:
@@ -83,7 +83,7 @@ def _propose(project: Path, root: Path, look_at: int) -> str:
 
     discovery = discover(Bags(root=root))
     for sentence in discovery.unreadable.values():
-        click.echo(f"left out: {sentence}", err=True)
+        echo(f"left out: {sentence}", err=True)
     found = sorted(discovery.found.values(), key=lambda recording: recording.relative)
     if not found:
         raise RecipeError(
@@ -96,7 +96,7 @@ def _propose(project: Path, root: Path, look_at: int) -> str:
         chosen,
         label=f"Looking into {len(chosen)} recording{'' if len(chosen) == 1 else 's'}",
         file=sys.stderr,
-        item_show_func=lambda recording: recording.relative if recording else "",
+        item_show_func=lambda recording: visible(recording.relative) if recording else "",
     ) as shown:
         for recording in shown:
             try:
@@ -121,20 +121,20 @@ def _tell_next(project: Path, recipe_file: Path) -> None:
     """Print what was proposed, what is left to decide, and the next command."""
     from bagassets.recipe import load_recipe  # noqa: PLC0415
 
-    click.echo(f"Project {project}: recipe.yaml, dagster.yaml, workspace.yaml, .env")
+    echo(f"Project {project}: recipe.yaml, dagster.yaml, workspace.yaml, .env")
     text = recipe_file.read_text(encoding="utf-8")
-    click.echo(
+    echo(
         f"{text.count('# guess:')} guesses and {text.count('# not guessed:')} open questions are marked in recipe.yaml; look at them first."
     )
     try:
         recipe = load_recipe(recipe_file)
     except RecipeError as err:
-        click.echo("To be decided before the first build:")
+        echo("To be decided before the first build:")
         for line in str(err).splitlines():
-            click.echo(f"  {line}")
+            echo(f"  {line}")
     else:
         for rig in recipe.rigs:
-            click.echo(f"  rig {rig.name}: {', '.join(rig.channels)}; poses from {rig.ego_pose.source}")
-    click.echo("Then:")
-    click.echo(f"  cd {project}")
-    click.echo("  bagassets build")
+            echo(f"  rig {rig.name}: {', '.join(rig.channels)}; poses from {rig.ego_pose.source}")
+    echo("Then:")
+    echo(f"  cd {project}")
+    echo("  bagassets build")

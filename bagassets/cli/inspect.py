@@ -4,6 +4,9 @@ from pathlib import Path
 
 import click
 
+from bagassets.cli.terminal import echo_lines
+from bagassets.escaping import visible
+
 __all__ = ["inspect"]
 
 
@@ -57,8 +60,8 @@ def inspect(bag: Path, as_json: bool, definitions: tuple[Path, ...], recipe: Pat
             make_inventory(recording, writer, size=found.size)
         text = next(Path(folder).rglob("inventory.json")).read_text(encoding="utf-8")
     if as_json:
-        click.echo(text, nl=False)
+        echo_lines(text, nl=False)
         return
     import json  # noqa: PLC0415
 
-    click.echo(f"{bag}\n\n{describe_text(json.loads(text))}", nl=False)
+    echo_lines(f"{visible(str(bag))}\n\n{describe_text(json.loads(text))}", nl=False)

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 import click
 
 from bagassets import __version__
+from bagassets.cli.terminal import echo
 from bagassets.errors import BagAssetsError
 
 __all__ = ["COMMANDS", "main", "root"]
@@ -146,19 +147,19 @@ def main(args: Sequence[str] | None = None) -> int:
     try:
         result = root.main(arguments, prog_name="bagassets", standalone_mode=False)
     except click.exceptions.Abort:
-        click.echo("Interrupted.", err=True)
+        echo("Interrupted.", err=True)
         return EXIT_INTERRUPTED
     except click.ClickException as err:
         err.show()
         return err.exit_code
     except BagAssetsError as err:
         for line in str(err).splitlines():
-            click.echo(f"error: {line}", err=True)
+            echo(f"error: {line}", err=True)
         return EXIT_ERROR
     except OSError as err:
         if err.errno not in _REFUSALS or err.filename is None:
             return _crashed(err, arguments)
-        click.echo(
+        echo(
             f"error: {err.filename}: {err.strerror}; name another place, or mend this one and try again.",
             err=True,
         )
@@ -183,5 +184,5 @@ def _crashed(err: Exception, arguments: list[str]) -> int:
         where = f"the traceback is in {path}; please report it"
     except OSError:
         where = "the traceback could not be written"
-    click.echo(f"error: this is a defect of bagassets ({reason}); {where}.", err=True)
+    echo(f"error: this is a defect of bagassets ({reason}); {where}.", err=True)
     return EXIT_CRASH

@@ -5,8 +5,7 @@ import time
 from types import TracebackType
 from typing import TYPE_CHECKING, Protocol, Self
 
-import click
-
+from bagassets.cli.terminal import echo, echo_lines, print_lines
 from bagassets.engine.build_report import Event
 
 if TYPE_CHECKING:
@@ -60,16 +59,16 @@ class LinesProgress(SilentProgress):
             self._total = len(event.sizes)
             if self._total:
                 plural = "recording needs" if self._total == 1 else "recordings need"
-                click.echo(f"{self._total} {plural} a run.", err=True)
+                echo(f"{self._total} {plural} a run.", err=True)
         elif event.kind == "started":
             self._since[event.key] = now
-            click.echo(f"start    {event.key or 'dataset'}", err=True)
+            echo(f"start    {event.key or 'dataset'}", err=True)
         else:
             self._ended += bool(event.key)
             took = now - self._since.pop(event.key, now)
             reason = f": {event.message}" if event.message else ""
             place = f"{self._ended}/{self._total} " if event.key else ""
-            click.echo(f"{event.kind:<8} {place}{event.key or 'dataset'} ({took:.1f} s){reason}", err=True)
+            echo_lines(f"{event.kind:<8} {place}{event.key or 'dataset'} ({took:.1f} s){reason}", err=True)
 
 
 class LiveProgress(SilentProgress):
@@ -99,9 +98,7 @@ class LiveProgress(SilentProgress):
             self._done.add(event.key)
             self._failed += event.kind == "failed"
             if event.kind == "failed" and self._live is not None:
-                self._live.console.print(
-                    f"failed {event.key or 'dataset'}: {event.message}", markup=False, soft_wrap=True
-                )
+                print_lines(self._live.console, f"failed {event.key or 'dataset'}: {event.message}")
         if self._live is not None:
             self._live.refresh()
 

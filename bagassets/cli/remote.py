@@ -96,7 +96,7 @@ def build_on_server(
         client.cancel(job, grace_s=_GRACE_S)
         event = _follow(client, job, on_event)
     if event["event"] == "killed":
-        raise BagAssetsError(str(event["reason"]))
+        raise BagAssetsError(*str(event["reason"]).split("\n"))
     if event["exit"] != 0:
         raise _raised(event["error"])
     report: dict[str, Any] = event["result"]
@@ -125,7 +125,7 @@ def _raised(error: dict[str, str]) -> BagAssetsError:
     if kind == "KeyboardInterrupt":
         return InterruptedBuildError("interrupted.")
     if kind == SelectionError.__name__:
-        return SelectionError(message)
+        return SelectionError(*message.split("\n"))
     if kind in errors.__all__:
-        return BagAssetsError(message)
+        return BagAssetsError(*message.split("\n"))
     return BagAssetsError(f"the build failed in a worker ({kind}: {message}); please report this.")

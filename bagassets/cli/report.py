@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 
 from bagassets.cli.options import recipe_option
+from bagassets.cli.terminal import echo, echo_lines
 
 __all__ = ["report"]
 
@@ -42,8 +43,8 @@ def report(recipe: Path, output: Path | None, as_json: bool) -> None:
         plan = plan_now(instance, workspace).plan
         data = report_data(workspace.recipe, workspace.store, plan)
     if as_json:
-        click.echo(json.dumps(report_json(data), indent=1))
+        echo_lines(json.dumps(report_json(data), indent=1))
         return
     path = output or recipe.absolute().parent / "report.html"
     size = write_page(path, report_page(data))
-    click.echo(f"{path} ({len(data.recordings)} recordings, {size / 1e6:.1f} MB)")
+    echo(f"{path} ({len(data.recordings)} recordings, {size / 1e6:.1f} MB)")

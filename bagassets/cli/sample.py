@@ -4,6 +4,8 @@ from pathlib import Path
 
 import click
 
+from bagassets.cli.terminal import echo
+
 __all__ = ["sample"]
 
 _FORMATS = {".bag": "ros1", ".mcap": "mcap", "": "ros2"}
@@ -80,7 +82,7 @@ def sample(
             length_s,
             lambda seconds: bar.update(max(0, min(1000, int(1000 * seconds / length_s)) - bar.pos)),
         )
-    click.echo(f"Wrote {path}: {length_s:g} s of drive, seed {seed}. Look into it: bagassets inspect {path}")
+    echo(f"Wrote {path}: {length_s:g} s of drive, seed {seed}. Look into it: bagassets inspect {path}")
     if recipe_out is not None:
         from bagassets.sample.recipe import sample_recipe  # noqa: PLC0415
 
@@ -88,4 +90,4 @@ def sample(
             sample_recipe(root=str(path.resolve().parent), throughput=PROFILES[profile].throughput),
             encoding="utf-8",
         )
-        click.echo(f"Wrote {recipe_out}. Build the dataset: bagassets build --recipe {recipe_out}")
+        echo(f"Wrote {recipe_out}. Build the dataset: bagassets build --recipe {recipe_out}")

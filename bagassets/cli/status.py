@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from bagassets.cli.options import recipe_option
+from bagassets.cli.terminal import echo_lines, print_lines
+from bagassets.escaping import visible
 
 if TYPE_CHECKING:
     from bagassets.defs.situation import Situation
@@ -78,7 +80,7 @@ def status(recipe: Path, bags: tuple[str, ...], show_all: bool, as_json: bool) -
     except SelectionError as err:
         raise click.UsageError(str(err)) from err
     if as_json:
-        click.echo(json.dumps(status_json(situation), indent=1))
+        echo_lines(json.dumps(status_json(situation), indent=1))
     else:
         _print(situation, show_all=show_all or bool(bags))
     if not situation.is_settled:
@@ -122,7 +124,7 @@ def _print(situation: "Situation", *, show_all: bool) -> None:
     if len(listed) < len(bags):
         console.print(f"{len(bags) - len(listed)} more recordings are fresh or skipped; --all lists them.")
     for line in _reasons(situation, listed):
-        console.print(line, markup=False, soft_wrap=True)
+        print_lines(console, line)
     for name in situation.datasets:
         console.print(f"{name}: {_dataset_state(situation)}")
     counts = Counter[str](state.state for bag in bags.values() for state in bag.assets.values())
@@ -159,4 +161,4 @@ def _reasons(situation: "Situation", listed: Mapping[str, Any]) -> Iterator[str]
         yield f"{key}: the recording is gone; the next build removes its partition and its scenes"
     for relative, reason in situation.plan.excluded.items():
         if not reason.startswith("not matched"):
-            yield f"{relative}: left out: {reason}"
+            yield f"{visible(relative)}: left out: {reason}"

@@ -6,7 +6,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from bagassets.cli.terminal import print_lines
 from bagassets.engine.build_report import BagOutcome, BuildReport
+from bagassets.escaping import visible
 from bagassets.nuscenes.splits import devkit_split_name
 
 if TYPE_CHECKING:
@@ -95,30 +97,26 @@ def print_summary(
     for row in rows:
         if row.reason:
             console.print(f"[{_COLOURS[row.result]}]{row.result}[/] ", end="")
-            console.print(f"{row.recording}: {row.reason}", markup=False, soft_wrap=True)
+            print_lines(console, f"{row.recording}: {row.reason}")
     if len(rows) < len(report.outcomes):
         console.print(f"{len(report.outcomes) - len(rows)} more recordings; `bagassets status` lists all.")
     for relative, reason in report.excluded.items():
         if not reason.startswith("not matched"):
-            console.print(f"left out {relative}: {reason}", markup=False, soft_wrap=True)
+            print_lines(console, f"left out {visible(relative)}: {reason}")
     for copy, first in report.duplicates.items():
-        console.print(
-            f"copy {copy}: the same content as {first}, which is in the dataset for both",
-            markup=False, soft_wrap=True,
-        )  # fmt: skip
+        print_lines(console, f"copy {copy}: the same content as {first}, which is in the dataset for both")
     for key in report.removed:
-        console.print(f"removed {key}", markup=False, soft_wrap=True)
+        print_lines(console, f"removed {key}")
     for key, (was, now) in list(report.moved.items())[:_MOST_MOVES]:
-        console.print(
-            f"moved {key}: from {was} to {now}; `splits.pinned` keeps recordings where they are",
-            markup=False, soft_wrap=True,
-        )  # fmt: skip
+        print_lines(
+            console, f"moved {key}: from {was} to {now}; `splits.pinned` keeps recordings where they are"
+        )
     if len(report.moved) > _MOST_MOVES:
         console.print(f"{len(report.moved) - _MOST_MOVES} more recordings moved to another split.")
     _print_remarks(report, console)
-    console.print(counts_line(report), markup=False, soft_wrap=True)
+    print_lines(console, counts_line(report))
     _print_dataset(report, console)
-    console.print(f"web UI:  {ui_command(recipe_file)}", markup=False, soft_wrap=True)
+    print_lines(console, f"web UI:  {ui_command(recipe_file)}")
 
 
 def counts_line(report: BuildReport) -> str:
@@ -147,19 +145,19 @@ def _print_remarks(report: BuildReport, console: "Console") -> None:
     told = sorted(report.remarks, key=lambda remark: remark.severity != "error")
     for remark in told[:_MOST_REMARKS]:
         console.print(f"[{_COLOURS[remark.severity]}]{remark.severity}[/] ", end="")
-        problem = f"{remark.key or 'dataset'}: {remark.problem} ({remark.check})"
-        console.print(problem, markup=False, soft_wrap=True)
+        problem = f"{remark.key or 'dataset'}: {visible(remark.problem)} ({remark.check})"
+        print_lines(console, problem)
     if len(told) > _MOST_REMARKS:
         console.print(f"{len(told) - _MOST_REMARKS} more findings; `bagassets check` lists all.")
 
 
 def _print_dataset(report: BuildReport, console: "Console") -> None:
     state = {"fresh": "up to date", "stopped": "not updated"}.get(report.dataset, report.dataset)
-    console.print(f"dataset: {report.dataset_path} ({state})", markup=False, soft_wrap=True)
+    print_lines(console, f"dataset: {report.dataset_path} ({state})")
     if report.dataset_problem:
-        console.print(f"         {report.dataset_problem}", markup=False, soft_wrap=True)
+        print_lines(console, f"         {report.dataset_problem}")
     if any(share["recordings"] for share in report.splits.values()):
-        console.print(f"splits:  {splits_text(report.splits)}", markup=False, soft_wrap=True)
+        print_lines(console, f"splits:  {splits_text(report.splits)}")
 
 
 def splits_text(splits: Mapping[str, Mapping[str, Any]]) -> str:

@@ -10,6 +10,7 @@ from types import FrameType
 import click
 
 from bagassets.cli.options import recipe_option
+from bagassets.cli.terminal import echo
 
 __all__ = ["ui"]
 
@@ -50,7 +51,7 @@ def ui(recipe: Path, port: int, host: str, no_browser: bool, verbose: bool) -> i
         services.wait_until_ready(lambda: signals.count > 0)
         if not signals.count:
             services.warm_up()
-            click.echo(f"{services.url}  (web UI of {recipe.resolve().parent.name}; Ctrl-C ends it)")
+            echo(f"{services.url}  (web UI of {recipe.resolve().parent.name}; Ctrl-C ends it)")
             if not no_browser and _has_display():
                 click.launch(services.url)
         while services.is_running and not signals.count:
@@ -79,7 +80,7 @@ class _Signals:
 
 def _tell_waiting(runs: int) -> None:
     what = "a run" if runs == 1 else f"{runs} runs"
-    click.echo(f"Waiting for {what} to end; Ctrl-C again cancels.", err=True)
+    echo(f"Waiting for {what} to end; Ctrl-C again cancels.", err=True)
 
 
 def _has_display() -> bool:

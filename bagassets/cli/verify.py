@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from bagassets.cli.options import EXIT_FOUND, recipe_option
+from bagassets.cli.terminal import echo, echo_lines
 from bagassets.errors import BagAssetsError
 
 if TYPE_CHECKING:
@@ -83,7 +84,7 @@ def _check(recipe: "Recipe", store: "Store", *, report_only: bool, as_json: bool
                 store.forget(damage.digest)
         take_out(spoiled)
     if as_json:
-        click.echo(
+        echo_lines(
             json.dumps(
                 {
                     "damaged": [
@@ -105,18 +106,18 @@ def _check(recipe: "Recipe", store: "Store", *, report_only: bool, as_json: bool
         return EXIT_FOUND if damages or spoiled else 0
     for damage in damages:
         of = f" ({names[damage.digest]})" if damage.digest in names else ""
-        click.echo(f"damaged  {damage}{of}")
+        echo(f"damaged  {damage}{of}")
     for spoiled_file in spoiled[:_MOST_SHOWN]:
-        click.echo(f"dataset  {spoiled_file}")
+        echo(f"dataset  {spoiled_file}")
     if len(spoiled) > _MOST_SHOWN:
-        click.echo(f"dataset  and {len(spoiled) - _MOST_SHOWN} more files")
+        echo(f"dataset  and {len(spoiled) - _MOST_SHOWN} more files")
     if not damages and not spoiled:
-        click.echo("Store and datasets are as they were written.")
+        echo("Store and datasets are as they were written.")
         return 0
     done = (
         "Nothing was changed." if report_only else "Taken out; the next `bagassets build` makes them again."
     )
-    click.echo(f"Damage: {len(damages)} in the store, {len(spoiled)} in datasets. {done}", err=True)
+    echo(f"Damage: {len(damages)} in the store, {len(spoiled)} in datasets. {done}", err=True)
     return EXIT_FOUND
 
 
@@ -178,13 +179,13 @@ def _rebuild(
             outcome = _outcome(action, again[action.action])
             outcomes.append(outcome)
             if not as_json:
-                click.echo(f"{outcome['result']:<9}  {action}" + _details(outcome))
+                echo(f"{outcome['result']:<9}  {action}" + _details(outcome))
     different = sum(outcome["result"] != "same" for outcome in outcomes)
     if as_json:
-        click.echo(json.dumps({"seed": seed, "environment": environment, "actions": outcomes}, indent=1))
+        echo_lines(json.dumps({"seed": seed, "environment": environment, "actions": outcomes}, indent=1))
     else:
         how = " ".join(f"{name}={value!r}" for name, value in sorted(environment.items()))
-        click.echo(
+        echo(
             f"{len(outcomes)} of {len(known)} actions run again with {how}: {len(outcomes) - different} the same, "
             f"{different} not (--seed {seed}).",
             err=True,

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 import click
 
 from bagassets.cli.options import recipe_option
+from bagassets.cli.terminal import echo, echo_lines
+from bagassets.escaping import visible
 
 if TYPE_CHECKING:
     from bagassets.recipe.model import Recipe
@@ -62,7 +64,7 @@ def view(
         dataroot, version = _place(settings, dataset)
     if show_list or scene is None:
         names = scene_names(dataroot, version)
-        click.echo(json.dumps(names, indent=1) if as_json else "\n".join(names))
+        echo_lines(json.dumps(names, indent=1) if as_json else "\n".join(map(visible, names)))
         return
     from bagassets.view.mcap_scene import write_scene  # noqa: PLC0415  (protobuf, mcap)
 
@@ -71,11 +73,11 @@ def view(
     path = output or Path(f"{chosen.name}.mcap")
     counts = write_scene(chosen, path, fixes)
     if as_json:
-        click.echo(json.dumps({"file": str(path), "scene": chosen.name, "messages": counts}, indent=1))
+        echo_lines(json.dumps({"file": str(path), "scene": chosen.name, "messages": counts}, indent=1))
         return
-    click.echo(f"{path} ({sum(counts.values())} messages, {path.stat().st_size / 1e6:.1f} MB)")
+    echo(f"{path} ({sum(counts.values())} messages, {path.stat().st_size / 1e6:.1f} MB)")
     for topic, number in counts.items():
-        click.echo(f"{number:8d}  {topic}")
+        echo(f"{number:8d}  {topic}")
 
 
 def _place(recipe: "Recipe", dataset: str | None) -> tuple[Path, str]:

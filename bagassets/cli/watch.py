@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from bagassets.cli.options import EXIT_FOUND
+from bagassets.cli.terminal import echo_lines
 
 if TYPE_CHECKING:
     from bagassets.bags.watch import WatchEvent
@@ -90,7 +91,7 @@ def watch(
     def tell(event: WatchEvent) -> None:
         nonlocal wrong
         wrong += event.kind == "wrong"
-        click.echo(_json_line(event) if as_json else _line(event))
+        echo_lines(_json_line(event) if as_json else _line(event))
 
     watcher = Watcher(bags, index, tell, rescan_s=rescan_s)
     for number in (signal.SIGTERM, signal.SIGINT):

@@ -7,6 +7,7 @@ import dagster as dg
 from bagassets.defs.reporting import failures_in_words
 from bagassets.defs.workspace import Workspace, recording_partitions
 from bagassets.errors import RecipeError
+from bagassets.escaping import markdown, visible
 from bagassets.quality.catalogue import (
     DATASET_CHECKS,
     RECORDING_CHECKS,
@@ -99,7 +100,7 @@ def dataset_checks(recipe: Recipe) -> list[dg.AssetChecksDefinition]:
 
 
 def _result(asset: str, name: str, finding: Finding, severity: Severity) -> dg.AssetCheckResult:
-    sentences = "\n".join(f"- {problem}" for problem in finding.sentences[:MOST_SENTENCES])
+    sentences = "\n".join(f"- {markdown(problem)}" for problem in finding.sentences[:MOST_SENTENCES])
     metadata: dict[str, dg.MetadataValue | int] = {"problems": len(finding.sentences)}
     if sentences:
         metadata["found"] = dg.MetadataValue.md(sentences)
@@ -111,6 +112,6 @@ def _result(asset: str, name: str, finding: Finding, severity: Severity) -> dg.A
         asset_key=asset,
         check_name=name,
         severity=dg.AssetCheckSeverity.WARN if weight == "warn" else dg.AssetCheckSeverity.ERROR,
-        description=None if finding.passed else finding.sentences[0],
+        description=None if finding.passed else visible(finding.sentences[0]),
         metadata=metadata,
     )

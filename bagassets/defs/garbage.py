@@ -93,7 +93,8 @@ def _ask(store: Store, user: User, roots: Roots) -> None:
         recipe = load_recipe(user.recipe)
     except RecipeError as err:
         raise StoreError(
-            f"{user.recipe}: this project uses the store too, but its recipe is wrong, so nothing was removed; correct it:\n{err}"
+            f"{user.recipe}: this project uses the store too, but its recipe is wrong, so nothing was removed; correct it:",
+            *str(err).split("\n"),
         ) from err
     if recipe.store_path.resolve() == store.root.resolve():
         _add_project(user.recipe, recipe, roots)

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from bagassets.escaping import markdown
 from bagassets.store.artifact import Artifact
 
 __all__ = ["calibration_table", "counts_table", "human_size", "record_table", "table", "topics_table"]
@@ -75,5 +76,4 @@ def _line(cells: Sequence[str]) -> str:
 
 
 def _cell(value: Any) -> str:
-    # A vertical bar would end the cell, a line break the table.
-    return str(value).replace("|", "\\|").replace("\n", " ")
+    return markdown(str(value))

@@ -17,6 +17,7 @@ from bagassets.defs.markdown import (
 from bagassets.engine.dataset_build import DatasetInputs
 from bagassets.engine.recording_assets import AssetResult, BuildFailure
 from bagassets.errors import BagAssetsError, UnexpectedError
+from bagassets.escaping import visible
 from bagassets.splits import SplitShare
 from bagassets.steps.nuscenes_dataset import DatasetSummary
 
@@ -58,12 +59,14 @@ def result_metadata(result: AssetResult) -> dict[str, Any]:
 
 def _shown(value: Any) -> Any:
     """Return a fact as people like to read it, or None if there is nothing to tell."""
-    if isinstance(value, bool | int | float | str):
+    if isinstance(value, str):
+        return visible(value)
+    if isinstance(value, bool | int | float):
         return value
     if not value:
         return None
     if isinstance(value, list) and all(isinstance(item, str) for item in value):
-        return ", ".join(value)
+        return ", ".join(map(visible, value))
     if isinstance(value, dict):
         if set(value) == _COUNTS and isinstance(value["read"], int):
             return dg.MetadataValue.md(counts_table({"all": value}, "messages"))

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from bagassets.errors import BagAssetsError
+from bagassets.escaping import visible
 from bagassets.recipe.model import Recipe
 from bagassets.store.action import Action
 from bagassets.store.artifact import Artifact
@@ -77,7 +78,9 @@ class BuildFailure(BagAssetsError):  # noqa: N818  (a state of a build, named as
     def __init__(self, errors: Mapping[str, BagAssetsError], path: Path) -> None:
         self.errors = dict(errors)
         told = [str(err) for err in self.errors.values()]
-        super().__init__("\n".join(text if str(path) in text else f"{path}: {text}" for text in told))
+        where = visible(str(path))
+        told = [line if where in text else f"{where}: {line}" for text in told for line in text.split("\n")]
+        super().__init__(*told)
 
 
 class NotMadeError(BagAssetsError):

@@ -74,7 +74,7 @@ class Client:
             if client is not None:
                 return client
             if time.monotonic() > deadline:
-                raise BagAssetsError(_cannot_start(places, f"it did not answer within {timeout_s:.0f} s"))
+                raise BagAssetsError(*_cannot_start(places, f"it did not answer within {timeout_s:.0f} s"))
             _start(spec, places, max(1.0, deadline - time.monotonic()), first_job)
             time.sleep(_RETRY_S)
 
@@ -238,12 +238,12 @@ def _start(spec: ServerSpec, places: Places, timeout_s: float, first_job: FirstJ
             code = starter.wait(timeout_s)
         except subprocess.TimeoutExpired as err:
             starter.kill()
-            raise BagAssetsError(_cannot_start(places, f"it took longer than {timeout_s:.0f} s")) from err
+            raise BagAssetsError(*_cannot_start(places, f"it took longer than {timeout_s:.0f} s")) from err
         except BaseException:
             starter.kill()
             raise
     if code not in {0, SOURCE_CHANGED}:
-        raise BagAssetsError(_cannot_start(places, f"it ended with exit code {code}"))
+        raise BagAssetsError(*_cannot_start(places, f"it ended with exit code {code}"))
 
 
 def _starter(
@@ -270,10 +270,10 @@ def _starter(
         )
 
 
-def _cannot_start(places: Places, reason: str) -> str:
+def _cannot_start(places: Places, reason: str) -> list[str]:
     try:
         lines = places.log.read_text("utf-8", "replace").splitlines()[-_LOG_LINES:]
     except OSError:
         lines = []
-    tail = "".join(f"\n  {line}" for line in lines) or " it is empty; is the disk full?"
-    return f"the fork server cannot start: {reason}. The last lines of {places.log}:{tail}"
+    told = f"the fork server cannot start: {reason}. The last lines of {places.log}:"
+    return [told, *(f"  {line}" for line in lines)] if lines else [f"{told} it is empty; is the disk full?"]

@@ -1,26 +1,19 @@
 """YAML with comments: fields one per line, each with the reason it has its value."""
 
-import re
 from collections.abc import Iterable
 
-__all__ = ["Sheet", "scalar"]
+from bagassets.escaping import visible
+
+__all__ = ["Sheet"]
 
 _WIDTH = 110
-# Text that every YAML reader takes as text without quotes.
-_BARE = re.compile(r"[A-Za-z_/][A-Za-z0-9_./-]*")
-_NOT_TEXT = frozenset({"null", "true", "false", "yes", "no", "on", "off", "y", "n"})
-
-
-def scalar(value: str) -> str:
-    """Return text as a YAML scalar, quoted only if it must be."""
-    if _BARE.fullmatch(value) and value.lower() not in _NOT_TEXT:
-        return value
-    escaped = value.replace("\\", "\\\\").replace('"', '\\"')
-    return '"' + "".join(c if c.isprintable() else f"\\u{ord(c):04x}" for c in escaped) + '"'
 
 
 class Sheet:
-    """Lines of YAML in the making."""
+    """Lines of YAML in the making.
+
+    Values are put in as `yaml_scalar`; comments may be any text, and stay comments.
+    """
 
     def __init__(self) -> None:
         self._lines: list[str] = []
@@ -28,6 +21,7 @@ class Sheet:
     def field(self, depth: int, text: str, comment: str = "") -> None:
         """Add a line, its comment behind it or, if that is too long, above it."""
         line = "  " * depth + text
+        comment = visible(comment)
         if comment and len(line) + len(comment) + 4 <= _WIDTH:
             self._lines.append(f"{line}  # {comment}")
             return
@@ -40,7 +34,7 @@ class Sheet:
         """Add a comment of its own, wrapped."""
         pad = "  " * depth + "# "
         line = pad
-        for word in " ".join(text.split()).split(" "):
+        for word in visible(text).split():
             if len(line) + len(word) > _WIDTH and line != pad:
                 self._lines.append(line.rstrip())
                 line = f"{pad}  "
@@ -54,7 +48,7 @@ class Sheet:
 
     def off(self, depth: int, text: str) -> None:
         """Add a line that is commented out: removing `# ` makes it count."""
-        self._lines.append("  " * depth + "# " + text)
+        self._lines.append("  " * depth + "# " + visible(text))
 
     def blank(self) -> None:
         """Add an empty line."""

@@ -94,7 +94,7 @@ def _causes(err: ValidationError) -> list[Any]:
 def _wrong(problems: Iterable[Problem], places: Place, path: Path) -> RecipeError:
     found = sorted({(places.line_of(at), field_name(at), sentence) for at, sentence in problems})
     return RecipeError(
-        "\n".join(
+        *(
             f"{path}:{line}: {field}: {sentence}{'' if sentence.endswith('?') else '.'}"
             for line, field, sentence in found
         )

@@ -4,7 +4,8 @@ import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from bagassets.recipe.commented_yaml import Sheet, scalar
+from bagassets.escaping import yaml_scalar
+from bagassets.recipe.commented_yaml import Sheet
 from bagassets.recipe.glance import Glance, TopicGlance
 from bagassets.recipe.grouping import Group, group_recordings, match_globs
 from bagassets.recipe.propose_rig import RigProposal, propose_rig, write_rig
@@ -43,9 +44,9 @@ def propose(
     if found is not None and found > looked_at:
         count += f" out of {found}"
     _head(sheet, count, groups, bare, glances, unreadable or {})
-    sheet.field(0, f"name: {scalar(_slug(name))}")
+    sheet.field(0, f"name: {yaml_scalar(_slug(name))}")
     sheet.field(0, "bags:")
-    sheet.field(1, f"root: {scalar(str(root))}")
+    sheet.field(1, f"root: {yaml_scalar(str(root))}")
     undefined = sorted(
         {t.msgtype for g in glances.values() for t in g.topics.values() if _lacks_definition(t)}
     )
@@ -75,7 +76,7 @@ def propose(
     )
     sheet.field(1, "shares: {train: 0.8, val: 0.2}")
     sheet.field(0, "nuscenes:")
-    sheet.field(1, f"version: {scalar(f'v1.0-{_slug(name)}')}")
+    sheet.field(1, f"version: {yaml_scalar(f'v1.0-{_slug(name)}')}")
     return sheet.text()
 
 

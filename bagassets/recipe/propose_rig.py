@@ -4,8 +4,9 @@ import re
 from collections.abc import Collection
 from dataclasses import dataclass
 
+from bagassets.escaping import yaml_scalar
 from bagassets.plugins import installed_decoders
-from bagassets.recipe.commented_yaml import Sheet, scalar
+from bagassets.recipe.commented_yaml import Sheet
 from bagassets.recipe.glance import Glance
 from bagassets.recipe.grouping import Group
 from bagassets.recipe.naming import channel_name, tokens, word_set
@@ -93,29 +94,29 @@ def propose_rig(group: Group, match: list[str], taken: Collection[str]) -> RigPr
 def write_rig(sheet: Sheet, rig: RigProposal) -> None:
     """Write a rig below `rigs:`."""
     plural = "s" if rig.recordings != 1 else ""
-    sheet.field(1, f"- name: {scalar(rig.name)}", f"{rig.recordings} recording{plural}")
+    sheet.field(1, f"- name: {yaml_scalar(rig.name)}", f"{rig.recordings} recording{plural}")
     if rig.match != ["**"]:
         if len(rig.match) == 1:
-            sheet.field(2, f"match: [{scalar(rig.match[0])}]")
+            sheet.field(2, f"match: [{yaml_scalar(rig.match[0])}]")
         else:
             sheet.field(2, "match:")
             for glob in rig.match:
-                sheet.field(3, f"- {scalar(glob)}")
+                sheet.field(3, f"- {yaml_scalar(glob)}")
     reason = (
         f"guess: {rig.ego.reason}"
         if rig.ego.reason
         else "not guessed: the usual name, not seen in the recordings"
     )
-    sheet.field(2, f"ego_frame: {scalar(rig.ego.name)}", reason)
+    sheet.field(2, f"ego_frame: {yaml_scalar(rig.ego.name)}", reason)
     _write_pose(sheet, rig)
     sheet.field(2, "channels:")
     for name, sensor in rig.channels.items():
         _write_channel(sheet, rig, name, sensor)
     if rig.annotations:
         sheet.field(2, "annotations:")
-        sheet.field(3, f"- topic: {scalar(rig.annotations[0])}", "guess: boxes by its type and name")
+        sheet.field(3, f"- topic: {yaml_scalar(rig.annotations[0])}", "guess: boxes by its type and name")
         for other in rig.annotations[1:]:
-            sheet.off(3, f"- topic: {scalar(other)}")
+            sheet.off(3, f"- topic: {yaml_scalar(other)}")
     for frame, channels in _shared_frames(rig):
         sheet.note(
             2,
@@ -138,7 +139,7 @@ def _write_pose(sheet: Sheet, rig: RigProposal) -> None:
         return
     for field, value in rig.pose.fields.items():
         reason = rig.pose.reasons.get(field, "")
-        sheet.field(3, f"{field}: {scalar(value)}", f"guess: {reason}" if reason else "")
+        sheet.field(3, f"{field}: {yaml_scalar(value)}", f"guess: {reason}" if reason else "")
     for note in rig.pose.notes:
         sheet.note(3, note if note.startswith("not guessed") else f"guess: {note}")
 
@@ -147,7 +148,7 @@ def _write_channel(sheet: Sheet, rig: RigProposal, name: str, sensor: Sensor) ->
     topic = sensor.topic
     sheet.field(3, f"{name}:", f"guess: {rig.reasons[name]}")
     sheet.field(4, f"modality: {sensor.modality}")
-    sheet.field(4, f"topic: {scalar(topic.name)}")
+    sheet.field(4, f"topic: {yaml_scalar(topic.name)}")
     if sensor.modality == "camera":
         _write_camera(sheet, sensor)
     if sensor.modality == "lidar" and topic.timed is False:
@@ -160,7 +161,7 @@ def _write_channel(sheet: Sheet, rig: RigProposal, name: str, sensor: Sensor) ->
         sheet.off(4, "header_stamp_is: start")
     if not topic.frames:
         sheet.note(4, "not guessed: the headers name no frame; give the sensor's")
-        sheet.off(4, f"frame: {rig.ego.name}")
+        sheet.off(4, f"frame: {yaml_scalar(rig.ego.name)}")
     elif len(topic.frames) > 1:
         sheet.note(
             4,
@@ -190,7 +191,7 @@ def _write_camera(sheet: Sheet, sensor: Sensor) -> None:
     info, encoding = sensor.camera_info, sensor.topic.encoding or ""
     undistort = info is not None and info.calibrated is True
     if info is not None:
-        sheet.field(4, f"camera_info: {scalar(info.name)}")
+        sheet.field(4, f"camera_info: {yaml_scalar(info.name)}")
     if not undistort:
         why = "no CameraInfo topic" if info is None else "its CameraInfo is not calibrated"
         sheet.field(4, "undistort: false", f"guess: {why}; `intrinsics` gives a calibration by hand")

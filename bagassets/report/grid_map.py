@@ -1,8 +1,9 @@
 """A map that needs nothing: ways on a plain grid, as SVG."""
 
 from collections.abc import Sequence
-from html import escape
 from math import cos, floor, log10, radians
+
+from bagassets.escaping import html
 
 __all__ = ["COLOURS", "NamedWay", "colour_of_split", "grid_map"]
 
@@ -48,7 +49,7 @@ def grid_map(ways: Sequence[NamedWay], *, on_earth: bool, width: int = 900, most
     ]
     for key, colour, points in lines:
         pixels = [frame.pixel(point) for point in points]
-        title = f"<title>{escape(key)}</title>"
+        title = f"<title>{html(key)}</title>"
         if len(set(pixels)) == 1:
             x, y = pixels[0]
             parts.append(f'<circle cx="{x}" cy="{y}" r="5" fill="{colour}">{title}</circle>')

@@ -3,10 +3,10 @@
 from base64 import b64encode
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
-from html import escape
 from pathlib import Path
 from typing import Any
 
+from bagassets.escaping import html
 from bagassets.report.grid_map import colour_of_split, grid_map
 from bagassets.report.model import RecordingFacts, ReportData
 from bagassets.report.style import PAGE_CSS, TABLE_SCRIPT
@@ -28,10 +28,10 @@ def report_page(data: ReportData) -> str:
     chosen = _chosen_pictures(data.recordings)
     parts = [
         "<!DOCTYPE html>",
-        f'<html lang="en"><head><meta charset="utf-8"><title>{escape(data.name)}: dataset report</title>',
+        f'<html lang="en"><head><meta charset="utf-8"><title>{html(data.name)}: dataset report</title>',
         f"<style>{PAGE_CSS}</style></head><body>",
-        f"<h1>{escape(data.name)}</h1>",
-        f'<p class="dim">Dataset in <code>{escape(str(data.dataset))}</code></p>',
+        f"<h1>{html(data.name)}</h1>",
+        f'<p class="dim">Dataset in <code>{html(str(data.dataset))}</code></p>',
         _cards(data),
         _split_table(data.shares),
         _idle_pins(data.idle_pins),
@@ -126,7 +126,7 @@ def _split_table(shares: Sequence[SplitShare]) -> str:
     if not shares:
         return ""
     rows = "".join(
-        f"<tr><td>{escape(share.name)}</td><td class=n>{share.recordings}</td><td class=n>{share.duration_s:,.1f}</td>"
+        f"<tr><td>{html(share.name)}</td><td class=n>{share.recordings}</td><td class=n>{share.duration_s:,.1f}</td>"
         f"<td class=n>{share.share:.1%}</td><td class=n>{share.asked:.1%}</td><td class=n>{share.deviation:+.1%}</td></tr>"
         for share in shares
     )
@@ -139,7 +139,7 @@ def _split_table(shares: Sequence[SplitShare]) -> str:
 def _idle_pins(keys: Sequence[str]) -> str:
     if not keys:
         return ""
-    names = ", ".join(escape(key) for key in keys)
+    names = ", ".join(html(key) for key in keys)
     return f'<p class="stale">Pinned in the recipe, but there is no such recording: {names}</p>'
 
 
@@ -154,8 +154,7 @@ def _map(data: ReportData) -> str:
     ]
     titles = ["Map", "Recordings without position on Earth, each in its own metres"]
     legend = " ".join(
-        f'<span style="color:{colour_of_split(name, splits)}">&#9632;</span> {escape(name)}'
-        for name in splits
+        f'<span style="color:{colour_of_split(name, splits)}">&#9632;</span> {html(name)}' for name in splits
     )
     return "".join(
         f"<h2>{title}</h2><p>{legend}</p>{svg}" for title, svg in zip(titles, maps, strict=True) if svg
@@ -170,7 +169,7 @@ def _left_out(data: ReportData) -> str:
     if not rows:
         return ""
     body = "".join(
-        f'<tr><td>{escape(name)}</td><td class="{state}">{state}</td><td>{escape(why)}</td></tr>'
+        f'<tr><td>{html(name)}</td><td class="{state}">{state}</td><td>{html(why)}</td></tr>'
         for name, state, why in rows
     )
     head = "<th>recording</th><th>what</th><th>why</th>"
@@ -183,12 +182,12 @@ def _row(number: int, recording: RecordingFacts, pictures: Sequence[tuple[str, P
     if recording.start_ns is not None:
         start = datetime.fromtimestamp(recording.start_ns / 1e9, UTC).strftime("%Y-%m-%d %H:%M:%S")
     daylight = f"<br><span class=dim>{recording.daylight}</span>" if recording.daylight else ""
-    made_by = f"<span class=dim>{escape(recording.format)} {escape(recording.rig)}</span>"
+    made_by = f"<span class=dim>{html(recording.format)} {html(recording.rig)}</span>"
     cells = [
         f"<td>{_first_picture(recording, pictures)}</td>",
-        f"<td>{escape(recording.key)}<br>{made_by}{_details(number, recording, pictures)}</td>",
+        f"<td>{html(recording.key)}<br>{made_by}{_details(number, recording, pictures)}</td>",
         f'<td class="{recording.state}">{recording.state}</td>',
-        f"<td>{escape(recording.split)}</td>",
+        f"<td>{html(recording.split)}</td>",
         f"<td>{start}{daylight}</td>",
         _number(recording.duration_s, ".1f"),
         _number(None if recording.size is None else recording.size / 1e6, ",.1f"),
@@ -216,7 +215,7 @@ def _first_picture(recording: RecordingFacts, pictures: Sequence[tuple[str, Path
 def _details(number: int, recording: RecordingFacts, pictures: Sequence[tuple[str, Path]]) -> str:
     """Return what there is to tell beyond the row, in a box that opens over the page."""
     shown = "".join(
-        f'<img class="p" alt="{escape(title)}" title="{escape(title)}" src="{_data_uri(path)}">'
+        f'<img class="p" alt="{html(title)}" title="{html(title)}" src="{_data_uri(path)}">'
         for title, path in pictures
         if path != recording.thumbnail
     )
@@ -225,7 +224,7 @@ def _details(number: int, recording: RecordingFacts, pictures: Sequence[tuple[st
         lines.append(f'<a href="{recording.full_pictures.as_uri()}">pictures in full size</a>')
     if not lines:
         return ""
-    inside = f"<h2>{escape(recording.key)}</h2><p>{'<br>'.join(lines)}</p>{shown}"
+    inside = f"<h2>{html(recording.key)}</h2><p>{'<br>'.join(lines)}</p>{shown}"
     button = f'<br><button popovertarget="more{number}">more</button>'
     return f'{button}<div id="more{number}" popover>{inside}</div>'
 
@@ -233,14 +232,14 @@ def _details(number: int, recording: RecordingFacts, pictures: Sequence[tuple[st
 def _lines(recording: RecordingFacts) -> Iterator[str]:
     """Yield what is unusual, one line each."""
     if recording.state == "stale":
-        yield escape(recording.reason)
+        yield html(recording.reason)
     for gap in recording.gaps[:_MOST_GAPS]:
         number = "1 gap" if gap.number == 1 else f"{gap.number} gaps"
-        yield f"{escape(gap.topic)}: {number}, longest {gap.longest_s:.2f} s"
+        yield f"{html(gap.topic)}: {number}, longest {gap.longest_s:.2f} s"
     if len(recording.gaps) > _MOST_GAPS:
         yield f"and gaps of {len(recording.gaps) - _MOST_GAPS} more topics"
-    yield from (escape(line) for line in recording.lost)
-    yield from (escape(note) for note in recording.notes)
+    yield from (html(line) for line in recording.lost)
+    yield from (html(note) for note in recording.notes)
 
 
 def _data_uri(path: Path) -> str:

@@ -7,9 +7,9 @@ visible below the ways; without Leaflet, an SVG that is part of the page takes t
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
-from html import escape
 from typing import Any
 
+from bagassets.escaping import html
 from bagassets.report.grid_map import NamedWay, grid_map
 from bagassets.report.map_shell import FALLBACK_MARK, WAYS_MARK
 from bagassets.report.style import MAP_CSS
@@ -73,8 +73,8 @@ def trajectory_map_page(ways: Sequence[MapWay], shell: str) -> str:
         }
         for name in sorted({way.split for way in on_earth})
     ]
-    # Inside a script element only its end tag means anything.
-    data = json.dumps(splits, separators=(",", ":"), ensure_ascii=False).replace("</", "<\\/")
+    # In a script element its end tag and the begin of a comment mean something.
+    data = json.dumps(splits, separators=(",", ":"), ensure_ascii=False).replace("<", "\\u003c")
     return shell.replace(FALLBACK_MARK, _fallback(ways), 1).replace(WAYS_MARK, data, 1)
 
 
@@ -104,7 +104,7 @@ def _elsewhere(ways: Sequence[MapWay]) -> str:
         return ""
     style = "position:fixed;left:130px;bottom:12px;z-index:1000;background:#fff;padding:.3rem .7rem;font:14px sans-serif"
     summary = f"<summary>{len(lost)} without position on Earth</summary>"
-    names = ", ".join(escape(key) for key, _, _ in lost)
+    names = ", ".join(html(key) for key, _, _ in lost)
     box = f"{summary}{grid_map(lost, on_earth=False, width=400)}<p>{names}</p>"
     return f'<details class="elsewhere" style="{style}">{box}</details>'
 

@@ -1,6 +1,7 @@
 """The recipe of sample drives: what a person would write for the sample car."""
 
-from bagassets.recipe.commented_yaml import Sheet, scalar
+from bagassets.escaping import yaml_scalar
+from bagassets.recipe.commented_yaml import Sheet
 from bagassets.sample.rig import Camera, cameras
 from bagassets.sample.throughput import throughput_cameras
 
@@ -27,20 +28,20 @@ def sample_recipe(
         throughput: for drives of the profile `tas`.
     """
     sheet = Sheet()
-    sheet.field(0, f"name: {scalar(name)}")
+    sheet.field(0, f"name: {yaml_scalar(name)}")
     sheet.field(0, "bags:")
-    sheet.field(1, f"root: {scalar(root)}")
+    sheet.field(1, f"root: {yaml_scalar(root)}")
     sheet.field(1, "settle_s: 2", "a copied recording counts once it has kept its size this long")
     sheet.field(0, "nuscenes:")
-    sheet.field(1, f"output: {scalar(output)}")
-    sheet.field(1, f"version: {scalar(version)}")
+    sheet.field(1, f"output: {yaml_scalar(output)}")
+    sheet.field(1, f"version: {yaml_scalar(version)}")
     sheet.field(0, "scenes:")
     sheet.field(1, "keyframe_hz: 2")
     sheet.field(1, "length_s: 20")
     sheet.field(0, "rigs:")
     sheet.field(1, f"- name: {'throughput' if throughput else 'car'}")
     if match != "**":
-        sheet.field(2, f"match: [{scalar(match)}]")
+        sheet.field(2, f"match: [{yaml_scalar(match)}]")
     sheet.field(2, "ego_frame: base_link")
     sheet.field(2, "ego_pose: {source: odometry, topic: /odom}")
     if not throughput:

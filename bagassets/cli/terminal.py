@@ -1,0 +1,27 @@
+"""What commands print, without anything that a terminal would obey: names come from recordings."""
+
+from typing import TYPE_CHECKING
+
+import click
+
+from bagassets.escaping import terminal, visible
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+__all__ = ["echo", "echo_lines", "print_lines"]
+
+
+def echo(line: str, *, err: bool = False) -> None:
+    """Print one line; line breaks in it, which are those of a name, are spelled out."""
+    click.echo(visible(line), err=err)
+
+
+def echo_lines(text: str, *, err: bool = False, nl: bool = True) -> None:
+    """Print several lines, in which no name has a line break: JSON, tables, texts of our errors."""
+    click.echo(terminal(text), err=err, nl=nl)
+
+
+def print_lines(console: "Console", text: str) -> None:
+    """Print lines as `echo_lines` does, where rich draws."""
+    console.print(terminal(text), markup=False, soft_wrap=True)
