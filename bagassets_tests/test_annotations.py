@@ -125,6 +125,43 @@ class TestDecoders:
         (box,) = decode_all(f"{package}/msg/DetectedObjects", message)
         assert box.track_id == ""
 
+    def test_a_detection_takes_the_class_of_its_most_probable_hypothesis(self):
+        item = detection()
+        item.results = [
+            Msg(hypothesis=Msg(class_id=name, score=p)) for name, p in (("a", 0.2), ("b", 0.7), ("c", 0.1))
+        ]
+        (box,) = decode_all("vision_msgs/msg/Detection3DArray", detections(item))
+        assert (box.category, box.score) == ("b", 0.7)
+        item.results = []
+        with pytest.raises(DecodeError, match="its detection names no class"):
+            decode_all("vision_msgs/msg/Detection3DArray", detections(item))
+
+    @pytest.mark.parametrize(
+        ("change", "words"),
+        [
+            ({"shape": Msg(type=1, dimensions=None)}, "no box as shape"),
+            ({"classification": []}, "names no class"),
+        ],
+    )
+    def test_autoware_objects_without_box_or_class_are_refused(self, change, words):
+        item = Msg(classification=[Msg(label=1, probability=1.0)], shape=Msg(type=0)) if change else None
+        vars(item).update(change)
+        with pytest.raises(DecodeError, match=words):
+            decode_all("autoware_perception_msgs/msg/DetectedObjects", Msg(header=header(), objects=[item]))
+
+    @pytest.mark.parametrize(
+        ("label", "category"), [(0, "unknown"), (8, "animal"), (11, "under_drivable"), (12, "class_12")]
+    )
+    def test_autoware_classes_have_the_names_of_its_message(self, label, category):
+        item = Msg(
+            existence_probability=1.0, classification=[Msg(label=label, probability=1.0)],
+            kinematics=Msg(pose_with_covariance=Msg(pose=pose())), shape=Msg(type=0, dimensions=vector(4.0, 2.0, 1.5)),
+        )  # fmt: skip
+        (box,) = decode_all(
+            "autoware_perception_msgs/msg/DetectedObjects", Msg(header=header(), objects=[item])
+        )
+        assert box.category == category
+
     def test_unusable_poses_are_refused(self):
         with pytest.raises(DecodeError, match="quaternion"):
             decode_all(

@@ -2,6 +2,7 @@
 
 from types import SimpleNamespace
 
+import cv2
 import numpy as np
 import pytest
 
@@ -55,3 +56,47 @@ def test_with_the_log_clock_stamps_do_not_matter(tmp_path):
     counts = extractor(tmp_path, 0, 0, clock="log").finish()["counts"]
     assert (counts["written"], counts["lost"]) == (2, {})
     assert (tmp_path / "a" / "files" / "7000000000.jpg").exists()
+
+
+def test_of_images_with_one_stamp_the_first_is_written(tmp_path):
+    counts = extractor(tmp_path, 5, 6, 5, 5).finish()["counts"]
+    assert (counts["read"], counts["written"], counts["lost"]) == (4, 2, {"duplicate stamp": 2})
+
+
+class Tape:
+    """A recording whose messages are pixels in a buffer that is used again for the next one."""
+
+    def __init__(self):
+        self.buffer = bytearray(24)
+
+    def message(self, second):
+        self.buffer[:] = bytes([second]) * 24
+        return RawMessage("/cam", IMAGE, second * 10**9, memoryview(self.buffer))
+
+    def decode(self, message):
+        pixels = np.frombuffer(message.data, np.uint8)
+        header = SimpleNamespace(stamp=SimpleNamespace(sec=int(pixels[0]), nanosec=0), frame_id="cam")
+        return SimpleNamespace(
+            header=header, height=4, width=6, encoding="mono8", is_bigendian=0, step=6, data=pixels
+        )  # fmt: skip
+
+
+class LatePool:
+    """Does what it is handed when its result is asked for, as threads may."""
+
+    def submit(self, function, *args):
+        return SimpleNamespace(result=lambda: function(*args))
+
+
+def test_images_that_wait_for_a_thread_do_not_change_with_the_buffer_they_came_in(tmp_path):
+    tape, params = Tape(), {
+        "channel": "CAM", "topic": "/cam", "msgtype": IMAGE, "output": "png", "undistort": False, "target": None,
+        "to_8bit": None, "camera": None, "clock": "header", "lost_messages": 0.0,
+    }  # fmt: skip
+    made = FrameExtractor(params, tape, ArtifactWriter(tmp_path / "a"), LatePool())
+    for second in range(1, 10):
+        made.add(tape.message(second))
+    assert made.finish()["counts"]["written"] == 9
+    for second in range(1, 10):
+        image = cv2.imread(str(tmp_path / "a" / "files" / f"{second}000000000.png"), cv2.IMREAD_UNCHANGED)
+        assert (image == second).all()

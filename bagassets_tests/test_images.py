@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from bagassets.decode.compressed_image import checked_size, decode_compressed_image, unpack
-from bagassets.decode.image import decode_image, to_bgr_or_grey
+from bagassets.decode.image import decode_image, demosaic, to_bgr_or_grey
 from bagassets.errors import DecodeError
 from bagassets.geometry.camera import CameraModel
 from bagassets.steps.image_output import ImageOutput
@@ -92,6 +92,40 @@ def test_a_size_that_does_not_fit_is_refused():
     message.height = 5
     with pytest.raises(DecodeError, match="6x5 in rgb8 with step 18 does not fit 72 bytes"):
         decode_image(message)
+
+
+@pytest.mark.parametrize("encoding", ["rgb8", "mono16"])
+def test_the_padding_of_the_last_row_may_be_left_out(encoding):
+    """Some drivers send no more than the pixels of the last row, though its step is longer."""
+    wide = 3 if encoding == "rgb8" else 2
+    rows = np.arange(4 * 6 * wide, dtype=np.uint8).reshape(4, 6, wide)
+    whole = image(encoding, rows, step=6 * wide + 8)
+    short = image(encoding, rows, step=6 * wide + 8)
+    short.data = short.data[:-8]
+    np.testing.assert_array_equal(decode_image(short).pixels, decode_image(whole).pixels)
+    short.data = short.data[:-1]
+    with pytest.raises(DecodeError, match="does not fit"):
+        decode_image(short)
+
+
+@pytest.mark.parametrize(("field", "value"), [("width", 0), ("height", 0), ("step", 17)])
+def test_an_image_without_width_height_or_room_for_a_row_is_refused(field, value):
+    message = image("rgb8", np.zeros((4, 6, 3), np.uint8))
+    setattr(message, field, value)
+    with pytest.raises(DecodeError, match="does not fit"):
+        decode_image(message)
+
+
+def test_an_unknown_bayer_pattern_is_named():
+    with pytest.raises(DecodeError, match="Bayer pattern 'bayer_rgbg8' is not known"):
+        demosaic(np.zeros((4, 4), np.uint8), "bayer_rgbg8")
+
+
+def test_depth_in_a_compressed_image_is_refused_with_a_way_out():
+    with pytest.raises(
+        DecodeError, match="compressedDepth images are not supported; record the raw depth topic"
+    ):
+        decode_compressed_image(compressed(PNG, "16UC1; compressedDepth png"))
 
 
 def test_an_unknown_encoding_is_named():

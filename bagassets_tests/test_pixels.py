@@ -13,7 +13,7 @@ import pytest
 
 from bagassets.bags.digest import recording_digest, recording_stat
 from bagassets.bags.discover import discover
-from bagassets.engine.recording_build import RecordingBuild
+from bagassets.engine.recording_build import BuildFailure, RecordingBuild
 from bagassets.recipe import load_recipe
 from bagassets.store.store import Store
 from bagassets_tests.recorded_bags import NOON_NS, Message, header, write_mcap, write_ros1
@@ -24,6 +24,7 @@ WIDTH, HEIGHT = 22, 14
 RECIPE = """
 name: pixels
 bags: {root: bags, settle_s: 0}
+limits: {lost_messages: 0.5}
 rigs:
   - name: mast
     ego_pose: {source: fixed}
@@ -60,6 +61,18 @@ def compressed(number, said, extension, pixels, *options):
 
 def built(folder, messages, rules="output: png", write=write_ros1):
     """Return the pixels of the files that a build makes of a recording: grey, or RGB."""
+    frames = frames_of(folder, messages, rules, write)
+    images = [cv2.imread(str(path), cv2.IMREAD_UNCHANGED) for path in files_of(frames)]
+    return [image if image.ndim == 2 else image[..., ::-1] for image in images]
+
+
+def files_of(frames):
+    """Return the image files of the channel in order of time."""
+    return [Path(frames.path(row["file"])) for row in frames.read_table("index.parquet").to_pylist()]
+
+
+def frames_of(folder, messages, rules, write=write_ros1):
+    """Return the artifact of the channel."""
     (folder / "bags").mkdir(parents=True)
     write(folder / "bags" / ("a.mcap" if write is write_mcap else "a.bag"), messages)
     (folder / "recipe.yaml").write_text(RECIPE.replace("RULES", rules))
@@ -69,10 +82,7 @@ def built(folder, messages, rules="output: png", write=write_ros1):
         recipe, Store(recipe.store_path), found, recording_digest(found).digest, recording_stat(found)
     )
     list(build.build(["inventory", "calibration", "frames"]))
-    frames = build.channels("frames")["CAM_FRONT"]
-    files = [row["file"] for row in frames.read_table("index.parquet").to_pylist()]
-    images = [cv2.imread(str(Path(frames.path(file))), cv2.IMREAD_UNCHANGED) for file in files]
-    return [image if image.ndim == 2 else image[..., ::-1] for image in images]
+    return build.channels("frames")["CAM_FRONT"]
 
 
 def coloured(channels=3):
@@ -286,3 +296,60 @@ def test_a_jpeg_has_the_colours_too(tmp_path):
     (image,) = built(tmp_path, [raw(0, "rgb8", rgb)], "output: jpeg, quality: 95")
     assert np.abs(image[8:-8, 8:24].astype(int) - (200, 40, 40)).max() <= 6
     assert np.abs(image[8:-8, 40:-8].astype(int) - (30, 60, 210)).max() <= 6
+
+
+@pytest.mark.parametrize("extension", [".png", ".jpg"])
+def test_a_compressed_image_passes_as_recorded_byte_for_byte(tmp_path, extension):
+    messages = [compressed(number, "", extension, coloured() // (number + 1)) for number in range(2)]
+    frames = frames_of(tmp_path, messages, "output: as_recorded")
+    recorded = [bytes(cv2.imencode(extension, coloured() // (number + 1))[1]) for number in range(2)]
+    assert [path.read_bytes() for path in files_of(frames)] == recorded
+    rows = frames.read_table("index.parquet").to_pylist()
+    assert [(row["width"], row["height"], row["size"]) for row in rows] == [
+        (WIDTH, HEIGHT, len(data)) for data in recorded
+    ]
+    assert [path.suffix for path in files_of(frames)] == [extension] * 2
+    assert frames.read_json("channel.json")["fileformat"] == extension[1:]
+
+
+def test_a_raw_image_that_is_to_stay_as_recorded_becomes_a_png_without_loss(tmp_path):
+    rgb = coloured()
+    (image,) = built(tmp_path, [raw(0, "rgb8", rgb)], "output: as_recorded")
+    np.testing.assert_array_equal(image, rgb)
+
+
+def test_16_bit_becomes_no_jpeg_without_a_rule(tmp_path):
+    with pytest.raises(BuildFailure, match=r"CAM_FRONT \(/cam\): 16-bit images become JPEG only by a rule"):
+        built(tmp_path, [raw(0, "mono16", deep(0, 300).astype("<u2"))], "output: jpeg")
+
+
+def test_an_image_that_cannot_be_used_leaves_the_percentiles_of_the_others_alone(tmp_path):
+    good = [raw(number, "mono16", deep(number, 2000).astype("<u2")) for number in (0, 2)]
+    bad = raw(1, "mono16", deep(1, 60_000 - 101 * WIDTH * HEIGHT).astype("<u2"))
+    with_bad = built(
+        tmp_path / "one", [good[0], cut_short(bad), good[1]], "output: png, to_8bit: {percentiles: [0, 100]}"
+    )
+    without = built(tmp_path / "other", good, "output: png, to_8bit: {percentiles: [0, 100]}")
+    assert len(with_bad) == 2
+    np.testing.assert_array_equal(with_bad, without)
+
+
+def cut_short(message):
+    """The same image with fewer bytes than its size asks for."""
+
+    def make(store):
+        image = message.make(store)
+        image.data = image.data[:-9]
+        return image
+
+    return Message(message.topic, message.msgtype, message.log_time_ns, make)
+
+
+def test_grey_of_a_single_value_has_a_range(tmp_path):
+    (image,) = built(
+        tmp_path,
+        [raw(0, "mono16", np.full((HEIGHT, WIDTH), 4711, "<u2"))],
+        "output: png, to_8bit: {percentiles: [1, 99]}",
+    )
+    assert image.dtype == np.uint8
+    assert (image == 0).all()
