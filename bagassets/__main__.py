@@ -3,6 +3,7 @@
 A build with nothing to do is decided here, before anything is imported that takes time.
 """
 
+import os
 import sys
 
 __all__ = ["main"]
@@ -10,6 +11,9 @@ __all__ = ["main"]
 
 def main() -> int:
     """Run the command line and return its exit status."""
+    if sys.getfilesystemencoding() != "utf-8" and os.environ.get("PYTHONUTF8") != "1":
+        # Names of recordings are UTF-8, whatever the locale; Python can only be started with that.
+        os.execve(sys.executable, sys.orig_argv, os.environ | {"PYTHONUTF8": "1"})  # noqa: S606  (no shell)
     if sys.argv[1:2] == ["build"]:
         from bagassets.quick.build import nothing_to_do  # noqa: PLC0415  (other commands pay nothing for it)
 

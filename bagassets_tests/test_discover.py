@@ -146,7 +146,9 @@ def test_an_unreadable_root_is_refused(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("folder", ["private", "Tür 1/x", "東京", "_a_", "x" * 120, "a/metadata"])
 def test_recordings_in_an_unreadable_folder_are_not_removed(tmp_path, monkeypatch, folder):
-    names = ["b.bag", "sub/c.bag", "my drive.mcap", "京.db3"]
+    # Names are UTF-8 on disk, whatever the encoding of this process.
+    folder, last = (os.fsdecode(name.encode()) for name in (folder, "京.db3"))
+    names = ["b.bag", "sub/c.bag", "my drive.mcap", last]
     touch(tmp_path / folder, *names)
     touch(tmp_path, "other/d.bag")
     before = discover(Bags(root=tmp_path)).found

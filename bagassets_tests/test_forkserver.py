@@ -248,6 +248,7 @@ def test_the_stamp_covers_what_counts(tmp_path, monkeypatch):
     def stamp():
         return spec_in(tmp_path, recipe=recipe).stamp()
 
+    monkeypatch.delenv("OPENBLAS_CORETYPE", raising=False)
     seen = [stamp()]
     monkeypatch.setenv("SOME_VARIABLE", "1")
     assert stamp() == seen[0], "other variables reach each worker, so they do not count"
@@ -435,6 +436,7 @@ def leave_socket(path):
 def test_a_server_starts_whatever_another_left_of_socket_and_lock(tmp_path, text):
     spec = spec_in(tmp_path)
     places = Places(tmp_path, spec.stamp())
+    places.make()
     leave_socket(places.choose_socket())
     if text is not None:
         places.lock.write_bytes(text.replace(b"SOCKET", bytes(places.choose_socket())))
@@ -448,6 +450,7 @@ def test_a_lock_that_names_a_file_of_others_has_nothing_removed(tmp_path):
     spec = spec_in(tmp_path / "copy")
     ours, theirs = Places(tmp_path / "copy", spec.stamp()), Places(tmp_path / "original", spec.stamp())
     for places in (ours, theirs):
+        places.make()
         leave_socket(places.choose_socket())
     precious = tmp_path / "precious.txt"
     precious.write_text("kept")

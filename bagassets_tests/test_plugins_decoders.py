@@ -266,7 +266,7 @@ def test_the_command_lists_plugins_and_fails_on_those_that_cannot_be_used(tmp_pa
 
 
 def test_the_page_about_decoders_names_all_families_and_all_types_that_need_no_plugin():
-    page = (Path(__file__).parent.parent / "docs" / "decoders.md").read_text()
+    page = (Path(__file__).parent.parent / "docs" / "decoders.md").read_text("utf-8")
     rows = {line.split("|")[1].strip(" `"): line for line in page.splitlines() if line.startswith("| `")}
     assert rows.keys() == set(FAMILY_NAMES)
     for family, types in BUILT_IN.items():

@@ -37,7 +37,8 @@ def run(program, *arguments):
 
 @pytest.fixture(scope="module")
 def url():
-    folder = Path(tempfile.mkdtemp(prefix="bagassets-postgres-"))
+    # A short path without spaces that another user may enter, whatever TMPDIR says.
+    folder = Path(tempfile.mkdtemp(prefix="bagassets-postgres-", dir="/tmp"))
     if os.getuid() == 0:
         os.chown(folder, pwd.getpwnam("postgres").pw_uid, -1)
     data = str(folder / "data")

@@ -300,6 +300,11 @@ class TestRebuild:
         assert {entry["result"] for entry in made["actions"]} == {"same"}
         assert made["environment"]["PYTHONHASHSEED"]
 
+    def test_what_a_library_prints_is_not_taken_for_the_answer(self, project, monkeypatch):
+        monkeypatch.setenv("OPENCV_LOG_LEVEL", "DEBUG")
+        made = json.loads(run(project, "--rebuild", 1000, "--json").stdout)
+        assert {entry["result"] for entry in made["actions"]} == {"same"}
+
     def test_the_environment_is_another(self, monkeypatch):
         monkeypatch.setattr("platform.machine", lambda: "x86_64")
         assert other_environment()["OPENBLAS_CORETYPE"] == "Nehalem"

@@ -37,7 +37,7 @@ def _compiled(pattern: str) -> re.Pattern[str]:
             at += 1
         elif pattern[at] == "[" and "]" in pattern[at + 2 :]:
             end = pattern.index("]", at + 2)
-            inside = pattern[at + 1 : end].replace("\\", "\\\\")
+            inside = re.sub(r"[\\\[&~|]", r"\\\g<0>", pattern[at + 1 : end])  # no operators of sets
             parts.append(f"[{'^' + inside[1:] if inside.startswith('!') else inside}]")
             at = end + 1
         else:

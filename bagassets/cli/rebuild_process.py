@@ -77,13 +77,17 @@ def _main() -> None:
     from bagassets.recipe import load_recipe  # noqa: PLC0415
     from bagassets.store.store import Store  # noqa: PLC0415
 
+    # What libraries print to standard output, as OpenCV does its log, is not the answer.
+    answer = os.fdopen(os.dup(sys.stdout.fileno()), "w")
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
     request = json.load(sys.stdin)
     recipe = load_recipe(Path(request["recipe"]))
     store = Store(recipe.store_path)
     recipe.state.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix="verify-", dir=recipe.state) as scratch:
         made = rebuild(recipe, store, request["key"], request["actions"], Path(scratch), workers=WORKERS)
-    json.dump([result.as_json() for result in made], sys.stdout)
+    with answer:
+        json.dump([result.as_json() for result in made], answer)
 
 
 if __name__ == "__main__":
