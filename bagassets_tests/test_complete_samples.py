@@ -63,7 +63,12 @@ def test_by_default_no_sample_lacks_a_channel_and_the_cost_is_named(project):
 
 
 def test_it_can_be_found_after_a_build_that_did_nothing(project):
-    assert "nothing to do" in run(project, "build", "--check").stdout
+    checked = run(project, "build", "--check")
+    assert checked.returncode == 0
+    assert "warn stops.bag: 5 of 8 keyframes were dropped" in checked.stdout
+    assert checked.stdout.endswith("nothing to do: 2 recordings up to date.\n")
+    remarks = json.loads(run(project, "build", "--check", "--json").stdout)["remarks"]
+    assert [(one["key"], one["check"]) for one in remarks] == [("stops.bag", "keyframes_complete")]
     told = run(project, "check").stdout
     assert "warn  stops.bag: keyframes_complete\n      5 of 8 keyframes were dropped" in told
 

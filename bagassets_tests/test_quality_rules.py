@@ -18,16 +18,18 @@ from bagassets.quality.calibration_rules import calibration_plausible
 from bagassets.quality.channel_rules import channels_complete
 from bagassets.quality.dataset_rows import DatasetRows, read_dataset
 from bagassets.quality.devkit_rules import devkit_ready
+from bagassets.quality.evidence import Evidence
 from bagassets.quality.file_rules import files_match
 from bagassets.quality.pose_rules import poses_cover_sensors
 from bagassets.quality.scene_rules import keyframes_complete, scenes_made
 from bagassets.quality.topic_rules import channels_present, stamps_monotonic, topic_rates
-from bagassets.recipe.model import NuScenes, Rig
+from bagassets.recipe.model import Limits, NuScenes, Recipe, Rig
 from bagassets.recipe.model_annotations import AnnotationTopic
 from bagassets.recipe.model_checks import (
     BoxesCheck,
     CalibrationCheck,
     ChannelsCheck,
+    Checks,
     PosesCheck,
     StampsCheck,
     TopicsCheck,
@@ -152,7 +154,7 @@ STAMPS = {"CAM_FRONT": T0 + np.arange(100, dtype=np.int64) * S // 10}
 
 class TestChannels:
     def find(self, **counts):
-        return channels_complete({"CAM_FRONT": {"counts": {**COUNTS, **counts}}}, ChannelsCheck())
+        return channels_complete({"CAM_FRONT": {"counts": {**COUNTS, **counts}}}, 0.01, "header")
 
     def test_few_losses_pass_and_are_told(self):
         finding = self.find()
@@ -166,13 +168,34 @@ class TestChannels:
             ({"written": 0, "lost": {"too short": 100}}, "CAM_FRONT: 100 messages became no file"),
             (
                 {"written": 95, "lost": {"a": 2, "b": 3}},
-                "CAM_FRONT: 5 of 100 messages were lost, most often because b",
+                "CAM_FRONT: 5 of 100 messages (5%) were lost, 3 of them because: b. If that is acceptable, raise limits",
+            ),
+            (
+                {"written": 13, "lost": {"duplicate stamp": 87}},
+                "CAM_FRONT: 87 of 100 messages (87%) were lost, 87 of them because: duplicate stamp. If these are ",
             ),
         ],
     )
     def test_broken_counts_are_named(self, counts, words):
         (problem,) = self.find(**counts).problems
         assert problem.startswith(words)
+
+    def test_duplicates_by_log_time_have_another_way_out(self):
+        counts = {"read": 100, "written": 13, "merged": 0, "lost": {"duplicate stamp": 87}}
+        (problem,) = channels_complete({"RADAR": {"counts": counts}}, 0.05, "log").problems
+        assert "`clock: header` in the recipe" in problem
+        (problem,) = channels_complete({"RADAR": {"counts": counts}}, 0.05, "header").problems
+        assert "`clock: log` in the recipe" in problem
+
+    def test_the_share_is_that_of_the_recipe_and_five_percent_by_default(self):
+        recipe = Recipe.model_validate(
+            {"name": "t", "bags": {"root": "bags"}, "rigs": [RIG.model_dump(exclude_none=True)]}
+        )
+        assert Evidence(recipe, RIG, None, None).max_lost == 0.05
+        own = recipe.model_copy(update={"limits": Limits(reported_losses=0.2)})
+        assert Evidence(own, RIG, None, None).max_lost == 0.2
+        check = Checks.model_validate({"channels_present": {"max_lost": 0.0}})
+        assert Evidence(own.model_copy(update={"checks": check}), RIG, None, None).max_lost == 0.0
 
 
 def drive_along(speed_mps=10.0, until_s=10.0, jump_at=None):

@@ -146,16 +146,24 @@ def _told_by_server(
 def _look(recipe: Path, options: "BuildOptions", *, check: bool, as_json: bool) -> int:
     """Tell what a build would do; return the exit status of --check, or 0 of a dry run."""
     from bagassets.cli.dry_run import dry_run_json, dry_run_lines, verdict  # noqa: PLC0415
+    from bagassets.cli.summary import print_remarks, summary_console  # noqa: PLC0415
     from bagassets.defs.situation import opened, survey, would_move  # noqa: PLC0415
+    from bagassets.engine.checking import remarks_on_record  # noqa: PLC0415
 
     with opened(recipe) as (instance, workspace):
         situation = survey(instance, workspace, options)
         moved = would_move(situation, workspace.recipe) if situation.datasets else {}
+        # What is going to be built again is going to be checked again.
+        done = [situation.plan.bags[key] for key in sorted(situation.chosen - situation.todo.keys())]
+        remarks = tuple(
+            remarks_on_record(workspace.recipe, workspace.store, situation.planned.discovery, done)
+        )
     if as_json:
-        echo_lines(dry_run_json(situation, moved))
+        echo_lines(dry_run_json(situation, moved, remarks))
     else:
         for line in dry_run_lines(situation) if not check else ():
             echo_lines(line)
+        print_remarks(remarks, summary_console())
         for key, (was, now) in moved.items():
             echo(f"{key} would move from {was} to {now}; `splits.pinned` keeps it where it is.")
         echo(verdict(situation))

@@ -1,9 +1,10 @@
 """What `bagassets build --dry-run` and `--check` say: what would run, what may run, and why."""
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
+from bagassets.engine.build_report import Remark
 from bagassets.engine.plan_model import State
 
 if TYPE_CHECKING:
@@ -51,12 +52,15 @@ def verdict(situation: "Situation") -> str:
     return f"to do: {', '.join(parts)}."
 
 
-def dry_run_json(situation: "Situation", moved: Mapping[str, tuple[str, str]]) -> str:
+def dry_run_json(
+    situation: "Situation", moved: Mapping[str, tuple[str, str]], remarks: Sequence[Remark]
+) -> str:
     """Return what a build would do, as JSON.
 
     Args:
         situation: how things are.
         moved: recording that would change its split -> the old one and the new one.
+        remarks: losses and dropped keyframes of recordings that are built.
     """
     value = {
         "settled": situation.is_settled,
@@ -70,6 +74,7 @@ def dry_run_json(situation: "Situation", moved: Mapping[str, tuple[str, str]]) -
         "failed": situation.failed,
         "removed": list(situation.plan.removed),
         "moved": {key: list(splits) for key, splits in moved.items()},
+        "remarks": [remark.as_json() for remark in remarks],
         "datasets": {name: _dataset_state(situation) for name in situation.datasets},
     }
     return json.dumps(value, indent=1)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bagassets.cli.terminal import print_lines
-from bagassets.engine.build_report import BagOutcome, BuildReport
+from bagassets.engine.build_report import BagOutcome, BuildReport, Remark
 from bagassets.escaping import visible
 from bagassets.nuscenes.splits import devkit_split_name
 
@@ -17,7 +17,15 @@ if TYPE_CHECKING:
     from bagassets.engine.plan_model import BagPlan
     from bagassets.store.store import Store
 
-__all__ = ["SummaryRow", "counts_line", "print_summary", "splits_text", "summary_rows", "ui_command"]
+__all__ = [
+    "SummaryRow",
+    "counts_line",
+    "print_remarks",
+    "print_summary",
+    "splits_text",
+    "summary_rows",
+    "ui_command",
+]
 
 # More rows than this are not read; those where something happened are shown then.
 MOST_ROWS = 60
@@ -89,9 +97,7 @@ def print_summary(
     report: BuildReport, rows: Sequence[SummaryRow], recipe_file: Path, console: "Console | None" = None
 ) -> None:
     """Print the table, the dataset's path and the line that opens the web UI."""
-    from rich.console import Console  # noqa: PLC0415  (0.1 s, not paid for --help)
-
-    console = console or Console(highlight=False, width=None if sys.stdout.isatty() else _WIDTH_OF_LOGS)
+    console = console or summary_console()
     if rows:
         console.print(_table(rows))
     for row in rows:
@@ -113,10 +119,17 @@ def print_summary(
         )
     if len(report.moved) > _MOST_MOVES:
         console.print(f"{len(report.moved) - _MOST_MOVES} more recordings moved to another split.")
-    _print_remarks(report, console)
+    print_remarks(report.remarks, console)
     print_lines(console, counts_line(report))
     _print_dataset(report, console)
     print_lines(console, f"web UI:  {ui_command(recipe_file)}")
+
+
+def summary_console() -> "Console":
+    """Return a console for stdout."""
+    from rich.console import Console  # noqa: PLC0415  (0.1 s, not paid for --help)
+
+    return Console(highlight=False, width=None if sys.stdout.isatty() else _WIDTH_OF_LOGS)
 
 
 def counts_line(report: BuildReport) -> str:
@@ -140,9 +153,9 @@ def _quoted(path: Path) -> str:
     return shlex.quote(str(path))
 
 
-def _print_remarks(report: BuildReport, console: "Console") -> None:
+def print_remarks(remarks: Sequence[Remark], console: "Console") -> None:
     """Print what checks found: errors first, and no more than fits a screen."""
-    told = sorted(report.remarks, key=lambda remark: remark.severity != "error")
+    told = sorted(remarks, key=lambda remark: remark.severity != "error")
     for remark in told[:_MOST_REMARKS]:
         console.print(f"[{_COLOURS[remark.severity]}]{remark.severity}[/] ", end="")
         problem = f"{remark.key or 'dataset'}: {visible(remark.problem)} ({remark.check})"

@@ -71,9 +71,7 @@ def _evidence(context: dg.AssetCheckExecutionContext, workspace: Workspace) -> E
     rig = choose_rig(workspace.recipe, found.relative)
     if rig is None:
         raise RecipeError(f"{found.relative}: no rig of the recipe matches; correct rigs[].match.")
-    return Evidence(
-        workspace.recipe.checks, rig, workspace.store, lambda asset: workspace.artifact(context, asset)
-    )
+    return Evidence(workspace.recipe, rig, workspace.store, lambda asset: workspace.artifact(context, asset))
 
 
 def dataset_checks(recipe: Recipe) -> list[dg.AssetChecksDefinition]:

@@ -1,14 +1,22 @@
 """Running the checks now, on what is on record, without a run in Dagster."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
 from typing import Any
 
 from bagassets.bags.discover import Discovery
+from bagassets.engine.build_report import Remark
 from bagassets.engine.plan_model import BagPlan
 from bagassets.errors import StoreError
 from bagassets.nuscenes.dataset import read_lock
-from bagassets.quality.catalogue import DATASET_CHECKS, RECORDING_CHECKS, check_dataset_now, severity_of
+from bagassets.quality.catalogue import (
+    DATASET_CHECKS,
+    QUICK_CHECKS,
+    RECORDING_CHECKS,
+    check_dataset_now,
+    severity_of,
+)
 from bagassets.quality.evidence import Evidence
 from bagassets.quality.finding import Finding
 from bagassets.recipe.model import Recipe
@@ -17,7 +25,7 @@ from bagassets.steps.selection import choose_rig
 from bagassets.store.artifact import Artifact
 from bagassets.store.store import Store
 
-__all__ = ["Verdict", "check_bag", "check_nuscenes"]
+__all__ = ["Verdict", "check_bag", "check_nuscenes", "remarks_on_record"]
 
 
 @dataclass(frozen=True)
@@ -65,7 +73,13 @@ class Verdict:
         }
 
 
-def check_bag(recipe: Recipe, store: Store, discovery: Discovery, bag: BagPlan) -> Iterator[Verdict]:
+def check_bag(
+    recipe: Recipe,
+    store: Store,
+    discovery: Discovery,
+    bag: BagPlan,
+    only: AbstractSet[str] | None = None,
+) -> Iterator[Verdict]:
     """Check what is on record of one recording; nothing is said about one that is skipped.
 
     Args:
@@ -73,15 +87,16 @@ def check_bag(recipe: Recipe, store: Store, discovery: Discovery, bag: BagPlan) 
         store: where the artifacts are.
         discovery: the recordings on disk.
         bag: the recording.
+        only: names of the checks to make; None = all.
     """
     found = discovery.found.get(bag.key)
     rig = None if found is None else choose_rig(recipe, found.relative)
     if rig is None or bag.skipped is not None:
         return
-    evidence = Evidence(recipe.checks, rig, store, _Current(bag.key, store, bag.recorded).artifact)
+    evidence = Evidence(recipe, rig, store, _Current(bag.key, store, bag.recorded).artifact)
     for check in RECORDING_CHECKS:
         severity = severity_of(recipe.checks, check.section)
-        if severity == "skip":
+        if severity == "skip" or (only is not None and check.name not in only):
             continue
         finding = None
         if check.asset in bag.recorded:
@@ -90,6 +105,22 @@ def check_bag(recipe: Recipe, store: Store, discovery: Discovery, bag: BagPlan) 
             except StoreError as err:
                 finding = Finding([str(err)])
         yield Verdict(bag.key, check.asset, check.name, severity, finding)
+
+
+def remarks_on_record(
+    recipe: Recipe, store: Store, discovery: Discovery, bags: Iterable[BagPlan]
+) -> Iterator[Remark]:
+    """Yield what the quick checks find in recordings that were built some time: losses, keyframes that were dropped."""
+    for bag in bags:
+        for verdict in check_bag(recipe, store, discovery, bag, QUICK_CHECKS):
+            if verdict.finding is not None and not verdict.finding.passed:
+                first, *more = verdict.finding.sentences
+                yield Remark(
+                    bag.key,
+                    verdict.weight,
+                    verdict.check,
+                    first + (f" (and {len(more)} more)" if more else ""),
+                )
 
 
 def check_nuscenes(recipe: Recipe) -> Iterator[Verdict]:

@@ -61,7 +61,8 @@ def code_version(recipe: Recipe, asset: str) -> str:
 def _rig_fields(recipe: Recipe, rig: Rig, asset: str) -> Any:
     channels = {name: channel.model_dump(mode="json") for name, channel in sorted(rig.channels.items())}
     cameras = {name for name, channel in rig.channels.items() if isinstance(channel, CameraChannel)}
-    common = {"clock": recipe.clock, "limits": recipe.limits.model_dump(mode="json"), "match": rig.match,
+    limits = recipe.limits.model_dump(mode="json", exclude={"reported_losses"})  # it shapes no artifact
+    common = {"clock": recipe.clock, "limits": limits, "match": rig.match,
               "required": rig.required}  # fmt: skip
     match asset:
         case "inventory":

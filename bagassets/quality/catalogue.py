@@ -21,6 +21,7 @@ from bagassets.recipe.model_checks import Checks, Severity
 
 __all__ = [
     "DATASET_CHECKS",
+    "QUICK_CHECKS",
     "RECORDING_CHECKS",
     "DatasetCheck",
     "RecordingCheck",
@@ -99,14 +100,14 @@ RECORDING_CHECKS = (
         "frames",
         "channels_present",
         "Every message read was written, merged or counted as lost, and every camera has images.",
-        lambda e: channels_complete(e.channels("frames"), e.checks.channels_present),
+        lambda e: channels_complete(e.channels("frames"), e.max_lost, e.recipe.clock),
     ),
     RecordingCheck(
         "sweeps_complete",
         "sweeps",
         "channels_present",
         "Every message read was written, merged or counted as lost, and every lidar and radar has files.",
-        lambda e: channels_complete(e.channels("sweeps"), e.checks.channels_present),
+        lambda e: channels_complete(e.channels("sweeps"), e.max_lost, e.recipe.clock),
     ),
     RecordingCheck(
         "scenes_made",
@@ -151,6 +152,9 @@ RECORDING_CHECKS = (
         lambda e: files_match(e.tables["sample_data"], e.files, e.store.artifact),
     ),
 )
+
+QUICK_CHECKS = frozenset({"frames_complete", "sweeps_complete", "keyframes_complete"})
+"""Checks that read counts alone: a moment for thousands of recordings."""
 
 DATASET_CHECKS = (
     DatasetCheck(

@@ -10,7 +10,7 @@ from bagassets.annotations.table import BoxTable
 from bagassets.bags.inventory import Inventory
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.nuscenes.schema import RECORDING_TABLES
-from bagassets.recipe.model import Rig
+from bagassets.recipe.model import Recipe, Rig
 from bagassets.recipe.model_checks import Checks
 from bagassets.steps.ego_poses import load_trajectory
 from bagassets.store.artifact import Artifact
@@ -24,17 +24,28 @@ class Evidence:
     """The artifacts of one recording, and what the recipe expects of them.
 
     Args:
-        checks: thresholds.
+        recipe: clock, limits, and the thresholds of checks.
         rig: the rig that made the recording.
         store: where artifacts are.
         current: asset -> its current artifact for this recording.
     """
 
-    def __init__(self, checks: Checks, rig: Rig, store: Store, current: Callable[[str], Artifact]) -> None:
-        self.checks = checks
+    def __init__(self, recipe: Recipe, rig: Rig, store: Store, current: Callable[[str], Artifact]) -> None:
+        self.recipe = recipe
         self.rig = rig
         self.store = store
         self._current = current
+
+    @property
+    def checks(self) -> Checks:
+        """Thresholds."""
+        return self.recipe.checks
+
+    @property
+    def max_lost(self) -> float:
+        """Share of a channel's messages whose loss is no finding."""
+        own = self.checks.channels_present.max_lost
+        return self.recipe.limits.reported_losses if own is None else own
 
     @cached_property
     def inventory(self) -> Inventory:

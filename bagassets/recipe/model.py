@@ -279,6 +279,13 @@ class Limits(Model):
     lost_messages: float = Field(
         0.01, ge=0, le=1, description="Share of a channel's messages that may fail to decode."
     )
+    reported_losses: float = Field(
+        0.05,
+        ge=0,
+        le=1,
+        description="Share of a channel's messages that may be lost, for whatever reason, before the end of a build, "
+        "`build --check` and `bagassets check` name it.",
+    )
 
 
 class Recipe(Model):

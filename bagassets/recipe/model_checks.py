@@ -27,8 +27,11 @@ class ChannelsCheck(Model):
 
     severity: Severity = Field("error", description=_SEVERITY)
     optional: tuple[ChannelName, ...] = Field((), description="Channels that a recording may lack.")
-    max_lost: float = Field(
-        0.01, ge=0, le=1, description="Share of a channel's messages that may be lost without a finding."
+    max_lost: float | None = Field(
+        None,
+        ge=0,
+        le=1,
+        description="Share of a channel's messages that may be lost without a finding; default: limits.reported_losses.",
     )
 
 

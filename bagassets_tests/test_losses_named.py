@@ -1,0 +1,95 @@
+"""By the command: what a channel lost is named with the way out, at the end of the build and whenever one asks."""
+
+import json
+import os
+import subprocess
+import sys
+
+import pytest
+from rosbags.rosbag2 import Writer
+
+from bagassets_tests.in_process import QUICK
+from bagassets_tests.small_drive import LATENCY_NS, STORE2, messages
+
+pytestmark = pytest.mark.xdist_group("losses_named")
+
+FOUND = 3
+
+
+def run(folder, command, *args):
+    return subprocess.run(
+        [sys.executable, "-m", "bagassets", command, "--recipe", str(folder / "recipe.yaml"), *args],
+        capture_output=True, text=True, timeout=240, check=False, env={**os.environ, "COLUMNS": "200"},
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def project(tmp_path_factory):
+    """A recording whose camera stamps seven images of eight like the one before."""
+    folder = tmp_path_factory.mktemp("losses")
+    (folder / "bags").mkdir()
+    last, number = None, 0
+    with Writer(folder / "bags" / "drive", version=9) as writer:
+        connections = {}
+        for topic, msgtype, stamp_ns, message in messages(STORE2, 4.0):
+            if topic == "/cam/image_raw":
+                if number % 8:
+                    message.header.stamp = last
+                last, number = message.header.stamp, number + 1
+            if topic not in connections:
+                connections[topic] = writer.add_connection(topic, msgtype, typestore=STORE2)
+            writer.write(connections[topic], stamp_ns + LATENCY_NS, STORE2.serialize_cdr(message, msgtype))
+    (folder / "recipe.yaml").write_text(
+        QUICK.format(name="losses", root="bags") + "scenes: {tolerance_s: 0.2}\n"
+    )
+    return folder
+
+
+TOLD = (
+    "error drive: CAM_FRONT: 34 of 39 messages (87%) were lost, 34 of them because: duplicate stamp. If these are "
+    "readings of their own, `clock: log` in the recipe tells them apart by when they were logged (frames_complete)"
+)
+
+
+def test_a_build_ends_with_what_was_lost_and_the_way_out(project):
+    done = run(project, "build")
+    assert done.returncode == 0, done.stderr
+    assert TOLD in done.stdout
+    assert "nothing to do" in run(project, "build").stdout
+
+
+def test_it_is_known_whenever_one_asks(project):
+    checked = run(project, "build", "--check")
+    assert checked.returncode == 0
+    assert TOLD in checked.stdout
+    (remark,) = [
+        one
+        for one in json.loads(run(project, "build", "--check", "--json").stdout)["remarks"]
+        if one["check"] == "frames_complete"
+    ]
+    assert (remark["key"], remark["severity"]) == ("drive", "error")
+    done = run(project, "check")
+    assert done.returncode == FOUND
+    assert "CAM_FRONT: 34 of 39 messages (87%) were lost" in done.stdout
+
+
+def test_the_recipe_says_which_share_is_named_and_changing_it_makes_nothing_stale(project):
+    text = (project / "recipe.yaml").read_text()
+    (project / "recipe.yaml").write_text(text + "limits: {reported_losses: 0.9}\n")
+    try:
+        checked = run(project, "build", "--check")
+        assert "were lost" not in checked.stdout
+        assert checked.stdout.endswith("nothing to do: 1 recording up to date.\n")
+    finally:
+        (project / "recipe.yaml").write_text(text)
+
+
+def test_the_way_out_leads_out(project):
+    text = (project / "recipe.yaml").read_text()
+    (project / "recipe.yaml").write_text(text + "clock: log\n")
+    try:
+        told = json.loads(run(project, "build", "--json").stdout)
+        assert [one for one in told["remarks"] if one["check"] == "frames_complete"] == []
+        assert told["summary"][0]["images"] == 39
+    finally:
+        (project / "recipe.yaml").write_text(text)
