@@ -189,6 +189,22 @@ class TestContradictions:
         )
         assert made.json["notes"] == [note]
 
+    @pytest.mark.parametrize(
+        ("xyz", "rpy", "metres", "degrees"),
+        [
+            ("1.8 0.1 1.4", "-1.5707963267948966 0 -1.5707963267948966", "0.300", "0.0"),
+            ("1.5 0.1 1.1", "-1.5707963267948966 0 -1.5707963267948966", "0.300", "0.0"),
+            ("1.8 0.5 1.4", "-1.5707963267948966 0 -1.5707963267948966", "0.500", "0.0"),
+            ("1.5 0.1 1.4", "-1.5707963267948966 0 -1.2217304763960306", "0.000", "20.0"),
+            ("1.5 0.1 1.4", "-1.2217304763960306 0 -1.5707963267948966", "0.000", "20.0"),
+            ("1.5 0.1 1.4", "1.5707963267948966 0 1.5707963267948966", "0.000", "180.0"),
+        ],
+    )
+    def test_how_far_sources_are_apart(self, tmp_path, xyz, rpy, metres, degrees):
+        urdf = fixed_joint("base_link", "cam", xyz, rpy)
+        (note,) = Calibrated(tmp_path, rig({}), STATIC, IMAGES, LENS, urdf=urdf).summary["notes"]
+        assert f"urdf puts cam {metres} m and {degrees} degrees away" in note
+
     def test_sources_that_agree_are_not(self, tmp_path):
         urdf = fixed_joint("base_link", "cam", "1.5 0.1 1.4", "-1.5707963267948966 0 -1.5707963267948966")
         assert Calibrated(tmp_path, rig({}), STATIC, IMAGES, LENS, urdf=urdf).summary["notes"] == []

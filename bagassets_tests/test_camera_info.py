@@ -91,6 +91,47 @@ def test_nonsense_is_refused(changes, problem):
         decode_camera_info(camera_info(**changes))
 
 
+@pytest.mark.parametrize("cx", [0.0, 640.0])
+@pytest.mark.parametrize("cy", [0.0, 480.0])
+def test_a_principal_point_may_lie_on_the_border(cx, cy):
+    calibration = decode_camera_info(camera_info(k=(400.0, 400.0, cx, cy))).calibration
+    assert (calibration.k[2], calibration.k[5]) == (cx, cy)
+
+
+@pytest.mark.parametrize(("cx", "cy"), [(-0.1, 240.0), (320.0, -0.1), (640.1, 240.0), (320.0, 480.1)])
+def test_a_principal_point_beyond_the_border_is_refused(cx, cy):
+    with pytest.raises(DecodeError, match="lies outside the image"):
+        decode_camera_info(camera_info(k=(400.0, 400.0, cx, cy)))
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "width", "height", "fits"),
+    [
+        (340, 380, 300, 100, True),
+        (341, 380, 300, 100, False),
+        (340, 381, 300, 100, False),
+        (341, 381, 0, 0, True),
+    ],
+)
+def test_a_region_may_reach_the_border_of_the_image(x, y, width, height, fits):
+    message = camera_info(roi=region(x, y, width, height))
+    if fits:
+        region_of = decode_camera_info(message).calibration.roi
+        assert (region_of.width, region_of.height) == (width or 640 - x, height or 480 - y)
+    else:
+        with pytest.raises(DecodeError, match="region of interest reaches beyond the image"):
+            decode_camera_info(message)
+
+
+@pytest.mark.parametrize("place", [1, 3, 6, 7, 8])
+def test_a_matrix_of_another_form_is_refused(place):
+    message = camera_info()
+    message.k = np.array([400.0, 0, 320, 0, 410, 240, 0, 0, 1])
+    message.k[place] += 0.5
+    with pytest.raises(DecodeError, match="its K is not of the form"):
+        decode_camera_info(message)
+
+
 def test_a_camera_that_was_never_calibrated():
     message = camera_info()
     message.k = np.zeros(9)

@@ -3,10 +3,12 @@
 import json
 import math
 import os
+import socket
 import subprocess
 import sys
 import threading
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pyarrow as pa
@@ -139,6 +141,31 @@ class TestArtifacts:
         assert artifact.summary() == {"rows": 2}
         assert [entry.path for entry in artifact.entries()] == ["j.json", "t.parquet"]
 
+    def test_its_files_are_read_only_and_its_folders_can_be_walked(self, store):
+        artifact = store.run(action_of(), write("a/b.txt", b"data")).artifact
+        assert artifact.path("a/b.txt").stat().st_mode & 0o777 == 0o444
+        assert artifact.folder.stat().st_mode & 0o777 == 0o755
+        assert artifact.files.stat().st_mode & 0o777 == 0o755
+
+    def test_json_is_sorted_and_ends_with_a_line(self, store):
+        def make(out):
+            out.write_json("j.json", {"b": "ü", "a": [1]})
+            out.write_json("flat.json", {"b": 1, "a": [1]}, indent=None)
+            with pytest.raises(ValueError, match="not JSON compliant"):
+                out.write_json("nan.json", math.nan)
+            return {}
+
+        artifact = store.run(action_of(), make).artifact
+        assert artifact.path("j.json").read_text("utf-8") == '{\n "a": [\n  1\n ],\n "b": "ü"\n}\n'
+        assert artifact.path("flat.json").read_text() == '{"a": [1], "b": 1}\n'
+
+    def test_the_manifest_names_each_file_with_size_and_digest(self, store):
+        artifact = store.run(action_of(), write("a", b"data")).artifact
+        assert artifact.manifest() == {
+            "files": [{"path": "a", "size": 4, "digest": digest_bytes(b"data")}], "summary": {"bytes": 4},
+        }  # fmt: skip
+        assert artifact.digest == digest_bytes((artifact.folder / "manifest.json").read_bytes())
+
     def test_a_name_is_written_once(self, store):
         def make(out):
             out.write("a", b"1")
@@ -179,6 +206,56 @@ class TestArtifacts:
 
 
 class TestRuns:
+    def test_what_is_on_record_of_an_action(self, store):
+        outcome = store.run(action_of(q=90), write("a", b"x"))
+        (path,) = (store.root / "actions").glob("*/*.json")
+        assert path == store.root / "actions" / outcome.action_digest[:2] / f"{outcome.action_digest}.json"
+        record = json.loads(path.read_text())
+        assert record.pop("seconds") == pytest.approx(outcome.seconds, abs=0.001)
+        assert record == {
+            "action": action_of(q=90).as_json(), "artifact": outcome.artifact.digest, "host": socket.gethostname(),
+        }  # fmt: skip
+        assert store.action(outcome.action_digest) == action_of(q=90).as_json()
+        store.forget(outcome.action_digest)
+        assert store.action(outcome.action_digest) is None
+        assert store.lookup(action_of(q=90)) is None
+
+    def test_one_that_is_used_is_marked(self, store):
+        outcome = store.run(action_of(), write("a", b"x"))
+        (path,) = (store.root / "actions").glob("*/*.json")
+        os.utime(path, (1000, 1000))
+        assert store.lookup(action_of()) == replace(outcome, cached=True, seconds=round(outcome.seconds, 3))
+        assert path.stat().st_mtime == 1000
+        assert store.use(action_of()).cached
+        assert path.stat().st_mtime > time.time() - 60
+
+    def test_one_that_a_collector_removes_meanwhile_is_unknown(self, store, monkeypatch):
+        store.run(action_of(), write("a", b"x"))
+        known = store.lookup(action_of())
+        store.forget(action_of().digest)
+        monkeypatch.setattr(store, "lookup", lambda _action: known)
+        assert store.use(action_of()) is None
+
+    @pytest.mark.parametrize(
+        ("error", "told"),
+        [
+            ("/bags/a.bag: cut off", "/other/b.bag: cut off"),
+            ("/bags/a.bag.json: cut off", "/bags/a.bag.json: cut off"),
+            ("/bags/a.bag-2: cut off", "/bags/a.bag-2: cut off"),
+            ("/bags/a.bag.", "/other/b.bag."),
+            ("it is /bags/a.bag, or /bags/a.bag", "it is /other/b.bag, or /other/b.bag"),
+        ],
+    )
+    def test_an_error_is_told_of_the_recording_that_asks(self, store, error, told):
+        store.record_failure(action_of(), error, Path("/bags/a.bag"))
+        assert store.failure(action_of().digest, Path("/bags/a.bag")) == error
+        assert store.failure(action_of().digest, Path("/other/b.bag")) == told
+
+    def test_the_newest_error_is_kept(self, store):
+        for error in ("one", "two"):
+            store.record_failure(action_of(), error)
+        assert store.failure(action_of().digest) == "two"
+
     def test_what_is_known_does_not_run(self, store):
         first = store.run(action_of(), write("a", b"x"))
         again = store.run(action_of(), lambda out: pytest.fail("it ran"))
@@ -258,6 +335,81 @@ class TestRuns:
 
 
 class TestFileSystems:
+    def test_one_that_is_damaged_again_and_again_is_not_fought_over_for_ever(self, store, monkeypatch):
+        """Another process, or a disk, spoils what is put in place each time."""
+        pending = store.begin(action_of())
+        pending.out.write("a", b"data")
+        digest = pending.out.finish({})
+        store.artifact_folder(digest).mkdir(parents=True)
+        (store.artifact_folder(digest) / "rubbish").write_bytes(b"")
+        removed = []
+        monkeypatch.setattr(store, "remove", removed.append)
+        with pytest.raises(
+            StoreError, match=r"cannot be put in place \(other processes keep putting a damaged one there"
+        ):
+            store.adopt(pending.out._folder, digest)
+        assert removed == [digest] * 5
+
+    def test_a_damaged_one_gives_way(self, store):
+        outcome = store.run(action_of(), write("a", b"data"))
+        path = outcome.artifact.path("a")
+        path.unlink()
+        path.write_bytes(b"dat")
+        store.forget(action_of().digest)
+        assert store.run(action_of(), write("a", b"data")).artifact == outcome.artifact
+        assert path.read_bytes() == b"data"
+
+    def test_one_that_is_whole_stays_and_is_marked_as_used(self, store):
+        outcome = store.run(action_of(), write("a", b"data"))
+        folder = outcome.artifact.files
+        os.utime(folder, (1000, 1000))
+        os.utime(outcome.artifact.path("a"), (1000, 1000))
+        store.run(action_of(q=2), write("a", b"data"))
+        assert outcome.artifact.path("a").stat().st_mtime == 1000, "its file is the first one"
+        assert folder.stat().st_mtime > time.time() - 60
+
+    def test_a_folder_that_cannot_be_made_is_named(self, tmp_path):
+        (tmp_path / "store").mkdir()
+        (tmp_path / "store" / "tmp").write_bytes(b"a file")
+        with pytest.raises(
+            StoreError, match=r"store/tmp/.*: the store cannot be written \(Not a directory\)"
+        ):
+            Store(tmp_path / "store").make_temporary_folder()
+
+    def test_a_manifest_that_cannot_be_read_is_named_with_a_way_out(self, store):
+        artifact = store.run(action_of(), write("a", b"x")).artifact
+        (artifact.folder / "manifest.json").write_bytes(b"{")
+        with pytest.raises(
+            StoreError, match=r"the manifest of this artifact cannot be read .*build again to heal"
+        ):
+            artifact.manifest()
+        assert not store.is_complete(artifact.digest)
+
+    @pytest.mark.parametrize("content", [b"[]", b"{}", b'{"files": [{}]}', b'{"files": 3}'])
+    def test_a_manifest_that_says_something_else_is_damage(self, store, content):
+        artifact = store.run(action_of(), write("a", b"x")).artifact
+        (artifact.folder / "manifest.json").write_bytes(content)
+        assert not store.is_complete(artifact.digest)
+
+    def test_an_error_that_is_none_of_hard_links_is_told(self, store, monkeypatch):
+        def refuse(*_args):
+            raise OSError(5, "Input/output error")
+
+        monkeypatch.setattr(os, "link", refuse)
+        with pytest.raises(StoreError, match="Input/output error"):
+            store.run(action_of(), write("a", b"x"))
+
+    @pytest.mark.parametrize("number", [1, 13, 31, 38, 95])
+    def test_whatever_a_file_system_says_that_has_no_hard_links(self, store, monkeypatch, number):
+        """EPERM, EACCES, EMLINK, ENOSYS and EOPNOTSUPP."""
+
+        def refuse(*_args):
+            raise OSError(number, os.strerror(number))
+
+        monkeypatch.setattr(os, "link", refuse)
+        assert not store.run(action_of(), write("a", b"x")).cached
+        assert store.run(action_of(), write("a", b"x")).cached
+
     def test_without_hard_links(self, store, monkeypatch):
         def refuse(*args):
             raise OSError(1, "Operation not permitted")

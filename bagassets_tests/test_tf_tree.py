@@ -118,6 +118,63 @@ class TestMovingEdges:
         early = np.array([T0 - round(0.7 * S)])
         assert not tree.at("map", "base", early, S // 10, S)[2].any()
 
+    @pytest.mark.parametrize(("pause_s", "known"), [(3.0, True), (3.01, False)])
+    def test_a_slow_edge_may_pause_for_three_of_its_periods(self, pause_s, known):
+        last = 3.0 + pause_s
+        tree = TfTree(
+            [
+                moving(
+                    "map",
+                    "odom",
+                    [0, 1, 2, 3, last, last + 1, last + 2],
+                    lambda t: SE3.create((1, 0, 0, 0), (t, 0, 0)),
+                ),
+                moving(
+                    "odom", "base", np.arange(0.0, 9.0, 0.02), lambda t: SE3.create((1, 0, 0, 0), (0, t, 0))
+                ),
+            ]
+        )
+        middle = np.array([T0 + round((3.0 + pause_s / 2) * S)])
+        positions, _, valid = tree.at("map", "base", middle, S // 10, 0)
+        assert valid.tolist() == [known]
+        if known:
+            np.testing.assert_allclose(positions[0], [4.5, 4.5, 0.0], atol=1e-6)
+
+    @pytest.mark.parametrize(("period_s", "slow"), [(0.2, False), (0.21, True)])
+    def test_an_edge_is_slow_from_twice_the_period_of_the_fastest(self, period_s, slow):
+        """A slow one holds its ends for a period; others end with the limit of the caller."""
+        slower = np.arange(0.0, 5.0, period_s)
+        tree = TfTree(
+            [
+                moving("map", "odom", slower, lambda t: SE3.create((1, 0, 0, 0), (t, 0, 0))),
+                moving(
+                    "odom", "base", np.arange(-1.0, 6.0, 0.1), lambda t: SE3.create((1, 0, 0, 0), (0, t, 0))
+                ),
+            ]
+        )
+        before = np.array([T0 - round(0.1 * S)])
+        assert tree.at("map", "base", before, S, 0)[2].tolist() == [slow]
+        assert tree.at("map", "base", np.array([T0 - round(0.22 * S)]), S, 0)[2].tolist() == [False]
+
+    @pytest.mark.parametrize(("off", "moves"), [(1.0e-6, False), (1.1e-6, True)])
+    def test_from_a_micrometre_an_edge_moves(self, off, moves):
+        edge = Edge(
+            "base", "cam", "tf", np.array([T0, T0 + S]), np.array([[0.0, 0, 0], [0, 0, -off]]), np.tile([1.0, 0, 0, 0], (2, 1))
+        )  # fmt: skip
+        assert edge.moves == moves
+
+    @pytest.mark.parametrize(("angle", "moves"), [(0.9e-6, False), (1.1e-6, True)])
+    def test_from_a_microradian_an_edge_moves(self, angle, moves):
+        assert (
+            moving("base", "cam", [0.0, 1.0], lambda t: SE3.create(about_z(angle * t), (0, 0, 0))).moves
+            == moves
+        )
+
+    def test_the_period_of_an_edge_is_the_median(self):
+        pose = lambda t: SE3.create((1, 0, 0, 0), (t, 0, 0))  # noqa: E731
+        assert moving("a", "b", [0.0, 0.1, 0.2, 0.3, 3.0], pose).period_ns == S // 10
+        assert moving("a", "b", [0.0], pose).period_ns == 0
+
     def test_an_edge_that_is_repeated_but_never_moves_holds_at_all_times(self):
         """Static in /tf: published at 10 Hz, with the noise of single precision in the quaternion's sign."""
         still = moving("base", "cam", [0.0, 0.1, 0.2], lambda t: SE3.create((1, 0, 0, 0), (1.0, 0, 0)))

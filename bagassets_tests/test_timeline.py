@@ -51,6 +51,25 @@ class TestScenes:
         assert len(cuts.scenes) == 1
         assert cuts.remainder_ns == 0
 
+    def test_the_bounds_of_scenes_and_their_windows(self):
+        """Windows open and close half a keyframe period before the grid; the last one closes after the last reading."""
+        first, last = cut_scenes(START, START + 27 * S, 20 * S, 7 * S, S // 2).scenes
+        assert (first.start_ns, first.end_ns) == (START, START + 20 * S - 1)
+        assert (first.window_start_ns, first.window_end_ns) == (START - S // 4, START + 20 * S - S // 4)
+        assert (last.start_ns, last.end_ns) == (START + 20 * S, START + 27 * S)
+        assert (last.window_start_ns, last.window_end_ns) == (
+            START + 20 * S - S // 4,
+            START + 27 * S + S // 4 + 1,
+        )
+
+    def test_a_remainder_one_nanosecond_below_the_minimum_is_none(self):
+        cuts = cut_scenes(START, START + 27 * S - 1, 20 * S, 7 * S, S // 2)
+        assert (len(cuts.scenes), cuts.remainder_ns) == (1, 7 * S - 1)
+
+    def test_no_remainder_makes_no_scene_of_length_zero(self):
+        cuts = cut_scenes(START, START + 40 * S, 20 * S, 0, S // 2)
+        assert (len(cuts.scenes), cuts.remainder_ns) == (2, 0)
+
     def test_a_long_remainder_is_a_shorter_scene(self):
         cuts = cut_scenes(START, START + 47 * S, 20 * S, S, S // 2)
         assert [round(scene.duration_s, 3) for scene in cuts.scenes] == [20.0, 20.0, 7.0]

@@ -204,3 +204,28 @@ def test_stamps_must_increase(stamps_s):
 def test_shapes_must_agree():
     with pytest.raises(ValueError, match=r"2 stamps need positions \(2, 3\)"):
         Trajectory(np.array([1, 2]), np.zeros((2, 2)), np.zeros((2, 4)), 0, 0)
+
+
+@pytest.mark.parametrize("number", [0, 2])
+def test_a_fixed_trajectory_has_exactly_one_pose(number):
+    stamps = START + np.arange(number, dtype=np.int64)
+    with pytest.raises(ValueError, match=f"a fixed trajectory has one pose, got {number}"):
+        Trajectory(stamps, np.zeros((number, 3)), np.tile([1.0, 0, 0, 0], (number, 1)), 0, 0, fixed=True)
+
+
+def test_a_gap_of_exactly_the_limit_is_interpolated_and_one_nanosecond_more_is_not():
+    for gap_ns, valid in ((SECOND // 2, True), (SECOND // 2 + 1, False)):
+        stamps = np.array([START, START + gap_ns], dtype=np.int64)
+        moved = Trajectory(
+            stamps, np.array([[0.0, 0, 0], [1, 0, 0]]), np.tile([1.0, 0, 0, 0], (2, 1)), SECOND // 2, 0
+        )
+        positions, _, known = moved.at(np.array([START + gap_ns // 2]))
+        assert known.tolist() == [valid]
+        assert not valid or positions[0, 0] == pytest.approx(0.5)
+
+
+def test_extrapolation_ends_exactly_where_the_limit_says():
+    trajectory = straight([0.0, 0.1, 0.2], extrapolate_s=0.05)
+    ends = np.array([START - SECOND // 20, START + SECOND // 5 + SECOND // 20], dtype=np.int64)
+    assert trajectory.at(ends)[2].tolist() == [True, True]
+    assert trajectory.at(ends + np.array([-1, 1]))[2].tolist() == [False, False]
