@@ -1,18 +1,25 @@
 """`bagassets ui`: really started, looked at through its GraphQL, and ended as users end it."""
 
+import asyncio
 import json
 import signal
 import socket
 import subprocess
 from contextlib import suppress
+from http.client import HTTPConnection
 from pathlib import Path
+from urllib.parse import quote
 from urllib.request import Request, urlopen
 
 import pytest
 from click.testing import CliRunner
+from starlette.responses import PlainTextResponse
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import connect
 
 from bagassets.cli.main import main
 from bagassets.cli.ui import ui
+from bagassets.defs.guard import Guard, own_names
 from bagassets.defs.services import end_servers
 from bagassets.forkserver.client import Client, ServerRefusedError
 from bagassets.forkserver.spec import ServerSpec
@@ -80,6 +87,151 @@ def test_it_shows_the_project_and_leaves_nothing_behind(project):
         assert [pid for session in sessions for pid in processes_of(session)] == []
         eventually(lambda: servers_of(project) == [], "the fork server has ended", 10)
     assert log.read_text().splitlines() == [f"{url}  (web UI of project; Ctrl-C ends it)"]
+
+
+def request(port, method, path, body=None, **headers):
+    """Return status and text of the answer to a request with just these headers."""
+    connection = HTTPConnection("127.0.0.1", port, timeout=30)
+    try:
+        connection.putrequest(method, path, skip_host=True, skip_accept_encoding=True)
+        for name, value in headers.items():
+            connection.putheader(name.replace("_", "-"), value)
+        connection.putheader("Content-Length", str(len(body or "")))
+        connection.endheaders((body or "").encode())
+        answer = connection.getresponse()
+        return answer.status, answer.read().decode("utf-8", "replace")
+    finally:
+        connection.close()
+
+
+WIPE = 'mutation { deletePipelineRun(runId: "none") { __typename } }'
+READ = "{ version }"
+
+
+def test_it_refuses_what_other_sites_ask_of_it(project):
+    log, port = project.parent / "ui.log", free_port()
+    names = ["--allow-host", "proxy.example"]
+    command = [
+        BIN / "bagassets", "ui", "--recipe", project / "recipe.yaml", "--port", port, "--no-browser", *names,
+    ]  # fmt: skip
+    with running(command, project, log):
+        eventually(lambda: f":{port}" in log.read_text(), "it tells its address")
+        own = f"127.0.0.1:{port}"
+
+        def get(path, **headers):
+            return request(port, "GET", path, **{"Host": own} | headers)
+
+        def post(query, **headers):
+            body = json.dumps({"query": query})
+            return request(
+                port, "POST", "/graphql", body, Content_Type="application/json", **{"Host": own} | headers
+            )
+
+        # What the page itself does.
+        for host in (own, f"localhost:{port}", "localhost", f"[::1]:{port}", "LOCALHOST", "proxy.example"):
+            status, page = get("/", Host=host)
+            assert (status, "<!DOCTYPE html>" in page or "<!doctype html>" in page) == (200, True), host
+        assert get("/assets", Origin="https://evil.example")[0] == 200  # a link from elsewhere
+        assert get(f"/graphql?query={quote(READ)}")[0] == 200
+        assert post(READ)[0] == 200
+        assert post(WIPE)[1].count("RunNotFoundError") == 1
+        assert post(READ, Origin=f"http://{own}")[0] == 200
+        assert post(READ, Host="proxy.example", Origin="https://proxy.example")[0] == 200
+        assert post(READ, Host="proxy.example:443", Origin="https://proxy.example")[0] == 200
+
+        # Changing something takes a POST.
+        for query in (WIPE, f"query a {READ} {WIPE}", f"subscription s {{ x }} {READ}"):
+            for path in ("/graphql", "/graphql/"):
+                status, answer = get(f"{path}?query={quote(query)}", Accept="image/*")
+                assert status == 405, query
+                assert "sent with POST" in answer
+        assert get(f"/graphql?query={quote(READ)}&query={quote(WIPE)}")[0] == 405
+        assert get(f"/graphql?query={quote('{ not')}")[0] == 400
+
+        # A foreign name that was made to mean this machine.
+        for host in (
+            "evil.example",
+            f"evil.example:{port}",
+            "127.0.0.1.evil.example",
+            "192.0.2.7",
+            "",
+            "a b",
+            "[::2]",
+        ):
+            status, answer = get("/", Host=host)
+            assert status in {400, 421}, host
+            assert "<script" not in answer
+            assert post(READ, Host=host)[0] in {400, 421}
+        assert request(port, "GET", "/")[0] in {400, 421}
+
+        # The page of another site.
+        for origin in (
+            "https://evil.example", "null", f"http://127.0.0.1:{port + 1}", f"http://{own}.evil.example",
+            f"http://evil@{own}", f"http://localhost:{port}", f"file://{own}", "",
+        ):  # fmt: skip
+            assert post(READ, Origin=origin)[0] == 403, origin
+            form = request(
+                port,
+                "POST",
+                f"/graphql?query={quote(WIPE)}",
+                Host=own,
+                Origin=origin,
+                Content_Type="text/plain",
+            )
+            assert form[0] == 403
+            assert (
+                request(port, "POST", "/report_asset_materialization/bag", "{}", Host=own, Origin=origin)[0]
+                == 403
+            )
+
+        # Subscriptions.
+        address = f"ws://{own}/graphql"
+        assert subscribed(address, f"http://{own}")["type"] == "data"
+        assert subscribed(address, None)["type"] == "data"
+        with pytest.raises(InvalidStatus, match="403"):
+            subscribed(address, "https://evil.example")
+
+
+def subscribed(address, origin):
+    """Return the first message of a subscription, as the web UI makes them."""
+    query = 'subscription { pipelineRunLogs(runId: "none") { __typename } }'
+    with connect(address, subprotocols=["graphql-ws"], origin=origin) as socket:
+        socket.send(json.dumps({"type": "connection_init"}))
+        assert json.loads(socket.recv(10))["type"] == "connection_ack"
+        socket.send(json.dumps({"type": "start", "id": "1", "payload": {"query": query}}))
+        return json.loads(socket.recv(10))
+
+
+@pytest.mark.parametrize(
+    ("host", "own", "foreign"),
+    [
+        ("127.0.0.1", ["localhost", "127.0.0.1:3000", "[::1]"], ["10.0.0.5", "robot", "[fe80::1]"]),
+        ("robot.lan", ["robot.lan:3000", "Robot.LAN", "localhost"], ["10.0.0.5", "lan", "robot.lan.evil"]),
+        (
+            "0.0.0.0",
+            ["10.0.0.5:3000", "[fe80::1]:3000", socket.gethostname()],
+            ["evil.example", "1.2.3", "::1"],
+        ),
+        ("::", ["10.0.0.5:3000", "[fe80::1]"], ["evil.example", "0x7f000001.example"]),
+    ],
+)
+def test_the_names_that_it_goes_by(host, own, foreign):
+    async def served(scope, receive, send):
+        await PlainTextResponse("served")(scope, receive, send)
+
+    def status(name):
+        answers = []
+
+        async def send(message):
+            answers.append(message)
+
+        headers = [(b"host", name.encode())]
+        scope = {"type": "http", "method": "GET", "path": "/", "query_string": b"", "headers": headers}
+        asyncio.run(Guard(served, own_names(host))(scope, None, send))
+        return answers[0]["status"]
+
+    assert {name: status(name) for name in own} == dict.fromkeys(own, 200)
+    assert {name: status(name) for name in foreign} == dict.fromkeys(foreign, 421)
 
 
 def child_sessions(pid):

@@ -35,19 +35,31 @@ Examples:
     help="Port to listen on.",
 )
 @click.option("--host", default="127.0.0.1", show_default=True, metavar="H", help="Address to listen on.")
+@click.option(
+    "--allow-host",
+    "allow_hosts",
+    multiple=True,
+    metavar="NAME",
+    help="Another name by which browsers reach the UI, such as that of a proxy.",
+)
 @click.option("--no-browser", is_flag=True, help="Open no browser window.")
 @click.option("--verbose", is_flag=True, help="Show what Dagster does, not only what goes wrong.")
-def ui(recipe: Path, port: int, host: str, no_browser: bool, verbose: bool) -> int:
+def ui(
+    recipe: Path, port: int, host: str, allow_hosts: tuple[str, ...], no_browser: bool, verbose: bool
+) -> int:
     """Open the web UI of a project.
 
     Runs Dagster's web server and daemon with the state of the project, so that the sensor notices
     new, changed and removed recordings, until Ctrl-C. Runs that are at work then are waited for;
     another Ctrl-C cancels them.
+
+    There is no password. Requests that other sites make with your browser are refused: those under
+    a name that is not the UI's own, and those that come from their pages.
     """
     from bagassets.defs.services import Services  # noqa: PLC0415  (pydantic and YAML, for the recipe)
 
     signals = _Signals()
-    with Services(recipe, host, port, verbose=verbose) as services:
+    with Services(recipe, host, port, verbose=verbose, allow_hosts=allow_hosts) as services:
         services.wait_until_ready(lambda: signals.count > 0)
         if not signals.count:
             services.warm_up()

@@ -1,39 +1,114 @@
-"""`python -m bagassets.defs.dev …`: `dagster dev`, ended together with whoever started it.
+"""`python -m bagassets.defs.dev …`: web server, daemon and code servers, ended together with whoever started them.
 
-Standard input is a pipe that the starter holds: when it is closed, or the starter dies, Dagster
-shuts its services down as on Ctrl-C.
+It is `dagster dev` with a web server of ours, which refuses what other sites ask of it. Standard input
+is a pipe that the starter holds: when it is closed, or the starter dies, all are shut down as on Ctrl-C.
 """
 
+import argparse
+import logging
 import os
 import signal
+import subprocess
 import sys
+import tempfile
 import threading
-import warnings
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from bagassets.errors import BagAssetsError
+import yaml
+from dagster import DagsterInstance
+from dagster._cli.proxy_server_manager import ProxyServerManager
+from dagster._cli.utils import get_possibly_temporary_instance_for_cli
+from dagster._core.workspace.load_target import WorkspaceFileTarget
+from dagster._serdes import serialize_value
+from dagster._utils.interrupts import setup_interrupt_handlers
+from dagster._utils.log import configure_loggers
+from dagster_shared.ipc import get_ipc_shutdown_pipe, open_ipc_subprocess, send_ipc_shutdown_message
 
 __all__ = ["main"]
 
+_LOG = logging.getLogger("dagster")
 _STDIN = 0
+_OUR_LOCATION = "load_from: [{python_module: bagassets.definitions}]\n"
+_LOOK_S = 1.0
+_STOP_S = 60.0
 
 
 def main() -> None:
-    """Run `dagster dev` with this process's arguments."""
-    # Dagster recommends a tool for developing code locations here; people who open a web UI do not.
-    warnings.filterwarnings("ignore", message="Function `dev_command` is superseded")
-    from dagster._cli.dev import dev_command  # noqa: PLC0415  (after the filter)
-
-    from bagassets.defs.databases import ready_to_open  # noqa: PLC0415  (imports Dagster as well)
-
+    """Run the services of a project until standard input ends."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--host", required=True)
+    parser.add_argument("--port", required=True, type=int)
+    parser.add_argument("--allow-host", action="append", default=[])
+    parser.add_argument("--log-level", required=True)
+    parser.add_argument("--workspace", help="a workspace.yaml; the project's own code location without it")
+    options = parser.parse_args()
+    # As `dagster dev` does: code servers tell errors without the stack of Dagster itself.
+    os.environ |= {"DAGSTER_IS_DEV_CLI": "1", "DAGSTER_verbose": ""}
+    configure_loggers(formatter="colored", log_level=options.log_level.upper())
+    setup_interrupt_handlers()
     threading.Thread(target=_follow_starter, daemon=True).start()
+    with (
+        suppress(KeyboardInterrupt),
+        get_possibly_temporary_instance_for_cli("bagassets ui", logger=_LOG) as instance,
+        _code_servers(instance, options.workspace) as workspace,
+    ):
+        _serve(instance, options, workspace)
+
+
+@contextmanager
+def _code_servers(instance: DagsterInstance, workspace: str | None) -> Iterator[str]:
+    """Start the code servers that web server and daemon share; yield a workspace file that leads to them."""
+    with tempfile.TemporaryDirectory() as folder:
+        ours, shared = Path(folder) / "ours.yaml", Path(folder) / "workspace.yaml"
+        ours.write_text(_OUR_LOCATION, encoding="utf-8")
+        target = WorkspaceFileTarget(paths=[workspace or str(ours)])
+        with ProxyServerManager(instance, target, code_server_log_level="warning") as servers:
+            shared.write_text(yaml.dump({"load_from": servers.get_code_server_specs()}), encoding="utf-8")
+            yield str(shared)
+
+
+def _serve(instance: DagsterInstance, options: argparse.Namespace, workspace: str) -> None:
+    """Run web server and daemon; end both when one ends, or this process is interrupted."""
+    common = [
+        "--instance-ref", serialize_value(instance.get_ref()), "--workspace", workspace,
+    ]  # fmt: skip
+    names = [f"--allow-host={name}" for name in options.allow_host]
+    listen = ["--host", options.host, "--port", str(options.port), *names]
+    levels = ["--log-level", options.log_level]
+    services: dict[str, tuple[subprocess.Popen[bytes], int]] = {}
     try:
-        # Of the processes that Dagster starts, none waits for another that makes the databases.
-        with ready_to_open(Path(os.environ["DAGSTER_HOME"])):
-            pass
-    except BagAssetsError as err:
-        sys.exit(f"error: {err}")
-    dev_command(sys.argv[1:], prog_name="dagster dev")
+        services["web server"] = _start("bagassets.defs.webserver", [*listen, *levels, *common])
+        services["daemon"] = _start(
+            "dagster._daemon",
+            ["run", *levels, "--log-format", "colored", "--code-server-log-level", "warning", *common],
+        )
+        while not (ended := [name for name, (process, _) in services.items() if process.poll() is not None]):
+            time.sleep(_LOOK_S)
+        _LOG.error("The %s ended by itself.", ended[0])
+    finally:
+        for _, pipe in services.values():
+            with suppress(OSError):  # it has ended
+                send_ipc_shutdown_message(pipe)
+        for process, _ in services.values():
+            _wait(process)
+
+
+def _start(module: str, arguments: list[str]) -> tuple[subprocess.Popen[bytes], int]:
+    """Start a module as a process of its own; return it, and the pipe through which it is asked to end."""
+    read_end, write_end = get_ipc_shutdown_pipe()
+    command = [sys.executable, "-P", "-m", module, *arguments, "--shutdown-pipe", str(read_end)]
+    return open_ipc_subprocess(command, pass_fds=[read_end]), write_end
+
+
+def _wait(process: subprocess.Popen[bytes]) -> None:
+    try:
+        process.wait(_STOP_S)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
 
 
 def _follow_starter() -> None:

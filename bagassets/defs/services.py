@@ -10,7 +10,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Self, TextIO
@@ -34,7 +34,7 @@ _LOCK = "ui.lock"
 
 
 class Services:
-    """`dagster dev` for one recipe, started at once.
+    """Web server and daemon for one recipe, started at once.
 
     The fork servers that it starts for its runs belong to it as well. Those that were there before
     are somebody else's, and stay.
@@ -44,12 +44,21 @@ class Services:
         host: address to listen on.
         port: port to listen on.
         verbose: have Dagster tell what it does, not just what goes wrong.
+        allow_hosts: names by which others reach the web server.
 
     Raises:
         BagAssetsError: the recipe is wrong, its UI is open already, or the port is taken.
     """
 
-    def __init__(self, recipe_file: Path, host: str, port: int, *, verbose: bool = False) -> None:
+    def __init__(
+        self,
+        recipe_file: Path,
+        host: str,
+        port: int,
+        *,
+        verbose: bool = False,
+        allow_hosts: Sequence[str] = (),
+    ) -> None:
         recipe_file = recipe_file.resolve()
         recipe = load_recipe(recipe_file)
         home = dagster_home(recipe_file, recipe).resolve()
@@ -67,9 +76,9 @@ class Services:
         self._client: Client | None = None
         self._warming = threading.Thread(target=self._warm, daemon=True)
         workspace = home / "workspace.yaml"
-        code = ["-w", str(workspace)] if workspace.is_file() else ["-m", "bagassets.definitions"]
-        level = ["--log-level", "info" if verbose else "warning"]
-        options = ["--host", host, "--port", str(port), *level, *code]
+        options = ["--host", host, "--port", str(port), "--log-level", "info" if verbose else "warning"]
+        options += [f"--allow-host={name}" for name in allow_hosts]
+        options += ["--workspace", str(workspace)] if workspace.is_file() else []
         # A session of its own: Ctrl-C in the terminal reaches us alone, and we end it in order.
         self._process = subprocess.Popen(  # noqa: S603  (this interpreter, this package)
             [sys.executable, "-P", "-m", "bagassets.defs.dev", *options],
@@ -87,7 +96,7 @@ class Services:
 
     @property
     def is_running(self) -> bool:
-        """True until `dagster dev` has ended."""
+        """True until they have ended."""
         return self._process.poll() is None
 
     def wait_until_ready(self, give_up: Callable[[], bool]) -> None:

@@ -1,0 +1,79 @@
+"""`python -m bagassets.defs.webserver …`: Dagster's web server behind `Guard`, started by `bagassets.defs.dev`."""
+
+import argparse
+import asyncio
+import logging
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager, suppress
+
+import uvicorn
+from dagster import DagsterInstance
+from dagster._cli.utils import get_possibly_temporary_instance_for_cli
+from dagster._core.instance import InstanceRef
+from dagster._core.workspace.context import WorkspaceProcessContext
+from dagster._core.workspace.load_target import WorkspaceFileTarget
+from dagster._serdes import deserialize_value
+from dagster._utils.log import configure_loggers
+from dagster_shared.ipc import interrupt_on_ipc_shutdown_message
+from dagster_webserver.app import create_app_from_workspace_process_context
+from dagster_webserver.version import __version__
+from starlette.applications import Starlette
+
+from bagassets.defs.guard import Guard, own_names
+
+__all__ = ["main"]
+
+_LOG = logging.getLogger("dagster-webserver")
+# As `dagster-webserver` has them by default.
+_STATEMENT_TIMEOUT_MS, _POOL_RECYCLE_S, _POOL_MAX_OVERFLOW = 15_000, 3600, 20
+_POLL_MS = 2000
+
+
+def main() -> None:
+    """Serve until a message to end comes through the pipe."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--host", required=True)
+    parser.add_argument("--port", required=True, type=int)
+    parser.add_argument("--allow-host", action="append", default=[])
+    parser.add_argument("--log-level", required=True)
+    parser.add_argument("--instance-ref", required=True, type=_instance_ref)
+    parser.add_argument("--workspace", required=True)
+    parser.add_argument("--shutdown-pipe", required=True, type=int)
+    options = parser.parse_args()
+    configure_loggers(formatter="colored", log_level=options.log_level.upper())
+    with (
+        suppress(KeyboardInterrupt),
+        interrupt_on_ipc_shutdown_message(options.shutdown_pipe),
+        get_possibly_temporary_instance_for_cli("bagassets ui", options.instance_ref, _LOG) as instance,
+    ):
+        _serve(instance, options)
+
+
+def _instance_ref(text: str) -> InstanceRef:
+    return deserialize_value(text, InstanceRef)
+
+
+def _serve(instance: DagsterInstance, options: argparse.Namespace) -> None:
+    instance.optimize_for_webserver(_STATEMENT_TIMEOUT_MS, _POOL_RECYCLE_S, _POOL_MAX_OVERFLOW)
+    with WorkspaceProcessContext(
+        instance,
+        version=__version__,
+        read_only=False,
+        workspace_load_target=WorkspaceFileTarget(paths=[options.workspace]),
+        code_server_log_level="warning",
+    ) as context:
+        app = create_app_from_workspace_process_context(
+            context, live_data_poll_rate=_POLL_MS, lifespan=_until_cancelled
+        )
+        app.add_middleware(Guard, names=own_names(options.host, options.allow_host))
+        uvicorn.run(app, host=options.host, port=options.port, log_level="warning")
+
+
+@asynccontextmanager
+async def _until_cancelled(_app: Starlette) -> AsyncIterator[None]:
+    with suppress(asyncio.CancelledError):  # uvicorn cancels this on Ctrl-C
+        yield
+
+
+if __name__ == "__main__":
+    main()
