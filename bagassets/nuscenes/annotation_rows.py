@@ -11,13 +11,13 @@ from bagassets.annotations.motion import MotionRule, has_attributes, motion_attr
 from bagassets.annotations.table import BoxTable
 from bagassets.annotations.tracks import Messages, Track, messages_of, tracks_of
 from bagassets.nuscenes.lidar_file import read_lidar_file
-from bagassets.nuscenes.points import count_points
+from bagassets.nuscenes.points import count_points, hits_of
 from bagassets.nuscenes.radar_file import read_radar_file
 from bagassets.nuscenes.readings import ChannelReadings
 from bagassets.nuscenes.scene_plan import SceneParams, ScenePlan
 from bagassets.nuscenes.table_file import quaternion, rounded
 from bagassets.nuscenes.tokens import RecordingTokens, attribute_token, category_token, visibility_token
-from bagassets.nuscenes.visibility import CameraView, visibility_levels
+from bagassets.nuscenes.visibility import CameraView, share_in_images, share_open, visibility_levels
 from bagassets.timeline.keyframes import Stamps
 
 __all__ = ["AnnotationRows", "annotation_rows"]
@@ -213,8 +213,8 @@ def _measure(
     centers = np.array([row["translation"] for row in annotations])
     rotations = np.array([row["rotation"] for row in annotations])
     sizes = np.array([row["size"] for row in annotations])
-    points = {"lidar": np.zeros(len(annotations), np.int64), "radar": np.zeros(len(annotations), np.int64)}
-    views = []
+    radar_points = np.zeros(len(annotations), np.int64)
+    views, lidar_hits = [], []
     for name, plan in scene.channels.items():
         keyframe = plan.readings[plan.is_keyframe & (plan.sample == sample)]
         if not len(keyframe):
@@ -225,15 +225,20 @@ def _measure(
             if channel.intrinsic:
                 width, height = channel.sizes_px[reading]
                 views.append(CameraView(global_SE3_sensor, channel.intrinsic_matrix(), width, height))
-            continue
-        if channel.modality == "lidar":
+        elif channel.modality == "lidar":
             xyz = read_lidar_file(channel.path(reading))[:, :3]
+            lidar_hits.append(hits_of(xyz, global_SE3_sensor, centers, rotations, sizes))
         else:
             targets = read_radar_file(channel.path(reading))
             xyz = np.stack([targets[axis] for axis in "xyz"], axis=1)
-        points[channel.modality] += count_points(xyz, global_SE3_sensor, centers, rotations, sizes)
-    levels = visibility_levels(views, centers, rotations, sizes)
+            radar_points += count_points(xyz, global_SE3_sensor, centers, rotations, sizes)
+    lidar_points = sum((hits.inside for hits in lidar_hits), np.zeros(len(annotations), np.int64))
+    levels = visibility_levels(
+        share_in_images(views, centers, rotations, sizes) if views else None,
+        share_open(lidar_hits, len(annotations)) if lidar_hits else None,
+        lidar_points if lidar_hits else radar_points,
+    )
     for number, row in enumerate(annotations):
         row["visibility_token"] = visibility_token(levels[number])
-        row["num_lidar_pts"] = int(points["lidar"][number])
-        row["num_radar_pts"] = int(points["radar"][number])
+        row["num_lidar_pts"] = int(lidar_points[number])
+        row["num_radar_pts"] = int(radar_points[number])

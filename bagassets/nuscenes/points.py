@@ -1,48 +1,204 @@
-"""How many points lie inside boxes."""
+"""What the points of a sensor say about boxes: how many lie inside, and how many rays end before they get there."""
+
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bagassets.geometry.se3 import SE3, Floats, rotate
 
-__all__ = ["count_points"]
+__all__ = ["Hits", "count_points", "hits_of"]
 
 # What float32 and the way there and back may move a point by.
 ROUNDING_M = 1e-3
+# A return this much before a box is something else; one nearer may be a mirror, a coupling, or a tight box.
+BEFORE_M = 0.3
+# Rays are asked for that pass through the middle of a box, not along its faces or over the ground it stands on.
+CORE = 0.9
+# Of larger clouds every n-th ray is asked. A prime, as the points of most clouds come in columns of 2^n.
+_RAYS, _STEPS = 32_768, (1, 2, 3, 5, 7, 11, 13, 17, 23, 31, 47, 61, 97, 127, 251, 509, 1021)
+
+# So few pairs of a box and a point, as radars give, are looked at one by one.
+_ALL_PAIRS = 2048
+_SECTORS = 4096  # of a turn
+_CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
+
+
+@dataclass(frozen=True, eq=False)
+class Hits:
+    """What the points of one sensor say about (B,) boxes.
+
+    Attributes:
+        inside: points in each box; one on the surface is inside.
+        rays: rays that pass through the core of each box, or would; of a sample of the points.
+        blocked: those of them that end before it.
+    """
+
+    inside: NDArray[np.int64]
+    rays: NDArray[np.int64]
+    blocked: NDArray[np.int64]
 
 
 def count_points(
     points: NDArray[np.float32], global_SE3_sensor: SE3, centers_m: Floats, rotations: Floats, sizes_m: Floats
 ) -> NDArray[np.int64]:
-    """Count the points inside each box; one on the surface is inside.
-
-    Args:
-        points: (N, 3) in the sensor frame; NaN is inside no box.
-        global_SE3_sensor: where the sensor was.
-        centers_m: (B, 3) box centres in the global frame.
-        rotations: (B, 4) `global <- box` quaternions.
-        sizes_m: (B, 3) width, length, height.
+    """Count the points inside each box; arguments as `hits_of`.
 
     Returns:
         (B,) counts.
     """
-    sensor_SE3_global = global_SE3_sensor.inverse()
-    centers = sensor_SE3_global.transform_points(centers_m)
-    counts = np.zeros(len(centers_m), dtype=np.int64)
-    # Sorted along x, each box has few candidates: revolutions hold 10^5 points, scenes 10^2 boxes.
-    ordered = points[np.argsort(points[:, 0])]
-    radii = np.sqrt((sizes_m * sizes_m).sum(axis=1)) / 2 + ROUNDING_M
-    lows = np.searchsorted(ordered[:, 0], centers[:, 0] - radii, side="left")
-    highs = np.searchsorted(ordered[:, 0], centers[:, 0] + radii, side="right")
-    for box in range(len(centers_m)):
-        near = ordered[lows[box] : highs[box]].astype(np.float64)
-        near = near[np.abs(near[:, 1] - centers[box, 1]) <= radii[box]]
-        if not len(near):
-            continue
-        away_global = global_SE3_sensor.transform_points(near) - centers_m[box]
-        w, x, y, z = rotations[box]
-        away_box = np.abs(rotate(np.array([w, -x, -y, -z]), away_global))
-        width, length, height = sizes_m[box] / 2
-        inside = (away_box[:, 0] <= length) & (away_box[:, 1] <= width) & (away_box[:, 2] <= height)
-        counts[box] = int(np.count_nonzero(inside))
-    return counts
+    centers = global_SE3_sensor.inverse().transform_points(centers_m)
+    pairs = _pairs_near(points, centers, _radii(sizes_m))
+    ends = _in_boxes(pairs, global_SE3_sensor, centers_m, rotations)
+    inside = _all_three(np.abs(ends) <= (sizes_m[:, [1, 0, 2]] / 2)[pairs.box])
+    return np.bincount(pairs.box[inside], minlength=len(centers_m)).astype(np.int64)
+
+
+def hits_of(
+    points: NDArray[np.float32], global_SE3_sensor: SE3, centers_m: Floats, rotations: Floats, sizes_m: Floats
+) -> Hits:
+    """Hold the points of a sensor against boxes.
+
+    Args:
+        points: (N, 3) in the sensor frame, whose origin their rays come from; NaN is inside no box and ends no ray.
+        global_SE3_sensor: where the sensor was.
+        centers_m: (B, 3) box centres in the global frame.
+        rotations: (B, 4) `global <- box` quaternions.
+        sizes_m: (B, 3) width, length, height.
+    """
+    centers = global_SE3_sensor.inverse().transform_points(centers_m)
+    pairs = _pairs_near(points, centers, _radii(sizes_m))
+    # In the frames of the boxes: where rays begin (B, 3), and where those of the pairs end (M, 3).
+    half = sizes_m[:, [1, 0, 2]] / 2
+    origins = rotate(rotations * _CONJUGATE, np.array(global_SE3_sensor.translation) - centers_m)
+    ends = _in_boxes(pairs, global_SE3_sensor, centers_m, rotations)
+    inside = _all_three(np.abs(ends) <= half[pairs.box])
+    # Where the sensor is in the box itself, nothing is before it.
+    asked = np.flatnonzero(pairs.is_ray & ~_all_three(np.abs(origins) <= half)[pairs.box])
+    box = pairs.box[asked]
+    ways = ends[asked] - origins[box]
+    # In parts of the way to the point: 1 is the point itself. Slab method (Kay and Kajiya, 1986).
+    per_m = 1.0 / np.where(np.abs(ways) < 1e-9, 1e-9, ways)
+    middle, reach = -origins[box] * per_m, np.abs(half[box] * per_m)
+    into_core, out_of_core = _greatest(middle - reach * CORE), -_greatest(reach * -CORE - middle)
+    through = (into_core <= out_of_core) & (out_of_core > 0)
+    slack = BEFORE_M / np.sqrt((ways * ways).sum(axis=1))
+    blocked = through & (_greatest(middle - reach) > 1.0 + slack) & ~inside[asked]
+    return Hits(
+        *(
+            np.bincount(boxes, minlength=len(centers_m)).astype(np.int64)
+            for boxes in (pairs.box[inside], box[through], box[blocked])
+        )
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Pairs:
+    """Pairs of a box and a point that may have to do with each other.
+
+    Attributes:
+        box: (M,) indices.
+        points: (M, 3) in the sensor frame.
+        is_ray: (M,) whether the ray of the point is asked for.
+    """
+
+    box: NDArray[np.intp]
+    points: Floats
+    is_ray: NDArray[np.bool_]
+
+
+def _pairs_near(points: NDArray[np.float32], centers: Floats, radii: Floats) -> _Pairs:
+    """Find the points in the ball around each box, and those of a sample whose rays pass it: few among 10^5.
+
+    Points are put in the order of their azimuth, told by a quotient that grows with it, so that sums and
+    quotients are all it takes.
+
+    Args:
+        points: (N, 3) in the sensor frame.
+        centers: (B, 3) in the sensor frame.
+        radii: (B,) of the balls.
+    """
+    px, py, pz = (np.ascontiguousarray(points[:, axis]) for axis in range(3))
+    finite = np.isfinite(px + py + pz)
+    if not finite.all():
+        px, py, pz = px[finite], py[finite], pz[finite]
+    if len(px) * len(centers) <= _ALL_PAIRS:
+        box, row = (part.reshape(-1) for part in np.indices((len(centers), len(px))))
+        return _Pairs(
+            box, np.stack([px, py, pz], axis=1)[row].astype(np.float64), np.ones(len(box), np.bool_)
+        )
+    step = next(step for step in (*_STEPS, len(px)) if len(px) <= step * _RAYS)
+    sampled = np.zeros(len(px), dtype=np.bool_)
+    sampled[::step] = True
+    sectors = _sectors(px, py)
+    # A stable sort of 16-bit numbers is a radix sort: the same order on every machine, in linear time.
+    order = np.argsort(sectors, kind="stable")
+    starts = np.concatenate([[0], np.cumsum(np.bincount(sectors, minlength=_SECTORS))])
+    x, y, z = centers.T
+    flat, square = x * x + y * y, radii * radii
+    # Tangents from the sensor to the ball, seen from above.
+    all_around = flat <= square * 1.01
+    sine = radii / np.sqrt(np.where(all_around, 2 * square, flat))
+    cosine = np.sqrt(1.0 - sine * sine)
+    first = np.where(all_around, 0, _sectors(cosine * x + sine * y, cosine * y - sine * x) - 1)
+    last = np.where(all_around, _SECTORS - 1, _sectors(cosine * x - sine * y, cosine * y + sine * x) + 1)
+    # Sectors lie on a ring: what reaches over its seam comes in two parts.
+    first, last = np.where(first < 0, first + _SECTORS, first), np.where(last >= _SECTORS, 0, last)
+    over = first > last
+    lows = np.concatenate([starts[first], np.zeros(np.count_nonzero(over), np.intp)])
+    highs = np.concatenate([np.where(over, len(px), starts[last + 1]), starts[last[over] + 1]])
+    numbers = highs - lows
+    box = np.repeat(np.concatenate([np.arange(len(centers)), np.flatnonzero(over)]), numbers)
+    row = order[np.arange(len(box)) + np.repeat(lows - np.cumsum(numbers) + numbers, numbers)]
+    if step > 1:
+        in_slab = np.abs(px[row] - x.astype(np.float32)[box]) <= radii.astype(np.float32)[box]
+        possible = np.flatnonzero(sampled[row] | in_slab)
+        box, row = box[possible], row[possible]
+    qx, qy, qz = px[row], py[row], pz[row]
+    cx, cy, cz = (axis.astype(np.float32)[box] for axis in (x, y, z))
+    dx, dy, dz = qx - cx, qy - cy, qz - cz
+    in_ball = dx * dx + dy * dy + dz * dz <= square.astype(np.float32)[box]
+    # The cone around the ball, a little wider; a ball around the sensor has none.
+    apart = flat + z * z - square
+    least = np.where(apart > 0.01 * square, apart * 0.995, 0.0).astype(np.float32)[box]
+    along = qx * cx + qy * cy + qz * cz
+    in_cone = (along * along >= (qx * qx + qy * qy + qz * qz) * least) & ((along > 0) | (least == 0))
+    is_ray = in_cone & sampled[row]
+    kept = np.flatnonzero(is_ray | in_ball)
+    near = np.stack([qx[kept], qy[kept], qz[kept]], axis=1).astype(np.float64)
+    return _Pairs(box[kept], near, is_ray[kept])
+
+
+def _radii(sizes_m: Floats) -> Floats:
+    """Return the radius of the ball around each box (B,)."""
+    radii: Floats = np.sqrt((sizes_m * sizes_m).sum(axis=1)) / 2 + ROUNDING_M
+    return radii
+
+
+def _in_boxes(pairs: _Pairs, global_SE3_sensor: SE3, centers_m: Floats, rotations: Floats) -> Floats:
+    """Return the point of each pair in the frame of its box (M, 3)."""
+    offsets = global_SE3_sensor.transform_points(pairs.points) - centers_m[pairs.box]
+    return rotate((rotations * _CONJUGATE)[pairs.box], offsets)
+
+
+def _sectors(x: NDArray[np.floating[Any]], y: NDArray[np.floating[Any]]) -> NDArray[np.int16]:
+    """Return the sector of each direction, counted counter-clockwise from x."""
+    length = np.abs(x) + np.abs(y)
+    part = np.divide(y, length, out=np.zeros_like(y), where=length > 0)  # -1 … 1, quarter by quarter
+    turn = np.where(x < 0, 2 - part, np.where(part < 0, 4 + part, part))
+    # Just before a whole turn is rounded up to it.
+    sectors: NDArray[np.int16] = (turn * (_SECTORS // 4)).astype(np.int16) & np.int16(_SECTORS - 1)
+    return sectors
+
+
+def _all_three(truths: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return where all three of (M, 3) hold; numpy is ten times slower along an axis of three."""
+    every: NDArray[np.bool_] = truths[:, 0] & truths[:, 1] & truths[:, 2]
+    return every
+
+
+def _greatest(values: Floats) -> Floats:
+    """Return the greatest of each three of (M, 3)."""
+    greatest: Floats = np.maximum(np.maximum(values[:, 0], values[:, 1]), values[:, 2])
+    return greatest

@@ -34,7 +34,7 @@ def visibility_rows() -> list[dict[str, Any]]:
         {
             "token": visibility_token(level),
             "level": level,
-            "description": f"{level.removeprefix('v')} % of the box lie inside the images of the sample",
+            "description": f"{level.removeprefix('v')} % of the object can be seen",
         }
         for level in VISIBILITY_LEVELS
     ]
