@@ -156,6 +156,7 @@ class TestPoints:
             np.array([pose.translation for pose in poses]),
             np.array([pose.rotation for pose in poses]),
             sizes,
+            np.zeros(len(poses)),
         )
         for index, pose in enumerate(poses):
             width, length, height = sizes[index]
@@ -194,7 +195,12 @@ class TestPoints:
             [[20.0, 4.0, 0.0], [20.0, -4.0, 0.0], [20.0, 0.0, 0.0], [10.0, 3.0, 0.0], [-20.0, 0, 0]]
         )
         hits = hits_of(
-            points, SE3(), centers, np.tile([1.0, 0, 0, 0], (5, 1)), np.tile([2.0, 2.0, 2.0], (5, 1))
+            points,
+            SE3(),
+            centers,
+            np.tile([1.0, 0, 0, 0], (5, 1)),
+            np.tile([2.0, 2.0, 2.0], (5, 1)),
+            np.zeros(5),
         )
         shares = share_open([hits], 5)
         np.testing.assert_array_equal(shares[:2], [0.0, 1.0])
@@ -204,6 +210,15 @@ class TestPoints:
         assert hits.inside.tolist()[:3] == [0, 0, 0]
         assert hits.inside[3] > 0
 
+    @pytest.mark.parametrize(
+        ("before_m", "moves_m", "blocked"), [(0.25, 0, 0), (0.35, 0, 1), (0.9, 0.7, 0), (1.1, 0.7, 1)]
+    )
+    def test_returns_of_the_object_itself_lie_just_before_its_box_too(self, before_m, moves_m, blocked):
+        point = np.array([[9.0 - before_m, 0, 0]], dtype=np.float32)
+        size, rotation = np.full((1, 3), 2.0), np.array([[1.0, 0, 0, 0]])
+        hits = hits_of(point, SE3(), np.array([[10.0, 0, 0]]), rotation, size, np.array([moves_m]))
+        assert (hits.inside.tolist(), hits.rays.tolist(), hits.blocked.tolist()) == ([0], [1], [blocked])
+
     def test_a_sample_of_a_large_cloud_gives_the_same_shares(self):
         rng = np.random.default_rng(0)
         azimuth = rng.uniform(-np.pi, np.pi, 300_000)
@@ -212,7 +227,7 @@ class TestPoints:
         points = points.astype(np.float32)
         centers = np.array([[0.0, 15.0, 0.0], [15.0, 0.0, 0.0], [-15.0, 0.0, 0.0]])
         rotations, sizes = np.tile([1.0, 0, 0, 0], (3, 1)), np.array([[1.0, 6.0, 2.0]] * 3)
-        hits = hits_of(points, SE3(), centers, rotations, sizes)
+        hits = hits_of(points, SE3(), centers, rotations, sizes, np.zeros(3))
         assert 100 < hits.rays.min() <= hits.rays.max() < 3000
         np.testing.assert_allclose(share_open([hits], 3), [0.5, 0.0, 1.0], atol=0.06)
         np.testing.assert_array_equal(hits.inside, count_points(points, SE3(), centers, rotations, sizes))
@@ -227,7 +242,7 @@ class TestPoints:
         )
         many = np.concatenate([points, np.tile(np.float32([[0, 0, 90]]), (3000, 1))])
         centers = np.array([[10.0, 0, 0], [-10.0, 0, 0], [0, 10.0, 0], [0, -10.0, 0]])
-        found = hits_of(many, SE3(), centers, np.tile([1.0, 0, 0, 0], (4, 1)), np.ones((4, 3)))
+        found = hits_of(many, SE3(), centers, np.tile([1.0, 0, 0, 0], (4, 1)), np.ones((4, 3)), np.zeros(4))
         assert found.inside.tolist() == [6, 1, 1, 1]
 
     def test_several_boxes_nothing_and_nan(self):

@@ -23,7 +23,7 @@ from bagassets.annotations.tracks import Track
 from bagassets.geometry.se3 import Floats
 from bagassets.timeline.keyframes import Stamps, nearest
 
-__all__ = ["Motion", "MotionRule", "has_attributes", "motion_attributes", "motion_of"]
+__all__ = ["Motion", "MotionRule", "has_attributes", "motion_attributes", "motion_of", "speeds_of"]
 
 _CYCLES = frozenset({"vehicle.bicycle", "vehicle.motorcycle"})
 # Those that nuscenes-devkit detects as pedestrians; who sits in a wheelchair never stands.
@@ -69,8 +69,8 @@ def has_attributes(category: str) -> bool:
 
 def motion_of(track: Track, times_ns: Stamps, rule: MotionRule) -> Motion:
     """Return how a track moves at (T,) times."""
-    speeds = _speeds(track, times_ns, rule)
-    observed = _speeds(track, track.stamps_ns, rule)
+    speeds = speeds_of(track, times_ns, rule.window_ns, rule.gap_ns)
+    observed = speeds_of(track, track.stamps_ns, rule.window_ns, rule.gap_ns)
     known = observed[np.isfinite(observed)]
     if not len(known):
         return Motion(speeds, None)
@@ -96,14 +96,21 @@ def motion_attributes(category: str, motion: Motion, rule: MotionRule) -> list[s
     ]
 
 
-def _speeds(track: Track, times_ns: Stamps, rule: MotionRule) -> Floats:
-    """Return the speed over ground at (T,) times, NaN where the track around is too short."""
+def speeds_of(track: Track, times_ns: Stamps, window_ns: int, gap_ns: int) -> Floats:
+    """Return the speed over ground at (T,) times in m/s, NaN where the track around is too short.
+
+    Args:
+        track: the object.
+        times_ns: (T,).
+        window_ns: time over which a speed is measured.
+        gap_ns: across a longer gap between observations none is.
+    """
     stamps = track.stamps_ns
-    breaks = np.flatnonzero(np.diff(stamps) > rule.gap_ns) + 1
+    breaks = np.flatnonzero(np.diff(stamps) > gap_ns) + 1
     firsts, lasts = np.concatenate([[0], breaks]), np.concatenate([breaks, [len(stamps)]]) - 1
     stretch = np.searchsorted(breaks, nearest(stamps, times_ns), side="right")
     start, end = stamps[firsts[stretch]], stamps[lasts[stretch]]
-    half_ns = rule.window_ns // 2
+    half_ns = window_ns // 2
     middle = np.clip(times_ns, start, end)
     before, after = np.maximum(middle - half_ns, start), np.minimum(middle + half_ns, end)
     moves = _positions(track, after) - _positions(track, before)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from bagassets.annotations.motion import MotionRule, has_attributes, motion_attributes, motion_of
+from bagassets.annotations.motion import MotionRule, has_attributes, motion_attributes, motion_of, speeds_of
 from bagassets.annotations.table import BoxTable
 from bagassets.annotations.tracks import Messages, Track, messages_of, tracks_of
 from bagassets.nuscenes.lidar_file import read_lidar_file
@@ -21,6 +21,10 @@ from bagassets.nuscenes.visibility import CameraView, share_in_images, share_ope
 from bagassets.timeline.keyframes import Stamps
 
 __all__ = ["AnnotationRows", "annotation_rows"]
+
+_SPEED_WINDOW_NS = 1_000_000_000
+# A lidar takes no longer for its points, however far apart its readings are.
+_LONGEST_REVOLUTION_S = 0.2
 
 
 @dataclass
@@ -81,7 +85,7 @@ def annotation_rows(
             builder.add_messages(source, scene, samples)
         for sample, annotations in enumerate(samples):
             if annotations:
-                _measure(annotations, channels, scene, sample)
+                _measure(annotations, channels, scene, sample, builder.speeds_mps)
             rows.tables["sample_annotation"].extend(annotations)
     rows.counts = {
         "observations": len(boxes),
@@ -107,6 +111,7 @@ class _Builder:
         self.rows = AnnotationRows()
         self.held = 0
         self.used: set[int] = set()
+        self.speeds_mps: dict[str, float] = {}  # by annotation; 0 where it is not known
         self.attribute_counts = dict.fromkeys(
             ("attributes_given", "attributes_by_motion", "attributes_undetermined", "attributes_none"), 0
         )
@@ -126,7 +131,10 @@ class _Builder:
         tokens = [self._tokens.track("sample_annotation", *name, stamp) for stamp in stamps]
         instance = self._tokens.track("instance", *name, int(scene.keyframes_ns[0]))
         self._add_instance_row(instance, category, tokens)
-        by_motion = self._by_motion(track, category, scene.keyframes_ns[found.at])
+        times_ns = scene.keyframes_ns[found.at]
+        by_motion = self._by_motion(track, category, times_ns)
+        speeds = np.nan_to_num(speeds_of(track, times_ns, _SPEED_WINDOW_NS, self._params.box_gap_ns))
+        self.speeds_mps |= dict(zip(tokens, speeds.tolist(), strict=True))
         for position, (sample, row) in enumerate(zip(found.at.tolist(), observations, strict=True)):
             samples[sample].append(
                 {
@@ -207,12 +215,17 @@ class _Builder:
 
 
 def _measure(
-    annotations: list[dict[str, Any]], channels: Mapping[str, ChannelReadings], scene: ScenePlan, sample: int
+    annotations: list[dict[str, Any]],
+    channels: Mapping[str, ChannelReadings],
+    scene: ScenePlan,
+    sample: int,
+    speeds_mps: Mapping[str, float],
 ) -> None:
     """Fill in points and visibility of the boxes of one sample, from the files of its keyframe."""
     centers = np.array([row["translation"] for row in annotations])
     rotations = np.array([row["rotation"] for row in annotations])
     sizes = np.array([row["size"] for row in annotations])
+    speeds = np.array([speeds_mps.get(row["token"], 0.0) for row in annotations])
     radar_points = np.zeros(len(annotations), np.int64)
     views, lidar_hits = [], []
     for name, plan in scene.channels.items():
@@ -227,7 +240,8 @@ def _measure(
                 views.append(CameraView(global_SE3_sensor, channel.intrinsic_matrix(), width, height))
         elif channel.modality == "lidar":
             xyz = read_lidar_file(channel.path(reading))[:, :3]
-            lidar_hits.append(hits_of(xyz, global_SE3_sensor, centers, rotations, sizes))
+            moves = speeds * _period_s(channel.stamps_ns, reading)
+            lidar_hits.append(hits_of(xyz, global_SE3_sensor, centers, rotations, sizes, moves))
         else:
             targets = read_radar_file(channel.path(reading))
             xyz = np.stack([targets[axis] for axis in "xyz"], axis=1)
@@ -242,3 +256,9 @@ def _measure(
         row["visibility_token"] = visibility_token(levels[number])
         row["num_lidar_pts"] = int(lidar_points[number])
         row["num_radar_pts"] = int(radar_points[number])
+
+
+def _period_s(stamps_ns: Stamps, reading: int) -> float:
+    """Return the time since the reading before, in which a lidar took its points; of the first one, until the next."""
+    around = stamps_ns[max(reading - 1, 0) : max(reading - 1, 0) + 2]
+    return min(float(around[-1] - around[0]) / 1e9, _LONGEST_REVOLUTION_S)

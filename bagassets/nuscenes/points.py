@@ -43,7 +43,7 @@ class Hits:
 def count_points(
     points: NDArray[np.float32], global_SE3_sensor: SE3, centers_m: Floats, rotations: Floats, sizes_m: Floats
 ) -> NDArray[np.int64]:
-    """Count the points inside each box; arguments as `hits_of`.
+    """Count the points inside each box; arguments as of `hits_of`.
 
     Returns:
         (B,) counts.
@@ -56,7 +56,12 @@ def count_points(
 
 
 def hits_of(
-    points: NDArray[np.float32], global_SE3_sensor: SE3, centers_m: Floats, rotations: Floats, sizes_m: Floats
+    points: NDArray[np.float32],
+    global_SE3_sensor: SE3,
+    centers_m: Floats,
+    rotations: Floats,
+    sizes_m: Floats,
+    moves_m: Floats,
 ) -> Hits:
     """Hold the points of a sensor against boxes.
 
@@ -66,6 +71,7 @@ def hits_of(
         centers_m: (B, 3) box centres in the global frame.
         rotations: (B, 4) `global <- box` quaternions.
         sizes_m: (B, 3) width, length, height.
+        moves_m: (B,) how far each object moves while the sensor takes its points: so far before its box they may be its own.
     """
     centers = global_SE3_sensor.inverse().transform_points(centers_m)
     pairs = _pairs_near(points, centers, _radii(sizes_m))
@@ -83,7 +89,7 @@ def hits_of(
     middle, reach = -origins[box] * per_m, np.abs(half[box] * per_m)
     into_core, out_of_core = _greatest(middle - reach * CORE), -_greatest(reach * -CORE - middle)
     through = (into_core <= out_of_core) & (out_of_core > 0)
-    slack = BEFORE_M / np.sqrt((ways * ways).sum(axis=1))
+    slack = (BEFORE_M + moves_m[box]) / np.sqrt((ways * ways).sum(axis=1))
     blocked = through & (_greatest(middle - reach) > 1.0 + slack) & ~inside[asked]
     return Hits(
         *(

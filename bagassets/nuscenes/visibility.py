@@ -5,9 +5,10 @@ nuScenes, table `visibility`); people judged it, occlusion included. Here it fol
 
 1. In the images: a box is a lattice of 5 x 5 x 5 points from face to face. A point is in an image if it lies in front
    of the camera and projects into it. The share of points that at least one image has counts.
-2. Not hidden: of the lidar's rays through the core of the box, or towards it, the share that do not end more than 0.3 m
-   before the box (`nuscenes.points`). Of several lidars the one that sees most of the box counts. A box that no ray
-   goes to is judged by the images alone.
+2. Not hidden: of the lidar's rays through the core of the box, or towards it, the share that do not end before it
+   (`nuscenes.points`). A return up to 0.3 m before the box is the object's own, or farther, if it moves while the lidar
+   turns. Of several lidars the one that sees most of the box counts. A box that no ray goes to is judged by the images
+   alone.
 
 The product of both is the visibility. A box without a single lidar point is v60-80 at most, as nothing confirms that it
 can be seen at all. Where the keyframe has no image (or none with intrinsics) the lidar judges alone, and a box without

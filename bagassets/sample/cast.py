@@ -105,7 +105,7 @@ def _slabs(
     centres, yaw = box.pose(times_s)
     cos, sin = np.cos(yaw), np.sin(yaw)
     (x, y, z), (dx, dy, dz) = (origins - centres).T, directions.T
-    width, length, height = box.size_m
+    width, length, height = box.body_m
     near, far = [], []
     # Axis by axis: numpy is ten times slower along an axis of three.
     for start, way, half in (

@@ -15,6 +15,9 @@ from bagassets.geometry.se3 import SE3, Floats, quaternion_multiply
 
 __all__ = ["Ego", "Thing", "World"]
 
+# Labels are drawn around an object, without cutting into it.
+LABEL_MARGIN_M = 0.02
+
 
 @dataclass(frozen=True)
 class Thing:
@@ -23,7 +26,7 @@ class Thing:
     Attributes:
         track_id: number of the object, from 1; 0 is the ground.
         category: nuScenes category, or empty for what is not annotated.
-        size_m: width (y), length (x), height (z).
+        size_m: width (y), length (x), height (z); of what is annotated that of its label.
         radius_m: distance of its centre from the centre of the road's circle.
         angle_rad: where on the circle it is at time 0.
         speed_mps: along the circle, counter-clockwise; 0 stands.
@@ -39,6 +42,13 @@ class Thing:
     speed_mps: float
     yaw_rad: float
     colour: tuple[int, int, int]
+
+    @property
+    def body_m(self) -> tuple[float, float, float]:
+        """Width, length, height of what sensors see; its centre is that of the label."""
+        margin = 2 * LABEL_MARGIN_M if self.category else 0.0
+        width, length, height = self.size_m
+        return width - margin, length - margin, height - margin
 
     def pose(self, times_s: Floats) -> tuple[Floats, Floats]:
         """Return centres (N, 3) and headings (N,) at times (N,)."""
@@ -126,7 +136,8 @@ class World:
             )
         for i in range(5):
             add("vehicle.car", (1.9, dice.uniform(4.1, 4.9), 1.6), -4.6, 12.0 + 14 * i + dice.uniform(0, 5))
-        add("vehicle.truck", (2.5, 8.0, 3.2), -4.9, 90.0 + dice.uniform(0, 5))
+        # On the other side of the road, and near: within 50 m of the first seconds of every drive.
+        add("vehicle.truck", (2.5, 8.0, 3.2), 6.5, 26.0 + dice.uniform(0, 5))
         add("vehicle.car", (1.9, 4.5, 1.5), 0.0, dice.uniform(16, 20), speed=self.ego.speed_mps * 0.98)
         for along in (45.0, 80.0):
             add("vehicle.car", (1.9, 4.4, 1.5), 3.6, along + dice.uniform(0, 8), speed=-7.5, yaw=math.pi)

@@ -34,7 +34,7 @@ from bagassets.store.artifact import Artifact, ArtifactWriter
 
 __all__ = ["STEP", "make", "request"]
 
-STEP = Step("nuscenes_tables", 5)
+STEP = Step("nuscenes_tables", 6)
 
 FILES = "files.json"
 FACTS = "facts.json"
