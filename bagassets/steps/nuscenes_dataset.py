@@ -9,4 +9,4 @@ from bagassets.nuscenes.dataset import BagPart, DatasetSummary, assemble, is_unt
 __all__ = ["VERSION", "BagPart", "DatasetSummary", "assemble", "is_untouched", "read_lock"]
 
 # Raised whenever the bytes of a dataset change for the same recordings.
-VERSION = 2
+VERSION = 3
