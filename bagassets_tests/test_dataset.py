@@ -13,7 +13,7 @@ from handmade import Drive, make_tables
 from bagassets.errors import DatasetError, StoreError
 from bagassets.nuscenes import linking, swap
 from bagassets.nuscenes.check import check_dataset, check_files, check_tables
-from bagassets.nuscenes.dataset import BagPart, assemble, is_untouched, read_lock
+from bagassets.nuscenes.dataset import BagPart, assemble, read_lock
 from bagassets.nuscenes.schema import TABLES
 from bagassets.nuscenes.table_file import read_table
 from bagassets.recipe.model import NuScenes
@@ -167,14 +167,9 @@ class TestIncrement:
 
     def test_files_of_recordings_that_stay_are_not_even_looked_at(self, store, parts, tmp_path, monkeypatch):
         per_bag = assemble(parts[:3], SETTINGS, store, tmp_path).files["linked"] // 3
-        lock = tmp_path / VERSION / "dataset.lock.json"
-        later = (
-            lock.stat().st_mtime + 60
-        )  # as if some time had passed since: clocks of file systems are coarse
-        os.utime(lock, (later, later))
         put = []
         monkeypatch.setattr(linking.Linker, "put", lambda _, source, name: put.append(name))
-        assemble(parts, SETTINGS, store, tmp_path)
+        assemble(parts, SETTINGS, store, tmp_path, suspects=frozenset())
         assert len(put) == per_bag
         assert all("/drive_3-" in name for name in put)
 
@@ -309,19 +304,11 @@ class TestCrashes:
         assert problems == []
 
 
-class TestTouchedByOthers:
-    """A dataset that somebody else changed is noticed, and the next assembly mends it."""
-
-    def test_a_dataset_as_it_was_made_is_untouched(self, store, parts, tmp_path):
-        assert not is_untouched(tmp_path, VERSION)
-        for _ in range(5):  # whatever tick of the clock its last file was made in
-            assemble(parts[:2], SETTINGS, store, tmp_path)
-            assert is_untouched(tmp_path, VERSION)
-            assemble(parts[:3], SETTINGS, store, tmp_path)
-            assert is_untouched(tmp_path, VERSION)
+class TestChangedByOthers:
+    """What somebody else changed is mended: all of it if nobody says what, else what is said."""
 
     @pytest.mark.parametrize("which", ["a file", "a table", "a channel", "the lock"])
-    def test_what_is_gone_is_noticed_and_made_again(self, store, parts, tmp_path, which):
+    def test_what_is_gone_is_made_again(self, store, parts, tmp_path, which):
         assemble(parts, SETTINGS, store, tmp_path)
         whole = content(tmp_path)
         if which == "a file":
@@ -332,9 +319,37 @@ class TestTouchedByOthers:
             shutil.rmtree(tmp_path / "samples" / "CAM_FRONT")
         else:
             shutil.rmtree(tmp_path / VERSION)
-        assert not is_untouched(tmp_path, VERSION)
         assemble(parts, SETTINGS, store, tmp_path)
-        assert is_untouched(tmp_path, VERSION)
+        assert content(tmp_path) == whole
+
+    @pytest.mark.parametrize("suspects", [None, frozenset()])
+    def test_a_table_of_the_same_size_with_other_bytes_is_exchanged(self, store, parts, tmp_path, suspects):
+        assemble(parts, SETTINGS, store, tmp_path)
+        whole = content(tmp_path)
+        path = tmp_path / VERSION / "sample.json"
+        path.write_bytes(b"?" * path.stat().st_size)
+        assert assemble(parts, SETTINGS, store, tmp_path, suspects=suspects).changed
+        assert content(tmp_path) == whole
+
+    def test_suspects_are_compared_with_what_belongs_there_and_others_left_alone(
+        self, store, parts, tmp_path
+    ):
+        assemble(parts, SETTINGS, store, tmp_path)
+        whole = content(tmp_path)
+        names = [row["filename"] for row in tables(tmp_path)["sample_data"][:4]]
+        spoiled, same, gone, _ = (tmp_path / name for name in names)
+        for path, text in ((spoiled, b"?"), (same, same.read_bytes())):
+            path.unlink()
+            path.write_bytes(text)
+        inode = same.stat().st_ino
+        gone.unlink()
+        beside = tmp_path / "samples" / "CAM_FRONT" / "notes.txt"
+        beside.write_text("mine")
+        made = assemble(parts, SETTINGS, store, tmp_path, suspects=frozenset(names[:3]))
+        assert (made.files["linked"], made.files["kept"]) == (2, 1)
+        assert same.stat().st_ino == inode
+        assert beside.read_text() == "mine"
+        beside.unlink()
         assert content(tmp_path) == whole
 
 
@@ -354,7 +369,8 @@ class TestFileSystems:
         made = assemble(parts, SETTINGS, store, tmp_path / "copied")
         assert made.files.get("copied", 0) + made.files.get("cloned", 0) == made.rows["sample_data"]
         assert content(tmp_path / "copied") == content(tmp_path / "linked")
-        assert assemble(parts, SETTINGS, store, tmp_path / "copied").files == {"removed": 0}
+        nothing = frozenset()
+        assert assemble(parts, SETTINGS, store, tmp_path / "copied", suspects=nothing).files == {"removed": 0}
         os.utime(tmp_path / "copied" / "samples")  # somebody was there: now every file is looked at
         assert assemble(parts, SETTINGS, store, tmp_path / "copied").files["kept"] == made.rows["sample_data"]
 

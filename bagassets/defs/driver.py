@@ -6,6 +6,7 @@ others, and an interrupt loses nothing that was finished.
 
 import time
 from collections.abc import Mapping
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +21,9 @@ from bagassets.defs.side_by_side import Ended, Listener, Runs
 from bagassets.defs.situation import Situation, opened, survey
 from bagassets.defs.snapshot import SnapshotWriter
 from bagassets.defs.workspace import Workspace
-from bagassets.engine.build_report import BagOutcome, BuildOptions, BuildReport, Event
-from bagassets.engine.dataset_build import dataset_folders, split_on_disk
+from bagassets.engine.after_crash import noted_build
+from bagassets.engine.build_report import BagOutcome, BuildOptions, BuildReport, Event, Remark
+from bagassets.engine.dataset_build import split_on_disk
 from bagassets.engine.plan_model import Plan, Recorded
 from bagassets.errors import RecordingError
 from bagassets.forkserver.client import Client
@@ -42,13 +44,15 @@ def build(recipe_file: Path, options: BuildOptions, on_event: Listener) -> Build
         BagAssetsError: the recipe, the bag root or the server is not usable.
     """
     started = time.monotonic()
-    with opened(recipe_file) as (instance, workspace):
+    with opened(recipe_file) as (instance, workspace), ExitStack() as stack:
         recipe = workspace.recipe
         end_left_behind(instance)
+        mended = stack.enter_context(noted_build(recipe))
         snapshot = SnapshotWriter(instance, workspace)
         before = now = survey(instance, workspace, options)
         report = BuildReport(before.plan, dataset_path=recipe.nuscenes.output)
         split_before = split_on_disk(recipe)
+        report.remarks = tuple(Remark("", "warn", "after_crash", problem) for problem in mended)
         if not options.allow_empty:
             _refuse_empty(recipe, before.planned)
         report.removed = _register(instance, workspace, before.planned)
@@ -70,7 +74,7 @@ def build(recipe_file: Path, options: BuildOptions, on_event: Listener) -> Build
                     record_inputs(instance, recipe, now.planned.inputs)
                     runs.work({"": before.datasets})
             report.interrupted = runs.interrupted
-            report.remarks = tuple(remarks(instance, {key: one.run_id for key, one in runs.ended.items()}))
+            report.remarks += tuple(remarks(instance, {key: one.run_id for key, one in runs.ended.items()}))
             report.dataset, report.dataset_problem = _dataset_outcome(runs.ended.get(""))
             if report.succeeded and options.is_whole:
                 snapshot = SnapshotWriter(instance, workspace)
@@ -88,7 +92,7 @@ def build(recipe_file: Path, options: BuildOptions, on_event: Listener) -> Build
         report.plan, report.excluded = now.plan, now.plan.excluded
         _add_idle(report, now.plan, before.chosen, is_whole=options.is_whole)
         if options.is_whole and now.is_settled and not report.removed:
-            snapshot.write(now.plan, list(dataset_folders(recipe).values()))
+            snapshot.write(now.plan)
     report.seconds = time.monotonic() - started
     return report
 

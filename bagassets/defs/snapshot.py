@@ -1,6 +1,5 @@
 """Leaving a snapshot for the next build when this one found that there is nothing to do."""
 
-from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -8,10 +7,11 @@ import dagster as dg
 
 from bagassets.defs.events import database_place
 from bagassets.defs.workspace import Workspace, partitions_name
+from bagassets.engine.dataset_build import dataset_code_versions, dataset_folders
 from bagassets.engine.named_files import files_beside, named_files
 from bagassets.engine.plan_memo import artifacts_of
 from bagassets.engine.plan_model import Plan
-from bagassets.engine.report_data import map_path
+from bagassets.engine.publication import Publication
 from bagassets.quick import snapshot
 from bagassets.quick.build import code_stamp
 from bagassets.quick.looks import Doubt
@@ -37,7 +37,6 @@ class SnapshotWriter:
             return
         files = [str(path) for path in named_files(self._recipe)]
         files += [str(folder) for folder in self._recipe.bags.message_definitions]
-        files.append(str(map_path(self._recipe)))
         if any(rig.annotation_files for rig in self._recipe.rigs):
             # Label files may lie outside the bag root.
             recordings = workspace.discover().found.values()
@@ -53,7 +52,7 @@ class SnapshotWriter:
         with suppress(Doubt):
             self._before = snapshot.look_before(code_stamp(str(recipe_file)), self._places)
 
-    def write(self, plan: Plan, datasets: Sequence[Path]) -> None:
+    def write(self, plan: Plan) -> None:
         """Write the snapshot of a plan with nothing to do; where that is not possible, leave none."""
         state = str(self._recipe.state)
         bags = plan.bags.values()
@@ -68,10 +67,13 @@ class SnapshotWriter:
                 self._before,
                 self._places,
                 artifacts={digest for bag in bags for digest in artifacts_of(bag)},
-                datasets=[str(folder) for folder in datasets],
+                published=[
+                    str(Publication(self._recipe.state, asset).folder)
+                    for asset in dataset_code_versions(self._recipe)
+                ],
                 lines=[
                     f"{counts}: nothing to do",
-                    *(f"dataset: {folder} (up to date)" for folder in datasets),
+                    *(f"dataset: {folder} (up to date)" for folder in dataset_folders(self._recipe).values()),
                 ],
             )
         except (Doubt, OSError):

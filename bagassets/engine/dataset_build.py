@@ -1,25 +1,20 @@
 """The datasets: which recordings enter them now, and putting them together."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from bagassets.engine.plan_model import Plan
+from bagassets.engine.publication import Publication
 from bagassets.errors import DatasetError
-from bagassets.recipe.model import Recipe
+from bagassets.recipe.model import NuScenes, Recipe
 from bagassets.recipe.model_splits import Splits
 from bagassets.splits import deal
 from bagassets.steps import trajectory_map, vision_dataset
-from bagassets.steps.nuscenes_dataset import (
-    VERSION,
-    BagPart,
-    DatasetSummary,
-    assemble,
-    is_untouched,
-    read_lock,
-)
-from bagassets.steps.vision_dataset import VisionPart, VisionSummary, assemble_vision, is_vision_complete
+from bagassets.steps.nuscenes_dataset import VERSION, BagPart, DatasetSummary, assemble, read_lock
+from bagassets.steps.vision_dataset import VisionPart, VisionSummary, assemble_vision
 from bagassets.store.canonical import digest_json
 from bagassets.store.lease import in_use
 from bagassets.store.store import Store
@@ -27,6 +22,7 @@ from bagassets.trace import span
 
 __all__ = [
     "DatasetInputs",
+    "assemble_published",
     "build_dataset",
     "build_vision_dataset",
     "dataset_code_version",
@@ -132,18 +128,51 @@ def select_inputs(plan: Plan, live: frozenset[str]) -> DatasetInputs:
 
 def build_dataset(recipe: Recipe, store: Store, inputs: DatasetInputs) -> DatasetSummary:
     """Bring the dataset on disk up to date with `inputs`."""
-    settings = recipe.nuscenes
     with span("nuscenes_dataset"), in_use(store.root):
-        return assemble(
+        return assemble_published(
+            Publication(recipe.state, "nuscenes_dataset"),
             inputs.parts,
-            settings,
+            recipe.nuscenes,
+            recipe.splits,
             store,
-            settings.output,
-            splits=recipe.splits,
             dealt=inputs.dealt(recipe.splits),
             skipped=inputs.skipped,
             failed=inputs.failed,
         )
+
+
+def assemble_published(
+    publication: Publication,
+    parts: Sequence[BagPart],
+    settings: NuScenes,
+    splits: Splits,
+    store: Store,
+    *,
+    dealt: Mapping[str, str],
+    skipped: Mapping[str, str],
+    failed: Mapping[str, str],
+) -> DatasetSummary:
+    """Bring a nuScenes dataset on disk up to date, mend what is not as it was published, and record it."""
+    output = settings.output
+    suspects = publication.differing(output)
+    made = assemble(
+        parts,
+        settings,
+        store,
+        output,
+        splits=splits,
+        dealt=dealt,
+        skipped=skipped,
+        failed=failed,
+        suspects=suspects,
+    )
+    links = {entry.part.tables: partial(_filenames, entry.files) for entry in made.entries}
+    publication.write(output, made.published, links, suspects)
+    return made
+
+
+def _filenames(files: Callable[[], list[dict[str, str]]]) -> Iterator[str]:
+    return (file["filename"] for file in files())
 
 
 def dataset_code_version(recipe: Recipe) -> str:
@@ -163,8 +192,10 @@ def build_vision_dataset(recipe: Recipe, store: Store, inputs: DatasetInputs) ->
     """
     if recipe.vision is None:
         raise DatasetError("the recipe has no `vision` section, so there is no vision dataset; add one.")
+    publication, output = Publication(recipe.state, "vision_dataset"), recipe.vision.output
+    suspects = publication.differing(output)
     with in_use(store.root):
-        return assemble_vision(
+        made = assemble_vision(
             inputs.vision,
             recipe.vision,
             recipe.splits,
@@ -172,7 +203,11 @@ def build_vision_dataset(recipe: Recipe, store: Store, inputs: DatasetInputs) ->
             dealt=inputs.dealt(recipe.splits),
             skipped=inputs.skipped,
             failed=inputs.vision_failed,
+            suspects=suspects,
         )
+    links = {entry.part.sequences: entry.names for entry in made.entries}
+    publication.write(output, made.published, links, suspects)
+    return made
 
 
 def dataset_code_versions(recipe: Recipe) -> dict[str, str]:
@@ -203,11 +238,6 @@ def dataset_folders(recipe: Recipe) -> dict[str, Path]:
 
 
 def is_on_disk(recipe: Recipe, asset: str) -> bool:
-    """Tell whether a dataset that was made once is still there, with all its files; bytes are not read."""
-    if asset == "vision_dataset":
-        return recipe.vision is not None and is_vision_complete(recipe.vision.output)
-    if asset == "trajectory_map":
-        return (recipe.state / trajectory_map.MAP).is_file()
-    version = recipe.nuscenes.version
-    named = {dataset.asset: dataset.version or version for dataset in recipe.datasets}
-    return is_untouched(dataset_folders(recipe)[asset], named.get(asset, version))
+    """Tell whether a dataset that was made once is on disk as it was published."""
+    root = recipe.state if asset == "trajectory_map" else dataset_folders(recipe)[asset]
+    return Publication(recipe.state, asset).is_as_published(root)

@@ -7,8 +7,9 @@ from functools import partial
 from typing import Any
 
 from bagassets.engine.current import current_artifact
-from bagassets.engine.dataset_build import DatasetInputs
+from bagassets.engine.dataset_build import DatasetInputs, assemble_published
 from bagassets.engine.plan_model import Plan
+from bagassets.engine.publication import Publication
 from bagassets.engine.track import track_of
 from bagassets.errors import StoreError
 from bagassets.nuscenes.choose_scenes import objection
@@ -16,7 +17,7 @@ from bagassets.recipe.model import Recipe
 from bagassets.recipe.model_datasets import NamedDataset
 from bagassets.steps import scene_selection
 from bagassets.steps.ego_poses import load_trajectory
-from bagassets.steps.nuscenes_dataset import BagPart, DatasetSummary, assemble
+from bagassets.steps.nuscenes_dataset import BagPart, DatasetSummary
 from bagassets.store.artifact import Artifact
 from bagassets.store.store import Store
 
@@ -87,12 +88,12 @@ def build_named_dataset(
     settings = recipe.nuscenes.model_copy(
         update={"output": wanted.output, "version": wanted.version or recipe.nuscenes.version}
     )
-    summary = assemble(
+    summary = assemble_published(
+        Publication(recipe.state, wanted.asset),
         chosen.parts,
         settings,
+        recipe.splits,
         store,
-        settings.output,
-        splits=recipe.splits,
         dealt=inputs.dealt(recipe.splits),
         skipped=chosen.skipped,
         failed=inputs.failed,

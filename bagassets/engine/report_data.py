@@ -8,6 +8,7 @@ from typing import Any
 from bagassets.engine.current import current_artifact
 from bagassets.engine.dataset_build import deal_contents
 from bagassets.engine.plan_model import BagPlan, Plan
+from bagassets.engine.publication import Publication
 from bagassets.engine.track import Track, track_of
 from bagassets.errors import StoreError
 from bagassets.preview.pictures import TITLES
@@ -20,6 +21,7 @@ from bagassets.splits import shares_of
 from bagassets.steps import trajectory_map
 from bagassets.steps.preview import FACTS, THUMBNAIL
 from bagassets.store.artifact import Artifact
+from bagassets.store.canonical import digest_bytes
 from bagassets.store.store import Outcome, Store
 
 __all__ = ["build_map", "map_path", "report_data"]
@@ -58,7 +60,10 @@ def build_map(recipe: Recipe, store: Store, plan: Plan) -> Outcome:
     ways = _map_ways(recipe, _tracks(recipe, store, plan), _dealt(recipe, plan))
     shell = store.run(trajectory_map.SHELL_STEP.action({}, {}), trajectory_map.make_shell).artifact
     outcome = store.run(trajectory_map.action(ways, shell), partial(trajectory_map.make, ways, shell))
-    write_page(map_path(recipe), outcome.artifact.path(trajectory_map.MAP).read_text(encoding="utf-8"))
+    page = outcome.artifact.path(trajectory_map.MAP).read_text(encoding="utf-8")
+    write_page(map_path(recipe), page)
+    digests = {map_path(recipe).name: digest_bytes(page.encode())}
+    Publication(recipe.state, "trajectory_map").write(recipe.state, digests, {}, None)
     return outcome
 
 

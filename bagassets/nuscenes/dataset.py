@@ -6,10 +6,9 @@ a complete dataset, the old or the new one, and the next run removes what the ki
 """
 
 import json
-import os
 import shutil
-import time
 from collections.abc import Mapping, Sequence
+from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -18,6 +17,7 @@ from uuid import uuid4
 from bagassets.errors import DatasetError
 from bagassets.nuscenes.blank_map import blank_png
 from bagassets.nuscenes.dataset_tables import LOCK, BagPart, Entry, WrittenTables, write_tables
+from bagassets.nuscenes.filenames import recording_of
 from bagassets.nuscenes.guard import guarded, refuse_unexpected
 from bagassets.nuscenes.linking import Linker
 from bagassets.nuscenes.shared_rows import MAP_FILE
@@ -27,16 +27,13 @@ from bagassets.nuscenes.table_file import json_bytes
 from bagassets.recipe.model import NuScenes
 from bagassets.recipe.model_splits import Splits
 from bagassets.splits import SplitShare, deal, moves
-from bagassets.store.canonical import digest_json
+from bagassets.store.canonical import digest_bytes, digest_file, digest_json
 from bagassets.store.store import Store
 
-__all__ = ["BagPart", "DatasetSummary", "assemble", "is_untouched", "read_lock"]
+__all__ = ["BagPart", "DatasetSummary", "assemble", "read_lock"]
 
 MAP_SIZE_PX = 64
 _FOLDERS = ("samples", "sweeps", "maps")
-# Times of files are as coarse as the kernel's clock; those of old file systems are coarser, then every
-# file is looked at.
-_TICK_S, _TICKS = 0.005, 20
 
 
 @dataclass(frozen=True)
@@ -53,6 +50,8 @@ class DatasetSummary:
         duplicates: recording that was left out -> recording with the same content.
         changed: the tables were exchanged; False if they were the same already.
         moved: recordings that are in another split than before -> the old one and the new one.
+        published: files that were put together -> digest.
+        entries: the recordings in it, whose files were linked.
     """
 
     digest: str
@@ -64,6 +63,8 @@ class DatasetSummary:
     duplicates: Mapping[str, str] = field(default_factory=dict)
     changed: bool = True
     moved: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    published: Mapping[str, str] = field(default_factory=dict)
+    entries: Sequence[Entry] = ()
 
 
 def assemble(
@@ -77,6 +78,7 @@ def assemble(
     skipped: Mapping[str, str] | None = None,
     failed: Mapping[str, str] | None = None,
     expected: Mapping[str, str] | None = None,
+    suspects: AbstractSet[str] | None = None,
 ) -> DatasetSummary:
     """Bring the dataset in the dataroot `output` up to date.
 
@@ -93,6 +95,8 @@ def assemble(
         skipped: recordings that take no part -> why, for the lock file.
         failed: recordings that failed -> why, for the lock file.
         expected: digests of the files that must come out, by name; otherwise nothing is exchanged.
+        suspects: files that are not as they were published, which are compared with what belongs there; all
+            others are. None: that is not known.
 
     Raises:
         DatasetError: the version folder holds something else, files cannot be written, or other tables
@@ -105,7 +109,8 @@ def assemble(
     entries = [Entry(part, store.artifact(part.tables)) for part in chosen]
     current = output / settings.version
     with guarded(output):
-        _refuse_foreign(current)
+        if suspects is None:  # else it is on record that the folder is ours, whatever became of its lock
+            _refuse_foreign(current)
         split_before = _splits(current)
         leftovers = sorted(output.glob(f"{settings.version}.tmp-*"))
         new = output / f"{settings.version}.tmp-{uuid4().hex}"
@@ -115,14 +120,15 @@ def assemble(
         left_out = {"duplicates": duplicates, "skipped": skipped or {}, "failed": failed or {}}
         lock = _lock(settings, splits, entries, written, left_out)
         (new / LOCK).write_bytes(json_bytes(lock))
-        linker = Linker(output)
-        known = {} if _touched_by_others(output, current) else _bags(current)
-        _put_files(linker, [e for e in entries if known.get(e.part.key) != e.part.tables], store, output)
+        linker = Linker(output, compares=suspects is None)
+        is_known = suspects is not None and _name(current / LOCK) not in suspects
+        _put_files(
+            linker, entries, _bags(current) if is_known else {}, suspects or frozenset(), store, output
+        )
         _put_map(output)
-        changed = not _same_tables(new, current)
+        changed = not _same_tables(new, current, written.digests)
         old = swap_in(new, current) if changed else new
         removed = _retire(output, current, [*leftovers, *([old] if old is not None else [])])
-        _date_lock(output, current)
     files = {**linker.counts, "removed": removed}
     return DatasetSummary(
         digest=digest_json(written.digests),
@@ -134,6 +140,12 @@ def assemble(
         duplicates=duplicates,
         changed=changed,
         moved=moves(split_before, written.split_of),
+        published={
+            **{f"{settings.version}/{name}": digest for name, digest in written.digests.items()},
+            f"{settings.version}/{LOCK}": digest_bytes(json_bytes(lock)),
+            MAP_FILE: digest_bytes(_map_picture()),
+        },
+        entries=tuple(entries),
     )
 
 
@@ -141,19 +153,14 @@ def read_lock(output: Path, version: str) -> dict[str, Any] | None:
     """Return the lock file of a dataset, or None if there is no such dataset."""
     try:
         lock: dict[str, Any] = json.loads((output / version / LOCK).read_bytes())
+        lock["bags"]
     except FileNotFoundError:
         return None
-    except (OSError, ValueError) as err:
+    except (OSError, ValueError, KeyError, TypeError) as err:
         raise DatasetError(
             f"{output / version / LOCK}: cannot be read ({err}); remove the folder and build the dataset again."
         ) from err
     return lock
-
-
-def is_untouched(output: Path, version: str) -> bool:
-    """Tell whether a dataset is there and no file of it came or went since it was made; its bytes are not read."""
-    current = output / version
-    return (current / LOCK).is_file() and not _touched_by_others(output, current)
 
 
 def _without_copies(parts: Sequence[BagPart]) -> tuple[list[BagPart], dict[str, str]]:
@@ -197,20 +204,35 @@ def _lock(
     }
 
 
-def _put_files(linker: Linker, entries: Sequence[Entry], store: Store, output: Path) -> None:
+def _put_files(
+    linker: Linker,
+    entries: Sequence[Entry],
+    known: Mapping[str, str],
+    suspects: AbstractSet[str],
+    store: Store,
+    output: Path,
+) -> None:
+    """Link the files of recordings that are not `known` to be there with the same tables, and mend suspects of all."""
     for folder in _FOLDERS:
         (output / folder).mkdir(exist_ok=True)
+    suspicious = {recording_of(name) for name in suspects}
     for entry in entries:
+        is_there = known.get(entry.part.key) == entry.part.tables
+        if is_there and entry.part.key not in suspicious:
+            continue
         folders: dict[str, str] = {}
         for file in entry.files():
-            digest = file["artifact"]
+            digest, name = file["artifact"], file["filename"]
+            if is_there and name not in suspects:
+                continue
             if digest not in folders:
                 folders[digest] = str(store.artifact(digest).files)
-            linker.put(f"{folders[digest]}/{file['file']}", file["filename"])
+            put = linker.mend if name in suspects else linker.put
+            put(f"{folders[digest]}/{file['file']}", name)
 
 
 def _put_map(output: Path) -> None:
-    picture = blank_png(MAP_SIZE_PX, MAP_SIZE_PX)
+    picture = _map_picture()
     path = output / MAP_FILE
     if not path.is_file() or path.read_bytes() != picture:
         temporary = path.with_name(f".{path.name}.{uuid4().hex}")
@@ -218,24 +240,20 @@ def _put_map(output: Path) -> None:
         temporary.replace(path)
 
 
-def _same_tables(new: Path, current: Path) -> bool:
-    """Tell whether `current` has all that `new` has; bytes that changed in place are found by `verify`."""
+def _map_picture() -> bytes:
+    return blank_png(MAP_SIZE_PX, MAP_SIZE_PX)
+
+
+def _same_tables(new: Path, current: Path, digests: Mapping[str, str]) -> bool:
+    """Tell whether `current` has all that `new` has, byte for byte."""
     try:
-        same = (current / LOCK).read_bytes() == (new / LOCK).read_bytes()
-        return same and all(
-            (current / path.name).stat().st_size == path.stat().st_size for path in new.iterdir()
+        return (current / LOCK).read_bytes() == (new / LOCK).read_bytes() and all(
+            (current / name).stat().st_size == (new / name).stat().st_size
+            and digest_file(current / name) == digest
+            for name, digest in digests.items()
         )
-    except FileNotFoundError:
+    except OSError:
         return False
-
-
-def _date_lock(output: Path, current: Path) -> None:
-    """Give the lock a time later than all that was done here: see `_touched_by_others`."""
-    for _ in range(_TICKS):
-        (current / LOCK).touch()
-        if not _touched_by_others(output, current):
-            return
-        time.sleep(_TICK_S)
 
 
 def _retire(output: Path, current: Path, retired: Sequence[Path]) -> int:
@@ -272,19 +290,9 @@ def _locked(folder: Path) -> Sequence[Mapping[str, Any]]:
     return () if lock is None else lock["bags"]
 
 
-def _touched_by_others(output: Path, current: Path) -> bool:
-    """Tell whether files may have come or gone since the dataset was made.
-
-    If not, those of recordings that stay the same need no look: with millions of files that is
-    what an update would cost. A folder's time of change is that of its last new or removed entry.
-    """
-    folders = [current, *(output / name for name in _FOLDERS)]
-    try:
-        made_ns = (current / LOCK).stat().st_mtime_ns
-        channels = [Path(entry.path) for folder in folders for entry in os.scandir(folder) if entry.is_dir()]
-        return any(folder.stat().st_mtime_ns >= made_ns for folder in (*folders, *channels))
-    except FileNotFoundError:
-        return True
+def _name(path: Path) -> str:
+    """Return the name of a file in a version folder as seen from the dataroot."""
+    return f"{path.parent.name}/{path.name}"
 
 
 def _refuse_foreign(current: Path) -> None:

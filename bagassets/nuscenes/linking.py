@@ -1,6 +1,7 @@
 """Putting files of the store into a dataset without copying them, if the file system allows."""
 
 import errno
+import filecmp
 import os
 import shutil
 from collections import Counter
@@ -26,10 +27,15 @@ class Linker:
 
     Attributes:
         counts: way -> number of files; `kept` for those that were there.
+
+    Args:
+        root: the dataset's folder.
+        compares: of files that are there, the bytes are compared unless they are links to the store.
     """
 
-    def __init__(self, root: Path) -> None:
+    def __init__(self, root: Path, *, compares: bool = False) -> None:
         self.counts: Counter[str] = Counter()
+        self._compares = compares
         self._root = str(root)
         self._folders: set[str] = set()
         self._hard_links = True
@@ -42,6 +48,8 @@ class Linker:
         """
         # Plain strings: datasets have millions of files, and a Path costs more than a link.
         target = f"{self._root}/{filename}"
+        if self._compares:
+            self._remove_other(source, target)
         folder = target.rpartition("/")[0]
         try:
             if folder not in self._folders:
@@ -55,6 +63,25 @@ class Linker:
         except OSError as err:
             raise DatasetError(
                 f"{target}: cannot be written ({err.strerror}); free space or mend the folder."
+            ) from err
+
+    def mend(self, source: str, filename: str) -> None:
+        """Make the file `source` appear as `filename`, in place of whatever else is there under that name.
+
+        Raises:
+            DatasetError: as for `put`.
+        """
+        self._remove_other(source, f"{self._root}/{filename}")
+        self.put(source, filename)
+
+    @staticmethod
+    def _remove_other(source: str, target: str) -> None:
+        try:
+            if os.path.lexists(target) and not _same_content(source, target):
+                Path(target).unlink()
+        except OSError as err:
+            raise DatasetError(
+                f"{target}: cannot be exchanged for what belongs there ({err.strerror}); move it away."
             ) from err
 
     def _put(self, source: str, target: str) -> str:
@@ -80,6 +107,14 @@ class Linker:
             with suppress(FileNotFoundError):
                 temporary.unlink()
         return way
+
+
+def _same_content(source: str, target: str) -> bool:
+    """Tell whether a target is its source, or has the bytes of it; a source that is gone is told by who links it."""
+    try:
+        return Path(source).samefile(target) or filecmp.cmp(source, target, shallow=False)
+    except FileNotFoundError:
+        return False
 
 
 def _clone(source: str, target: Path) -> bool:

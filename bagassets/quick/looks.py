@@ -9,7 +9,7 @@ import sqlite3
 from hashlib import blake2b
 from typing import Any
 
-__all__ = ["Doubt", "database_look", "files_look", "folder_look", "signature", "tree_look"]
+__all__ = ["Doubt", "boot", "database_look", "files_look", "signature", "tree_look"]
 
 # The schema that these were written for: `alembic_version` of Dagster 1.13. PostgreSQL keeps the events of runs in the
 # table of those about assets, which alone count.
@@ -20,7 +20,6 @@ _QUERIES = (
     "SELECT asset_key, last_run_id, last_materialization_timestamp, wipe_timestamp FROM asset_keys ORDER BY asset_key",
 )
 _PARTITIONS = "SELECT partition FROM dynamic_partitions WHERE partitions_def_name = {mark} ORDER BY partition"
-_MOST_ENTRIES = 20_000
 
 
 class Doubt(Exception):  # noqa: N818  (a reason to look closer, not an error)
@@ -37,6 +36,15 @@ def signature(path: str) -> list[int]:
     except OSError:
         return []
     return [stat.st_size, stat.st_mtime_ns, stat.st_ino, stat.st_ctime_ns]
+
+
+def boot() -> str:
+    """Return the name of this boot of the machine; empty where it has none."""
+    try:
+        with open("/proc/sys/kernel/random/boot_id", encoding="ascii") as stream:  # noqa: PTH123
+            return stream.read().strip()
+    except (OSError, ValueError):
+        return ""
 
 
 def files_look(paths: list[str]) -> str:
@@ -84,35 +92,6 @@ def _walk(folder: str, ancestors: tuple[tuple[int, int], ...], lines: list[str])
                     )
     except OSError as err:
         raise Doubt(f"{folder}: {err}") from err
-
-
-def folder_look(folder: str, depth: int = 2) -> str:
-    """Return a digest over the entries of a folder down to `depth`; deeper ones show in their folder's time.
-
-    Raises:
-        Doubt: it cannot be read, or has too many entries.
-    """
-    lines: list[str] = []
-    level = [folder]
-    for _ in range(depth):
-        below: list[str] = []
-        for name in level:
-            lines.append(f"{name}\0{signature(name)}")
-            try:
-                with os.scandir(name) as entries:
-                    for entry in entries:
-                        if entry.is_dir(follow_symlinks=False):
-                            below.append(entry.path)
-                        else:
-                            lines.append(f"{entry.path}\0{signature(entry.path)}")
-            except OSError as err:
-                raise Doubt(f"{name}: {err}") from err
-        level = below
-        if len(lines) + len(level) > _MOST_ENTRIES:
-            raise Doubt(f"{folder}: too many entries")
-    lines += [f"{name}\0{signature(name)}" for name in level]
-    lines.sort()
-    return _digest(lines)
 
 
 def database_look(place: str, partitions: str) -> str:

@@ -5,15 +5,16 @@ import os
 from typing import TypedDict
 
 from bagassets.quick.artifacts import Group, check_groups, groups_of
-from bagassets.quick.looks import Doubt, database_look, files_look, folder_look, tree_look
+from bagassets.quick.looks import Doubt, boot, database_look, files_look, tree_look
+from bagassets.quick.published import check as check_published
 
 __all__ = ["NAME", "Before", "Header", "Places", "check", "load", "look_before", "remove", "save"]
 
 NAME = "nothing-to-do.snapshot"
-FORMAT = 1
+FORMAT = 2
 
 Before = dict[str, str]
-"""What was seen before anything was decided: code, files, recordings, database."""
+"""What was seen before anything was decided: boot of the machine, code, files, recordings, database."""
 
 
 class Places(TypedDict):
@@ -47,6 +48,7 @@ def look_before(code: str, places: Places) -> Before:
         Doubt: something cannot be seen.
     """
     return {
+        "boot": boot(),
         "code": code,
         "files": files_look(places["files"]),
         "recordings": tree_look(places["bag_root"]),
@@ -60,7 +62,7 @@ def save(
     places: Places,
     *,
     artifacts: set[str],
-    datasets: list[str],
+    published: list[str],
     lines: list[str],
 ) -> None:
     """Write the snapshot of a plan that found nothing to do.
@@ -70,7 +72,7 @@ def save(
         before: what `look_before` saw before the plan was made.
         places: where it looked.
         artifacts: digests of the artifacts that the plan rests on.
-        datasets: dataroots.
+        published: folders with the records of what was published.
         lines: what a build with nothing to do prints.
 
     Raises:
@@ -83,9 +85,11 @@ def save(
         "before": before,
         "places": places,
         "groups": groups_of(places["artifacts"], digests),
-        "datasets": {folder: folder_look(folder) for folder in datasets},
+        "published": published,
         "lines": lines,
     }
+    for folder in published:
+        check_published(folder)
     path = os.path.join(state, NAME)  # noqa: PTH118  (no pathlib here: its import costs 5 ms)
     temporary = f"{path}.{os.getpid()}"
     with open(temporary, "wb", opener=_private) as stream:
@@ -112,7 +116,7 @@ class Header(TypedDict):
     before: Before
     places: Places
     groups: list[Group]
-    datasets: dict[str, str]
+    published: list[str]
     lines: list[str]
 
 
@@ -143,7 +147,6 @@ def check(header: Header, digests: bytes, before: Before) -> None:
     for name, look in before.items():
         if header["before"].get(name) != look:
             raise Doubt(f"{name} changed")
-    for folder, look in header["datasets"].items():
-        if folder_look(folder) != look:
-            raise Doubt(f"{folder} changed")
+    for folder in header["published"]:
+        check_published(folder)
     check_groups(header["places"]["artifacts"], digests, header["groups"])

@@ -4,9 +4,9 @@ It writes a dataroot, not an artifact, so it has no action: the lock file in the
 what the dataset was made from.
 """
 
-from bagassets.nuscenes.dataset import BagPart, DatasetSummary, assemble, is_untouched, read_lock
+from bagassets.nuscenes.dataset import BagPart, DatasetSummary, assemble, read_lock
 
-__all__ = ["VERSION", "BagPart", "DatasetSummary", "assemble", "is_untouched", "read_lock"]
+__all__ = ["VERSION", "BagPart", "DatasetSummary", "assemble", "read_lock"]
 
 # Raised whenever the bytes of a dataset change for the same recordings.
 VERSION = 3

@@ -7,7 +7,6 @@ from bagassets.vision.dataset import (
     VisionPart,
     VisionSummary,
     assemble_vision,
-    is_vision_complete,
     read_vision_lock,
 )
 
@@ -16,7 +15,6 @@ __all__ = [
     "VisionPart",
     "VisionSummary",
     "assemble_vision",
-    "is_vision_complete",
     "read_vision_lock",
 ]
 

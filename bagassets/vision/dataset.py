@@ -13,7 +13,8 @@ complete dataset, the old or the new one.
 
 import json
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -40,7 +41,6 @@ __all__ = [
     "VisionPart",
     "VisionSummary",
     "assemble_vision",
-    "is_vision_complete",
     "read_vision_lock",
 ]
 
@@ -80,6 +80,8 @@ class VisionSummary:
         files: way (linked, cloned, copied) -> number of files that were new.
         duplicates: recording that was left out -> recording with the same content.
         moved: recordings that are in another split than before -> the old one and the new one.
+        published: files that were put together -> digest.
+        entries: the recordings in it, whose files were linked.
     """
 
     digest: str
@@ -90,14 +92,30 @@ class VisionSummary:
     files: Mapping[str, int] = field(default_factory=dict)
     duplicates: Mapping[str, str] = field(default_factory=dict)
     moved: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    published: Mapping[str, str] = field(default_factory=dict)
+    entries: Sequence["VisionEntry"] = ()
 
 
 @dataclass(frozen=True)
-class _Entry:
+class VisionEntry:
+    """A recording that does enter."""
+
     part: VisionPart
     artifact: Artifact
     facts: Mapping[str, Any]
     split: str
+
+    def files(self) -> Iterator[tuple[str, str, str]]:
+        """Yield name below the recording's folder, artifact and name there of each file that is linked."""
+        for file in self.artifact.entries():
+            if file.path not in {FACTS, FILES, SEQUENCES}:
+                yield file.path, self.artifact.digest, file.path
+        for image in self.artifact.read_json(FILES):
+            yield image["filename"], image["artifact"], image["file"]
+
+    def names(self) -> Iterator[str]:
+        """Yield the names of its files below the dataset's folder."""
+        return (f"{RECORDINGS}/{self.facts['folder']}/{name}" for name, _, _ in self.files())
 
 
 def assemble_vision(
@@ -110,6 +128,7 @@ def assemble_vision(
     skipped: Mapping[str, str] | None = None,
     failed: Mapping[str, str] | None = None,
     expected: Mapping[str, str] | None = None,
+    suspects: AbstractSet[str] | None = None,
 ) -> VisionSummary:
     """Bring the dataset in `vision.output` up to date.
 
@@ -124,6 +143,8 @@ def assemble_vision(
         skipped: recordings that take no part -> why, for the lock file.
         failed: recordings that failed -> why, for the lock file.
         expected: digests of the files that must come out, by name; otherwise nothing is exchanged.
+        suspects: files that are not as they were published, which are compared with what belongs there; all
+            others are. None: that is not known.
 
     Raises:
         DatasetError: the folder holds something else, files cannot be written, or other files came out
@@ -137,11 +158,10 @@ def assemble_vision(
     shares = shares_of(durations_s, splits, split_by_key)
     _refuse_foreign(output)
     with guarded(output):
-        locked = read_vision_lock(output) or {"bags": []}
-        moved = moves({bag["key"]: bag["split"] for bag in locked["bags"]}, split_by_key)
+        moved = moves(_splits(output), split_by_key)
         linker = Linker(output)
         for entry in entries:
-            _put_recording(linker, entry, store, output)
+            _put_recording(linker, entry, suspects, store, output)
         new = output / f"{ANNOTATIONS}.tmp-{uuid4().hex}"
         new.mkdir()
         groups = {name: [e for e in entries if e.split == name] for name in sorted(splits.shares)}
@@ -168,6 +188,11 @@ def assemble_vision(
         files=dict(sorted(linker.counts.items())),
         duplicates=duplicates,
         moved=moved,
+        published={
+            **{f"{ANNOTATIONS}/{name}": digest for name, digest in digests.items()},
+            f"{ANNOTATIONS}/{LOCK}": digest_bytes(json_bytes(lock)),
+        },
+        entries=tuple(entries),
     )
 
 
@@ -175,31 +200,28 @@ def read_vision_lock(output: Path) -> dict[str, Any] | None:
     """Return the lock file of a dataset, or None if there is no such dataset."""
     try:
         lock: dict[str, Any] = json.loads((output / ANNOTATIONS / LOCK).read_bytes())
+        lock["bags"]
     except FileNotFoundError:
         return None
-    except (OSError, ValueError) as err:
+    except (OSError, ValueError, KeyError, TypeError) as err:
         raise DatasetError(
             f"{output / ANNOTATIONS / LOCK}: cannot be read ({err}); remove the folder and build the dataset again."
         ) from err
     return lock
 
 
-def is_vision_complete(output: Path) -> bool:
-    """Tell whether a dataset is there with the folders of all its recordings; their files are not looked at."""
-    lock = read_vision_lock(output)
-    if lock is None:
-        return False
+def _splits(output: Path) -> dict[str, str]:
+    """Return recording -> split of the dataset that is there; nothing if its lock was torn or replaced."""
     try:
-        there = {folder.name for folder in (output / RECORDINGS).iterdir()} if lock["bags"] else set()
-    except FileNotFoundError:
-        return False
-    files = all((output / ANNOTATIONS / name).is_file() for name in lock["files"])
-    return files and there.issuperset(bag["folder"] for bag in lock["bags"])
+        lock = read_vision_lock(output)
+    except DatasetError:
+        return {}
+    return {} if lock is None else {bag["key"]: bag["split"] for bag in lock["bags"]}
 
 
 def _entries(
     parts: Sequence[VisionPart], splits: Splits, store: Store, dealt: Mapping[str, str] | None
-) -> tuple[list[_Entry], dict[str, str]]:
+) -> tuple[list[VisionEntry], dict[str, str]]:
     """Return the recordings that enter in the order of their keys, and copies -> what stands for them."""
     chosen: dict[str, VisionPart] = {}
     duplicates: dict[str, str] = {}
@@ -211,31 +233,35 @@ def _entries(
     dealt = deal([part.key for part in chosen.values()], splits) if dealt is None else dealt
     for part in chosen.values():
         artifact = store.artifact(part.sequences)
-        entries.append(_Entry(part, artifact, artifact.read_json(FACTS), dealt[part.key]))
+        entries.append(VisionEntry(part, artifact, artifact.read_json(FACTS), dealt[part.key]))
     return entries, duplicates
 
 
-def _put_recording(linker: Linker, entry: _Entry, store: Store, output: Path) -> None:
-    """Make the folder of a recording appear, whole, unless it is there."""
-    folder = entry.facts["folder"]
-    if (output / RECORDINGS / folder).is_dir():
+def _put_recording(
+    linker: Linker, entry: VisionEntry, suspects: AbstractSet[str] | None, store: Store, output: Path
+) -> None:
+    """Make the folder of a recording appear, whole; of one that is there, mend the suspects, or all files."""
+    folder = f"{RECORDINGS}/{entry.facts['folder']}"
+    is_there = (output / folder).is_dir()
+    if is_there and suspects is not None and not any(name.startswith(f"{folder}/") for name in suspects):
         return
-    temporary = f"{RECORDINGS}/{folder}.tmp-{uuid4().hex}"
-    (output / temporary).mkdir(parents=True)
-    for file in entry.artifact.entries():
-        if file.path not in {FACTS, FILES, SEQUENCES}:
-            linker.put(str(entry.artifact.path(file.path)), f"{temporary}/{file.path}")
+    temporary = f"{folder}.tmp-{uuid4().hex}"
+    if not is_there:
+        (output / temporary).mkdir(parents=True)
     sources: dict[str, str] = {}
-    for image in entry.artifact.read_json(FILES):
-        digest = image["artifact"]
+    for name, digest, file in entry.files():
         if digest not in sources:
             sources[digest] = str(store.artifact(digest).files)
-        linker.put(f"{sources[digest]}/{image['file']}", f"{temporary}/{image['filename']}")
-    (output / temporary).rename(output / RECORDINGS / folder)
+        if not is_there:
+            linker.put(f"{sources[digest]}/{file}", f"{temporary}/{name}")
+        elif suspects is None or f"{folder}/{name}" in suspects:
+            linker.mend(f"{sources[digest]}/{file}", f"{folder}/{name}")
+    if not is_there:
+        (output / temporary).rename(output / folder)
 
 
 def _write_annotations(
-    folder: Path, groups: Mapping[str, Sequence[_Entry]], shares: Sequence[SplitShare], *, one_file: bool
+    folder: Path, groups: Mapping[str, Sequence[VisionEntry]], shares: Sequence[SplitShare], *, one_file: bool
 ) -> dict[str, str]:
     """Write the merged files and a manifest for each split; return file -> digest."""
     merged = {ONE_FILE: [entry for group in groups.values() for entry in group]} if one_file else groups
@@ -251,7 +277,7 @@ def _write_annotations(
     return dict(sorted(digests.items()))
 
 
-def _manifest(share: SplitShare, entries: Sequence[_Entry]) -> dict[str, Any]:
+def _manifest(share: SplitShare, entries: Sequence[VisionEntry]) -> dict[str, Any]:
     return {
         "split": share.name,
         **share.as_json(),
@@ -273,7 +299,7 @@ def _manifest(share: SplitShare, entries: Sequence[_Entry]) -> dict[str, Any]:
     }
 
 
-def _lock_row(entry: _Entry) -> dict[str, Any]:
+def _lock_row(entry: VisionEntry) -> dict[str, Any]:
     return {
         "key": entry.part.key,
         "content": entry.part.content,
