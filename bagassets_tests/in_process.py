@@ -1,53 +1,38 @@
-"""Projects that are built in this process: the driver's runs without its server."""
+"""Projects that are built in this process: with a run launcher that executes runs at once."""
 
-import os
 import sys
 from importlib import import_module
 from pathlib import Path
-from types import SimpleNamespace
 
-from bagassets.defs import driver
+import dagster as dg
+from dagster._core.launcher import RunLauncher
+
+from bagassets.defs import driver, follow
 from bagassets.defs import situation as situations
+from bagassets.defs.runs import create_run, execute_run
 from bagassets.engine.build_report import BuildOptions
-from bagassets.recipe import load_recipe
 from bagassets.recipe.project import write_project
 from bagassets_tests.small_drive import RECIPE, write_drive
 
 
-class InProcessClient:
-    """Does jobs when they are submitted."""
+class InProcessLauncher(RunLauncher):
+    """Executes runs when they are launched."""
 
-    def __init__(self, folder):
-        self.places = SimpleNamespace(folder=folder)
-        self.submitted = []
-        self.events = []
+    names_workers = True  # stands in for ours
 
-    def submit(self, function, args, *, label, on_lost=None):
-        self.submitted.append((args["partition_key"], tuple(args["assets"])))
-        self._load_definitions()
-        module, name = function.split(":")
-        job = f"job-{len(self.submitted)}"
-        result = getattr(import_module(module), name)(args)
-        self.events.append({"event": "finished", "job": job, "exit": 0, "result": result})
-        return job
+    def launch_run(self, context):
+        execute_run(self._instance, context.dagster_run.run_id)
 
-    @staticmethod
-    def _load_definitions():
-        """The definitions read the recipe when they are imported; a new worker would import them."""
-        recipe = Path(os.environ["BAGASSETS_RECIPE"])
-        loaded = sys.modules.get("bagassets.definitions")
-        if getattr(loaded, "read_from", None) != (recipe, recipe.read_text()):
-            sys.modules.pop("bagassets.definitions", None)
-            import_module("bagassets.definitions").read_from = (recipe, recipe.read_text())
-
-    def wait(self, _timeout_s=None):
-        return self.events.pop(0)
-
-    def cancel(self, job, *, grace_s):
+    def terminate(self, run_id):
         return True
 
-    def close(self):
-        pass
+
+def load_definitions(recipe_file):
+    """The definitions read the recipe when they are imported; a new worker would import them."""
+    loaded = sys.modules.get("bagassets.definitions")
+    if getattr(loaded, "read_from", None) != (recipe_file, recipe_file.read_text()):
+        sys.modules.pop("bagassets.definitions", None)
+        import_module("bagassets.definitions").read_from = (recipe_file, recipe_file.read_text())
 
 
 # Without pictures, which take longer than all the rest.
@@ -65,11 +50,23 @@ def make_project(folder, drives=("a.bag",), *, text=QUICK, duration_s=1.0):
 
 def build(recipe_file, monkeypatch, **options):
     """Build; return the report and the runs there were: (partition key, assets)."""
-    client = InProcessClient(load_recipe(recipe_file).state / "locks")
-    monkeypatch.setattr(driver, "connect", lambda _spec, _home: client)
+    runs = []
+
+    def created(instance, assets, *, partition_key, location):
+        runs.append((partition_key, tuple(assets)))
+        return create_run(instance, assets, partition_key=partition_key, location=location)
+
+    def launcher(instance):
+        found = InProcessLauncher()
+        found.register_instance(instance)
+        return found
+
+    monkeypatch.setattr(follow, "create_run", created)
+    monkeypatch.setattr(dg.DagsterInstance, "run_launcher", property(launcher))
     monkeypatch.setenv("BAGASSETS_RECIPE", str(recipe_file))
+    load_definitions(recipe_file)
     report = driver.build(recipe_file, BuildOptions(**options), lambda _event: None)
-    return report, client.submitted
+    return report, runs
 
 
 def survey(recipe_file, **options):

@@ -12,11 +12,13 @@ from contextlib import closing
 
 import dagster as dg
 import pytest
+from dagster._core.storage.tags import GRPC_INFO_TAG
 
 from bagassets.cli.remote import build_on_server, find_server
 from bagassets.defs.events import event_database
 from bagassets.defs.runs import open_instance
 from bagassets.defs.sqlite_files import kept_open
+from bagassets.defs.worker_tag import RunWorker
 from bagassets.engine.build_report import BagOutcome, BuildOptions, BuildReport, Event
 from bagassets.engine.choose import SelectionError
 from bagassets.forkserver.client import Client
@@ -126,6 +128,10 @@ def test_an_interrupt_stops_cleanly_and_the_next_build_carries_on(built):
     assert recipe.nuscenes.output.is_dir()
 
 
+def workers_of(server):
+    return [job for job in server.status()["jobs"] if job["function"].endswith("run_worker:execute")]
+
+
 def test_a_killed_worker_fails_its_recording_and_the_build_goes_on(built):
     recipe = load_recipe(built)
     text = built.read_text()
@@ -135,9 +141,9 @@ def test_a_killed_worker_fails_its_recording_and_the_build_goes_on(built):
     def kill_first(event):
         if (event.kind, event.key) == ("started", KEYS[0]):
             with find_server(built) as other:
-                (worker,) = (
-                    job for job in other.status()["jobs"] if job["function"].endswith("run_worker:build")
-                )
+                while not (workers := workers_of(other)):
+                    time.sleep(0.01)
+                (worker,) = workers
                 assert ProcessId.from_json(worker["process"]).send(signal.SIGKILL)
 
     with find_server(built) as client:
@@ -153,6 +159,31 @@ def test_a_killed_worker_fails_its_recording_and_the_build_goes_on(built):
     )
     built.write_text(text)
     assert recipe.nuscenes.output.is_dir()
+
+
+def test_a_build_goes_through_the_launcher_that_dagster_yaml_names(tmp_path):
+    """Dagster's own launcher executes each run in a process of a code server, which the build starts for it."""
+    recipe_file = make_project(tmp_path, KEYS[:1])
+    config = tmp_path / "dagster.yaml"
+    text = config.read_text()
+    start, end = text.index("run_launcher:"), text.index("run_coordinator:")
+    launcher = "run_launcher: {module: dagster, class: DefaultRunLauncher}\n"
+    config.write_text(text[:start] + launcher + text[end:])
+    try:
+        done = run(recipe_file, "--json")
+        assert done.returncode == 0, done.stderr
+        told = json.loads(done.stdout)
+        assert (told["counts"]["built"], told["dataset"]["state"]) == (1, "updated")
+        with open_instance(str(tmp_path)) as instance:
+            assert isinstance(instance.run_launcher, dg.DefaultRunLauncher)
+            for made in instance.get_runs():
+                assert GRPC_INFO_TAG in made.tags, "a code server executed it"
+                assert RunWorker.of(made) is None
+    finally:
+        for client in Client.all_of(load_recipe(recipe_file).state):
+            client.shutdown(grace_s=1.0)
+    log = load_recipe(recipe_file).state / "forkserver" / "logs" / "code-server.log"
+    assert log.is_file(), "what it writes is kept"
 
 
 def test_reports_events_and_options_survive_the_way():

@@ -42,7 +42,6 @@ from handmade import T0, Drive, S, ego_pose, make_tables, regular, trajectory
 from bagassets.bags.model import RawMessage, TopicInfo
 from bagassets.cli.main import root
 from bagassets.decode.model import ImageReading
-from bagassets.defs import driver
 from bagassets.errors import PoseError
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.trajectory import Trajectory
@@ -54,7 +53,7 @@ from bagassets.steps.frames import FrameExtractor
 from bagassets.steps.image_output import ImageOutput, intrinsic_matrix
 from bagassets.store.artifact import ArtifactWriter
 from bagassets.store.store import Store
-from bagassets_tests.in_process import InProcessClient, make_project
+from bagassets_tests.in_process import make_project
 from bagassets_tests.pose_data import (
     CAMERA_INFO,
     IMAGE,
@@ -203,8 +202,6 @@ def test_readings_without_a_pose_are_dropped_and_counted_not_given_a_wrong_one(s
 def test_a_build_with_a_damaged_recording_exits_with_1_and_records_no_success(tmp_path, monkeypatch):
     recipe = make_project(tmp_path, ["good.bag"])
     (tmp_path / "bags" / "damaged.bag").write_bytes(b"#ROSBAG V2.0\n" + bytes(5000))
-    client = InProcessClient(tmp_path / ".bagassets" / "locks")
-    monkeypatch.setattr(driver, "connect", lambda _spec, _home: client)
     monkeypatch.setenv("BAGASSETS_RECIPE", str(recipe))
     done = CliRunner().invoke(root, ["build", "--recipe", str(recipe), "--select", "ego_poses", "--json"])
     assert done.exit_code == 1

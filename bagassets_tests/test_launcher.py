@@ -1,4 +1,4 @@
-"""The run launcher and the build jobs: real instance, real processes, the web UI's own mutations."""
+"""The run launcher: real instance, real processes, the web UI's own mutations."""
 
 import datetime as dt
 import json
@@ -22,13 +22,14 @@ from dagster._core.workspace.load_target import ModuleTarget
 from dagster._daemon.run_coordinator.queued_run_coordinator_daemon import QueuedRunCoordinatorDaemon
 from dagster_graphql.test.utils import execute_dagster_graphql
 
+from bagassets.defs.follow import Runs
 from bagassets.defs.launcher import BagAssetsRunLauncher
 from bagassets.defs.leftovers import UNTAKEN_S, end_left_behind
 from bagassets.defs.runs import CodeLocation, create_run, open_instance
 from bagassets.defs.worker_tag import WORKER_TAG, RunWorker
 from bagassets.forkserver.client import Client
 from bagassets.forkserver.process import ProcessId
-from bagassets.forkserver.tasks import connect, server_spec, submit_build, submit_run
+from bagassets.forkserver.tasks import connect, server_spec, submit_run
 
 TESTS = Path(__file__).parent
 LOCATION = CodeLocation("small_definitions", working_directory=str(TESTS))
@@ -239,10 +240,10 @@ def test_a_tag_copied_from_the_parent_means_nothing(instance):
 
 
 def test_a_run_of_the_build_can_be_executed_again_in_the_web_ui(workspace, instance, place):
-    with Client.ensure(server_spec(place / "state", None, modules=("small_definitions",))) as client:
-        location = {"module": "small_definitions", "working_directory": str(TESTS)}
-        _, run_id = submit_build(client, instance.root_directory, ["whole"], location=location)
-        assert client.wait(WAIT_S)["result"]["status"] == "SUCCESS"
+    runs = Runs(instance, 1, lambda _event: None, place / "code-server.log", LOCATION)
+    runs.work({"": ("whole",)})
+    assert runs.ended[""].problem is None
+    run_id = runs.ended[""].run_id
     params = {"parentRunId": run_id, "strategy": "ALL_STEPS"}
     again = mutate(workspace, EXECUTE_AGAIN, params=params)
     assert again["__typename"] == "LaunchRunSuccess", again
@@ -514,69 +515,13 @@ def test_a_server_that_is_asked_for_reports_what_was_left_behind_before(instance
         client.shutdown()
 
 
-# --- jobs of the build -------------------------------------------------------------------
+# --- jobs that execute runs --------------------------------------------------------------
 
 
 @pytest.fixture
 def builder(place, instance):
     with Client.ensure(server_spec(place / "state", None, modules=("small_definitions",))) as client:
         yield client
-
-
-def build(client, instance, *assets, key="drive"):
-    location = {"module": "small_definitions", "working_directory": str(TESTS)}
-    return submit_build(client, instance.root_directory, assets, partition_key=key, location=location)
-
-
-def test_a_build_creates_its_run_in_the_worker(builder, instance):
-    jobs = dict(build(builder, instance, "first", "second", key=key) for key in ("drive", "walk"))
-    for _ in jobs:
-        event = builder.wait(WAIT_S)
-        result = event["result"]
-        assert result == {"run_id": jobs[event["job"]], "status": "SUCCESS", "failures": []}
-        run = instance.get_run_by_id(result["run_id"])
-        assert run.is_success
-        assert RunWorker.of(run) is not None
-        assert WORKER_TAG in run.tags
-
-
-def test_a_build_tells_why_it_failed(builder, instance):
-    build(builder, instance, "broken")
-    result = builder.wait(WAIT_S)["result"]
-    assert result["status"] == "FAILURE"
-    assert result["failures"][0]["message"] == "drive.bag: the recording is truncated; copy it again."
-
-
-def test_a_build_of_an_unknown_recording_is_refused(builder, instance):
-    _, run_id = build(builder, instance, "first", key="no such drive")
-    event = builder.wait(WAIT_S)
-    assert event["exit"] == 1
-    assert event["error"]["type"] == "BagAssetsError"
-    assert "no such drive" in event["error"]["message"]
-    assert instance.get_run_by_id(run_id) is None
-
-
-def test_a_cancelled_build_is_canceled(builder, instance, steering):
-    job, run_id = build(builder, instance, "patient")
-    wait_for_attempt(steering)
-    builder.cancel(job)
-    assert builder.wait(WAIT_S)["result"]["status"] == "CANCELED"
-    assert status_of(instance, run_id) == "CANCELED"
-
-
-def test_the_runs_of_a_build_that_died_are_canceled(place, instance, steering):
-    client = Client.ensure(server_spec(place / "state", None, modules=("small_definitions",)))
-    _, run_id = build(client, instance, "patient")
-    wait_for_attempt(steering)
-    client.close()
-    assert ended(instance, run_id) == "CANCELED"
-
-
-def test_a_build_can_be_cancelled_in_the_web_ui(builder, workspace, instance, steering):
-    _, run_id = build(builder, instance, "patient")
-    wait_for_attempt(steering)
-    assert mutate(workspace, TERMINATE, run=run_id)["__typename"] == "TerminateRunSuccess"
-    assert builder.wait(WAIT_S)["result"]["status"] == "CANCELED"
 
 
 def test_a_run_that_exists_can_be_executed_by_a_job(builder, instance):

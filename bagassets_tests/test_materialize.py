@@ -2,10 +2,12 @@
 
 import json
 import subprocess
+import time
 
 import dagster as dg
 import pytest
 
+from bagassets.defs.exclusive import exclusive
 from bagassets.defs.recording_partitions import RecordingPartitions, recording_partitions
 from bagassets.defs.runs import open_instance
 from bagassets.recipe import load_recipe
@@ -82,6 +84,31 @@ def test_a_recording_that_does_not_exist_is_told_with_one_that_does(project):
     assert "did you mean b.mcap?" in done.stderr
     with open_instance(str(project)) as instance:
         assert "b.mcpa" not in instance.get_dynamic_partitions("test_recordings")
+
+
+def test_runs_of_one_recording_take_turns_whoever_launched_them(project):
+    """A worker that was given up but works on, and the run that took its place, say."""
+    locks = load_recipe(project / "recipe.yaml").state / "forkserver" / "locks"
+    with exclusive(locks, "a.bag", keep_waiting=lambda _asked: False) as held:
+        assert held
+        command = [BIN / "dagster", "asset", "materialize", "-m", "bagassets.definitions"]
+        process = subprocess.Popen(
+            [*map(str, command), "--select", "bag,inventory", "--partition", "a.bag"],
+            cwd=project, env=bare_environment(), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+        )  # fmt: skip
+        seen = ""
+        while "Waiting for another run of a.bag to end." not in seen:
+            line = process.stdout.readline()
+            assert line, seen
+            seen += line
+        released_s = time.time()
+    seen, _ = process.communicate(timeout=120)
+    assert process.returncode == 0, seen
+    with open_instance(str(project)) as instance:
+        for asset in ("bag", "inventory"):
+            filters = dg.AssetRecordsFilter(asset_key=dg.AssetKey(asset), asset_partitions=["a.bag"])
+            (record,) = instance.fetch_materializations(filters, limit=1).records
+            assert record.timestamp >= released_s, f"{asset} was recorded while another run had its turn"
 
 
 def test_the_dataset_takes_no_partition(project):

@@ -28,7 +28,7 @@ from bagassets.engine.dataset_build import dataset_code_versions
 from bagassets.engine.recording_assets import assets_of
 from bagassets.errors import RecordingError
 from bagassets.recipe import load_recipe
-from bagassets_tests.in_process import InProcessClient, build, make_project
+from bagassets_tests.in_process import build, load_definitions, make_project
 from bagassets_tests.small_drive import RECIPE, write_drive
 
 T0_S = 1_800_000_000.0
@@ -457,7 +457,7 @@ def left_behind(tmp_path, monkeypatch):
     """A project whose daemon was killed when it had marked the run of `a.bag` as starting: recipe, instance, run."""
     recipe_file = make_project(tmp_path)
     monkeypatch.setenv("BAGASSETS_RECIPE", str(recipe_file))
-    InProcessClient._load_definitions()
+    load_definitions(recipe_file)
     with open_instance(str(tmp_path)) as instance:
         recipe = load_recipe(recipe_file)
         add_partitions(instance, recipe, ["a.bag"])

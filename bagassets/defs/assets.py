@@ -8,6 +8,7 @@ import dagster as dg
 from bagassets.bags.digest import recording_digest, recording_stat
 from bagassets.defs.descriptions import DESCRIPTIONS, KINDS
 from bagassets.defs.events import STAT, recorded_artifact, recorded_partition
+from bagassets.defs.exclusive import RecordingLock
 from bagassets.defs.markdown import human_size
 from bagassets.defs.pictures import picture_metadata
 from bagassets.defs.reporting import failures_in_words, result_metadata
@@ -37,8 +38,11 @@ def recording_assets(recipe: Recipe) -> list[dg.AssetsDefinition]:
         description=DESCRIPTIONS["bag"],
         code_version="1",
     )
-    def bag(context: dg.AssetExecutionContext, workspace: Workspace) -> dg.MaterializeResult[None]:
+    def bag(
+        context: dg.AssetExecutionContext, workspace: Workspace, recording_lock: RecordingLock
+    ) -> dg.MaterializeResult[None]:
         with failures_in_words():
+            recording_lock.take(context)
             found = workspace.found(context.partition_key)
             stat = recording_stat(found)
             digest = recording_digest(found, workspace.index)
@@ -63,11 +67,11 @@ def recording_assets(recipe: Recipe) -> list[dg.AssetsDefinition]:
         specs=[_spec(recipe, asset, skippable=True) for asset in _EXTRACTED],
     )
     def extract(
-        context: dg.AssetExecutionContext, workspace: Workspace
+        context: dg.AssetExecutionContext, workspace: Workspace, recording_lock: RecordingLock
     ) -> Iterator[dg.MaterializeResult[None]]:
         wanted = {key.to_user_string() for key in context.selected_asset_keys}
         with failures_in_words():
-            yield from _build(context, workspace, wanted)
+            yield from _build(context, workspace, recording_lock, wanted)
 
     @dg.multi_asset(
         name="tables",
@@ -75,10 +79,10 @@ def recording_assets(recipe: Recipe) -> list[dg.AssetsDefinition]:
         specs=[_spec(recipe, "nuscenes_tables", skippable=True)],
     )
     def tables(
-        context: dg.AssetExecutionContext, workspace: Workspace
+        context: dg.AssetExecutionContext, workspace: Workspace, recording_lock: RecordingLock
     ) -> Iterator[dg.MaterializeResult[None]]:
         with failures_in_words():
-            yield from _build(context, workspace, {"nuscenes_tables"})
+            yield from _build(context, workspace, recording_lock, {"nuscenes_tables"})
 
     optional = [_optional_asset(recipe, asset) for asset in assets_of(recipe) if asset in OPTIONAL_ASSETS]
     return [bag, extract, tables, *optional]
@@ -90,9 +94,11 @@ def _optional_asset(recipe: Recipe, asset: str) -> dg.AssetsDefinition:
         partitions_def=recording_partitions(recipe),
         specs=[_spec(recipe, asset, skippable=True)],
     )
-    def make(context: dg.AssetExecutionContext, workspace: Workspace) -> Iterator[dg.MaterializeResult[None]]:
+    def make(
+        context: dg.AssetExecutionContext, workspace: Workspace, recording_lock: RecordingLock
+    ) -> Iterator[dg.MaterializeResult[None]]:
         with failures_in_words():
-            yield from _build(context, workspace, {asset})
+            yield from _build(context, workspace, recording_lock, {asset})
 
     return make
 
@@ -112,9 +118,10 @@ def _spec(recipe: Recipe, asset: str, *, skippable: bool) -> dg.AssetSpec:
 
 
 def _build(
-    context: dg.AssetExecutionContext, workspace: Workspace, wanted: set[str]
+    context: dg.AssetExecutionContext, workspace: Workspace, recording_lock: RecordingLock, wanted: set[str]
 ) -> Iterator[dg.MaterializeResult[None]]:
     key = context.partition_key
+    recording_lock.take(context)
     record = recorded_partition(context.instance, "bag", key)
     if record is None or record.stat is None:
         raise StoreError(f"{key}: bag is not materialized for this recording; materialize bag first.")

@@ -13,11 +13,11 @@ from typing import Any
 import dagster as dg
 
 from bagassets.defs.dataset import record_inputs
+from bagassets.defs.follow import Ended, Listener, Runs
 from bagassets.defs.leftovers import end_left_behind
 from bagassets.defs.partitions import add_partitions, remove_partition
 from bagassets.defs.planning import Planned
 from bagassets.defs.remarks import remarks
-from bagassets.defs.side_by_side import Ended, Listener, Runs
 from bagassets.defs.situation import Situation, opened, survey
 from bagassets.defs.snapshot import SnapshotWriter
 from bagassets.defs.workspace import Workspace
@@ -26,13 +26,10 @@ from bagassets.engine.build_report import BagOutcome, BuildOptions, BuildReport,
 from bagassets.engine.dataset_build import split_on_disk
 from bagassets.engine.plan_model import Plan, Recorded
 from bagassets.errors import RecordingError
-from bagassets.forkserver.client import Client
-from bagassets.forkserver.tasks import connect, server_spec
+from bagassets.forkserver.places import Places
 from bagassets.nuscenes.dataset import read_lock
 from bagassets.recipe.model import Recipe
-from bagassets.recipe.project import dagster_home
 from bagassets.splits import SplitShare, moves
-from bagassets.trace import span
 
 __all__ = ["build"]
 
@@ -57,22 +54,17 @@ def build(recipe_file: Path, options: BuildOptions, on_event: Listener) -> Build
             _refuse_empty(recipe, before.planned)
         report.removed = _register(instance, workspace, before.planned)
         if before.todo or (before.datasets and not before.dataset_is_current):
-            home = str(dagster_home(recipe_file.absolute(), recipe))
-
-            def client() -> Client:
-                with span("find or start the server"):
-                    return connect(server_spec(recipe.state, recipe_file.absolute()), home)
-
-            with Runs(client, home, options.jobs, on_event) as runs:
-                sizes = {key: before.planned.discovery.found[key].size for key in before.todo}
-                on_event(Event("planned", sizes=sizes))
-                # The longest first: begun last, it would keep one worker busy after all others are done.
-                runs.work({key: before.todo[key] for key in sorted(sizes, key=lambda key: -sizes[key])})
-                now = survey(instance, workspace)
-                _tell(report, now, runs)
-                if before.datasets and not now.dataset_is_current and not runs.interrupted:
-                    record_inputs(instance, recipe, now.planned.inputs)
-                    runs.work({"": before.datasets})
+            log = Places(recipe.state, "").job_log("code-server")
+            runs = Runs(instance, options.jobs, on_event, log)
+            sizes = {key: before.planned.discovery.found[key].size for key in before.todo}
+            on_event(Event("planned", sizes=sizes))
+            # The longest first: begun last, it would keep one worker busy after all others are done.
+            runs.work({key: before.todo[key] for key in sorted(sizes, key=lambda key: -sizes[key])})
+            now = survey(instance, workspace)
+            _tell(report, now, runs)
+            if before.datasets and not now.dataset_is_current and not runs.interrupted:
+                record_inputs(instance, recipe, now.planned.inputs)
+                runs.work({"": before.datasets})
             report.interrupted = runs.interrupted
             report.remarks += tuple(remarks(instance, {key: one.run_id for key, one in runs.ended.items()}))
             report.dataset, report.dataset_problem = _dataset_outcome(runs.ended.get(""))

@@ -4,18 +4,24 @@ import fcntl
 import hashlib
 import os
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from time import sleep
 
-__all__ = ["exclusive"]
+import dagster as dg
+from pydantic import PrivateAttr
+
+__all__ = ["RecordingLock", "exclusive"]
 
 _POLL_S = 0.2
+_HELD: set[Path] = set()  # by this process; `flock` would have it wait for itself
 
 
 @contextmanager
 def exclusive(folder: Path, key: str, *, keep_waiting: Callable[[int], bool]) -> Iterator[bool]:
     """Hold the lock `key` of `folder`; the system releases it if this process dies.
+
+    A process that holds it already goes on at once.
 
     Args:
         folder: where lock files are kept, on a local file system.
@@ -26,16 +32,23 @@ def exclusive(folder: Path, key: str, *, keep_waiting: Callable[[int], bool]) ->
     Yields:
         True if the lock is held, False if waiting was given up.
     """
+    file = folder.resolve() / f"{hashlib.sha256(key.encode()).hexdigest()[:32]}.lock"
+    if file in _HELD:
+        yield True
+        return
     folder.mkdir(parents=True, exist_ok=True)
-    name = hashlib.sha256(key.encode()).hexdigest()[:32]
-    descriptor = os.open(folder / f"{name}.lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+    descriptor = os.open(file, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+    asked, held = 0, False
     try:
-        asked = 0
         while not (held := _try_lock(descriptor)) and keep_waiting(asked):
             asked += 1
             sleep(_POLL_S)
+        if held:
+            _HELD.add(file)
         yield held
     finally:
+        if held:
+            _HELD.discard(file)
         os.close(descriptor)
 
 
@@ -45,3 +58,29 @@ def _try_lock(descriptor: int) -> bool:
     except BlockingIOError:
         return False
     return True
+
+
+class RecordingLock(dg.ConfigurableResource):  # type: ignore[type-arg]  # steps get it itself, not a value
+    """Keeps runs of one recording from recording or publishing side by side, whoever launched them.
+
+    A worker that was declared dead may still be at work when its successor begins, say.
+    """
+
+    folder: str
+    _held: ExitStack = PrivateAttr(default_factory=ExitStack)
+
+    def take(self, context: dg.AssetExecutionContext) -> None:
+        """Wait until no other run on this machine works on the recording, and hold it until this run ends."""
+
+        def keep_waiting(asked: int) -> bool:
+            if asked == 0:
+                context.log.info("Waiting for another run of %s to end.", context.partition_key)
+            return True  # an interrupt raises
+
+        self._held.enter_context(
+            exclusive(Path(self.folder), context.partition_key, keep_waiting=keep_waiting)
+        )
+
+    def teardown_after_execution(self, context: dg.InitResourceContext) -> None:  # noqa: ARG002  (Dagster's)
+        """Let the next run begin."""
+        self._held.close()

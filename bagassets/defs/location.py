@@ -8,12 +8,14 @@ import dagster as dg
 from bagassets.defs.assets import recording_assets
 from bagassets.defs.checks import dataset_checks, recording_checks
 from bagassets.defs.dataset import dataset_assets
+from bagassets.defs.exclusive import RecordingLock
 from bagassets.defs.map import map_asset
 from bagassets.defs.named_datasets import named_dataset_asset
 from bagassets.defs.sensor import recordings_sensor
 from bagassets.defs.vision import vision_dataset_asset
 from bagassets.defs.workspace import Workspace
 from bagassets.engine.dataset_build import dataset_code_versions
+from bagassets.forkserver.places import Places
 from bagassets.recipe import load_recipe
 
 __all__ = ["build_definitions"]
@@ -41,7 +43,10 @@ def build_definitions(recipe_file: Path) -> dg.Definitions:
         assets=[*recording_assets(recipe), *dataset_assets(recipe), *others],
         asset_checks=checks,
         sensors=[recordings_sensor()],
-        resources={"workspace": Workspace(recipe_file=str(recipe_file))},
+        resources={
+            "workspace": Workspace(recipe_file=str(recipe_file)),
+            "recording_lock": RecordingLock(folder=str(Places(recipe.state, "").folder / "locks")),
+        },
         # Workers fork from a server: a run is one process, whatever launched it.
         executor=dg.in_process_executor,
     )

@@ -21,10 +21,7 @@ from bagassets.defs.databases import database_in_words
 from bagassets.defs.exclusive import exclusive
 from bagassets.defs.leftovers import end_left_behind, report_ended
 from bagassets.defs.runs import (
-    CodeLocation,
-    RunOutcome,
     capture_interrupts,
-    create_run,
     dotenv_variables,
     execute_run,
     is_interrupted,
@@ -39,7 +36,7 @@ from bagassets.forkserver.worker import cancel_requested
 from bagassets.kernels.machine_code import compile_all
 from bagassets.trace import name_process, span
 
-__all__ = ["build", "end_worker", "execute", "preload", "recover", "report_lost"]
+__all__ = ["end_worker", "execute", "preload", "recover", "report_lost"]
 
 _PARTITION_TAG = "dagster/partition"
 _POLL_S = 0.5
@@ -118,30 +115,10 @@ def execute(args: dict[str, Any]) -> dict[str, Any]:
             found = instance.get_run_by_id(run_id)  # the web UI cancels a run that starts without a signal
             return found is not None and not found.is_finished
 
-        _take_turn(args["locks"], run.tags.get(_PARTITION_TAG), stack, is_wanted)
-        stack.enter_context(kept_open(instance, run_id))
-        return execute_run(instance, run_id, cancel_requested=cancel_requested).as_json()
-
-
-def build(args: dict[str, Any]) -> dict[str, Any]:
-    """Create the run `run_id` of `assets` for `partition_key` and execute it; return its outcome.
-
-    `tags` are put on it; `location` holds the fields of a `CodeLocation`; `locks` as in `execute`.
-    """
-    name_process(f"worker: {args['partition_key'] or ', '.join(args['assets'])}")
-    with capture_interrupts(), ExitStack() as stack, span("run", run_id=args["run_id"]):
-        instance = _open(args, stack)
-        run_id, partition_key = str(args["run_id"]), args["partition_key"]
-        if not _take_turn(args["locks"], partition_key, stack, lambda _asked: True):
-            return RunOutcome(run_id, dg.DagsterRunStatus.CANCELED.value).as_json()
-        create_run(
-            instance,
-            args["assets"],
-            partition_key=partition_key,
-            tags={**args["tags"], **RunWorker.here(run_id).tags()},
-            location=CodeLocation(**args["location"]),
-            run_id=run_id,
-        )
+        partition_key = run.tags.get(_PARTITION_TAG)
+        name_process(f"worker: {partition_key or _assets_of(run)}")
+        stack.enter_context(span("run", run_id=run_id))
+        _take_turn(args["locks"], partition_key, stack, is_wanted)
         stack.enter_context(kept_open(instance, run_id))
         return execute_run(instance, run_id, cancel_requested=cancel_requested).as_json()
 
@@ -210,6 +187,10 @@ def _apply_dotenv() -> None:
     recipe = os.environ.get("BAGASSETS_RECIPE")
     if recipe is not None:
         os.environ.update(dotenv_variables(Path(recipe).parent))
+
+
+def _assets_of(run: dg.DagsterRun) -> str:
+    return ", ".join(sorted(key.to_user_string() for key in run.asset_selection or ())) or run.job_name
 
 
 def _take_turn(

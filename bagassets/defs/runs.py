@@ -22,6 +22,7 @@ from dagster._core.events import DagsterEvent, DagsterEventType
 from dagster._core.execution import compute_logs
 from dagster._core.execution.plan.objects import ErrorSource
 from dagster._core.instance.ref import InstanceRef
+from dagster._core.launcher import WorkerStatus
 from dagster._core.origin import DEFAULT_DAGSTER_ENTRY_POINT, JobPythonOrigin, RepositoryPythonOrigin
 from dagster._core.remote_origin import ManagedGrpcPythonEnvCodeLocationOrigin, RemoteRepositoryOrigin
 from dagster._core.secrets.env_file import get_env_var_dict
@@ -43,6 +44,8 @@ __all__ = [
     "create_run",
     "dotenv_variables",
     "execute_run",
+    "fail_if_lost",
+    "failure_of",
     "is_interrupted",
     "open_instance",
     "pack_instance",
@@ -51,6 +54,8 @@ __all__ = [
 
 _TAIL = "tail_to_stream"  # what `compute_logs` starts the processes with
 _WRAPPERS = ("Dagster", "RetryRequested")
+_ENDS = {DagsterEventType.PIPELINE_FAILURE, DagsterEventType.PIPELINE_CANCELED}
+_FAILED_FROM_OUTSIDE = "This run has been marked as failed from outside the execution context."
 _INTERRUPTS = {DagsterExecutionInterruptedError.__name__, KeyboardInterrupt.__name__}
 
 
@@ -139,6 +144,37 @@ def open_instance(place: str) -> dg.DagsterInstance:
         return dg.DagsterInstance.from_ref(deserialize_value(place, InstanceRef))
     with ready_to_open(Path(place)):
         return dg.DagsterInstance.from_config(place)
+
+
+def failure_of(instance: dg.DagsterInstance, run: dg.DagsterRun) -> str | None:
+    """Return why a run that ended did not end well: what its first failed step raised, or who ended it."""
+    for entry in instance.all_logs(run.run_id, of_type=DagsterEventType.STEP_FAILURE):
+        event = entry.get_dagster_event()
+        data = event.step_failure_data
+        if data.error_source != ErrorSource.INTERRUPT:
+            return _step_error(event.step_key or "", data.error).message
+    message = None
+    for entry in instance.all_logs(run.run_id, of_type=_ENDS):
+        message = entry.get_dagster_event().message
+    if message in {None, "", _FAILED_FROM_OUTSIDE}:  # whoever did so told in an engine event
+        for entry in instance.all_logs(run.run_id, of_type=DagsterEventType.ENGINE_EVENT):
+            message = entry.get_dagster_event().message or message
+    return message
+
+
+def fail_if_lost(instance: dg.DagsterInstance, run: dg.DagsterRun) -> None:
+    """Fail a run in work whose launcher says that nobody works on it any more.
+
+    The daemon does so too (`run_monitoring`), but a build needs none.
+    """
+    launcher = instance.run_launcher
+    if run.status != dg.DagsterRunStatus.STARTED or not launcher.supports_check_run_worker_health:
+        return
+    health = launcher.check_run_worker_health(run)
+    if health.status in {WorkerStatus.FAILED, WorkerStatus.NOT_FOUND}:
+        found = instance.get_run_by_id(run.run_id)
+        if found is not None and not found.is_finished:
+            instance.report_run_failed(found, health.msg or "The worker of the run is gone.")
 
 
 def dotenv_variables(folder: Path) -> dict[str, str]:

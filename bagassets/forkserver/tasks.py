@@ -5,15 +5,12 @@ A run's id is its job's label, so the worker's output is in `Places.job_log(run_
 """
 
 import hashlib
-from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
-from uuid import uuid4
 
 from bagassets.forkserver.client import Client
 from bagassets.forkserver.spec import IDLE_TIMEOUT_S, ServerSpec
 
-__all__ = ["DEFINITIONS", "END_WORKER", "connect", "server_spec", "submit_build", "submit_run"]
+__all__ = ["DEFINITIONS", "END_WORKER", "connect", "server_spec", "submit_run"]
 
 DEFINITIONS = "bagassets.definitions"
 _WORKER = "bagassets.defs.run_worker"
@@ -58,44 +55,17 @@ def connect(spec: ServerSpec, instance: str, *, timeout_s: float = 60.0) -> Clie
     return client
 
 
-def submit_build(
-    client: Client,
-    instance: str,
-    assets: Iterable[str],
-    *,
-    partition_key: str | None = None,
-    tags: Mapping[str, str] | None = None,
-    location: Mapping[str, str] | None = None,
-) -> tuple[str, str]:
-    """Have a run of `assets` created and executed at once; return the job and the run's id.
+def submit_run(client: Client, instance: str, run_id: str, *, detached: bool = False) -> str:
+    """Have a run executed that exists; return the job.
 
-    The job's result is `{"run_id", "status", "failures": [{"step", "error", "message"}]}`. The run does
-    not exist before the worker created it, nor if it could not (no such asset or partition).
+    The job's result is `{"run_id", "status", "failures": [{"step", "error", "message"}]}`.
 
     Args:
         client: a server's.
-        instance: where runs are kept.
-        assets: asset keys.
-        partition_key: partition of those assets that have partitions.
-        tags: tags of the run.
-        location: `module`, `attribute`, `name` and `working_directory` of the code location, if not ours.
+        instance: where the run is on record.
+        run_id: the run.
+        detached: it goes on when this client is gone.
     """
-    run_id = str(uuid4())
-    args: dict[str, Any] = {
-        "instance": instance,
-        "run_id": run_id,
-        "assets": list(assets),
-        "partition_key": partition_key,
-        "tags": dict(tags or {}),
-        "location": dict(location or {}),
-        "locks": _locks(client),
-    }
-    job = client.submit(f"{_WORKER}:build", args, label=run_id, on_lost=f"{_WORKER}:report_lost")
-    return job, run_id
-
-
-def submit_run(client: Client, instance: str, run_id: str, *, detached: bool = False) -> str:
-    """Have a run executed that exists; return the job, whose result is that of `submit_build`."""
     args = {"instance": instance, "run_id": run_id, "locks": _locks(client)}
     return client.submit(
         f"{_WORKER}:execute", args, label=run_id, on_lost=f"{_WORKER}:report_lost", detached=detached

@@ -1,0 +1,136 @@
+"""A code server for launchers that ask where the code is: Dagster's own one asks, most others do not.
+
+The web server and the daemon have code servers of their own; a build has none, and starts one only
+when its launcher first asks. It runs in a session of its own, so that neither Ctrl-C nor the end of the build
+reaches it: it ends by itself once nobody sends it a heartbeat and the runs that it executes are done.
+"""
+
+import shutil
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable
+from contextlib import ExitStack, suppress
+from pathlib import Path
+from typing import Any, Self, cast
+
+import dagster as dg
+from dagster._core.errors import DagsterUserCodeUnreachableError
+from dagster._core.workspace.context import BaseWorkspaceRequestContext, WorkspaceProcessContext
+from dagster._core.workspace.load_target import GrpcServerTarget
+from dagster._grpc.client import DagsterGrpcClient
+
+from bagassets.defs.runs import CodeLocation, pack_instance
+from bagassets.errors import BagAssetsError
+
+__all__ = ["LaunchWorkspace"]
+
+_START_S = 120.0
+_POLL_S = 0.05
+_HEARTBEAT_S = 5.0
+_SURVIVES_S = 30  # without a heartbeat
+_STOP_S = 10.0
+_LOG_LINES = 15
+
+
+class LaunchWorkspace:
+    """The workspace that a run launcher is handed; what it leads to is only started when it is asked for.
+
+    Args:
+        instance: whose runs are launched.
+        location: where their code is.
+        log: file that takes what the code server writes.
+    """
+
+    def __init__(self, instance: dg.DagsterInstance, location: CodeLocation, log: Path) -> None:
+        self._instance = instance
+        self._location = location
+        self._log = log
+        self._mutex = threading.Lock()
+        self._stack = ExitStack()
+        self._context: BaseWorkspaceRequestContext | None = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stack.close()
+
+    def for_launcher(self) -> BaseWorkspaceRequestContext:
+        """Return what `DagsterInstance.launch_run` takes; it starts the code server when first used."""
+        return cast("BaseWorkspaceRequestContext", _Deferred(self._started))
+
+    def _started(self) -> BaseWorkspaceRequestContext:
+        with self._mutex:
+            if self._context is None:
+                self._context = self._start()
+            return self._context
+
+    def _start(self) -> BaseWorkspaceRequestContext:
+        folder = Path(tempfile.mkdtemp(prefix="bagassets-"))  # short: a socket's path may have 100 bytes
+        self._stack.callback(shutil.rmtree, folder, ignore_errors=True)
+        socket = str(folder / "code.sock")
+        module, name = self._location.module, self._location.name or self._location.module
+        command = [
+            *(sys.executable, "-m", "dagster", "api", "grpc", "--socket", socket, "--log-level", "warning"),
+            *("--heartbeat", "--heartbeat-timeout", str(_SURVIVES_S), "--location-name", name),
+            *("--instance-ref", pack_instance(self._instance)),
+            *("-m", module, "-a", self._location.attribute),
+            *("-d", self._location.working_directory or str(Path.cwd())),
+        ]
+        self._log.parent.mkdir(parents=True, exist_ok=True)
+        with self._log.open("wb") as log:
+            process = subprocess.Popen(  # noqa: S603  (this interpreter, Dagster)
+                command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True
+            )
+        self._stack.callback(_end, process)
+        client = DagsterGrpcClient(socket=socket)
+        self._wait_for(client, process)
+        ended = threading.Event()
+        self._stack.callback(ended.set)
+        threading.Thread(target=_send_heartbeats, args=(client, ended), daemon=True).start()
+        target = GrpcServerTarget(host="localhost", port=None, socket=socket, location_name=name)
+        return self._stack.enter_context(
+            WorkspaceProcessContext(self._instance, target)
+        ).create_request_context()
+
+    def _wait_for(self, client: DagsterGrpcClient, process: "subprocess.Popen[bytes]") -> None:
+        deadline = time.monotonic() + _START_S
+        while True:
+            with suppress(DagsterUserCodeUnreachableError):
+                client.ping("")
+                return
+            if process.poll() is not None or time.monotonic() > deadline:
+                lines = self._log.read_text("utf-8", "replace").splitlines()[-_LOG_LINES:]
+                tail = "".join(f"\n  {line}" for line in lines) or " it is empty"
+                raise BagAssetsError(
+                    f"the code server that this run launcher needs did not start; the end of {self._log}:{tail}"
+                )
+            time.sleep(_POLL_S)
+
+
+class _Deferred:
+    """Stands for an object that is made when one of its attributes is first asked for."""
+
+    def __init__(self, make: Callable[[], object]) -> None:
+        self._make = make
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._make(), name)
+
+
+def _send_heartbeats(client: DagsterGrpcClient, ended: threading.Event) -> None:
+    while not ended.wait(_HEARTBEAT_S):
+        with suppress(DagsterUserCodeUnreachableError):
+            client.heartbeat("")
+
+
+def _end(process: "subprocess.Popen[bytes]") -> None:
+    process.terminate()
+    try:
+        process.wait(_STOP_S)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()

@@ -1,0 +1,181 @@
+"""Runs handed to the run launcher of the instance, a limited number at a time, and followed to their ends.
+
+Which launcher that is, `dagster.yaml` says; where a run is executed is its business alone. What becomes of
+a run is read in Dagster's own records, so it makes no difference who executes it.
+"""
+
+import time
+from collections.abc import Callable, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import dagster as dg
+
+from bagassets.defs.code_server import LaunchWorkspace
+from bagassets.defs.runs import CodeLocation, create_run, fail_if_lost, failure_of
+from bagassets.engine.build_report import Event
+from bagassets.errors import BagAssetsError
+from bagassets.trace import span
+
+__all__ = ["Ended", "Listener", "Runs"]
+
+_CANCEL_GRACE_S = 35.0  # our own launcher kills after 30 s, and the command waits for 40 s
+_HEALTH_S = 5.0
+# A look at the records costs 1 to 2 ms. The end of a run is noticed late by one or two percent of its time.
+_QUICKEST_S, _SLOWEST_S = 0.02, 0.5
+_OF_ITS_TIME = 0.02
+
+Listener = Callable[[Event], None]
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How one run ended: its id, why it failed (None if it did not), whether it was stopped."""
+
+    run_id: str
+    problem: str | None
+    stopped: bool
+    seconds: float
+
+
+@dataclass
+class _Active:
+    """A run that has not ended."""
+
+    key: str
+    launch: "Future[Any]"
+    since: float
+    looked_after: float
+
+
+@dataclass
+class Runs:
+    """Runs on the launcher of an instance, at most `jobs` at the same time.
+
+    Attributes:
+        instance: where runs are recorded; its launcher says where they are executed.
+        jobs: how many at the same time.
+        on_event: called when a run begins and ends.
+        log: file that takes what a code server writes, if the launcher needs one.
+        location: whose assets are run.
+        ended: partition key -> how its run ended; the key of unpartitioned assets is empty.
+        interrupted: somebody pressed Ctrl-C.
+    """
+
+    instance: dg.DagsterInstance
+    jobs: int
+    on_event: Listener
+    log: Path
+    location: CodeLocation = field(default_factory=CodeLocation)
+    ended: dict[str, Ended] = field(default_factory=dict)
+    interrupted: bool = False
+    _active: dict[str, _Active] = field(default_factory=dict)
+
+    def work(self, todo: Mapping[str, tuple[str, ...]]) -> None:
+        """Run the assets of each recording; the key of unpartitioned assets is empty.
+
+        On an interrupt the runs are cancelled and their end is awaited; a second one does not wait.
+        """
+        waiting = list(todo.items())[::-1]
+        # Some launchers take most of a second for each run.
+        with (
+            LaunchWorkspace(self.instance, self.location, self.log) as workspace,
+            ThreadPoolExecutor(self.jobs) as pool,
+        ):
+            try:
+                while waiting or self._active:
+                    while waiting and len(self._active) < self.jobs:
+                        self._start(*waiting.pop(), workspace, pool)
+                    self._look()
+            except KeyboardInterrupt:
+                self.interrupted = True
+                for active in self._active.values():
+                    active.launch.cancel()
+                self._stop()
+                for key, _ in waiting:
+                    self.ended.setdefault(key, Ended("", None, stopped=True, seconds=0.0))
+
+    def _start(
+        self, key: str, assets: tuple[str, ...], workspace: LaunchWorkspace, pool: ThreadPoolExecutor
+    ) -> None:
+        began = time.monotonic()
+        try:
+            with span("create run", bag=key):
+                run_id = create_run(self.instance, assets, partition_key=key or None, location=self.location)
+        except BagAssetsError as err:  # a recording that was removed meanwhile
+            self._conclude(key, Ended("", str(err), stopped=False, seconds=0.0))
+            return
+        launch = pool.submit(self.instance.launch_run, run_id, workspace.for_launcher())
+        self._active[run_id] = _Active(key, launch, began, began)
+        self.on_event(Event("started", key))
+
+    def _look(self) -> None:
+        """Wait a little, and conclude the runs that have ended."""
+        if not self._active:
+            return
+        now = time.monotonic()
+        youngest = min(now - active.since for active in self._active.values())
+        time.sleep(min(_SLOWEST_S, max(_QUICKEST_S, _OF_ITS_TIME * youngest)))
+        records = {
+            run.run_id: run for run in self.instance.get_runs(dg.RunsFilter(run_ids=list(self._active)))
+        }
+        for run_id, active in list(self._active.items()):
+            if not active.launch.done():
+                continue
+            run = records.get(run_id)
+            if run is None:
+                self._drop(run_id, "its run was deleted before it ended")
+            elif run.is_finished:
+                self._drop(run_id, self._problem(run, active))
+            elif time.monotonic() - active.looked_after > _HEALTH_S:
+                active.looked_after = time.monotonic()
+                fail_if_lost(self.instance, run)
+
+    def _problem(self, run: dg.DagsterRun, active: _Active) -> str | None:
+        """Return why a run failed, or None if it succeeded."""
+        if run.is_success:
+            return None
+        refused = None if active.launch.cancelled() else active.launch.exception()
+        if refused is not None:
+            return f"its run could not be launched: {refused}"
+        return failure_of(self.instance, run) or f"run {run.run_id} ended {run.status.value}"
+
+    def _drop(self, run_id: str, problem: str | None) -> None:
+        active = self._active.pop(run_id)
+        stopped = problem is not None and self.interrupted
+        self._conclude(active.key, Ended(run_id, problem, stopped, time.monotonic() - active.since))
+
+    def _conclude(self, key: str, ended: Ended) -> None:
+        self.ended[key] = ended
+        if ended.stopped:
+            self.on_event(Event("stopped", key))
+        elif ended.problem is not None:
+            self.on_event(Event("failed", key, ended.problem))
+        else:
+            self.on_event(Event("done", key))
+
+    def _stop(self) -> None:
+        """Cancel what was begun, and wait for it to end."""
+        asked: set[str] = set()
+        deadline = time.monotonic() + _CANCEL_GRACE_S
+        while self._active and time.monotonic() < deadline:
+            for run_id, active in list(self._active.items()):
+                if run_id in asked or not active.launch.done():
+                    continue
+                asked.add(run_id)
+                if active.launch.cancelled():  # it was waiting for its turn to be launched
+                    run = self.instance.get_run_by_id(run_id)
+                    if run is not None:
+                        self.instance.report_run_canceled(
+                            run, "The build was interrupted before it was launched."
+                        )
+                    continue
+                # Whatever a launcher has against it, the others are still to be cancelled.
+                with suppress(Exception):
+                    self.instance.run_launcher.terminate(run_id)
+            self._look()
+        for run_id in list(self._active):
+            self._drop(run_id, f"run {run_id} did not stop within {_CANCEL_GRACE_S:.0f} s")
