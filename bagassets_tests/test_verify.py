@@ -1,16 +1,20 @@
 """`bagassets verify`: damage of any kind is found, named and healed; actions give the same bytes again."""
 
 import json
+import os
 import random
 import shutil
 
 import pytest
 from click.testing import CliRunner
 
+from bagassets.bags.discover import find_one
+from bagassets.bags.open import open_recording
 from bagassets.cli.main import root
 from bagassets.cli.rebuild_process import other_environment
 from bagassets.engine.dataset_integrity import check_datasets
 from bagassets.engine.rebuild import known_actions, rebuild
+from bagassets.forkserver.client import Client
 from bagassets.nuscenes.check import check_dataset
 from bagassets.recipe import load_recipe
 from bagassets.steps import calibration
@@ -19,6 +23,8 @@ from bagassets.steps.vision_dataset import VisionPart, assemble_vision
 from bagassets.store.action import Step
 from bagassets.store.integrity import artifact_damage, check_store
 from bagassets.store.store import Store
+from bagassets_tests.services import make_project as make_command_project
+from bagassets_tests.small_drive import write_drive
 from bagassets_tests.test_dataset import content
 from bagassets_tests.test_end_to_end import build_all, make_project
 
@@ -336,3 +342,127 @@ class TestRebuild:
         result = CliRunner().invoke(root, command)
         assert "run `bagassets build` first" in str(result.exception)
         assert not recipe.store_path.exists()
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("recordings")
+    write_drive(folder / "bags" / "a.bag", "ros1", duration_s=2.0)
+    write_drive(folder / "bags" / "b.mcap", "mcap", duration_s=2.0)
+    write_drive(folder / "bags" / "c", "ros2", duration_s=2.0)
+    project = make_command_project(folder, settle_s=0)
+    recipe = project / "recipe.yaml"
+    assert CliRunner().invoke(root, ["build", "--recipe", str(recipe)]).exit_code == 0
+    yield recipe
+    for client in Client.all_of(project / ".bagassets"):
+        client.shutdown(grace_s=0.0)
+
+
+@pytest.fixture
+def kept(recorded):
+    """The recipe; recordings are put back as they were, times included."""
+    bags = recorded.parent.parent / "bags"
+    files = [path for path in bags.rglob("*") if path.is_file()]
+    before = {path: (path.read_bytes(), path.stat().st_mtime_ns) for path in files}
+    yield recorded
+    for path, (data, mtime_ns) in before.items():
+        write_over(path, data, mtime_ns)
+
+
+class TestRecordings:
+    """`verify --recordings`: bytes that changed under a digest on record."""
+
+    def test_sound_recordings_are_told_as_sound(self, kept):
+        done = CliRunner().invoke(
+            root, ["verify", "--recordings", "--recipe", str(kept)], standalone_mode=False
+        )
+        assert (done.return_value, done.stdout) == (0, "")
+        assert "3 recordings, " in done.stderr
+        assert "none changed" in done.stderr
+
+    @pytest.mark.parametrize("touched", [False, True])
+    @pytest.mark.parametrize(
+        ("name", "topic"),
+        [
+            ("a.bag", "/cam/image_raw"),
+            ("a.bag", "/odom"),
+            ("c/c.db3", "/points"),
+            ("c/c.db3", "/cam/camera_info"),
+        ],
+    )
+    def test_a_flipped_byte_is_named_with_file_and_topic(self, kept, name, topic, touched):
+        bags = kept.parent.parent / "bags"
+        path = bags / name
+        damaged, mtime_ns = flipped(path, bags / name.partition("/")[0], topic), path.stat().st_mtime_ns
+        write_over(path, damaged, mtime_ns + (5_000_000_000 if touched else 0))
+        done = CliRunner().invoke(
+            root, ["verify", "--recordings", "--json", "--recipe", str(kept)], standalone_mode=False
+        )
+        assert done.return_value == 3
+        wrong = [
+            entry for entry in json.loads(done.stdout)["recordings"] if entry["files"] or entry["problem"]
+        ]
+        assert [[file["path"] for file in entry["files"]] for entry in wrong] == [[str(path)]]
+        assert wrong[0]["files"][0]["touched"] == touched
+        assert [entry["topic"] for entry in wrong[0]["topics"]] == [topic]
+        assert wrong[0]["problem"] is None
+        told = CliRunner().invoke(
+            root, ["verify", "--recordings", "--recipe", str(kept)], standalone_mode=False
+        )
+        assert f"changed  {path}: the digest on record is " in told.stdout
+        assert f"topic {topic}: some of its " in told.stdout
+        # Nothing was accepted by looking.
+        again = CliRunner().invoke(
+            root, ["verify", "--recordings", "--recipe", str(kept)], standalone_mode=False
+        )
+        assert again.stdout == told.stdout
+
+    def test_damage_that_a_checksum_finds_is_named_by_file(self, kept):
+        path = kept.parent.parent / "bags" / "b.mcap"
+        data = bytearray(path.read_bytes())
+        data[len(data) // 3] ^= 0x40
+        write_over(path, data, path.stat().st_mtime_ns)
+        done = CliRunner().invoke(
+            root, ["verify", "--recordings", "--recipe", str(kept)], standalone_mode=False
+        )
+        assert done.return_value == 3
+        assert f"changed  {path}" in done.stdout
+        assert f"its topics cannot be compared: {path}: it cannot be read" in done.stdout
+
+    def test_what_is_no_message_changes_no_topic(self, kept):
+        path = kept.parent.parent / "bags" / "c" / "metadata.yaml"
+        write_over(path, path.read_bytes().replace(b"rosbags", b"rosbagx"), path.stat().st_mtime_ns)
+        done = CliRunner().invoke(
+            root, ["verify", "--recordings", "--recipe", str(kept)], standalone_mode=False
+        )
+        assert done.return_value == 3, done.stdout
+        assert f"changed  {path}" in done.stdout
+        assert "no topic: an index, a header" in done.stdout
+
+    def test_a_recording_without_record_is_told_and_no_fault(self, kept):
+        path = kept.parent.parent / "bags" / "new.bag"
+        write_drive(path, "ros1", duration_s=1.0)
+        done = CliRunner().invoke(
+            root, ["verify", "--recordings", "--recipe", str(kept)], standalone_mode=False
+        )
+        path.unlink()
+        assert done.return_value == 0
+        assert f"unknown  {path}: it has no digest on record" in done.stdout
+
+
+def write_over(path, data, mtime_ns):
+    """Change bytes in place, and put the time back, as a failing disk does."""
+    with path.open("r+b") as file:
+        file.write(data)
+        file.truncate()
+    os.utime(path, ns=(mtime_ns, mtime_ns))
+
+
+def flipped(path, recording, topic):
+    """Return the bytes of a file with one in the middle of the payload of a message of a topic changed."""
+    with open_recording(find_one(recording)) as opened:
+        payloads = [bytes(message.data) for message in opened.messages([topic])]
+    data = bytearray(path.read_bytes())
+    at = next(found for payload in payloads if (found := data.find(payload)) >= 0) + len(payloads[0]) // 2
+    data[at] ^= 0x01
+    return bytes(data)

@@ -1,4 +1,4 @@
-"""`bagassets verify`: is the store as it was written, and do actions give the same bytes again?"""
+"""`bagassets verify`: are store and recordings as they were, and do actions give the same bytes again?"""
 
 import json
 import random
@@ -29,6 +29,7 @@ _MOST_SHOWN = 20
 Examples:
   bagassets verify
   bagassets verify --report-only --json
+  bagassets verify --recordings
   bagassets verify --rebuild 20
 
 \b
@@ -44,6 +45,13 @@ Exit status:
     help="Leave what is damaged where it is; the next build will not notice it.",
 )
 @click.option(
+    "--recordings",
+    "of_recordings",
+    is_flag=True,
+    help="Instead of reading the store, hash every recording and name files whose content is not that of their digest "
+    "on record, with the topics that changed. Nothing is written.",
+)
+@click.option(
     "--rebuild",
     "number",
     type=click.IntRange(min=1),
@@ -53,8 +61,15 @@ Exit status:
 )
 @click.option("--seed", type=int, help="Choose the same actions as another --rebuild did.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON document.")
-def verify(recipe: Path, report_only: bool, number: int | None, seed: int | None, as_json: bool) -> int:
-    """Check that the store is intact, and that actions repeat.
+def verify(
+    recipe: Path,
+    report_only: bool,
+    of_recordings: bool,
+    number: int | None,
+    seed: int | None,
+    as_json: bool,
+) -> int:
+    """Check that store and recordings are intact, and that actions repeat.
 
     Reads every file of the store and of the datasets. Artifacts with missing or changed files are
     taken out of the store, and such files out of datasets: the next build makes them again.
@@ -65,6 +80,8 @@ def verify(recipe: Path, report_only: bool, number: int | None, seed: int | None
     recipe = recipe.absolute()
     loaded = load_recipe(recipe)
     store = Store(loaded.store_path)
+    if of_recordings:
+        return _check_recordings(loaded, store, as_json=as_json)
     if number is not None:
         return _rebuild(recipe, loaded, store, number, seed, as_json=as_json)
     return _check(loaded, store, report_only=report_only, as_json=as_json)
@@ -119,6 +136,45 @@ def _check(recipe: "Recipe", store: "Store", *, report_only: bool, as_json: bool
     )
     echo(f"Damage: {len(damages)} in the store, {len(spoiled)} in datasets. {done}", err=True)
     return EXIT_FOUND
+
+
+def _check_recordings(recipe: "Recipe", store: "Store", *, as_json: bool) -> int:
+    from bagassets.engine.recordings_check import check_recordings  # noqa: PLC0415
+
+    checked = []
+    for recording in check_recordings(recipe, store):
+        checked.append(recording)
+        if as_json:
+            continue
+        for file in recording.files:
+            echo(f"changed  {file}")
+        for topic in recording.topics:
+            echo(f"           {topic}")
+        if recording.files and not recording.topics and recording.problem is None:
+            echo("           no topic: an index, a header or the name of a tool is another")
+        if recording.problem is not None:
+            echo_lines(f"{'           ' if recording.files else 'unread   '}{recording.problem}")
+        for path in recording.unrecorded:
+            echo(
+                f"unknown  {path}: it has no digest on record; `bagassets build` or `bagassets digest` makes one"
+            )
+        sys.stdout.flush()
+    wrong = sum(not recording.is_sound for recording in checked)
+    if as_json:
+        echo_lines(json.dumps({"recordings": [recording.as_json() for recording in checked]}, indent=1))
+        return EXIT_FOUND if wrong else 0
+    size = sum(recording.size for recording in checked)
+    plural = "" if len(checked) == 1 else "s"
+    advice = (
+        " Put them back from their source; what was changed on purpose is accepted with `bagassets digest --rehash`."
+        if wrong
+        else ""
+    )
+    echo(
+        f"{len(checked)} recording{plural}, {size / 1e6:.1f} MB hashed: {wrong or 'none'} changed.{advice}",
+        err=True,
+    )
+    return EXIT_FOUND if wrong else 0
 
 
 def _damages(store: "Store") -> list["Damage"]:
