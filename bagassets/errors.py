@@ -21,6 +21,7 @@ __all__ = [
     "PoseError",
     "RecipeError",
     "RecordingError",
+    "SizeLimitError",
     "StoreError",
     "TopicError",
     "UnexpectedError",
@@ -67,6 +68,10 @@ class TopicError(RecordingError, KeyError):
     """A topic was asked for that the recording, or the declared part of it, does not have."""
 
     __str__ = BagAssetsError.__str__  # KeyError would show the sentence in quotes
+
+
+class SizeLimitError(RecordingError):
+    """A recording asks for more memory than the recipe's `limits` allow."""
 
 
 class ChangedWhileReadError(RecordingError):

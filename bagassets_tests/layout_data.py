@@ -68,10 +68,10 @@ def write_bare(path, messages):
     return path
 
 
-def inventory_of(path, folder, message_definitions=()):
+def inventory_of(path, folder, message_definitions=(), limits=None):
     """Return the typed inventory of a recording, and its pack."""
     out = ArtifactWriter(folder)
-    with open_recording(path, message_definitions) as recording:
+    with open_recording(path, message_definitions, limits) as recording:
         summary = make_inventory(recording, out, size=1)
     artifact = Artifact(out.finish(summary), folder)
     value = artifact.read_json("inventory.json")

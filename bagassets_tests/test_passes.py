@@ -5,14 +5,13 @@ import sys
 from collections import Counter
 from pathlib import Path
 
-import mcap.stream_reader
 import numpy as np
 import pytest
 from rosbags.rosbag1 import Writer
-from rosbags.rosbag1 import reader as rosbag1_reader
 from rosbags.typesys import Stores, get_typestore
 from sample_drives import build_recordings
 
+from bagassets.bags import unpack
 from bagassets.bags.open import open_recording
 from bagassets.recipe import load_recipe
 from bagassets.sample.drive import write_drive
@@ -21,15 +20,15 @@ from bagassets.sample.recipe import sample_recipe
 ROOT = Path(__file__).parents[1]
 
 
-def counted(monkeypatch, module, name):
-    """Count what a decompressing function is given."""
-    real, given = getattr(module, name), Counter()
+def counted(monkeypatch, compression):
+    """Count what is unpacked."""
+    real, given = unpack._UNPACKERS[compression], Counter()
 
-    def decompress(data, *rest):
+    def unpacker(data, most_bytes):
         given[bytes(data)] += 1
-        return real(data, *rest)
+        return real(data, most_bytes)
 
-    monkeypatch.setattr(module, name, decompress)
+    monkeypatch.setitem(unpack._UNPACKERS, compression, unpacker)
     return given
 
 
@@ -37,13 +36,7 @@ def counted(monkeypatch, module, name):
 def test_chunks_of_a_ros1_bag_are_decompressed_at_most_twice(tmp_path, monkeypatch, compression):
     write_drive(tmp_path / "recordings" / "drive.bag", "ros1", duration_s=1.2, compression=compression)
     (tmp_path / "recipe.yaml").write_text(sample_recipe())
-    real, given = rosbag1_reader.decompressors[compression], Counter()
-
-    def decompress(data):
-        given[data] += 1
-        return real(data)
-
-    monkeypatch.setitem(rosbag1_reader.decompressors, compression, decompress)
+    given = counted(monkeypatch, compression)
     build_recordings(load_recipe(tmp_path / "recipe.yaml"))
     assert len(given) > 2
     assert set(given.values()) == {2}
@@ -52,7 +45,7 @@ def test_chunks_of_a_ros1_bag_are_decompressed_at_most_twice(tmp_path, monkeypat
 def test_chunks_of_an_mcap_are_decompressed_at_most_twice(tmp_path, monkeypatch):
     write_drive(tmp_path / "recordings" / "drive.mcap", "mcap", duration_s=1.2, compression="zstd")
     (tmp_path / "recipe.yaml").write_text(sample_recipe())
-    given = counted(monkeypatch, mcap.stream_reader.zstandard, "decompress")
+    given = counted(monkeypatch, "zstd")
     build_recordings(load_recipe(tmp_path / "recipe.yaml"))
     assert len(given) > 2
     assert max(given.values()) <= 2
@@ -72,13 +65,7 @@ def test_chunks_whose_times_overlap_are_decompressed_once_a_pass(tmp_path, monke
         for stamp_ns in times.tolist():
             message = make(layout, dice.integers(0, 256, 1000, dtype=np.uint8))
             writer.write(connection, stamp_ns, store.serialize_ros1(message, connection.msgtype))
-    real, given = rosbag1_reader.decompressors["lz4"], Counter()
-
-    def decompress(data):
-        given[data] += 1
-        return real(data)
-
-    monkeypatch.setitem(rosbag1_reader.decompressors, "lz4", decompress)
+    given = counted(monkeypatch, "lz4")
     with open_recording(path) as recording:
         stamps = [message.log_time_ns for message in recording.messages(["/late"])]
     assert stamps == sorted(times.tolist())

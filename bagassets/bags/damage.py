@@ -1,17 +1,40 @@
 """How users are told that a recording is damaged."""
 
+import re
+import sqlite3
 from pathlib import Path
 
 from bagassets.errors import RecordingError
 
-__all__ = ["advice_for", "damaged"]
+__all__ = ["DamageError", "advice_for", "damaged", "refuse_pointer"]
 
 _ADVICE = {
-    ".bag": "expected a finished ROS 1 bag; try `rosbag reindex`, or delete the file",
-    ".mcap": "expected a finished MCAP; try `mcap recover`, or delete the file",
-    ".db3": "expected a ROS 2 SQLite bag; try `sqlite3 FILE .recover`, or delete the file",
-    "": "expected a ROS 2 bag folder with metadata.yaml; try `ros2 bag reindex`, or delete it",
+    ".bag": "expected a finished ROS 1 bag; try `rosbag reindex` on a copy, or copy it again from where it was recorded",
+    ".mcap": "expected a finished MCAP; try `mcap recover`, or copy it again from where it was recorded",
+    ".db3": "expected a ROS 2 SQLite bag; try `sqlite3 FILE .recover`, or copy it again from where it was recorded",
+    "": "expected a ROS 2 bag folder with metadata.yaml; try `ros2 bag reindex`, or copy it again from where it was "
+    "recorded",
 }
+_POINTER = b"version https://git-lfs.github.com/spec/"
+
+# What libraries say of damaged files, and how it is put to users.
+_REASONS = (
+    (r"not indexed", "it has no index, as if the recorder had been stopped before it was done"),
+    (r"index looks damaged", "its index is damaged"),
+    (r"seems to be empty", "the file is empty"),
+    (r"magic|not a valid MCAP", "it does not begin and end as such a file does"),
+    (r"not a database|file is encrypted", "it is no SQLite database"),
+    (r"malformed|no such (table|column)|missing tables", "its database is damaged"),
+    (r"[Vv]ersion '?([\w.]+)'? is not supported", r"its format version \1 is not supported"),
+    (r"encryption '?(\w+)'? is not supported", r"it is encrypted ('\1')"),
+    (r"[Cc]ompression '?(\w*)'? is not supported", r"its compression '\1' is not supported"),
+    (r"unexpected|[Ee]nd ?[Oo]f ?[Ff]ile|[Tt]runcated|Got only|cut off|incomplete", "it ends too early, or is damaged"),
+)  # fmt: skip
+_CONTRADICTS = "its bytes contradict each other"
+
+
+class DamageError(Exception):
+    """What a reader of ours found wrong with a recording; its text is a clause for users."""
 
 
 def advice_for(path: Path) -> str:
@@ -20,11 +43,38 @@ def advice_for(path: Path) -> str:
 
 
 def damaged(path: Path, err: BaseException) -> RecordingError:
-    """Return the error for whatever a library raised when it read a recording.
+    """Return the error for whatever was raised when a recording was read.
 
-    On damaged bytes these libraries raise anything: errors of their own, of databases and
-    decompressors, bare assertions, lookups that fail.
+    On damaged bytes libraries raise anything: errors of their own, of databases and decompressors, bare
+    assertions, lookups that fail. Their texts are for programmers; the error they come from is kept as the
+    cause.
     """
-    text = str(err).strip()
-    reason = text.splitlines()[0] if text else type(err).__name__
-    return RecordingError(f"{path}: it cannot be read ({reason}); {advice_for(path)}.")
+    return RecordingError(f"{path}: it cannot be read ({_reason(err)}); {advice_for(path)}.")
+
+
+def _reason(err: BaseException) -> str:
+    if isinstance(err, DamageError):
+        return str(err)
+    if isinstance(err, OSError) and err.strerror:
+        return err.strerror
+    if isinstance(err, MemoryError):
+        return "it asks for more memory than there is"
+    text = f"{type(err).__name__}: {err}"
+    for pattern, reason in _REASONS:
+        found = re.search(pattern, text)
+        if found is not None:
+            return found.expand(reason)
+    return "its database is damaged" if isinstance(err, sqlite3.Error) else _CONTRADICTS
+
+
+def refuse_pointer(path: Path) -> None:
+    """Refuse a file that Git LFS left in place of a recording.
+
+    Raises:
+        RecordingError: it is one.
+    """
+    with path.open("rb") as file:
+        if file.read(len(_POINTER)) == _POINTER:
+            raise RecordingError(
+                f"{path}: this is a Git LFS pointer, the recording itself was not fetched; run `git lfs pull` there."
+            )

@@ -6,7 +6,6 @@ the standard types, newest first. Several may be possible: `Choice` goes by what
 """
 
 import re
-import struct
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property, lru_cache
@@ -15,13 +14,14 @@ from threading import Lock
 from typing import Any, Literal
 
 from rosbags.interfaces import Nodetype
-from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
+from bagassets.bags.elements import announced_elements, check_elements, fewest_bytes_of
 from bagassets.bags.inventory import Definition
 from bagassets.bags.known_types import Types, known_versions
-from bagassets.errors import DecodeError, RecordingError
+from bagassets.errors import BagAssetsError, DecodeError, RecordingError
+from bagassets.recipe.model import Limits
 from bagassets.store.canonical import digest_json
 
 __all__ = [
@@ -31,14 +31,10 @@ __all__ = [
     "choice_of",
     "compile_common_types",
     "load_standard_types",
-    "short_reason",
 ]
 
 Serialization = Literal["ros1", "cdr"]
 
-# What parsing and compiling a definition may raise, bare assertions included.
-UNUSABLE = (TypesysError, SerdeError, KeyError, ValueError, AssertionError, TypeError)
-_MISFITS = (SerdeError, AssertionError, ValueError, IndexError, struct.error, UnicodeDecodeError)
 
 # In no store of ROS 1, but in most ROS 1 bags: `tf/tfMessage` is the older name.
 _TF = "geometry_msgs/TransformStamped[] transforms\n"
@@ -47,6 +43,8 @@ _TF_NAMES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 CHANGED_IN_HUMBLE = frozenset({"shape_msgs/msg/SolidPrimitive", "visualization_msgs/msg/Marker"})
 
 # A type and those that it includes follow each other like this in bags.
+_IDL_TEXT = re.compile(r"//[^\n]*|/\*.*?\*/|\"(?:\\\\.|[^\"\\\\])*\"", re.DOTALL)
+_OPERATOR = re.compile(r"<<|\*")
 _IDL_SECTION = re.compile(r"^=+\r?\nIDL: .*$", re.MULTILINE)
 
 _COMMON = (
@@ -114,8 +112,22 @@ class Layout:
             if self.serialization == "ros1":
                 return self.store.deserialize_ros1(data, self.msgtype)
             return self.store.deserialize_cdr(data, self.msgtype)
-        except _MISFITS as err:
+        except MemoryError:
+            raise
+        except Exception as err:  # rosbags' generated code raises anything on bytes that do not fit
             raise DecodeError(f"its bytes do not fit {self.msgtype}") from err
+
+    def large_bytes(self, most_elements: int) -> int | None:
+        """Return how large a message must be to hold more than so many strings and messages; None if none can."""
+        return fewest_bytes_of(self.types, self.msgtype, self.serialization, most_elements)
+
+    def check_elements(self, data: bytes | memoryview, most_elements: int) -> None:
+        """Check how many strings and nested messages a message holds.
+
+        Raises:
+            DecodeError: there are more than `most_elements`, or its bytes do not fit.
+        """
+        check_elements(self.types, self.msgtype, self.serialization, data, most_elements)
 
 
 _STORES: list[Typestore] = []
@@ -175,7 +187,11 @@ class Choice:
 
 
 def choice_of(
-    msgtype: str, serialization: Serialization, definition: Definition | None, folders: Sequence[Path]
+    msgtype: str,
+    serialization: Serialization,
+    definition: Definition | None,
+    folders: Sequence[Path],
+    limits: Limits | None = None,
 ) -> Choice | str:
     """Return the layouts of a type, or why there are none.
 
@@ -184,17 +200,26 @@ def choice_of(
         serialization: how its messages are serialized.
         definition: what came with the recording, if anything.
         folders: of `.msg` files, laid out as `pkg/msg/Type.msg` or `pkg/Type.msg`.
+        limits: how large the definition and its arrays may be; those of an empty recipe by default.
 
     Raises:
         RecordingError: a folder does not exist or holds something else.
     """
-    layouts = _layouts(msgtype, serialization, definition, tuple(_listed(folder) for folder in folders))
+    limits = limits or Limits()
+    if definition is not None and len(definition.text) > limits.definition_bytes:
+        return f"the definition of {msgtype} is longer than limits.definition_bytes in the recipe allows"
+    listed = tuple(_listed(folder) for folder in folders)
+    layouts = _layouts(msgtype, serialization, definition, listed, limits.array_length)
     return layouts if isinstance(layouts, str) else Choice(layouts)
 
 
 @lru_cache(maxsize=512)  # compiling takes 10 ms a layout, and recordings of one rig have the same types
 def _layouts(
-    msgtype: str, serialization: Serialization, definition: Definition | None, folders: tuple[Listed, ...]
+    msgtype: str,
+    serialization: Serialization,
+    definition: Definition | None,
+    folders: tuple[Listed, ...],
+    array_length: int,
 ) -> tuple[Layout, ...] | str:
     given = definition is not None and definition.format != "none" and bool(definition.text)
     try:
@@ -203,12 +228,20 @@ def _layouts(
         for lookups in _stacks(msgtype, own, folders, serialization):
             types = _closure(msgtype, lookups)
             if types is not None and types not in found:
+                if announced_elements(types, msgtype) > array_length:
+                    return (
+                        f"the definition of {msgtype} announces more strings and messages in arrays than "
+                        "limits.array_length in the recipe allows"
+                    )
                 found.append(types)
         layouts = tuple(Layout(msgtype, serialization, types) for types in found)
         for layout in layouts[:1]:
             _ = layout.store  # the others are compiled only if this one does not fit
-    except UNUSABLE as err:
-        return f"the definition of {msgtype} cannot be used ({short_reason(err)})"
+            _ = layout.digest
+    except (MemoryError, BagAssetsError):
+        raise
+    except Exception as err:  # noqa: BLE001  (whatever it is, it costs no more than the topic)
+        return f"the definition of {msgtype} cannot be used ({_flaw(err)})"
     if layouts:
         return layouts
     if given:
@@ -216,10 +249,21 @@ def _layouts(
     return f"there is no definition of {msgtype}; name a folder of .msg files in bags.message_definitions"
 
 
-def short_reason(err: Exception) -> str:
-    """Return the first line of an error's text."""
-    lines = str(err).strip().splitlines()
-    return lines[0] if lines else type(err).__name__
+def _flaw(err: Exception) -> str:
+    """Return what is wrong with a definition; what libraries say of it is for programmers."""
+    if isinstance(err, RecursionError):
+        return "its types contain each other without end"
+    if isinstance(err, ValueError) and not isinstance(err, UnicodeError):
+        text = str(err)
+        if "contains itself" in text or text.startswith("an array of"):
+            return text
+    if isinstance(err, TypesysError):
+        lines = str(err).splitlines()
+        if lines and lines[0].startswith("Could not parse") and len(lines) > 2 and lines[2].isdigit():
+            return f"it does not parse at character {lines[2]}"
+        if "conflicting Python names" in str(err):
+            return "two of its fields have the same name"
+    return "it does not parse, or names what Python cannot"
 
 
 def _stacks(
@@ -314,6 +358,8 @@ def _plain(description: Any) -> Any:
 def _parsed(definition: Definition, msgtype: str) -> Types:
     if definition.format == "msg":
         return get_types_from_msg(definition.text, msgtype)
+    if _OPERATOR.search(_IDL_TEXT.sub("", definition.text)):
+        raise ValueError("it computes")
     types: dict[str, Any] = {}
     for section in _IDL_SECTION.split(definition.text):
         # The parser knows no preprocessor, and needs none: what is included is a section of its own.
@@ -337,6 +383,8 @@ def _message_files(files: Listed) -> Mapping[str, Any]:
         package = path.parent.parent.name if path.parent.name == "msg" else path.parent.name
         try:
             types |= get_types_from_msg(path.read_text(encoding="utf-8"), f"{package}/msg/{path.stem}")
-        except TypesysError as err:
-            raise RecordingError(f"{path}: not a message definition ({short_reason(err)}).") from err
+        except Exception as err:  # as in `_layouts`
+            raise RecordingError(
+                f"{path}: expected a message definition, but {_flaw(err)}; mend it."
+            ) from err
     return types

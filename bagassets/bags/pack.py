@@ -11,6 +11,7 @@ from bagassets.bags.inventory import Definition
 from bagassets.bags.model import RawMessage
 from bagassets.bags.reader import BaseRecording, TopicSource
 from bagassets.bags.typestores import Serialization
+from bagassets.recipe.model import Limits
 from bagassets.store.artifact import ArtifactWriter
 
 __all__ = ["PACK_FILE", "PackedRecording", "write_pack"]
@@ -37,9 +38,10 @@ class PackedRecording(BaseRecording):
     Args:
         inventory: content of `inventory.json`.
         parquet: `messages.parquet` of the same artifact.
+        limits: what definitions and messages may ask of the memory; those of an empty recipe by default.
     """
 
-    def __init__(self, inventory: Mapping[str, Any], parquet: Path) -> None:
+    def __init__(self, inventory: Mapping[str, Any], parquet: Path, limits: Limits | None = None) -> None:
         self._parquet = parquet
         sources = []
         for topic in inventory["topics"]:
@@ -52,7 +54,7 @@ class PackedRecording(BaseRecording):
                     topic["name"], topic["type"], topic["count"], definition, serialization, topic["problem"]
                 )
             )
-        super().__init__(parquet, inventory["format"], sources, ())
+        super().__init__(parquet, inventory["format"], sources, (), limits or Limits())
 
     def _read(self, topics: Collection[str]) -> Iterator[RawMessage]:
         table = pq.read_table(self._parquet, filters=[("topic", "in", sorted(topics))])

@@ -6,16 +6,37 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self
 
-from bagassets.bags.damage import damaged
+from bagassets.bags.damage import DamageError, damaged
 from bagassets.bags.inventory import Definition
 from bagassets.bags.layouts import choice_of
 from bagassets.bags.model import Format, RawMessage, SkimmedPacket, TopicInfo
 from bagassets.bags.typestores import MessageTypes, Serialization
-from bagassets.errors import BagAssetsError
+from bagassets.errors import BagAssetsError, DecodeError, SizeLimitError
+from bagassets.recipe.model import Limits
 
-__all__ = ["BaseRecording", "RestrictedRecording", "TopicSource", "merge_topics"]
+__all__ = ["BaseRecording", "RefusedBytes", "RestrictedRecording", "TopicSource", "merge_topics"]
 
 _BYTES = (bytes, memoryview, bytearray)
+_FIRST_NS, _LAST_NS = -(2**63), 2**63 - 1
+
+
+class RefusedBytes(bytes):
+    """Stands for the bytes of a message that exceeds the recipe's `limits`; they are not handed on.
+
+    The topic's digest is that of what a step can see: a limit that lets the message in makes stale what
+    reads the topic, and nothing else.
+
+    Attributes:
+        reason: why decoding it fails.
+    """
+
+    reason: str
+
+    def __new__(cls, reason: str = "it is larger than limits.message_bytes in the recipe allows") -> Self:
+        """Make the place holder."""
+        made = super().__new__(cls, reason.encode())
+        made.reason = reason
+        return made
 
 
 @dataclass(frozen=True)
@@ -39,13 +60,19 @@ class BaseRecording(ABC):
         file_format: Format,
         sources: Iterable[TopicSource],
         message_definitions: Sequence[Path],
+        limits: Limits,
     ) -> None:
         self.path = path
         self.format = file_format
-        merged = merge_topics(sources)
+        self._limits = limits
+        merged = merge_topics(sources, limits)
+        if len(merged) > limits.topics:
+            raise SizeLimitError(
+                f"{path}: it has {len(merged)} topics; if you trust the recording, raise limits.topics in the recipe."
+            )
         # Topics of one type may have come with different definitions: each goes by its own.
         self._types = {
-            name: MessageTypes(s.serialization, {s.msgtype: s.definition}, message_definitions)
+            name: MessageTypes(s.serialization, {s.msgtype: s.definition}, message_definitions, limits)
             for name, s in merged.items()
         }
         self.topics: dict[str, TopicInfo] = {}
@@ -74,23 +101,42 @@ class BaseRecording(ABC):
     def _guarded(self, topics: Collection[str]) -> Iterator[RawMessage]:
         # Nothing but the reader runs in here: what a consumer raises does not enter a generator.
         try:
+            large = {topic: self._types[topic].large_bytes(self.topics[topic].msgtype) for topic in topics}
             for message in self._read(topics):
-                yield _checked(message)
+                yield self._checked(message, large[message.topic])
         except BagAssetsError:
             raise
         except Exception as err:  # whatever the libraries raise: see `damaged`
             raise damaged(self.path, err) from err
 
+    def _checked(self, message: RawMessage, large_bytes: int) -> RawMessage:
+        """Return a message, or its place holder if it exceeds the limits."""
+        # Databases give whatever type the damaged bytes have.
+        if not isinstance(message.log_time_ns, int) or not isinstance(message.data, _BYTES):
+            raise DamageError(f"a message of {message.topic} has no time or no bytes")
+        if not _FIRST_NS <= message.log_time_ns <= _LAST_NS:
+            raise DamageError(f"a message of {message.topic} has no possible time")
+        if len(message.data) <= large_bytes:
+            return message
+        reason = self._types[message.topic].refusal(message.msgtype, message.data)
+        return message if reason is None else replace(message, data=RefusedBytes(reason))
+
     def decode(self, message: RawMessage) -> Any:
         """Return the message object; see `Recording`."""
+        if isinstance(message.data, RefusedBytes):
+            raise DecodeError(message.data.reason)
         return self._types[message.topic].decode(message.msgtype, message.data)
 
     def header(self, message: RawMessage) -> tuple[int, str] | None:
         """Return header stamp in nanoseconds and frame id (no leading slash), or None without header."""
+        if isinstance(message.data, RefusedBytes):
+            return None
         return self._types[message.topic].header(message.msgtype, message.data)
 
     def packet(self, message: RawMessage, payloads: Sequence[str]) -> SkimmedPacket | None:
         """Return what is asked of a packet message, without decoding it; see `Recording`."""
+        if isinstance(message.data, RefusedBytes):
+            return None
         return self._types[message.topic].packet(message.msgtype, message.data, payloads)
 
     def has_definition(self, topic: str) -> bool:
@@ -143,6 +189,7 @@ class RestrictedRecording(BaseRecording):
         self.path = inner.path
         self.format = inner.format
         self.topics = {name: info for name, info in inner.topics.items() if name in set(topics)}
+        self._limits = inner._limits  # noqa: SLF001  (a view of the same class)
         self._types = inner._types  # noqa: SLF001  (a view of the same class)
         self._inner = inner
 
@@ -153,14 +200,7 @@ class RestrictedRecording(BaseRecording):
         """Do nothing: the recording belongs to whoever opened it."""
 
 
-def _checked(message: RawMessage) -> RawMessage:
-    # Databases give whatever type the damaged bytes have.
-    if not isinstance(message.log_time_ns, int) or not isinstance(message.data, _BYTES):
-        raise TypeError(f"a message of {message.topic} has no time or no bytes")
-    return message
-
-
-def merge_topics(sources: Iterable[TopicSource]) -> dict[str, TopicSource]:
+def merge_topics(sources: Iterable[TopicSource], limits: Limits) -> dict[str, TopicSource]:
     """Join the connections of each topic; a topic with two types, or two layouts of one, cannot be decoded."""
     merged: dict[str, TopicSource] = {}
     for source in sources:
@@ -171,7 +211,7 @@ def merge_topics(sources: Iterable[TopicSource]) -> dict[str, TopicSource]:
         problem = before.problem or source.problem
         if before.msgtype != source.msgtype:
             problem = f"it carries two types, {before.msgtype} and {source.msgtype}"
-        elif _contradict(before, source):
+        elif _contradict(before, source, limits):
             problem = f"its messages were recorded with two different definitions of {source.msgtype}"
         definition = before.definition if before.definition.text else source.definition
         merged[source.topic] = replace(
@@ -180,12 +220,13 @@ def merge_topics(sources: Iterable[TopicSource]) -> dict[str, TopicSource]:
     return merged
 
 
-def _contradict(one: TopicSource, other: TopicSource) -> bool:
+def _contradict(one: TopicSource, other: TopicSource, limits: Limits) -> bool:
     """Tell whether the same bytes would decode differently; comments make no difference."""
     if one.definition == other.definition or not one.definition.text or not other.definition.text:
         return False
     choices = [
-        choice_of(source.msgtype, source.serialization, source.definition, ()) for source in (one, other)
+        choice_of(source.msgtype, source.serialization, source.definition, (), limits)
+        for source in (one, other)
     ]
     digests = {choice if isinstance(choice, str) else choice.best.digest for choice in choices}
     return len(digests) > 1

@@ -6,25 +6,28 @@ together takes longer than reading the file. Headers of one connection differ in
 """
 
 import os
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from heapq import merge
 from io import BytesIO
 from itertools import repeat
 from pathlib import Path
 from struct import Struct
-from typing import BinaryIO
 
 from rosbags import rosbag1
-from rosbags.rosbag1.reader import Chunk, Header, IndexData, ReaderError, RecordType
+from rosbags.interfaces import Connection, ConnectionExtRosbag1, MessageDefinition, MessageDefinitionFormat
+from rosbags.rosbag1.reader import Chunk, ChunkInfo, Header, IndexData, RecordType
+from rosbags.rosbag1.reader import normalize as normalise_topic
 
-from bagassets.bags.model import RawMessage
-from bagassets.bags.reader import BaseRecording
-from bagassets.bags.rosbag import sources_of
+from bagassets.bags.chunks import LatestChunks, lasting
+from bagassets.bags.damage import DamageError
+from bagassets.bags.model import Definition, RawMessage
+from bagassets.bags.reader import BaseRecording, TopicSource
+from bagassets.bags.sizes import Sizes
+from bagassets.bags.typestores import normalise_msgtype
+from bagassets.bags.unpack import TooLargeError, unpack
+from bagassets.recipe.model import Limits
 
 __all__ = ["Rosbag1Recording"]
-
-# Chunks overlap with their neighbours; recorders fill them to a megabyte or a few.
-_KEPT_CHUNKS = 4
 
 _SIZE = Struct("<I")
 _TIME = Struct("<II")
@@ -33,29 +36,37 @@ _TIME = Struct("<II")
 class Rosbag1Recording(BaseRecording):
     """A ROS 1 bag, plain or compressed with lz4 or bz2."""
 
-    def __init__(self, path: Path, message_definitions: Sequence[Path] = ()) -> None:
-        self._reader = rosbag1.Reader(path)
+    def __init__(self, path: Path, message_definitions: Sequence[Path], limits: Limits) -> None:
+        self._limits = limits
+        self._reader = _IndexReader(path, limits)
         self._reader.open()
         try:
-            super().__init__(path, "ros1", sources_of(self._reader.connections, "ros1"), message_definitions)
+            sources = [
+                TopicSource(
+                    connection.topic,
+                    normalise_msgtype(connection.msgtype),
+                    connection.msgcount,
+                    Definition("msg", connection.msgdef.data),
+                    "ros1",
+                )
+                for connection in self._reader.connections
+            ]
+            super().__init__(path, "ros1", sources, message_definitions, limits)
         except BaseException:
             self._reader.close()
             raise
 
     def _read(self, topics: Collection[str]) -> Iterator[RawMessage]:
-        if self._reader.bio is None:
-            raise ReaderError("the file was closed")
-        chunks = _LatestChunks(self._reader.bio, self._reader.chunks)
+        reader = self._reader
+        chunks = LatestChunks(reader.load, self._limits.chunk_bytes, reader.sizes.unpacked_bytes)
         records = [
             _Records(connection.id, connection.topic, self.topics[connection.topic].msgtype)
-            for connection in self._reader.connections
+            for connection in reader.connections
             if connection.topic in topics
         ]
-        indexes = [
-            zip(self._reader.indexes[found.connection], repeat(found), strict=False) for found in records
-        ]
+        indexes = [zip(reader.indexes[found.connection], repeat(found), strict=False) for found in records]
         for entry, found in merge(*indexes, key=_time_ns):
-            data = found.data(chunks.at(entry.chunk_pos), entry)
+            data = lasting(found.data(chunks.at(entry.chunk_pos), entry))
             yield RawMessage(found.topic, found.msgtype, entry.time, data)
 
     def close(self) -> None:
@@ -63,36 +74,97 @@ class Rosbag1Recording(BaseRecording):
         self._reader.close()
 
 
-class _LatestChunks:
-    """The content of chunks, the last few of which are kept.
+class _IndexReader(rosbag1.Reader):
+    """Reads the index of a bag, and no more of it than there is in the file."""
 
-    Messages come sorted by time. Where times of neighbouring chunks overlap, as those of many recorders
-    do, reading goes back and forth between them, and would decompress each again every time.
-    """
+    def __init__(self, path: Path, limits: Limits) -> None:
+        super().__init__(path)
+        self._size = path.stat().st_size
+        self.sizes = Sizes(path, self._size, limits)
+        self._packing: dict[int, tuple[str, int]] = {}
+        self._connections_read = 0
+        self._index_bytes = 0
 
-    def __init__(self, file: BinaryIO, chunks: Mapping[int, Chunk]) -> None:
-        self._file = file
-        self._chunks = chunks
-        self._kept: dict[int, bytes] = {}
-        self._newest = -1
+    def read_connection(self) -> Connection:
+        """Read one connection; text that is no UTF-8, most often in comments, has its bytes replaced."""
+        self._connections_read += 1
+        self.sizes.check_connections(self._connections_read)
+        if self.bio is None:
+            raise DamageError("the file was closed")
+        header = Header.read(self.bio, RecordType.CONNECTION)
+        topic = _text(header, "topic")
+        if not topic:
+            raise DamageError("one of its topics has no name")
+        about = Header.read(self.bio)
+        return Connection(
+            header.get_uint32("conn"),
+            normalise_topic(topic),
+            _text(about, "type"),
+            MessageDefinition(MessageDefinitionFormat.MSG, _text(about, "message_definition")),
+            "",
+            0,
+            ConnectionExtRosbag1(None, None),
+            self,
+        )
 
-    def at(self, position: int) -> bytes:
-        """Return what is in the chunk at a position of the file, decompressed."""
-        if position == self._newest:
-            return self._kept[position]
-        content = self._kept.pop(position, None)
-        if content is None:
-            chunk = self._chunks[position]
-            self._file.seek(chunk.datapos)
-            packed = self._file.read(chunk.datasize)
-            if len(packed) < chunk.datasize:
-                raise ReaderError(f"the chunk at byte {position} is cut off")
-            content = chunk.decompressor(packed)
-        self._kept[position] = content  # the newest last
-        self._newest = position
-        if len(self._kept) > _KEPT_CHUNKS:
-            del self._kept[next(iter(self._kept))]
-        return content
+    def read_chunk_info(self) -> ChunkInfo:
+        """Read where one chunk is."""
+        info = super().read_chunk_info()
+        if info.pos in self._packing:
+            raise DamageError("its index names a chunk twice")
+        self._packing[info.pos] = ("", 0)
+        return info
+
+    def read_chunk(self) -> Chunk:
+        """Read the header of a chunk, and hold what it announces against the limits."""
+        if self.bio is None:
+            raise DamageError("the file was closed")
+        position = self.bio.tell()
+        header = Header.read(self.bio, RecordType.CHUNK)
+        self.bio.seek(position)
+        compression, unpacked_bytes = _text(header, "compression"), header.get_uint32("size")
+        self.sizes.add_chunk(position, unpacked_bytes)
+        self._packing[position] = (compression, unpacked_bytes)
+        chunk = super().read_chunk()
+        if chunk.datapos + chunk.datasize > self._size:
+            raise DamageError(f"the chunk at byte {position} is cut off")
+        if compression == "none":
+            self.sizes.check_chunk(position, chunk.datasize)
+        return chunk
+
+    def read_index_data(self, pos: int, indexes: dict[int, list[IndexData]]) -> None:
+        """Read the index of one connection in a chunk; a made-up one could be read over and over."""
+        if self.bio is None:
+            raise DamageError("the file was closed")
+        begin = self.bio.tell()
+        super().read_index_data(pos, indexes)
+        self._index_bytes += self.bio.tell() - begin
+        if self._index_bytes > self._size:
+            raise DamageError("its index names messages twice")
+
+    def load(self, position: int) -> bytes:
+        """Return the content of the chunk at a position of the file.
+
+        Raises:
+            DamageError: it is cut off, or holds more than it announces.
+        """
+        if self.bio is None:
+            raise DamageError("the file was closed")
+        chunk, (compression, unpacked_bytes) = self.chunks[position], self._packing[position]
+        self.bio.seek(chunk.datapos)
+        packed = self.bio.read(chunk.datasize)
+        if compression == "none":
+            return packed
+        try:
+            return unpack(packed, compression, unpacked_bytes)
+        except TooLargeError:
+            raise DamageError(f"the chunk at byte {position} holds more than it announces") from None
+
+
+def _text(header: Header, name: str) -> str:
+    if name not in header:
+        raise DamageError(f"a connection or chunk of its index lacks its {name.replace('_', ' ')}")
+    return header[name].decode("utf-8", "replace")
 
 
 class _Records:
@@ -112,7 +184,7 @@ class _Records:
         """Return the bytes of the message that the index announces, as a view of the chunk.
 
         Raises:
-            ReaderError: it is not there.
+            DamageError: it is not there.
         """
         begin = entry.offset
         if self._around_time is not None:
@@ -132,7 +204,7 @@ class _Records:
         end = source.tell()
         told = header.get_uint8("op"), header.get_uint32("conn"), header.get_time("time")
         if told != (RecordType.MSGDATA, self.connection, entry.time):
-            raise ReaderError(f"the index announces a message of {self.topic} where none is")
+            raise DamageError(f"the index announces a message of {self.topic} where none is")
         before, found, after = chunk[begin:end].partition(b"time=" + header["time"])
         if found:
             self._around_time = before + found[: -_TIME.size], after
@@ -144,7 +216,7 @@ def _sized(data: bytes, begin: int) -> memoryview:
     (size,) = _SIZE.unpack_from(data, begin)
     begin += _SIZE.size
     if begin + size > len(data):
-        raise ReaderError(f"a record of {size} bytes is cut off")
+        raise DamageError(f"a record of {size} bytes is cut off")
     return memoryview(data)[begin : begin + size]
 
 

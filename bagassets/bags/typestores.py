@@ -16,13 +16,14 @@ from bagassets.bags.layouts import Choice, Layout, Serialization, choice_of
 from bagassets.bags.model import SkimmedPacket
 from bagassets.bags.skim import HEADER, Skimmer, packet_skimmer
 from bagassets.errors import DecodeError
+from bagassets.recipe.model import Limits
 
 __all__ = ["MessageTypes", "Serialization", "normalise_msgtype"]
 
 
 def normalise_msgtype(name: str) -> str:
     """Return `pkg/msg/Type` for a type written either way."""
-    parts = name.strip().split("/")
+    parts = " ".join(name.split()).split("/")
     return f"{parts[0]}/msg/{parts[1]}" if len(parts) == 2 else "/".join(parts)
 
 
@@ -33,6 +34,7 @@ class MessageTypes:
         serialization: how payloads are serialized.
         definitions: type -> the definition that came with the recording.
         message_definitions: folders of `.msg` files, laid out as `pkg/msg/Type.msg` or `pkg/Type.msg`.
+        limits: how large definitions may be, and what messages may hold; those of an empty recipe by default.
     """
 
     def __init__(
@@ -40,8 +42,10 @@ class MessageTypes:
         serialization: Serialization,
         definitions: Mapping[str, Definition],
         message_definitions: Sequence[Path] = (),
+        limits: Limits | None = None,
     ) -> None:
         self.serialization = serialization
+        self._limits = limits or Limits()
         self._definitions = dict(definitions)
         self._folders = tuple(message_definitions)
         self._choices: dict[str, Choice | str] = {}
@@ -129,6 +133,29 @@ class MessageTypes:
         skim = self._skimmers[msgtype]
         return None if skim is None else skim(data)
 
+    def large_bytes(self, msgtype: str) -> int:
+        """Return from what size on messages of a type are looked into by `refusal`."""
+        choice = self._choice(msgtype)
+        most_bytes = self._limits.message_bytes
+        if isinstance(choice, str):
+            return most_bytes
+        large = [layout.large_bytes(self._limits.message_elements) for layout in choice.layouts]
+        return min([most_bytes, *(size for size in large if size is not None)])
+
+    def refusal(self, msgtype: str, data: bytes | memoryview) -> str | None:
+        """Return why a message must not be decoded: it is too large, or holds too much; None if it may be."""
+        if len(data) > self._limits.message_bytes:
+            return "it is larger than limits.message_bytes in the recipe allows"
+        choice = self._choice(msgtype)
+        if isinstance(choice, str):
+            return None
+        try:
+            for layout in choice.layouts:
+                layout.check_elements(data, self._limits.message_elements)
+        except DecodeError as err:
+            return str(err)
+        return None
+
     def _where_header(self, msgtype: str) -> str:
         layout = self.layout(msgtype)
         first = None if layout is None else _first_field(layout, msgtype)
@@ -145,7 +172,9 @@ class MessageTypes:
     def _choice(self, msgtype: str) -> Choice | str:
         if msgtype not in self._choices:
             definition = self._definitions.get(msgtype)
-            self._choices[msgtype] = choice_of(msgtype, self.serialization, definition, self._folders)
+            self._choices[msgtype] = choice_of(
+                msgtype, self.serialization, definition, self._folders, self._limits
+            )
         return self._choices[msgtype]
 
 

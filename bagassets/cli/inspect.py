@@ -32,7 +32,7 @@ Examples:
     "--recipe",
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="Recipe whose bags.message_definitions are used too.",
+    help="Recipe whose bags.message_definitions are used too, and whose limits.",
 )
 def inspect(bag: Path, as_json: bool, definitions: tuple[Path, ...], recipe: Path | None) -> None:
     """Print what a recording holds.
@@ -48,15 +48,17 @@ def inspect(bag: Path, as_json: bool, definitions: tuple[Path, ...], recipe: Pat
     from bagassets.steps.inventory import make_inventory  # noqa: PLC0415
     from bagassets.store.artifact import ArtifactWriter  # noqa: PLC0415
 
-    folders = list(definitions)
+    folders, limits = list(definitions), None
     if recipe is not None:
         from bagassets.recipe import load_recipe  # noqa: PLC0415
 
-        folders += load_recipe(recipe).bags.message_definitions
+        loaded = load_recipe(recipe)
+        folders += loaded.bags.message_definitions
+        limits = loaded.limits
     found = find_one(bag)
     with tempfile.TemporaryDirectory(prefix="bagassets-inspect-") as folder:
         writer = ArtifactWriter(Path(folder) / "inventory")
-        with open_recording(found, folders) as recording:
+        with open_recording(found, folders, limits) as recording:
             make_inventory(recording, writer, size=found.size)
         text = next(Path(folder).rglob("inventory.json")).read_text(encoding="utf-8")
     if as_json:

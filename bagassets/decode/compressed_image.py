@@ -24,7 +24,7 @@ from bagassets.decode.image_structure import JPEG, PNG, check_jpeg, check_png
 from bagassets.decode.model import ImageReading
 from bagassets.errors import DecodeError
 
-__all__ = ["checked_size", "decode_compressed_image", "unpack"]
+__all__ = ["checked_size", "decode_compressed_image", "unpack", "unpack_checked"]
 
 _BAYER = re.compile(r"bayer_[rgb]{4}(8|16)")
 _COLOUR = re.compile(r"\s*(rgb|bgr)a?(8|16)\s*;")
@@ -86,7 +86,18 @@ def unpack(encoded: bytes | memoryview, encoding: str) -> Pixels:
     Raises:
         DecodeError: the bytes are cut off or damaged, or do not decode.
     """
-    checked_size(encoded, encoding)  # OpenCV fills what is missing with grey
+    checked_size(encoded, encoding)
+    return unpack_checked(encoded, encoding)
+
+
+def unpack_checked(encoded: bytes | memoryview, encoding: str) -> Pixels:
+    """Return the pixels as `unpack` does, of a file whose size `checked_size` told.
+
+    OpenCV fills what is missing with grey, and makes room for whatever size the header says.
+
+    Raises:
+        DecodeError: the bytes do not decode.
+    """
     pixels = cv2.imdecode(np.frombuffer(encoded, np.uint8), cv2.IMREAD_UNCHANGED)
     if pixels is None:
         raise DecodeError(f"the {encoding.partition(':')[0].upper()} does not decode")

@@ -12,7 +12,15 @@ from bagassets.decode.fields import stamp_and_frame
 from bagassets.decode.model import ImageReading
 from bagassets.errors import DecodeError
 
-__all__ = ["ENCODINGS", "Pixels", "bayer_to_bgra", "decode_image", "demosaic", "to_bgr_or_grey"]
+__all__ = [
+    "ENCODINGS",
+    "Pixels",
+    "bayer_to_bgra",
+    "check_pixels",
+    "decode_image",
+    "demosaic",
+    "to_bgr_or_grey",
+]
 
 # uint8 or uint16: OpenCV takes both, and its type hints cannot tell them apart.
 Pixels = NDArray[Any]
@@ -76,9 +84,8 @@ def decode_image(message: Any) -> ImageReading:
         raise DecodeError(
             f"an image of {width}x{height} in {encoding} with step {step} does not fit {len(data)} bytes"
         )
-    if len(data) < height * step:
-        data = np.concatenate([data, np.zeros(height * step - len(data), np.uint8)])
-    rows = data[: height * step].reshape(height, step)[:, :row_bytes]
+    # The last row may end with its last pixel; a step may be made up.
+    rows = np.ndarray((height, row_bytes), np.uint8, np.ascontiguousarray(data), strides=(step, 1))
     pixels: Any = rows
     if layout.bytes_per_channel == 2:
         order = ">u2" if message.is_bigendian else "<u2"
@@ -86,6 +93,16 @@ def decode_image(message: Any) -> ImageReading:
     if layout.channels > 1:
         pixels = pixels.reshape(height, width, layout.channels)
     return ImageReading(stamp_ns, frame_id, pixels, None, encoding)
+
+
+def check_pixels(width: int, height: int, most_pixels: int) -> None:
+    """Check the size of an image before room is made for it.
+
+    Raises:
+        DecodeError: it has more than `most_pixels`.
+    """
+    if width * height > most_pixels:
+        raise DecodeError("it has more pixels than limits.image_pixels in the recipe allows")
 
 
 def to_bgr_or_grey(pixels: Pixels, encoding: str) -> Pixels:

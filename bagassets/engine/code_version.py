@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from bagassets.plugins import Family, installed_decoders
-from bagassets.recipe.model import CameraChannel, Recipe, Rig
+from bagassets.recipe.model import READING_LIMITS, CameraChannel, Recipe, Rig
 from bagassets.steps import (
     annotations,
     calibration,
@@ -61,12 +61,12 @@ def code_version(recipe: Recipe, asset: str) -> str:
 def _rig_fields(recipe: Recipe, rig: Rig, asset: str) -> Any:
     channels = {name: channel.model_dump(mode="json") for name, channel in sorted(rig.channels.items())}
     cameras = {name for name, channel in rig.channels.items() if isinstance(channel, CameraChannel)}
-    limits = recipe.limits.model_dump(mode="json", exclude={"reported_losses"})  # it shapes no artifact
-    common = {"clock": recipe.clock, "limits": limits, "match": rig.match,
+    limits = recipe.limits
+    common = {"clock": recipe.clock, "limits": {"lost_messages": limits.lost_messages}, "match": rig.match,
               "required": rig.required}  # fmt: skip
     match asset:
         case "inventory":
-            return None
+            return limits.changed(*READING_LIMITS) or None
         case "calibration":
             keep = ("topic", "frame", "extrinsics", "camera_info", "intrinsics", "undistort", "rectified")
             parts = {
@@ -80,9 +80,11 @@ def _rig_fields(recipe: Recipe, rig: Rig, asset: str) -> Any:
             boxes = [*rig.annotations, *rig.annotation_files]
             return [common, [source.model_dump(mode="json") for source in boxes], rig.ego_frame]
         case "frames":
-            return [common, {name: fields for name, fields in channels.items() if name in cameras}]
+            cameras_only = {name: fields for name, fields in channels.items() if name in cameras}
+            return [common | limits.changed("image_pixels"), cameras_only]
         case "sweeps":
-            return [common, {name: fields for name, fields in channels.items() if name not in cameras}]
+            others = {name: fields for name, fields in channels.items() if name not in cameras}
+            return [common | limits.changed("cloud_points"), others]
         case "preview":
             pictures = recipe.preview.model_dump(mode="json", exclude={"enabled", "trajectory_map"})
             return [pictures, sorted(channels)]

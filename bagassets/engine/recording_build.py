@@ -99,7 +99,7 @@ class RecordingBuild:
         self.store = store
         self.found = found
         self.digest = digest
-        self.source = MessageSource(found, stat, recipe.bags.message_definitions)
+        self.source = MessageSource(found, stat, recipe.bags.message_definitions, recipe.limits)
         self._workers = encoder_threads() if workers is None else workers
         self._dry = dry
         self._artifacts: dict[str, Artifact] = dict(recorded or {})
@@ -274,7 +274,7 @@ class RecordingBuild:
             with self.source.whole() as recording:
                 return inventory.make_inventory(recording, out, size=self.found.size)
 
-        request = inventory.request(self.found.format, self.digest, definitions)
+        request = inventory.request(self.found.format, self.digest, definitions, self.recipe.limits)
         return self._run("inventory", inventory.STEP.action(request.params, request.inputs), make)
 
     def _calibration(self) -> AssetResult:

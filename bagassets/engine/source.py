@@ -11,6 +11,7 @@ from bagassets.bags.open import open_recording
 from bagassets.bags.pack import PackedRecording
 from bagassets.bags.reader import BaseRecording
 from bagassets.errors import BagAssetsError
+from bagassets.recipe.model import Limits
 from bagassets.store.artifact import Artifact
 
 __all__ = ["MessageSource"]
@@ -23,12 +24,16 @@ class MessageSource:
         found: the recording.
         stat: sizes and times of its files when its digest was taken.
         message_definitions: folders of `.msg` files.
+        limits: what the recording may ask of the memory.
     """
 
-    def __init__(self, found: Found, stat: RecordingStat, message_definitions: Sequence[Path]) -> None:
+    def __init__(
+        self, found: Found, stat: RecordingStat, message_definitions: Sequence[Path], limits: Limits
+    ) -> None:
         self.found = found
         self._stat = stat
         self._message_definitions = tuple(message_definitions)
+        self._limits = limits
 
     def verify_unchanged(self) -> None:
         """Check that the recording is still the one that was digested.
@@ -47,7 +52,7 @@ class MessageSource:
         """
         self.verify_unchanged()
         try:
-            with open_recording(self.found, self._message_definitions) as recording:
+            with open_recording(self.found, self._message_definitions, self._limits) as recording:
                 if inventory is not None:
                     recording.assume({name: topic.definition for name, topic in inventory.topics.items()})
                 yield recording
@@ -64,6 +69,6 @@ class MessageSource:
                 yield recording.restrict(names)
         else:
             with PackedRecording(
-                packed.read_json("inventory.json"), packed.path("messages.parquet")
+                packed.read_json("inventory.json"), packed.path("messages.parquet"), self._limits
             ) as recording:
                 yield recording.restrict(names)

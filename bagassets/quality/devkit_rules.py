@@ -21,8 +21,8 @@ _FORMATS = ("jpg", "png", "pcd")
 _PNG = b"\x89PNG\r\n\x1a\n"
 _LIDAR_POINT_BYTES = 20
 _RADAR_FIELDS = 18
-# 2000-01-01 to 2100-01-01: a stamp in nanoseconds or seconds falls outside.
-_MICROSECONDS = (946_684_800_000_000, 4_102_444_800_000_000)
+# 1970-01-01 to 2100-01-01: simulators start their clocks at zero; a stamp in nanoseconds falls outside.
+_MICROSECONDS = (0, 4_102_444_800_000_000)
 # Here float32, which the devkit reckons in, resolves a centimetre.
 _FAR_M = 100_000.0
 
@@ -131,7 +131,7 @@ def _readings(tables: Tables) -> Iterator[str]:
     for name in ("sample", "sample_data", "ego_pose"):
         low, high = _MICROSECONDS
         yield from _first(
-            f"{name}.timestamp is no integer in microseconds since 1970",
+            f"{name}.timestamp is no integer in microseconds from 1970 to 2100",
             [
                 f"{row['token']} ({row['timestamp']})"
                 for row in tables[name]

@@ -6,8 +6,9 @@ reads (`bagassets.steps`), so that changing any other field cannot make it stale
 Paths in a loaded recipe are absolute; relative ones are relative to the recipe's folder.
 """
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -274,7 +275,11 @@ class NuScenes(Model):
 
 
 class Limits(Model):
-    """What may go wrong before a recording counts as failed."""
+    """What may go wrong before a recording counts as failed, and what one may ask of the memory.
+
+    Damaged and hostile files declare any size. Sizes are held against these limits before memory is
+    taken; what exceeds one is lost with the message, the topic or the recording that it belongs to.
+    """
 
     lost_messages: float = Field(
         0.01, ge=0, le=1, description="Share of a channel's messages that may fail to decode."
@@ -286,6 +291,82 @@ class Limits(Model):
         description="Share of a channel's messages that may be lost, for whatever reason, before the end of a build, "
         "`build --check` and `bagassets check` name it.",
     )
+    chunk_bytes: int = Field(
+        256_000_000,
+        ge=1_000_000,
+        le=4_000_000_000,
+        description="Size of a chunk of a bag or MCAP, unpacked; a larger one costs the recording.",
+    )
+    message_bytes: int = Field(
+        256_000_000,
+        ge=1_000_000,
+        le=4_000_000_000,
+        description="Size of a message, unpacked; a larger one is lost.",
+    )
+    message_elements: int = Field(
+        1_000_000,
+        ge=1_000,
+        description="Strings and nested messages in the lists of one message; one with more is lost. "
+        "Numbers do not count.",
+    )
+    array_length: int = Field(
+        2_000,
+        ge=100,
+        description="Strings and nested messages that a definition announces in arrays of fixed length; more cost "
+        "the topic. Numbers do not count.",
+    )
+    definition_bytes: int = Field(
+        500_000,
+        ge=10_000,
+        description="Size of the definition of a message type; a larger one costs the topic.",
+    )
+    compression_ratio: int = Field(
+        1_000,
+        ge=10,
+        description="How many times its size a recording may unpack to once that is more than a gigabyte; more cost "
+        "the recording.",
+    )
+    topics: int = Field(5_000, ge=1, description="Topics of a recording; more cost the recording.")
+    connections: int = Field(
+        50_000,
+        ge=1,
+        description="Connections (publishers, channels) of a recording; more cost the recording.",
+    )
+    image_pixels: int = Field(
+        50_000_000,
+        ge=10_000,
+        description="Width times height of an image; a larger one is lost. A calibration of a larger one costs the "
+        "channel.",
+    )
+    cloud_points: int = Field(
+        5_000_000, ge=1_000, description="Points of a cloud, scan or radar message; one with more is lost."
+    )
+
+    def changed(self, *names: str) -> dict[str, int]:
+        """Return those of the named limits that are not the defaults, for the parameters of an action.
+
+        Defaults are part of a step's version: a step whose default changes gets a new one.
+        """
+        fields = type(self).model_fields
+        return {name: value for name in names if (value := getattr(self, name)) != fields[name].default}
+
+    @classmethod
+    def of(cls, params: Mapping[str, Any]) -> Self:
+        """Return the limits that the parameters of an action hold; what they leave out is as by default."""
+        return cls(**{name: params[name] for name in cls.model_fields if name in params})
+
+
+# Those that reading a recording is held to, whatever reads it.
+READING_LIMITS = (
+    "chunk_bytes",
+    "message_bytes",
+    "message_elements",
+    "array_length",
+    "definition_bytes",
+    "compression_ratio",
+    "topics",
+    "connections",
+)
 
 
 class Recipe(Model):
@@ -306,7 +387,7 @@ class Recipe(Model):
     vision: Vision | None = Field(None, description="The vision dataset; default: none is made.")
     datasets: tuple[NamedDataset, ...] = Field((), description="Further datasets of some of the scenes.")
     preview: Preview = Field(Preview(), description="Pictures for people.")
-    limits: Limits = Field(Limits(), description="Accepted losses.")
+    limits: Limits = Field(Limits(), description="Accepted losses and sizes.")
     checks: Checks = Field(Checks(), description="Checks of finished assets.")
 
     @model_validator(mode="after")

@@ -71,12 +71,13 @@ def request(
         name: canonical channel.
         channel: its part of the recipe.
         clock: which time of a message counts.
-        limits: accepted losses.
+        limits: accepted losses and sizes.
         inventory: what is in the recording.
         camera: intrinsics of the channel in `calibration.json`, or None.
 
     Raises:
-        CalibrationError: the channel is to be undistorted and has no intrinsics.
+        CalibrationError: the channel is to be undistorted and has no intrinsics, or those of an image larger
+            than `limits` allow.
         DecodeError: the topic does not carry images.
         PluginError: several decoder plug-ins claim its type.
     """
@@ -95,6 +96,7 @@ def request(
         "msgtype": topic.msgtype,
         "clock": clock,
         "lost_messages": limits.lost_messages,
+        **limits.changed("image_pixels"),
         "camera": lens,
         **plugin,
     }
@@ -104,6 +106,7 @@ def request(
 
 # Images of one channel that wait or are worked on: enough to keep threads busy, and the memory bounded.
 _MOST_IN_FLIGHT = 4
+_LARGE_BYTES = 40_000_000  # of these one waits
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,7 +165,7 @@ class FrameExtractor:
             self._convert(message)
             return
         try:
-            pixels = raw_pixels(self._decode(message))
+            pixels = raw_pixels(self._decode(message), Limits.of(self._params).image_pixels)
         except DecodeError:
             pixels = None  # counted as lost when its turn comes
         self._survey.add(message, pixels)
@@ -195,7 +198,8 @@ class FrameExtractor:
             )
         future = self._pool.submit(self._write, reading)
         self._in_flight.append((reading.stamp_ns, message.log_time_ns, future))
-        while len(self._in_flight) > _MOST_IN_FLIGHT:
+        held = len(reading.encoded or b"") if reading.pixels is None else reading.pixels.nbytes
+        while len(self._in_flight) > (1 if held > _LARGE_BYTES else _MOST_IN_FLIGHT):
             self._collect()
 
     def finish(self) -> dict[str, Any]:

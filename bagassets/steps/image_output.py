@@ -10,12 +10,14 @@ from typing import Any
 import cv2
 import numpy as np
 
-from bagassets.decode.compressed_image import checked_size, unpack
-from bagassets.decode.image import Pixels, bayer_to_bgra, to_bgr_or_grey
+from bagassets.decode.compressed_image import checked_size, unpack_checked
+from bagassets.decode.image import Pixels, bayer_to_bgra, check_pixels, to_bgr_or_grey
 from bagassets.decode.model import ImageReading
 from bagassets.errors import CalibrationError, DecodeError, RecipeError
 from bagassets.geometry.camera import CameraModel
 from bagassets.geometry.undistortion import Undistortion
+from bagassets.recipe.model import Limits
+from bagassets.steps.large_images import LARGE_IMAGES
 
 __all__ = ["EncodedImage", "ImageOutput", "raw_pixels"]
 
@@ -30,17 +32,42 @@ class EncodedImage:
     height: int
 
 
-def raw_pixels(reading: ImageReading) -> Pixels:
+def raw_pixels(reading: ImageReading, most_pixels: int) -> Pixels:
     """Return the pixels of a reading, (H, W) grey or (H, W, 3) BGR.
 
     Raises:
-        DecodeError: compressed bytes do not decode.
+        DecodeError: compressed bytes do not decode, or there are more than `most_pixels`.
     """
+    _size_of(reading, most_pixels)
+    try:
+        return _converted(reading)
+    except cv2.error as err:
+        raise _refused(err) from err
+
+
+def _size_of(reading: ImageReading, most_pixels: int) -> tuple[int, int]:
+    """Return width and height of an image that is whole and no larger than it may be."""
     if reading.encoded is not None:
-        return unpack(reading.encoded, reading.encoding)
-    if reading.pixels is None:
+        width, height = checked_size(reading.encoded, reading.encoding)
+    elif reading.pixels is not None:
+        height, width = reading.pixels.shape[:2]
+    else:
         raise DecodeError("the image has neither pixels nor compressed bytes")
-    return to_bgr_or_grey(reading.pixels, reading.encoding)
+    check_pixels(width, height, most_pixels)
+    return width, height
+
+
+def _converted(reading: ImageReading) -> Pixels:
+    if reading.pixels is not None:
+        return to_bgr_or_grey(reading.pixels, reading.encoding)
+    return unpack_checked(reading.encoded or b"", reading.encoding)
+
+
+def _refused(err: cv2.error) -> Exception:
+    """Return what it means that OpenCV does not convert an image."""
+    if err.code == cv2.Error.StsNoMem:
+        return err
+    return DecodeError("OpenCV refuses to convert an image of its size and encoding")
 
 
 class ImageOutput:
@@ -58,6 +85,7 @@ class ImageOutput:
         self._name = f"{params['channel']} ({params['topic']})"
         self._format = params["output"]
         self._quality = params["quality"]
+        self._most_pixels = Limits.of(params).image_pixels
         self.grey_range = grey_range
         camera = params["camera"]
         self._recorded = None if camera is None else CameraModel.from_calibration(camera)
@@ -72,17 +100,26 @@ class ImageOutput:
         """Return the file of one image.
 
         Raises:
-            DecodeError: the image does not decode.
+            DecodeError: the image does not decode, or is larger than `limits` allow.
             CalibrationError: its size is not that of the calibration.
             RecipeError: 16-bit grey is to become JPEG without a rule.
         """
+        width, height = _size_of(reading, self._most_pixels)
+        self._check(width, height)
         if self._passes(reading) and reading.encoded is not None:
-            return self._as_recorded(reading.encoded, reading.encoding)
+            extension = ".png" if reading.encoding.startswith("png") else ".jpg"
+            return EncodedImage(reading.encoded, extension, width, height)
+        try:
+            with LARGE_IMAGES.room_for(width * height, self._most_pixels):
+                return self._encoded(reading)
+        except cv2.error as err:
+            raise _refused(err) from err
+
+    def _encoded(self, reading: ImageReading) -> EncodedImage:
         jpeg = self._format == "jpeg" or (
             self._format == "as_recorded" and reading.encoding.startswith("jpeg")
         )
         pixels = self._pixels(reading, four=self._undistort is not None)
-        self._check(pixels.shape[1], pixels.shape[0])
         if pixels.dtype == np.uint16:
             pixels = self._to_8bit(pixels)
         if self._undistort is not None:
@@ -104,12 +141,7 @@ class ImageOutput:
         """Return grey, BGR, or of a Bayer mosaic BGRA, which is undistorted faster, into BGR."""
         mosaic = reading.pixels if four else None
         pixels = None if mosaic is None else bayer_to_bgra(mosaic, reading.encoding)
-        return raw_pixels(reading) if pixels is None else pixels
-
-    def _as_recorded(self, encoded: bytes | memoryview, encoding: str) -> EncodedImage:
-        width, height = checked_size(encoded, encoding)
-        self._check(width, height)
-        return EncodedImage(encoded, ".png" if encoding.startswith("png") else ".jpg", width, height)
+        return _converted(reading) if pixels is None else pixels
 
     def _check(self, width: int, height: int) -> None:
         if self._recorded is not None:
@@ -135,11 +167,17 @@ def intrinsic_matrix(camera: CameraModel | None) -> list[list[float]]:
 
 
 def require_calibration(params: Mapping[str, Any]) -> None:
-    """Check that a channel that is to be undistorted has intrinsics.
+    """Check that a channel that is to be undistorted has intrinsics, of an image that may be made.
 
     Raises:
-        CalibrationError: it has none.
+        CalibrationError: it has none, or they are of a larger image than `limits` allow.
     """
+    camera, most_pixels = params["camera"], Limits.of(params).image_pixels
+    if camera is not None and camera["width"] * camera["height"] > most_pixels:
+        raise CalibrationError(
+            f"{params['channel']} ({params['topic']}): its intrinsics are of an image of {camera['width']} x "
+            f"{camera['height']} pixels; correct them, or raise limits.image_pixels in the recipe."
+        )
     if params["undistort"] and params["camera"] is None:
         raise CalibrationError(
             f"{params['channel']} ({params['topic']}): there are no intrinsics to undistort with; name `camera_info`, "

@@ -3,19 +3,20 @@
 Files: `inventory.json`, and `messages.parquet` with the small messages that later steps read.
 """
 
+from collections import Counter
 from collections.abc import Mapping
-from dataclasses import replace
-from operator import itemgetter
 from typing import Any
 
 from bagassets.bags.damage import advice_for
 from bagassets.bags.model import Format, RawMessage
 from bagassets.bags.pack import write_pack
-from bagassets.bags.reader import BaseRecording
+from bagassets.bags.reader import BaseRecording, RefusedBytes
 from bagassets.decode.navsat import FixReading, decode_navsat
 from bagassets.errors import DecodeError, RecordingError
 from bagassets.geometry.sun import daylight
+from bagassets.recipe.model import READING_LIMITS, Limits
 from bagassets.steps.channel import Request
+from bagassets.steps.kept_messages import KeptMessages
 from bagassets.steps.topic_log import TopicLog
 from bagassets.steps.topic_probe import TopicProbe
 from bagassets.store.action import Step
@@ -37,11 +38,6 @@ BULK = frozenset(
         "velodyne_msgs/msg/VelodyneScan",
     }
 )
-# Network packets are bulk if they are large: those of a lidar have 1200 bytes, of a navigation system 72.
-PACKETS = frozenset({"ethernet_msgs/msg/Packet", "udp_msgs/msg/UdpPacket"})
-MOST_PACKET_BYTES = 512
-MOST_MEAN_BYTES = 64 * 1024
-MOST_TOPIC_BYTES = 64 * 1024 * 1024
 # A fix stamped before GNSS was in use carries simulated or unset time: it tells no time of day.
 FIRST_GNSS_NS = 631_152_000 * 1_000_000_000  # 1990-01-01
 # Header stamps further from the log time than this are remarked upon.
@@ -49,15 +45,20 @@ MOST_OFFSET_S = 1.0
 NAVSAT = "sensor_msgs/msg/NavSatFix"
 
 
-def request(file_format: Format, bag_digest: str, definitions: Mapping[str, str]) -> Request:
+def request(
+    file_format: Format, bag_digest: str, definitions: Mapping[str, str], limits: Limits | None = None
+) -> Request:
     """Return what the inventory depends on.
 
     Args:
         file_format: what the recording is read as: the same bytes under another suffix are read differently.
         bag_digest: digest of its content.
         definitions: `msg:<path>` -> digest, of definitions of message types that came without.
+        limits: what the recording may ask of the memory; those of an empty recipe by default. What they cost
+            shows in the digests of topics, and so in the actions of the steps that read them.
     """
-    return Request({"format": file_format}, (), {"bag": bag_digest, **definitions})
+    changed = (limits or Limits()).changed(*READING_LIMITS)
+    return Request({"format": file_format, **changed}, (), {"bag": bag_digest, **definitions})
 
 
 def make_inventory(recording: BaseRecording, out: ArtifactWriter, *, size: int) -> dict[str, Any]:
@@ -72,37 +73,31 @@ def make_inventory(recording: BaseRecording, out: ArtifactWriter, *, size: int) 
     probes = {
         name: TopicProbe(recording, name) for name, info in recording.topics.items() if info.problem is None
     }
-    kept: dict[str, list[tuple[int, RawMessage]]] = {
-        name: [] for name, info in recording.topics.items() if info.msgtype not in BULK
-    }
+    kept = KeptMessages(name for name, info in recording.topics.items() if info.msgtype not in BULK)
     fixes: list[FixReading] = []
+    refused: Counter[tuple[str, str]] = Counter()
     recording.check_content()
     for number, message in enumerate(recording.messages(list(recording.topics))):
         name, info = message.topic, recording.topics[message.topic]
-        log = logs[name]
-        log.add(message, recording.header(message) if info.problem is None else None)
+        if isinstance(message.data, RefusedBytes):
+            refused[name, message.data.reason] += 1
+        logs[name].add(message, recording.header(message) if info.problem is None else None)
         if name in probes:
             probes[name].add(message)
-        if name in kept:
-            kept[name].append((number, replace(message, data=bytes(message.data))))
-            large = info.msgtype in PACKETS and log.bytes > MOST_PACKET_BYTES * len(kept[name])
-            if large or log.bytes > MOST_TOPIC_BYTES:
-                del kept[name]
+        kept.add(number, message)
         if info.msgtype == NAVSAT and info.problem is None:
             _take_fix(recording, message, fixes)
     _refuse_shortfall(recording, logs)
-    kept = {
-        name: messages
-        for name, messages in kept.items()
-        if logs[name].bytes <= MOST_MEAN_BYTES * len(messages)
-    }
-    in_order = sorted((entry for entries in kept.values() for entry in entries), key=itemgetter(0))
-    write_pack(out, [message for _, message in in_order])
+    write_pack(out, kept.in_order())
     problems = {
         name: probes[name].problem if name in probes else info.problem
         for name, info in recording.topics.items()
     }
-    value = _inventory_json(recording, logs, set(kept), problems, fixes)
+    value = _inventory_json(recording, logs, kept.topics, problems, fixes)
+    for (name, reason), number in sorted(refused.items()):
+        value["notes"].append(
+            f"{name}: {number} of {logs[name].count} messages cannot be used, each because {reason}."
+        )
     out.write_json("inventory.json", value | {"size": size})
     return {
         "messages": sum(topic["count"] for topic in value["topics"]),

@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 from bagassets.bags.inventory import Inventory
 from bagassets.bags.model import RawMessage, Recording
-from bagassets.decode.clouds import CLOUD_DECODERS
+from bagassets.decode.clouds import CLOUD_DECODERS, check_points
 from bagassets.decode.fields import stamp_ns
 from bagassets.decode.packets import PAYLOADS
 from bagassets.errors import CalibrationError, DecodeError, LossLimitError, PoseError, RecipeError
@@ -48,7 +48,7 @@ def request(
         name: canonical channel.
         channel: its part of the recipe.
         clock: which time of a message counts.
-        limits: accepted losses.
+        limits: accepted losses and sizes.
         inventory: what is in the recording.
         ego_SE3_sensor: `translation` and `rotation` as in `calibration.json`; None if not known.
         ego_poses_digest: content digest of the ego poses; None if not known.
@@ -69,6 +69,7 @@ def request(
         "msgtype": topic.msgtype,
         "clock": clock,
         "lost_messages": limits.lost_messages,
+        **limits.changed("cloud_points"),
     }
     family: Literal["radar", "cloud"] = "radar" if isinstance(channel, RadarChannel) else "cloud"
     plugin = require_type(name, channel.topic, topic.msgtype, family)
@@ -133,6 +134,7 @@ class SweepExtractor:
         self.topics: tuple[str, ...] = (params["topic"],)
         self._params = params
         self._recording = recording
+        self._most_points = Limits.of(params).cloud_points
         self._messages = 0
         self._failed_messages = 0
         self._failed_parts = 0
@@ -203,6 +205,7 @@ class SweepExtractor:
 
     def _decoded(self, message: RawMessage) -> Any:
         decoded = self._recording.decode(message)
+        check_points(decoded, self._most_points)
         if not self._holds_packets and "decoder" not in self._params:
             if not hasattr(decoded, "header"):
                 raise DecodeError("it has no header")

@@ -25,6 +25,7 @@ class TopicProbe:
         self._recording = recording
         self._topic = topic
         self._misfits = 0
+        self._reason = ""
         self._fits = False
         self._done = False
 
@@ -34,8 +35,9 @@ class TopicProbe:
             return
         try:
             self._recording.decode(message)
-        except DecodeError:
+        except DecodeError as err:
             self._misfits += 1
+            self._reason = str(err)
         else:
             self._fits = True
         enough = self._fits or self._misfits == MOST_MISFITS
@@ -46,6 +48,8 @@ class TopicProbe:
         """Why its messages cannot be decoded; None if one could, or if there were none."""
         if self._fits or not self._misfits:
             return None
+        if "limits." in self._reason:
+            return f"none of its messages can be decoded: {self._reason}"
         msgtype = self._recording.topics[self._topic].msgtype
         if self._recording.has_definition(self._topic):
             return f"its messages do not fit the definition of {msgtype} that is in the recording"

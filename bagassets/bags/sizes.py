@@ -1,0 +1,82 @@
+"""Holding what a recording announces against the recipe's `limits`, before memory is taken."""
+
+from pathlib import Path
+
+from bagassets.errors import SizeLimitError
+from bagassets.recipe.model import Limits
+
+__all__ = ["GIGABYTE", "Sizes", "readable_bytes"]
+
+GIGABYTE = 1_000_000_000
+
+
+class Sizes:
+    """What one recording may hold.
+
+    Args:
+        path: the recording.
+        size: bytes of its files.
+        limits: of the recipe.
+    """
+
+    def __init__(self, path: Path, size: int, limits: Limits) -> None:
+        self._path = path
+        self._size = size
+        self._limits = limits
+        self._offsets: set[int] = set()
+        self.unpacked_bytes = 0
+
+    def add_chunk(self, offset: int, unpacked_bytes: int) -> None:
+        """Take what a chunk announces to hold; one that was taken before counts once.
+
+        Args:
+            offset: of the chunk in the file.
+            unpacked_bytes: what it announces.
+
+        Raises:
+            SizeLimitError: that is more than a chunk, or the recording, may hold.
+        """
+        self.check_chunk(offset, unpacked_bytes)
+        if offset in self._offsets:
+            return
+        self._offsets.add(offset)
+        self.unpacked_bytes += unpacked_bytes
+        if self.unpacked_bytes > max(GIGABYTE, self._limits.compression_ratio * self._size):
+            raise SizeLimitError(
+                f"{self._path}: its {readable_bytes(self._size)} unpack to {readable_bytes(self.unpacked_bytes)} or "
+                f"more, over {self._limits.compression_ratio} times as much; if you trust the recording, raise "
+                "limits.compression_ratio in the recipe."
+            )
+
+    def check_chunk(self, offset: int, unpacked_bytes: int) -> None:
+        """Check what one chunk announces to hold.
+
+        Raises:
+            SizeLimitError: that is more than a chunk may hold.
+        """
+        if unpacked_bytes > self._limits.chunk_bytes:
+            raise SizeLimitError(
+                f"{self._path}: the chunk at byte {offset} holds {readable_bytes(unpacked_bytes)} unpacked, more than "
+                f"{readable_bytes(self._limits.chunk_bytes)}; if you trust the recording, raise limits.chunk_bytes in "
+                "the recipe."
+            )
+
+    def check_connections(self, number: int) -> None:
+        """Check a number of connections: publishers in ROS 1, channels in MCAP.
+
+        Raises:
+            SizeLimitError: there are more than a recording may have.
+        """
+        if number > self._limits.connections:
+            raise SizeLimitError(
+                f"{self._path}: it has {number} connections or more; if you trust the recording, raise "
+                "limits.connections in the recipe."
+            )
+
+
+def readable_bytes(size: int) -> str:
+    """Return a size as people say it."""
+    for unit, factor in (("GB", 10**9), ("MB", 10**6), ("kB", 10**3)):
+        if size >= factor:
+            return f"{size / factor:.4g} {unit}"
+    return f"{size} bytes"
