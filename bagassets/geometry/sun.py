@@ -10,8 +10,9 @@ NIGHT_DEG = -6.0
 
 
 def sun_elevation_deg(lat_deg: float, lon_deg: float, stamp_ns: int) -> float:
-    """Return the elevation of the sun's centre above the horizon, good to about 0.3 degrees.
+    """Return the elevation of the sun's centre above the horizon, good to about 0.6 degrees.
 
+    In leap years it is 0.3: the series takes each year to begin at the same place of the orbit.
     NOAA Global Monitoring Division, "General Solar Position Calculations", low-accuracy series.
     """
     when = datetime.fromtimestamp(stamp_ns / 1e9, tz=UTC)
