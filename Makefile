@@ -1,6 +1,16 @@
 # Two commands matter: `make demo` and `make test`. Each makes the environments it needs.
 
-PYTHON ?= python3.11
+# The first Python that is new enough, not too new for Dagster, and can make environments; it must run: shims of
+# pyenv are on the PATH even if no such version is chosen. The devkit prefers one that has wheels of numpy < 2.
+PYTHON ?= $(call first,$(call fits,15),python3 python3.13 python3.12 python3.11 python3.14 python)
+DEVKIT_PYTHON ?= $(or $(call first,$(call fits,13),$(PYTHON) python3.12 python3.11),$(PYTHON))
+fits = import ensurepip, sys, venv; sys.exit(not (3, 11) <= sys.version_info < (3, $(1)))
+first = $(shell for name in $(2); do "$$name" -c '$(1)' 2>/dev/null && echo "$$name" && break; done)
+define need
+@"$(1)" -c '$(call fits,15)' 2>/dev/null || { echo "bagassets needs Python 3.11 to 3.14 with its module venv;\
+ $(if $(1),$(1) is not that,none is on the PATH). Install one, or name it: make PYTHON=/path/to/python3.12" >&2; exit 1; }
+endef
+
 VENV := .venv
 DEVKIT := .devkit-venv
 BIN := $(VENV)/bin
@@ -11,15 +21,18 @@ export BAGASSETS_DEVKIT_PYTHON := $(CURDIR)/$(DEVKIT)/bin/python
 
 # A stamp file each, so that a second run costs nothing.
 $(VENV)/.made: pyproject.toml requirements.lock
-	$(PYTHON) -m venv $(VENV)
+	$(call need,$(PYTHON))
+	"$(PYTHON)" -m venv --clear $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements.lock
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --editable .
 	touch $@
 
-# The nuscenes-devkit needs numpy < 2: it lives in an environment of its own.
+# The nuscenes-devkit asks for numpy < 2, so it lives in an environment of its own. Its lock is complete; without
+# --no-deps pip would refuse the numpy 2 in it for Pythons that have no other.
 $(DEVKIT)/.made: requirements-devkit.lock
-	$(PYTHON) -m venv $(DEVKIT)
-	$(DEVKIT)/bin/python -m pip install --quiet --disable-pip-version-check -r requirements-devkit.lock
+	$(call need,$(DEVKIT_PYTHON))
+	"$(DEVKIT_PYTHON)" -m venv --clear $(DEVKIT)
+	$(DEVKIT)/bin/python -m pip install --quiet --disable-pip-version-check --no-deps -r requirements-devkit.lock
 	touch $@
 
 demo: $(VENV)/.made
@@ -30,7 +43,7 @@ test: $(VENV)/.made $(DEVKIT)/.made
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	@# By file, as fixtures of a file are dear to make.
-	$(BIN)/pytest -n auto --dist loadfile
+	$(BIN)/pytest -n auto --dist loadfile $(PYTEST_ARGS)
 
 lint: $(VENV)/.made
 	$(BIN)/ruff check .

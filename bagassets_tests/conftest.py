@@ -8,6 +8,8 @@ import os
 import time
 from fnmatch import fnmatchcase
 
+import pytest
+
 # Where programs and files are, the devkit's environment, and what drives the tests.
 KEPT = (
     "PATH", "HOME", "TMPDIR", "USER", "LOGNAME", "SHELL", "PYTHONPATH", "LD_LIBRARY_PATH",
@@ -24,3 +26,21 @@ def pytest_configure() -> None:
     os.environ.update(SET)
     time.tzset()
     os.umask(0o022)
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add what CI asks for: a test that could not run is no test that passed."""
+    parser.addoption("--no-skips", action="store_true", help="fail if a test is skipped")
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """With `--no-skips`, fail if a test was skipped."""
+    reporter = session.config.pluginmanager.get_plugin("terminalreporter")
+    if reporter is not None and session.config.getoption("no_skips") and "skipped" in reporter.stats:
+        session.exitstatus = pytest.ExitCode.TESTS_FAILED
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Say why a run without a failure fails."""
+    if terminalreporter.config.getoption("no_skips") and "skipped" in terminalreporter.stats:
+        terminalreporter.write_line("--no-skips: the tests above that were skipped must run.", red=True)
