@@ -16,6 +16,7 @@ from bagassets.quality.file_rules import files_match
 from bagassets.quality.finding import Finding
 from bagassets.quality.pose_rules import poses_cover_sensors
 from bagassets.quality.scene_rules import keyframes_complete, scenes_made
+from bagassets.quality.sweep_rules import sweeps_timed
 from bagassets.quality.topic_rules import channels_present, stamps_monotonic, topic_rates
 from bagassets.recipe.model_checks import Checks, Severity
 
@@ -129,6 +130,13 @@ RECORDING_CHECKS = (
         "poses_cover_sensors",
         "Readings have an ego pose at their time, and the vehicle does not jump.",
         lambda e: poses_cover_sensors(e.trajectory, e.stamps_ns(), e.checks.poses_cover_sensors),
+    ),
+    RecordingCheck(
+        "sweeps_timed",
+        "nuscenes_tables",
+        "sweeps_timed",
+        "Clouds of lidars fit each other best with the poses of their own times.",
+        lambda e: sweeps_timed(e.rig, e.sweeps(), e.trajectory, e.checks.sweeps_timed),
     ),
     RecordingCheck(
         "references_intact",

@@ -5,12 +5,16 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bagassets.annotations.table import BoxTable
 from bagassets.bags.inventory import Inventory
+from bagassets.geometry.se3 import SE3
 from bagassets.geometry.trajectory import Trajectory
+from bagassets.nuscenes.lidar_file import read_lidar_file
 from bagassets.nuscenes.schema import RECORDING_TABLES
-from bagassets.recipe.model import Recipe, Rig
+from bagassets.quality.sweep_rules import Sweeps
+from bagassets.recipe.model import LidarChannel, Recipe, Rig
 from bagassets.recipe.model_checks import Checks
 from bagassets.steps.ego_poses import load_trajectory
 from bagassets.store.artifact import Artifact
@@ -101,3 +105,27 @@ class Evidence:
                 index = self.store.artifact(entry["artifact"]).read_table("index.parquet", ["stamp_ns"])
                 stamps[name] = index.column("stamp_ns").to_numpy().astype(np.int64)
         return stamps
+
+    def sweeps(self) -> dict[str, Sweeps]:
+        """Return lidar -> its sweeps."""
+        sweeps = {}
+        for name, entry in sorted(self.channels("sweeps").items()):
+            if isinstance(self.rig.channels.get(name), LidarChannel):
+                pose = self.calibration["channels"][name]["ego_SE3_sensor"]
+                ego_SE3_sensor = SE3.create(pose["rotation"], pose["translation"])
+                sweeps[name] = _sweeps(self.store.artifact(entry["artifact"]), ego_SE3_sensor)
+        return sweeps
+
+
+def _sweeps(artifact: Artifact, ego_SE3_sensor: SE3) -> Sweeps:
+    index = artifact.read_table("index.parquet", ["stamp_ns", "start_ns", "end_ns", "file"])
+    files = index.column("file")
+    times = [index.column(name).to_numpy().astype(np.int64) for name in ("stamp_ns", "start_ns", "end_ns")]
+
+    def points(number: int) -> NDArray[np.float32] | None:
+        try:
+            return read_lidar_file(artifact.path(files[number].as_py()))
+        except (OSError, ValueError):
+            return None  # the check of files says what is wrong with it
+
+    return Sweeps(times[0], np.stack(times[1:], axis=1), points, ego_SE3_sensor)

@@ -80,6 +80,18 @@ class PosesCheck(Model):
     )
 
 
+class SweepTimesCheck(Model):
+    """Clouds of lidars fit each other best with the poses of their own times."""
+
+    severity: Severity = Field("warn", description=_SEVERITY)
+    min_gain: float = Field(
+        0.05,
+        gt=0,
+        lt=1,
+        description="Share by which clouds must fit each other better with the poses of other times for a finding.",
+    )
+
+
 class CalibrationCheck(Model):
     """Extrinsics and intrinsics are those of a vehicle with real lenses."""
 
@@ -128,6 +140,9 @@ class Checks(Model):
     )
     boxes_plausible: BoxesCheck = Field(BoxesCheck(), description="Boxes were understood and make sense.")
     poses_cover_sensors: PosesCheck = Field(PosesCheck(), description="Readings have an ego pose.")
+    sweeps_timed: SweepTimesCheck = Field(
+        SweepTimesCheck(), description="Clouds fit each other best with the poses of their own times."
+    )
     scenes_made: Check = Field(Check(severity="warn"), description="A recording gives at least one scene.")
     keyframes_complete: Check = Field(
         Check(severity="warn"),
