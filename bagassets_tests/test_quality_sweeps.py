@@ -102,9 +102,7 @@ rigs:
     )
     recipe = load_recipe(folder / "recipe.yaml")
     (made,) = build_recordings(recipe).values()
-    evidence = Evidence(
-        recipe.checks, recipe.rigs[0], Store(recipe.store_path), lambda asset: made[asset].artifact
-    )
+    evidence = Evidence(recipe, recipe.rigs[0], Store(recipe.store_path), lambda asset: made[asset].artifact)
     (check,) = (check for check in RECORDING_CHECKS if check.name == "sweeps_timed")
     return check.rule(evidence)
 
