@@ -6,7 +6,7 @@ offsets of up to two revolutions. What stands upright (walls, vehicles, poles) m
 it is off is the misfit. Nothing shows while the vehicle stands, or moves on evenly: where it will be a second
 later is then the same at any time.
 
-The work does not grow with the recording: five pairs, 17 offsets.
+The work does not grow with the recording: five pairs, 19 offsets.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -33,8 +33,9 @@ SECONDS_BETWEEN = (0.3, 0.6, 1.0, 2.0, 3.0)
 MOST_BETWEEN_M = 25.0
 # A pair tells if a whole revolution of offset moves things this far; they are taken to stand 10 m away.
 LEAST_MOVED_M, THINGS_AT_M = 0.2, 10.0
-# Offsets are tried in steps of a quarter of a revolution, up to two.
-STEPS, MOST_STEPS = 4, 8
+# Offsets are tried in steps of a quarter of a revolution, up to a little more than two: so far off is a header that
+# means the end and is taken for the start.
+STEPS, MOST_STEPS = 4, 9
 
 REACH_M, CELL_M = 30.0, 0.1
 # Upright is what has points this far above each other within a metre.
@@ -42,6 +43,8 @@ UPRIGHT_M = 0.4
 MOST_POINTS, MOST_UPRIGHT, LEAST_UPRIGHT = 30_000, 2_000, 200
 # What is farther off has no counterpart: it was hidden, or has moved.
 MOST_MISFIT_M = 0.3
+# Points as they were measured hardly ever fit best at the very begin or end of their revolution.
+LIKELY = 0.7
 # It is clear if all pairs fit best at about the same offset, so many steps more or less.
 MOST_APART = 2
 
@@ -134,7 +137,7 @@ class _Fit:
 
 def _late_or_early(channel: LidarChannel, lidar: Sweeps, fit: _Fit, check: SweepTimesCheck) -> Iterator[str]:
     """Say by how much the stamps are off, if it is clear."""
-    rightful = _rightful_ns(channel, lidar)
+    rightful = _rightful_ns(channel, lidar, fit.period_ns)
     if abs(fit.best) == MOST_STEPS or _is_within(fit, rightful):
         return
     right = round(min(max(fit.best_ns, rightful[0]), rightful[1]) / fit.period_ns * STEPS)
@@ -152,7 +155,7 @@ def _late_or_early(channel: LidarChannel, lidar: Sweeps, fit: _Fit, check: Sweep
 Range = tuple[float, float]
 
 
-def _rightful_ns(channel: LidarChannel, lidar: Sweeps) -> Range:
+def _rightful_ns(channel: LidarChannel, lidar: Sweeps, period_ns: int) -> Range:
     """Return between which offsets clouds may fit best if their stamps are right.
 
     Points that were not moved to the stamp fit best at the time they were measured, which depends on where things
@@ -161,7 +164,10 @@ def _rightful_ns(channel: LidarChannel, lidar: Sweeps) -> Range:
     if channel.deskew:
         return 0, 0
     begins, ends = (np.sort(lidar.spans_ns[:, edge] - lidar.stamps_ns) for edge in (0, 1))
-    return int(begins[len(begins) // 2]), int(ends[len(ends) // 2])
+    begin, end = int(begins[len(begins) // 2]), int(ends[len(ends) // 2])
+    if begin == end:  # as recorded: the middle of a revolution, or the instant of all points
+        return begin - period_ns / STEPS, end + period_ns / STEPS
+    return begin, end
 
 
 def _is_within(fit: _Fit, between: Range) -> bool:
@@ -187,8 +193,10 @@ def _way_out(channel: LidarChannel, rightful: Range, fit: _Fit) -> str:
         begins = {"start": 0.0, "middle": -period / 2, "end": -1.0 * period}
         moved = {moment: begin - begins[told] for moment, begin in begins.items() if moment != told}
         others = {moment: (rightful[0] + by, rightful[1] + by) for moment, by in moved.items()}
-    elif rightful == (0, 0) and not channel.deskew:  # stamps as recorded, points as they were measured
-        others = {"start": (0, period), "end": (-period, 0)}
+    elif (
+        not channel.deskew and rightful[0] < 0 < rightful[1]
+    ):  # stamps as recorded, points as they were measured
+        others = {"start": (0.0, LIKELY * period), "end": (-LIKELY * period, 0.0)}
     for moment in sorted(others, key=lambda moment: abs(sum(others[moment]) / 2 - fit.best_ns)):
         if _is_within(fit, others[moment]):
             return f"the stamps seem to mean the {moment} of a revolution: write header_stamp_is: {moment}"
