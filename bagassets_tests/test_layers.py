@@ -9,7 +9,7 @@ ROOT = Path(bagassets.__file__).parent
 
 # Lower layers may not import upper ones; each package names what it may import.
 ORDER = [
-    ("escaping", "kernels"),
+    ("escaping", "kernels", "lock_files"),
     ("errors",),
     ("geometry",),
     ("recipe",),

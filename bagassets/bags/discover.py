@@ -4,6 +4,7 @@ import errno
 import hashlib
 import os
 import re
+import stat
 import unicodedata
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -22,6 +23,12 @@ _NO_STORAGE = "there is no .db3 or .mcap file beside its metadata.yaml; it is st
 # What may lie in a ROS 2 bag folder beside its metadata; zstd when compressed by file.
 _STORAGE = (".db3", ".mcap", ".db3.zstd", ".mcap.zstd")
 _BARE: dict[str, Format] = {".bag": "ros1", ".mcap": "mcap", ".db3": "ros2"}
+_SPECIAL = {
+    stat.S_IFIFO: "a named pipe",
+    stat.S_IFSOCK: "a socket",
+    stat.S_IFCHR: "a device",
+    stat.S_IFBLK: "a device",
+}
 # What file systems keep for themselves, readable by root only.
 _NOT_OURS = frozenset({"lost+found", "System Volume Information", "$RECYCLE.BIN"})
 # Keys become parts of file names, which may have 255 bytes.
@@ -107,9 +114,14 @@ def find_one(path: Path) -> Found:
     if not path.exists():
         raise RecordingError(f"{path}: no such file or folder.")
     try:
+        if (what := _special(path.stat())) is not None:
+            raise RecordingError(f"{path}: expected a recording, but this is {what}; name a file or folder.")
         if path.is_dir():
-            with os.scandir(path) as entries:
-                found = _folder_recording(path, path.name, list(entries))
+            with os.scandir(path) as scan:
+                entries = list(scan)
+            if (reason := _special_within(entries)) is not None:
+                raise RecordingError(f"{path}: expected a ROS 2 bag folder, but {reason}.")
+            found = _folder_recording(path, path.name, entries)
         elif path.suffix in _BARE:
             found = _found(path, path.name, _BARE[path.suffix], [(path, path.stat())])
         else:
@@ -152,6 +164,9 @@ class _Walk:
         except OSError as err:
             self._unreadable(relative, err)
             return
+        if (reason := _special_within(entries)) is not None:
+            self._leave_out(relative or Path(path).name, reason)
+            return
         whole = _folder_recording(Path(path), relative or Path(path).name, entries)
         if whole is not None:
             self._take(whole)
@@ -170,9 +185,12 @@ class _Walk:
 
     def _entry(self, entry: os.DirEntry[str], relative: str, ancestors: tuple[tuple[int, int], ...]) -> None:
         suffix = os.path.splitext(entry.name)[1]  # noqa: PTH122  (a Path per file is slow)
-        if suffix in _BARE and entry.is_file():
-            path = Path(entry.path)
-            self._take(_found(path, relative, _BARE[suffix], [(path, entry.stat())]))
+        if suffix in _BARE and not entry.is_dir():
+            path, status = Path(entry.path), entry.stat()
+            if (what := _special(status)) is not None:
+                self._leave_out(relative, f"this is {what}, no file")
+            else:
+                self._take(_found(path, relative, _BARE[suffix], [(path, status)]))
         elif entry.name not in _NOT_OURS and entry.is_dir():
             self.folder(entry.path, relative, ancestors)
 
@@ -181,6 +199,10 @@ class _Walk:
             self.found.append(recording)
         else:
             self.excluded.append((ascii(recording.relative)[1:-1], "its name is not UTF-8; rename it"))
+
+    def _leave_out(self, relative: str, reason: str) -> None:
+        shown = relative if _decodable(relative) else ascii(relative)[1:-1]
+        self.excluded.append((shown, _exclusion(self.bags, relative) or reason))
 
     def _unreadable(self, relative: str, err: OSError) -> None:
         """Leave out what cannot be read; the root itself must be readable."""
@@ -219,6 +241,27 @@ def _folder_recording(folder: Path, relative: str, entries: list[os.DirEntry[str
     return _found(folder, relative, "ros2", sorted(files)) if len(files) > 1 else None
 
 
+def _special(status: os.stat_result) -> str | None:
+    """Return what is neither a file nor a folder, in words: whoever opens it may wait for ever, or read without end."""
+    return _SPECIAL.get(stat.S_IFMT(status.st_mode))
+
+
+def _special_within(entries: Iterable[os.DirEntry[str]]) -> str | None:
+    """Return why a folder with these entries cannot be looked into as a ROS 2 bag, or None."""
+    entries = list(entries)
+    if not any(entry.name == METADATA for entry in entries):
+        return None
+    for entry in entries:
+        if entry.name == METADATA or entry.name.endswith(_STORAGE):
+            try:
+                what = _special(entry.stat())
+            except OSError:
+                continue  # told by whoever needs it
+            if what is not None:
+                return f"{entry.name} in it is {what}, no file"
+    return None
+
+
 def _lacks_storage(folder: Path, entries: list[os.DirEntry[str]]) -> bool:
     """Tell whether this is the folder of a ROS 2 bag whose files are not there; other metadata.yaml are common."""
     if not any(entry.name == METADATA for entry in entries):
@@ -231,7 +274,7 @@ def _lacks_storage(folder: Path, entries: list[os.DirEntry[str]]) -> bool:
 
 
 def _found(path: Path, relative: str, file_format: Format, files: list[tuple[Path, os.stat_result]]) -> Found:
-    size, mtime_ns = sum(stat.st_size for _, stat in files), max(stat.st_mtime_ns for _, stat in files)
+    size, mtime_ns = sum(s.st_size for _, s in files), max(s.st_mtime_ns for _, s in files)
     names = tuple(name for name, _ in files)
     return Found(_key(relative), relative, path, file_format, names, size, mtime_ns)
 

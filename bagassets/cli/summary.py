@@ -90,7 +90,10 @@ def summary_rows(report: BuildReport, store: "Store | Path", *, most: int | None
         return []
     if most is not None and len(outcomes) > most:
         outcomes = report.having("built", "failed", "stopped")
-    return [_row(store, plan.bags[key], outcome) for key, outcome in outcomes.items()]
+    return [
+        _row(store, plan.bags[key], outcome) if key in plan.bags else _row_of_removed(key, outcome)
+        for key, outcome in outcomes.items()
+    ]
 
 
 def print_summary(
@@ -200,6 +203,13 @@ def _row(store: "Store", bag: "BagPlan", outcome: BagOutcome) -> SummaryRow:
         result=outcome.result,
         reason=outcome.reason,
     )
+
+
+def _row_of_removed(key: str, outcome: BagOutcome) -> SummaryRow:
+    """Return the row of a recording that was there when the build began, and is not any more."""
+    empty = dict.fromkeys(("format", "span_s", *_NUMBERS))
+    reason = outcome.reason or "it was removed meanwhile, so the dataset is without it"
+    return SummaryRow(recording=key, **empty, result=outcome.result, reason=reason)
 
 
 def _summary(store: "Store", bag: "BagPlan", asset: str) -> dict[str, Any]:

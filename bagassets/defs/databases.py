@@ -24,6 +24,7 @@ from sqlalchemy import MetaData
 from sqlalchemy.exc import DatabaseError, OperationalError
 
 from bagassets.errors import StoreError
+from bagassets.lock_files import open_lock_file
 
 __all__ = ["database_in_words", "ready_to_open"]
 
@@ -57,7 +58,7 @@ def ready_to_open(home: Path) -> Iterator[None]:
     with ExitStack() as stack:
         with database_in_words(str(home)), _disk_in_words(folder):
             folder.mkdir(parents=True, exist_ok=True)
-            descriptor = os.open(folder / _LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+            descriptor = open_lock_file(folder / _LOCK)
             stack.callback(os.close, descriptor)
             fcntl.flock(descriptor, fcntl.LOCK_SH)  # waits while somebody makes them
             if _unfinished(folder):

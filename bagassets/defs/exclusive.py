@@ -11,6 +11,8 @@ from time import sleep
 import dagster as dg
 from pydantic import PrivateAttr
 
+from bagassets.lock_files import open_lock_file
+
 __all__ = ["RecordingLock", "exclusive"]
 
 _POLL_S = 0.2
@@ -37,7 +39,7 @@ def exclusive(folder: Path, key: str, *, keep_waiting: Callable[[int], bool]) ->
         yield True
         return
     folder.mkdir(parents=True, exist_ok=True)
-    descriptor = os.open(file, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+    descriptor = open_lock_file(file)
     asked, held = 0, False
     try:
         while not (held := _try_lock(descriptor)) and keep_waiting(asked):

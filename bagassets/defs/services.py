@@ -20,6 +20,7 @@ from bagassets.errors import BagAssetsError
 from bagassets.forkserver.client import Client, ServerRefusedError
 from bagassets.forkserver.places import Places
 from bagassets.forkserver.tasks import connect, server_spec
+from bagassets.lock_files import open_lock_file
 from bagassets.recipe import load_recipe
 from bagassets.recipe.project import dagster_home
 
@@ -209,7 +210,7 @@ def _lock(state: Path, url: str) -> TextIO:
     """Return the open, locked file that keeps a second daemon from the same state; it names the first's URL."""
     try:
         state.mkdir(parents=True, exist_ok=True)
-        lock = (state / _LOCK).open("a+", encoding="utf-8")
+        lock = os.fdopen(open_lock_file(state / _LOCK, flags=os.O_APPEND), "a+", encoding="utf-8")
     except OSError as err:
         raise BagAssetsError(f"{state}: the state folder cannot be written ({err.strerror}).") from err
     try:

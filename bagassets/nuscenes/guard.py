@@ -1,12 +1,14 @@
 """Keeping two processes from writing one dataset at the same time, and other bytes than asked for from appearing."""
 
 import fcntl
+import os
 import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from bagassets.errors import DatasetError
+from bagassets.lock_files import open_lock_file
 
 __all__ = ["GUARD", "guarded", "refuse_unexpected"]
 
@@ -22,7 +24,7 @@ def guarded(output: Path) -> Iterator[None]:
     """
     try:
         output.mkdir(parents=True, exist_ok=True)
-        with (output / GUARD).open("w") as guard:
+        with os.fdopen(open_lock_file(output / GUARD, shared=True), "w") as guard:
             with suppress(OSError):  # some network file systems have no locks; then builds must not overlap
                 fcntl.flock(guard, fcntl.LOCK_EX)
             yield

@@ -19,6 +19,8 @@ from bagassets.errors import RecipeError
 __all__ = ["Place", "read_yaml"]
 
 _TAG = "tag:yaml.org,2002:"
+# A text has fewer values than characters; aliases may add as many as this.
+_PLENTY = 100_000
 _TRUE = frozenset({"true", "yes", "on"})
 
 
@@ -83,7 +85,9 @@ def read_yaml(text: str, path: Path) -> tuple[Any, Place]:
             loader.dispose()
     if node is None:
         return None, Place(1)
-    return _Reader(path).value(node, 1 if isinstance(node, yaml.MappingNode) else _line(node), ())
+    return _Reader(path, _PLENTY + len(text)).value(
+        node, 1 if isinstance(node, yaml.MappingNode) else _line(node), ()
+    )
 
 
 def _syntax_error(err: yaml.YAMLError, text: str, path: Path) -> str:
@@ -109,9 +113,10 @@ def _syntax_error(err: yaml.YAMLError, text: str, path: Path) -> str:
 class _Reader:
     """Turns nodes into data and places; remembers where it is, for messages."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, most: int) -> None:
         self._path = path
         self._open: set[int] = set()
+        self._left = self._most = most
 
     def value(self, node: yaml.Node, line: int, at: tuple[str, ...]) -> tuple[Any, Place]:
         """Return data and place of `node`, whose key stands in `line`."""
@@ -171,6 +176,12 @@ class _Reader:
         if id(node) in self._open:
             raise self._error(line, at, "the alias refers to a value that contains it")
         self._open.add(id(node))
+        # Aliases of lists of aliases make thousands of millions of values of ten lines.
+        self._left -= 1 + len(node.value)
+        if self._left < 0:
+            raise self._error(
+                line, at, f"its aliases stand for more than {self._most} values; write out what is meant"
+            )
 
     def _scalar(self, node: yaml.ScalarNode, at: tuple[str, ...]) -> str | int | float | bool | None:
         text = str(node.value)

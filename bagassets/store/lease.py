@@ -14,6 +14,7 @@ from pathlib import Path
 from uuid import uuid4
 
 from bagassets.errors import StoreError
+from bagassets.lock_files import open_lock_file
 
 __all__ = ["in_use", "in_use_since_s"]
 
@@ -33,7 +34,7 @@ def in_use(root: Path) -> Iterator[None]:
     path = folder / f"{socket.gethostname()}-{os.getpid()}-{uuid4().hex}"
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
+        descriptor = open_lock_file(path, shared=True, flags=os.O_EXCL)
     except OSError as err:
         raise StoreError(f"{path}: the store cannot be written ({err.strerror}).") from err
     try:
@@ -57,7 +58,7 @@ def in_use_since_s(root: Path) -> float | None:
     since: list[float] = []
     folder = root / _FOLDER
     for path in folder.iterdir() if folder.is_dir() else ():
-        with suppress(FileNotFoundError):
+        with suppress(FileNotFoundError, PermissionError):
             begun_s = path.stat().st_mtime
             if _is_held(path, begun_s):
                 since.append(begun_s)
@@ -67,7 +68,11 @@ def in_use_since_s(root: Path) -> float | None:
 
 
 def _is_held(path: Path, begun_s: float) -> bool:
-    descriptor = os.open(path, os.O_RDWR | os.O_CLOEXEC)
+    try:
+        descriptor = _opened(path)
+    except PermissionError:
+        # Of another user who shares the store but not the group's files: nobody can tell.
+        return time.time() - begun_s < _UNLOCKED_S
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
@@ -77,3 +82,11 @@ def _is_held(path: Path, begun_s: float) -> bool:
     finally:
         os.close(descriptor)
     return False
+
+
+def _opened(path: Path) -> int:
+    """Open the lease of whoever it is: for reading, where only its owner may write; that will do for a local lock."""
+    try:
+        return os.open(path, os.O_RDWR | os.O_CLOEXEC)
+    except PermissionError:
+        return os.open(path, os.O_RDONLY | os.O_CLOEXEC)

@@ -6,6 +6,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from bagassets.lock_files import open_lock_file
+
 __all__ = ["underway"]
 
 _FOLDER = "underway"
@@ -22,7 +24,7 @@ def underway(root: Path, action_digest: str) -> Iterator[None]:
     descriptor = -1
     with suppress(OSError):
         path.parent.mkdir(parents=True, exist_ok=True)
-        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+        descriptor = open_lock_file(path, shared=True)
         fcntl.flock(descriptor, fcntl.LOCK_EX)
     try:
         yield
