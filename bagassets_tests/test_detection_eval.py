@@ -172,14 +172,29 @@ def seen_boxes(built, stamp_ns):
             yield box, built.truth.world.things[box.track_id - 1]
 
 
+def is_near(built, box, stamp_ns):
+    """Whether a box is near enough to count."""
+    here = built.truth.odom_SE3_ego(stamp_ns).translation
+    return np.hypot(*np.subtract(box.odom_SE3_box.translation, here)[:2]) < RANGE_M[NAMES[box.category]]
+
+
 def in_range(built):
     """Yield the class of each box of the world that is seen, and near enough to count."""
     for sample in built.tables["sample"]:
         stamp_ns = sample["timestamp"] * 1000
-        here = built.truth.odom_SE3_ego(stamp_ns).translation
         for box, _ in seen_boxes(built, stamp_ns):
-            if np.hypot(*np.subtract(box.odom_SE3_box.translation, here)[:2]) < RANGE_M[NAMES[box.category]]:
+            if is_near(built, box, stamp_ns):
                 yield NAMES[box.category]
+
+
+def unseen_in_range(built):
+    """Yield the boxes that are near enough to count, but have no point: given as results, they would be false."""
+    for row in built.tables["sample"]:
+        stamp_ns = row["timestamp"] * 1000
+        seen = {box.track_id for box, _ in seen_boxes(built, stamp_ns)}
+        for box in built.truth.boxes(stamp_ns):
+            if box.track_id not in seen and is_near(built, box, stamp_ns):
+                yield stamp_ns, box
 
 
 def attribute(thing):
@@ -247,6 +262,7 @@ def test_every_object_of_the_world_is_annotated_at_every_sample(built):
 def test_the_truth_as_results_scores_ap_1_and_errors_0_for_each_class(built, scores):
     assert scores["samples"] == len(built.tables["sample"]) >= 8
     assert set(in_range(built)) == set(NAMES.values()), "each class of the world is within range"
+    assert not list(unseen_in_range(built)), "what is near enough to count is seen"
     for name in NAMES.values():
         assert scores["aps"][name] == pytest.approx(1.0), name
         errors = scores["errors"][name]
@@ -397,7 +413,7 @@ def test_visibility_is_that_of_rendered_images(built):
             if in_images > 0.8 and is_open < 0.2:
                 hidden.append(level)
     wrong_by = np.abs(np.subtract(*np.indices((4, 4))))
-    assert confusion.diagonal().sum() > 0.85 * confusion.sum()
+    assert confusion.diagonal().sum() > 0.75 * confusion.sum()
     assert confusion[wrong_by > 1].sum() < 0.05 * confusion.sum()
     assert confusion[3].sum() > 20
     # Wholly in an image, and hardly anything of them is seen: what the rule was without the lidar.

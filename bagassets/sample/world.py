@@ -135,16 +135,16 @@ class World:
                 24.0 * i - 14,
             )
         for i in range(5):
-            add("vehicle.car", (1.9, dice.uniform(4.1, 4.9), 1.6), -4.6, 12.0 + 14 * i + dice.uniform(0, 5))
-        # On the other side of the road, and near: within 50 m of the first seconds of every drive.
-        add("vehicle.truck", (2.5, 8.0, 3.2), 6.5, 26.0 + dice.uniform(0, 5))
+            add("vehicle.car", (1.9, dice.uniform(4.1, 4.9), 1.5), -4.6, 12.0 + 14 * i + dice.uniform(0, 5))
+        # Beyond the walk, where it hides nobody, and within 50 m of the first seconds of every drive.
+        add("vehicle.truck", (2.5, 8.0, 3.2), 12.5, 26.0 + dice.uniform(0, 5))
         add("vehicle.car", (1.9, 4.5, 1.5), 0.0, dice.uniform(16, 20), speed=self.ego.speed_mps * 0.98)
-        for along in (45.0, 80.0):
+        for along in (62.0, 97.0):
             add("vehicle.car", (1.9, 4.4, 1.5), 3.6, along + dice.uniform(0, 8), speed=-7.5, yaw=math.pi)
         for i in range(4):
             side = 8.5 if i % 2 else -7.5
             direction = dice.choice((-1.0, 1.0))
             yaw = 0.0 if direction > 0 else math.pi
-            add("human.pedestrian.adult", (0.6, 0.6, 1.75), side, 14.0 + 9 * i + dice.uniform(0, 4),
+            add("human.pedestrian.adult", (0.6, 0.6, 1.75), side, 25.0 + 9 * i + dice.uniform(0, 4),
                 speed=1.3 * direction, yaw=yaw)  # fmt: skip
         return things
