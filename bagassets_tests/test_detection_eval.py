@@ -418,7 +418,8 @@ def test_visibility_is_that_of_rendered_images(built):
     assert confusion[3].sum() > 20
     # Wholly in an image, and hardly anything of them is seen: what the rule was without the lidar.
     assert len(hidden) >= 5
-    assert hidden.count(0) > 0.7 * len(hidden)
+    assert hidden.count(0) > 0.4 * len(hidden)
+    assert max(hidden) <= 1  # the lidar sits higher, and sees heads over cars
 
 
 def test_without_cameras_visibility_is_what_the_lidar_sees(lidar_only):
