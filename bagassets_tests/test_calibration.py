@@ -291,6 +291,14 @@ class TestIntrinsics:
             [1, 0, 3, 0, 2, 4, 0, 0, 1],
             "recipe",
         )
+        assert (camera["width"], camera["height"], camera["binning"], camera["d"]) == (640, 480, [1, 1], [])
+        assert (camera["r"], camera["p"]) == (
+            [1, 0, 0, 0, 1, 0, 0, 0, 1],
+            [1, 0, 3, 0, 0, 2, 4, 0, 0, 0, 1, 0],
+        )
+        assert {key: camera["roi"][key] for key in ("x_offset", "y_offset", "width", "height")} == {
+            "x_offset": 0, "y_offset": 0, "width": 640, "height": 480,
+        }  # fmt: skip
         assert "/cam/camera_info" not in made.request.topics
 
     def test_an_ideal_equidistant_lens_by_hand(self, tmp_path):

@@ -91,6 +91,15 @@ class TestTopics:
             Posed(tmp_path / "a", ODOM, *entries)
         assert Posed(tmp_path / "b", ODOM, *entries, clock="log").errors_m_rad(BETWEEN)[0] < 1e-3
 
+    def test_a_single_pose_at_any_time_but_zero_is_one(self, tmp_path):
+        once = [("/odom", ODOMETRY, at(0.0), odometry(at(0.0), truth(0.0)))] * 2
+        assert Posed(tmp_path, ODOM, *once).json["counts"] == {
+            "read": 2,
+            "written": 1,
+            "merged": 1,
+            "lost": {},
+        }
+
     def test_the_first_of_two_poses_at_a_stamp_counts(self, tmp_path):
         entries = [*odometries([0.0, 0.1]), ("/odom", ODOMETRY, at(1.0), odometry(at(0.1), truth(9.0)))]
         made = Posed(tmp_path, ODOM, *entries)

@@ -92,6 +92,7 @@ def test_everything_but_a_plain_build_takes_the_full_path(fresh, monkeypatch, ar
     monkeypatch.chdir(fresh.parent)
     assert nothing_to_do(["build"]) is not None
     assert nothing_to_do(["build", "--jobs", "2", f"--recipe={fresh}"]) is not None
+    assert nothing_to_do(["build", "-j", "2", "--recipe", str(fresh)]) is not None
     assert nothing_to_do(arguments) is None
 
 

@@ -170,6 +170,20 @@ class TestMessages:
         assert payload(message) == b"\x01\x02\x03"
         assert sender(message) == ("", 0)
 
+    @pytest.mark.parametrize("name", ["payload", "data", "packet", "raw", "bytes"])
+    @pytest.mark.parametrize(
+        "value",
+        [b"abc", bytearray(b"abc"), memoryview(b"abc"), [97, 98, 99], np.frombuffer(b"abc", np.uint8)],
+    )
+    def test_names_and_kinds_of_the_payload(self, name, value):
+        assert payload(Msg(**{name: value})) == b"abc"
+
+    @pytest.mark.parametrize("address", ["sender_ip", "address", "src_ip", "source_ip"])
+    @pytest.mark.parametrize("port", ["sender_port", "src_port", "source_port"])
+    def test_names_of_the_sender(self, address, port):
+        assert sender(Msg(**{address: "10.1.1.20", port: 3000})) == ("10.1.1.20", 3000)
+        assert sender(Msg(**{address: np.array([10, 1, 1, 20], np.uint8)})) == ("10.1.1.20", 0)
+
     @pytest.mark.parametrize("message", [Msg(other=1), Msg(data=["a"])])
     def test_no_bytes(self, message):
         with pytest.raises(DecodeError, match=r"no field payload or data|not bytes"):

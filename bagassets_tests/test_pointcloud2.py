@@ -92,13 +92,18 @@ def xyz(count: int) -> dict[str, np.ndarray]:
     return {axis: np.arange(1, count + 1, dtype=np.float32) * (k + 1) for k, axis in enumerate("xyz")}
 
 
-@pytest.mark.parametrize("name", ["intensity", "Intensity", "reflectivity", "i"])
+@pytest.mark.parametrize(
+    "name",
+    ["intensity", "Intensity", "intensities", "i", "reflectivity", "reflectance", "remission", "signal"],
+)
 def test_intensity_goes_by_several_names_and_keeps_its_scale(name):
     reading = decode_pointcloud2(cloud(0, xyz(3) | {name: np.array([0, 300, 65535], np.uint16)}))
     assert reading.points[:, 3].tolist() == [0, 300, 65535]
 
 
-@pytest.mark.parametrize("name", ["ring", "channel", "line", "laser_id"])
+@pytest.mark.parametrize(
+    "name", ["ring", "Ring", "channel", "laser_id", "laserid", "line", "beam", "beam_id", "ring_id", "row"]
+)
 def test_ring_goes_by_several_names(name):
     reading = decode_pointcloud2(cloud(0, xyz(3) | {name: np.array([5, 0, 127], np.uint16)}))
     assert reading.points[:, 4].tolist() == [5, 0, 127]

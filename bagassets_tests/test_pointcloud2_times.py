@@ -118,3 +118,18 @@ def test_absolute_seconds_are_as_exact_as_double_precision(second, offsets_ns):
     values = second + offsets * 1e-9
     found = times("timestamp", values, header_ns=second * 10**9)
     assert np.abs(found - (second * 10**9 + offsets)).max() <= 240
+
+
+NAMES = (
+    "t time timestamp time_stamp offset_time time_offset point_time_offset timestamp_offset relative_timestamp stamp t_ns "
+    "time_ns timestamp_ns time_offset_ns T Time_Stamp"
+)
+NAMES_US = "t_us time_us timestamp_us offset_time_us time_offset_us"
+
+
+@pytest.mark.parametrize(
+    ("name", "unit"), [*((n, 1) for n in NAMES.split()), *((n, 1000) for n in NAMES_US.split())]
+)
+def test_point_times_go_by_the_names_of_drivers(name, unit):
+    found = times(name, (OFFSETS_NS // unit).astype(np.uint32))
+    assert np.array_equal(found, HEADER_NS + OFFSETS_NS // unit * unit)

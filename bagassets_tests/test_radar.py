@@ -7,6 +7,7 @@ import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from bagassets.decode.radar import decode_radar, is_single_track
+from bagassets.decode.radar_fields import radar_reading
 from bagassets.errors import DecodeError
 from bagassets_tests.sweep_data import cloud
 
@@ -239,3 +240,121 @@ def test_a_message_that_is_no_radar_is_refused(types, make):
         decode_radar(message, "sensor_msgs/msg/Temperature")
     with pytest.raises(DecodeError, match="header"):
         decode_radar(make.part("std_msgs/msg/Float32", data=1.0), "std_msgs/msg/Float32")
+
+
+# Field of the nuScenes format, or part of a position -> names under which drivers publish it.
+NAMES = {
+    "vx": "vx v_x vel_x velocity_x velocity.x linear_velocity.x twist.linear.x twist.twist.linear.x "
+    "velocity.twist.linear.x vrel_long x_velocity longitude_vel",
+    "vy": "vy v_y vel_y velocity_y velocity.y linear_velocity.y twist.linear.y twist.twist.linear.y "
+    "velocity.twist.linear.y vrel_lat y_velocity lateral_vel",
+    "rcs": "rcs radar_cross_section amplitude power intensity snr can_tx_detect_amplitude",
+    "id": "id track_id object_id target_id detection_id cluster_id objid uuid",
+    "vx_comp": "vx_comp vx_compensated v_x_comp",
+    "vy_comp": "vy_comp vy_compensated v_y_comp",
+    "dyn_prop": "dyn_prop dynprop dynamic_property",
+    "is_quality_valid": "is_quality_valid",
+    "ambig_state": "ambig_state ambiguity_state",
+    "x_rms": "x_rms",
+    "y_rms": "y_rms",
+    "invalid_state": "invalid_state",
+    "pdh0": "pdh0",
+    "vx_rms": "vx_rms",
+    "vy_rms": "vy_rms",
+}
+
+
+@pytest.mark.parametrize(
+    ("field", "name"), [(field, name) for field, names in NAMES.items() for name in names.split()]
+)
+def test_fields_go_by_the_names_of_drivers(field, name):
+    values = np.array([3.0, 4.0])
+    columns = {"x": np.array([1.0, 2.0]), "y": np.array([5.0, 6.0]), name: values}
+    if field == "vy":
+        columns["vx"] = np.array([7.0, 8.0])
+    targets = radar_reading(STAMP, "radar", columns, "left").targets
+    near(targets[field], values)
+    if field == "vx":
+        near(targets["vy"], [0.0, 0.0])
+
+
+PLACES = "position. pose.position. pose.pose.position. centroid. track_shape.centroid. object_box_center.pose.position. "
+PLACES += "bounding_box_center.position. kinematics.position."
+POSITIONS = [("x", "y", "z"), *((f"{place}x", f"{place}y", f"{place}z") for place in PLACES.split())]
+POSITIONS += [
+    ("pos_x", "pos_y", "pos_z"), ("position_x", "position_y", "position_z"), ("x_distance", "y_distance", "z"),
+    ("dist_long", "dist_lat", "z"), ("long_dist", "lat_dist", "z"), ("longitude_dist", "lateral_dist", "z"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("names", POSITIONS)
+def test_positions_go_by_the_names_of_drivers(names):
+    columns = dict(
+        zip(names, (np.array([1.0, 2.0]), np.array([-3.0, 4.0]), np.array([0.5, 0.25])), strict=True)
+    )
+    targets = radar_reading(STAMP, "radar", columns, "left").targets
+    near([targets[axis] for axis in "xyz"], list(columns.values()))
+
+
+@pytest.mark.parametrize(
+    "distance", ["range", "distance", "rng", "r", "track_range", "can_tx_detect_range", "radial_distance"]
+)
+@pytest.mark.parametrize(
+    ("azimuth", "unit"),
+    [
+        ("azimuth", 1.0), ("azimuth_angle", 1.0), ("az", 1.0), ("angle", math.pi / 180), ("azimuth_deg", math.pi / 180),
+        ("track_angle", math.pi / 180), ("can_tx_detect_angle", math.pi / 180),
+    ],
+)  # fmt: skip
+def test_polar_positions_go_by_the_names_of_drivers(distance, azimuth, unit):
+    targets = radar_reading(
+        STAMP, "radar", {distance: np.array([10.0]), azimuth: np.array([0.75])}, "left"
+    ).targets
+    near([targets["x"][0], targets["y"][0]], [10 * math.cos(0.75 * unit), 10 * math.sin(0.75 * unit)])
+    near(targets["z"], [0.0])
+
+
+@pytest.mark.parametrize(
+    ("name", "unit"),
+    [("elevation", 1.0), ("elevation_angle", 1.0), ("el", 1.0), ("elevation_deg", math.pi / 180)],
+)
+def test_elevations_go_by_the_names_of_drivers(name, unit):
+    columns = {"range": np.array([10.0]), "azimuth": np.array([0.5]), name: np.array([0.25])}
+    near(radar_reading(STAMP, "radar", columns, "left").targets["z"], [10 * math.sin(0.25 * unit)])
+
+
+RADIAL = "doppler doppler_velocity range_rate radial_velocity radial_speed vrad v_r vr velocity speed rate "
+RADIAL += "track_range_rate can_tx_detect_range_rate"
+RADIAL_COMP = "v_r_comp vr_comp doppler_comp radial_velocity_comp v_r_compensated vrad_comp"
+
+
+@pytest.mark.parametrize(
+    ("name", "fields"),
+    [(name, ("vx", "vy")) for name in RADIAL.split()]
+    + [(name, ("vx_comp", "vy_comp")) for name in RADIAL_COMP.split()],
+)
+def test_radial_speeds_go_by_the_names_of_drivers(name, fields):
+    columns = {"x": np.array([3.0]), "y": np.array([4.0]), name: np.array([10.0])}
+    targets = radar_reading(STAMP, "radar", columns, "left").targets
+    near([targets[field][0] for field in fields], [6.0, 8.0])
+
+
+def test_velocities_as_measured_win_over_the_radial_speed():
+    columns = {
+        "x": np.array([3.0]), "y": np.array([4.0]), "vrad": np.array([10.0]), "vr_comp": np.array([10.0]),
+        "vx": np.array([1.0]), "vy": np.array([2.0]), "vx_comp": np.array([0.5]), "vy_comp": np.array([0.25]),
+    }  # fmt: skip
+    targets = radar_reading(STAMP, "radar", columns, "left").targets
+    near([targets[name][0] for name in ("vx", "vy", "vx_comp", "vy_comp")], [1.0, 2.0, 0.5, 0.25])
+    near(targets["z"], [0.0])
+
+
+def test_an_outline_without_points_is_no_target(make):
+    empty = make.part("geometry_msgs/msg/Polygon", points=[])
+    still = make.part("geometry_msgs/msg/Vector3", x=0.0, y=0.0, z=0.0)
+    track = make.part("old_msgs/msg/RadarTrack", track_id=7, track_shape=empty, linear_velocity=still)
+    reading = decode_radar(
+        make("old_msgs/msg/RadarTrackArray", tracks=[track]), "old_msgs/msg/RadarTrackArray"
+    )
+    assert len(reading.targets["x"]) == 0
+    assert reading.dropped == 1

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pyarrow as pa
 import pytest
+from blake3 import blake3
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -91,6 +92,13 @@ class TestActions:
         ]
         assert len({action.digest for action in (base, *others)}) == 7
         assert Action("a", 1, {"cv2": "4"}, {"q": 90}, {"bag": "x"}).digest == base.digest
+
+    def test_the_form_of_an_action_never_changes(self):
+        """With another form every artifact of every store would be made again."""
+        action = Action("frames", 3, {"cv2": "4.10"}, {"q": 90}, {"topic:/x": "00"})
+        text = b'{"inputs":{"topic:/x":"00"},"libraries":{"cv2":"4.10"},"params":{"q":90},"step":"frames","version":3}'
+        assert canonical_json(action.as_json()) == text
+        assert action.digest == blake3(text).hexdigest()
 
     def test_a_step_names_the_versions_of_its_libraries(self):
         assert Step("a", 1, ("numpy",)).action({}, {}).libraries["numpy"].count(".") >= 1
