@@ -77,6 +77,8 @@ class TestDeal:
             for number in (7, 20, 50, 100, 300):
                 found = counts(deal(KEYS[:number], Splits(seed=seed)))
                 assert abs(found["train"] - 0.8 * number) <= 0.5 + 0.05 * number
+                halves = counts(deal(KEYS[:number], Splits(shares={"a": 0.5, "b": 0.5}, seed=seed)))
+                assert abs(halves["a"] - 0.5 * number) <= 0.5 + 0.05 * number
 
     @given(some_keys, some_splits, st.randoms())
     def test_neither_order_nor_repetition_matters(self, keys, splits, rng):
@@ -128,6 +130,8 @@ class TestDeal:
 
     def test_pins_count_for_the_share_of_their_split(self):
         splits = Splits(pinned={"drive_0": "val", "drive_1": "val"})
+        assert counts(deal(KEYS[:10], splits)) == {"train": 8, "val": 2}
+        splits = Splits(pinned=dict.fromkeys(KEYS[:8], "train"))
         assert counts(deal(KEYS[:10], splits)) == {"train": 8, "val": 2}
 
     def test_pinning_all_keeps_them_where_they_are_whatever_arrives(self):

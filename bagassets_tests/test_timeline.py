@@ -183,6 +183,10 @@ class TestCompleteKeyframes:
     def test_two_keyframes_never_share_a_reading(self):
         assert keyframe_seconds(regular(20, 2), 2.0, stamps(0.25, 1.25), tolerance_s=0.24) == [0.05, 1.05]
 
+    def test_nor_one_reading_of_one_channel_of_several(self):
+        rare, dense = stamps(0.25, 1.25), regular(20, 2)
+        assert keyframe_seconds(regular(20, 2), 2.0, rare, dense, tolerance_s=0.24) == [0.05, 1.05]
+
     def test_a_slow_channel_sets_the_pace(self):
         seconds = keyframe_seconds(regular(10, 20), 2.0, regular(1, 20, 0.3))
         assert len(seconds) == 20
