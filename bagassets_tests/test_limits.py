@@ -19,7 +19,7 @@ from bagassets.bags.elements import announced_elements, check_elements, fewest_b
 from bagassets.bags.layouts import choice_of
 from bagassets.bags.model import Definition
 from bagassets.bags.open import open_recording
-from bagassets.bags.unpack import TooLargeError, unpack
+from bagassets.bags.unpack import _UNPACKERS, TooLargeError, unpack
 from bagassets.engine.code_version import code_version
 from bagassets.engine.recording_build import BuildFailure
 from bagassets.errors import CalibrationError, DecodeError, RecordingError, SizeLimitError
@@ -317,6 +317,8 @@ class TestRecordings:
         assert unpack(packed, compression, len(data)) == data
         with pytest.raises(TooLargeError):
             unpack(packed, compression, len(data) - 1)
+        if compression in {"bz2", "lz4"}:
+            assert len(_UNPACKERS[compression](packed, 10)) == 11  # one more tells that there are more
 
     @pytest.mark.parametrize(
         ("name", "limits"),
