@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from bagassets.decode.velodyne import Packet, PacketParser, RevolutionDecoder, packets_in
 from bagassets.errors import DecodeError, RecipeError
-from bagassets.steps.revolutions import RevolutionCutter, packet_times_ns
+from bagassets.steps.revolutions import MOST_PACKETS, RevolutionCutter, packet_times_ns
 from bagassets_tests.sweep_data import (
     VLP16_ELEVATIONS,
     VLP16_PACKET_NS,
@@ -275,3 +275,10 @@ def test_far_points_are_kept():
 def test_a_packet_is_immutable():
     with pytest.raises(AttributeError):
         Packet(0, 0, 0, b"").azimuth = 1
+
+
+def test_packets_whose_stamps_stand_still_are_not_collected_without_end():
+    number = MOST_PACKETS + 10
+    turns = cut([Packet(START_NS, 0, 0, b"")] * number)
+    assert max(len(turn.packets) for turn in turns) == MOST_PACKETS
+    assert sum(len(turn.packets) for turn in turns) == number

@@ -192,7 +192,7 @@ class RevolutionDecoder:
         try:
             _, cloud = self._decoder.decode(vector, as_pcl_structs=True)
         except RuntimeError as err:
-            raise DecodeError(f"velodyne-decoder refuses its packets: {err}") from err
+            raise DecodeError("velodyne-decoder refuses its packets") from err
         return np.asarray(cloud)
 
 

@@ -31,6 +31,8 @@ MOST_MISSING_DEG = 20.0
 LONGEST_PAUSE_NS = 20_000_000
 # A lidar at 5 Hz takes 0.2 s; after this long without passing the cut it does not spin.
 LONGEST_REVOLUTION_NS = 500_000_000
+# Those of the fastest lidar in that time, three times over: stamps may be made up.
+MOST_PACKETS = 20_000
 
 _TURN = 36_000  # hundredths of a degree
 _HOUR_US = 3_600_000_000
@@ -188,7 +190,8 @@ class RevolutionCutter:
             advance = _advance(before, packet)
             paused = _pause(before, packet, advance, spin.turn_ns)
             returned = current.azimuths[-1] + advance >= _TURN
-            stuck = packet.host_ns - current.packets[0].host_ns > LONGEST_REVOLUTION_NS
+            lasts_ns = packet.host_ns - current.packets[0].host_ns
+            stuck = lasts_ns > LONGEST_REVOLUTION_NS or len(current.packets) >= MOST_PACKETS
             if paused or returned or stuck:
                 ended = current
                 ended.next_packet = packet if returned and not paused else None

@@ -112,8 +112,8 @@ def read_parquet_boxes(data: bytes) -> Iterator[Label]:
 
     try:
         table = pq.read_table(io.BytesIO(data))
-    except (pa.ArrowException, OSError) as err:
-        raise UnreadableLabelsError(0, f"is no Parquet file ({err})") from None
+    except (pa.ArrowException, OSError):
+        raise UnreadableLabelsError(0, "is no Parquet file") from None
     required = ("stamp_ns", "category", *_NUMBERS)
     missing = [name for name in required if name not in table.column_names]
     if missing:
