@@ -1,8 +1,10 @@
 """JPEG and PNG: whole ones of every make are taken, and each kind of damage is a lost message."""
 
+import random
+import re
 import struct
+import time
 import zlib
-from itertools import pairwise
 from types import SimpleNamespace
 
 import cv2
@@ -11,6 +13,8 @@ import pytest
 
 from bagassets.decode.compressed_image import checked_size, unpack
 from bagassets.errors import DecodeError
+from bagassets.kernels import markers
+from bagassets.kernels.machine_code import MachineCode
 from bagassets.steps.frames import FrameExtractor
 from bagassets.store.artifact import ArtifactWriter
 
@@ -137,18 +141,51 @@ def test_an_image_cut_off_anywhere_is_refused(data):
             checked_size(data[:end], kind)
 
 
-def test_markers_are_found_wherever_blocks_end():
-    """A scan longer than a block, with a marker at each place around the border."""
-    filler = b"\x11" * (1 << 16)
-    head = PLAIN[: SCAN + 14]
-    for shift, following in pairwise(range(-3, 5)):
-        scan = filler[: (1 << 16) + shift] + filler[:100]
-        whole = head + scan + b"\xff\xd9"
-        assert checked_size(whole, "jpeg") == (WIDTH, HEIGHT)
-        damaged = changed(whole, len(head) + (1 << 16) + shift, b"\xff\xd3")
-        with pytest.raises(DecodeError, match="a part of its scan"):
-            checked_size(damaged, "jpeg")
-        assert following == shift + 1
+PLAIN_MARKER = re.compile(rb"\xff[^\x00\xff]")
+
+
+@pytest.fixture(params=["machine code", "numpy"])
+def marker_search(request, monkeypatch):
+    if request.param == "numpy":
+        monkeypatch.setattr(markers, "_FIND", MachineCode("nothing", lambda: None))
+    else:
+        assert markers._FIND.function() is not None
+
+
+@pytest.mark.usefixtures("marker_search")
+def test_markers_are_found_wherever_they_stand():
+    """Around each border: of vectors, of windows, of the data; alone, repeated, and more than fit one answer."""
+    rng = random.Random(1)
+    window = markers._WINDOW
+    cases = [bytes(size) for size in (0, 1, 2)]
+    for size in (1, 2, 31, 32, 33, 34, 64, 65, 300, 5000):
+        cases += [bytes(rng.choices((0, 255, 0xD9, 7), (1, 2, 1, 9), k=size)) for _ in range(40)]
+    for place in (0, 30, 31, 32, window - 33, window - 2, window - 1, window, window + 1, 2 * window + 31):
+        data = bytearray(b"\x07" * (2 * window + 34))
+        data[place : place + 2] = b"\xff\xd9"
+        cases.append(bytes(data))
+    cases += [
+        b"\xff\xd0\x01" * 9000,
+        b"\xff" * 9000,
+        b"\xff" * 9000 + b"\xd9",
+        b"\xff\x00" * (window + 9) + b"\xff\xd9",
+    ]
+    for data in cases:
+        found, at = [], 0
+        while some := markers.markers_from(memoryview(data), at):
+            found += some
+            at = some[-1] + 1
+        assert found == [match.start() for match in PLAIN_MARKER.finditer(data)]
+
+
+def test_scans_without_end_are_refused_in_time():
+    """A file whose walk would take minutes: as many tiny scans as fit, each before all of the others."""
+    scan = PLAIN[SCAN : SCAN + 14]
+    data = memoryview(PLAIN[:SCAN] + scan * 400_000 + b"\xff\xd9")
+    began = time.monotonic()
+    with pytest.raises(DecodeError, match="more segments than any picture needs"):
+        checked_size(data, "jpeg")
+    assert time.monotonic() - began < 10
 
 
 class Decoded:

@@ -9,11 +9,9 @@ The texts of the errors carry no numbers: steps count lost messages by them.
 import re
 import struct
 import zlib
-from collections.abc import Iterator
-
-import numpy as np
 
 from bagassets.errors import DecodeError
+from bagassets.kernels.markers import markers_from
 
 __all__ = ["JPEG", "PNG", "check_jpeg", "check_png"]
 
@@ -23,11 +21,13 @@ _START = b"\xff\xd8"
 _PADDING = re.compile(rb"\x00*")
 _END, _SCAN, _TABLES, _QUANTISATION, _INTERVAL = 0xD9, 0xDA, 0xC4, 0xDB, 0xDD
 _RESTARTS = range(0xD0, 0xD8)
-_BLOCK = 1 << 16
 # SOF0-SOF15 but DHT, JPG and DAC in between.
 _FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 # What else has a length: DHT, DAC, DNL, DHP, EXP, JPGn, APPn, COM.
 _SEGMENTS = _FRAMES | {0xC4, 0xCC, *range(0xDA, 0xE0), *range(0xE0, 0xFF)}
+
+# A progressive one has some ten scans, each with its tables; profiles and comments come in pieces of 64 kB.
+_MOST_SEGMENTS = 5000
 
 _FRAME_SIZE = struct.Struct(">HH")
 _CHUNK = struct.Struct(">I4s")
@@ -57,7 +57,7 @@ def _picture(data: memoryview, at: int) -> tuple[tuple[int, int], int]:
     interval = 0
     has_scan = False
     at += len(_START)
-    while True:
+    for _ in range(_MOST_SEGMENTS):
         if at + 2 > len(data):
             raise DecodeError("the JPEG is cut off")
         marker = data[at + 1]
@@ -86,6 +86,7 @@ def _picture(data: memoryview, at: int) -> tuple[tuple[int, int], int]:
             has_scan = True
             end = _end_of_scan(data, end, restarts=interval > 0)
         at = end
+    raise DecodeError("the JPEG has more segments than any picture needs")
 
 
 def _fits(marker: int, inside: memoryview) -> bool:
@@ -111,33 +112,16 @@ def _fits(marker: int, inside: memoryview) -> bool:
 def _end_of_scan(data: memoryview, at: int, *, restarts: bool) -> int:
     """Return where the marker stands that ends a scan; those that restart it stand in order."""
     expected = 0
-    for marker_at in _markers_in_scan(data, at):
-        marker = data[marker_at + 1]
-        if marker not in _RESTARTS:
-            return marker_at
-        if not restarts or marker & 7 != expected:
-            raise DecodeError("the JPEG is damaged: a part of its scan is missing or strange")
-        expected = (expected + 1) & 7
+    while found := markers_from(data, at):
+        for marker_at in found:
+            marker = data[marker_at + 1]
+            if marker not in _RESTARTS:
+                return marker_at
+            if not restarts or marker & 7 != expected:
+                raise DecodeError("the JPEG is damaged: a part of its scan is missing or strange")
+            expected = (expected + 1) & 7
+        at = found[-1] + 1
     raise DecodeError("the JPEG is cut off")
-
-
-def _markers_in_scan(data: memoryview, at: int) -> Iterator[int]:
-    """Yield where 0xff stands before anything but the zero that follows it in the data of a scan.
-
-    Block by block, so that what is compared stays in the cache: twice as fast as `re`, without its lock.
-    """
-    values = np.frombuffer(data, np.uint8)
-    buffer = np.empty(min(_BLOCK, len(values)), np.bool_)
-    for start in range(at, len(values) - 1, _BLOCK):
-        following = values[start + 1 : start + 1 + _BLOCK]
-        found = buffer[: len(following)]
-        np.equal(values[start : start + len(following)], 0xFF, out=found)
-        bits = found.view(np.uint8)
-        np.minimum(bits, following, out=bits)
-        if found.any():
-            for place in found.nonzero()[0].tolist():
-                if following[place] != 0xFF:  # fill bytes may stand before a marker
-                    yield start + place
 
 
 def _after_padding(data: memoryview, at: int) -> int:
