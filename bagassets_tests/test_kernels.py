@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from bagassets.geometry.camera import CameraModel
 from bagassets.geometry.undistortion import Undistortion, undistort
-from bagassets.kernels import bilinear, machine_code, motion
+from bagassets.kernels import bilinear, machine_code, markers, motion
 from bagassets.kernels.bilinear import BilinearLookup
 from bagassets.kernels.machine_code import MachineCode
 from bagassets.kernels.motion import move_points
@@ -23,7 +23,11 @@ def no_llvmlite(monkeypatch):
     monkeypatch.setitem(sys.modules, "llvmlite", None)
     monkeypatch.setitem(sys.modules, "llvmlite.binding", None)
     monkeypatch.setattr(machine_code, "_ALL", [])
-    for module, name, build in ((bilinear, "_LOOKUP", "_build"), (motion, "_MOVE", "_build")):
+    for module, name, build in (
+        (bilinear, "_LOOKUP", "_build"),
+        (motion, "_MOVE", "_build"),
+        (markers, "_FIND", "_build"),
+    ):
         known = getattr(module, name)
         monkeypatch.setattr(module, name, MachineCode(known._name, getattr(module, build)))
 
@@ -121,6 +125,11 @@ def test_points_move_as_numpy_moves_them(seed, points, group, knots):
     assert move_points(fast, times, knots_ns, transforms, deskew.KNOT_NS)
     assert plain.tobytes() == fast.tobytes()
     assert not np.array_equal(plain[:, :3], cloud[:, :3])
+
+
+def test_without_llvmlite_markers_are_found_all_the_same(no_llvmlite):
+    assert markers.markers_from(memoryview(b"\x01\xff\x00\xff\xff\xd9"), 0) == [4]
+    assert markers._FIND.function() is None
 
 
 def test_without_llvmlite_the_twins_give_the_same(no_llvmlite):

@@ -56,3 +56,8 @@ def test_the_unit_runs_a_command_that_exists():
     unit = (DOCS / "bagassets-watch.service").read_text(encoding="utf-8")
     assert re.search(r"^ExecStart=\S+/bagassets watch /\S+$", unit, re.MULTILINE)
     assert "Restart=on-failure" in unit
+
+
+def test_the_table_of_flipped_bits_is_the_one_that_was_measured():
+    measured = (DOCS.parent / "benchmarks" / "results" / "flips.md").read_text("utf-8")
+    assert PAGE.partition("<!-- flips -->\n")[2].partition("<!-- end of flips -->")[0] == measured
