@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from bagassets.engine.build_report import Remark
 from bagassets.engine.plan_model import State
+from bagassets.escaping import visible
 
 if TYPE_CHECKING:
     from bagassets.defs.situation import Situation
@@ -28,7 +29,7 @@ def dry_run_lines(situation: "Situation") -> Iterator[str]:
         for name in assets:
             state = situation.plan.bags[key].assets[name]
             if state.state in _WORDS:
-                yield f"  {_WORDS[state.state]:<8} {name:<17} {state.reason}"
+                yield f"  {_WORDS[state.state]:<8} {name:<17} {visible(state.reason)}"
     for key, reason in situation.failed.items():
         if key not in situation.todo:
             yield f"{key}\n  failed before and is not tried again without --retry-failed: {reason}"

@@ -156,9 +156,9 @@ def _reasons(situation: "Situation", listed: Mapping[str, Any]) -> Iterator[str]
                 by_reason.setdefault((state.state, state.reason), []).append(name)
         for (state, reason), names in by_reason.items():
             told = "all but bag and inventory" if state == "skipped" else ", ".join(names)
-            yield f"{key}: {told} {state}: {reason}"
+            yield f"{key}: {told} {state}: {reason if state == 'failed' else visible(reason)}"
     for key in situation.plan.removed:
         yield f"{key}: the recording is gone; the next build removes its partition and its scenes"
     for relative, reason in situation.plan.excluded.items():
         if not reason.startswith("not matched"):
-            yield f"{visible(relative)}: left out: {reason}"
+            yield f"{visible(relative)}: left out: {visible(reason)}"

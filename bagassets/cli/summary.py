@@ -106,12 +106,14 @@ def print_summary(
     for row in rows:
         if row.reason:
             console.print(f"[{_COLOURS[row.result]}]{row.result}[/] ", end="")
-            print_lines(console, f"{row.recording}: {row.reason}")
+            print_lines(
+                console, f"{row.recording}: {row.reason if row.result == 'failed' else visible(row.reason)}"
+            )
     if len(rows) < len(report.outcomes):
         console.print(f"{len(report.outcomes) - len(rows)} more recordings; `bagassets status` lists all.")
     for relative, reason in report.excluded.items():
         if not reason.startswith("not matched"):
-            print_lines(console, f"left out {visible(relative)}: {reason}")
+            print_lines(console, f"left out {visible(relative)}: {visible(reason)}")
     for copy, first in report.duplicates.items():
         print_lines(console, f"copy {copy}: the same content as {first}, which is in the dataset for both")
     for key in report.removed:

@@ -17,6 +17,7 @@ from bagassets.engine.code_version import code_version
 from bagassets.engine.recording_assets import ASSETS, OPTIONAL_ASSETS, UPSTREAM, Skipped, assets_of
 from bagassets.engine.recording_build import RecordingBuild
 from bagassets.errors import StoreError
+from bagassets.escaping import visible
 from bagassets.recipe.model import Recipe
 
 __all__ = ["recording_assets"]
@@ -136,7 +137,7 @@ def _build(
     )
     for made in build.build(wanted):
         if isinstance(made, Skipped):
-            context.log.info("%s is skipped: %s.", key, made.reason)
+            context.log.info("%s is skipped: %s.", key, visible(made.reason))
             return
         skipped = {"skipped": build.skipped} if made.asset == "inventory" and build.skipped else {}
         yield dg.MaterializeResult(
