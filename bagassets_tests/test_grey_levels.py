@@ -1,5 +1,7 @@
 """16-bit grey becomes 8 bit by one rule for the whole recording, and no topic is read more often for it."""
 
+import resource
+import signal
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 from types import SimpleNamespace
@@ -10,7 +12,6 @@ import pytest
 
 from bagassets.bags.model import RawMessage
 from bagassets.errors import DecodeError, StoreError
-from bagassets.steps import grey_survey
 from bagassets.steps.frames import FrameExtractor
 from bagassets.steps.grey_survey import GreySurvey
 from bagassets.store.artifact import ArtifactWriter
@@ -105,11 +106,10 @@ def test_no_message_is_read_again_for_percentiles(tmp_path):
     assert made.summary["counts"] == {"read": 5, "written": 5, "merged": 0, "lost": {}}
 
 
-def test_memory_threads_and_disk_make_no_difference(tmp_path, monkeypatch):
+def test_threads_make_no_difference(tmp_path):
     digests = set()
-    for most, threads in ((10**9, 0), (10**9, 3), (500, 0), (500, 3)):
-        monkeypatch.setattr(grey_survey, "MOST_IN_MEMORY", most)
-        folder = tmp_path / f"{most}-{threads}"
+    for threads in (0, 1, 3):
+        folder = tmp_path / str(threads)
         if threads:
             with ThreadPoolExecutor(threads) as pool:
                 made = converted(folder, {"percentiles": (1.0, 99.0)}, pool=pool)
@@ -126,9 +126,20 @@ def test_a_message_that_does_not_decode_is_lost_once(tmp_path):
     assert made.summary["counts"] == {"read": 5, "written": 3, "merged": 0, "lost": {"it is broken": 2}}
 
 
-def test_a_disk_that_refuses_is_named(tmp_path, monkeypatch):
-    monkeypatch.setattr(grey_survey, "MOST_IN_MEMORY", 10)
-    survey = GreySurvey(tmp_path / "gone")
-    message = next(messages())
+def test_a_disk_that_refuses_is_named(tmp_path):
     with pytest.raises(StoreError, match=r"gone: 16-bit images cannot be put aside.*`range`"):
-        survey.add(message, None)
+        GreySurvey(tmp_path / "gone")
+
+
+def test_a_disk_that_is_full_is_named(tmp_path):
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    ignored = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    survey = GreySurvey(tmp_path)
+    try:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (100, limits[1]))
+        message = next(messages())
+        with pytest.raises(StoreError, match="16-bit images cannot be put aside"):
+            survey.add(message, None)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+        signal.signal(signal.SIGXFSZ, ignored)

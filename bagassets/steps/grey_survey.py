@@ -1,8 +1,8 @@
 """Grey values of all images of a topic, counted while the topic is read once.
 
 No image can be written before the last one was seen, since percentiles are those of the whole recording. So
-messages are put aside as they were recorded: in memory up to `MOST_IN_MEMORY`, then in a file without a
-name on the disk of the store, which vanishes with the process. Reading the topic once more instead would read, and
+messages are put aside as they were recorded, in a file without a name on the disk of the store, which vanishes with
+the process. Reading the topic once more instead would read, and
 decompress, every chunk of the recording again, for each such camera.
 """
 
@@ -11,7 +11,7 @@ from dataclasses import replace
 from math import ceil
 from pathlib import Path
 from struct import Struct
-from tempfile import SpooledTemporaryFile
+from tempfile import TemporaryFile
 
 import numpy as np
 
@@ -21,8 +21,6 @@ from bagassets.errors import StoreError
 
 __all__ = ["GreySurvey"]
 
-MOST_IN_MEMORY = 64 * 2**20
-
 _HEAD = Struct("<qQ")  # log time, number of bytes
 _VALUES = 1 << 16
 
@@ -31,12 +29,19 @@ class GreySurvey:
     """Counts grey values and keeps the messages.
 
     Args:
-        folder: where the file of messages is made once memory does not suffice.
+        folder: where the file of messages is made.
+
+    Raises:
+        StoreError: it cannot be made there.
     """
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
-        self._file = SpooledTemporaryFile(MOST_IN_MEMORY, dir=str(folder))  # noqa: SIM115  (closed by `messages`)
+        try:
+            # Unbuffered: what is written are whole images.
+            self._file = TemporaryFile(dir=folder, buffering=0)  # noqa: SIM115  (closed by `messages`)
+        except OSError as err:
+            raise self._refused(err) from err
         self._histogram = np.zeros(_VALUES, np.int64)
         self._like: RawMessage | None = None
 
@@ -48,16 +53,21 @@ class GreySurvey:
         """
         self._like = self._like or replace(message, data=b"")
         try:
-            self._file.write(_HEAD.pack(message.log_time_ns, len(message.data)))
-            self._file.write(message.data)
+            for part in (_HEAD.pack(message.log_time_ns, len(message.data)), message.data):
+                rest = memoryview(part)
+                while rest:  # a disk that is nearly full takes a part
+                    rest = rest[self._file.write(rest) :]
         except OSError as err:
             self._file.close()
-            raise StoreError(
-                f"{self._folder}: 16-bit images cannot be put aside there ({err.strerror}); free space, or give `to_8bit` "
-                "a `range` instead of `percentiles`."
-            ) from err
+            raise self._refused(err) from err
         if pixels is not None:
             self._histogram += np.bincount(pixels.ravel(), minlength=_VALUES)
+
+    def _refused(self, err: OSError) -> StoreError:
+        return StoreError(
+            f"{self._folder}: 16-bit images cannot be put aside there ({err.strerror}); free space, or give `to_8bit` "
+            "a `range` instead of `percentiles`."
+        )
 
     def range(self, low_percent: float, high_percent: float) -> tuple[float, float]:
         """Return the grey values at two percentiles over all images, the second one greater than the first.
