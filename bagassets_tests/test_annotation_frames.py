@@ -212,6 +212,18 @@ def test_the_step_reads_transforms_for_boxes_that_need_them(tmp_path):
     np.testing.assert_allclose(np.stack([table[axis].to_numpy() for axis in "xyz"], axis=1), truth, atol=1e-9)
 
 
+@pytest.mark.parametrize("source", ["/tf", "/tf_static"])
+def test_one_kind_of_transforms_is_enough(tmp_path, source):
+    stamps = [int(stamp) for stamp in STAMPS]
+    mounted = [(source, TFMESSAGE, T0, tf(transform(T0, "base_link", "rack", BASE_SE3_EXTRA)))]
+    boxes = [("/boxes", DETECTIONS, stamp, detections(stamp, "rack")) for stamp in stamps[5:10]]
+    request, artifact = annotate(tmp_path, Recorded(*boxes, *mounted))
+    assert request.topics == ("/boxes", source)
+    table = artifact.read_table("annotations.parquet")
+    truth = [(odom_SE3_base((stamp - T0) / S) @ BASE_SE3_EXTRA @ BOX).translation for stamp in stamps[5:10]]
+    np.testing.assert_allclose(np.stack([table[axis].to_numpy() for axis in "xyz"], axis=1), truth, atol=1e-9)
+
+
 @pytest.mark.parametrize("frame", ["odom", "lidar", "base_link"])
 def test_the_step_reads_no_transforms_for_boxes_that_do_not(tmp_path, frame):
     request, artifact = annotate(tmp_path, recording(frame))

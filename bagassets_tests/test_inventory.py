@@ -85,6 +85,22 @@ def test_the_truth_of_a_topic(tmp_path, inventory_of):
     assert summary == {"messages": 7, "topics": 1, "duration_s": 15.0, "unreadable_topics": "none"}
 
 
+def test_the_period_of_a_topic_is_that_of_its_stamps_whatever_their_order(tmp_path, inventory_of):
+    def period(*stamps_s):
+        messages = [point(NOON_NS + n * SECOND, round(s * SECOND)) for n, s in enumerate(stamps_s)]
+        folder = tmp_path / str(len(list(tmp_path.iterdir())))
+        folder.mkdir()
+        return topic_of(inventory_of(write_ros1(folder / "a.bag", messages))[0], "/point")["period_ns"]
+
+    assert period(10, 10.5, 11, 11.5) == SECOND // 2
+    assert period(11, 10, 11.5, 10.5) == SECOND // 2
+    # Stamps that were never set say nothing; without any, the log times tell.
+    assert period(0, 3, 3.5, 0, 4) == SECOND // 2
+    assert period(0, 7, 8) == SECOND
+    assert period(0, 0, 0) == SECOND
+    assert period(5) is None
+
+
 def test_compression_and_container_change_no_topic(tmp_path, inventory_of):
     messages = mixed()
     topics = [
