@@ -462,9 +462,12 @@ def test_a_lock_that_names_a_file_of_others_has_nothing_removed(tmp_path):
     assert precious.read_text() == "kept"
 
 
-def test_a_server_that_cannot_note_its_socket_says_so_and_the_next_one_starts(tmp_path):
-    spec = spec_in(tmp_path)
-    places = Places(tmp_path, spec.stamp())
+@pytest.mark.parametrize("below", ["", "a" * 90], ids=["short", "too long for a socket"])
+def test_a_server_that_cannot_note_its_socket_says_so_and_the_next_one_starts(tmp_path, below):
+    folder = tmp_path / below
+    folder.mkdir(exist_ok=True)
+    spec = spec_in(folder)
+    places = Places(folder, spec.stamp())
     places.make()
     command = [sys.executable, "-m", "bagassets.forkserver", json.dumps(spec.as_json()), spec.stamp(), "20"]
     # A pipe takes more bytes, a file not one: as on a full disk.

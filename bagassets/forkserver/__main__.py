@@ -37,6 +37,8 @@ def main(arguments: list[str]) -> int:
         try:
             places, first_job = Places(spec.state_folder, stamp), arguments[3:]
             code = _serve(spec, places, timeout_s, tell, json.loads(first_job[0]) if first_job else None)
+        except Exception:  # noqa: BLE001  (`os._exit` would end it without a word)
+            _LOG.exception("the server ended")
         finally:
             logging.shutdown()
             os._exit(code)

@@ -13,6 +13,7 @@ from bagassets.errors import BagAssetsError
 
 __all__ = ["Places"]
 
+_SHORT_FOLDER = Path("/tmp")  # noqa: S108  (the folder below it is checked to be ours alone)
 _SOCKET_PATH_LIMIT = 100  # bytes; the system's is 108 on Linux and 104 elsewhere, with the final zero
 
 
@@ -117,9 +118,12 @@ class Places:
 
 def _runtime_folder() -> Path:
     """Return a short folder that only this user may enter."""
-    base = Path(os.environ.get("XDG_RUNTIME_DIR") or tempfile.gettempdir())
+    try:
+        base = Path(os.environ.get("XDG_RUNTIME_DIR") or tempfile.gettempdir())
+    except OSError:  # it tries whether files can be written; a full disk has room for a socket
+        base = _SHORT_FOLDER
     if len(os.fsencode(base)) > _SOCKET_PATH_LIMIT - 60:
-        base = Path("/tmp")  # noqa: S108  (the folder below it is checked to be ours alone)
+        base = _SHORT_FOLDER
     folder = base / f"bagassets-{os.getuid()}"
     folder.mkdir(mode=0o700, exist_ok=True)
     found = folder.lstat()
