@@ -103,6 +103,7 @@ def test_a_failure_is_tried_again_only_if_asked_for():
 def test_selected_assets_bring_what_they_read():
     assert with_upstream(["frames"]) == ("bag", "inventory", "calibration", "frames")
     assert with_upstream(["bag", "nuscenes_dataset"]) == ("bag",)
+    assert with_upstream(["calibration", "ego_poses"]) == ("bag", "inventory", "calibration", "ego_poses")
     assert bag(sweeps="stale").to_run(select={"frames"}) == ()
     assert bag(calibration="stale").to_run(select={"frames"}) == ("bag", "inventory", "calibration", "frames")
 

@@ -15,7 +15,7 @@ from bagassets.engine.plan_memo import (
     fingerprint,
     signatures,
 )
-from bagassets.engine.plan_model import AssetState, BagPlan, with_upstream
+from bagassets.engine.plan_model import AssetState, BagPlan
 from bagassets.store.action import Action
 from bagassets.store.store import Store
 
@@ -159,71 +159,3 @@ class TestSignatures:
 
     def test_a_recording_rests_on_its_assets_and_the_channels(self):
         assert artifacts_of(ONE.plan) == ["inventory" * 3, "c1", "c2"]
-
-
-@pytest.mark.parametrize(
-    ("asked", "wanted"),
-    [
-        ((), ()),
-        (("bag",), ("bag",)),
-        (("inventory",), ("bag", "inventory")),
-        (("frames",), ("bag", "inventory", "calibration", "frames")),
-        (("calibration", "ego_poses"), ("bag", "inventory", "calibration", "ego_poses")),
-        (("ego_poses", "unknown"), ("bag", "inventory", "ego_poses")),
-        (
-            ("calibration", "nuscenes_tables"),
-            (
-                "bag",
-                "inventory",
-                "calibration",
-                "ego_poses",
-                "annotations",
-                "frames",
-                "sweeps",
-                "nuscenes_tables",
-            ),
-        ),
-    ],
-)
-def test_what_assets_read_comes_along_in_order(asked, wanted):
-    assert with_upstream(asked) == wanted
-    assert with_upstream(asked[::-1]) == wanted
-
-
-class TestToRun:
-    def states(self, **states):
-        names = (
-            "bag",
-            "inventory",
-            "calibration",
-            "ego_poses",
-            "annotations",
-            "frames",
-            "sweeps",
-            "nuscenes_tables",
-        )
-        return BagPlan("a", {name: AssetState(states.get(name, "fresh"), f"{name}!") for name in names})
-
-    def test_nothing_if_all_is_fresh_or_skipped(self):
-        assert self.states().to_run() == ()
-        assert self.states(frames="skipped").to_run() == ()
-        assert self.states().settled
-        assert not self.states(frames="stale").settled
-
-    @pytest.mark.parametrize("state", ["stale", "missing", "record-only", "unknown"])
-    def test_everything_if_one_is_not(self, state):
-        assert self.states(frames=state).to_run() == tuple(self.states().assets)
-
-    def test_what_failed_waits_until_it_is_asked_for(self):
-        plan = self.states(frames="failed", nuscenes_tables="unknown")
-        assert plan.to_run() == ()
-        assert plan.to_run(retry_failed=True) == tuple(plan.assets)
-        assert (plan.failed, plan.unusable, plan.skipped) == ("frames!", "frames!", None)
-
-    def test_only_what_is_selected_and_what_it_reads(self):
-        plan = self.states(frames="stale")
-        assert plan.to_run(select=["ego_poses"]) == ()
-        assert plan.to_run(select=["frames"]) == ("bag", "inventory", "calibration", "frames")
-
-    def test_why_a_recording_takes_no_part(self):
-        assert self.states(nuscenes_tables="skipped").skipped == "nuscenes_tables!"

@@ -1,0 +1,123 @@
+"""Why an asset is in its state, in the words that `bagassets status` prints."""
+
+import shutil
+
+import pytest
+
+from bagassets.recipe import load_recipe
+from bagassets.store.store import Store
+from bagassets_tests.in_process import build, make_project, survey
+from bagassets_tests.small_drive import RECIPE
+
+KEY = "a.bag"
+TWO = RECIPE.replace(
+    "      LIDAR_TOP:", "      CAM_BACK: {{modality: camera, topic: /cam/image_raw, extrinsics: {{translation: [0, 0, 1], rotation: [1, 0, 0, 0]}}}}\n      LIDAR_TOP:"
+) + "preview: {{enabled: false}}\n"  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("reasons")
+    recipe = make_project(folder, [KEY], text=TWO)
+    with pytest.MonkeyPatch.context() as patch:
+        report, _ = build(recipe, patch)
+    assert report.succeeded
+    return recipe
+
+
+@pytest.fixture
+def recipe(made):
+    text = made.read_text()
+    yield made
+    made.write_text(text)
+
+
+def told(recipe, **options):
+    """Asset -> its state and why."""
+    return {
+        name: (asset.state, asset.reason)
+        for name, asset in survey(recipe, **options).plan.bags[KEY].assets.items()
+    }
+
+
+def edit(recipe, old, new):
+    text = recipe.read_text()
+    assert text.count(old) == 1
+    recipe.write_text(text.replace(old, new))
+
+
+def test_all_is_as_it_was(recipe):
+    states = told(recipe)
+    assert states.pop("bag") == ("fresh", "size and time unchanged")
+    assert set(states.values()) == {("fresh", "up to date")}
+
+
+def test_a_parameter_of_one_camera(recipe):
+    edit(recipe, "CAM_FRONT: {modality: camera,", "CAM_FRONT: {modality: camera, quality: 40,")
+    states = told(recipe)
+    assert states["frames"] == ("stale", "CAM_FRONT: quality 90 -> 40")
+    assert states["sweeps"] == ("fresh", "up to date")
+    assert states["nuscenes_tables"] == ("unknown", "waits for frames (CAM_FRONT: quality 90 -> 40)")
+
+
+def test_parameters_of_both_cameras(recipe):
+    edit(recipe, "CAM_FRONT: {modality: camera,", "CAM_FRONT: {modality: camera, quality: 40,")
+    edit(recipe, "CAM_BACK: {modality: camera,", "CAM_BACK: {modality: camera, quality: 41,")
+    assert told(recipe)["frames"] == ("stale", "CAM_BACK: quality 90 -> 41; CAM_FRONT: quality 90 -> 40")
+
+
+def test_a_channel_more(recipe):
+    line = "      CAM_LEFT: {modality: camera, topic: /cam/image_raw, quality: 33}\n      LIDAR_TOP:"
+    edit(recipe, "      LIDAR_TOP:", line)
+    states = told(recipe)
+    assert states["calibration"][0] == "stale"
+    assert states["frames"] == ("unknown", f"waits for calibration ({states['calibration'][1]})")
+    assert states["nuscenes_tables"] == states["frames"], "one chain of reasons, not one in another"
+
+
+def test_a_change_that_cannot_matter(recipe):
+    """Which recordings a rig made is part of the code version, and of no action."""
+    edit(recipe, "  - name: car\n", "  - name: car\n    match: ['*.bag']\n")
+    states = told(recipe)
+    assert states["frames"] == ("record-only", "recipe or step version changed, the result did not")
+    assert states["inventory"] == ("fresh", "up to date")
+
+
+def test_a_result_that_is_gone_from_the_store(recipe):
+    store = Store(load_recipe(recipe).store_path)
+    digest = survey(recipe).plan.bags[KEY].assets["calibration"].data_version
+    aside = shutil.move(store.artifact_folder(digest), recipe.parent / "aside")
+    states = told(recipe)
+    shutil.move(aside, store.artifact_folder(digest))
+    assert states["calibration"] == ("stale", "its artifact is gone from the store")
+    assert states["annotations"] == ("unknown", "waits for calibration (its artifact is gone from the store)")
+
+
+def test_a_record_that_is_gone_from_the_store(recipe):
+    store = Store(load_recipe(recipe).store_path)
+    (path,) = [
+        p for p in (store.root / "actions").glob("*/*.json") if '"step": "calibration"' in p.read_text()
+    ]
+    text = path.read_text()
+    path.unlink()
+    states = told(recipe)
+    path.write_text(text)
+    assert states["calibration"] == ("stale", "the record of the action that made it is gone")
+
+
+def test_a_new_recording_was_never_made(recipe):
+    other = recipe.parent / "bags" / "b.bag"
+    shutil.copy(recipe.parent / "bags" / KEY, other)
+    plan = survey(recipe).plan.bags["b.bag"]
+    other.unlink()
+    assert plan.assets["bag"].state in {"missing", "stale"}
+    assert plan.assets["bag"].reason.startswith("new recording")
+
+
+def test_a_recording_that_was_touched_has_to_be_read(recipe):
+    """The last one here: even with its old time the file is doubted from now on."""
+    (recipe.parent / "bags" / KEY).touch()
+    why = "size or time changed: its content has to be read"
+    states = told(recipe)
+    assert states.pop("bag") == ("stale", why)
+    assert set(states.values()) == {("unknown", f"waits for bag ({why})")}
