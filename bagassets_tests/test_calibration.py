@@ -251,7 +251,9 @@ class TestMissing:
 
     def test_messages_without_a_frame(self, tmp_path):
         with pytest.raises(CalibrationError, match="the messages of /points name no frame; give `frame` or"):
-            Calibrated(tmp_path, rig(lidar={}), reading("/points", CLOUD, ""))
+            Calibrated(tmp_path / "a", rig(lidar={}), reading("/points", CLOUD, ""))
+        with pytest.raises(CalibrationError, match="the messages of /points name no frame; give `frame` or"):
+            Calibrated(tmp_path / "b", rig(lidar={}), ("/points", CLOUD, T0, Msg()))
 
     def test_channels_that_are_not_recorded_need_no_calibration(self, tmp_path):
         made = Calibrated(tmp_path, rig({}, {}), STATIC, IMAGES, LENS)

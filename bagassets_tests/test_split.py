@@ -152,6 +152,10 @@ class TestDeal:
         assert devkit_split_name("train") == "custom_train"
         assert devkit_split_name("night") == "night"
         assert not {devkit_split_name(name) for name in DEVKIT_SPLITS} & DEVKIT_SPLITS
+        # nuscenes.utils.splits.create_splits_scenes
+        theirs = ("train", "val", "test", "mini_train", "mini_val", "train_detect", "train_track")
+        assert [devkit_split_name(name) for name in theirs] == [f"custom_{name}" for name in theirs]
+        assert devkit_split_name("holdout") == "holdout"
 
 
 class TestShares:
