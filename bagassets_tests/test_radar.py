@@ -122,9 +122,15 @@ def test_targets_that_are_none_are_dropped_and_counted():
     assert reading.dropped == 3
 
 
-def test_a_cloud_without_position_is_refused():
+@pytest.mark.parametrize("names", [("range",), ("azimuth",), ("x",), ("y",), ("y", "z"), ("x", "range")])
+def test_a_cloud_without_position_is_refused(names):
     with pytest.raises(DecodeError, match="neither x and y"):
-        decode_radar(cloud(STAMP, {"range": np.array([1.0])}), CLOUD)
+        decode_radar(cloud(STAMP, {name: np.array([1.0]) for name in names}), CLOUD)
+
+
+def test_half_a_position_does_not_hide_a_whole_one():
+    columns = {"x": np.array([7.0]), "range": np.array([10.0]), "azimuth": np.array([0.0])}
+    near(decode_radar(cloud(STAMP, columns), CLOUD).targets["x"], [10.0])
 
 
 def test_radar_scan_has_angles_to_the_right_as_its_definition_says(make):
