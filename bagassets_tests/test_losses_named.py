@@ -46,8 +46,9 @@ def project(tmp_path_factory):
 
 
 TOLD = (
-    "error drive: CAM_FRONT: 34 of 39 messages (87%) were lost, 34 of them because: duplicate stamp. If these are "
-    "readings of their own, `clock: log` in the recipe tells them apart by when they were logged (frames_complete)"
+    "error drive: CAM_FRONT: 34 of 39 messages (87%) were lost because of duplicate stamps. If these are readings of their "
+    "own, `clock: log` for this channel (rigs[].channels.CAM_FRONT.clock) tells them apart by when they were logged; other "
+    "channels keep their stamps (frames_complete)"
 )
 
 
@@ -86,7 +87,7 @@ def test_the_recipe_says_which_share_is_named_and_changing_it_makes_nothing_stal
 
 def test_the_way_out_leads_out(project):
     text = (project / "recipe.yaml").read_text()
-    (project / "recipe.yaml").write_text(text + "clock: log\n")
+    (project / "recipe.yaml").write_text(text.replace("modality: camera,", "modality: camera, clock: log,"))
     try:
         told = json.loads(run(project, "build", "--json").stdout)
         assert [one for one in told["remarks"] if one["check"] == "frames_complete"] == []

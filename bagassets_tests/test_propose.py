@@ -226,6 +226,13 @@ def test_clouds_without_point_times_ask_what_their_header_means(tmp_path):
 
     text = text_of(lidars(False))
     assert "guess: stamps stay as recorded, as the points have no times." in text
+    comment = " ".join(
+        text.split("points have no times.")[1].split("header_stamp_is:")[0].replace("#", "").split()
+    )
+    assert comment.endswith(
+        "If the header's stamp marks the start of a revolution, uncomment the next line; write middle or end instead of "
+        "start if it marks that."
+    )
     assert proposed(lidars(False), tmp_path).rigs[0].channels["LIDAR_TOP"].header_stamp_is is None
     said = parse_recipe(text.replace("# header_stamp_is:", "header_stamp_is:"), tmp_path / "r.yaml")
     assert said.rigs[0].channels["LIDAR_TOP"].header_stamp_is == "start"

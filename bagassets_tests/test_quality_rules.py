@@ -20,6 +20,7 @@ from bagassets.quality.dataset_rows import DatasetRows, read_dataset
 from bagassets.quality.devkit_rules import devkit_ready
 from bagassets.quality.evidence import Evidence
 from bagassets.quality.file_rules import files_match
+from bagassets.quality.finding import clock
 from bagassets.quality.pose_rules import poses_cover_sensors
 from bagassets.quality.scene_rules import keyframes_complete, scenes_made
 from bagassets.quality.topic_rules import channels_present, stamps_monotonic, topic_rates
@@ -154,7 +155,9 @@ STAMPS = {"CAM_FRONT": T0 + np.arange(100, dtype=np.int64) * S // 10}
 
 class TestChannels:
     def find(self, **counts):
-        return channels_complete({"CAM_FRONT": {"counts": {**COUNTS, **counts}}}, 0.01, "header")
+        return channels_complete(
+            {"CAM_FRONT": {"counts": {**COUNTS, **counts}}}, 0.01, lambda _channel: "header"
+        )
 
     def test_few_losses_pass_and_are_told(self):
         finding = self.find()
@@ -168,11 +171,15 @@ class TestChannels:
             ({"written": 0, "lost": {"too short": 100}}, "CAM_FRONT: 100 messages became no file"),
             (
                 {"written": 95, "lost": {"a": 2, "b": 3}},
-                "CAM_FRONT: 5 of 100 messages (5%) were lost, 3 of them because: b. If that is acceptable, raise limits",
+                "CAM_FRONT: 5 of 100 messages (5%) were lost, most often (3 times) because b. If that is acceptable, raise limits",
             ),
             (
                 {"written": 13, "lost": {"duplicate stamp": 87}},
-                "CAM_FRONT: 87 of 100 messages (87%) were lost, 87 of them because: duplicate stamp. If these are ",
+                "CAM_FRONT: 87 of 100 messages (87%) were lost because of duplicate stamps. If these are ",
+            ),
+            (
+                {"read": 2, "written": 1, "lost": {"its data are cut off": 1}},
+                "CAM_FRONT: 1 of 2 messages (50%) was lost because its data are cut off. If that is ",
             ),
         ],
     )
@@ -182,10 +189,24 @@ class TestChannels:
 
     def test_duplicates_by_log_time_have_another_way_out(self):
         counts = {"read": 100, "written": 13, "merged": 0, "lost": {"duplicate stamp": 87}}
-        (problem,) = channels_complete({"RADAR": {"counts": counts}}, 0.05, "log").problems
-        assert "`clock: header` in the recipe" in problem
-        (problem,) = channels_complete({"RADAR": {"counts": counts}}, 0.05, "header").problems
-        assert "`clock: log` in the recipe" in problem
+        clocks = {"RADAR": "log", "CAM_FRONT": "header"}
+        channels = {name: {"counts": counts} for name in clocks}
+        camera, radar = channels_complete(channels, 0.05, clocks.__getitem__).problems
+        assert "`clock: header` for this channel (rigs[].channels.RADAR.clock)" in radar
+        assert "`clock: log` for this channel (rigs[].channels.CAM_FRONT.clock)" in camera
+        assert camera.endswith("; other channels keep their stamps")
+        assert radar.endswith("; other channels keep their stamps")
+
+    def test_the_clock_is_that_of_the_channel_and_by_default_that_of_the_recipe(self):
+        rig = RIG.model_dump(exclude_none=True)
+        recipe = {"name": "t", "bags": {"root": "bags"}, "clock": "log", "rigs": [rig]}
+        evidence = Evidence(Recipe.model_validate(recipe), RIG, None, None)
+        assert {name: evidence.clock_of(name) for name in RIG.channels} == dict.fromkeys(RIG.channels, "log")
+        name, channel = next(iter(RIG.channels.items()))
+        own = {**RIG.channels, name: channel.model_copy(update={"clock": "header"})}
+        evidence = Evidence(evidence.recipe, RIG.model_copy(update={"channels": own}), None, None)
+        assert evidence.clock_of(name) == "header"
+        assert {evidence.clock_of(other) for other in {*own, "GONE"} - {name}} == {"log"}
 
     def test_the_share_is_that_of_the_recipe_and_five_percent_by_default(self):
         recipe = Recipe.model_validate(
@@ -221,6 +242,11 @@ class TestPoses:
         assert problem.startswith("CAM_FRONT: 19 of 100 readings have no ego pose, the first at 2023-")
         assert str(T0 + 81 * S // 10) in problem
         assert poses_cover_sensors(drive_along(until_s=8.0), stamps, PosesCheck(min_share=0.8)).passed
+        only = {"CAM_FRONT": np.array([T0, T0 + 9 * S])}
+        (problem,) = poses_cover_sensors(drive_along(until_s=8.0), only, PosesCheck()).problems
+        assert problem.startswith(
+            f"CAM_FRONT: 1 of 2 readings has no ego pose, that at {clock(T0 + 9 * S)}; "
+        )
 
     def test_a_jump_is_named(self):
         (problem,) = poses_cover_sensors(drive_along(jump_at=50), STAMPS, PosesCheck()).problems
@@ -418,12 +444,12 @@ class TestFiles:
     def test_a_row_without_file_and_a_file_without_row_are_named(self, made):
         first, *rest = made[3]
         assert self.find(made, files=rest).problems == [
-            f"1 files of sample_data are in no artifact, the first is {first['filename']}"
+            f"1 file of sample_data is in no artifact: {first['filename']}"
         ]
         row = next(row for row in made[2]["sample_data"] if row["filename"] == first["filename"])
         others = [other for other in made[2]["sample_data"] if other is not row]
         assert self.find(made, sample_data=others).problems == [
-            f"1 files are listed that sample_data does not name, the first is {first['filename']}"
+            f"1 file is listed that sample_data does not name: {first['filename']}"
         ]
 
     def test_removed_torn_and_collected_files_are_named(self, tmp_path):
@@ -434,9 +460,9 @@ class TestFiles:
         removed.unlink()
         torn.write_bytes(b"x")
         gone, kept = files_match(rows, files, store.artifact).problems
-        assert gone == f"1 files are not in the store, the first is {files[0]['filename']}"
+        assert gone == f"1 file is not in the store: {files[0]['filename']}"
         assert kept.startswith(
-            f"1 files differ in size from what their artifact was recorded with, the first is {files[1]['filename']} (1 bytes"
+            f"1 file differs in size from what its artifact was recorded with: {files[1]['filename']} (1 bytes"
         )
         manifest = store.artifact(files[0]["artifact"]).folder / "manifest.json"
         manifest.unlink()
@@ -495,7 +521,9 @@ class TestDevkit:
         finding = find_in(root, {**tables, "sample_data": rest})
         (sentence,) = finding.warnings
         samples = len(tables["sample"])
-        assert sentence.startswith(f"2 of {samples} samples lack a channel that their rig has elsewhere")
+        assert sentence.startswith(
+            f"2 of {samples} samples lack a channel that other samples of the same rig have"
+        )
         assert f"CAM_FRONT in 2; the first is sample {tables['sample'][0]['token']}" in sentence
         assert finding.facts["samples_lacking_a_channel"] == 2
         assert (finding.problems, finding.passed, finding.weight("error")) == ([], False, "warn")
@@ -602,6 +630,10 @@ class TestDevkit:
 SHORT = {"lacking_at_keyframes": {"keyframes": 4, "before_first": 0, "after_last": 0}}
 
 
+def ten_hz(_channel):
+    return T0 + np.arange(30) * (S // 10)
+
+
 class TestScenes:
     @pytest.mark.parametrize(
         ("counts", "reason"),
@@ -624,17 +656,17 @@ class TestScenes:
             "channels": {"LIDAR_TOP": {}},
         }
         facts = {"reference": "LIDAR_TOP", "tolerance_s": 0.1, "counts": none | counts}
-        (problem,) = scenes_made(facts).problems
+        (problem,) = scenes_made(facts, ten_hz).problems
         assert problem.startswith("it gives no scene: ")
         assert reason in problem
 
     def test_one_with_a_scene_passes(self):
         counts = {"scenes": 1, "samples": 4, "remainder_s": 0.2, "dropped_keyframes": 1, "channels": {}}
-        assert scenes_made({"reference": "LIDAR_TOP", "counts": counts}).passed
+        assert scenes_made({"reference": "LIDAR_TOP", "counts": counts}, ten_hz).passed
 
 
 class TestKeyframes:
-    def find(self, **counts):
+    def find(self, stamps_of=ten_hz, **counts):
         channels = {
             name: {
                 "span_ns": [T0, T0 + 20 * S],
@@ -650,7 +682,7 @@ class TestKeyframes:
             "lacking_samples": 0,
             "channels": channels,
         }
-        return keyframes_complete({"tolerance_s": 0.1, "counts": none | counts})
+        return keyframes_complete({"tolerance_s": 0.1, "counts": none | counts}, stamps_of)
 
     def test_complete_ones_pass(self):
         finding = self.find()
@@ -669,13 +701,39 @@ class TestKeyframes:
         ).problems
         assert problem.startswith(
             "16 of 40 keyframes were dropped, where a channel has no reading within 0.1 s (scenes.tolerance_s): "
-            "CAM_FRONT at 16 (15 after it stops at 12.0 s, 2023-11-14T22:13:32.000Z), "
-            "RADAR_FRONT at 1 (1 before it starts at 0.5 s, 2023-11-14T22:13:20.500Z)"
+            "CAM_FRONT at 16 keyframes (15 after it stops at 12.0 s, 2023-11-14T22:13:32.000Z), "
+            "RADAR_FRONT at 1 keyframe (1 before it starts at 0.5 s, 2023-11-14T22:13:20.500Z)"
         )
         assert "raise scenes.tolerance_s" in problem
         assert "`missing: allow`" in problem
 
+    @pytest.mark.parametrize(
+        ("missing_s", "words"), [(1.9, " "), (2.0, " "), (2.1, " (4 after it stops at 17.9 s, ")]
+    )
+    def test_a_slow_channel_stops_only_if_two_of_its_periods_are_missing(self, missing_s, words):
+        short = {"lacking_at_keyframes": {"keyframes": 4, "before_first": 0, "after_last": 4}}
+        ends_ns = T0 + 20 * S - round(missing_s * S)
+        # Of its pauses one is long, so that their mean is no measure.
+        stamps_ns = np.append(T0, ends_ns - np.arange(9, -1, -1) * S)
+        camera = {"span_ns": [T0, ends_ns], **short}
+        (problem,) = self.find(
+            lambda _channel: stamps_ns, dropped_keyframes=4, channels={"CAM_FRONT": camera}
+        ).problems
+        assert f"CAM_FRONT at 4 keyframes{words}".rstrip() in problem
+        assert ("stops" in problem) == ("stops" in words)
+
+    @pytest.mark.parametrize(("late_s", "starts"), [(1.9, False), (2.1, True)])
+    def test_nor_does_it_start_late_unless_two_of_its_periods_are_missing(self, late_s, starts):
+        short = {"lacking_at_keyframes": {"keyframes": 4, "before_first": 4, "after_last": 0}}
+        stamps_ns = T0 + round(late_s * S) + np.arange(10) * S
+        camera = {"span_ns": [int(stamps_ns[0]), T0 + 20 * S], **short}
+        (problem,) = self.find(
+            lambda _channel: stamps_ns, dropped_keyframes=4, channels={"CAM_FRONT": camera}
+        ).problems
+        assert ("4 before it starts at 2.1 s" in problem) == starts
+        assert ("starts" in problem) == starts
+
     def test_samples_that_were_allowed_to_lack_one_are_counted(self):
         short = {"span_ns": [T0, T0 + 20 * S], **SHORT}
         (problem,) = self.find(lacking_samples=4, channels={"CAM_FRONT": short}).problems
-        assert problem == "4 of 24 samples lack a channel, as scenes.missing allows: CAM_FRONT at 4"
+        assert problem == "4 of 24 samples lack a channel, as scenes.missing allows: CAM_FRONT at 4 keyframes"

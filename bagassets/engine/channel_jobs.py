@@ -39,7 +39,7 @@ def channel_request(made: Made, name: str) -> Request:
         BagAssetsError: the channel cannot be extracted as the recipe asks.
     """
     channel, calibrated = made.rig.channels[name], made.calibration["channels"][name]
-    clock, limits = made.recipe.clock, made.recipe.limits
+    clock, limits = made.recipe.clock_of(channel), made.recipe.limits
     if isinstance(channel, CameraChannel):
         return frames.request(name, channel, clock, limits, made.inventory, camera=calibrated["camera"])
     return sweeps.request(

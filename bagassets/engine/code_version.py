@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from bagassets.plugins import Family, installed_decoders
-from bagassets.recipe.model import READING_LIMITS, CameraChannel, Recipe, Rig
+from bagassets.recipe.model import READING_LIMITS, CameraChannel, Channel, Recipe, Rig
 from bagassets.steps import (
     annotations,
     calibration,
@@ -59,7 +59,7 @@ def code_version(recipe: Recipe, asset: str) -> str:
 
 
 def _rig_fields(recipe: Recipe, rig: Rig, asset: str) -> Any:
-    channels = {name: channel.model_dump(mode="json") for name, channel in sorted(rig.channels.items())}
+    channels = {name: _channel_fields(recipe, channel) for name, channel in sorted(rig.channels.items())}
     cameras = {name for name, channel in rig.channels.items() if isinstance(channel, CameraChannel)}
     limits = recipe.limits
     common = {"clock": recipe.clock, "limits": {"lost_messages": limits.lost_messages}, "match": rig.match,
@@ -95,3 +95,10 @@ def _rig_fields(recipe: Recipe, rig: Rig, asset: str) -> Any:
             scenes = recipe.scenes.model_dump(mode="json")
             attributes = recipe.nuscenes.attributes_by_motion.model_dump(mode="json")
             return [scenes, attributes, rig.name, rig.vehicle, rig.location, sorted(channels)]
+
+
+def _channel_fields(recipe: Recipe, channel: Channel) -> dict[str, Any]:
+    """Return the fields of a channel; its clock only if it is another than the recipe's, which stands beside them."""
+    clock = recipe.clock_of(channel)
+    own = {} if clock == recipe.clock else {"clock": clock}
+    return channel.model_dump(mode="json", exclude={"clock"}) | own

@@ -101,28 +101,28 @@ RECORDING_CHECKS = (
         "frames",
         "channels_present",
         "Every message read was written, merged or counted as lost, and every camera has images.",
-        lambda e: channels_complete(e.channels("frames"), e.max_lost, e.recipe.clock),
+        lambda e: channels_complete(e.channels("frames"), e.max_lost, e.clock_of),
     ),
     RecordingCheck(
         "sweeps_complete",
         "sweeps",
         "channels_present",
         "Every message read was written, merged or counted as lost, and every lidar and radar has files.",
-        lambda e: channels_complete(e.channels("sweeps"), e.max_lost, e.recipe.clock),
+        lambda e: channels_complete(e.channels("sweeps"), e.max_lost, e.clock_of),
     ),
     RecordingCheck(
         "scenes_made",
         "nuscenes_tables",
         "scenes_made",
         "The recording gives at least one scene.",
-        lambda e: scenes_made(e.table_facts),
+        lambda e: scenes_made(e.table_facts, e.stamps_of),
     ),
     RecordingCheck(
         "keyframes_complete",
         "nuscenes_tables",
         "keyframes_complete",
         "No keyframe was dropped for want of a channel, and no sample lacks one.",
-        lambda e: keyframes_complete(e.table_facts),
+        lambda e: keyframes_complete(e.table_facts, e.stamps_of),
     ),
     RecordingCheck(
         "poses_cover_sensors",
@@ -162,7 +162,7 @@ RECORDING_CHECKS = (
 )
 
 QUICK_CHECKS = frozenset({"frames_complete", "sweeps_complete", "keyframes_complete"})
-"""Checks that read counts alone: a moment for thousands of recordings."""
+"""Checks that read counts, and stamps only where keyframes lack a channel: a moment for thousands of recordings."""
 
 DATASET_CHECKS = (
     DatasetCheck(

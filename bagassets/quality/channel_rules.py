@@ -1,6 +1,6 @@
 """Rules about extracted channels: every one has files, and not too many messages were lost."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from bagassets.quality.finding import Finding
@@ -9,15 +9,26 @@ from bagassets.recipe.model_base import Clock
 __all__ = ["channels_complete"]
 
 _DUPLICATE = "duplicate stamp"
+# Reasons that are no clauses, as they follow `because`; errors are.
+_BECAUSE = {
+    _DUPLICATE: "of duplicate stamps",
+    "zero stamp": "their header stamps are zero",
+    "incomplete revolution": "they belong to incomplete revolutions",
+    "position packet": "they are position packets",
+    "no point in it": "they hold no point",
+    "no ego pose to deskew with": "there is no ego pose to deskew them with",
+}
 
 
-def channels_complete(channels: Mapping[str, Any], max_lost: float, clock: Clock) -> Finding:
+def channels_complete(
+    channels: Mapping[str, Any], max_lost: float, clock_of: Callable[[str], Clock]
+) -> Finding:
     """Check the counts of the channels of one asset.
 
     Args:
         channels: content of `channels.json`: channel -> `counts` (read, written, merged, lost).
         max_lost: share of a channel's messages whose loss is no finding.
-        clock: which time of a message counts.
+        clock_of: channel -> which time of its messages counts.
     """
     problems = []
     lost: dict[str, int] = {}
@@ -36,17 +47,30 @@ def channels_complete(channels: Mapping[str, Any], max_lost: float, clock: Clock
         elif number > max_lost * counts["read"]:
             reason = max(sorted(counts["lost"]), key=lambda text: counts["lost"][text])
             problems.append(
-                f"{name}: {number} of {counts['read']} messages ({number / counts['read']:.0%}) were lost, "
-                f"{counts['lost'][reason]} of them because: {reason}. {_way_out(reason, clock)}"
+                f"{name}: {number} of {counts['read']} messages ({number / counts['read']:.0%}) "
+                f"{'was' if number == 1 else 'were'} lost{_why(reason, counts['lost'])}. {_way_out(name, reason, clock_of(name))}"
             )
     written = {name: entry["counts"]["written"] for name, entry in sorted(channels.items())}
     return Finding(problems, {"files": written, "lost": lost})
 
 
-def _way_out(reason: str, clock: Clock) -> str:
-    """Return what to do about messages that were lost for a reason."""
+def _why(reason: str, lost: Mapping[str, int]) -> str:
+    """Return why messages were lost, as it follows `lost`: for one reason, or most often for this one."""
+    because = f"because {_BECAUSE.get(reason, reason)}"
+    return f" {because}" if len(lost) == 1 else f", most often ({lost[reason]} times) {because}"
+
+
+def _way_out(name: str, reason: str, clock: Clock) -> str:
+    """Return what to do about messages of a channel that were lost for a reason."""
+    field = f"for this channel (rigs[].channels.{name}.clock)"
     if reason == _DUPLICATE and clock == "header":
-        return "If these are readings of their own, `clock: log` in the recipe tells them apart by when they were logged"
+        return (
+            f"If these are readings of their own, `clock: log` {field} tells them apart by when they were logged; "
+            "other channels keep their stamps"
+        )
     if reason == _DUPLICATE:
-        return "They were logged in the same microsecond; if their header stamps differ, use `clock: header` in the recipe"
+        return (
+            "They were logged in the same microsecond; if their header stamps differ, use `clock: header` "
+            f"{field}; other channels keep their stamps"
+        )
     return "If that is acceptable, raise limits.reported_losses in the recipe; else mend the recording or remove the channel"

@@ -91,8 +91,9 @@ def _lacking_told(lacking: Mapping[str, Sequence[str]], held: Mapping[str, Abstr
     counts = Counter(name for names in lacking.values() for name in names)
     told = ", ".join(f"{name} in {number}" for name, number in counts.most_common())
     sentence = (
-        f"{len(lacking)} of {len(held)} samples lack a channel that their rig has elsewhere, and code that takes every "
-        f"channel for granted fails on them: {told}; the first is sample {next(iter(lacking))}. `missing: refuse` under "
+        f"{len(lacking)} of {len(held)} samples {'lacks' if len(lacking) == 1 else 'lack'} a channel that other samples of "
+        f"the same rig have, and code that expects every channel in each sample fails on them: {told}; the first is sample "
+        f"{next(iter(lacking))}. `missing: refuse` under "
         "scenes drops single samples, rigs[].required leaves out recordings without the channel"
     )
     return [sentence]

@@ -15,6 +15,7 @@ from bagassets.nuscenes.lidar_file import read_lidar_file
 from bagassets.nuscenes.schema import RECORDING_TABLES
 from bagassets.quality.sweep_rules import Sweeps
 from bagassets.recipe.model import LidarChannel, Recipe, Rig
+from bagassets.recipe.model_base import Clock
 from bagassets.recipe.model_checks import Checks
 from bagassets.steps.ego_poses import load_trajectory
 from bagassets.store.artifact import Artifact
@@ -50,6 +51,11 @@ class Evidence:
         """Share of a channel's messages whose loss is no finding."""
         own = self.checks.channels_present.max_lost
         return self.recipe.limits.reported_losses if own is None else own
+
+    def clock_of(self, channel: str) -> Clock:
+        """Return which time of a channel's messages counts."""
+        own = self.rig.channels.get(channel)
+        return self.recipe.clock if own is None else self.recipe.clock_of(own)
 
     @cached_property
     def inventory(self) -> Inventory:
@@ -99,12 +105,18 @@ class Evidence:
 
     def stamps_ns(self) -> dict[str, Stamps]:
         """Return channel -> stamps of its readings, over frames and sweeps."""
-        stamps = {}
-        for asset in ("frames", "sweeps"):
-            for name, entry in sorted(self.channels(asset).items()):
-                index = self.store.artifact(entry["artifact"]).read_table("index.parquet", ["stamp_ns"])
-                stamps[name] = index.column("stamp_ns").to_numpy().astype(np.int64)
-        return stamps
+        entries = [item for asset in ("frames", "sweeps") for item in sorted(self.channels(asset).items())]
+        return {name: self._stamps_ns(entry["artifact"]) for name, entry in entries}
+
+    def stamps_of(self, channel: str) -> Stamps:
+        """Return the stamps of a channel's readings."""
+        entries = self.channels("frames") | self.channels("sweeps")
+        return self._stamps_ns(entries[channel]["artifact"])
+
+    def _stamps_ns(self, digest: str) -> Stamps:
+        index = self.store.artifact(digest).read_table("index.parquet", ["stamp_ns"])
+        stamps_ns: Stamps = index.column("stamp_ns").to_numpy().astype(np.int64)
+        return stamps_ns
 
     def sweeps(self) -> dict[str, Sweeps]:
         """Return lidar -> its sweeps."""

@@ -25,8 +25,14 @@ def files_match(
     nowhere = sorted(set(named) - listed)
     unnamed = sorted(listed - set(named))
     problems = [
-        *_sentence("files of sample_data are in no artifact", nowhere),
-        *_sentence("files are listed that sample_data does not name", unnamed),
+        *_sentence(
+            "file of sample_data is in no artifact", "files of sample_data are in no artifact", nowhere
+        ),
+        *_sentence(
+            "file is listed that sample_data does not name",
+            "files are listed that sample_data does not name",
+            unnamed,
+        ),
     ]
     sizes: dict[str, dict[str, int]] = {}
     lost: dict[str, str] = {}
@@ -51,11 +57,17 @@ def files_match(
         expected = sizes[digest].get(entry["file"])
         if found != expected:
             torn.append(f"{entry['filename']} ({found} bytes instead of {expected})")
-    problems += _sentence("files are not in the store", missing)
-    problems += _sentence("files differ in size from what their artifact was recorded with", torn)
+    problems += _sentence("file is not in the store", "files are not in the store", missing)
+    problems += _sentence(
+        "file differs in size from what its artifact was recorded with",
+        "files differ in size from what their artifact was recorded with",
+        torn,
+    )
     return Finding(problems, {"files": len(files), "bytes": total})
 
 
-def _sentence(what: str, offenders: Iterable[str]) -> list[str]:
+def _sentence(one: str, several: str, offenders: Iterable[str]) -> list[str]:
     names = list(offenders)
-    return [f"{len(names)} {what}, the first is {names[0]}"] if names else []
+    if len(names) == 1:
+        return [f"1 {one}: {names[0]}"]
+    return [f"{len(names)} {several}, the first is {names[0]}"] if names else []

@@ -32,9 +32,10 @@ def poses_cover_sensors(
         shares[name] = round(with_pose / len(stamps), 4)
         if with_pose < check.min_share * len(stamps):
             first = int(stamps[~valid][0])
+            without = len(stamps) - with_pose
+            told = "has no ego pose, that" if without == 1 else "have no ego pose, the first"
             problems.append(
-                f"{name}: {len(stamps) - with_pose} of {len(stamps)} readings have no ego pose, "
-                f"the first at {clock(first)}; a share of {check.min_share:g} is expected to have one"
+                f"{name}: {without} of {len(stamps)} readings {told} at {clock(first)}; a share of {check.min_share:g} is expected to have one"
             )
     return Finding([*problems, *_jumps(trajectory, check)], {"with_pose": shares})
 

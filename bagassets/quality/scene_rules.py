@@ -1,35 +1,44 @@
 """Rules about scenes: a recording that takes part gives at least one, and its samples have all channels."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
+import numpy as np
+
 from bagassets.quality.finding import Finding, clock
+from bagassets.timeline.keyframes import Stamps
 
 __all__ = ["keyframes_complete", "scenes_made"]
 
 # Channels named in one sentence.
 _MOST_CHANNELS = 3
+# A channel starts late or stops early if more than so many of its periods are missing: a slow one may just not be due.
+_MISSING_PERIODS = 2
 _WAYS_OUT = (
     "raise scenes.tolerance_s, lower scenes.keyframe_hz, or keep samples that lack a channel with "
     "`missing: allow` under scenes"
 )
 
 
-def scenes_made(facts: Mapping[str, Any]) -> Finding:
+StampsOf = Callable[[str], Stamps]
+
+
+def scenes_made(facts: Mapping[str, Any], stamps_of: StampsOf) -> Finding:
     """Check that a recording gave a scene, and say why it gave none.
 
     Args:
         facts: content of `facts.json` of the step `nuscenes_tables`.
+        stamps_of: channel -> (N,) stamps of its readings, nanoseconds; asked for only if they matter.
     """
     counts = facts["counts"]
     told = {name: counts[name] for name in ("scenes", "samples", "remainder_s", "dropped_keyframes")}
-    return Finding([] if counts["scenes"] else [f"it gives no scene: {_reason(facts)}"], told)
+    return Finding([] if counts["scenes"] else [f"it gives no scene: {_reason(facts, stamps_of)}"], told)
 
 
-def _reason(facts: Mapping[str, Any]) -> str:
+def _reason(facts: Mapping[str, Any], stamps_of: StampsOf) -> str:
     counts, reference = facts["counts"], facts["reference"]
     if counts["dropped_keyframes"]:
-        return f"{_dropped(facts)}; {_WAYS_OUT}"
+        return f"{_dropped(facts, stamps_of)}; {_WAYS_OUT}"
     if counts["remainder_s"]:
         return f"its {counts['remainder_s']:g} s are shorter than scenes.min_length_s"
     if counts["channels"][reference].get("without_pose"):
@@ -37,13 +46,14 @@ def _reason(facts: Mapping[str, Any]) -> str:
     return f"{reference} has too few readings to make one of scenes.min_length_s"
 
 
-def keyframes_complete(facts: Mapping[str, Any]) -> Finding:
+def keyframes_complete(facts: Mapping[str, Any], stamps_of: StampsOf) -> Finding:
     """Check that no keyframe was dropped for want of a channel, and that no sample lacks one.
 
     Channels of which the recording has no reading at all are for `channels_present` to name.
 
     Args:
         facts: content of `facts.json` of the step `nuscenes_tables`.
+        stamps_of: channel -> (N,) stamps of its readings, nanoseconds; asked for only if they matter.
     """
     counts = facts["counts"]
     dropped, lacking = counts["dropped_keyframes"], counts["lacking_samples"]
@@ -55,20 +65,20 @@ def keyframes_complete(facts: Mapping[str, Any]) -> Finding:
     }
     problems = []
     if dropped and counts["scenes"]:
-        problems.append(f"{_dropped(facts)}; {_WAYS_OUT}")
+        problems.append(f"{_dropped(facts, stamps_of)}; {_WAYS_OUT}")
     if lacking:
         problems.append(
-            f"{lacking} of {counts['samples']} samples lack a channel, as scenes.missing allows: {_channels(facts)}"
+            f"{lacking} of {counts['samples']} samples {'lacks' if lacking == 1 else 'lack'} a channel, as scenes.missing allows: {_channels(facts, stamps_of)}"
         )
     return Finding(problems, told)
 
 
-def _dropped(facts: Mapping[str, Any]) -> str:
+def _dropped(facts: Mapping[str, Any], stamps_of: StampsOf) -> str:
     counts = facts["counts"]
     number, of = counts["dropped_keyframes"], counts["dropped_keyframes"] + counts["samples"]
     return (
-        f"{number} of {of} keyframes were dropped, where a channel has no reading within "
-        f"{facts['tolerance_s']:g} s (scenes.tolerance_s): {_channels(facts)}"
+        f"{number} of {of} keyframes {'was' if number == 1 else 'were'} dropped, where a channel has no reading within "
+        f"{facts['tolerance_s']:g} s (scenes.tolerance_s): {_channels(facts, stamps_of)}"
     )
 
 
@@ -82,20 +92,28 @@ def _shortages(facts: Mapping[str, Any]) -> list[tuple[str, Mapping[str, int], l
     return sorted(found, key=lambda entry: -entry[1]["keyframes"])
 
 
-def _channels(facts: Mapping[str, Any]) -> str:
+def _channels(facts: Mapping[str, Any], stamps_of: StampsOf) -> str:
     """Return which channels lack readings at how many keyframes, and when they start late or stop early."""
-    begins_ns = min((span[0] for span in _spans(facts)), default=0)
+    spans = _spans(facts)
+    begins_ns = min((span[0] for span in spans), default=0)
+    ends_ns = max((span[1] for span in spans), default=0)
     shortages = _shortages(facts)
     told = []
     for name, short, span in shortages[:_MOST_CHANNELS]:
         ends = []
-        if short["before_first"]:
+        if short["before_first"] and span[0] - begins_ns > _patience_ns(stamps_of(name)):
             ends.append(f"{short['before_first']} before it starts {_moment(span[0], begins_ns)}")
-        if short["after_last"]:
+        if short["after_last"] and ends_ns - span[1] > _patience_ns(stamps_of(name)):
             ends.append(f"{short['after_last']} after it stops {_moment(span[1], begins_ns)}")
-        told.append(f"{name} at {short['keyframes']}" + (f" ({', '.join(ends)})" if ends else ""))
+        number = f"{short['keyframes']} keyframe{'' if short['keyframes'] == 1 else 's'}"
+        told.append(f"{name} at {number}" + (f" ({', '.join(ends)})" if ends else ""))
     more = len(shortages) - len(told)
-    return ", ".join(told) + (f" and {more} more channels" if more > 0 else "")
+    return ", ".join(told) + (f" and {more} more channel{'' if more == 1 else 's'}" if more > 0 else "")
+
+
+def _patience_ns(stamps_ns: Stamps) -> float:
+    """Return how long a channel may be silent at an end of the recording: some of its median periods."""
+    return _MISSING_PERIODS * float(np.median(np.diff(stamps_ns))) if len(stamps_ns) > 1 else 0.0
 
 
 def _spans(facts: Mapping[str, Any]) -> list[list[int]]:

@@ -85,6 +85,11 @@ class _Channel(Model):
     extrinsics: Transform | None = Field(
         None, description="ego <- sensor given by hand; default: from TF or the URDF."
     )
+    clock: Clock | None = Field(
+        None,
+        description="Time of this channel's messages: their header stamps, or when they were logged; default: the "
+        "recipe's `clock`. Other channels keep their stamps.",
+    )
 
 
 class CameraChannel(_Channel):
@@ -379,7 +384,10 @@ class Recipe(Model):
         None,
         description="Folder of the artifact store; default: `store` in the state folder. Projects and machines may share one.",
     )
-    clock: Clock = Field("header", description="Time of a message: its header stamp, or when it was logged.")
+    clock: Clock = Field(
+        "header",
+        description="Time of a message: its header stamp, or when it was logged; a channel may have a `clock` of its own.",
+    )
     rigs: tuple[Rig, ...] = Field(min_length=1, description="Sensor set-ups.")
     scenes: Scenes = Field(Scenes(), description="Scenes and keyframes.")
     splits: Splits = Field(Splits(), description="Which recordings belong to train, val and so on.")
@@ -412,6 +420,10 @@ class Recipe(Model):
             if unknown:
                 raise FieldValueError(("datasets", number, "rigs"), f"{unknown[0]} is no rig of this recipe")
         return self
+
+    def clock_of(self, channel: Channel) -> Clock:
+        """Return which time of a channel's messages counts."""
+        return channel.clock or self.clock
 
     @property
     def store_path(self) -> Path:

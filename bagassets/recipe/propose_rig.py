@@ -156,7 +156,8 @@ def _write_channel(sheet: Sheet, rig: RigProposal, name: str, sensor: Sensor) ->
             4,
             "guess: stamps stay as recorded, as the points have no times. Some drivers stamp the start of a revolution, "
             "others its end or middle, simulators the one instant of all points; docs/poses.md tells how to find "
-            "out, and a check does. For stamps at the end of revolutions, say what the header means:",
+            "out, and a check does. If the header's stamp marks the start of a revolution, uncomment the next line; write "
+            "middle or end instead of start if it marks that.",
         )
         sheet.off(4, "header_stamp_is: start")
     if not topic.frames:
