@@ -16,7 +16,7 @@ DEVKIT := .devkit-venv
 BIN := $(VENV)/bin
 export BAGASSETS_DEVKIT_PYTHON := $(CURDIR)/$(DEVKIT)/bin/python
 
-.PHONY: demo test lint docs clean bench bench-incremental bench-plan
+.PHONY: demo test lint docs clean bench bench-incremental bench-plan mutants
 .DEFAULT_GOAL := demo
 
 # A stamp file each, so that a second run costs nothing.
@@ -66,6 +66,14 @@ $(VENV)/.made-bench: $(VENV)/.made
 bench-plan: $(VENV)/.made
 	@mkdir -p build
 	$(BIN)/python benchmarks/plan.py --json build/plan.json
+
+# Does a test fail when a line is wrong? By hand: an hour or two; MUTANTS="--number 50 --seed 7 --only bagassets/decode".
+mutants: $(VENV)/.made-mutants $(DEVKIT)/.made
+	$(BIN)/python -m scripts.mutants $(MUTANTS)
+
+$(VENV)/.made-mutants: $(VENV)/.made
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check 'mutmut>=3.8,<4' 'coverage>=7.10,<8'
+	touch $@
 
 clean:
 	rm -rf build $(VENV) $(DEVKIT)
