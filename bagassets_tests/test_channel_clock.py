@@ -69,7 +69,7 @@ def entries():
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
-    """Build the recording with clocks of channels and recipe: -> channel -> its artifact, and of the tables."""
+    """Build the recording with clocks of channels and recipe: -> channel -> its artifact."""
     folder = tmp_path_factory.mktemp("clocks")
     (folder / "bags").mkdir()
     with Writer(folder / "bags" / "drive", version=9) as writer:

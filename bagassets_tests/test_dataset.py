@@ -403,8 +403,8 @@ class TestChecks:
     @pytest.mark.parametrize(
         ("table", "damage", "words"),
         [
-            ("sample", lambda rows: rows.append(dict(rows[0])), "sample: 1 tokens appear more than once"),
-            ("sample_data", lambda rows: rows[0].update(sample_token="x"), "1 values of sample_token are in no row of sample"),
+            ("sample", lambda rows: rows.append(dict(rows[0])), "sample: 1 token appears more than once: "),
+            ("sample_data", lambda rows: rows[0].update(sample_token="x"), "1 value of sample_token is in no row of sample"),
             ("sample_data", lambda rows: rows[3].update(next=""), "links of prev and next are broken"),
             ("sample_data", lambda rows: rows[0].update(is_key_frame="true"), "is_key_frame is no JSON boolean"),
             ("sample_data", lambda rows: rows[0].update(filename=rows[1]["filename"]), "named by more than one row"),
@@ -426,7 +426,7 @@ class TestChecks:
         (tmp_path / "samples" / "stray.jpg").write_bytes(b"x")
         problems = check_files(tmp_path, rows)
         assert problems == [
-            f"1 files of the tables are not on disk, the first is {named[0]}.",
-            "1 files on disk belong to no table, the first is samples/stray.jpg.",
-            f"1 files are empty, the first is {named[1]}.",
+            f"1 file of the tables is not on disk: {named[0]}.",
+            "1 file on disk belongs to no table: samples/stray.jpg.",
+            f"1 file is empty: {named[1]}.",
         ]

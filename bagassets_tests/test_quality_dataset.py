@@ -78,7 +78,7 @@ def test_a_token_that_two_recordings_share_is_found_whichever_rows_are_read(data
     append(dataset, "ego_pose", row)
     rows = read_dataset(dataset, VERSION, round(share * size_of(dataset)))
     (problem,) = tokens_unique(rows).problems
-    assert problem == f"ego_pose: 1 tokens appear more than once, the first is {token}."
+    assert problem == f"ego_pose: 1 token appears more than once: {token}."
 
 
 def test_tokens_that_only_begin_alike_are_not_the_same(dataset):

@@ -308,15 +308,13 @@ class TestBoxes:
 
     def test_a_track_that_jumps_is_named(self):
         (problem,) = self.find(x={7: 40.0}).problems
-        assert problem.startswith("1 tracks jump, the first is b of /boxes: 39.0 m from 2023-")
+        assert problem.startswith("1 track jumps: b of /boxes: 39.0 m from 2023-")
         assert str(T0 + 2 * S // 10) in problem
         assert self.find(x={7: 6.0}).passed  # labels are not that exact
 
     def test_a_size_of_nothing_on_roads_is_named(self):
         (problem,) = self.find(size={5: (1.9, 450.0, 1.6)}).problems
-        assert problem.startswith(
-            "1 boxes are smaller than 0.05 m or larger than 40 m, the first is b of /boxes at 2023-"
-        )
+        assert problem.startswith("1 box is smaller than 0.05 m or larger than 40 m: b of /boxes at 2023-")
         assert problem.endswith(": 1.9 x 450 x 1.6 m")
         assert not self.find(size={5: (0.01, 4.0, 1.6)}).passed
 
@@ -420,7 +418,7 @@ class TestTables:
         row = tables["sample_data"][3]
         row["ego_pose_token"] = "nowhere"
         (problem,) = broken_references(tables)
-        assert "1 values of ego_pose_token are in no row of ego_pose" in problem
+        assert "1 value of ego_pose_token is in no row of ego_pose: " in problem
         assert row["token"] in problem
         assert duplicate_tokens(tables) == []
 

@@ -82,12 +82,22 @@ def check_files(dataroot: Path, tables: Tables, elsewhere: AbstractSet[str] = fr
     }
     empty = [name for name in sorted(named & present.keys()) if present[name].stat().st_size == 0]
     return [
-        *_sentence("{} files of the tables are not on disk, the first is {}", sorted(named - present.keys())),
         *_sentence(
-            "{} files on disk belong to no table, the first is {}", sorted(present.keys() - named - elsewhere)
+            "{} files of the tables are not on disk, the first is {}",
+            sorted(named - present.keys()),
+            one="{} file of the tables is not on disk: {}",
+        ),
+        *_sentence(
+            "{} files on disk belong to no table, the first is {}",
+            sorted(present.keys() - named - elsewhere),
+            one="{} file on disk belongs to no table: {}",
         ),
         # An empty lidar file is a revolution without points.
-        *_sentence("{} files are empty, the first is {}", [n for n in empty if not n.endswith(".pcd.bin")]),
+        *_sentence(
+            "{} files are empty, the first is {}",
+            [n for n in empty if not n.endswith(".pcd.bin")],
+            one="{} file is empty: {}",
+        ),
     ]
 
 
@@ -119,7 +129,9 @@ def check_dataset_files(dataroot: Path, version: str, tables: Tables) -> list[st
     return check_files(dataroot, tables, elsewhere)
 
 
-def _sentence(text: str, offenders: Sequence[str]) -> list[str]:
+def _sentence(text: str, offenders: Sequence[str], *, one: str | None = None) -> list[str]:
+    """Return the sentence with the number of offenders and the first; `one` is what it is for a single one."""
+    text = one if one is not None and len(offenders) == 1 else text
     return [text.format(len(offenders), offenders[0]) + "."] if offenders else []
 
 
@@ -132,10 +144,18 @@ def _duplicates(tables: Tables) -> Iterable[str]:
     for name, rows in tables.items():
         counts = Counter(row["token"] for row in rows)
         twice = [token for token, number in counts.items() if number > 1]
-        yield from _sentence(f"{name}: {{}} tokens appear more than once, the first is {{}}", twice)
+        yield from _sentence(
+            f"{name}: {{}} tokens appear more than once, the first is {{}}",
+            twice,
+            one=f"{name}: {{}} token appears more than once: {{}}",
+        )
     files = Counter(row["filename"] for row in tables.get("sample_data", ()))
     twice = [name for name, number in files.items() if number > 1]
-    yield from _sentence("sample_data: {} files are named by more than one row, the first is {}", twice)
+    yield from _sentence(
+        "sample_data: {} files are named by more than one row, the first is {}",
+        twice,
+        one="sample_data: {} file is named by more than one row: {}",
+    )
 
 
 def _references(tables: Tables, index: Mapping[str, Mapping[str, Row]]) -> Iterable[str]:
@@ -151,7 +171,9 @@ def _references(tables: Tables, index: Mapping[str, Mapping[str, Row]]) -> Itera
                 if token not in index[target] and not (optional and token == "")
             ]
             yield from _sentence(
-                f"{name}: {{}} values of {column} are in no row of {target}, the first is {{}}", loose
+                f"{name}: {{}} values of {column} are in no row of {target}, the first is {{}}",
+                loose,
+                one=f"{name}: {{}} value of {column} is in no row of {target}: {{}}",
             )
 
 

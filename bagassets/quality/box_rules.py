@@ -57,8 +57,9 @@ def _jumps(table: BoxTable, check: BoxesCheck) -> Iterator[str]:
             jumping.append((track, int(jumps[0]), float(distances[jumps[0]])))
     if jumping:
         track, at, distance_m = jumping[0]
+        told = "1 track jumps:" if len(jumping) == 1 else f"{len(jumping)} tracks jump, the first is"
         yield (
-            f"{len(jumping)} tracks jump, the first is {track.track_id} of {track.source}: {distance_m:.1f} m "
+            f"{told} {track.track_id} of {track.source}: {distance_m:.1f} m "
             f"from {clock(int(track.stamps_ns[at]))} to {clock(int(track.stamps_ns[at + 1]))}; "
             "perhaps two objects share the id"
         )
@@ -72,8 +73,9 @@ def _sizes(table: BoxTable, check: BoxesCheck) -> Iterator[str]:
     if len(wrong):
         row = int(wrong[0])
         width, length, height = table.sizes_m[row].tolist()
+        told, first = ("1 box is", ":") if len(wrong) == 1 else (f"{len(wrong)} boxes are", ", the first is")
         yield (
-            f"{len(wrong)} boxes are smaller than {check.min_size_m:g} m or larger than {check.max_size_m:g} m, the first "
-            f"is {table.tracks[row] or 'one without track'} of {table.sources[row]} at {clock(int(table.stamps_ns[row]))}: "
+            f"{told} smaller than {check.min_size_m:g} m or larger than {check.max_size_m:g} m{first} "
+            f"{table.tracks[row] or 'one without track'} of {table.sources[row]} at {clock(int(table.stamps_ns[row]))}: "
             f"{width:g} x {length:g} x {height:g} m"
         )

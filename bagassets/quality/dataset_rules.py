@@ -17,7 +17,9 @@ def tokens_unique(rows: DatasetRows) -> Finding:
     if rows.is_whole:
         return Finding(duplicate_tokens(rows.tables), _facts(rows))
     problems = [
-        f"{table}: {len(tokens)} tokens appear more than once, the first is {tokens[0]}."
+        f"{table}: 1 token appears more than once: {tokens[0]}."
+        if len(tokens) == 1
+        else f"{table}: {len(tokens)} tokens appear more than once, the first is {tokens[0]}."
         for table, tokens in repeated_tokens(rows.folder)
     ]
     return Finding(problems, _facts(rows))
@@ -41,9 +43,11 @@ def files_match(rows: DatasetRows) -> Finding:
         if size == 0 and not name.endswith(".pcd.bin"):
             empty.append(name)
     problems = []
-    for names, what in ((missing, "are not on disk"), (empty, "are empty")):
-        if names:
-            problems.append(f"{len(names)} files of the tables {what}, the first is {names[0]}.")
+    for names, what in ((missing, "not on disk"), (empty, "empty")):
+        if len(names) == 1:
+            problems.append(f"1 file of the tables is {what}: {names[0]}.")
+        elif names:
+            problems.append(f"{len(names)} files of the tables are {what}, the first is {names[0]}.")
     return Finding(problems, _facts(rows))
 
 
