@@ -104,6 +104,29 @@ def test_a_published_file_that_is_not_as_it_was_is_mended(fresh, monkeypatch, pa
     assert is_quick(fresh)
 
 
+@pytest.mark.parametrize("pattern", ["nuscenes/samples/*/*", "vision/**/*.jpg"])
+@pytest.mark.parametrize("change", ["emptied", "other bytes"])
+def test_a_link_that_was_written_into_is_made_again_with_the_file_of_the_store(
+    fresh, monkeypatch, pattern, change
+):
+    """Both are one file, so that linking it again would mend nothing."""
+    whole = everything(fresh)
+    path = first(fresh, pattern)
+    assert path.stat().st_nlink > 1
+    path.chmod(0o644)
+    path.write_bytes(b"" if change == "emptied" else bytes(path.stat().st_size))
+    assert not is_quick(fresh)
+    report, _ = build(fresh, monkeypatch)
+    assert report.succeeded
+    assert everything(fresh) == whole
+    # It may go by another name: recordings with the same images share their files.
+    (remark,) = report.remarks
+    assert remark.problem.endswith(": was changed in place, so it is made again")
+    report, runs = build(fresh, monkeypatch)
+    assert not runs
+    assert not report.remarks
+
+
 def test_times_alone_cost_one_look_and_no_run(fresh, monkeypatch):
     table = first(fresh, "nuscenes/v1.0-test/sample.json")
     table.touch()

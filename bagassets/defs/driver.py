@@ -24,6 +24,7 @@ from bagassets.defs.workspace import Workspace
 from bagassets.engine.after_crash import noted_build
 from bagassets.engine.build_report import BagOutcome, BuildOptions, BuildReport, Event, Remark
 from bagassets.engine.dataset_build import split_on_disk
+from bagassets.engine.dataset_integrity import take_out_changed_sources
 from bagassets.engine.plan_model import Plan, Recorded
 from bagassets.errors import RecordingError
 from bagassets.forkserver.places import Places
@@ -44,12 +45,15 @@ def build(recipe_file: Path, options: BuildOptions, on_event: Listener) -> Build
     with opened(recipe_file) as (instance, workspace), ExitStack() as stack:
         recipe = workspace.recipe
         end_left_behind(instance)
-        mended = stack.enter_context(noted_build(recipe))
+        mended = {"after_crash": stack.enter_context(noted_build(recipe))}
+        mended["changed_in_place"] = take_out_changed_sources(recipe, workspace.store)
         snapshot = SnapshotWriter(instance, workspace)
         before = now = survey(instance, workspace, options)
         report = BuildReport(before.plan, dataset_path=recipe.nuscenes.output)
         split_before = split_on_disk(recipe)
-        report.remarks = tuple(Remark("", "warn", "after_crash", problem) for problem in mended)
+        report.remarks = tuple(
+            Remark("", "warn", name, problem) for name, problems in mended.items() for problem in problems
+        )
         if not options.allow_empty:
             _refuse_empty(recipe, before.planned)
         report.removed = _register(instance, workspace, before.planned)

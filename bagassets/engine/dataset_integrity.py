@@ -15,14 +15,15 @@ from uuid import uuid4
 
 from bagassets.engine.dataset_build import dataset_folders
 from bagassets.engine.dataset_lock import LOCK, DatasetLock, load_lock
-from bagassets.errors import StoreError
+from bagassets.engine.publication import Publication
+from bagassets.errors import DatasetError, StoreError
 from bagassets.recipe.model import Recipe
 from bagassets.store.artifact import FileEntry
 from bagassets.store.canonical import digest_file
 from bagassets.store.store import Store
 from bagassets.vision.dataset import FACTS, FILES, RECORDINGS, SEQUENCES
 
-__all__ = ["DatasetDamage", "check_datasets", "take_out"]
+__all__ = ["DatasetDamage", "check_datasets", "take_out", "take_out_changed_sources"]
 
 
 @dataclass(frozen=True)
@@ -60,27 +61,69 @@ def check_datasets(recipe: Recipe, store: Store, damaged: Collection[str] = ()) 
         for path in sorted(folder.glob(f"*/{LOCK}")):
             lock = load_lock(path)
             yield from check.tables(path.parent, lock.files)
-            yield from (
-                _nuscenes(check, lock, folder) if lock.kind == "nuscenes" else _vision(check, lock, folder)
-            )
+            for link in _links(check, lock, folder):
+                yield from check.file(link)
             yield from check.unchecked(path.parent)
 
 
-def _nuscenes(check: "_Check", lock: DatasetLock, output: Path) -> Iterator[DatasetDamage]:
+def take_out_changed_sources(recipe: Recipe, store: Store) -> list[str]:
+    """Take artifacts out of the store that were changed through a dataset, and return what they were, in words.
+
+    A hard link in a dataset is the file of the store: whoever writes into it damages both, and linking it again
+    would mend nothing. Only links that are not as they were published are looked at.
+    """
+    reasons = {}
+    check = _Check(store, frozenset())
+    for asset, folder in dataset_folders(recipe).items():
+        differing = Publication(recipe.state, asset).differing(folder) or ()
+        suspects = {folder / name for name in differing if _has_other_names(folder / name)}
+        for path in sorted(folder.glob(f"*/{LOCK}")) if suspects else ():
+            with suppress(DatasetError):  # a torn lock is mended with the tables
+                for link in _links(check, load_lock(path), folder):
+                    if link.path in suspects and check.is_changed_in_store(link):
+                        reason = f"{link.path}: was changed in place, so it is made again"
+                        reasons.setdefault(link.artifact, reason)
+    for artifact in reasons:
+        store.remove(artifact)
+    return sorted(reasons.values())
+
+
+def _has_other_names(path: Path) -> bool:
+    try:
+        return path.stat().st_nlink > 1
+    except OSError:
+        return False
+
+
+@dataclass(frozen=True)
+class _Link:
+    """A file of a dataset, the artifact that it was linked or copied from, its name there, and its `unit`."""
+
+    path: Path
+    artifact: str
+    name: str
+    unit: Path
+
+
+def _links(check: "_Check", lock: DatasetLock, output: Path) -> Iterator[_Link]:
+    return _nuscenes(check, lock, output) if lock.kind == "nuscenes" else _vision(check, lock, output)
+
+
+def _nuscenes(check: "_Check", lock: DatasetLock, output: Path) -> Iterator[_Link]:
     for bag in lock.bags.values():
         for file in check.read_json(bag.artifact, FILES):
             path = output / file["filename"]
-            yield from check.file(path, file["artifact"], file["file"], unit=path)
+            yield _Link(path, file["artifact"], file["file"], path)
 
 
-def _vision(check: "_Check", lock: DatasetLock, output: Path) -> Iterator[DatasetDamage]:
+def _vision(check: "_Check", lock: DatasetLock, output: Path) -> Iterator[_Link]:
     for bag in lock.value["bags"]:
         folder, artifact = output / RECORDINGS / bag["folder"], bag["vision_sequences"]
         for name in check.entries(artifact) or ():
             if name not in {FACTS, FILES, SEQUENCES}:
-                yield from check.file(folder / name, artifact, name, unit=folder)
+                yield _Link(folder / name, artifact, name, folder)
         for file in check.read_json(artifact, FILES):
-            yield from check.file(folder / file["filename"], file["artifact"], file["file"], unit=folder)
+            yield _Link(folder / file["filename"], file["artifact"], file["file"], folder)
 
 
 def take_out(damages: Collection[DatasetDamage]) -> None:
@@ -132,8 +175,16 @@ class _Check:
             if reason is not None:
                 yield DatasetDamage(path, reason, path)
 
-    def file(self, path: Path, artifact: str, name: str, *, unit: Path) -> Iterator[DatasetDamage]:
+    def is_changed_in_store(self, link: _Link) -> bool:
+        """Tell whether a file of the store has other bytes than when it was written."""
+        entry = (self.entries(link.artifact) or {}).get(link.name)
+        if entry is None:
+            return False
+        return _difference(self._store.artifact(link.artifact).path(link.name), entry.digest) is not None
+
+    def file(self, link: _Link) -> Iterator[DatasetDamage]:
         """Check one file that was linked or copied from the store."""
+        path, artifact, name, unit = link.path, link.artifact, link.name, link.unit
         try:
             stat = path.stat()
         except OSError as err:
