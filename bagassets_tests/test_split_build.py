@@ -4,16 +4,19 @@ import json
 import os
 import subprocess
 import sys
+from collections import Counter
 from pathlib import Path
 
 import pytest
 
 from bagassets.engine.dataset_build import DatasetInputs, deal_contents
+from bagassets.recipe import load_recipe
 from bagassets.recipe.model_splits import Splits
 from bagassets.splits import deal, moves
 from bagassets.steps.nuscenes_dataset import BagPart
 from bagassets.steps.vision_dataset import VisionPart
-from bagassets_tests.in_process import QUICK
+from bagassets.store.store import Store
+from bagassets_tests.in_process import QUICK, build, make_project
 from bagassets_tests.small_drive import write_drive
 
 pytestmark = pytest.mark.xdist_group("split_build")
@@ -97,7 +100,29 @@ def test_a_copy_goes_where_its_original_goes_and_does_not_count():
     assert all(dealt[f"copy_{number}"] == dealt[f"drive_{number}"] for number in range(5))
 
 
-def test_all_datasets_have_the_same_splits_even_if_one_lacks_a_recording():
+def test_recordings_without_scenes_fill_no_split():
+    contents = {f"drive_{number}": str(number) for number in range(9)}
+    for first in range(8):
+        full = {f"drive_{first}", f"drive_{first + 1}"}
+        dealt = deal_contents(contents, Splits(), contents.keys() - full)
+        assert sorted(dealt[key] for key in full) == ["train", "val"]
+        assert dealt.keys() == contents.keys()
+        assert Counter(dealt.values())["val"] <= 3, "all others count, too"
+
+
+def test_no_split_of_a_dataset_is_empty_beside_recordings_too_short_for_scenes(tmp_path, monkeypatch):
+    recipe_file = make_project(tmp_path, ["a.bag"], duration_s=2.0)
+    write_drive(tmp_path / "bags" / "b.bag", "ros1", duration_s=2.2)
+    for number in range(3):
+        write_drive(tmp_path / "bags" / f"short_{number}.bag", "ros1", duration_s=0.4 + 0.1 * number)
+    report, _ = build(recipe_file, monkeypatch)
+    assert report.succeeded
+    folder = load_recipe(recipe_file).nuscenes.output / "v1.0-test"
+    splits = json.loads((folder / "splits.json").read_text())
+    assert sorted(len(scenes) for scenes in splits.values()) == [1, 1], splits
+
+
+def test_all_datasets_have_the_same_splits_even_if_one_lacks_a_recording(tmp_path):
     keys = [f"drive_{number}" for number in range(7)]
     inputs = DatasetInputs(
         tuple(BagPart(key, key, "tables") for key in keys[1:]),
@@ -105,4 +130,4 @@ def test_all_datasets_have_the_same_splits_even_if_one_lacks_a_recording():
         {keys[0]: "why"},
         tuple(VisionPart(key, key, "sequences") for key in keys),
     )
-    assert inputs.dealt(Splits()) == deal(keys, Splits())
+    assert inputs.dealt(Splits(), Store(tmp_path)) == deal(keys, Splits())

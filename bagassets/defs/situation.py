@@ -16,12 +16,13 @@ from bagassets.defs.sqlite_files import kept_open
 from bagassets.defs.workspace import Workspace
 from bagassets.engine.build_report import BuildOptions
 from bagassets.engine.choose import choose_assets, choose_recordings
-from bagassets.engine.dataset_build import dataset_code_versions, deal_contents, split_on_disk
+from bagassets.engine.dataset_build import dataset_code_versions, deal_contents, split_on_disk, without_scenes
 from bagassets.engine.plan_model import Plan
 from bagassets.engine.recording_assets import assets_of
 from bagassets.recipe.model import Recipe
 from bagassets.recipe.project import dagster_home
 from bagassets.splits import moves
+from bagassets.store.store import Store
 from bagassets.store.writable import require_writable
 from bagassets.trace import span
 
@@ -102,7 +103,9 @@ def would_move(situation: Situation, recipe: Recipe) -> dict[str, tuple[str, str
         bag = situation.plan.bags[key]
         if bag.skipped is None and bag.unusable is None:
             entering[key] = bag.assets["bag"].data_version or key
-    return moves(split_on_disk(recipe), deal_contents(entering, recipe.splits))
+    tables = {part.key: part.tables for part in situation.planned.inputs.parts}
+    dealt = deal_contents(entering, recipe.splits, without_scenes(Store(recipe.store_path), tables))
+    return moves(split_on_disk(recipe), dealt)
 
 
 @contextmanager

@@ -1,6 +1,8 @@
 """The datasets: which recordings enter them now, and putting them together."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Set as AbstractSet
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -8,7 +10,7 @@ from typing import Any
 
 from bagassets.engine.plan_model import Plan
 from bagassets.engine.publication import Publication
-from bagassets.errors import DatasetError
+from bagassets.errors import DatasetError, StoreError
 from bagassets.recipe.model import NuScenes, Recipe
 from bagassets.recipe.model_splits import Splits
 from bagassets.splits import deal
@@ -66,27 +68,50 @@ class DatasetInputs:
             value["vision_failed"] = dict(self.vision_failed)
         return digest_json(value)
 
-    def dealt(self, splits: Splits) -> dict[str, str]:
+    def dealt(self, splits: Splits, store: Store) -> dict[str, str]:
         """Return recording -> its split, the same for all datasets."""
         contents = {part.key: part.content for part in self.vision}
-        return deal_contents(contents | {part.key: part.content for part in self.parts}, splits)
+        contents |= {part.key: part.content for part in self.parts}
+        return deal_contents(contents, splits, without_scenes(store, {p.key: p.tables for p in self.parts}))
 
     def as_json(self) -> dict[str, Any]:
         """Return counts for people."""
         return {"recordings": len(self.parts), "skipped": len(self.skipped), "failed": len(self.failed)}
 
 
-def deal_contents(contents: Mapping[str, str], splits: Splits) -> dict[str, str]:
+def without_scenes(store: Store, tables: Mapping[str, str]) -> frozenset[str]:
+    """Return the recordings that give no scene, too short ones say.
+
+    Args:
+        store: the artifact store.
+        tables: recording -> artifact of its `nuscenes_tables`.
+    """
+    found = set()
+    for key, digest in tables.items():
+        with suppress(StoreError):
+            if not store.artifact(digest).read_json("facts.json")["counts"]["scenes"]:
+                found.add(key)
+    return frozenset(found)
+
+
+def deal_contents(
+    contents: Mapping[str, str], splits: Splits, sceneless: AbstractSet[str] = frozenset()
+) -> dict[str, str]:
     """Return recording -> its split; a copy counts once and goes where its original goes.
+
+    Recordings without scenes fill no split of a dataset of scenes, so they are dealt after the others.
 
     Args:
         contents: recording -> digest of its content.
         splits: the recipe's `splits`.
+        sceneless: recordings that give no scene.
     """
     first: dict[str, str] = {}
     for key, content in sorted(contents.items()):
         first.setdefault(content, key)
-    dealt = deal(first.values(), splits)
+    with_scenes = deal((key for key in first.values() if key not in sceneless), splits)
+    pinned = splits.model_copy(update={"pinned": {**splits.pinned, **with_scenes}})
+    dealt = deal(first.values(), pinned)
     return {key: dealt[first[content]] for key, content in contents.items()}
 
 
@@ -135,7 +160,7 @@ def build_dataset(recipe: Recipe, store: Store, inputs: DatasetInputs) -> Datase
             recipe.nuscenes,
             recipe.splits,
             store,
-            dealt=inputs.dealt(recipe.splits),
+            dealt=inputs.dealt(recipe.splits, store),
             skipped=inputs.skipped,
             failed=inputs.failed,
         )
@@ -200,7 +225,7 @@ def build_vision_dataset(recipe: Recipe, store: Store, inputs: DatasetInputs) ->
             recipe.vision,
             recipe.splits,
             store,
-            dealt=inputs.dealt(recipe.splits),
+            dealt=inputs.dealt(recipe.splits, store),
             skipped=inputs.skipped,
             failed=inputs.vision_failed,
             suspects=suspects,

@@ -72,7 +72,7 @@ def take_out_changed_sources(recipe: Recipe, store: Store) -> list[str]:
     A hard link in a dataset is the file of the store: whoever writes into it damages both, and linking it again
     would mend nothing. Only links that are not as they were published are looked at.
     """
-    reasons = {}
+    reasons: dict[str, str] = {}
     check = _Check(store, frozenset())
     for asset, folder in dataset_folders(recipe).items():
         differing = Publication(recipe.state, asset).differing(folder) or ()

@@ -94,7 +94,7 @@ def build_named_dataset(
         settings,
         recipe.splits,
         store,
-        dealt=inputs.dealt(recipe.splits),
+        dealt=inputs.dealt(recipe.splits, store),
         skipped=chosen.skipped,
         failed=inputs.failed,
     )

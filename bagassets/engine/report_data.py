@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from bagassets.engine.current import current_artifact
-from bagassets.engine.dataset_build import deal_contents
+from bagassets.engine.dataset_build import deal_contents, without_scenes
 from bagassets.engine.plan_model import BagPlan, Plan
 from bagassets.engine.publication import Publication
 from bagassets.engine.track import Track, track_of
@@ -37,7 +37,7 @@ def report_data(recipe: Recipe, store: Store, plan: Plan) -> ReportData:
         store: where the artifacts are.
         plan: states of all recordings.
     """
-    dealt = _dealt(recipe, plan)
+    dealt = _dealt(recipe, store, plan)
     recordings = [_facts(recipe, store, bag, dealt.get(bag.key, "")) for _, bag in sorted(plan.bags.items())]
     durations_s = [(r.key, r.duration_s) for r in recordings if r.state in {"ready", "stale"}]
     shares = shares_of(durations_s, recipe.splits, dealt)
@@ -57,7 +57,7 @@ def build_map(recipe: Recipe, store: Store, plan: Plan) -> Outcome:
     Raises:
         DatasetError: it cannot be written.
     """
-    ways = _map_ways(recipe, _tracks(recipe, store, plan), _dealt(recipe, plan))
+    ways = _map_ways(recipe, _tracks(recipe, store, plan), _dealt(recipe, store, plan))
     shell = store.run(trajectory_map.SHELL_STEP.action({}, {}), trajectory_map.make_shell).artifact
     outcome = store.run(trajectory_map.action(ways, shell), partial(trajectory_map.make, ways, shell))
     page = outcome.artifact.path(trajectory_map.MAP).read_text(encoding="utf-8")
@@ -67,14 +67,19 @@ def build_map(recipe: Recipe, store: Store, plan: Plan) -> Outcome:
     return outcome
 
 
-def _dealt(recipe: Recipe, plan: Plan) -> dict[str, str]:
+def _dealt(recipe: Recipe, store: Store, plan: Plan) -> dict[str, str]:
     """Return recording -> its split, of all that take part."""
     contents = {
         key: bag.assets["bag"].data_version or key
         for key, bag in plan.bags.items()
         if bag.skipped is None and bag.unusable is None
     }
-    return deal_contents(contents, recipe.splits)
+    tables = {
+        key: bag.recorded["nuscenes_tables"]
+        for key, bag in plan.bags.items()
+        if "nuscenes_tables" in bag.recorded
+    }
+    return deal_contents(contents, recipe.splits, without_scenes(store, tables))
 
 
 def _tracks(recipe: Recipe, store: Store, plan: Plan) -> dict[str, Track]:
