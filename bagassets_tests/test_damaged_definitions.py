@@ -271,3 +271,10 @@ class TestSentences:
             (topic,) = recording.topics
             assert topic == "/t\N{REPLACEMENT CHARACTER}xt"
             assert recording.decode(next(recording.messages([topic]))).data == "hello"
+
+
+def test_a_topic_without_a_name_costs_no_other(tmp_path):
+    path = write_ros1(tmp_path / "a.bag", [text(NOON_NS, topic=""), text(NOON_NS + 1, topic="/named")])
+    with open_recording(path) as recording:
+        assert set(recording.topics) == {"", "/named"}
+        assert [message.topic for message in recording.messages(["/named"])] == ["/named"]

@@ -133,15 +133,29 @@ def test_no_more_than_jobs_are_begun_at_once(instance, steering):
     assert spans == ["begin", "end"] * 3
 
 
-def test_an_interrupt_cancels_what_was_begun(instance, steering):
+@pytest.fixture
+def interruptible():
+    """Shells have what they start in the background ignore Ctrl-C."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("interruptible")
+@pytest.mark.parametrize("when", ["starting", "at work"])
+def test_an_interrupt_cancels_what_was_begun(instance, steering, when):
+    def is_time():
+        if when == "at work":
+            return (steering / "spans").exists()
+        return bool(instance.get_runs(dg.RunsFilter(statuses=[dg.DagsterRunStatus.STARTING])))
+
     def interrupt():
         deadline = time.monotonic() + WAIT_S
-        while not (steering / "spans").exists() and time.monotonic() < deadline:
-            time.sleep(0.05)
+        while not is_time() and time.monotonic() < deadline:
+            time.sleep(0.01)
         os.kill(os.getpid(), signal.SIGINT)
 
     (steering / "hold").touch()
-
     thread = threading.Thread(target=interrupt)
     thread.start()
     runs, events = follow(instance, {"drive": ("first",), "walk": ("first",)}, jobs=1)

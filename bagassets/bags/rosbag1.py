@@ -93,12 +93,10 @@ class _IndexReader(rosbag1.Reader):
             raise DamageError("the file was closed")
         header = Header.read(self.bio, RecordType.CONNECTION)
         topic = _text(header, "topic")
-        if not topic:
-            raise DamageError("one of its topics has no name")
         about = Header.read(self.bio)
         return Connection(
             header.get_uint32("conn"),
-            normalise_topic(topic),
+            normalise_topic(topic) if topic else topic,
             _text(about, "type"),
             MessageDefinition(MessageDefinitionFormat.MSG, _text(about, "message_definition")),
             "",

@@ -146,7 +146,15 @@ class Runs:
     def _drop(self, run_id: str, problem: str | None) -> None:
         active = self._active.pop(run_id)
         stopped = problem is not None and self.interrupted
+        if stopped:
+            self._settle(run_id)
         self._conclude(active.key, Ended(run_id, problem, stopped, time.monotonic() - active.since))
+
+    def _settle(self, run_id: str) -> None:
+        """Make a run that we cancelled CANCELED: Dagster's own launcher fails one that was only starting."""
+        run = self.instance.get_run_by_id(run_id)
+        if run is not None and run.status == dg.DagsterRunStatus.FAILURE:
+            self.instance.report_run_canceled(run, "The build that launched it was interrupted.")
 
     def _conclude(self, key: str, ended: Ended) -> None:
         self.ended[key] = ended
