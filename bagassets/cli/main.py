@@ -50,7 +50,10 @@ COMMANDS: dict[str, tuple[str, str]] = {
         "Print digests of recordings and store them beside the files.",
     ),
     "watch": ("bagassets.cli.watch:watch", "Follow a folder of recordings and keep their digests true."),
-    "verify": ("bagassets.cli.verify:verify", "Check that the store is intact, and that actions repeat."),
+    "verify": (
+        "bagassets.cli.verify:verify",
+        "Check that store and recordings are intact, and that actions repeat.",
+    ),
     "gc": ("bagassets.cli.gc:gc", "Remove artifacts that nothing refers to any more."),
     "dataset": ("bagassets.cli.dataset:dataset", "Compare datasets, and make one again from its lock."),
     "demo": ("bagassets.cli.demo:demo", "Make sample drives and build the dataset from them."),
