@@ -52,9 +52,9 @@ def build(recipe_file, monkeypatch, **options):
     """Build; return the report and the runs there were: (partition key, assets)."""
     runs = []
 
-    def created(instance, assets, *, partition_key, location):
+    def created(instance, assets, *, partition_key, location, run_id):
         runs.append((partition_key, tuple(assets)))
-        return create_run(instance, assets, partition_key=partition_key, location=location)
+        return create_run(instance, assets, partition_key=partition_key, location=location, run_id=run_id)
 
     def launcher(instance):
         found = InProcessLauncher()

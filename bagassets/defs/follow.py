@@ -11,11 +11,13 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+from uuid import uuid4
 
 import dagster as dg
 
 from bagassets.defs.code_server import LaunchWorkspace
 from bagassets.defs.runs import CodeLocation, create_run, fail_if_lost, failure_of
+from bagassets.defs.sqlite_files import kept_open
 from bagassets.engine.build_report import Event
 from bagassets.errors import BagAssetsError
 from bagassets.trace import span
@@ -101,10 +103,13 @@ class Runs:
     def _start(
         self, key: str, assets: tuple[str, ...], workspace: LaunchWorkspace, pool: ThreadPoolExecutor
     ) -> None:
-        began = time.monotonic()
+        began, run_id = time.monotonic(), str(uuid4())
         try:
-            with span("create run", bag=key):
-                run_id = create_run(self.instance, assets, partition_key=key or None, location=self.location)
+            # A run begins with twenty events, which Dagster writes one by one.
+            with span("create run", bag=key), kept_open(self.instance, run_id):
+                create_run(
+                    self.instance, assets, partition_key=key or None, location=self.location, run_id=run_id
+                )
         except BagAssetsError as err:  # a recording that was removed meanwhile
             self._conclude(key, Ended("", str(err), stopped=False, seconds=0.0))
             return
