@@ -91,8 +91,8 @@ def steering(tmp_path, monkeypatch):
 def follow(instance, todo, jobs=2):
     events = []
     log = Path(instance.root_directory) / "code-server.log"
-    runs = Runs(instance, jobs, lambda event: events.append((event.kind, event.key)), log, LOCATION)
-    runs.work(todo)
+    with Runs(instance, jobs, lambda event: events.append((event.kind, event.key)), log, LOCATION) as runs:
+        runs.work(todo)
     return runs, events
 
 

@@ -240,8 +240,8 @@ def test_a_tag_copied_from_the_parent_means_nothing(instance):
 
 
 def test_a_run_of_the_build_can_be_executed_again_in_the_web_ui(workspace, instance, place):
-    runs = Runs(instance, 1, lambda _event: None, place / "code-server.log", LOCATION)
-    runs.work({"": ("whole",)})
+    with Runs(instance, 1, lambda _event: None, place / "code-server.log", LOCATION) as runs:
+        runs.work({"": ("whole",)})
     assert runs.ended[""].problem is None
     run_id = runs.ended[""].run_id
     params = {"parentRunId": run_id, "strategy": "ALL_STEPS"}

@@ -1,8 +1,8 @@
 """A code server for launchers that ask where the code is: Dagster's own one asks, most others do not.
 
 The web server and the daemon have code servers of their own; a build has none, and starts one only
-when its launcher first asks. It runs in a session of its own, so that neither Ctrl-C nor the end of the build
-reaches it: it ends by itself once nobody sends it a heartbeat and the runs that it executes are done.
+when its launcher first asks. It runs in a session of its own, so that neither Ctrl-C nor a build that is
+killed takes it along: it then ends by itself, once nobody sends it a heartbeat and the runs that it executes are done.
 """
 
 import shutil
@@ -14,7 +14,7 @@ import time
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from pathlib import Path
-from typing import Any, Self, cast
+from typing import Any, cast
 
 import dagster as dg
 from dagster._core.errors import DagsterUserCodeUnreachableError
@@ -52,10 +52,8 @@ class LaunchWorkspace:
         self._stack = ExitStack()
         self._context: BaseWorkspaceRequestContext | None = None
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
+    def close(self) -> None:
+        """End the code server, if there is one."""
         self._stack.close()
 
     def for_launcher(self) -> BaseWorkspaceRequestContext:

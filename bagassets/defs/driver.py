@@ -59,7 +59,7 @@ def build(recipe_file: Path, options: BuildOptions, on_event: Listener) -> Build
         report.removed = _register(instance, workspace, before.planned)
         if before.todo or (before.datasets and not before.dataset_is_current):
             log = Places(recipe.state, "").job_log("code-server")
-            runs = Runs(instance, options.jobs, on_event, log)
+            runs = stack.enter_context(Runs(instance, options.jobs, on_event, log))
             sizes = {key: before.planned.discovery.found[key].size for key in before.todo}
             on_event(Event("planned", sizes=sizes))
             # The longest first: begun last, it would keep one worker busy after all others are done.

@@ -10,7 +10,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 from uuid import uuid4
 
 import dagster as dg
@@ -55,7 +55,7 @@ class _Active:
 
 @dataclass
 class Runs:
-    """Runs on the launcher of an instance, at most `jobs` at the same time.
+    """Runs on the launcher of an instance, at most `jobs` at the same time; a context manager.
 
     Attributes:
         instance: where runs are recorded; its launcher says where they are executed.
@@ -76,6 +76,16 @@ class Runs:
     interrupted: bool = False
     _active: dict[str, _Active] = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        # One for all that is worked on: a code server takes seconds to start.
+        self._workspace = LaunchWorkspace(self.instance, self.location, self.log)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._workspace.close()
+
     def work(self, todo: Mapping[str, tuple[str, ...]]) -> None:
         """Run the assets of each recording; the key of unpartitioned assets is empty.
 
@@ -83,14 +93,11 @@ class Runs:
         """
         waiting = list(todo.items())[::-1]
         # Some launchers take most of a second for each run.
-        with (
-            LaunchWorkspace(self.instance, self.location, self.log) as workspace,
-            ThreadPoolExecutor(self.jobs) as pool,
-        ):
+        with ThreadPoolExecutor(self.jobs) as pool:
             try:
                 while waiting or self._active:
                     while waiting and len(self._active) < self.jobs:
-                        self._start(*waiting.pop(), workspace, pool)
+                        self._start(*waiting.pop(), pool)
                     self._look()
             except KeyboardInterrupt:
                 self.interrupted = True
@@ -100,9 +107,7 @@ class Runs:
                 for key, _ in waiting:
                     self.ended.setdefault(key, Ended("", None, stopped=True, seconds=0.0))
 
-    def _start(
-        self, key: str, assets: tuple[str, ...], workspace: LaunchWorkspace, pool: ThreadPoolExecutor
-    ) -> None:
+    def _start(self, key: str, assets: tuple[str, ...], pool: ThreadPoolExecutor) -> None:
         began, run_id = time.monotonic(), str(uuid4())
         try:
             # A run begins with twenty events, which Dagster writes one by one.
@@ -113,7 +118,7 @@ class Runs:
         except BagAssetsError as err:  # a recording that was removed meanwhile
             self._conclude(key, Ended("", str(err), stopped=False, seconds=0.0))
             return
-        launch = pool.submit(self.instance.launch_run, run_id, workspace.for_launcher())
+        launch = pool.submit(self.instance.launch_run, run_id, self._workspace.for_launcher())
         self._active[run_id] = _Active(key, launch, began, began)
         self.on_event(Event("started", key))
 
