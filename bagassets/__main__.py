@@ -15,13 +15,13 @@ def main() -> int:
         # Names of recordings are UTF-8, whatever the locale; Python can only be started with that.
         os.execve(sys.executable, sys.orig_argv, os.environ | {"PYTHONUTF8": "1"})  # noqa: S606  (no shell)
     if sys.argv[1:2] == ["build"]:
-        from bagassets.quick.build import nothing_to_do  # noqa: PLC0415  (other commands pay nothing for it)
+        from bagassets.freshness.decide import nothing_to_do
 
         lines = nothing_to_do(sys.argv[1:])
         if lines is not None:
             sys.stdout.write("".join(f"{line}\n" for line in lines))
             return 0
-    from bagassets.cli.main import main as run  # noqa: PLC0415  (click takes 50 ms)
+    from bagassets.cli.main import main as run
 
     return run()
 

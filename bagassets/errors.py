@@ -23,7 +23,6 @@ __all__ = [
     "RecordingError",
     "SizeLimitError",
     "StoreError",
-    "TopicError",
     "UnexpectedError",
 ]
 
@@ -62,12 +61,6 @@ class PluginError(BagAssetsError):
 
 class RecordingError(BagAssetsError):
     """A recording cannot be opened or read."""
-
-
-class TopicError(RecordingError, KeyError):
-    """A topic was asked for that the recording, or the declared part of it, does not have."""
-
-    __str__ = BagAssetsError.__str__  # KeyError would show the sentence in quotes
 
 
 class SizeLimitError(RecordingError):

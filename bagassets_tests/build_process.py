@@ -7,13 +7,15 @@ import resource
 import sys
 from pathlib import Path
 
-from bagassets.bags.digest import recording_digest, recording_stat
-from bagassets.bags.discover import discover
-from bagassets.engine.recording_build import RecordingBuild
 from bagassets.errors import BagAssetsError
+from bagassets.formats.assembly import assemble
+from bagassets.formats.format import Part
+from bagassets.formats.nuscenes.format import NUSCENES
 from bagassets.recipe import load_recipe
-from bagassets.steps.nuscenes_dataset import BagPart, assemble
+from bagassets.recordings.digest import recording_digest, recording_stat
+from bagassets.recordings.discover import discover
 from bagassets.store.store import Store
+from bagassets_tests.recording_build import RecordingBuild
 
 
 def make_dataset(recipe):
@@ -22,8 +24,8 @@ def make_dataset(recipe):
         digest = recording_digest(found).digest
         build = RecordingBuild(recipe, store, found, digest, recording_stat(found))
         made = {result.asset: result.artifact.digest for result in build.build()}
-        parts.append(BagPart(key, key, made["nuscenes_tables"]))
-    assemble(parts, recipe.nuscenes, store, recipe.nuscenes.output)
+        parts.append(Part(key, key, made["nuscenes_tables"]))
+    assemble(NUSCENES, parts, recipe.nuscenes, store, recipe.nuscenes.output)
     return parts
 
 

@@ -11,20 +11,20 @@ from pathlib import Path
 
 import pytest
 
-from bagassets.engine import recording_build
+from bagassets.build import execute
 from bagassets.store.store import Store
 
 
 @contextmanager
 def confined(inventory: str, recording: Path, others: Iterable[Path]) -> Iterator[None]:
-    """Confine every step of a `RecordingBuild` in this block.
+    """Confine every action that is executed in this block.
 
     Args:
         inventory: digest of the recording's inventory, which has the small messages.
         recording: the recording; there for the passes over it only.
         others: files and folders that no step may read.
     """
-    run, run_pass = Store.run, recording_build.run_pass
+    run, run_pass = Store.run, execute.run_pass
 
     def run_confined(store, action, make, *rest):
         def make_confined(out):
@@ -33,14 +33,14 @@ def confined(inventory: str, recording: Path, others: Iterable[Path]) -> Iterato
 
         return run(store, action, make_confined, *rest)
 
-    def pass_confined(opened, jobs, store, *rest, **options):
-        declared = {digest for job in jobs for digest in job.action.inputs.values()}
-        with nothing_but(store, declared, others):
-            return run_pass(opened, jobs, store, *rest, **options)
+    def pass_confined(graph, opened, nodes, *rest):
+        declared = {digest for node in nodes for digest in node.action.inputs.values()}
+        with nothing_but(graph.store, declared, others):
+            return run_pass(graph, opened, nodes, *rest)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Store, "run", run_confined)
-        patch.setattr(recording_build, "run_pass", pass_confined)
+        patch.setattr(execute, "run_pass", pass_confined)
         yield
 
 

@@ -17,35 +17,34 @@ import numpy as np
 from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from bagassets.bags.digest import recording_digest, recording_stat
-from bagassets.bags.discover import discover
-from bagassets.engine.recording_assets import UPSTREAM
-from bagassets.engine.recording_build import RecordingBuild
+from bagassets.assets import annotations, calibration, ego_poses, frames, inventory, preview, sweeps
+from bagassets.formats.nuscenes.tables import NUSCENES_TABLES
+from bagassets.formats.vision.recording_part import VISION_SEQUENCES
 from bagassets.geometry.se3 import SE3
 from bagassets.recipe import load_recipe
-from bagassets.steps import (
-    annotations,
-    calibration,
-    ego_poses,
-    frames,
-    inventory,
-    nuscenes_tables,
-    preview,
-    sweeps,
-    vision_sequences,
-)
+from bagassets.recordings.digest import recording_digest, recording_stat
+from bagassets.recordings.discover import discover
 from bagassets.store.store import Store
 from bagassets_tests.ncom_data import ETHERNET, ethernet, ncom
 from bagassets_tests.pose_data import IMU, NAVSAT, fix, imu
 from bagassets_tests.posed import Posed
+from bagassets_tests.recording_build import UPSTREAM, RecordingBuild
 
 GOLDEN = Path(__file__).with_name("golden.json")
 STEPS = {
-    step.STEP.name: step.STEP
+    step.name: step
     for step in (
-        inventory, calibration, ego_poses, annotations, frames, sweeps, nuscenes_tables, vision_sequences, preview,
+        inventory.INVENTORY.step,
+        calibration.CALIBRATION.step,
+        ego_poses.EGO_POSES.step,
+        annotations.ANNOTATIONS.step,
+        frames.FRAMES.step,
+        sweeps.SWEEPS.step,
+        NUSCENES_TABLES.step,
+        VISION_SEQUENCES.step,
+        preview.PREVIEW.step,
     )
-}  # fmt: skip
+}
 START_NS = 1_700_000_000_000_000_000
 MS = 1_000_000
 WIDTH, HEIGHT = 48, 32

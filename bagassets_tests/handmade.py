@@ -5,21 +5,23 @@ Lidar points lie on the objects and on the ground.
 """
 
 from dataclasses import dataclass, field
+from functools import partial
 
 import cv2
 import numpy as np
 import pyarrow as pa
 
 from bagassets.annotations.table import BoxTable
+from bagassets.assets.lidar_file import lidar_bytes
+from bagassets.assets.radar_file import radar_bytes
+from bagassets.formats.nuscenes.tables import NUSCENES_TABLES
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.trajectory import Trajectory
-from bagassets.nuscenes.lidar_file import lidar_bytes
-from bagassets.nuscenes.radar_file import radar_bytes
-from bagassets.recipe.model import AttributesByMotion, Rig, Scenes
-from bagassets.steps import nuscenes_tables
+from bagassets.recipe.model import AttributesByMotion, Recipe, Rig, Scenes
 from bagassets.store.action import Step
 from bagassets.store.canonical import digest_bytes
 from bagassets.store.store import Store
+from bagassets_tests.facts import MadeUpInputs
 
 S = 1_000_000_000
 T0 = 1_700_000_000 * S + 123_456_789
@@ -238,7 +240,7 @@ class Made:
     """The tables of a drive."""
 
     artifact: object
-    request: object
+    use: object
 
     def table(self, name):
         return self.artifact.read_json(f"{name}.json")
@@ -268,16 +270,21 @@ def make_tables(
         {"poses": drive.seconds, "origin": drive.origin},
         lambda out: out.write_json("ego_poses.json", {"origin": drive.origin, "global_frame": "odom"}),
     )
-    calibration = {"channels": {name: {"ego_SE3_sensor": EXTRINSICS[name]} for name in drive.channels}}
-    inputs = {"ego_poses": ego_poses, "annotations": boxes, "channels": channels}
-    request = nuscenes_tables.request(
-        the_rig or rig(drive.channels), Scenes(**scenes), key, attributes=attributes or AttributesByMotion(),
-        calibration=calibration, **inputs,
-    )  # fmt: skip
-    outcome = store.run(
-        nuscenes_tables.STEP.action(request.params, request.inputs),
-        lambda out: nuscenes_tables.make(
-            request.params, out, trajectory=poses or trajectory(drive), **inputs
-        ),
+    inputs = MadeUpInputs(
+        key=key,
+        calibration={"channels": {name: {"ego_SE3_sensor": EXTRINSICS[name]} for name in drive.channels}},
+        artifacts={"ego_poses": ego_poses, "annotations": boxes},
+        parts={"frames": channels},
+        trajectory=poses or trajectory(drive),
     )
-    return Made(outcome.artifact, request)
+    the_rig = the_rig or rig(drive.channels)
+    recipe = Recipe(
+        name="test",
+        bags={"root": "bags"},
+        rigs=[the_rig],
+        scenes=Scenes(**scenes),
+        nuscenes={"attributes_by_motion": attributes or AttributesByMotion()},
+    )
+    use = NUSCENES_TABLES.use(NUSCENES_TABLES.params(recipe, the_rig), inputs)[""]
+    outcome = store.run(NUSCENES_TABLES.action(use, None), partial(NUSCENES_TABLES.make, use, inputs))
+    return Made(outcome.artifact, use)

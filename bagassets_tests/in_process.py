@@ -7,11 +7,11 @@ from pathlib import Path
 import dagster as dg
 from dagster._core.launcher import RunLauncher
 
+from bagassets.build.build_report import BuildOptions
 from bagassets.defs import driver, follow
 from bagassets.defs import situation as situations
 from bagassets.defs.runs import create_run, execute_run
-from bagassets.engine.build_report import BuildOptions
-from bagassets.recipe.project import write_project
+from bagassets.propose.project import write_project
 from bagassets_tests.small_drive import RECIPE, write_drive
 
 
@@ -65,7 +65,7 @@ def build(recipe_file, monkeypatch, **options):
     monkeypatch.setattr(dg.DagsterInstance, "run_launcher", property(launcher))
     monkeypatch.setenv("BAGASSETS_RECIPE", str(recipe_file))
     load_definitions(recipe_file)
-    report = driver.build(recipe_file, BuildOptions(**options), lambda _event: None)
+    report = driver.bring_up_to_date(recipe_file, BuildOptions(**options), lambda _event: None)
     return report, runs
 
 

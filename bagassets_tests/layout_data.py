@@ -6,11 +6,11 @@ import numpy as np
 from rosbags.interfaces import Nodetype
 from rosbags.rosbag2 import Writer
 
-from bagassets.bags.inventory import Inventory
-from bagassets.bags.layouts import choice_of
-from bagassets.bags.open import open_recording
-from bagassets.bags.pack import PackedRecording
-from bagassets.steps.inventory import make_inventory
+from bagassets.assets.inventory import make_inventory
+from bagassets.recordings.inventory import Inventory
+from bagassets.recordings.layouts import choice_of
+from bagassets.recordings.open import open_recording
+from bagassets.recordings.pack import PackedRecording
 from bagassets.store.artifact import Artifact, ArtifactWriter
 
 _NUMBERS = {"bool": np.bool_, "byte": np.uint8, "char": np.uint8, "octet": np.uint8}

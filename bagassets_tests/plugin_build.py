@@ -1,11 +1,12 @@
 """Projects whose recordings hold messages of plug-ins, and building them."""
 
-from bagassets.bags.digest import recording_digest, recording_stat
-from bagassets.bags.discover import discover
-from bagassets.engine.recording_build import BuildFailure, RecordingBuild
+from bagassets.build.execute import BuildFailure
 from bagassets.recipe import load_recipe
+from bagassets.recordings.digest import recording_digest, recording_stat
+from bagassets.recordings.discover import discover
 from bagassets.store.store import Store
 from bagassets_tests.plugin_drive import RECIPE
+from bagassets_tests.recording_build import RecordingBuild
 
 
 def project(folder, recording, text=RECIPE):

@@ -7,7 +7,20 @@ import tomllib
 import zipfile
 from pathlib import Path
 
+from bagassets.extensions import announced, installed_extensions
+from bagassets.formats.catalogue import catalogue
 from bagassets.plugins import installed_decoders
+from bagassets.store import action
+
+
+def forget_packages() -> None:
+    """Forget what was installed, as a new process would."""
+    installed_decoders.cache_clear()
+    announced.cache_clear()
+    installed_extensions.cache_clear()
+    catalogue.cache_clear()
+    action._version.cache_clear()
+
 
 EXAMPLE = Path(__file__).parent.parent / "examples" / "decoder_plugin"
 
@@ -19,7 +32,7 @@ def wheel_of(project: Path, folder: Path, version: str | None = None) -> Path:
         group: "\n".join(f"{name} = {value}" for name, value in points.items())
         for group, points in about["entry-points"].items()
     }
-    modules = {path.name: path.read_text() for path in project.glob("*.py")}
+    modules = {path.relative_to(project).as_posix(): path.read_text() for path in project.rglob("*.py")}
     return make_wheel(folder, about["name"], version or about["version"], entries, modules)
 
 
@@ -55,7 +68,7 @@ class Site:
         folder.mkdir(parents=True, exist_ok=True)
         monkeypatch.syspath_prepend(folder)
         self._modules: set[str] = set()
-        installed_decoders.cache_clear()
+        forget_packages()
 
     def unpack(self, wheel: Path) -> None:
         """Put a wheel in place as an installer does, instead of other versions of it."""
@@ -68,15 +81,14 @@ class Site:
         shutil.rmtree(self.folder / "__pycache__", ignore_errors=True)
         with zipfile.ZipFile(wheel) as archive:
             archive.extractall(self.folder)
-            self._modules |= {name.removesuffix(".py") for name in archive.namelist() if name.endswith(".py")}
+            files = [name.removesuffix(".py") for name in archive.namelist() if name.endswith(".py")]
+            self._modules |= {name.removesuffix("/__init__").replace("/", ".") for name in files}
 
-    def install(self, name, version, code, **decoders) -> None:
-        """Install a package of one module `name`; `decoders` are entry points -> object."""
-        points = "\n".join(
-            f"{point.replace('__', '.')} = {name}:{value}" for point, value in decoders.items()
-        )
+    def install(self, name, version, code, group="bagassets.decoders", **objects) -> None:
+        """Install a package of one module `name`; `objects` are entry points -> object."""
+        points = "\n".join(f"{point.replace('__', '.')} = {name}:{value}" for point, value in objects.items())
         wheel = make_wheel(
-            self.folder.parent / "wheels", name, version, {"bagassets.decoders": points}, {f"{name}.py": code}
+            self.folder.parent / "wheels", name, version, {group: points}, {f"{name}.py": code}
         )
         self.unpack(wheel)
         self.restart()
@@ -86,9 +98,9 @@ class Site:
         for name in self._modules:
             sys.modules.pop(name, None)
         self._monkeypatch.syspath_prepend(self.folder)  # drops the caches of the import system
-        installed_decoders.cache_clear()
+        forget_packages()
 
     def close(self) -> None:
         for name in self._modules:
             sys.modules.pop(name, None)
-        installed_decoders.cache_clear()
+        forget_packages()

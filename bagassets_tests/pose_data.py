@@ -9,9 +9,9 @@ from types import SimpleNamespace as Msg
 
 import numpy as np
 
-from bagassets.bags.inventory import Definition, Inventory, TopicRecord
-from bagassets.bags.model import RawMessage, TopicInfo
 from bagassets.errors import DecodeError
+from bagassets.recordings.inventory import Inventory, TopicRecord
+from bagassets.recordings.model import Definition, RawMessage
 from bagassets.store.artifact import Artifact, ArtifactWriter
 
 S = 1_000_000_000
@@ -36,10 +36,10 @@ class Recorded:
             (RawMessage(topic, msgtype, log_ns, message) for topic, msgtype, log_ns, message in entries),
             key=lambda message: message.log_time_ns,
         )
-        self.topics = {name: TopicInfo(name, msgtype, 0) for name, msgtype in topics}
+        self.topics = {name: Msg(name=name, msgtype=msgtype, count=0) for name, msgtype in topics}
         for message in self._messages:
             count = self.topics[message.topic].count if message.topic in self.topics else 0
-            self.topics[message.topic] = TopicInfo(message.topic, message.msgtype, count + 1)
+            self.topics[message.topic] = Msg(name=message.topic, msgtype=message.msgtype, count=count + 1)
         self.read: list[str] = []
 
     def messages(self, topics):

@@ -1,14 +1,16 @@
-"""The step `ego_poses`, run on a recording of a known motion."""
+"""The asset `ego_poses`, made of a recording of a known motion."""
 
 import json
 import math
 
 import numpy as np
 
+from bagassets.assets import ego_poses
+from bagassets.assets.asset import as_json
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.wgs84 import LocalFrame
-from bagassets.recipe.model import Rig
-from bagassets.steps import ego_poses
+from bagassets.recipe.model import Limits, Rig
+from bagassets_tests.facts import MadeUpFacts, use_of
 from bagassets_tests.pose_data import T0, TFMESSAGE, Recorded, S, Written, about_z, tf, transform
 
 ORIGIN = LocalFrame(48.137, 11.575, 520.0)
@@ -33,24 +35,27 @@ def rig(source, **fields):
 
 
 class Posed:
-    """The step, run on a recording."""
+    """The asset, made of a recording."""
 
     def __init__(self, folder, source, *entries, clock="header", limits=None, urdf=None, **fields):
         self.recording = Recorded(*entries)
         if urdf is not None:
             fields["urdf"] = folder / "car.urdf"
             fields["urdf"].write_bytes(urdf)
-        request = ego_poses.request(rig(source, **fields), clock, self.recording.inventory(), limits)
-        self.request = request
-        json.dumps(request.params)
+        facts = MadeUpFacts(self.recording.inventory())
+        use = use_of(
+            ego_poses.EGO_POSES, rig(source, **fields), facts, clock=clock, limits=limits or Limits()
+        )
+        self.use = use
+        json.dumps(as_json(use.params))
         view = Recorded(*entries) if entries else Recorded()
         self.view = view
-        made = Written(folder / "out", lambda out: ego_poses.make(request.params, view, out))
+        made = Written(folder / "out", lambda out: ego_poses.make_ego_poses(use.params, view, out))
         self.summary, self.digest, self.artifact = made.summary, made.digest, made.artifact
         self.json = made.artifact.read_json("ego_poses.json")
         self.table = made.artifact.read_table("ego_poses.parquet").to_pylist()
         self.trajectory = ego_poses.load_trajectory(made.artifact)
-        assert set(view.read) <= set(request.topics)
+        assert set(view.read) <= set(use.topics)
         counts = self.json["counts"]
         assert counts["read"] == counts["written"] + counts["merged"] + sum(counts["lost"].values())
 

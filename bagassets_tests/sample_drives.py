@@ -1,19 +1,22 @@
 """A sample drive in three formats, built into a dataset: what tests against truth share."""
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from bagassets.bags.digest import recording_digest, recording_stat
-from bagassets.bags.discover import discover
-from bagassets.engine.recording_build import RecordingBuild
+from bagassets.formats.assembly import assemble
+from bagassets.formats.format import Part
+from bagassets.formats.nuscenes.format import NUSCENES
 from bagassets.geometry.se3 import SE3
-from bagassets.nuscenes.dataset import BagPart, assemble
 from bagassets.recipe import load_recipe
+from bagassets.recordings.digest import recording_digest, recording_stat
+from bagassets.recordings.discover import discover
 from bagassets.sample.drive import Target, write_recordings
 from bagassets.sample.recipe import sample_recipe
+from bagassets.sample.render import CameraView
 from bagassets.sample.truth import Truth
 from bagassets.store.store import Store
+from bagassets_tests.recording_build import RecordingBuild
 
 TARGETS = (("drive.bag", "ros1"), ("drive", "ros2"), ("drive.mcap", "mcap"))
 VERSION = "v1.0-sample"
@@ -56,8 +59,8 @@ def build_sample(folder, *, seed=3, duration_s=3.2, targets=TARGETS, profile="sm
     recipe = load_recipe(folder / "recipe.yaml")
     made = build_recordings(recipe)
     store = Store(recipe.store_path)
-    parts = [BagPart(key, key, assets["nuscenes_tables"].artifact.digest) for key, assets in made.items()]
-    assemble(parts, recipe.nuscenes, store, recipe.nuscenes.output)
+    parts = [Part(key, key, assets["nuscenes_tables"].artifact.digest) for key, assets in made.items()]
+    assemble(NUSCENES, parts, recipe.nuscenes, store, recipe.nuscenes.output)
     version = recipe.nuscenes.output / VERSION
     tables = {file.stem: json.loads(file.read_text()) for file in version.glob("*.json")}
     return Built(recipe, truth, made, recipe.nuscenes.output, tables)
@@ -66,3 +69,10 @@ def build_sample(folder, *, seed=3, duration_s=3.2, targets=TARGETS, profile="sm
 def pose_of(row):
     """The transform of a row of ego_pose, calibrated_sensor or sample_annotation."""
     return SE3.create(row["rotation"], row["translation"])
+
+
+def object_ids(truth, channel, stamp_ns):
+    """Return the object that each pixel (H, W) of an undistorted image sees: a track id, 0 the ground, -1 the sky."""
+    model = truth.cameras[channel].model.undistorted()
+    view = CameraView(truth.world, replace(truth.cameras[channel], model=model))
+    return view.hits(truth.seconds(stamp_ns)).thing.reshape(model.height, model.width)

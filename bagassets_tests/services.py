@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 
 from bagassets.forkserver.client import Client
-from bagassets.recipe.project import write_project
+from bagassets.propose.project import write_project
 from bagassets_tests.small_drive import RECIPE
 
 BIN = Path(sys.executable).parent

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from bagassets.bags.model import RawMessage
+from bagassets.recordings.model import RawMessage
 from bagassets.store.artifact import Artifact, ArtifactWriter
 
 CODES = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8": 8, "i8": 9, "u8": 10}
@@ -148,14 +148,17 @@ def velodyne_scan(packets: np.ndarray, start_ns: int, packet_ns: int) -> Velodyn
 
 
 class Messages:
-    """Stands in for a recording: the data of a message is the decoded message itself."""
+    """Stands in for a recording and its topic: the data of a message is the decoded message itself."""
+
+    def __init__(self) -> None:
+        self.topics = {"/sensor": self}
 
     def decode(self, message: RawMessage) -> Any:
         if isinstance(message.data, Exception):
             raise message.data
         return message.data
 
-    def packet(self, message: RawMessage, payloads: Any) -> None:
+    def packet(self, data: Any, payloads: Any) -> None:
         """Leave it to decoding."""
 
 

@@ -2,17 +2,19 @@
 
 import json
 from pathlib import Path
-from types import MappingProxyType
+from types import MappingProxyType, SimpleNamespace
 
 import numpy as np
 import pyarrow.parquet as pq
 
-from bagassets.bags.inventory import Definition, Inventory, TopicRecord
+from bagassets.assets.lidar_file import read_lidar_file
+from bagassets.assets.sweeps import SWEEPS
 from bagassets.geometry.trajectory import Trajectory
-from bagassets.nuscenes.lidar_file import read_lidar_file
-from bagassets.recipe.model import LidarChannel, Limits
-from bagassets.steps import sweeps
+from bagassets.recipe.model import LidarChannel, Rig
+from bagassets.recordings.inventory import Inventory, TopicRecord
+from bagassets.recordings.model import Definition
 from bagassets.store.artifact import ArtifactWriter
+from bagassets_tests.facts import MadeUpFacts, use_of
 from bagassets_tests.sweep_data import (
     VLP16_PACKET_NS,
     EthernetPacket,
@@ -49,11 +51,16 @@ def inventory(msgtype, count=11, *, period_ns=PERIOD_NS, gaps=(), header_stamps=
     return Inventory("mcap", 1, START_NS, START_NS + span, topics, None, None, ())
 
 
-def request(channel, msgtype, clock="header", *, limit=0.01, mount=None, poses=None, **options):
-    return sweeps.request(
-        "LIDAR_TOP" if isinstance(channel, LidarChannel) else "RADAR_FRONT", channel, clock,
-        Limits(lost_messages=limit), inventory(msgtype, **options), ego_SE3_sensor=mount, ego_poses_digest=poses,
-    )  # fmt: skip
+def request(channel, msgtype, clock="header", *, limit=0.01, mount=MOUNT, poses="p", **options):
+    """What the sweeps of a channel read of a recording."""
+    name = "LIDAR_TOP" if isinstance(channel, LidarChannel) else "RADAR_FRONT"
+    rig = Rig(name="car", channels={name: channel}, ego_pose={"source": "fixed"})
+    facts = MadeUpFacts(
+        inventory(msgtype, **options),
+        calibration={"channels": {name: {"ego_SE3_sensor": mount}}},
+        artifacts={"ego_poses": SimpleNamespace(digest=poses)},
+    )
+    return use_of(SWEEPS, rig, facts, name, clock=clock, limits={"lost_messages": limit})
 
 
 class Run:
@@ -61,7 +68,8 @@ class Run:
 
     def __init__(self, folder, asked, messages, trajectory=None):
         self.writer = ArtifactWriter(folder / "artifact")
-        extractor = sweeps.SweepExtractor(asked.params, Messages(), self.writer, trajectory)
+        inputs = SimpleNamespace() if trajectory is None else SimpleNamespace(trajectory=trajectory)
+        extractor = SWEEPS.extract(asked, inputs, Messages(), self.writer, None)
         assert extractor.topics == asked.topics == ("/sensor",)
         for message in messages:
             extractor.add(message)

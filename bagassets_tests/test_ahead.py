@@ -7,12 +7,12 @@ import sys
 
 import pytest
 
-from bagassets.bags.digest import recording_digest
-from bagassets.bags.discover import discover
 from bagassets.defs.ahead import make_inventories
 from bagassets.forkserver.client import Client
 from bagassets.forkserver.places import Places
 from bagassets.recipe import load_recipe
+from bagassets.recordings.digest import recording_digest
+from bagassets.recordings.discover import discover
 from bagassets_tests.in_process import make_project
 
 KEYS = ["a.bag", "b.mcap", "c"]  # of three formats: equal content would be one action

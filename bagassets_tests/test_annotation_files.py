@@ -19,12 +19,13 @@ from label_files import (
 )
 
 from bagassets.annotations.table import BoxTable
-from bagassets.bags.digest import recording_digest, recording_stat
-from bagassets.bags.discover import discover
-from bagassets.engine.recording_build import BuildFailure, RecordingBuild
+from bagassets.build.execute import BuildFailure
 from bagassets.errors import RecipeError
 from bagassets.recipe import load_recipe
+from bagassets.recordings.digest import recording_digest, recording_stat
+from bagassets.recordings.discover import discover
 from bagassets.store.store import Store
+from bagassets_tests.recording_build import RecordingBuild
 from bagassets_tests.small_drive import RECIPE, START_NS, write_drive
 
 ALL = {"inventory", "calibration", "ego_poses", "annotations", "frames", "sweeps", "nuscenes_tables"}

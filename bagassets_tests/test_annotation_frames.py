@@ -8,14 +8,16 @@ from pose_data import T0, TFMESSAGE, Recorded, S, about_z, header, pose, tf, tra
 
 from bagassets.annotations.collect import BoxCollector, SourceRules
 from bagassets.annotations.frames import BoxFrames
+from bagassets.assets.annotations import ANNOTATIONS, make_annotations
+from bagassets.assets.ego_poses import EGO_POSES
 from bagassets.decode.model import BoxReading
 from bagassets.errors import LossLimitError
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.tf_tree import Edge, TfTree
 from bagassets.geometry.trajectory import Trajectory
-from bagassets.recipe.model import Limits, Rig
-from bagassets.steps import annotations
+from bagassets.recipe.model import Rig
 from bagassets.store.store import Store
+from bagassets_tests.facts import MadeUpFacts, use_of
 
 BOX = SE3((1.0, 0.0, 0.0, 0.0), (5.0, 1.0, 0.5))
 STAMPS = T0 + np.arange(0, 21, dtype=np.int64) * S // 10
@@ -191,22 +193,20 @@ CALIBRATION = {"channels": {"LIDAR_TOP": {"frame": "lidar", "ego_SE3_sensor": {"
 
 def annotate(tmp_path, recorded):
     store = Store(tmp_path)
-    pending = store.begin(annotations.STEP.action({"ego": 1}, {}))
+    pending = store.begin(EGO_POSES.step.action({"ego": 1}, {}))
     pending.out.write_json("ego_poses.json", {"global_frame": "odom", "origin": None})
     ego_poses = pending.commit({}).artifact
-    request = annotations.request(
-        RIG, "header", Limits(), recorded.inventory(), calibration=CALIBRATION, ego_poses=ego_poses
-    )
+    use = use_of(ANNOTATIONS, RIG, MadeUpFacts(recorded.inventory(), CALIBRATION, {"ego_poses": ego_poses}))
     outcome = store.run(
-        annotations.STEP.action(request.params, request.inputs),
-        lambda out: annotations.make(request.params, recorded, out, trajectory=trajectory()),
+        ANNOTATIONS.action(use, recorded.inventory()),
+        lambda out: make_annotations(use.params, recorded, out, trajectory=trajectory()),
     )
-    return request, outcome.artifact
+    return use, outcome.artifact
 
 
 def test_the_step_reads_transforms_for_boxes_that_need_them(tmp_path):
-    request, artifact = annotate(tmp_path, recording("tool"))
-    assert request.topics == ("/boxes", "/tf", "/tf_static")
+    use, artifact = annotate(tmp_path, recording("tool"))
+    assert use.topics == ("/boxes", "/tf", "/tf_static")
     table = artifact.read_table("annotations.parquet")
     truth = [(TRUTH["tool"]((int(stamp) - T0) / S) @ BOX).translation for stamp in STAMPS[5:10]]
     np.testing.assert_allclose(np.stack([table[axis].to_numpy() for axis in "xyz"], axis=1), truth, atol=1e-9)
@@ -217,8 +217,8 @@ def test_one_kind_of_transforms_is_enough(tmp_path, source):
     stamps = [int(stamp) for stamp in STAMPS]
     mounted = [(source, TFMESSAGE, T0, tf(transform(T0, "base_link", "rack", BASE_SE3_EXTRA)))]
     boxes = [("/boxes", DETECTIONS, stamp, detections(stamp, "rack")) for stamp in stamps[5:10]]
-    request, artifact = annotate(tmp_path, Recorded(*boxes, *mounted))
-    assert request.topics == ("/boxes", source)
+    use, artifact = annotate(tmp_path, Recorded(*boxes, *mounted))
+    assert use.topics == ("/boxes", source)
     table = artifact.read_table("annotations.parquet")
     truth = [(odom_SE3_base((stamp - T0) / S) @ BASE_SE3_EXTRA @ BOX).translation for stamp in stamps[5:10]]
     np.testing.assert_allclose(np.stack([table[axis].to_numpy() for axis in "xyz"], axis=1), truth, atol=1e-9)
@@ -226,8 +226,8 @@ def test_one_kind_of_transforms_is_enough(tmp_path, source):
 
 @pytest.mark.parametrize("frame", ["odom", "lidar", "base_link"])
 def test_the_step_reads_no_transforms_for_boxes_that_do_not(tmp_path, frame):
-    request, artifact = annotate(tmp_path, recording(frame))
-    assert request.topics == ("/boxes",)
+    use, artifact = annotate(tmp_path, recording(frame))
+    assert use.topics == ("/boxes",)
     assert artifact.read_table("annotations.parquet").num_rows == 5
 
 

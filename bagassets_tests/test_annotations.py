@@ -1,5 +1,6 @@
 """Boxes from every message type we know: decoded, mapped, placed in the global frame, accounted for."""
 
+from dataclasses import replace
 from types import SimpleNamespace as Msg
 
 import numpy as np
@@ -9,15 +10,18 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from bagassets.annotations.collect import BoxCollector, SourceRules
 from bagassets.annotations.frames import BoxFrames
 from bagassets.annotations.table import BoxTable
-from bagassets.bags.model import RawMessage, TopicInfo
-from bagassets.decode.boxes import box_decoder
+from bagassets.assets.annotations import ANNOTATIONS, make_annotations
+from bagassets.assets.asset import as_json
+from bagassets.assets.ego_poses import EGO_POSES
+from bagassets.decode.loading import keyed_decoder
 from bagassets.decode.model import BoxReading
 from bagassets.errors import DecodeError, LossLimitError, RecipeError
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.recipe.model import Limits, Rig
-from bagassets.steps import annotations
+from bagassets.recordings.model import RawMessage
 from bagassets.store.store import Store
+from bagassets_tests.facts import MadeUpFacts, use_of
 
 S = 1_000_000_000
 T0 = 1_700_000_000 * S
@@ -51,7 +55,7 @@ def detections(*items, stamp_ns=T0, frame="map"):
 
 
 def decode_all(msgtype, message):
-    decoder = box_decoder(msgtype)
+    decoder = keyed_decoder("boxes", msgtype, None)
     return [decoder.decode(message, item) for item in decoder.items(message)]
 
 
@@ -293,7 +297,7 @@ class FakeRecording:
     """Messages that are decoded already."""
 
     def __init__(self, messages, msgtype="vision_msgs/msg/Detection3DArray", topic="/boxes"):
-        self.topics = {topic: TopicInfo(topic, msgtype, len(messages))}
+        self.topics = {topic: Msg(name=topic, msgtype=msgtype, count=len(messages))}
         self._messages = messages
         self._topic, self._type = topic, msgtype
 
@@ -343,27 +347,21 @@ def store(tmp_path):
 
 @pytest.fixture
 def ego_poses(store):
-    pending = store.begin(annotations.STEP.action({"ego": 1}, {}))
+    pending = store.begin(EGO_POSES.step.action({"ego": 1}, {}))
     pending.out.write_json("ego_poses.json", {"global_frame": "map", "origin": None})
     return pending.commit({}).artifact
 
 
-def run(store, request, recording):
+def run(store, use, recording):
     return store.run(
-        annotations.STEP.action(request.params, request.inputs),
-        lambda out: annotations.make(request.params, recording, out, trajectory=straight_drive()),
+        ANNOTATIONS.action(replace(use, topics=()), None),
+        lambda out: make_annotations(use.params, recording, out, trajectory=straight_drive()),
     ).artifact
 
 
 def ask(ego_poses, the_rig=None, inv=None, clock="header", lost=0.0):
-    return annotations.request(
-        the_rig or rig(),
-        clock,
-        Limits(lost_messages=lost),
-        inv or inventory("/boxes"),
-        calibration=CALIBRATION,
-        ego_poses=ego_poses,
-    )
+    facts = MadeUpFacts(inv or inventory("/boxes"), CALIBRATION, {"ego_poses": ego_poses})
+    return use_of(ANNOTATIONS, the_rig or rig(), facts, clock=clock, limits=Limits(lost_messages=lost))
 
 
 class TestStep:
@@ -396,7 +394,7 @@ class TestStep:
     def test_without_boxes_the_step_reads_nothing(self, store, ego_poses):
         request = ask(ego_poses, inv=inventory())
         assert (request.topics, dict(request.inputs)) == ((), {})
-        assert request.params == {"absent": ["/boxes"]}
+        assert as_json(request.params) == {"absent": ["/boxes"]}
         assert run(store, request, None).read_table("annotations.parquet").num_rows == 0
 
     def test_messages_that_cannot_be_decoded_are_counted_up_to_the_limit(self, store, ego_poses):

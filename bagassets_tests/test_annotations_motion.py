@@ -9,7 +9,7 @@ from handmade import Drive, make_tables, true_boxes
 from bagassets.annotations.motion import MotionRule, motion_attributes, motion_of
 from bagassets.annotations.table import BoxTable
 from bagassets.annotations.tracks import Track
-from bagassets.nuscenes.tokens import attribute_token
+from bagassets.formats.nuscenes.tokens import attribute_token
 from bagassets.recipe.model import AttributesByMotion
 from bagassets.store.store import Store
 
@@ -167,7 +167,7 @@ class TestTables:
 
     def test_thresholds_key_the_step_only_where_they_are_used(self, store):
         params = [
-            make_tables(store, attributes=AttributesByMotion(**fields)).request.params
+            make_tables(store, attributes=AttributesByMotion(**fields)).use.params
             for fields in ({}, {"moving_mps": 1.0}, {"enabled": False}, {"enabled": False, "moving_mps": 1.0})
         ]
         assert params[0] != params[1] != params[2] == params[3]

@@ -10,9 +10,10 @@ from types import SimpleNamespace as Msg
 import numpy as np
 import pytest
 
+from bagassets.assets.annotations import ANNOTATIONS, make_annotations
 from bagassets.geometry.se3 import SE3
-from bagassets.recipe.model import Limits, Rig
-from bagassets.steps import annotations
+from bagassets.recipe.model import Rig
+from bagassets_tests.facts import MadeUpFacts, use_of
 from bagassets_tests.pose_data import (
     ODOMETRY,
     T0,
@@ -78,12 +79,11 @@ def annotated(tmp_path, place, frame):
             "annotations": [{"topic": "/boxes"}],
         }
     )
-    request = annotations.request(
-        rig, "header", Limits(), recorded.inventory(), calibration=CALIBRATION, ego_poses=posed.artifact
-    )
+    facts = MadeUpFacts(recorded.inventory(), CALIBRATION, {"ego_poses": posed.artifact})
+    use = use_of(ANNOTATIONS, rig, facts)
     made = Written(
         tmp_path / "boxes",
-        lambda out: annotations.make(request.params, recorded, out, trajectory=posed.trajectory),
+        lambda out: make_annotations(use.params, recorded, out, trajectory=posed.trajectory),
     )
     return made.artifact.read_table("annotations.parquet").to_pylist(), posed
 

@@ -17,15 +17,11 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from bagassets.bags import digest
-from bagassets.bags.digest import DigestIndex, recording_digest, stored_digest
-from bagassets.bags.discover import discover, find_one
-from bagassets.bags.open import open_recording
-from bagassets.bags.reader import BaseRecording
+from bagassets.assets import calibration
+from bagassets.build import execute
+from bagassets.build.execute import BuildFailure
+from bagassets.build.unexpected import in_words
 from bagassets.defs import situation as situations
-from bagassets.engine import channel_pass
-from bagassets.engine.recording_build import BuildFailure
-from bagassets.engine.unexpected import in_words
 from bagassets.errors import (
     BagAssetsError,
     ChangedWhileReadError,
@@ -33,10 +29,17 @@ from bagassets.errors import (
     StoreError,
     UnexpectedError,
 )
-from bagassets.nuscenes.check import check_dataset
+from bagassets.formats.assembly import assemble
+from bagassets.formats.dataset_lock import read_lock
+from bagassets.formats.format import Part
+from bagassets.formats.nuscenes.check import check_dataset
+from bagassets.formats.nuscenes.format import NUSCENES
 from bagassets.recipe import load_recipe
-from bagassets.steps import calibration
-from bagassets.steps.nuscenes_dataset import BagPart, assemble, read_lock
+from bagassets.recordings import digest
+from bagassets.recordings.digest import DigestIndex, recording_digest, stored_digest
+from bagassets.recordings.discover import discover, find_one
+from bagassets.recordings.open import open_recording
+from bagassets.recordings.recording import Recording
 from bagassets.store.integrity import check_store
 from bagassets.store.store import Store
 from bagassets_tests import in_process
@@ -178,14 +181,14 @@ class TestFiles:
             recording_digest(find_one(path), rehash=True)
 
     def test_missing_messages_are_not_passed_over(self, project, monkeypatch):
-        real = BaseRecording.messages
+        real = Recording.messages
 
         def skip_some(self, topics):
             for number, message in enumerate(real(self, topics)):
                 if message.topic != "/points" or number % 3:
                     yield message
 
-        monkeypatch.setattr(BaseRecording, "messages", skip_some)
+        monkeypatch.setattr(Recording, "messages", skip_some)
         told = sentence(project, "good.mcap")
         assert "topic /points: " in told
         assert "of 14 messages were found" in told
@@ -209,7 +212,7 @@ class TestFiles:
         assert list(check_store(Store(recipe.store_path))) == []
 
     def test_a_time_that_is_no_number_is_damage(self, project, drives, monkeypatch):
-        real = BaseRecording._guarded
+        real = Recording._guarded
 
         def odd(self, topics):
             monkeypatch.setattr(type(self), "_read", lambda s, t: iter([broken]))
@@ -217,7 +220,7 @@ class TestFiles:
 
         with open_recording(find_one(drives["mcap"])) as recording:
             broken = replace(next(iter(recording.messages(["/odom"]))), log_time_ns=b"\0")
-            monkeypatch.setattr(BaseRecording, "_guarded", odd)
+            monkeypatch.setattr(Recording, "_guarded", odd)
             with pytest.raises(RecordingError, match="has no time or no bytes"):
                 list(recording.messages(["/odom"]))
 
@@ -257,7 +260,7 @@ class TestMessages:
         def surprise(*args, **options):
             return {}["no such key"]
 
-        monkeypatch.setattr(calibration, "make", surprise)
+        monkeypatch.setattr(calibration, "make_calibration", surprise)
         errors, made = errors_of(project)
         (err,) = errors.values()
         assert isinstance(err, UnexpectedError)
@@ -268,16 +271,16 @@ class TestMessages:
         assert failed_actions(project) == []  # tried again by the next build
 
     def test_a_surprise_costs_one_channel(self, project, monkeypatch):
-        real = channel_pass._feed
+        real = execute._feed
 
-        def spoiled(recording, extractors, errors):
+        def spoiled(recording, extractors, *rest):
             def add(message):
                 raise ZeroDivisionError("division by zero")
 
-            extractors["CAM_FRONT"].add = add
-            real(recording, extractors, errors)
+            extractors["frames CAM_FRONT"].add = add
+            real(recording, extractors, *rest)
 
-        monkeypatch.setattr(channel_pass, "_feed", spoiled)
+        monkeypatch.setattr(execute, "_feed", spoiled)
         told = sentence(project, "good.mcap")
         assert "CAM_FRONT met something" in told
         assert any(
@@ -332,7 +335,7 @@ class TestChanges:
     def test_while_a_step_reads_it(self, project, monkeypatch, how, when):
         path = project.bags.root / "good.mcap"
         content = path.read_bytes()
-        real, passes = BaseRecording._guarded, []
+        real, passes = Recording._guarded, []
 
         def change(self, topics):
             if type(self).__name__ == "McapRecording":
@@ -342,7 +345,7 @@ class TestChanges:
                     spoil(path, content, how)
                 yield message
 
-        monkeypatch.setattr(BaseRecording, "_guarded", change)
+        monkeypatch.setattr(Recording, "_guarded", change)
         told = sentence(project, "good.mcap")
         assert str(path) in told
         assert ("was it removed?" if how == "vanishes" else "changed while it was read") in told
@@ -450,7 +453,7 @@ class TestFullDisk:
         store = Store(three.store_path)
         assert list(check_store(store)) == []
         assert failed_actions(three) == []  # the disk failed, not the action
-        assert read_lock(three.nuscenes.output, VERSION) is None
+        assert read_lock(three.nuscenes.output / VERSION) is None
         make_dataset(three)
         assert everything(three.nuscenes.output) == reference
 
@@ -473,19 +476,19 @@ class TestFullDisk:
     def test_a_full_disk_under_the_dataset_leaves_the_old_one(self, three, reference, tmp_path):
         store = Store(three.store_path)
         made = build_all(three)
-        parts = [BagPart(key, key, assets["nuscenes_tables"].artifact.digest) for key, assets in made.items()]
+        parts = [Part(key, key, assets["nuscenes_tables"].artifact.digest) for key, assets in made.items()]
         with mounted(tmp_path / "disk", "-t", "tmpfs", "-o", "size=400k", "tmpfs"):
             output = tmp_path / "disk" / "dataset"
-            assemble(parts[:1], three.nuscenes, store, output)
+            assemble(NUSCENES, parts[:1], three.nuscenes, store, output)
             before = everything(output)
             (tmp_path / "disk" / "ballast").write_bytes(b"x" * free_bytes(tmp_path / "disk"))
             with pytest.raises(BagAssetsError, match=r"No space left on device.*free space"):
-                assemble(parts, three.nuscenes, store, output)
+                assemble(NUSCENES, parts, three.nuscenes, store, output)
             assert check_dataset(output, VERSION) == []
             assert {name: data for name, data in everything(output).items() if name in before} == before
             (tmp_path / "disk" / "ballast").unlink()
             subprocess.run(["mount", "-o", "remount,size=50m", str(tmp_path / "disk")], check=True)
-            assemble(parts, three.nuscenes, store, output)
+            assemble(NUSCENES, parts, three.nuscenes, store, output)
             assert everything(output) == reference
 
 
@@ -548,7 +551,7 @@ class TestKilled:
             made = len(made_actions(three))
             assert made >= finished
             finished = made
-            if read_lock(output, VERSION) is not None:
+            if read_lock(output / VERSION) is not None:
                 assert check_dataset(output, VERSION) == []
         make_dataset(three)
         assert everything(output) == reference

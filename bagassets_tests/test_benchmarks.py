@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from sample_drives import build_recordings
 
-from bagassets.bags.digest_record import ATTRIBUTE
 from bagassets.recipe import load_recipe
-from bagassets.sample.drive import write_drive
+from bagassets.recordings.digest_record import ATTRIBUTE
+from bagassets.sample.drive import Target, write_recordings
 from benchmarks.common import Options, Project, markdown, project, save, speedup
 from benchmarks.drives import write_jpeg_project, write_tas_drive
 from benchmarks.resources import run_watched
@@ -64,7 +64,7 @@ def test_results_say_what_they_depend_on(tmp_path, capsys):
 def drives(tmp_path):
     made = project(tmp_path / "project", [], 1)
     for name in ("a.bag", "b.bag"):
-        write_drive(made.bags / name, "ros1", duration_s=0.3)
+        write_recordings([Target(made.bags / name, "ros1")], duration_s=0.3)
     return made
 
 
@@ -99,7 +99,9 @@ def test_lidar_packets_one_by_one_give_the_points_of_whole_scans(tmp_path, monke
     monkeypatch.setattr("bagassets.sample.throughput._CYCLE", 1)  # the same image again and again
     projects = {name: project(tmp_path / name, [], 1) for name in ("packets", "scans")}
     write_tas_drive(projects["packets"].bags / "drive.bag", "ros1", 5, 0.35)
-    write_drive(projects["scans"].bags / "drive.bag", "ros1", seed=5, profile="tas", duration_s=0.35)
+    write_recordings(
+        [Target(projects["scans"].bags / "drive.bag", "ros1")], seed=5, profile="tas", duration_s=0.35
+    )
     text = projects["scans"].recipe.read_text().replace("/lidar_top/packets", "/lidar_top/velodyne_packets")
     projects["scans"].recipe.write_text(text)
     clouds = {}

@@ -10,12 +10,12 @@ from label_files import SIZES, WRITERS, box_entries, box_json, odom_SE3_box
 from small_drive import LATENCY_NS, RECIPE, SPEED_MPS, START_NS, messages
 
 from bagassets.annotations.table import BoxTable
-from bagassets.bags.digest import recording_digest, recording_stat
-from bagassets.bags.discover import discover
-from bagassets.engine.recording_build import RecordingBuild
 from bagassets.recipe import load_recipe
+from bagassets.recordings.digest import recording_digest, recording_stat
+from bagassets.recordings.discover import discover
 from bagassets.sample.recorder import open_recorder
 from bagassets.store.store import Store
+from bagassets_tests.recording_build import RecordingBuild
 
 MS = 1_000_000
 PERIOD_NS = 100 * MS

@@ -8,12 +8,14 @@ import pytest
 from click.testing import CliRunner
 from rich.console import Console
 
+from bagassets.build.build_report import BagOutcome, BuildReport, Event
+from bagassets.build.plan_model import AssetState, BagPlan, Plan
+from bagassets.build.summary_rows import summary_rows
 from bagassets.cli import progress
 from bagassets.cli.main import root
-from bagassets.cli.summary import counts_line, print_summary, span_text, splits_text, summary_rows, ui_command
-from bagassets.engine.build_report import BagOutcome, BuildReport, Event
-from bagassets.engine.plan import RECORDING_ASSETS, AssetState, BagPlan, Plan
+from bagassets.cli.summary import counts_line, print_summary, span_text, splits_text, ui_command
 from bagassets.store.store import Store
+from bagassets_tests.recording_build import RECORDING_ASSETS
 
 
 def bag_plan(key, versions=None):
@@ -88,7 +90,7 @@ def test_an_artifact_that_is_gone_leaves_its_cells_empty(report):
 def test_with_many_recordings_only_those_where_something_happened_are_read(report):
     store, built = report
     built.outcomes["b"] = BagOutcome("fresh")
-    assert [row.recording for row in summary_rows(built, store.root, most=1)] == ["a"]
+    assert [row.recording for row in summary_rows(built, store, most=1)] == ["a"]
 
 
 def test_the_table_fits_80_columns_and_tells_everything(report):

@@ -14,14 +14,14 @@ import dagster as dg
 import pytest
 from dagster._core.storage.tags import GRPC_INFO_TAG
 
+from bagassets.build.build_report import BagOutcome, BuildOptions, BuildReport, Event
+from bagassets.build.choose import SelectionError
 from bagassets.cli.remote import build_on_server, find_server
 from bagassets.defs.events import event_database
 from bagassets.defs.exclusive import exclusive
 from bagassets.defs.runs import open_instance
 from bagassets.defs.sqlite_files import kept_open
 from bagassets.defs.worker_tag import RunWorker
-from bagassets.engine.build_report import BagOutcome, BuildOptions, BuildReport, Event
-from bagassets.engine.choose import SelectionError
 from bagassets.forkserver.client import Client
 from bagassets.forkserver.places import Places
 from bagassets.forkserver.process import ProcessId

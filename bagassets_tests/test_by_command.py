@@ -12,8 +12,8 @@ import pytest
 from devkit import run_devkit
 
 from bagassets.forkserver.client import Client
-from bagassets.nuscenes.check import check_dataset
-from bagassets.nuscenes.dataset import read_lock
+from bagassets.formats.dataset_lock import read_lock
+from bagassets.formats.nuscenes.check import check_dataset
 from bagassets.recipe import load_recipe
 from bagassets.store.integrity import check_store
 from bagassets.store.store import Store
@@ -79,7 +79,7 @@ def test_the_devkit_loads_and_walks_what_the_command_built(built):
     recipe, _ = built
     assert check_dataset(recipe.nuscenes.output, VERSION) == []
     walked = run_devkit("devkit_walk.py", recipe.nuscenes.output, VERSION)
-    lock = read_lock(recipe.nuscenes.output, VERSION)
+    lock = read_lock(recipe.nuscenes.output / VERSION).value
     assert walked["tables"]["scene"] == sum(bag["scenes"] for bag in lock["bags"]) == len(NAMES)
     assert walked["tables"]["sample"] == sum(bag["samples"] for bag in lock["bags"])
     assert sum(walked["readings"].values()) == walked["tables"]["sample_data"]
@@ -110,7 +110,7 @@ def test_after_kills_at_any_moment_the_command_builds_the_same(built, project, s
         process.communicate()
         # Nothing half-made is to be seen.
         assert list(check_store(store)) == []
-        if output.is_dir() and read_lock(output, VERSION) is not None:
+        if output.is_dir() and read_lock(output / VERSION) is not None:
             assert check_dataset(output, VERSION) == []
     finish(start(project))
     assert everything(recipe) == everything(built[0])

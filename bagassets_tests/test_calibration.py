@@ -1,16 +1,19 @@
-"""The step `calibration`: extrinsics from every source, intrinsics, contradictions and what is missing."""
+"""The asset `calibration`: extrinsics from every source, intrinsics, contradictions and what is missing."""
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from bagassets.assets.asset import as_json
+from bagassets.assets.calibration import CALIBRATION, make_calibration
+from bagassets.assets.sensors import camera_info_topic, is_rectified
 from bagassets.errors import CalibrationError, DecodeError
 from bagassets.geometry.camera import CameraModel
 from bagassets.geometry.se3 import SE3
 from bagassets.recipe.model import Rig
-from bagassets.steps import calibration
-from bagassets.steps.intrinsics import camera_info_topic, is_rectified
+from bagassets.store.canonical import digest_bytes
+from bagassets_tests.facts import MadeUpFacts, use_of
 from bagassets_tests.pose_data import (
     CAMERA_INFO,
     CLOUD,
@@ -51,8 +54,12 @@ def rig(camera=None, lidar=None, **fields):
     return Rig.model_validate({"name": "car", "channels": channels, "ego_pose": {"source": "fixed"}} | fields)
 
 
+def calibration_use(the_rig, inventory):
+    return use_of(CALIBRATION, the_rig, MadeUpFacts(inventory))
+
+
 class Calibrated:
-    """The step, run on a recording."""
+    """The asset, made of a recording."""
 
     def __init__(self, folder, the_rig, *entries, urdf=None):
         self.recording = Recorded(*entries)
@@ -60,11 +67,8 @@ class Calibrated:
             path = folder / "car.urdf"
             path.write_bytes(urdf)
             the_rig = the_rig.model_copy(update={"urdf": path})
-        self.request = calibration.request(the_rig, self.recording.inventory())
-        made = Written(
-            folder / "out",
-            lambda out: calibration.make(self.request.params, self.recording, out, urdf=urdf),
-        )
+        self.use = calibration_use(the_rig, self.recording.inventory())
+        made = Written(folder / "out", lambda out: make_calibration(self.use.params, self.recording, out))
         self.summary, self.json = made.summary, made.artifact.read_json("calibration.json")
         self.digest = made.digest
         self.channels = self.json["channels"]
@@ -130,14 +134,14 @@ class TestExtrinsics:
         made = Calibrated(tmp_path, rig(lidar={}), CLOUDS, urdf=urdf)
         assert_same(made.pose("LIDAR_TOP"), LIDAR)
         assert made.channels["LIDAR_TOP"]["source"] == "urdf"
-        assert set(made.request.inputs) == {"urdf"}
+        assert set(made.use.inputs) == {"urdf"}
 
     def test_from_the_recipe_which_wins_and_spares_reading_transforms(self, tmp_path):
         given_by_hand = {"translation": [1.0, 2.0, 3.0], "rotation": [0.5, 0.5, 0.5, 0.5]}
         made = Calibrated(tmp_path, rig({"extrinsics": given_by_hand}), STATIC, IMAGES, LENS)
         assert_same(made.pose("CAM_FRONT"), SE3.create((0.5, 0.5, 0.5, 0.5), (1, 2, 3)))
         assert made.channels["CAM_FRONT"]["source"] == "recipe"
-        assert made.request.topics == ("/cam/camera_info",)
+        assert made.use.topics == ("/cam/camera_info",)
 
     def test_a_chain_through_all_sources(self, tmp_path):
         urdf = fixed_joint("mast", "plate", "0 0 1")
@@ -152,7 +156,7 @@ class TestExtrinsics:
     def test_tf_is_not_read_where_static_transforms_suffice(self, tmp_path):
         entry = ("/tf", TFMESSAGE, T0, tf(transform(T0, "odom", "base_link", SE3())))
         made = Calibrated(tmp_path, rig({}), STATIC, IMAGES, LENS, entry)
-        assert "/tf" in made.request.topics
+        assert "/tf" in made.use.topics
         assert "/tf" not in made.recording.read
 
     def test_a_sensor_in_the_ego_frame(self, tmp_path):
@@ -301,7 +305,7 @@ class TestIntrinsics:
         assert {key: camera["roi"][key] for key in ("x_offset", "y_offset", "width", "height")} == {
             "x_offset": 0, "y_offset": 0, "width": 640, "height": 480,
         }  # fmt: skip
-        assert "/cam/camera_info" not in made.request.topics
+        assert "/cam/camera_info" not in made.use.topics
 
     def test_an_ideal_equidistant_lens_by_hand(self, tmp_path):
         by_hand = {
@@ -507,7 +511,7 @@ class TestStereo:
         made = self.made(tmp_path, frame="own")
         assert made.pose("CAM_FRONT").translation == pytest.approx(CAM.translation)
         assert "its frame own is taken for its own centre" in made.summary["notes"][0]
-        assert made.request.topics == ("/right/camera_info", "/tf_static")
+        assert made.use.topics == ("/right/camera_info", "/tf_static")
 
     def test_a_frame_shared_with_cameras_that_are_not_the_first_is_its_own(self, tmp_path):
         made = self.made(tmp_path, first_tx=-45.0)
@@ -535,13 +539,28 @@ class TestStereo:
 def test_a_urdf_that_is_not_there_is_named(tmp_path):
     the_rig = rig(lidar={}, urdf=str(tmp_path / "none.urdf"))
     with pytest.raises(CalibrationError, match=r"none\.urdf: the URDF cannot be read"):
-        calibration.request(the_rig, Recorded(CLOUDS).inventory())
+        calibration_use(the_rig, Recorded(CLOUDS).inventory())
+
+
+def test_a_urdf_enters_by_its_digest_alone(tmp_path):
+    urdf = b'<robot name="car"><link name="base_link"/></robot>'
+    known = Calibrated(tmp_path, rig(lidar={}, ego_frame="lidar"), CLOUDS, urdf=urdf).use
+    assert known.inputs == {"urdf": digest_bytes(urdf)}
+    assert as_json(known.params).keys() == {"ego_frame", "channels", "tf_static", "tf"}
+
+
+def test_where_all_sensors_are_placed_by_hand_transforms_are_not_read(tmp_path):
+    by_hand = {"extrinsics": {"translation": (1.0, 0.0, 2.0)}}
+    made = Calibrated(tmp_path, rig(lidar=by_hand), CLOUDS, STATIC, urdf=b"no XML")
+    assert made.use.topics == ()
+    assert made.use.inputs == {}
+    assert made.channels["LIDAR_TOP"]["source"] == "recipe"
 
 
 def test_the_key_holds_what_is_read_and_nothing_else():
     inventory = Recorded(STATIC, IMAGES, LENS, CLOUDS).inventory()
-    base = calibration.request(rig({}, {}), inventory)
+    base = calibration_use(rig({}, {}), inventory)
     assert base.topics == ("/cam/camera_info", "/tf_static")
-    assert calibration.request(rig({"quality": 50}, {"min_range_m": 1.0}), inventory) == base
-    assert calibration.request(rig({}, {}, location="elsewhere"), inventory) == base
-    assert calibration.request(rig({}, {}, ego_frame="x"), inventory) != base
+    assert calibration_use(rig({"quality": 50}, {"min_range_m": 1.0}), inventory) == base
+    assert calibration_use(rig({}, {}, location="elsewhere"), inventory) == base
+    assert calibration_use(rig({}, {}, ego_frame="x"), inventory) != base

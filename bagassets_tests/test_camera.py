@@ -14,12 +14,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from bagassets.assets.image_output import ImageOutput, intrinsic_matrix
 from bagassets.decode.camera_info import decode_camera_info
 from bagassets.decode.model import ImageReading
 from bagassets.errors import CalibrationError
 from bagassets.geometry.camera import CameraModel
 from bagassets.geometry.undistortion import undistort
-from bagassets.steps.image_output import ImageOutput, intrinsic_matrix
+from bagassets.recipe.model import PinholeIntrinsics
+from bagassets_tests.cameras import camera_use
 from bagassets_tests.pose_data import camera_info, region
 
 WIDTH, HEIGHT = 640, 480
@@ -91,11 +93,9 @@ def calibration(message):
 
 
 def output(message, *, target=None, undistort=True):
-    params = {
-        "channel": "CAM", "topic": "/cam", "output": "png", "quality": 90, "undistort": undistort,
-        "target": target, "camera": calibration(message),
-    }  # fmt: skip
-    return ImageOutput(params, None)
+    pinhole = None if target is None else PinholeIntrinsics(**target)
+    use = camera_use(output="png", undistort=undistort, target=pinhole, camera=calibration(message))
+    return ImageOutput(use, None)
 
 
 def info(model, d, **changes):

@@ -1,13 +1,15 @@
 """`bagassets check` on a real project."""
 
 import json
+from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
 
 from bagassets.cli.main import root
-from bagassets.quality.catalogue import DATASET_CHECKS, RECORDING_CHECKS
+from bagassets.formats.nuscenes.dataset_checks import CHECKS as DATASET_CHECKS
 from bagassets.recipe import load_recipe
+from bagassets_tests.checks import RECORDING_CHECKS
 from bagassets_tests.in_process import QUICK, build, make_project
 
 GOOD, SHORT = "a.mcap", "b.mcap"
@@ -125,3 +127,12 @@ def test_an_artifact_that_is_gone_is_a_finding(built):
         assert "is not in the store" in done["calibration_plausible"]["problems"][0]
     finally:
         hidden.rename(manifests[0])
+
+
+def test_the_table_of_the_documentation_is_that_of_the_assets():
+    result = CliRunner().invoke(root, ["docs", "checks"])
+    text = (Path(__file__).parent.parent / "docs" / "checks.md").read_text(encoding="utf-8")
+    assert result.stdout in text, "put the output of `bagassets docs checks` there"
+    assert {line.split("`")[1] for line in result.stdout.splitlines()[2:]} == {
+        check.name for check in RECORDING_CHECKS
+    }

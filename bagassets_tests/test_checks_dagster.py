@@ -5,9 +5,10 @@ import pytest
 
 from bagassets.defs.location import build_definitions
 from bagassets.defs.partitions import add_partitions
-from bagassets.engine.plan import RECORDING_ASSETS
-from bagassets.quality.catalogue import DATASET_CHECKS, RECORDING_CHECKS
+from bagassets.formats.nuscenes.dataset_checks import CHECKS as DATASET_CHECKS
 from bagassets.recipe import load_recipe
+from bagassets_tests.checks import RECORDING_CHECKS
+from bagassets_tests.recording_build import RECORDING_ASSETS
 from bagassets_tests.small_drive import RECIPE, write_drive
 
 KEYS = ["a.mcap", "b.mcap"]

@@ -5,11 +5,11 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
+from bagassets.formats.nuscenes.choose_scenes import inside, objection
+from bagassets.formats.nuscenes.scene_facts import scene_facts
+from bagassets.formats.nuscenes.subset import subset_facts, subset_tables
+from bagassets.formats.nuscenes.tokens import attribute_token, category_token
 from bagassets.geometry.trajectory import Trajectory
-from bagassets.nuscenes.choose_scenes import inside, objection
-from bagassets.nuscenes.scene_facts import scene_facts
-from bagassets.nuscenes.subset import subset_facts, subset_tables
-from bagassets.nuscenes.tokens import attribute_token, category_token
 from bagassets.recipe.model_datasets import NamedDataset
 
 S = 1_000_000_000

@@ -3,15 +3,14 @@
 import pytest
 import yaml
 
-from bagassets.engine.code_version import code_version
+from bagassets.assets import frames, inventory
+from bagassets.formats.catalogue import recording_assets
 from bagassets.recipe.model import Recipe
-from bagassets.steps import frames, inventory
 
 ASSETS = (
     "inventory", "calibration", "ego_poses", "annotations", "frames", "sweeps", "nuscenes_tables", "vision_sequences",
     "preview",
 )  # fmt: skip
-ALL_BUT_INVENTORY = set(ASSETS) - {"inventory"}
 
 RECIPE = """
 name: test
@@ -39,7 +38,7 @@ def versions(**changes):
             place = place[0][step] if isinstance(place, list) else place.setdefault(step, {})
         (place[0] if isinstance(place, list) else place)[last] = value
     recipe = Recipe.model_validate(data)
-    return {asset: code_version(recipe, asset) for asset in ASSETS}
+    return recording_assets(recipe).versions
 
 
 COMMON = {"ego_poses", "annotations", "frames", "sweeps"}
@@ -50,27 +49,27 @@ COMMON = {"ego_poses", "annotations", "frames", "sweeps"}
     [
         ("name", "other", set()),
         ("bags__include", ["a*"], set()),
-        ("bags__min_duration_s", 2.0, ALL_BUT_INVENTORY),
+        ("bags__min_duration_s", 2.0, set()),
         ("clock", "log", COMMON),
         ("limits__lost_messages", 0.25, COMMON),
         ("limits__reported_losses", 0.25, set()),
-        ("rigs__match", ["*"], COMMON),
-        ("rigs__required", ["CAM_FRONT"], COMMON),
+        ("rigs__match", ["*"], set()),
+        ("rigs__required", ["CAM_FRONT"], set()),
         ("rigs__ego_frame", "base", {"calibration", "ego_poses", "annotations"}),
-        ("rigs__tf", ["/tf2"], {"calibration", "ego_poses", "vision_sequences"}),
-        ("rigs__tf_static", ["/tf2"], {"calibration", "ego_poses", "vision_sequences"}),
+        ("rigs__tf", ["/tf2"], {"calibration", "ego_poses", "annotations"}),
+        ("rigs__tf_static", ["/tf2"], {"calibration", "ego_poses", "annotations"}),
         ("rigs__urdf", "car.urdf", {"calibration", "ego_poses"}),
         ("rigs__ego_pose", {"source": "odometry", "topic": "/odometry"}, {"ego_poses"}),
         ("rigs__annotations", [{"topic": "/other"}], {"annotations"}),
         ("rigs__annotation_files", [{"format": "boxes", "path": "{stem}.json"}], {"annotations"}),
-        ("rigs__name", "bus", set(ASSETS)),
+        ("rigs__name", "bus", {"nuscenes_tables", "vision_sequences"}),
         ("rigs__vehicle", "bus", {"nuscenes_tables"}),
         ("rigs__location", "street", {"nuscenes_tables"}),
         ("rigs__channels__CAM_FRONT__topic", "/camera", {"calibration", "frames"}),
-        ("rigs__channels__CAM_FRONT__frame", "cam", {"calibration", "frames"}),
-        ("rigs__channels__CAM_FRONT__camera_info", "/info", {"calibration", "frames"}),
-        ("rigs__channels__CAM_FRONT__undistort", False, {"calibration", "frames"}),
-        ("rigs__channels__CAM_FRONT__rectified", True, {"calibration", "frames"}),
+        ("rigs__channels__CAM_FRONT__frame", "cam", {"calibration"}),
+        ("rigs__channels__CAM_FRONT__camera_info", "/info", {"calibration"}),
+        ("rigs__channels__CAM_FRONT__undistort", False, {"calibration", "frames", "preview"}),
+        ("rigs__channels__CAM_FRONT__rectified", True, {"calibration"}),
         ("rigs__channels__CAM_FRONT__quality", 50, {"frames"}),
         ("rigs__channels__CAM_FRONT__clock", "log", {"frames"}),
         ("rigs__channels__CAM_FRONT__clock", "header", set()),
@@ -80,6 +79,7 @@ COMMON = {"ego_poses", "annotations", "frames", "sweeps"}
         ("scenes__length_s", 10.0, {"nuscenes_tables"}),
         ("nuscenes__version", "v1.0-other", set()),
         ("vision__frames", 5, {"vision_sequences"}),
+        ("vision__trajectories", ["ego:lane"], {"vision_sequences"}),
         ("vision__output", "elsewhere", set()),
         ("vision__files", "one", set()),
         ("preview__columns", 3, {"preview"}),
@@ -89,7 +89,7 @@ COMMON = {"ego_poses", "annotations", "frames", "sweeps"}
 )
 def test_what_a_field_changes(field, value, changed):
     before, after = versions(), versions(**{field: value})
-    assert {asset for asset in ASSETS if before[asset] != after[asset]} == changed
+    assert {asset for asset in ASSETS if before[asset] != after.get(asset, before[asset])} == changed
 
 
 def test_a_channel_more_changes_what_has_channels():
@@ -102,6 +102,6 @@ def test_a_channel_more_changes_what_has_channels():
 
 def test_it_begins_with_the_version_of_the_step():
     now = versions()
-    assert now["frames"].split("-")[0] == str(frames.STEP.version)
-    assert now["inventory"].split("-")[0] == str(inventory.STEP.version)
+    assert now["frames"].split("-")[0] == str(frames.FRAMES.version)
+    assert now["inventory"].split("-")[0] == str(inventory.INVENTORY.version)
     assert all(len(version.split("-")[1]) == 12 for version in now.values())

@@ -3,8 +3,8 @@
 import click
 import pytest
 
+from bagassets.cli.docs import all_commands
 from bagassets.cli.main import COMMANDS, EXIT_ERROR, main, root
-from bagassets.cli.reference import all_commands
 
 LEAVES = {name: command for name, command in all_commands() if not isinstance(command, click.Group)}
 

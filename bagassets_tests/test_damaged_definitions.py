@@ -7,11 +7,11 @@ import sqlite3
 import pytest
 from rosbags.rosbag1 import Writer as Rosbag1Writer
 
-from bagassets.bags.damage import damaged
-from bagassets.bags.layouts import choice_of
-from bagassets.bags.model import Definition
-from bagassets.bags.open import open_recording
 from bagassets.errors import BagAssetsError, RecordingError
+from bagassets.recordings.damage import damaged
+from bagassets.recordings.layouts import choice_of
+from bagassets.recordings.model import Definition
+from bagassets.recordings.open import open_recording
 from bagassets_tests import hostile
 from bagassets_tests.hostile import RULE, cdr, definition_of
 from bagassets_tests.recorded_bags import NOON_NS, text, write_ros1, write_ros2

@@ -11,11 +11,14 @@ import pytest
 from handmade import Drive, make_tables
 
 from bagassets.errors import DatasetError, StoreError
-from bagassets.nuscenes import linking, swap
-from bagassets.nuscenes.check import check_dataset, check_files, check_tables
-from bagassets.nuscenes.dataset import BagPart, assemble, read_lock
-from bagassets.nuscenes.schema import TABLES
-from bagassets.nuscenes.table_file import read_table
+from bagassets.formats import linking, swap
+from bagassets.formats.assembly import assemble
+from bagassets.formats.dataset_lock import read_lock
+from bagassets.formats.format import Part
+from bagassets.formats.nuscenes.check import check_dataset, check_files, check_tables
+from bagassets.formats.nuscenes.format import NUSCENES
+from bagassets.formats.nuscenes.schema import TABLES
+from bagassets.formats.nuscenes.table_file import read_table
 from bagassets.recipe.model import NuScenes
 from bagassets.recipe.model_splits import Splits
 from bagassets.store.store import Store
@@ -34,7 +37,7 @@ def store(tmp_path_factory):
 def parts(store):
     drives = [Drive(seconds=2.0, seed=seed, channels=("CAM_FRONT", "LIDAR_TOP")) for seed in range(4)]
     return [
-        BagPart(f"drive_{i}", f"content-{i}", make_tables(store, drive, key=f"drive_{i}").artifact.digest)
+        Part(f"drive_{i}", f"content-{i}", make_tables(store, drive, key=f"drive_{i}").artifact.digest)
         for i, drive in enumerate(drives)
     ]
 
@@ -54,12 +57,12 @@ def tables(root, version=VERSION):
 
 class TestContent:
     def test_tables_and_files_fit_together(self, store, parts, tmp_path):
-        made = assemble(parts, SETTINGS, store, tmp_path)
+        made = assemble(NUSCENES, parts, SETTINGS, store, tmp_path)
         assert check_tables(tables(tmp_path)) == []
         assert check_files(tmp_path, tables(tmp_path)) == []
         assert check_dataset(tmp_path, VERSION) == []
-        assert made.rows == {name: len(rows) for name, rows in tables(tmp_path).items()}
-        assert made.rows["scene"] == 4
+        assert made.facts["rows"] == {name: len(rows) for name, rows in tables(tmp_path).items()}
+        assert made.facts["rows"]["scene"] == 4
         assert {path.name for path in tmp_path.iterdir()} - {".bagassets.lock"} == {
             "samples",
             "sweeps",
@@ -69,7 +72,7 @@ class TestContent:
 
     def test_shared_rows_come_once_from_the_recipe_and_the_recordings(self, store, parts, tmp_path):
         named = [{"name": "animal", "description": "Dogs."}, {"name": "vehicle.car"}]
-        assemble(parts, NuScenes(version=VERSION, categories=named), store, tmp_path)
+        assemble(NUSCENES, parts, NuScenes(version=VERSION, categories=named), store, tmp_path)
         categories = [(row["name"], row["description"]) for row in tables(tmp_path)["category"]]
         assert categories == [("animal", "Dogs."), ("vehicle.car", ""), ("human.pedestrian.adult", "")]
         assert [row["level"] for row in tables(tmp_path)["visibility"]] == [
@@ -81,49 +84,49 @@ class TestContent:
         assert [row["channel"] for row in tables(tmp_path)["sensor"]] == ["CAM_FRONT", "LIDAR_TOP"]
 
     def test_every_log_is_on_the_one_map(self, store, parts, tmp_path):
-        assemble(parts, SETTINGS, store, tmp_path)
+        assemble(NUSCENES, parts, SETTINGS, store, tmp_path)
         (row,) = tables(tmp_path)["map"]
         assert set(row["log_tokens"]) == {log["token"] for log in tables(tmp_path)["log"]}
         assert (tmp_path / row["filename"]).read_bytes().startswith(b"\x89PNG")
 
     def test_splits_have_our_names_and_whole_recordings(self, store, parts, tmp_path):
-        assemble(parts, SETTINGS, store, tmp_path, splits=SPLITS)
+        assemble(NUSCENES, parts, SETTINGS, store, tmp_path, splits=SPLITS)
         splits = json.loads((tmp_path / VERSION / "splits.json").read_bytes())
         assert set(splits) == {"custom_train", "night"}
         named = [name for scenes in splits.values() for name in scenes]
         assert sorted(named) == [row["name"] for row in tables(tmp_path)["scene"]]
-        lock = read_lock(tmp_path, VERSION)
+        lock = read_lock(tmp_path / VERSION).value
         for bag in lock["bags"]:
             name = "custom_train" if bag["split"] == "train" else bag["split"]
             assert f"{bag['key']}_000" in splits[name]
 
     def test_the_lock_says_what_went_in_and_what_did_not(self, store, parts, tmp_path):
         reasons = {"skipped": {"calib": "no rig matches"}, "failed": {"torn": "torn.bag: is truncated."}}
-        assemble(parts[:2], SETTINGS, store, tmp_path, **reasons)
-        lock = read_lock(tmp_path, VERSION)
-        assert [(bag["key"], bag["content"], bag["nuscenes_tables"]) for bag in lock["bags"]] == [
-            (part.key, part.content, part.tables) for part in parts[:2]
+        assemble(NUSCENES, parts[:2], SETTINGS, store, tmp_path, **reasons)
+        lock = read_lock(tmp_path / VERSION).value
+        assert [(bag["key"], bag["content"], bag["artifacts"][0]) for bag in lock["bags"]] == [
+            (part.key, part.content, part.artifact) for part in parts[:2]
         ]
         assert (lock["skipped"], lock["failed"]) == (reasons["skipped"], reasons["failed"])
-        again = [BagPart(bag["key"], bag["content"], bag["nuscenes_tables"]) for bag in lock["bags"]]
+        again = [Part(bag["key"], bag["content"], bag["artifacts"][0]) for bag in lock["bags"]]
         settings = NuScenes.model_validate(lock["nuscenes"])
         assert (
-            assemble(again, settings, store, tmp_path / "again").digest
-            == assemble(parts[:2], SETTINGS, store, tmp_path).digest
+            assemble(NUSCENES, again, settings, store, tmp_path / "again").digest
+            == assemble(NUSCENES, parts[:2], SETTINGS, store, tmp_path).digest
         )
 
     def test_equal_content_enters_once_under_the_first_key(self, store, parts, tmp_path):
-        copy = BagPart("a_copy", parts[0].content, parts[0].tables)
-        made = assemble([*parts, copy], SETTINGS, store, tmp_path)
+        copy = Part("a_copy", parts[0].content, parts[0].artifact)
+        made = assemble(NUSCENES, [*parts, copy], SETTINGS, store, tmp_path)
         assert made.duplicates == {"drive_0": "a_copy"}
-        assert made.rows["scene"] == 4
-        assert read_lock(tmp_path, VERSION)["duplicates"] == {"drive_0": "a_copy"}
+        assert made.facts["rows"]["scene"] == 4
+        assert read_lock(tmp_path / VERSION).value["duplicates"] == {"drive_0": "a_copy"}
 
     def test_without_recordings_it_is_a_dataset_of_empty_tables(self, store, parts, tmp_path):
-        assemble(parts, SETTINGS, store, tmp_path)
-        made = assemble([], SETTINGS, store, tmp_path)
-        assert made.rows["sample"] == 0
-        assert made.rows["map"] == 1
+        assemble(NUSCENES, parts, SETTINGS, store, tmp_path)
+        made = assemble(NUSCENES, [], SETTINGS, store, tmp_path)
+        assert made.facts["rows"]["sample"] == 0
+        assert made.facts["rows"]["map"] == 1
         assert check_dataset(tmp_path, VERSION) == []
         assert not list((tmp_path / "samples").iterdir())
 
@@ -131,21 +134,21 @@ class TestContent:
 class TestDeterminism:
     def test_order_and_folder_make_no_difference(self, store, parts, tmp_path):
         shuffled = random.Random(1).sample(parts, len(parts))
-        one = assemble(parts, SETTINGS, store, tmp_path / "one")
-        other = assemble(shuffled, SETTINGS, store, tmp_path / "deep" / "other")
+        one = assemble(NUSCENES, parts, SETTINGS, store, tmp_path / "one")
+        other = assemble(NUSCENES, shuffled, SETTINGS, store, tmp_path / "deep" / "other")
         assert content(tmp_path / "one") == content(tmp_path / "deep" / "other")
         assert one.digest == other.digest
 
     def test_history_makes_no_difference(self, store, parts, tmp_path):
         for chosen in (parts[:1], parts[1:], [], parts[2:3], parts):
-            assemble(chosen, SETTINGS, store, tmp_path / "grown")
-        assemble(parts, SETTINGS, store, tmp_path / "fresh")
+            assemble(NUSCENES, chosen, SETTINGS, store, tmp_path / "grown")
+        assemble(NUSCENES, parts, SETTINGS, store, tmp_path / "fresh")
         assert content(tmp_path / "grown") == content(tmp_path / "fresh")
 
     def test_no_table_is_rewritten_for_another_recording(self, store, parts, tmp_path):
         """Rows of a recording are the same lines whatever else is in the dataset."""
-        assemble(parts[:1], SETTINGS, store, tmp_path / "one")
-        assemble(parts, SETTINGS, store, tmp_path / "all")
+        assemble(NUSCENES, parts[:1], SETTINGS, store, tmp_path / "one")
+        assemble(NUSCENES, parts, SETTINGS, store, tmp_path / "all")
         for name in ("scene", "sample", "sample_data", "sample_annotation", "ego_pose", "calibrated_sensor"):
             alone, among = tables(tmp_path / "one")[name], tables(tmp_path / "all")[name]
             assert among[: len(alone)] == alone
@@ -153,47 +156,47 @@ class TestDeterminism:
 
 class TestIncrement:
     def test_only_new_and_removed_files_are_touched(self, store, parts, tmp_path):
-        first = assemble(parts[:3], SETTINGS, store, tmp_path)
+        first = assemble(NUSCENES, parts[:3], SETTINGS, store, tmp_path)
         per_bag = first.files["linked"] // 3
         before = {
             name: (tmp_path / name).stat().st_ctime_ns for name in content(tmp_path) if name.startswith("s")
         }
-        more = assemble(parts, SETTINGS, store, tmp_path)
+        more = assemble(NUSCENES, parts, SETTINGS, store, tmp_path)
         assert (more.files["linked"], more.files["removed"]) == (per_bag, 0)
         assert all((tmp_path / name).stat().st_ctime_ns == ctime for name, ctime in before.items())
-        fewer = assemble(parts[1:], SETTINGS, store, tmp_path)
+        fewer = assemble(NUSCENES, parts[1:], SETTINGS, store, tmp_path)
         assert fewer.files["removed"] == per_bag
         assert check_dataset(tmp_path, VERSION) == []
 
     def test_files_of_recordings_that_stay_are_not_even_looked_at(self, store, parts, tmp_path, monkeypatch):
-        per_bag = assemble(parts[:3], SETTINGS, store, tmp_path).files["linked"] // 3
+        per_bag = assemble(NUSCENES, parts[:3], SETTINGS, store, tmp_path).files["linked"] // 3
         put = []
         monkeypatch.setattr(linking.Linker, "put", lambda _, source, name: put.append(name))
-        assemble(parts, SETTINGS, store, tmp_path, suspects=frozenset())
+        assemble(NUSCENES, parts, SETTINGS, store, tmp_path, suspects=frozenset())
         assert len(put) == per_bag
         assert all("/drive_3-" in name for name in put)
 
     def test_nothing_new_changes_nothing(self, store, parts, tmp_path):
-        assert assemble(parts, SETTINGS, store, tmp_path).changed
+        assert assemble(NUSCENES, parts, SETTINGS, store, tmp_path).changed
         inode = (tmp_path / VERSION).stat().st_ino
-        assert not assemble(parts, SETTINGS, store, tmp_path).changed
+        assert not assemble(NUSCENES, parts, SETTINGS, store, tmp_path).changed
         assert (tmp_path / VERSION).stat().st_ino == inode
 
     def test_a_file_that_somebody_removed_comes_back(self, store, parts, tmp_path):
-        assemble(parts, SETTINGS, store, tmp_path)
+        assemble(NUSCENES, parts, SETTINGS, store, tmp_path)
         victim = tmp_path / tables(tmp_path)["sample_data"][5]["filename"]
         victim.unlink()
         assert check_dataset(tmp_path, VERSION) != []
-        assemble(parts, SETTINGS, store, tmp_path)
+        assemble(NUSCENES, parts, SETTINGS, store, tmp_path)
         assert check_dataset(tmp_path, VERSION) == []
 
     def test_changed_content_gets_other_names(self, store, parts, tmp_path):
         """Old tables, still in a reader's memory, must never lead to new content."""
         drive = Drive(seconds=2.0, seed=99, channels=("CAM_FRONT", "LIDAR_TOP"))
-        changed = BagPart("drive_0", "other", make_tables(store, drive, key="drive_0").artifact.digest)
-        assemble(parts, SETTINGS, store, tmp_path)
+        changed = Part("drive_0", "other", make_tables(store, drive, key="drive_0").artifact.digest)
+        assemble(NUSCENES, parts, SETTINGS, store, tmp_path)
         old = content(tmp_path / "samples")
-        assemble([changed, *parts[1:]], SETTINGS, store, tmp_path)
+        assemble(NUSCENES, [changed, *parts[1:]], SETTINGS, store, tmp_path)
         new = content(tmp_path / "samples")
         assert all(new[name] == old[name] for name in new.keys() & old.keys())
         assert len(new.keys() - old.keys()) == len(old.keys() - new.keys()) == 8
@@ -201,24 +204,24 @@ class TestIncrement:
 
     def test_versions_share_a_dataroot_and_its_files(self, store, parts, tmp_path):
         other = SETTINGS.model_copy(update={"version": "v1.0-other"})
-        assemble(parts, SETTINGS, store, tmp_path)
-        assemble(parts[:1], other, store, tmp_path)
-        assemble([], SETTINGS, store, tmp_path)
+        assemble(NUSCENES, parts, SETTINGS, store, tmp_path)
+        assemble(NUSCENES, parts[:1], other, store, tmp_path)
+        assemble(NUSCENES, [], SETTINGS, store, tmp_path)
         assert check_dataset(tmp_path, "v1.0-other") == []
         assert check_dataset(tmp_path, VERSION) == []
 
     def test_files_of_others_are_left_alone(self, store, parts, tmp_path):
-        assemble(parts, SETTINGS, store, tmp_path)
+        assemble(NUSCENES, parts, SETTINGS, store, tmp_path)
         notes = tmp_path / "samples" / "CAM_FRONT" / "notes.txt"
         notes.write_text("mine")
-        assemble([], SETTINGS, store, tmp_path)
+        assemble(NUSCENES, [], SETTINGS, store, tmp_path)
         assert notes.read_text() == "mine"
 
     def test_a_version_folder_of_somebody_else_is_never_replaced(self, store, parts, tmp_path):
         (tmp_path / VERSION).mkdir()
         (tmp_path / VERSION / "scene.json").write_text("[]")
         with pytest.raises(DatasetError, match="was not made by bagassets"):
-            assemble(parts, SETTINGS, store, tmp_path)
+            assemble(NUSCENES, parts, SETTINGS, store, tmp_path)
         assert (tmp_path / VERSION / "scene.json").read_text() == "[]"
 
 
@@ -240,21 +243,21 @@ class TestCrashes:
 
         put = linking.Linker.put
         target = {
-            "files": "bagassets.nuscenes.linking.Linker.put",
-            "swap": "bagassets.nuscenes.dataset.swap_in",
-            "cleaning": "bagassets.nuscenes.dataset.remove_files",
+            "files": "bagassets.formats.linking.Linker.put",
+            "swap": "bagassets.formats.assembly.swap_in",
+            "cleaning": "bagassets.formats.assembly.remove_files",
         }[moment]
-        assemble(parts[:2], SETTINGS, store, tmp_path)
+        assemble(NUSCENES, parts[:2], SETTINGS, store, tmp_path)
         with monkeypatch.context() as patch, suppress(KilledError):
             patch.setattr(target, kill)
-            assemble(parts[2:], SETTINGS, store, tmp_path)
+            assemble(NUSCENES, parts[2:], SETTINGS, store, tmp_path)
         assert calls
         assert check_tables(tables(tmp_path)) == []
         missing = [text for text in check_files(tmp_path, tables(tmp_path)) if "not on disk" in text]
         assert missing == []
-        assemble(parts[1:2], SETTINGS, store, tmp_path)
+        assemble(NUSCENES, parts[1:2], SETTINGS, store, tmp_path)
         assert check_dataset(tmp_path, VERSION) == []
-        assemble(parts[1:2], SETTINGS, store, tmp_path / "fresh")
+        assemble(NUSCENES, parts[1:2], SETTINGS, store, tmp_path / "fresh")
         fresh = content(tmp_path / "fresh")
         assert {
             name: data for name, data in content(tmp_path).items() if not name.startswith("fresh/")
@@ -263,14 +266,14 @@ class TestCrashes:
     def test_an_artifact_that_is_not_in_the_store_is_named_and_the_old_dataset_stays(
         self, store, parts, tmp_path
     ):
-        assemble(parts, SETTINGS, store, tmp_path)
+        assemble(NUSCENES, parts, SETTINGS, store, tmp_path)
         before = content(tmp_path)
         with pytest.raises(StoreError, match="artifact ffffffffffffffff is not in the store"):
-            assemble([BagPart("x", "y", "f" * 64)], SETTINGS, store, tmp_path)
+            assemble(NUSCENES, [Part("x", "y", "f" * 64)], SETTINGS, store, tmp_path)
         assert content(tmp_path) == before
 
     def test_readers_never_see_half_a_dataset(self, store, parts, tmp_path):
-        assemble(parts, SETTINGS, store, tmp_path)
+        assemble(NUSCENES, parts, SETTINGS, store, tmp_path)
         done = threading.Event()
         problems = []
 
@@ -295,7 +298,7 @@ class TestCrashes:
             reader.start()
         try:
             for number in range(20):
-                assemble(parts[: 1 + number % 4], SETTINGS, store, tmp_path)
+                assemble(NUSCENES, parts[: 1 + number % 4], SETTINGS, store, tmp_path)
                 assert (tmp_path / VERSION / "map.json").is_file()
         finally:
             done.set()
@@ -309,7 +312,7 @@ class TestChangedByOthers:
 
     @pytest.mark.parametrize("which", ["a file", "a table", "a channel", "the lock"])
     def test_what_is_gone_is_made_again(self, store, parts, tmp_path, which):
-        assemble(parts, SETTINGS, store, tmp_path)
+        assemble(NUSCENES, parts, SETTINGS, store, tmp_path)
         whole = content(tmp_path)
         if which == "a file":
             (tmp_path / tables(tmp_path)["sample_data"][0]["filename"]).unlink()
@@ -319,22 +322,22 @@ class TestChangedByOthers:
             shutil.rmtree(tmp_path / "samples" / "CAM_FRONT")
         else:
             shutil.rmtree(tmp_path / VERSION)
-        assemble(parts, SETTINGS, store, tmp_path)
+        assemble(NUSCENES, parts, SETTINGS, store, tmp_path)
         assert content(tmp_path) == whole
 
     @pytest.mark.parametrize("suspects", [None, frozenset()])
     def test_a_table_of_the_same_size_with_other_bytes_is_exchanged(self, store, parts, tmp_path, suspects):
-        assemble(parts, SETTINGS, store, tmp_path)
+        assemble(NUSCENES, parts, SETTINGS, store, tmp_path)
         whole = content(tmp_path)
         path = tmp_path / VERSION / "sample.json"
         path.write_bytes(b"?" * path.stat().st_size)
-        assert assemble(parts, SETTINGS, store, tmp_path, suspects=suspects).changed
+        assert assemble(NUSCENES, parts, SETTINGS, store, tmp_path, suspects=suspects).changed
         assert content(tmp_path) == whole
 
     def test_suspects_are_compared_with_what_belongs_there_and_others_left_alone(
         self, store, parts, tmp_path
     ):
-        assemble(parts, SETTINGS, store, tmp_path)
+        assemble(NUSCENES, parts, SETTINGS, store, tmp_path)
         whole = content(tmp_path)
         names = [row["filename"] for row in tables(tmp_path)["sample_data"][:4]]
         spoiled, same, gone, _ = (tmp_path / name for name in names)
@@ -345,7 +348,7 @@ class TestChangedByOthers:
         gone.unlink()
         beside = tmp_path / "samples" / "CAM_FRONT" / "notes.txt"
         beside.write_text("mine")
-        made = assemble(parts, SETTINGS, store, tmp_path, suspects=frozenset(names[:3]))
+        made = assemble(NUSCENES, parts, SETTINGS, store, tmp_path, suspects=frozenset(names[:3]))
         assert (made.files["linked"], made.files["kept"]) == (2, 1)
         assert same.stat().st_ino == inode
         assert beside.read_text() == "mine"
@@ -355,29 +358,34 @@ class TestChangedByOthers:
 
 class TestFileSystems:
     def test_files_are_hard_links_into_the_store(self, store, parts, tmp_path):
-        made = assemble(parts[:1], SETTINGS, store, tmp_path)
-        assert made.files["linked"] == made.rows["sample_data"]
+        made = assemble(NUSCENES, parts[:1], SETTINGS, store, tmp_path)
+        assert made.files["linked"] == made.facts["rows"]["sample_data"]
         assert (tmp_path / tables(tmp_path)["sample_data"][0]["filename"]).stat().st_nlink >= 2
 
     def test_without_hard_links_they_are_copied(self, store, parts, tmp_path, monkeypatch):
-        assemble(parts, SETTINGS, store, tmp_path / "linked")
+        assemble(NUSCENES, parts, SETTINGS, store, tmp_path / "linked")
 
         def refuse(*args):
             raise OSError(18, "Invalid cross-device link")
 
         monkeypatch.setattr(linking.os, "link", refuse)
-        made = assemble(parts, SETTINGS, store, tmp_path / "copied")
-        assert made.files.get("copied", 0) + made.files.get("cloned", 0) == made.rows["sample_data"]
+        made = assemble(NUSCENES, parts, SETTINGS, store, tmp_path / "copied")
+        assert made.files.get("copied", 0) + made.files.get("cloned", 0) == made.facts["rows"]["sample_data"]
         assert content(tmp_path / "copied") == content(tmp_path / "linked")
         nothing = frozenset()
-        assert assemble(parts, SETTINGS, store, tmp_path / "copied", suspects=nothing).files == {"removed": 0}
+        assert assemble(NUSCENES, parts, SETTINGS, store, tmp_path / "copied", suspects=nothing).files == {
+            "removed": 0
+        }
         os.utime(tmp_path / "copied" / "samples")  # somebody was there: now every file is looked at
-        assert assemble(parts, SETTINGS, store, tmp_path / "copied").files["kept"] == made.rows["sample_data"]
+        assert (
+            assemble(NUSCENES, parts, SETTINGS, store, tmp_path / "copied").files["kept"]
+            == made.facts["rows"]["sample_data"]
+        )
 
     def test_without_an_exchange_folders_are_renamed(self, store, parts, tmp_path, monkeypatch):
         monkeypatch.setattr(swap, "_exchange", lambda *_: False)
-        assemble(parts, SETTINGS, store, tmp_path)
-        assemble(parts[:1], SETTINGS, store, tmp_path)
+        assemble(NUSCENES, parts, SETTINGS, store, tmp_path)
+        assemble(NUSCENES, parts[:1], SETTINGS, store, tmp_path)
         assert check_dataset(tmp_path, VERSION) == []
         assert sorted(path.name for path in tmp_path.iterdir() if path.is_dir()) == [
             "maps",
@@ -389,7 +397,7 @@ class TestFileSystems:
     def test_a_dataroot_that_cannot_be_written_is_named(self, store, parts, tmp_path):
         (tmp_path / "file").write_text("")
         with pytest.raises(DatasetError, match="file: the dataset cannot be written"):
-            assemble(parts, SETTINGS, store, tmp_path / "file")
+            assemble(NUSCENES, parts, SETTINGS, store, tmp_path / "file")
 
 
 class TestChecks:
@@ -397,7 +405,7 @@ class TestChecks:
 
     @pytest.fixture
     def rows(self, store, parts, tmp_path):
-        assemble(parts[:1], SETTINGS, store, tmp_path)
+        assemble(NUSCENES, parts[:1], SETTINGS, store, tmp_path)
         return tables(tmp_path)
 
     @pytest.mark.parametrize(

@@ -11,17 +11,22 @@ from click.testing import CliRunner
 from handmade import Drive, make_tables, true_boxes
 
 from bagassets.cli.main import root
-from bagassets.defs.dataset import current_inputs, dataset_is_current, record_inputs
+from bagassets.defs.dataset import dataset_is_current, record_inputs
 from bagassets.defs.events import STAT
 from bagassets.defs.location import build_definitions
-from bagassets.defs.workspace import Workspace, partitions_name
-from bagassets.engine.dataset_diff import diff_datasets
-from bagassets.engine.dataset_lock import load_lock
-from bagassets.engine.dataset_restore import restore_dataset
+from bagassets.defs.partitions import partitions_name
+from bagassets.defs.planning import plan_now
+from bagassets.defs.workspace import Workspace
 from bagassets.errors import DatasetError
-from bagassets.nuscenes.check import check_dataset
-from bagassets.nuscenes.dataset import BagPart, assemble, read_lock
-from bagassets.nuscenes.filenames import recording_of
+from bagassets.formats.assembly import assemble
+from bagassets.formats.dataset_diff import diff_datasets
+from bagassets.formats.dataset_lock import load_lock, locked_artifacts, read_lock
+from bagassets.formats.dataset_restore import missing_recordings, restore_dataset
+from bagassets.formats.format import Part
+from bagassets.formats.nuscenes.check import check_dataset
+from bagassets.formats.nuscenes.filenames import recording_of
+from bagassets.formats.nuscenes.format import NUSCENES
+from bagassets.formats.vision.format import VISION
 from bagassets.recipe.model import NuScenes
 from bagassets.recipe.model_splits import Splits
 from bagassets.store.store import Store
@@ -43,11 +48,11 @@ def store(tmp_path_factory):
 def part(store, key, *, seed=0, content=None, drive=None, **options):
     drive = drive or Drive(seconds=3.0, seed=seed, channels=CHANNELS)
     tables = make_tables(store, drive, key=key, **options).artifact.digest
-    return BagPart(key, content or f"content-{key}-{seed}", tables)
+    return Part(key, content or f"content-{key}-{seed}", tables)
 
 
 def lock_of(store, folder, parts, **options):
-    assemble(parts, SETTINGS, store, folder, **options)
+    assemble(NUSCENES, parts, SETTINGS, store, folder, **options)
     return load_lock(folder)
 
 
@@ -124,13 +129,13 @@ class TestDiff:
 
 class TestLocks:
     def test_a_lock_is_found_in_its_folder_and_in_its_dataset(self, store, tmp_path):
-        assemble([part(store, "a")], SETTINGS, store, tmp_path)
+        assemble(NUSCENES, [part(store, "a")], SETTINGS, store, tmp_path)
         path = tmp_path / VERSION / "dataset.lock.json"
         assert {load_lock(place).path for place in (path, path.parent, tmp_path)} == {path}
 
     def test_one_of_several_has_to_be_named(self, store, tmp_path):
         for version in ("v1.0-a", "v1.0-b"):
-            assemble([part(store, "a")], NuScenes(version=version), store, tmp_path)
+            assemble(NUSCENES, [part(store, "a")], NuScenes(version=version), store, tmp_path)
         with pytest.raises(DatasetError, match=r"has several \(v1.0-a, v1.0-b\)"):
             load_lock(tmp_path)
 
@@ -144,10 +149,105 @@ class TestLocks:
         with pytest.raises(DatasetError, match=r"has no dataset\.lock\.json"):
             load_lock(tmp_path)
 
-    def test_a_later_format_is_told(self, tmp_path):
-        (tmp_path / "x.json").write_text('{"format": 2}')
-        with pytest.raises(DatasetError, match="format 2, this version of bagassets knows 1"):
+    @pytest.mark.parametrize(
+        "artifacts", ["", ', "artifacts": []', ', "artifacts": "a"', ', "artifacts": [1]']
+    )
+    def test_a_lock_that_does_not_say_what_its_dataset_needs_is_refused(self, tmp_path, artifacts):
+        row = '{"key": "a", "content": "c", "split": "train", "counts": {}' + artifacts + "}"
+        text = '{"format": 2, "dataset": "x", "x": {}, "files": {}, "bags": [' + row + "]}"
+        (tmp_path / "x.json").write_text(text)
+        with pytest.raises(DatasetError, match=r"x\.json: expected the lock file of a dataset"):
             load_lock(tmp_path / "x.json")
+        with pytest.raises(DatasetError, match=r"x\.json: expected the lock file .*names the artifacts"):
+            locked_artifacts(tmp_path / "x.json")
+
+    def test_what_a_lock_of_any_format_needs_is_known(self, tmp_path):
+        """Also of formats that are not installed, and of later ones that have it at the same place."""
+        for version in (2, 3):
+            value = {
+                "format": version,
+                "dataset": "unheard-of",
+                "bags": [{"artifacts": ["a", "b"]}, {"artifacts": ["c"]}],
+            }
+            (tmp_path / "x.json").write_text(json.dumps(value))
+            assert locked_artifacts(tmp_path / "x.json") == {"a", "b", "c"}
+
+    def test_a_lock_needs_the_artifacts_that_files_are_linked_from(self, store, tmp_path):
+        parts = [part(store, "a"), part(store, "b", seed=1)]
+        lock = lock_of(store, tmp_path, parts)
+        needs = {a for p in parts for a in [p.artifact, *linked(store, p)]}
+        assert locked_artifacts(lock.path) == needs > {p.artifact for p in parts}
+        again = lock_of(store, tmp_path, parts, suspects=frozenset())  # from what is on record
+        assert again.text == lock.text
+
+    def test_a_later_format_is_told(self, tmp_path):
+        (tmp_path / "x.json").write_text('{"format": 3}')
+        with pytest.raises(DatasetError, match="format 3, this version of bagassets knows 1 and 2"):
+            load_lock(tmp_path / "x.json")
+
+
+def linked(store, of):
+    return {file["artifact"] for file in store.artifact(of.artifact).read_json("files.json")}
+
+
+def as_format_1(lock):
+    """Write a lock as bagassets did before formats could be installed."""
+    value = json.loads(lock.text)
+    part_name = {"nuscenes": "nuscenes_tables", "vision": "vision_sequences"}[value.pop("dataset")]
+    value["format"] = 1
+    value["tables" if lock.kind == "nuscenes" else "files"] = value.pop("files")
+    for row in value["bags"]:
+        row[part_name] = row.pop("artifacts")[0]
+        row.update(row.pop("counts"))
+    if lock.kind == "vision":
+        del value["shares"]
+    lock.path.write_text(json.dumps(value))
+    return load_lock(lock.path)
+
+
+class TestLocksOfFormat1:
+    def test_it_does_not_differ_from_one_of_today(self, store, tmp_path):
+        parts = [part(store, "a"), part(store, "b", seed=1), part(store, "copy", content="content-a-0")]
+        now, old = (lock_of(store, tmp_path / name, parts, skipped={"s": "why"}) for name in ("now", "old"))
+        old = as_format_1(old)
+        assert (old.kind, old.bags, old.files, old.splits) == (now.kind, now.bags, now.files, now.splits)
+        assert diff_datasets(old, now, store).is_empty
+        assert diff_datasets(now, old, store).is_empty
+        fewer = lock_of(store, tmp_path / "fewer", parts[:1], dealt=now.splits)
+        assert diff_datasets(old, fewer, store) == diff_datasets(now, fewer, store)
+        assert [bag.change for bag in diff_datasets(old, fewer, store).bags] == ["removed"]
+
+    def test_its_dataset_can_be_made_again(self, store, tmp_path):
+        parts = [part(store, "a"), part(store, "b", seed=1), part(store, "copy", content="content-a-0")]
+        now = lock_of(store, tmp_path / "now", parts, skipped={"s": "why"})
+        text = now.text
+        old = as_format_1(lock_of(store, tmp_path / "old", parts, skipped={"s": "why"}))
+        made = restore_dataset(old, store, tmp_path / "again")
+        assert (made / "dataset.lock.json").read_bytes() == text
+        assert content(tmp_path / "again") == content(tmp_path / "now")
+
+    def test_its_artifacts_are_named_and_missed(self, store, tmp_path):
+        (one,) = parts = [part(store, "a")]
+        old = as_format_1(lock_of(store, tmp_path, parts))
+        assert locked_artifacts(old.path) == {one.artifact}
+        assert missing_recordings(old, store) == []
+        few = Store(tmp_path / "few")
+        shutil.copytree(store.artifact_folder(one.artifact), few.artifact_folder(one.artifact))
+        assert missing_recordings(old, few) == ["a"]  # its images are not there
+        assert missing_recordings(load_lock(old.path), Store(tmp_path / "none")) == ["a"]
+
+    def test_the_next_build_keeps_its_files(self, store, tmp_path):
+        parts = [part(store, "a"), part(store, "b", seed=1)]
+        text = lock_of(store, tmp_path, parts).text
+        as_format_1(load_lock(tmp_path))
+        dealt = load_lock(tmp_path).splits
+        made = assemble(NUSCENES, parts[:1], SETTINGS, store, tmp_path, dealt=dealt, suspects=frozenset())
+        assert made.files.get("linked", 0) == 0  # those of `a` are there
+        assert made.files["removed"] > 0
+        assert made.moved == {}
+        assemble(NUSCENES, parts, SETTINGS, store, tmp_path)
+        assert load_lock(tmp_path).text == text
+        assert check_dataset(tmp_path, VERSION) == []
 
 
 class TestRestore:
@@ -158,11 +258,11 @@ class TestRestore:
         folder = tmp_path / "dataset"
         splits = Splits(shares={"train": 0.5, "val": 0.5}, seed=3, pinned={"b": "val"})
         left_out = {"skipped": {"calib": "no rig"}, "failed": {"torn": "torn.bag: is truncated."}}
-        assemble(parts, SETTINGS, store, folder, splits=splits, **left_out)
+        assemble(NUSCENES, parts, SETTINGS, store, folder, splits=splits, **left_out)
         before = content(folder)
         lock = tmp_path / "old.lock.json"
         shutil.copy(folder / VERSION / "dataset.lock.json", lock)
-        assemble([part(store, "a", seed=5)], SETTINGS, store, folder)
+        assemble(NUSCENES, [part(store, "a", seed=5)], SETTINGS, store, folder)
         return folder, lock, before
 
     def test_byte_for_byte_elsewhere(self, store, old, tmp_path):
@@ -187,7 +287,7 @@ class TestRestore:
     def test_other_tables_than_the_lock_says_are_refused(self, store, old, tmp_path):
         folder, lock, _ = old
         value = json.loads(lock.read_bytes())
-        value["tables"]["sample.json"] = "0" * 64
+        value["files"]["sample.json"] = "0" * 64
         lock.write_text(json.dumps(value))
         before = content(folder)
         with pytest.raises(DatasetError, match=r"sample\.json came out different"):
@@ -211,8 +311,8 @@ class TestCommand:
         recipe = make_project(tmp_path_factory.mktemp("project"), text=text, ros1="a.bag", mcap="c.mcap")
         made = build_all(recipe)
         store = Store(recipe.store_path)
-        parts = [BagPart(key, key, assets["nuscenes_tables"].artifact.digest) for key, assets in made.items()]
-        assemble(parts, recipe.nuscenes, store, recipe.nuscenes.output)
+        parts = [Part(key, key, assets["nuscenes_tables"].artifact.digest) for key, assets in made.items()]
+        assemble(NUSCENES, parts, recipe.nuscenes, store, recipe.nuscenes.output)
         return recipe, parts, made
 
     def run(self, recipe, *args, status=0):
@@ -231,7 +331,7 @@ class TestCommand:
 
     def test_diff_in_words_and_as_json(self, project, tmp_path):
         recipe, parts, _ = project
-        assemble(parts[:1], recipe.nuscenes, Store(recipe.store_path), tmp_path)
+        assemble(NUSCENES, parts[:1], recipe.nuscenes, Store(recipe.store_path), tmp_path)
         text = self.run(recipe, "diff", tmp_path, recipe.nuscenes.output, status=3)
         assert "1 recording, 1 scene, 6 samples" in text
         assert "+ c.mcap: 1 scene, 6 samples, split " in text
@@ -259,17 +359,21 @@ class TestCommand:
         assert content(dataset) == before
 
     def test_a_vision_dataset(self, project, tmp_path):
-        from bagassets.steps.vision_dataset import VisionPart, assemble_vision
 
         recipe, _, made = project
         store = Store(recipe.store_path)
-        parts = [VisionPart(k, k, assets["vision_sequences"].artifact.digest) for k, assets in made.items()]
-        assemble_vision(parts, recipe.vision, recipe.splits, store)
+        parts = [Part(k, k, assets["vision_sequences"].artifact.digest) for k, assets in made.items()]
+        assemble(VISION, parts, recipe.vision, store, recipe.vision.output, splits=recipe.splits)
         lock = recipe.vision.output / "annotations" / "dataset.lock.json"
         self.run(recipe, "restore", lock, "--output", tmp_path / "again")
         assert content(tmp_path / "again") == content(recipe.vision.output)
-        assemble_vision(
-            parts[:1], recipe.vision.model_copy(update={"output": tmp_path / "one"}), recipe.splits, store
+        assemble(
+            VISION,
+            parts[:1],
+            recipe.vision.model_copy(update={"output": tmp_path / "one"}),
+            store,
+            recipe.vision.model_copy(update={"output": tmp_path / "one"}).output,
+            splits=recipe.splits,
         )
         assert "+ c.mcap: " in self.run(recipe, "diff", tmp_path / "one", lock, status=3)
         with pytest.raises(DatasetError, match="name two of one kind"):
@@ -300,9 +404,9 @@ class TestMoreThanAHundredRecordings:
         """Build a recording, and record what the dataset is made from as a run would."""
         build = build_of(recipe, key)
         made = {result.asset: result.artifact.digest for result in build.build()}
-        stat = dg.MetadataValue.text(json.dumps(build.source._stat.as_json()))
+        _, _, digest, stat = build.facts
         for asset, version, metadata in (
-            ("bag", build.digest, {STAT: stat}),
+            ("bag", digest, {STAT: dg.MetadataValue.text(json.dumps(stat.as_json()))}),
             ("nuscenes_tables", made["nuscenes_tables"], {}),
         ):
             tags = {"dagster/data_version": version}
@@ -312,7 +416,7 @@ class TestMoreThanAHundredRecordings:
 
     def update(self, instance, workspace):
         """Do what the build does at its end."""
-        inputs = current_inputs(instance, workspace)
+        inputs = plan_now(instance, workspace).inputs
         record_inputs(instance, workspace.recipe, inputs)
         job = build_definitions(Path(workspace.recipe_file)).resolve_implicit_global_asset_job_def()
         result = job.execute_in_process(instance=instance, asset_selection=[dg.AssetKey("nuscenes_dataset")])
@@ -327,7 +431,7 @@ class TestMoreThanAHundredRecordings:
         }
 
     def is_current(self, instance, workspace):
-        return dataset_is_current(instance, workspace.recipe, current_inputs(instance, workspace))
+        return dataset_is_current(instance, workspace.recipe, plan_now(instance, workspace).inputs)
 
     def test_a_change_and_a_removal_are_noticed_and_only_they_cost_anything(self, project):
         instance, workspace = project
@@ -335,7 +439,7 @@ class TestMoreThanAHundredRecordings:
         assert not self.is_current(instance, workspace)
         self.update(instance, workspace)
         output = recipe.nuscenes.output
-        assert len(read_lock(output, VERSION)["bags"]) == NUMBER
+        assert len(read_lock(output / VERSION).value["bags"]) == NUMBER
         assert self.is_current(instance, workspace)
         files = self.files(output)
         assert {recording_of(name) for name in files} == {f"{i:03d}.mcap" for i in range(NUMBER)}
@@ -354,6 +458,6 @@ class TestMoreThanAHundredRecordings:
         assert not self.is_current(instance, workspace)
         self.update(instance, workspace)
         assert self.files(output) == {n: i for n, i in files.items() if recording_of(n) != "017.mcap"}
-        assert len(read_lock(output, VERSION)["bags"]) == NUMBER - 1
+        assert len(read_lock(output / VERSION).value["bags"]) == NUMBER - 1
         assert check_dataset(output, VERSION) == []
         assert self.is_current(instance, workspace)

@@ -3,13 +3,14 @@
 import dagster as dg
 import pytest
 
-from bagassets.defs.events import live_partitions, recorded_states
 from bagassets.defs.location import build_definitions
 from bagassets.defs.partitions import add_partitions
+from bagassets.defs.planning import plan_now
 from bagassets.defs.workspace import Workspace
-from bagassets.engine.plan import RECORDING_ASSETS, make_plan
-from bagassets.quality.catalogue import DATASET_CHECKS, RECORDING_CHECKS
+from bagassets.formats.nuscenes.dataset_checks import CHECKS as DATASET_CHECKS
 from bagassets.recipe import load_recipe
+from bagassets_tests.checks import RECORDING_CHECKS
+from bagassets_tests.recording_build import RECORDING_ASSETS
 from bagassets_tests.small_drive import RECIPE, write_drive
 
 
@@ -30,16 +31,7 @@ def materialize(recipe_file, instance, key, assets=None):
 
 
 def plan_of(recipe_file, instance):
-    workspace = Workspace(recipe_file=str(recipe_file))
-    recipe, discovery = workspace.recipe, workspace.discover()
-    return make_plan(
-        recipe,
-        workspace.store,
-        discovery,
-        recorded_states(instance),
-        live_partitions(instance, recipe),
-        workspace.index,
-    )
+    return plan_now(instance, Workspace(recipe_file=str(recipe_file))).plan
 
 
 def states(plan, key):

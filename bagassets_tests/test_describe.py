@@ -1,6 +1,6 @@
 import pytest
 
-from bagassets.bags.describe import describe_text
+from bagassets.recordings.describe import describe_text
 
 
 def topic(name="/imu", **changes):

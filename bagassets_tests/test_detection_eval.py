@@ -12,13 +12,15 @@ import numpy as np
 import pytest
 import yaml
 
-from bagassets.bags.discover import find_one
-from bagassets.bags.open import open_recording
+from bagassets.formats.assembly import assemble
+from bagassets.formats.format import Part
+from bagassets.formats.nuscenes.dataset_checks import CHECKS, check
+from bagassets.formats.nuscenes.format import NUSCENES
 from bagassets.geometry.se3 import rotate
-from bagassets.nuscenes.dataset import BagPart, assemble
-from bagassets.quality.catalogue import check_dataset_now
 from bagassets.recipe import load_recipe
-from bagassets.recipe.model_checks import Checks
+from bagassets.recipe.model import NuScenes
+from bagassets.recordings.discover import find_one
+from bagassets.recordings.open import open_recording
 from bagassets.sample.cast import cast
 from bagassets.sample.recorder import open_recorder
 from bagassets.sample.render import lidar_points, radar_targets, rays_of
@@ -100,8 +102,15 @@ def rebuilt(built, folder, data, name):
     path.write_text(yaml.safe_dump(data))
     recipe = load_recipe(path)
     made = build_recordings(recipe)
-    parts = [BagPart(key, key, assets["nuscenes_tables"].artifact.digest) for key, assets in made.items()]
-    assemble(parts, recipe.nuscenes, Store(recipe.store_path), recipe.nuscenes.output, splits=recipe.splits)
+    parts = [Part(key, key, assets["nuscenes_tables"].artifact.digest) for key, assets in made.items()]
+    assemble(
+        NUSCENES,
+        parts,
+        recipe.nuscenes,
+        Store(recipe.store_path),
+        recipe.nuscenes.output,
+        splits=recipe.splits,
+    )
     version = recipe.nuscenes.output / VERSION
     tables = {file.stem: json.loads(file.read_text()) for file in version.glob("*.json")}
     return Built(recipe, built.truth, made, recipe.nuscenes.output, tables)
@@ -453,5 +462,5 @@ def test_without_cameras_visibility_is_what_the_lidar_sees(lidar_only):
 
 
 def test_all_checks_of_the_dataset_pass(built):
-    found = check_dataset_now(built.dataroot, VERSION, Checks())
+    found = check(NuScenes(output=built.dataroot, version=VERSION), {one.name for one in CHECKS})
     assert {name: list(finding.problems) for name, finding in found.items()} == {name: [] for name in found}

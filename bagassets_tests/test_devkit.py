@@ -7,7 +7,9 @@ import pytest
 from devkit import run_devkit
 from handmade import IMAGE, SIZES, T0, Drive, S, make_tables, object_pose
 
-from bagassets.nuscenes.dataset import BagPart, assemble
+from bagassets.formats.assembly import assemble
+from bagassets.formats.format import Part
+from bagassets.formats.nuscenes.format import NUSCENES
 from bagassets.recipe.model import NuScenes
 from bagassets.recipe.model_splits import Splits
 from bagassets.store.store import Store
@@ -24,10 +26,10 @@ def dataroot(tmp_path_factory):
     store = Store(folder / "store")
     drives = {"drive_1": Drive(seconds=4.2), "drive_2": Drive(seconds=5.5, seed=1, box_phase_s=0.031)}
     parts = [
-        BagPart(key, key, make_tables(store, drive, key=key, length_s=3.0).artifact.digest)
+        Part(key, key, make_tables(store, drive, key=key, length_s=3.0).artifact.digest)
         for key, drive in drives.items()
     ]
-    assemble(parts, NuScenes(version=VERSION), store, folder / "nuscenes", splits=SPLITS)
+    assemble(NUSCENES, parts, NuScenes(version=VERSION), store, folder / "nuscenes", splits=SPLITS)
     return folder / "nuscenes"
 
 
@@ -128,6 +130,6 @@ def test_what_the_drive_is_made_of_scores_perfectly_in_the_detection_evaluation(
 
 
 def test_a_dataset_without_recordings_loads_too(tmp_path):
-    assemble([], NuScenes(version=VERSION), Store(tmp_path / "store"), tmp_path / "empty")
+    assemble(NUSCENES, [], NuScenes(version=VERSION), Store(tmp_path / "store"), tmp_path / "empty")
     facts = run_devkit("devkit_walk.py", tmp_path / "empty", VERSION)
     assert facts["tables"]["sample"] == 0

@@ -7,9 +7,10 @@ from concurrent.futures import ProcessPoolExecutor
 import pytest
 from blake3 import blake3
 
-from bagassets.bags import digest as module
-from bagassets.bags import digest_record
-from bagassets.bags.digest import (
+from bagassets.errors import ChangedWhileReadError, RecordingError, StoreError
+from bagassets.recordings import digest as module
+from bagassets.recordings import digest_record
+from bagassets.recordings.digest import (
     DigestIndex,
     RecordingStat,
     assert_unchanged,
@@ -18,9 +19,8 @@ from bagassets.bags.digest import (
     recording_stat,
     stored_digest,
 )
-from bagassets.bags.digest_record import ATTRIBUTE
-from bagassets.bags.discover import find_one
-from bagassets.errors import ChangedWhileReadError, RecordingError, StoreError
+from bagassets.recordings.digest_record import ATTRIBUTE
+from bagassets.recordings.discover import find_one
 from bagassets.store.canonical import digest_json
 
 

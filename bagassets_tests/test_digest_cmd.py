@@ -7,8 +7,8 @@ import pytest
 from blake3 import blake3
 from click.testing import CliRunner
 
-from bagassets.bags.digest_record import DigestIndex, read_attribute
 from bagassets.cli.main import root
+from bagassets.recordings.digest_record import DigestIndex, read_attribute
 from bagassets_tests.test_digest import rewrite_in_place
 
 RECIPE = """

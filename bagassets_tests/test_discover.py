@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bagassets.bags.discover import _key, discover, find_one, matches
 from bagassets.errors import RecordingError
 from bagassets.recipe.model import Bags
+from bagassets.recordings.discover import _key, discover, find_one, matches
 
 
 def touch(root, *names):

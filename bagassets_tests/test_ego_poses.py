@@ -1,17 +1,19 @@
-"""The step `ego_poses`: every source against a known motion, and what is missing or contradicts."""
+"""The asset `ego_poses`: every source against a known motion, and what is missing or contradicts."""
 
 import math
+from functools import partial
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from bagassets.assets.ego_poses import EGO_POSES
 from bagassets.errors import DecodeError, LossLimitError, PoseError
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.wgs84 import utm
 from bagassets.recipe.model import Limits
-from bagassets.steps import ego_poses
+from bagassets_tests.facts import MadeUpFacts, use_of
 from bagassets_tests.pose_data import (
     IMU,
     NAVSAT,
@@ -226,7 +228,7 @@ class TestTopics:
     def test_a_topic_that_is_not_there(self, tmp_path):
         with pytest.raises(
             PoseError,
-            match=r"rig car: the recording has no messages on /odom, which ego_pose reads; it has /pose\.",
+            match=r"ego poses: the recording has no messages on /odom, which ego_pose reads; it has /pose\.",
         ):
             Posed(tmp_path, ODOM, ("/pose", POSE, T0, pose_stamped(T0, truth(0))))
 
@@ -256,13 +258,13 @@ class TestTopics:
 class TestTf:
     """A chain of transforms."""
 
-    SOURCE = {"source": "tf", "global_frame": "map"}  # noqa: RUF012
+    SOURCE = {"source": "tf", "global_frame": "map"}
 
     @staticmethod
     def chain(drift_times, odometry_times, mount=None):
         """map -> odom (slow), odom -> base (fast), base -> base_link (fixed); together `truth`."""
         mount = mount or SE3.create(about_z(0.1), (0.5, 0.0, 0.2))
-        drift = lambda t: SE3.create(about_z(0.01 * t), (0.2 * t, 0.0, 0.0))  # noqa: E731
+        drift = lambda t: SE3.create(about_z(0.01 * t), (0.2 * t, 0.0, 0.0))
         entries = [
             ("/tf", TFMESSAGE, at(t) + 300_000_000, tf(transform(at(t), "/map", "odom", drift(t))))
             for t in drift_times
@@ -357,7 +359,28 @@ class TestTf:
             Posed(tmp_path, self.SOURCE, static("a", "b", SE3()))
 
 
-def fixes(times, antenna=SE3(), frame="gps", origin=ORIGIN):  # noqa: B008  (immutable)
+@pytest.mark.parametrize(
+    ("source", "topic", "words"),
+    [
+        ({"source": "navsat", "topic": "/imu"}, "/imu", "10 because it is a sensor_msgs/Imu, expected sensor_msgs/NavSatFix"),
+        (
+            {"source": "navsat", "topic": "/fix", "imu": "/again"}, "/again",
+            "10 because no Imu orientation at its time",
+        ),
+    ],
+)  # fmt: skip
+def test_a_topic_of_another_type_is_told_and_fails_in_a_sentence(tmp_path, source, topic, words):
+    times = [n / 10 for n in range(10)]
+    entries = fixes(times)
+    if topic == "/again":
+        entries += [("/again", *entry[1:]) for entry in fixes(times)]
+    else:
+        entries = turns(times)
+    with pytest.raises(PoseError, match=words):
+        Posed(tmp_path, source, *entries)
+
+
+def fixes(times, antenna=SE3(), frame="gps", origin=ORIGIN):
     """Fixes of an antenna that sits at `antenna` on the vehicle."""
     made = []
     for t in times:
@@ -367,7 +390,7 @@ def fixes(times, antenna=SE3(), frame="gps", origin=ORIGIN):  # noqa: B008  (imm
     return made
 
 
-def turns(times, mount=SE3(), frame="imu"):  # noqa: B008  (immutable)
+def turns(times, mount=SE3(), frame="imu"):
     return [("/imu", IMU, at(t), imu(at(t), (truth(t) @ mount).rotation, frame=frame)) for t in times]
 
 
@@ -502,7 +525,7 @@ class TestFixed:
     def test_one_pose_holds_always(self, tmp_path):
         pose = {"translation": [1.0, 2.0, 3.0], "rotation": [0.5, 0.5, 0.5, 0.5]}
         made = Posed(tmp_path, {"source": "fixed", "pose": pose})
-        assert made.request.topics == ()
+        assert made.use.topics == ()
         assert made.json["fixed"]
         assert made.table == [
             {"stamp_ns": 0, "x": 1.0, "y": 2.0, "z": 3.0, "qw": 0.5, "qx": 0.5, "qy": 0.5, "qz": 0.5}
@@ -512,12 +535,13 @@ class TestFixed:
 
 
 def test_the_key_holds_what_is_read_and_nothing_else():
-    inventory = Recorded(*odometries([0.0])).inventory()
-    base = ego_poses.request(rig(ODOM), "header", inventory)
+    facts = MadeUpFacts(Recorded(*odometries([0.0])).inventory())
+    used = partial(use_of, EGO_POSES, facts=facts)
+    base = used(rig(ODOM))
     assert base.topics == ("/odom",)
-    assert ego_poses.request(rig(ODOM, location="x"), "header", inventory) == base
-    assert ego_poses.request(rig(ODOM), "log", inventory) != base
-    assert ego_poses.request(rig(ODOM | {"max_gap_s": 1.0}), "header", inventory) != base
+    assert used(rig(ODOM, location="x")) == base
+    assert used(rig(ODOM), clock="log") != base
+    assert used(rig(ODOM | {"max_gap_s": 1.0})) != base
 
 
 def test_the_same_messages_give_the_same_bytes(tmp_path):

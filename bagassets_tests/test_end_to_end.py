@@ -6,15 +6,18 @@ import shutil
 import numpy as np
 import pytest
 
-from bagassets.bags.digest import recording_digest, recording_stat
-from bagassets.bags.discover import discover
-from bagassets.engine.recording_build import BuildFailure, RecordingBuild, Skipped
-from bagassets.nuscenes.check import check_dataset
+from bagassets.assets.ego_poses import load_trajectory
+from bagassets.build.execute import BuildFailure, Skipped
+from bagassets.formats.assembly import assemble
+from bagassets.formats.format import Part
+from bagassets.formats.nuscenes.check import check_dataset
+from bagassets.formats.nuscenes.format import NUSCENES
 from bagassets.recipe import load_recipe
-from bagassets.steps.ego_poses import load_trajectory
-from bagassets.steps.nuscenes_dataset import BagPart, assemble
+from bagassets.recordings.digest import recording_digest, recording_stat
+from bagassets.recordings.discover import discover
 from bagassets.store.store import Store
 from bagassets_tests.devkit import run_devkit
+from bagassets_tests.recording_build import RecordingBuild
 from bagassets_tests.small_drive import RECIPE, SPEED_MPS, START_NS, write_drive
 
 NAMES = {"ros1": "a.bag", "ros2": "b", "mcap": "c.mcap"}
@@ -53,9 +56,9 @@ def project(tmp_path_factory):
 def test_the_devkit_loads_and_walks_the_dataset_of_every_format(project):
     recipe, made = project
     store = Store(recipe.store_path)
-    parts = [BagPart(key, key, assets["nuscenes_tables"].artifact.digest) for key, assets in made.items()]
-    summary = assemble(parts, recipe.nuscenes, store, recipe.nuscenes.output)
-    assert summary.rows["scene"] == len(NAMES)
+    parts = [Part(key, key, assets["nuscenes_tables"].artifact.digest) for key, assets in made.items()]
+    summary = assemble(NUSCENES, parts, recipe.nuscenes, store, recipe.nuscenes.output)
+    assert summary.facts["rows"]["scene"] == len(NAMES)
     assert check_dataset(recipe.nuscenes.output, "v1.0-test") == []
     walked = run_devkit("devkit_walk.py", recipe.nuscenes.output, "v1.0-test")
     assert [scene["samples"] for scene in walked["scenes"].values()] == [6] * len(NAMES)

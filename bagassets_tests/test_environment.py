@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from bagassets.bags.globs import matches
 from bagassets.forkserver.client import Client
+from bagassets.recordings.globs import matches
 from bagassets_tests.services import BIN, bare_environment
 from bagassets_tests.small_drive import write_drive
 

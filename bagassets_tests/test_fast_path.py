@@ -12,12 +12,11 @@ import pytest
 
 from bagassets.defs.events import event_database
 from bagassets.defs.runs import open_instance
-from bagassets.engine.plan_memo import artifacts_of
-from bagassets.quick import artifacts, looks
-from bagassets.quick.artifacts import check_groups, groups_of
-from bagassets.quick.build import nothing_to_do
-from bagassets.quick.looks import Doubt
-from bagassets.quick.snapshot import NAME
+from bagassets.freshness import artifacts, marks
+from bagassets.freshness.artifacts import check_groups, groups_of
+from bagassets.freshness.cache import NAME, Cache, Changes
+from bagassets.freshness.decide import nothing_to_do
+from bagassets.freshness.marks import Doubt
 from bagassets.recipe import load_recipe
 from bagassets_tests.in_process import build, make_project, states, survey
 
@@ -49,7 +48,7 @@ def recording(recipe_file):
 def a_file_of(recipe_file, name):
     """Return the file `name` of an artifact that is current."""
     root = load_recipe(recipe_file).store_path / "artifacts"
-    folders = [root / digest[:2] / digest for digest in artifacts_of(survey(recipe_file).plan.bags[KEY])]
+    folders = [root / digest[:2] / digest for digest in survey(recipe_file).plan.bags[KEY].artifacts]
     return next(f / "files" / name for f in folders if (f / "files" / name).is_file())
 
 
@@ -187,7 +186,7 @@ def test_a_file_that_is_missing_from_the_dataset_is_seen(fresh):
 
 
 def test_a_map_that_is_missing_is_seen(tmp_path, monkeypatch):
-    from bagassets.engine.report_data import map_path
+    from bagassets.formats.report_data import map_path
     from bagassets_tests.small_drive import RECIPE
 
     recipe_file = make_project(tmp_path, [KEY], text=RECIPE, duration_s=1.0)
@@ -249,19 +248,15 @@ def test_a_fresh_database_is_seen(fresh, monkeypatch):
 
 
 def test_a_package_that_was_upgraded_is_seen(fresh, monkeypatch, tmp_path):
-    from bagassets.forkserver import spec
-
     folder = tmp_path / "site"
     (folder / "numpy-2.0.dist-info").mkdir(parents=True)
-    monkeypatch.setattr(spec, "_site_folders", lambda: (folder,))
+    monkeypatch.setattr(marks, "site_folders", lambda: (str(folder),))
     assert not is_quick(fresh)
 
 
 def test_code_that_was_edited_is_seen(fresh, monkeypatch):
-    from bagassets.forkserver import spec
-
-    signatures = spec._signatures
-    monkeypatch.setattr(spec, "_signatures", lambda root: [*signatures(root), ["steps/frames.py", 1, 2]])
+    lines = marks._source_lines
+    monkeypatch.setattr(marks, "_source_lines", lambda root: [*lines(root), "assets/frames.py 1 2"])
     assert not is_quick(fresh)
 
 
@@ -286,13 +281,33 @@ def test_a_database_named_by_a_variable_leaves_no_snapshot(fresh, monkeypatch):
         config.write_text(text)
 
 
-@pytest.mark.parametrize("damage", [b"", b"{}\n", b"\xff\xfe\n", b'{"format": 99}\n'])
-def test_a_damaged_snapshot_is_a_doubt(fresh, damage):
+@pytest.mark.parametrize("damage", [b"", b"{}\n", b"no database " * 1000, None])
+def test_a_damaged_cache_file_is_a_doubt_and_made_anew(fresh, monkeypatch, damage):
     path = load_recipe(fresh).state / NAME
     whole = path.read_bytes()
-    path.write_bytes(damage)
+    path.write_bytes(whole[: len(whole) // 2] if damage is None else damage)
     assert not is_quick(fresh)
-    path.write_bytes(whole[:-32])
+    path.write_bytes(whole)
+    assert is_quick(fresh)
+    path.write_bytes(b"" if damage is None else damage)
+    assert build(fresh, monkeypatch)[0].succeeded
+    assert is_quick(fresh)
+
+
+@pytest.mark.parametrize("kind", ["settled", "artifacts", "last", "published"])
+def test_what_is_missing_or_torn_in_the_cache_file_is_a_doubt(fresh, kind):
+    cache = Cache(load_recipe(fresh).state)
+    path = load_recipe(fresh).state / NAME
+    whole = path.read_bytes()
+    ((key, content),) = cache.all(kind).items()
+    changes = Changes()
+    changes.drop(kind, key)
+    cache.write(changes)
+    assert not is_quick(fresh)
+    path.write_bytes(whole)
+    with sqlite3.connect(path) as connection:
+        connection.execute("UPDATE entries SET content = ? WHERE kind = ?", (b"0" * len(content), kind))
+    connection.close()
     assert not is_quick(fresh)
     path.write_bytes(whole)
     assert is_quick(fresh)
@@ -312,7 +327,7 @@ def test_a_failed_recording_takes_the_full_path(project, monkeypatch):
     broken.unlink()
 
 
-# --- looks --------------------------------------------------------------------------------
+# --- marks --------------------------------------------------------------------------------
 
 
 def test_a_look_at_a_tree_follows_links_and_stops_at_loops(tmp_path):
@@ -323,12 +338,12 @@ def test_a_look_at_a_tree_follows_links_and_stops_at_loops(tmp_path):
     (root / "link").symlink_to(tmp_path / "real")
     (root / "loop").symlink_to(root)
     (root / "broken").symlink_to(tmp_path / "nothing")
-    before = looks.tree_look(str(root))
-    assert looks.tree_look(str(root)) == before
+    before = marks.tree_mark(str(root))
+    assert marks.tree_mark(str(root)) == before
     (tmp_path / "real" / "a.bag").write_bytes(b"22")
-    assert looks.tree_look(str(root)) != before
+    assert marks.tree_mark(str(root)) != before
     with pytest.raises(Doubt):
-        looks.tree_look(str(tmp_path / "nothing"))
+        marks.tree_mark(str(tmp_path / "nothing"))
 
 
 @pytest.mark.parametrize("content", [None, b"", b"no database at all" * 100])
@@ -337,7 +352,7 @@ def test_another_schema_is_a_doubt(tmp_path, content):
     if content is not None:
         path.write_bytes(content)
     with pytest.raises(Doubt):
-        looks.database_look(str(path), "x")
+        marks.records_mark(str(path), "x")
 
 
 def artifact(root, digest):

@@ -3,8 +3,8 @@
 import pytest
 
 from bagassets.annotations.files.find import expand, find_labels, label_paths
-from bagassets.bags.model import Found
 from bagassets.recipe.model import Rig
+from bagassets.recordings.model import Found
 from bagassets.store.canonical import digest_bytes
 
 
@@ -52,7 +52,7 @@ def test_of_a_folder_the_files_of_the_format_count(found, kind):
     for name in ("b.json", "A.JSON", "c.parquet", "d.xml", "e.txt", "f"):
         (folder / name).write_bytes(name.encode())
     (folder / "g.json").mkdir()
-    labels = find_labels(rig(format=kind, path="labels", **fields), found)["labels"]
+    labels = find_labels(rig(format=kind, path="labels", **fields).annotation_files, found)["labels"]
     names = {file.name for file in labels.files}
     assert names == {
         name for name in ("b.json", "A.JSON", "c.parquet", "d.xml", "e.txt") if name[1:].lower() in endings
@@ -68,20 +68,20 @@ def test_of_a_folder_the_files_of_the_format_count(found, kind):
 
 def test_a_file_keeps_its_name_in_the_recipe(found):
     (found.path.parent / "run.1.json").write_bytes(b"{}")
-    labels = find_labels(rig(format="boxes", path="{stem}.json"), found)["{stem}.json"]
+    labels = find_labels(rig(format="boxes", path="{stem}.json").annotation_files, found)["{stem}.json"]
     assert labels.inputs == {"labels:{stem}.json": digest_bytes(b"{}")}
     assert not labels.is_folder
 
 
 def test_without_files_there_are_none(found):
-    labels = find_labels(rig(format="boxes", path="{stem}.json"), found)["{stem}.json"]
+    labels = find_labels(rig(format="boxes", path="{stem}.json").annotation_files, found)["{stem}.json"]
     assert (labels.files, labels.inputs, labels.is_folder) == ((), {}, False)
     assert label_paths(rig(format="boxes", path="{stem}.json"), found) == [found.path.parent / "run.1.json"]
 
 
 def test_a_file_of_times_is_one_of_them(found):
     source = {"format": "kitti_labels", "path": "{stem}.txt"} | TIMES
-    assert find_labels(rig(**source), found)["{stem}.txt"].times is None
+    assert find_labels(rig(**source).annotation_files, found)["{stem}.txt"].times is None
     (found.path.parent / "run.1.times.txt").write_bytes(b"1")
-    labels = find_labels(rig(**source), found)["{stem}.txt"]
+    labels = find_labels(rig(**source).annotation_files, found)["{stem}.txt"]
     assert labels.inputs == {"labels:times of {stem}.txt": digest_bytes(b"1")}

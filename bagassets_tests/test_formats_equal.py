@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from bagassets.nuscenes.schema import RECORDING_TABLES
+from bagassets.formats.nuscenes.schema import RECORDING_TABLES
 from bagassets.sample.drive import Target, write_recordings
 from bagassets.sample.recipe import sample_recipe
 from bagassets_tests.in_process import QUICK

@@ -6,12 +6,11 @@ import cv2
 import numpy as np
 import pytest
 
-from bagassets.bags.model import RawMessage
+from bagassets.assets.frames import FrameExtractor
 from bagassets.errors import LossLimitError
-from bagassets.steps.frames import FrameExtractor
+from bagassets.recordings.model import RawMessage
 from bagassets.store.artifact import ArtifactWriter
-
-IMAGE = "sensor_msgs/msg/Image"
+from bagassets_tests.cameras import IMAGE, camera_use
 
 
 class Photos:
@@ -26,11 +25,8 @@ class Photos:
 
 
 def extractor(folder, *seconds, clock="header", lost_messages=1.0):
-    params = {
-        "channel": "CAM", "topic": "/cam", "msgtype": IMAGE, "output": "jpeg", "undistort": False, "target": None,
-        "to_8bit": None, "camera": None, "clock": clock, "lost_messages": lost_messages,
-    }  # fmt: skip
-    made = FrameExtractor(params, Photos(), ArtifactWriter(folder / "a"))
+    use = camera_use(clock=clock, lost_messages=lost_messages)
+    made = FrameExtractor(use, Photos(), ArtifactWriter(folder / "a"))
     for number, stamp_s in enumerate(seconds, 7):
         made.add(RawMessage("/cam", IMAGE, number * 10**9, str(stamp_s).encode()))
     return made
@@ -89,11 +85,8 @@ class LatePool:
 
 
 def test_images_that_wait_for_a_thread_do_not_change_with_the_buffer_they_came_in(tmp_path):
-    tape, params = Tape(), {
-        "channel": "CAM", "topic": "/cam", "msgtype": IMAGE, "output": "png", "undistort": False, "target": None,
-        "to_8bit": None, "camera": None, "clock": "header", "lost_messages": 0.0,
-    }  # fmt: skip
-    made = FrameExtractor(params, tape, ArtifactWriter(tmp_path / "a"), LatePool())
+    tape = Tape()
+    made = FrameExtractor(camera_use(output="png"), tape, ArtifactWriter(tmp_path / "a"), LatePool())
     for second in range(1, 10):
         made.add(tape.message(second))
     assert made.finish()["counts"]["written"] == 9

@@ -13,13 +13,16 @@ import pytest
 from click.testing import CliRunner
 
 from bagassets.cli.main import root as command_line
-from bagassets.defs.workspace import partitions_name
-from bagassets.engine.lock_roots import locked_artifacts, locks_of
+from bagassets.defs.partitions import partitions_name
 from bagassets.errors import DatasetError, StoreError
-from bagassets.nuscenes.check import check_dataset
+from bagassets.formats.assembly import assemble
+from bagassets.formats.dataset_lock import locked_artifacts
+from bagassets.formats.format import Part
+from bagassets.formats.lock_roots import locks_of
+from bagassets.formats.nuscenes.check import check_dataset
+from bagassets.formats.nuscenes.format import NUSCENES
+from bagassets.propose.project import dagster_home, write_project
 from bagassets.recipe import load_recipe
-from bagassets.recipe.project import dagster_home, write_project
-from bagassets.steps.nuscenes_dataset import BagPart, assemble
 from bagassets.store import collect as module
 from bagassets.store.action import Step
 from bagassets.store.collect import collect, find_garbage
@@ -293,14 +296,24 @@ class TestLocks:
         recipe = make_project(tmp_path, mcap="a.mcap")
         made = build_all(recipe)["a.mcap"]["nuscenes_tables"].artifact.digest
         assemble(
-            [BagPart("a.mcap", "c", made)], recipe.nuscenes, Store(recipe.store_path), recipe.nuscenes.output
+            NUSCENES,
+            [Part("a.mcap", "c", made)],
+            recipe.nuscenes,
+            Store(recipe.store_path),
+            recipe.nuscenes.output,
         )
         kept = recipe.state / "kept-locks" / "release" / "1.json"
         kept.parent.mkdir(parents=True)
         kept.write_text('{"bags": [{"nuscenes_tables": "abc"}, {"vision_sequences": "def"}]}')
         assert list(locks_of(recipe)) == [recipe.nuscenes.output / "v1.0-test" / "dataset.lock.json", kept]
         assert locked_artifacts(kept) == {"abc", "def"}
-        assert locked_artifacts(next(locks_of(recipe))) == {made}
+        assert made in locked_artifacts(next(locks_of(recipe)))
+
+    def test_a_format_whose_package_cannot_be_used_stops_the_collection(self, tmp_path):
+        recipe = make_project(tmp_path, mcap="a.mcap")
+        raw = recipe.model_copy(update={"formats": {"broken": {"output": "dataset/broken"}}})
+        with pytest.raises(DatasetError, match=r"formats\.broken .* nothing is collected"):
+            list(locks_of(raw))
 
     @pytest.mark.parametrize("content", ["", "[]", "{}", '{"bags": 3}'])
     def test_what_is_no_lock_stops_the_collection(self, tmp_path, content):

@@ -17,8 +17,8 @@ import sys
 
 import pytest
 
-from bagassets.engine.recording_assets import UPSTREAM
 from bagassets_tests.golden_drive import GOLDEN, STEPS, made_digests, record, step_of, unannounced
+from bagassets_tests.recording_build import UPSTREAM
 
 # What processors may lack, in the words of numpy (new and old), OpenCV, OpenBLAS and the C library.
 OLD_PROCESSOR = {

@@ -10,13 +10,14 @@ import cv2
 import numpy as np
 import pytest
 
-from bagassets.bags.model import RawMessage
+from bagassets.assets.frames import FrameExtractor
+from bagassets.assets.grey_survey import GreySurvey
 from bagassets.errors import DecodeError, StoreError
-from bagassets.steps.frames import FrameExtractor
-from bagassets.steps.grey_survey import GreySurvey
+from bagassets.recipe.model import GreyRange
+from bagassets.recordings.model import RawMessage
 from bagassets.store.artifact import ArtifactWriter
+from bagassets_tests.cameras import IMAGE, camera_use
 
-IMAGE = "sensor_msgs/msg/Image"
 RNG = np.random.default_rng(7)
 IMAGES = [RNG.integers(200 * n, 3000 + 900 * n, (12, 16)).astype(np.uint16) for n in range(5)]
 
@@ -52,14 +53,10 @@ def messages(*, broken=()):
 
 
 def converted(folder, rule, recording=None, *, pool=None, broken=(), lost_messages=0.0):
-    params = {
-        "channel": "CAM", "topic": "/cam", "msgtype": IMAGE, "output": "png", "undistort": False, "target": None,
-        "to_8bit": {"range": None, "percentiles": None} | rule, "camera": None, "clock": "header",
-        "lost_messages": lost_messages,
-    }  # fmt: skip
+    use = camera_use(output="png", to_8bit=GreyRange(**rule), lost_messages=lost_messages)
     recording = recording or Photos()
     writer = ArtifactWriter(folder / "artifact")
-    extractor = FrameExtractor(params, recording, writer, pool)
+    extractor = FrameExtractor(use, recording, writer, pool)
     for message in messages(broken=broken):
         extractor.add(message)
     summary = extractor.finish()

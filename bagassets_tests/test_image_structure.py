@@ -11,12 +11,13 @@ import cv2
 import numpy as np
 import pytest
 
+from bagassets.assets.frames import FrameExtractor
 from bagassets.decode.compressed_image import checked_size, unpack
 from bagassets.errors import DecodeError
 from bagassets.kernels import markers
 from bagassets.kernels.machine_code import MachineCode
-from bagassets.steps.frames import FrameExtractor
 from bagassets.store.artifact import ArtifactWriter
+from bagassets_tests.cameras import camera_use
 
 HEIGHT, WIDTH = 120, 200
 NOISE = np.random.default_rng(5).integers(0, 256, (HEIGHT, WIDTH, 3), np.uint8)
@@ -197,12 +198,8 @@ class Decoded:
 
 @pytest.mark.parametrize("output", ["as_recorded", "jpeg", "png"])
 def test_each_damaged_image_is_a_lost_message_with_its_reason(tmp_path, output):
-    params = {
-        "channel": "CAM", "topic": "/cam", "msgtype": "sensor_msgs/msg/CompressedImage", "clock": "header",
-        "output": output, "quality": 90, "undistort": False, "target": None, "to_8bit": None, "camera": None,
-        "lost_messages": 1.0,
-    }  # fmt: skip
-    extractor = FrameExtractor(params, Decoded(), ArtifactWriter(tmp_path / "made"))
+    use = camera_use("sensor_msgs/msg/CompressedImage", output=output, lost_messages=1.0)
+    extractor = FrameExtractor(use, Decoded(), ArtifactWriter(tmp_path / "made"))
     images = [PLAIN, *(data for data, _ in DAMAGED.values()), PNG]
     for number, data in enumerate(images):
         header = SimpleNamespace(stamp=SimpleNamespace(sec=1, nanosec=number * 1000), frame_id="cam")

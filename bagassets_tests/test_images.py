@@ -6,11 +6,12 @@ import cv2
 import numpy as np
 import pytest
 
+from bagassets.assets.image_output import ImageOutput
 from bagassets.decode.compressed_image import checked_size, decode_compressed_image, unpack
 from bagassets.decode.image import decode_image, demosaic, to_bgr_or_grey
 from bagassets.errors import DecodeError
 from bagassets.geometry.camera import CameraModel
-from bagassets.steps.image_output import ImageOutput
+from bagassets_tests.cameras import camera_use
 
 RGB = (200, 120, 40)
 HEADER = SimpleNamespace(stamp=SimpleNamespace(sec=1, nanosec=2), frame_id="/cam")
@@ -234,17 +235,14 @@ def test_a_bayer_camera_compressed_as_grey_is_grey():
     ],
 )
 def test_only_what_any_viewer_shows_right_passes_as_recorded(said, passed):
-    params = {
-        "channel": "CAM", "topic": "/cam", "output": "as_recorded", "quality": 90, "camera": None, "undistort": False,
-        "target": None,
-    }  # fmt: skip
+    use = camera_use("sensor_msgs/msg/CompressedImage", output="as_recorded")
     rows = mosaic("rggb", np.uint8) if "bayer" in said else np.full((16, 16, 3), RGB, np.uint8)
     message = (
         compressed(cv2.imencode(".png", rows)[1].tobytes(), said)
         if "bayer" in said
         else published(rows, said)
     )
-    made = ImageOutput(params, None).make(decode_compressed_image(message))
+    made = ImageOutput(use, None).make(decode_compressed_image(message))
     assert made.extension == ".png"
     assert (bytes(made.data) == message.data.tobytes()) == passed
     shown = cv2.imdecode(np.frombuffer(made.data, np.uint8), cv2.IMREAD_COLOR)

@@ -2,9 +2,9 @@
 
 import pytest
 
-from bagassets.bags.model import RawMessage
-from bagassets.steps import kept_messages
-from bagassets.steps.kept_messages import KeptMessages
+from bagassets.assets import kept_messages
+from bagassets.assets.kept_messages import KeptMessages
+from bagassets.recordings.model import RawMessage
 
 PACKET = "ethernet_msgs/msg/Packet"
 

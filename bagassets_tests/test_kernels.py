@@ -9,11 +9,9 @@ from hypothesis import strategies as st
 
 from bagassets.geometry.camera import CameraModel
 from bagassets.geometry.undistortion import Undistortion, undistort
-from bagassets.kernels import bilinear, machine_code, markers, motion
+from bagassets.kernels import bilinear, machine_code, markers
 from bagassets.kernels.bilinear import BilinearLookup
 from bagassets.kernels.machine_code import MachineCode
-from bagassets.kernels.motion import move_points
-from bagassets.steps import deskew
 
 LENSES = [(-0.3, 0.1, 0.0, 0.0, 0.0), (0.5, 0.2, 0.0, 0.0, 0.0), (0.0, 0.0, 0.05, -0.08, 0.0), (0.0,) * 5]
 
@@ -25,7 +23,6 @@ def no_llvmlite(monkeypatch):
     monkeypatch.setattr(machine_code, "_ALL", [])
     for module, name, build in (
         (bilinear, "_LOOKUP", "_build"),
-        (motion, "_MOVE", "_build"),
         (markers, "_FIND", "_build"),
     ):
         known = getattr(module, name)
@@ -106,27 +103,6 @@ def test_an_image_that_the_maps_are_not_for_is_refused(shape):
         lookup(np.zeros(shape, np.uint8))
 
 
-def scan(seed, points, group, knots):
-    dice = np.random.default_rng(seed)
-    span = (knots - 1) * deskew.KNOT_NS - int(dice.integers(0, deskew.KNOT_NS))
-    times = np.sort(dice.integers(0, span + 1, -(-points // group))).repeat(group)[:points]
-    knots_ns = np.arange(knots, dtype=np.int64) * deskew.KNOT_NS
-    knots_ns[-1] = span
-    cloud = dice.normal(0, 40, (points, 5)).astype(np.float32)
-    return cloud, times, knots_ns, dice.normal(0, 1, (knots, 12))
-
-
-@settings(max_examples=80, deadline=None)
-@given(st.integers(0, 9999), st.integers(1, 400), st.integers(1, 40), st.integers(2, 60))
-def test_points_move_as_numpy_moves_them(seed, points, group, knots):
-    cloud, times, knots_ns, transforms = scan(seed, points, group, knots)
-    plain, fast = cloud.copy(), cloud.copy()
-    deskew._move(plain, times, knots_ns, transforms)
-    assert move_points(fast, times, knots_ns, transforms, deskew.KNOT_NS)
-    assert plain.tobytes() == fast.tobytes()
-    assert not np.array_equal(plain[:, :3], cloud[:, :3])
-
-
 def test_without_llvmlite_markers_are_found_all_the_same(no_llvmlite):
     assert markers.markers_from(memoryview(b"\x01\xff\x00\xff\xff\xd9"), 0) == [4]
     assert markers._FIND.function() is None
@@ -138,8 +114,6 @@ def test_without_llvmlite_the_twins_give_the_same(no_llvmlite):
     assert not straight._lookup.is_fast
     plain = undistort(bgra[..., :3].copy(), camera.undistortion_maps(camera.undistorted()))
     assert np.array_equal(straight(bgra), plain)
-    cloud, times, knots_ns, transforms = scan(1, 100, 8, 20)
-    assert not move_points(cloud, times, knots_ns, transforms, deskew.KNOT_NS)
     with pytest.raises(RuntimeError, match="no machine code"):
         straight._lookup(bgra)
 
@@ -147,7 +121,10 @@ def test_without_llvmlite_the_twins_give_the_same(no_llvmlite):
 def test_all_are_compiled_before_workers_fork():
     for _ in machine_code.compile_all():
         pass
-    assert {code._name for code in machine_code._ALL if code._function is not None} >= {"lookup", "move"}
+    assert {code._name for code in machine_code._ALL if code._function is not None} >= {
+        "lookup",
+        "find_markers",
+    }
 
 
 def test_what_cannot_be_compiled_is_told_once_and_done_without(caplog, monkeypatch):

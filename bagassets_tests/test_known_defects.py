@@ -30,6 +30,7 @@ import json
 import tracemalloc
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
+from dataclasses import replace
 from functools import partial
 from types import SimpleNamespace as Msg
 
@@ -39,20 +40,25 @@ from click.testing import CliRunner
 from dagster import AssetKey, DagsterInstance
 from handmade import T0, Drive, S, ego_pose, make_tables, regular, trajectory
 
-from bagassets.bags.model import RawMessage, TopicInfo
+from bagassets.assets.calibration import CALIBRATION, make_calibration
+from bagassets.assets.frames import FRAMES, FrameExtractor
+from bagassets.assets.image_output import ImageOutput, intrinsic_matrix
+from bagassets.assets.lidar_file import lidar_bytes, read_lidar_file
 from bagassets.cli.main import root
 from bagassets.decode.model import ImageReading
 from bagassets.errors import PoseError
+from bagassets.formats.assembly import assemble
+from bagassets.formats.format import Part
+from bagassets.formats.nuscenes.format import NUSCENES
+from bagassets.formats.nuscenes.tables import NUSCENES_TABLES
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.trajectory import Trajectory
-from bagassets.nuscenes.dataset import BagPart, assemble
-from bagassets.nuscenes.lidar_file import lidar_bytes, read_lidar_file
-from bagassets.recipe.model import Limits, NuScenes, Rig
-from bagassets.steps import calibration, frames, nuscenes_tables
-from bagassets.steps.frames import FrameExtractor
-from bagassets.steps.image_output import ImageOutput, intrinsic_matrix
+from bagassets.recipe.model import NuScenes, Rig
+from bagassets.recordings.model import RawMessage
 from bagassets.store.artifact import ArtifactWriter
 from bagassets.store.store import Store
+from bagassets_tests.cameras import camera_use
+from bagassets_tests.facts import MadeUpFacts, use_of
 from bagassets_tests.in_process import make_project
 from bagassets_tests.pose_data import (
     CAMERA_INFO,
@@ -81,7 +87,7 @@ def made(store):
 @pytest.fixture(scope="module")
 def dataset(store, made, tmp_path_factory):
     folder = tmp_path_factory.mktemp("dataset")
-    return assemble([BagPart("drive_1", "c", made.artifact.digest)], NuScenes(), store, folder).folder
+    return assemble(NUSCENES, [Part("drive_1", "c", made.artifact.digest)], NuScenes(), store, folder).folder
 
 
 def test_is_key_frame_is_no_string(dataset):
@@ -148,8 +154,8 @@ def test_a_short_gap_does_not_abort_a_scene(store):
 
 def test_tokens_are_not_rewritten_when_datasets_are_merged(store, made, dataset, tmp_path):
     other = make_tables(store, Drive(seed=5), key="drive_2")
-    parts = [BagPart("drive_1", "c", made.artifact.digest), BagPart("drive_2", "d", other.artifact.digest)]
-    merged = assemble(parts, NuScenes(), store, tmp_path).folder
+    parts = [Part("drive_1", "c", made.artifact.digest), Part("drive_2", "d", other.artifact.digest)]
+    merged = assemble(NUSCENES, parts, NuScenes(), store, tmp_path).folder
     for name in ("scene", "sample", "sample_data", "ego_pose", "instance", "sample_annotation"):
         alone = json.loads((dataset / f"{name}.json").read_text())
         tokens = [row["token"] for row in json.loads((merged / f"{name}.json").read_text())]
@@ -177,8 +183,8 @@ def test_a_step_that_fails_is_never_recorded_as_done(store):
     nowhere = Trajectory(np.array([S, 2 * S]), np.zeros((2, 3)), np.tile([1.0, 0, 0, 0], (2, 1)), S, 0)
     with pytest.raises(PoseError):
         make_tables(store, key="unlucky", poses=nowhere)
-    params = make_tables(store, key="unlucky_not").request
-    action = nuscenes_tables.STEP.action({**params.params, "key": "unlucky"}, params.inputs)
+    use = make_tables(store, key="unlucky_not").use
+    action = NUSCENES_TABLES.action(replace(use, params=replace(use.params, key="unlucky")), None)
     assert store.lookup(action) is None
     assert "has an ego pose" in (store.failure(action.digest) or "")
 
@@ -215,7 +221,7 @@ class Photos:
     """A recording of colour images, each made when it is decoded."""
 
     format = "mcap"
-    topics = {"/cam": TopicInfo("/cam", "sensor_msgs/msg/Image", 0)}  # noqa: RUF012
+    topics = {"/cam": Msg(name="/cam", msgtype="sensor_msgs/msg/Image", count=0)}
 
     def decode(self, message):
         pixels = np.full((600, 800, 3), message.log_time_ns % 251, np.uint8)
@@ -234,13 +240,9 @@ class Photos:
 @pytest.mark.parametrize("workers", [0, 4])
 def test_images_are_not_held_in_memory(tmp_path, workers):
     """150 images of 1.4 MB; an exporter that decodes the scene first needs 216 MB."""
-    params = {
-        "channel": "CAM", "topic": "/cam", "msgtype": "sensor_msgs/msg/Image", "output": "jpeg", "undistort": False,
-        "target": None, "to_8bit": None, "camera": None, "clock": "header", "lost_messages": 0.0,
-    }  # fmt: skip
     tracemalloc.start()
     with ThreadPoolExecutor(workers) if workers else nullcontext() as pool:
-        extractor = FrameExtractor(params, Photos(), ArtifactWriter(tmp_path / "a"), pool)
+        extractor = FrameExtractor(camera_use(), Photos(), ArtifactWriter(tmp_path / "a"), pool)
         for i in range(1, 151):
             extractor.add(RawMessage("/cam", "sensor_msgs/msg/Image", i, b""))
         extractor.finish()
@@ -285,16 +287,11 @@ def test_rectification_rotates_neither_images_nor_sensors(tmp_path):
         recorded = Recorded(*entries)
         channel = {"CAM_FRONT": {"modality": "camera", "topic": "/cam/image_raw"}}
         car = Rig.model_validate({"name": "car", "channels": channel, "ego_pose": {"source": "fixed"}})
-        asked = calibration.request(car, recorded.inventory())
-        written = Written(
-            tmp_path / str(number), partial(calibration.make, asked.params, recorded, urdf=None)
-        )
+        asked = use_of(CALIBRATION, car, MadeUpFacts(recorded.inventory()))
+        written = Written(tmp_path / str(number), partial(make_calibration, asked.params, recorded))
         calibrated = written.artifact.read_json("calibration.json")["channels"]["CAM_FRONT"]
-        camera = car.channels["CAM_FRONT"]
-        params = frames.request(
-            "CAM_FRONT", camera, "header", Limits(), recorded.inventory(), camera=calibrated["camera"]
-        ).params
-        output = ImageOutput(params, None)
+        facts = MadeUpFacts(recorded.inventory(), calibration={"channels": {"CAM_FRONT": calibrated}})
+        output = ImageOutput(use_of(FRAMES, car, facts, "CAM_FRONT").params, None)
         data = bytes(output.make(ImageReading(1, "cam", image, None, "mono8")).data)
         made.append((calibrated["ego_SE3_sensor"], data, intrinsic_matrix(output.written)))
     assert made[0] == made[1]

@@ -5,7 +5,7 @@ from threading import Event
 
 import pytest
 
-from bagassets.steps.large_images import _SMALL_PIXELS, _Room
+from bagassets.assets.image_output import _SMALL_PIXELS, _Room
 
 LARGE = _SMALL_PIXELS + 1
 SOON_S, NEVER_S = 30, 0.2

@@ -1,67 +1,97 @@
-"""Imports point down: only `defs/` and `definitions.py` know Dagster."""
+"""Imports point down, in every package and module, inside functions as well; only `defs/` and `definitions.py` know Dagster."""
 
 import ast
+import re
+from collections.abc import Iterator
 from pathlib import Path
 
 import bagassets
 
 ROOT = Path(bagassets.__file__).parent
 
-# Lower layers may not import upper ones; each package names what it may import.
-ORDER = [
-    ("escaping", "kernels", "lock_files"),
+# From the ground up: each may import what stands in lines above it here, and nothing else. Those of one line do not
+# know each other, so there is no cycle between packages either.
+LAYERS = [
+    ("__init__", "freshness", "escaping", "lock_files", "atomic", "trace", "kernels"),
     ("errors",),
-    ("geometry",),
-    ("recipe",),
-    ("store", "bags"),
+    ("extensions",),
+    ("plugins",),
+    ("geometry", "recipe"),
+    ("store",),
+    ("splits", "forkserver", "recordings"),
     ("decode",),
-    ("timeline", "annotations"),
-    ("nuscenes",),
-    ("vision", "preview", "report", "view"),
-    ("steps",),
+    ("timeline",),
+    ("annotations",),
     ("quality",),
-    ("engine",),
-    ("defs", "cli", "definitions"),
+    ("preview", "report"),
+    ("assets",),
+    ("build",),
+    ("formats",),
+    ("view", "propose"),
+    ("sample",),
+    ("defs",),
+    ("cli",),
+    ("definitions", "__main__"),
 ]
+LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}
 
 
-def imports_of(path):
+def imports_of(path: Path) -> Iterator[str]:
+    """Yield the full names of all modules, or of things in them, that a module imports anywhere in it."""
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
-            yield node.module or ""
+            assert node.level == 0, f"{path}: imports are absolute"
+            if node.module == "bagassets":
+                yield from (f"bagassets.{alias.name}" for alias in node.names)
+            else:
+                yield node.module or ""
+
+
+def package_of(path: Path) -> str:
+    """The package of `bagassets`, or module at its top, that a file belongs to."""
+    return path.relative_to(ROOT).parts[0].removesuffix(".py")
+
+
+def imported_package(name: str) -> str | None:
+    """The package or top module that an import is of; None if it is of another project."""
+    first, _, rest = name.partition(".")
+    if first != "bagassets":
+        return None
+    package = rest.partition(".")[0]
+    return package if package in LEVEL else "__init__"  # of the package itself, such as its version
+
+
+def test_every_package_has_its_place():
+    there = {package_of(path) for path in ROOT.rglob("*.py")}
+    assert there == set(LEVEL)
 
 
 def test_only_defs_import_dagster():
     leaks = [
         str(path.relative_to(ROOT))
         for path in ROOT.rglob("*.py")
-        if path.relative_to(ROOT).parts[0] not in {"defs", "definitions.py"}
-        and any(name.split(".")[0] == "dagster" for name in imports_of(path))
+        if package_of(path) not in {"defs", "definitions"}
+        and any(name.split(".")[0].startswith("dagster") for name in imports_of(path))
     ]
     assert leaks == []
 
 
-def test_steps_and_engine_import_nothing_above_them():
-    level = {name: i for i, names in enumerate(ORDER) for name in names}
-    wrong = []
-    for package in (
-        "steps",
-        "vision",
-        "preview",
-        "report",
-        "view",
-        "quality",
-        "engine",
-        "nuscenes",
-        "timeline",
-        "annotations",
-        "store",
-    ):
-        for path in (ROOT / package).rglob("*.py"):
-            for name in imports_of(path):
-                parts = name.split(".")
-                if parts[0] == "bagassets" and len(parts) > 1 and level.get(parts[1], -1) > level[package]:
-                    wrong.append(f"{path.relative_to(ROOT)} imports {name}")
-    assert wrong == []
+def test_nothing_imports_what_is_beside_or_above_it():
+    upward = set()
+    for path in ROOT.rglob("*.py"):
+        package = package_of(path)
+        for name in imports_of(path):
+            other = imported_package(name)
+            if other is not None and other != package and LEVEL[other] >= LEVEL[package]:
+                upward.add(f"{path.relative_to(ROOT)} -> {name.removeprefix('bagassets.')}")
+    assert upward == set()
+
+
+def test_the_documentation_shows_the_layers_from_above():
+    text = (ROOT.parent / "docs" / "code.md").read_text("utf-8")
+    rows = [line.split("|")[1] for line in text.splitlines() if line.startswith("| `")]
+    told = [name for row in rows for name in re.findall(r"`(\w+)(?:/|\.py)`", row)]
+    assert sorted(told) == sorted(set(LEVEL) - {"__init__", "__main__"})
+    assert [LEVEL[name] for name in told] == sorted((LEVEL[name] for name in told), reverse=True)

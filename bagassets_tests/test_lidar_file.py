@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from bagassets.assets.lidar_file import lidar_bytes, read_lidar_file
+from bagassets.assets.radar_file import FIELDS, radar_bytes, read_radar_file
 from bagassets.errors import DatasetError
-from bagassets.nuscenes.lidar_file import lidar_bytes, read_lidar_file
-from bagassets.nuscenes.radar_file import FIELDS, radar_bytes, read_radar_file
 
 DEVKIT = Path(
     os.environ.get("BAGASSETS_DEVKIT_PYTHON", Path(__file__).parents[1] / ".devkit-venv/bin/python")

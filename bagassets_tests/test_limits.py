@@ -13,21 +13,23 @@ import pytest
 import zstandard
 from mcap.reader import make_reader
 
-from bagassets.bags.chunks import LatestChunks
-from bagassets.bags.damage import DamageError
-from bagassets.bags.elements import announced_elements, check_elements, fewest_bytes_of
-from bagassets.bags.layouts import choice_of
-from bagassets.bags.model import Definition
-from bagassets.bags.open import open_recording
-from bagassets.bags.unpack import _UNPACKERS, TooLargeError, unpack
-from bagassets.engine.code_version import code_version
-from bagassets.engine.recording_build import BuildFailure
+from bagassets.assets import inventory
+from bagassets.assets.asset import as_json
+from bagassets.build.execute import BuildFailure
 from bagassets.errors import CalibrationError, DecodeError, RecordingError, SizeLimitError
+from bagassets.formats.catalogue import recording_assets
+from bagassets.propose.project import write_project
 from bagassets.recipe import load_recipe
-from bagassets.recipe.model import Limits
-from bagassets.recipe.project import write_project
-from bagassets.steps import inventory
+from bagassets.recipe.model import READING_LIMITS, Limits
+from bagassets.recordings.chunks import LatestChunks
+from bagassets.recordings.damage import DamageError
+from bagassets.recordings.elements import announced_elements, check_elements, fewest_bytes_of
+from bagassets.recordings.layouts import choice_of
+from bagassets.recordings.model import Definition
+from bagassets.recordings.open import open_recording
+from bagassets.recordings.unpack import _UNPACKERS, TooLargeError, unpack
 from bagassets_tests import hostile
+from bagassets_tests.facts import MadeUpFacts
 from bagassets_tests.hostile import RULE, cdr, image_message
 from bagassets_tests.layout_data import inventory_of
 from bagassets_tests.recorded_bags import NOON_NS, text, write_ros1, write_ros2
@@ -162,7 +164,7 @@ class TestMessages:
     def test_a_limit_that_lets_images_in_makes_their_step_run_again_and_no_other(self, tmp_path):
         recipe = project_with(tmp_path, "{lost_messages: 1.0, image_pixels: 10000}")
         recipe_of_plain_images(recipe)
-        image = lambda number: image_message(200, 100, number=number, data=np.zeros(60_000, np.uint8))  # noqa: E731
+        image = lambda number: image_message(200, 100, number=number, data=np.zeros(60_000, np.uint8))
         hostile.write_mcap(recipe.bags.root / "a.mcap", hostile.plain_drive(image))
         file = tmp_path / "recipe.yaml"
         recipe = load_recipe(file)
@@ -173,7 +175,8 @@ class TestMessages:
         made = {made.asset: made.cached for made in build_of(raised, "a.mcap").build()}
         assert [asset for asset, cached in made.items() if not cached] == ["frames", "nuscenes_tables"]
         assert channel_of(raised, "frames", "CAM_FRONT")["lost"] == {}
-        changed = {asset for asset in made if code_version(raised, asset) != code_version(recipe, asset)}
+        before, now = recording_assets(recipe).versions, recording_assets(raised).versions
+        changed = {asset for asset in made if now[asset] != before[asset]}
         assert changed == {"frames"}
 
     def test_intrinsics_of_an_image_that_cannot_be(self, tmp_path):
@@ -200,7 +203,7 @@ class TestMessages:
     )  # fmt: skip
     def test_clouds_of_any_declared_size(self, tmp_path, width, height, step):
         recipe = project_with(tmp_path)
-        cloud = lambda number: hostile.cloud_message(width, height, step, np.zeros(0, np.uint8), number)  # noqa: E731
+        cloud = lambda number: hostile.cloud_message(width, height, step, np.zeros(0, np.uint8), number)
         hostile.write_mcap(recipe.bags.root / "a.mcap", hostile.plain_drive(None, cloud=cloud))
         counts = channel_of(recipe, "sweeps", "LIDAR_TOP")
         assert (counts["read"], sum(counts["lost"].values())) == (11, 2)
@@ -368,7 +371,8 @@ class TestRecordings:
 
     def test_the_inventory_is_keyed_by_limits_only_where_they_are_changed(self):
         def params(**limits):
-            return inventory.request("mcap", "0", {}, Limits(**limits)).params
+            known = inventory.InventoryParams((), Limits(**limits).changed(*READING_LIMITS))
+            return as_json(inventory.use(known, MadeUpFacts())[""].params)
 
         assert params() == params(image_pixels=20_000, lost_messages=0.5) == {"format": "mcap"}
         assert params(chunk_bytes=2_000_000) == {"format": "mcap", "chunk_bytes": 2_000_000}

@@ -10,12 +10,14 @@ import sys
 import pytest
 
 from bagassets.errors import DatasetError
-from bagassets.nuscenes import linking, swap
-from bagassets.nuscenes.guard import GUARD, guarded, refuse_unexpected
-from bagassets.nuscenes.linking import Linker
-from bagassets.nuscenes.stale import named_files, remove_files
-from bagassets.nuscenes.swap import swap_in
-from bagassets.nuscenes.table_file import copy_rows, read_table, rows_text, table_bytes, write_joined
+from bagassets.formats import linking, swap
+from bagassets.formats.assembly import remove_files
+from bagassets.formats.guard import GUARD, guarded, refuse_unexpected
+from bagassets.formats.json_files import copy_rows, rows_text, write_joined
+from bagassets.formats.linking import Linker
+from bagassets.formats.nuscenes.format import NUSCENES
+from bagassets.formats.nuscenes.table_file import read_table, table_bytes
+from bagassets.formats.swap import swap_in
 
 
 @pytest.fixture
@@ -200,7 +202,7 @@ class TestStale:
         return folder
 
     def test_without_tables_no_file_is_named(self, tmp_path):
-        assert named_files(tmp_path, {"a.bag"}) == set()
+        assert list(NUSCENES.places.named_in(tmp_path)) == []
 
     def test_files_go_and_so_do_folders_that_become_empty(self, tmp_path):
         for name in ("samples/CAM/1.jpg", "samples/CAM/2.jpg", "sweeps/CAM/3.jpg"):
@@ -224,7 +226,7 @@ class TestGuard:
 
     def test_it_waits_for_another_process(self, tmp_path):
         script = (
-            "import sys, time; from pathlib import Path; from bagassets.nuscenes.guard import guarded\n"
+            "import sys, time; from pathlib import Path; from bagassets.formats.guard import guarded\n"
             "with guarded(Path(sys.argv[1])):\n"
             "    print('held', flush=True); sys.stdin.read(); Path(sys.argv[1], 'first').touch()\n"
         )

@@ -1,28 +1,29 @@
 """Files that others on the machine could hold, or that would hold us."""
 
-import fcntl
 import os
 import socket
 import stat
 import subprocess
 import sys
+import threading
 import time
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import pytest
 
-from bagassets.bags.discover import discover, find_one
-from bagassets.cli.summary import summary_rows
+from bagassets import lock_files
+from bagassets.build.build_report import BagOutcome, BuildReport
+from bagassets.build.plan_model import Plan
+from bagassets.build.summary_rows import summary_rows
 from bagassets.defs import driver
 from bagassets.defs.exclusive import exclusive
-from bagassets.engine.build_report import BagOutcome, BuildReport
-from bagassets.engine.plan_model import Plan
 from bagassets.errors import RecipeError, RecordingError
-from bagassets.lock_files import open_lock_file
-from bagassets.nuscenes.guard import GUARD, guarded
+from bagassets.formats.guard import GUARD, guarded
+from bagassets.lock_files import LockFile, is_locked
 from bagassets.recipe import load_recipe
 from bagassets.recipe.model import Bags
+from bagassets.recordings.discover import discover, find_one
 from bagassets.store.lease import in_use, in_use_since_s
 from bagassets.store.store import Store
 from bagassets.store.underway import underway
@@ -48,14 +49,14 @@ def usual_umask():
 
 def test_a_lock_file_is_its_owners_or_its_groups_alone(tmp_path):
     for name, shared, mode in (("own", False, 0o600), ("shared", True, 0o640)):
-        os.close(open_lock_file(tmp_path / name, shared=shared))
+        LockFile.open(tmp_path / name, shared=shared).close()
         assert mode_of(tmp_path / name) == mode
     old = tmp_path / "own"
     old.chmod(0o644)  # as an earlier version made it
-    os.close(open_lock_file(old))
+    LockFile.open(old).close()
     assert mode_of(old) == 0o600
     os.umask(0o002)
-    os.close(open_lock_file(tmp_path / "group", shared=True))
+    LockFile.open(tmp_path / "group", shared=True).close()
     assert mode_of(tmp_path / "group") == 0o660, "who shares a store shares its locks"
 
 
@@ -92,17 +93,108 @@ def test_a_lease_of_another_user_of_a_shared_store_counts(tmp_path, monkeypatch)
     assert not lease.exists()
 
 
-def test_a_lock_that_another_holds_is_waited_for(tmp_path):
-    descriptor = open_lock_file(tmp_path / "x")
-    fcntl.flock(descriptor, fcntl.LOCK_EX)
-    code = (
-        "import fcntl, sys; from pathlib import Path; from bagassets.lock_files import open_lock_file\n"
-        "fcntl.flock(open_lock_file(Path(sys.argv[1])), fcntl.LOCK_EX | fcntl.LOCK_NB)"
-    )
-    command = [sys.executable, "-c", code, str(tmp_path / "x")]
-    assert b"BlockingIOError" in subprocess.run(command, capture_output=True, check=False).stderr
-    os.close(descriptor)
-    assert subprocess.run(command, check=False).returncode == 0
+HOLDER = """
+import sys, time
+from pathlib import Path
+from bagassets.lock_files import LockFile
+lock = LockFile.open(Path(sys.argv[1]))
+getattr(lock, sys.argv[2])()
+print("held", flush=True)
+time.sleep(60)
+"""
+
+
+@contextmanager
+def held_elsewhere(path, how="lock"):
+    """Have another process hold a lock; yields the process."""
+    command = [sys.executable, "-c", HOLDER, str(path), how]
+    with subprocess.Popen(command, stdout=subprocess.PIPE) as process:
+        try:
+            assert process.stdout.readline() == b"held\n"
+            yield process
+        finally:
+            process.kill()
+
+
+def test_a_lock_is_for_one_process_until_that_is_killed(tmp_path):
+    path = tmp_path / "x"
+    with held_elsewhere(path) as other, LockFile.open(path) as lock:
+        assert is_locked(path)
+        assert not lock.try_lock()
+        other.kill()
+        other.wait()
+        assert not is_locked(path)
+        assert lock.try_lock()
+        assert is_locked(path)
+    assert not is_locked(path)
+
+
+def test_a_lock_is_waited_for(tmp_path):
+    path = tmp_path / "x"
+    with held_elsewhere(path) as other, LockFile.open(path) as lock:
+        killer = threading.Timer(0.3, other.kill)
+        began = time.monotonic()
+        killer.start()
+        lock.lock()
+        assert time.monotonic() - began >= 0.3
+        assert is_locked(path)
+
+
+def test_a_lock_that_is_shared_keeps_out_who_wants_it_alone(tmp_path):
+    path = tmp_path / "x"
+    with held_elsewhere(path, "lock_shared"), LockFile.open(path) as lock:
+        assert not lock.try_lock()
+        lock.lock_shared()  # does not wait
+
+
+def test_a_lock_file_that_was_replaced_is_not_in_place(tmp_path):
+    path = tmp_path / "x"
+    with LockFile.open(path) as old:
+        assert old.is_in_place
+        path.unlink()
+        assert not old.is_in_place
+        with LockFile.open(path) as new:
+            assert new.is_in_place
+            assert not old.is_in_place
+
+
+def test_what_is_written_in_a_lock_file_is_read_by_those_who_may_not_lock_it(tmp_path):
+    with LockFile.open(tmp_path / "x") as holder, LockFile.open(tmp_path / "x") as other:
+        assert holder.try_lock()
+        assert not other.try_lock()
+        holder.write("a long text")
+        holder.write("örtlich")
+        assert other.read() == "örtlich"
+        holder.remove()
+        holder.close()  # once more does no harm
+        assert other.try_lock()
+    assert not (tmp_path / "x").exists()
+
+
+def test_a_lock_file_that_must_be_new_is_not_taken_over(tmp_path):
+    LockFile.open(tmp_path / "x", new=True).close()
+    with pytest.raises(FileExistsError):
+        LockFile.open(tmp_path / "x", new=True)
+
+
+def test_a_link_in_the_place_of_a_lock_file_is_refused(tmp_path):
+    secret = tmp_path / "secret"
+    secret.touch(0o644)
+    (tmp_path / "x").symlink_to(secret)
+    for refused in (LockFile.open, is_locked):
+        with pytest.raises(OSError, match="symbolic links"):
+            refused(tmp_path / "x")
+    assert mode_of(secret) == 0o644
+
+
+def test_locks_are_taken_in_one_module():
+    root = Path(lock_files.__file__).parent
+    users = {
+        path.relative_to(root).as_posix()
+        for path in root.rglob("*.py")
+        if "flock(" in path.read_text("utf-8")
+    }
+    assert users == {"lock_files.py"}
 
 
 # --- recipes -----------------------------------------------------------------------------
@@ -211,7 +303,7 @@ def test_a_recording_removed_before_the_summary_has_a_row(tmp_path):
 
 def test_a_recording_removed_during_a_build_costs_nothing_but_itself(tmp_path, monkeypatch):
     recipe_file = make_project(tmp_path, ["a.bag", "b.mcap"])
-    original = driver.build
+    original = driver.bring_up_to_date
 
     def build_and_remove(file, options, _on_event):
         def remove(event):
@@ -220,8 +312,8 @@ def test_a_recording_removed_during_a_build_costs_nothing_but_itself(tmp_path, m
 
         return original(file, options, remove)
 
-    monkeypatch.setattr(driver, "build", build_and_remove)
+    monkeypatch.setattr(driver, "bring_up_to_date", build_and_remove)
     report, _ = build(recipe_file, monkeypatch)
-    rows = {row.recording: row for row in summary_rows(report, load_recipe(recipe_file).store_path)}
+    rows = {row.recording: row for row in summary_rows(report, Store(load_recipe(recipe_file).store_path))}
     assert rows["a.bag"].reason == "it was removed meanwhile, so the dataset is without it"
     assert (rows["b.mcap"].result, rows["b.mcap"].reason, report.dataset) == ("built", "", "updated")

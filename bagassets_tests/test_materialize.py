@@ -8,7 +8,7 @@ import dagster as dg
 import pytest
 
 from bagassets.defs.exclusive import exclusive
-from bagassets.defs.recording_partitions import RecordingPartitions, recording_partitions
+from bagassets.defs.partitions import RecordingPartitions, recording_partitions
 from bagassets.defs.runs import open_instance
 from bagassets.recipe import load_recipe
 from bagassets_tests.services import BIN, bare_environment, make_project

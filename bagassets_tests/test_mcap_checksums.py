@@ -7,9 +7,9 @@ import pytest
 from mcap.reader import make_reader
 from mcap.writer import CompressionType
 
-from bagassets.bags.open import open_recording
-from bagassets.engine.recording_build import BuildFailure
+from bagassets.build.execute import BuildFailure
 from bagassets.errors import RecordingError
+from bagassets.recordings.open import open_recording
 from bagassets_tests.recorded_bags import NOON_NS, text, write_ros2
 from bagassets_tests.small_drive import RECIPE
 from bagassets_tests.test_end_to_end import build_of, make_project

@@ -7,15 +7,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bagassets.engine.dataset_build import DatasetInputs, dataset_code_versions
-from bagassets.engine.named_datasets import build_named_dataset, choose
-from bagassets.engine.plan_model import AssetState, BagPlan, Plan
-from bagassets.engine.recording_assets import assets_of
+from bagassets.build.plan_model import AssetState, BagPlan, Plan
 from bagassets.errors import RecipeError
-from bagassets.nuscenes.check import check_dataset
-from bagassets.nuscenes.choose_scenes import inside, objection
-from bagassets.nuscenes.dataset import BagPart, assemble, read_lock
-from bagassets.nuscenes.table_file import read_table
+from bagassets.formats.assembly import assemble
+from bagassets.formats.catalogue import recording_assets
+from bagassets.formats.dataset_build import Dataset, DatasetInputs, build_dataset, dataset_code_versions
+from bagassets.formats.dataset_lock import read_lock
+from bagassets.formats.format import Part
+from bagassets.formats.nuscenes.check import check_dataset
+from bagassets.formats.nuscenes.choose_scenes import inside, objection
+from bagassets.formats.nuscenes.format import NUSCENES
+from bagassets.formats.nuscenes.table_file import read_table
 from bagassets.recipe import load_recipe
 from bagassets.recipe.model_datasets import NamedDataset, moment_ns
 from bagassets.sample.drive import Target, write_recordings
@@ -136,37 +138,45 @@ def built(tmp_path_factory):
 def state(recipe, made):
     bags, parts = {}, []
     for key, assets in made.items():
-        states = {name: AssetState("fresh", "", assets[name].artifact.digest) for name in assets_of(recipe)}
+        states = {
+            name: AssetState("fresh", "", assets[name].artifact.digest)
+            for name in recording_assets(recipe).names
+        }
         bags[key] = BagPlan(key, {"bag": AssetState("fresh", "", key), **states}, "mcap")
-        parts.append(BagPart(key, key, assets["nuscenes_tables"].artifact.digest))
-    return Plan(bags, {}, ()), DatasetInputs(tuple(parts), {}, {})
+        parts.append(Part(key, key, assets["nuscenes_tables"].artifact.digest))
+    return Plan(bags, {}, ()), DatasetInputs({"nuscenes": tuple(parts)})
 
 
 def make(built, name, **update):
     recipe, made = built
     plan, inputs = state(recipe, made)
     wanted = next(dataset for dataset in recipe.datasets if dataset.name == name).model_copy(update=update)
-    return build_named_dataset(recipe, Store(recipe.store_path), plan, inputs, wanted), wanted
+    settings = recipe.nuscenes.model_copy(
+        update={"output": wanted.output, "version": wanted.version or recipe.nuscenes.version}
+    )
+    store = Store(recipe.store_path)
+    dataset = Dataset(wanted.asset, NUSCENES, settings, wanted)
+    chosen = NUSCENES.select(recipe, store, plan, inputs.parts["nuscenes"], wanted)
+    return (build_dataset(dataset, recipe, store, plan, inputs), chosen), wanted
 
 
 class TestDatasets:
     @pytest.mark.devkit
     def test_some_scenes_of_each_recording_make_a_dataset_that_the_devkit_walks(self, built):
         (summary, chosen), wanted = make(built, "second-scenes")
-        assert chosen.scenes == 2
         assert chosen.left_out == {"not one of the scenes": 2}
         scenes = read_table(wanted.output / "v1.0-second", "scene")
         assert [row["name"] for row in scenes] == ["monday.mcap_001", "tuesday.mcap_001"]
         assert check_dataset(wanted.output, "v1.0-second") == []
         walked = run_devkit("devkit_walk.py", wanted.output, "v1.0-second")
         assert len(walked["scenes"]) == 2
-        assert summary.rows["sample"] == sum(row["nbr_samples"] for row in scenes)
+        assert summary.facts["rows"]["sample"] == sum(row["nbr_samples"] for row in scenes)
 
     def test_rows_are_those_of_the_whole_dataset(self, built, tmp_path):
         recipe, made = built
         (_, _), wanted = make(built, "second-scenes")
-        parts = [BagPart(key, key, assets["nuscenes_tables"].artifact.digest) for key, assets in made.items()]
-        whole = assemble(parts, recipe.nuscenes, Store(recipe.store_path), tmp_path)
+        parts = [Part(key, key, assets["nuscenes_tables"].artifact.digest) for key, assets in made.items()]
+        whole = assemble(NUSCENES, parts, recipe.nuscenes, Store(recipe.store_path), tmp_path)
         for table in ("scene", "sample", "sample_data", "sample_annotation", "instance", "ego_pose"):
             all_rows = {row["token"]: row for row in read_table(whole.folder, table)}
             some = read_table(wanted.output / "v1.0-second", table)
@@ -188,21 +198,21 @@ class TestDatasets:
     def test_all_scenes_are_the_tables_of_the_recordings_themselves(self, built):
         _, made = built
         (_, chosen), _ = make(built, "all")
-        assert {part.tables for part in chosen.parts} == {
+        assert {part.artifact for part in chosen.parts} == {
             assets["nuscenes_tables"].artifact.digest for assets in made.values()
         }
 
     def test_a_dataset_without_scenes_is_empty_and_says_why(self, built):
         (summary, chosen), wanted = make(built, "night")
-        assert summary.rows["scene"] == 0
+        assert summary.facts["rows"]["scene"] == 0
         assert chosen.left_out == {"day": 4}
-        lock = read_lock(wanted.output, "v1.0-sample")
+        lock = read_lock(wanted.output / "v1.0-sample").value
         assert lock["skipped"]["monday.mcap"] == "no scene belongs to it: 2 day"
 
     def test_versions_may_share_the_dataroot_of_the_whole_dataset(self, built):
         recipe, made = built
-        parts = [BagPart(key, key, assets["nuscenes_tables"].artifact.digest) for key, assets in made.items()]
-        assemble(parts, recipe.nuscenes, Store(recipe.store_path), recipe.nuscenes.output)
+        parts = [Part(key, key, assets["nuscenes_tables"].artifact.digest) for key, assets in made.items()]
+        assemble(NUSCENES, parts, recipe.nuscenes, Store(recipe.store_path), recipe.nuscenes.output)
         (summary, _), _ = make(built, "monday")
         assert summary.files.get("linked", 0) == 0, "its files are there already"
         assert check_dataset(recipe.nuscenes.output, "v1.0-monday") == []
@@ -221,15 +231,15 @@ class TestDatasets:
         store, (plan, inputs) = Store(recipe.store_path), state(recipe, made)
         make(built, "second-scenes")
         before = sorted(path.name for path in (recipe.store_path / "actions").rglob("*.json"))
-        choose(recipe, store, plan, inputs, recipe.datasets[0])
-        choose(recipe, store, plan, inputs, recipe.datasets[1])
+        NUSCENES.select(recipe, store, plan, inputs.parts["nuscenes"], recipe.datasets[0])
+        NUSCENES.select(recipe, store, plan, inputs.parts["nuscenes"], recipe.datasets[1])
         assert sorted(path.name for path in (recipe.store_path / "actions").rglob("*.json")) == before
 
     def test_facts_about_scenes_are_true(self, built):
         recipe, made = built
         plan, inputs = state(recipe, made)
         store = Store(recipe.store_path)
-        choose(recipe, store, plan, inputs, recipe.datasets[0])
+        NUSCENES.select(recipe, store, plan, inputs.parts["nuscenes"], recipe.datasets[0])
         files = (recipe.store_path / "artifacts").rglob("scenes.json")
         facts = next(
             value

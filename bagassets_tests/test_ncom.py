@@ -9,23 +9,22 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rosbags.typesys import get_types_from_msg
 
-from bagassets.bags.digest import recording_digest, recording_stat
-from bagassets.bags.discover import discover
-from bagassets.bags.inventory import Inventory
-from bagassets.bags.model import Found
-from bagassets.bags.open import open_recording
+from bagassets.assets.ego_poses import load_trajectory
+from bagassets.assets.inventory import make_inventory
 from bagassets.decode.ncom import decode_ncom
 from bagassets.decode.packets import payload, sender
-from bagassets.engine.recording_build import RecordingBuild
 from bagassets.errors import DecodeError, LossLimitError, PoseError
 from bagassets.geometry.euler import quaternion_from_rpy
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.wgs84 import LocalFrame
+from bagassets.propose.glance import glance
 from bagassets.recipe import load_recipe
-from bagassets.recipe.glance import glance
 from bagassets.recipe.model import Limits
-from bagassets.steps.ego_poses import load_trajectory
-from bagassets.steps.inventory import make_inventory
+from bagassets.recordings.digest import recording_digest, recording_stat
+from bagassets.recordings.discover import discover
+from bagassets.recordings.inventory import Inventory
+from bagassets.recordings.model import Found
+from bagassets.recordings.open import open_recording
 from bagassets.store.store import Store
 from bagassets_tests import recorded_bags
 from bagassets_tests.ncom_data import (
@@ -41,6 +40,7 @@ from bagassets_tests.ncom_data import (
 from bagassets_tests.pose_data import T0, S, Written
 from bagassets_tests.posed import BETWEEN, ORIGIN, TIMES, Posed, at, static, truth
 from bagassets_tests.recorded_bags import write_mcap, write_ros1, write_ros2
+from bagassets_tests.recording_build import RecordingBuild
 
 DEFINITION = (
     "std_msgs/Header header\nuint8[4] sender_ip\nuint16 sender_port\nuint8[4] receiver_ip\n"

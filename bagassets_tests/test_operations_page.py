@@ -5,10 +5,10 @@ from pathlib import Path
 
 import click
 
+from bagassets.cli.docs import all_commands
 from bagassets.cli.main import EXIT_CRASH, EXIT_INTERRUPTED, root
 from bagassets.cli.options import EXIT_FOUND
-from bagassets.cli.reference import all_commands
-from bagassets.engine.lock_roots import KEPT_LOCKS
+from bagassets.formats.lock_roots import KEPT_LOCKS
 
 DOCS = Path(__file__).parents[1] / "docs"
 PAGE = (DOCS / "operations.md").read_text(encoding="utf-8")

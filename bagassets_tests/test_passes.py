@@ -11,10 +11,10 @@ from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_typestore
 from sample_drives import build_recordings
 
-from bagassets.bags import unpack
-from bagassets.bags.open import open_recording
 from bagassets.recipe import load_recipe
-from bagassets.sample.drive import write_drive
+from bagassets.recordings import unpack
+from bagassets.recordings.open import open_recording
+from bagassets.sample.drive import Target, write_recordings
 from bagassets.sample.recipe import sample_recipe
 
 ROOT = Path(__file__).parents[1]
@@ -34,7 +34,7 @@ def counted(monkeypatch, compression):
 
 @pytest.mark.parametrize("compression", ["lz4", "bz2"])
 def test_chunks_of_a_ros1_bag_are_decompressed_at_most_twice(tmp_path, monkeypatch, compression):
-    write_drive(tmp_path / "recordings" / "drive.bag", "ros1", duration_s=1.2, compression=compression)
+    write_recordings([Target(tmp_path / "recordings" / "drive.bag", "ros1", compression)], duration_s=1.2)
     (tmp_path / "recipe.yaml").write_text(sample_recipe())
     given = counted(monkeypatch, compression)
     build_recordings(load_recipe(tmp_path / "recipe.yaml"))
@@ -43,7 +43,7 @@ def test_chunks_of_a_ros1_bag_are_decompressed_at_most_twice(tmp_path, monkeypat
 
 
 def test_chunks_of_an_mcap_are_decompressed_at_most_twice(tmp_path, monkeypatch):
-    write_drive(tmp_path / "recordings" / "drive.mcap", "mcap", duration_s=1.2, compression="zstd")
+    write_recordings([Target(tmp_path / "recordings" / "drive.mcap", "mcap", "zstd")], duration_s=1.2)
     (tmp_path / "recipe.yaml").write_text(sample_recipe())
     given = counted(monkeypatch, "zstd")
     build_recordings(load_recipe(tmp_path / "recipe.yaml"))
@@ -76,9 +76,9 @@ def test_chunks_whose_times_overlap_are_decompressed_once_a_pass(tmp_path, monke
 MEASURE = """
 import resource, sys, tempfile
 from pathlib import Path
-from bagassets.bags.digest import recording_digest, recording_stat
-from bagassets.bags.discover import discover
-from bagassets.engine.recording_build import RecordingBuild
+from bagassets.recordings.digest import recording_digest, recording_stat
+from bagassets.recordings.discover import discover
+from bagassets_tests.recording_build import RecordingBuild
 from bagassets.recipe import load_recipe
 from bagassets.store.store import Store
 
@@ -97,7 +97,9 @@ def test_memory_is_bounded_whatever_the_length(tmp_path):
     peaks_mb = []
     for seconds in (0.6, 3.0):
         folder = tmp_path / str(seconds)
-        write_drive(folder / "recordings" / "drive.bag", "ros1", profile="tas", duration_s=seconds)
+        write_recordings(
+            [Target(folder / "recordings" / "drive.bag", "ros1")], profile="tas", duration_s=seconds
+        )
         text = sample_recipe(throughput=True) + "preview: {enabled: false}\n"
         (folder / "recipe.yaml").write_text(text)
         command = [sys.executable, "-c", MEASURE, str(folder / "recipe.yaml")]

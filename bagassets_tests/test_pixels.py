@@ -11,12 +11,13 @@ import cv2
 import numpy as np
 import pytest
 
-from bagassets.bags.digest import recording_digest, recording_stat
-from bagassets.bags.discover import discover
-from bagassets.engine.recording_build import BuildFailure, RecordingBuild
+from bagassets.build.execute import BuildFailure
 from bagassets.recipe import load_recipe
+from bagassets.recordings.digest import recording_digest, recording_stat
+from bagassets.recordings.discover import discover
 from bagassets.store.store import Store
 from bagassets_tests.recorded_bags import NOON_NS, Message, header, write_mcap, write_ros1
+from bagassets_tests.recording_build import RecordingBuild
 
 MS = 1_000_000
 WIDTH, HEIGHT = 22, 14
@@ -78,11 +79,10 @@ def frames_of(folder, messages, rules, write=write_ros1):
     (folder / "recipe.yaml").write_text(RECIPE.replace("RULES", rules))
     recipe = load_recipe(folder / "recipe.yaml")
     (found,) = discover(recipe.bags).found.values()
-    build = RecordingBuild(
-        recipe, Store(recipe.store_path), found, recording_digest(found).digest, recording_stat(found)
-    )
-    list(build.build(["inventory", "calibration", "frames"]))
-    return build.channels("frames")["CAM_FRONT"]
+    store = Store(recipe.store_path)
+    build = RecordingBuild(recipe, store, found, recording_digest(found).digest, recording_stat(found))
+    *_, frames = build.build(["inventory", "calibration", "frames"])
+    return store.artifact(frames.channels["CAM_FRONT"])
 
 
 def coloured(channels=3):

@@ -9,18 +9,29 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bagassets.bags.model import Found
+from bagassets.build.choose import SelectionError, choose_assets, choose_recordings
+from bagassets.build.differences import changes, flat, in_words
+from bagassets.build.plan import Planner
+from bagassets.build.plan_model import AssetState, BagPlan
 from bagassets.defs import situation
-from bagassets.engine.choose import SelectionError, choose_assets, choose_recordings
-from bagassets.engine.differences import changes, flat, in_words
-from bagassets.engine.plan import Planner
-from bagassets.engine.plan_memo import PlanMemo
-from bagassets.engine.plan_model import RECORDING_ASSETS, AssetState, BagPlan, with_upstream
 from bagassets.errors import RecordingError
+from bagassets.formats.catalogue import recording_assets
+from bagassets.freshness.cache import NAME
+from bagassets.freshness.recordings import Memory
 from bagassets.recipe import load_recipe
+from bagassets.recipe.model import Recipe
+from bagassets.recordings.model import Found
 from bagassets_tests.in_process import build, make_project, survey
+from bagassets_tests.recording_build import RECORDING_ASSETS
 
 KEY = "a.bag"
+CAMERA = {"modality": "camera", "topic": "/cam"}
+POSE = {"source": "odometry", "topic": "/odom"}
+MINIMAL = {
+    "name": "test",
+    "bags": {"root": "bags"},
+    "rigs": [{"name": "car", "ego_pose": POSE, "channels": {"CAM_FRONT": CAMERA}}],
+}
 
 
 # --- what differs -------------------------------------------------------------------------
@@ -101,11 +112,17 @@ def test_a_failure_is_tried_again_only_if_asked_for():
 
 
 def test_selected_assets_bring_what_they_read():
+    with_upstream = recording_assets(Recipe.model_validate(MINIMAL)).with_upstream
     assert with_upstream(["frames"]) == ("bag", "inventory", "calibration", "frames")
     assert with_upstream(["bag", "nuscenes_dataset"]) == ("bag",)
     assert with_upstream(["calibration", "ego_poses"]) == ("bag", "inventory", "calibration", "ego_poses")
-    assert bag(sweeps="stale").to_run(select={"frames"}) == ()
-    assert bag(calibration="stale").to_run(select={"frames"}) == ("bag", "inventory", "calibration", "frames")
+    assert bag(sweeps="stale").to_run(select=with_upstream(["frames"])) == ()
+    assert bag(calibration="stale").to_run(select=with_upstream(["frames"])) == (
+        "bag",
+        "inventory",
+        "calibration",
+        "frames",
+    )
 
 
 # --- what is meant ------------------------------------------------------------------------
@@ -176,7 +193,7 @@ def looked_into(recipe_file, monkeypatch):
 def test_recordings_that_are_as_they_were_are_not_looked_into(built, monkeypatch):
     assert looked_into(built, monkeypatch) == []
     before = survey(built).plan.bags
-    (load_recipe(built).state / "plan.sqlite").unlink()
+    (load_recipe(built).state / NAME).unlink()
     assert looked_into(built, monkeypatch) == [KEY, "b.mcap"]
     assert survey(built).plan.bags == before, "a remembered plan is the plan"
 
@@ -195,10 +212,10 @@ def test_another_recipe_has_all_looked_into(built, monkeypatch):
 
 @pytest.mark.parametrize("damage", [b"", b"no database", None])
 def test_a_damaged_memory_costs_time_only(built, monkeypatch, damage):
-    path = load_recipe(built).state / "plan.sqlite"
+    path = load_recipe(built).state / NAME
     if damage is None:
         with sqlite3.connect(path) as connection:
-            connection.execute("UPDATE bags SET body = '[1]'")
+            connection.execute("UPDATE entries SET content = '[1]' WHERE kind = 'recording'")
         connection.close()
     else:
         path.write_bytes(damage)
@@ -207,10 +224,10 @@ def test_a_damaged_memory_costs_time_only(built, monkeypatch, damage):
 
 
 def test_a_memory_that_cannot_be_written_is_no_error(tmp_path):
-    (tmp_path / "plan.sqlite").mkdir()
-    memo = PlanMemo(tmp_path)
-    memo.save([], ["gone"])
-    assert memo.load() == {}
+    (tmp_path / NAME).mkdir()
+    memory = Memory(tmp_path, tmp_path)
+    memory.save({}, ["gone"])
+    assert memory.load() == {}
 
 
 def test_a_recording_that_comes_back_is_a_hit(built, monkeypatch):

@@ -76,11 +76,17 @@ def test_a_channel_more(recipe):
 
 
 def test_a_change_that_cannot_matter(recipe):
-    """Which recordings a rig made is part of the code version, and of no action."""
-    edit(recipe, "  - name: car\n", "  - name: car\n    match: ['*.bag']\n")
+    """A channel that the recording lacks is part of the code version, and of no action of it."""
+    lacking = "      CAM_LEFT: {modality: camera, topic: /nowhere}\n      CAM_BACK:"
+    edit(recipe, "      CAM_BACK:", lacking)
     states = told(recipe)
     assert states["frames"] == ("record-only", "recipe or step version changed, the result did not")
-    assert states["inventory"] == ("fresh", "up to date")
+    assert states["inventory"] == states["sweeps"] == ("fresh", "up to date")
+
+
+def test_which_recordings_the_only_rig_made_matters_to_no_asset(recipe):
+    edit(recipe, "  - name: car\n", "  - name: car\n    match: ['*.bag']\n")
+    assert {state for state, _ in told(recipe).values()} == {"fresh"}
 
 
 def test_a_result_that_is_gone_from_the_store(recipe):

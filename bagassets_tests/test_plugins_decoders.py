@@ -1,24 +1,28 @@
 """Decoder plug-ins: installed, used, upgraded, clashing and broken."""
 
+import ast
 import json
 import re
+import subprocess
 import sys
 from pathlib import Path
 
 import cv2
 import pytest
 
-from bagassets.decode.boxes import box_message_types
-from bagassets.decode.clouds import CLOUD_DECODERS
-from bagassets.engine.code_version import code_version
+from bagassets.decode.boxes import BoxDecoder
+from bagassets.decode.loading import load_decoder
+from bagassets.decode.registry import BUILT_IN, families_of, find_decoder, own_types
 from bagassets.errors import PluginError
-from bagassets.forkserver import spec
-from bagassets.nuscenes.check import check_dataset
-from bagassets.plugins import BUILT_IN, installed_decoders
+from bagassets.formats.assembly import assemble
+from bagassets.formats.catalogue import recording_assets
+from bagassets.formats.format import Part
+from bagassets.formats.nuscenes.check import check_dataset
+from bagassets.formats.nuscenes.format import NUSCENES
+from bagassets.freshness import marks
+from bagassets.freshness.marks import code_mark
 from bagassets.plugins import FAMILIES as FAMILY_NAMES
-from bagassets.quick.build import code_stamp
-from bagassets.steps import frames, pose_sources
-from bagassets.steps.nuscenes_dataset import BagPart, assemble
+from bagassets.plugins import installed_decoders
 from bagassets.store.store import Store
 from bagassets_tests.plugin_build import build, channel, project
 from bagassets_tests.plugin_drive import RECIPE, write_recording
@@ -60,8 +64,8 @@ def test_the_example_is_installed_by_pip_and_its_images_reach_the_dataset(tmp_pa
         image = cv2.imread(str(images.path(f"{FIRST_NS + number * 100_000_000}.png")))
         assert image.shape == (8, 16, 3)
         assert image[2:-2, 2:-2].reshape(-1, 3).tolist() == [[10 + number, 100, 200]] * 48
-    part = BagPart("drive", "drive", made["nuscenes_tables"].artifact.digest)
-    assemble([part], recipe.nuscenes, Store(recipe.store_path), recipe.nuscenes.output)
+    part = Part("drive", "drive", made["nuscenes_tables"].artifact.digest)
+    assemble(NUSCENES, [part], recipe.nuscenes, Store(recipe.store_path), recipe.nuscenes.output)
     assert check_dataset(recipe.nuscenes.output, "v1.0-test") == []
     assert len(list((recipe.nuscenes.output / "samples" / "CAM_ACME").iterdir())) == 4
     assert len(list((recipe.nuscenes.output / "sweeps" / "CAM_ACME").iterdir())) == MESSAGES - 4
@@ -94,7 +98,7 @@ def test_an_upgrade_runs_the_channels_of_the_plugin_again_and_no_others(tmp_path
     site.restart()
     recipe = project(tmp_path / "project", recording)
     before, _ = build(recipe)
-    versions = {asset: code_version(recipe, asset) for asset in before}
+    versions = recording_assets(recipe).versions
     site.unpack(wheel_of(EXAMPLE, tmp_path / "wheels", version="1.1"))
     site.restart()
     after, errors = build(recipe)
@@ -106,7 +110,9 @@ def test_an_upgrade_runs_the_channels_of_the_plugin_again_and_no_others(tmp_path
     assert acme[0]["action"] != acme[1]["action"]
     assert acme[0]["artifact"] == acme[1]["artifact"]
     assert front[0] == front[1]
-    assert {asset for asset in before if code_version(recipe, asset) != versions[asset]} == {"frames"}
+    assert {
+        name for name, version in recording_assets(recipe).versions.items() if version != versions[name]
+    } == {"frames"}
 
 
 def test_an_unrelated_plugin_leaves_all_keys_alone(tmp_path, site, recording):
@@ -140,13 +146,13 @@ def test_a_build_that_seems_to_have_nothing_to_do_notices_an_upgrade(tmp_path, m
     if in_pythonpath:
         monkeypatch.setenv("PYTHONPATH", f"/nowhere:{folder}")
     else:
-        monkeypatch.setattr(spec, "_site_folders", lambda: (folder,))
+        monkeypatch.setattr(marks, "site_folders", lambda: (str(folder),))
     (tmp_path / "recipe.yaml").write_text(RECIPE)
     stamps = []
     for version in (None, "1.0", "1.1"):
         if version is not None:
             site.unpack(wheel_of(EXAMPLE, tmp_path / "wheels", version))
-        stamps += [code_stamp(str(tmp_path / "recipe.yaml")) for _ in range(2)]
+        stamps += [code_mark() for _ in range(2)]
     site.close()
     assert stamps[0::2] == stamps[1::2]
     assert len(set(stamps)) == 3
@@ -168,15 +174,68 @@ def test_two_plugins_for_one_type_cost_its_channels_and_name_both(tmp_path, site
 def test_a_plugin_cannot_replace_a_decoder_of_ours(site):
     site.install("greedy", "1.0", "decode = None\n", image__sensor_msgs__Image="decode")
     with pytest.raises(PluginError, match=r"greedy 1\.0 would replace the decoder that bagassets has"):
-        installed_decoders().find("image", "sensor_msgs/msg/Image")
-    assert installed_decoders().find("image", "sensor_msgs/msg/CompressedImage") is None
+        find_decoder("image", "sensor_msgs/msg/Image")
+    assert find_decoder("image", "sensor_msgs/msg/CompressedImage").plugin is None
 
 
-def test_the_types_that_are_ours_are_listed_completely():
-    assert BUILT_IN["image"] == frozenset(frames._DECODERS)
-    assert BUILT_IN["cloud"] == frozenset(CLOUD_DECODERS)
-    assert BUILT_IN["pose"] == frozenset(pose_sources._DECODERS)
-    assert BUILT_IN["boxes"] == frozenset(box_message_types())
+def test_a_plugin_goes_before_a_decoder_of_ours_that_goes_by_the_fields_of_messages(site):
+    site.install(
+        "exact",
+        "1.0",
+        "decode = None\n",
+        radar__radar_msgs__RadarScan="decode",
+        radar__sensor_msgs__PointCloud="decode",
+    )
+    for msgtype in ("radar_msgs/msg/RadarScan", "sensor_msgs/msg/PointCloud"):
+        assert find_decoder("radar", msgtype).plugin.distribution == "exact"
+        assert families_of(msgtype) == ("radar",)
+    assert find_decoder("radar", "radar_msgs/msg/RadarTracks").plugin is None
+
+
+# --- the table ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("line", BUILT_IN, ids=lambda line: f"{line.family}.{line.msgtype}")
+def test_every_decoder_of_the_table_is_there(line):
+    loaded = load_decoder(line)
+    assert isinstance(loaded, BoxDecoder) if line.family == "boxes" else callable(loaded)
+
+
+def test_a_server_imports_all_decoders_before_it_forks_workers():
+    modules = {line.reference.partition(":")[0] for line in BUILT_IN}
+    code = f"""
+import sys
+from bagassets.defs.run_worker import preload
+preload([])
+print({modules!r} - set(sys.modules))
+"""
+    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert told.strip() == "set()"
+
+
+def test_no_line_of_the_table_hides_another():
+    names = [(line.family, line.msgtype) for line in BUILT_IN]
+    assert len(names) == len(set(names))
+
+
+def test_the_table_imports_no_decoder_and_asking_it_neither():
+    code = """
+import sys
+from bagassets.decode.registry import expected_types, families_of, find_decoder, types_of
+assert find_decoder("image", "sensor_msgs/msg/Image").reference == "bagassets.decode.image:decode_image"
+assert families_of("sensor_msgs/msg/PointCloud2") == ("cloud", "radar")
+types_of("boxes"), expected_types("cloud")
+print(sorted(name for name in sys.modules if name.startswith(("bagassets.", "numpy", "cv2"))))
+"""
+    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert set(ast.literal_eval(told)) == {
+        "bagassets.decode",
+        "bagassets.decode.registry",
+        "bagassets.errors",
+        "bagassets.escaping",
+        "bagassets.extensions",
+        "bagassets.plugins",
+    }
 
 
 @pytest.mark.parametrize(
@@ -269,8 +328,8 @@ def test_the_page_about_decoders_names_all_families_and_all_types_that_need_no_p
     page = (Path(__file__).parent.parent / "docs" / "decoders.md").read_text("utf-8")
     rows = {line.split("|")[1].strip(" `"): line for line in page.splitlines() if line.startswith("| `")}
     assert rows.keys() == set(FAMILY_NAMES)
-    for family, types in BUILT_IN.items():
-        for msgtype in types:
+    for family in FAMILY_NAMES:
+        for msgtype in own_types(family):
             package, name = msgtype.split("/msg/")
             assert package in rows[family], msgtype
             assert name in rows[family], msgtype

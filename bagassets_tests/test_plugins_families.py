@@ -5,7 +5,7 @@ import sys
 import numpy as np
 import pytest
 
-from bagassets.steps.ego_poses import load_trajectory
+from bagassets.assets.ego_poses import load_trajectory
 from bagassets_tests.plugin_build import build, channel, project
 from bagassets_tests.plugin_drive import write_recording
 from bagassets_tests.plugin_install import Site
@@ -200,11 +200,11 @@ def test_readings_of_every_family_are_checked(tmp_path, site, family_recording, 
 
 
 def test_a_proposed_recipe_takes_topics_that_plugins_decode(tmp_path, site, family_recording):
-    from bagassets.bags.open import open_recording
-    from bagassets.recipe.glance import glance
-    from bagassets.recipe.poses import propose_pose
-    from bagassets.recipe.propose_rig import _annotations
-    from bagassets.recipe.sensors import modality_of
+    from bagassets.propose.glance import glance
+    from bagassets.propose.poses import propose_pose
+    from bagassets.propose.propose_rig import _annotations
+    from bagassets.propose.sensors import modality_of
+    from bagassets.recordings.open import open_recording
 
     with open_recording(family_recording) as recording:
         seen = glance(recording)
@@ -217,3 +217,34 @@ def test_a_proposed_recipe_takes_topics_that_plugins_decode(tmp_path, site, fami
     without_odometry = type(seen)(topics, seen.edges, seen.moving)
     assert propose_pose(without_odometry, "base_link").fields == {"source": "pose", "topic": "/fix"}
     assert "families" not in sys.modules
+
+
+DEEP = """
+import numpy as np
+from bagassets.decode.model import ImageReading
+
+def deep(message):
+    return ImageReading(1, "behind", np.zeros((4, 4), np.uint16), None, "mono16")
+
+def blind(message):
+    return message.no_such_field
+"""
+
+
+def test_proposals_look_through_plugins(tmp_path, site):
+    from bagassets.propose.glance import glance
+    from bagassets.recordings.open import open_recording
+
+    recording = write_recording(tmp_path / "drive")
+    site.install("deep", "1.0", DEEP, image__acme_msgs__RawFrame="deep")
+    with open_recording(recording) as opened:
+        seen = glance(opened).topics["/acme"]
+    assert (seen.is_16_bit, seen.encoding, seen.refusal) == (True, "mono16", None)
+    assert "behind" in seen.frames
+    site.install("deep", "1.1", DEEP, image__acme_msgs__RawFrame="blind")
+    with open_recording(recording) as opened:
+        refusal = glance(opened).topics["/acme"].refusal
+    assert refusal.startswith("decoder image.acme_msgs.RawFrame of deep 1.1 raised AttributeError at deep.py")
+    site.install("deep", "1.2", "import nothing_of_this_name", image__acme_msgs__RawFrame="deep")
+    with open_recording(recording) as opened:
+        assert "deep:deep cannot be loaded" in glance(opened).topics["/acme"].refusal

@@ -16,8 +16,8 @@ from dagster._core.workspace.load import location_origins_from_yaml_paths
 
 from bagassets import defs
 from bagassets.defs.partitions import add_partitions, remove_partition
+from bagassets.propose.project import dagster_files, write_project
 from bagassets.recipe import load_recipe
-from bagassets.recipe.project import dagster_files, write_project
 from bagassets_tests.small_drive import write_drive
 
 EXAMPLE = Path(__file__).parent.parent / "examples" / "step_plugin"

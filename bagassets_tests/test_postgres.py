@@ -10,11 +10,12 @@ from pathlib import Path
 
 import pytest
 
+from bagassets.defs.partitions import partitions_name
 from bagassets.defs.runs import open_instance
-from bagassets.defs.workspace import partitions_name
 from bagassets.forkserver.client import Client
-from bagassets.quick.build import nothing_to_do
-from bagassets.quick.looks import Doubt, database_look
+from bagassets.freshness.cache import NAME
+from bagassets.freshness.decide import nothing_to_do
+from bagassets.freshness.marks import Doubt, records_mark
 from bagassets.recipe import load_recipe
 from bagassets_tests.in_process import make_project
 
@@ -83,8 +84,8 @@ def test_a_build_and_the_next_one_which_has_nothing_to_do(project):
     assert decide(project)[0] == "2 fresh: nothing to do"
     assert "nothing to do" in build(project)
     assert not list(project.parent.rglob("index.db")), "no SQLite beside it"
-    snapshot = load_recipe(project).state / "nothing-to-do.snapshot"
-    assert snapshot.stat().st_mode & 0o077 == 0, "it may hold a password"
+    cache = load_recipe(project).state / NAME
+    assert cache.stat().st_mode & 0o077 == 0, "it may hold a password"
 
 
 @pytest.mark.parametrize("what", ["an asset wiped", "a run deleted", "a partition removed"])
@@ -106,4 +107,4 @@ def test_what_happened_in_the_database_is_noticed(project, what):
 
 def test_a_database_that_is_not_there_is_a_doubt(url):
     with pytest.raises(Doubt, match="PostgreSQL"):
-        database_look(url.replace(f"port={PORT}", "port=5440"), "recordings")
+        records_mark(url.replace(f"port={PORT}", "port=5440"), "recordings")

@@ -3,19 +3,23 @@
 import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import pytest
 
-from bagassets.bags.digest import recording_digest, recording_stat
-from bagassets.bags.discover import discover
-from bagassets.engine.recording_assets import UPSTREAM
-from bagassets.engine.recording_build import BuildFailure, RecordingBuild
+from bagassets.assets import calibration, frames, sweeps
+from bagassets.assets.asset import Asset
+from bagassets.build.execute import BuildFailure
+from bagassets.build.recording_assets import RecordingAssets
+from bagassets.formats.catalogue import known_assets
 from bagassets.recipe import load_recipe
-from bagassets.steps import calibration, frames
+from bagassets.recordings.digest import recording_digest, recording_stat
+from bagassets.recordings.discover import discover
 from bagassets.store.store import Store
 from bagassets_tests import keyed_drive as drive
 from bagassets_tests.confined import confined
+from bagassets_tests.recording_build import UPSTREAM, RecordingBuild
 from bagassets_tests.reindexed_bag import reindexed as reindexed_bag
 
 KEY = "a.bag"
@@ -175,7 +179,13 @@ def test_exactly_what_reads_the_change_runs(copy, row):
 
 
 def test_a_new_version_of_a_step_runs_that_step_and_stops_where_bytes_are_the_same(copy, monkeypatch):
-    monkeypatch.setattr(frames, "STEP", replace(frames.STEP, version=frames.STEP.version + 1))
+    mine = [
+        replace(asset, version=asset.version + 1) if asset.name == "frames" else asset
+        for asset in known_assets()
+    ]
+    monkeypatch.setattr(
+        "bagassets_tests.recording_build.recording_assets", partial(RecordingAssets, known=mine)
+    )
     assert build(copy / "recipe.yaml", KEY) == {"frames:CAM_FRONT", "frames:CAM_BACK"}
 
 
@@ -183,8 +193,8 @@ def test_a_metadata_change_opens_no_image_or_cloud(copy, monkeypatch):
     def refuse(*_, **__):
         raise AssertionError("nothing may be decoded")
 
-    monkeypatch.setattr("bagassets.steps.frames.FrameExtractor", refuse)
-    monkeypatch.setattr("bagassets.steps.sweeps.SweepExtractor", refuse)
+    monkeypatch.setattr("bagassets.assets.frames.FrameExtractor", refuse)
+    monkeypatch.setattr("bagassets.assets.sweeps.SweepExtractor", refuse)
     key = message(drive.NOTES, drive.another_note)(copy)
     assert build(copy / "recipe.yaml", key) == {"inventory"}
 
@@ -217,50 +227,77 @@ def test_the_table_in_the_docs_is_this_one():
 def test_a_step_cannot_read_a_topic_that_it_did_not_declare(copy, monkeypatch):
     class Curious(frames.FrameExtractor):
         def finish(self):
-            with pytest.raises(KeyError, match="/odom"):
-                list(self.curious.messages(["/odom"]))
+            # What another channel reads in the same pass is none of its business, either.
+            for topic in {"/odom", "/cam/image_raw", "/back/image_raw"} - {*self.topics}:
+                with pytest.raises(KeyError, match=topic):
+                    list(self.curious.messages([topic]))
             asked.append(self.topics)
             return super().finish()
 
-        def __init__(self, params, recording, *rest):
+        def __init__(self, use, recording, *rest):
             self.curious = recording
-            super().__init__(params, recording, *rest)
+            super().__init__(use, recording, *rest)
 
     asked = []
-    monkeypatch.setattr("bagassets.steps.frames.FrameExtractor", Curious)
-    recipe("topic: /back/image_raw", "topic: /back/image_raw, quality: 41")(copy)
+    monkeypatch.setattr("bagassets.assets.frames.FrameExtractor", Curious)
+    recipe("/image_raw", "/image_raw, quality: 41")(copy)
     build(copy / "recipe.yaml", KEY)
-    assert asked == [("/back/image_raw",)]
+    assert sorted(asked) == [("/back/image_raw",), ("/cam/image_raw",)]
+
+
+def test_a_channel_that_cannot_be_planned_costs_itself_alone(copy):
+    recipe("/cam/image_raw", "/cam/image_raw, quality: 41")(copy)
+    recipe("topic: /back/image_raw", "topic: /odom, undistort: false, extrinsics: {}")(copy)
+    with pytest.raises(BuildFailure) as failure:
+        build(copy / "recipe.yaml", KEY)
+    assert failure.value.errors.keys() == {"frames"}
+    assert str(failure.value.errors["frames"]).startswith("CAM_BACK (/odom): carries nav_msgs/msg/Odometry")
+    recipe("topic: /odom, undistort: false, extrinsics: {}", "topic: /back/image_raw")(copy)
+    ran = build(copy / "recipe.yaml", KEY)
+    assert "nuscenes_tables" in ran
+    assert not {name for name in ran if name.startswith("frames")}, "the images of CAM_FRONT were made before"
 
 
 def test_a_step_is_handed_parameters_and_not_the_recipe(copy, monkeypatch):
     """Whatever a step asks of its parameters is in the key; what is not in the key is not there."""
     seen = {}
-    for name in ("calibration", "ego_poses", "annotations", "nuscenes_tables", "vision_sequences", "preview"):
-        module = __import__(f"bagassets.steps.{name}", fromlist=["make"])
-        original = module.make
 
-        def make(params, *args, _name=name, _original=original, **kwargs):
-            handed = (params, *args, *kwargs.values())
-            seen[_name] = [type(value).__module__ for value in handed]
-            return _original(params, *args, **kwargs)
+    def note(name, *handed):
+        seen[name] = [type(value).__module__ for value in handed]
 
-        monkeypatch.setattr(module, "make", make)
+    original_run = Asset.run
+
+    def run(asset, use, inputs, out):
+        note(asset.name, use, use.params, *vars(inputs).values(), out)
+        return original_run(asset, use, inputs, out)
+
+    monkeypatch.setattr(Asset, "run", run)
+    for name, extractor in (("frames", frames.FrameExtractor), ("sweeps", sweeps.SweepExtractor)):
+
+        def init(self, *handed, _name=name, _original=extractor.__init__):
+            note(_name, *handed)
+            _original(self, *handed)
+
+        monkeypatch.setattr(extractor, "__init__", init)
     store = Store(load_recipe(copy / "recipe.yaml").state / "store")
     import shutil
 
     shutil.rmtree(store.root)
     build(copy / "recipe.yaml", KEY)
     assert set(seen) == {
+        "track",
+        "inventory",
         "calibration",
         "ego_poses",
         "annotations",
+        "frames",
+        "sweeps",
         "nuscenes_tables",
         "vision_sequences",
         "preview",
     }
-    for name, modules in seen.items():
-        assert not [m for m in modules if m.startswith("bagassets.recipe")], name
+    for name, handed in seen.items():
+        assert not [m for m in handed if m.startswith("bagassets.recipe")], name
 
 
 def remake(folder, asset):
@@ -293,12 +330,12 @@ class Curious:
 
     def __init__(self, monkeypatch, look):
         self.poses = None
-        original = calibration.make
+        original = calibration.make_calibration
 
         def make(*args, **kwargs):
             return original(*args, **kwargs) | {"seen": look(self.poses) if self.poses else None}
 
-        monkeypatch.setattr(calibration, "make", make)
+        monkeypatch.setattr(calibration, "make_calibration", make)
 
     def build(self, folder):
         """Build with what it wants to see in sight."""

@@ -5,6 +5,8 @@ import numpy as np
 import pytest
 
 from bagassets.annotations.table import BoxTable
+from bagassets.assets.ego_poses import load_trajectory
+from bagassets.assets.lidar_file import read_lidar_file
 from bagassets.defs.pictures import picture_metadata
 from bagassets.errors import RecipeError
 from bagassets.geometry.camera import CameraModel
@@ -32,9 +34,8 @@ from bagassets.recipe import load_recipe
 from bagassets.recipe.model_preview import Preview
 from bagassets.sample.drive import Target, write_recordings
 from bagassets.sample.recipe import sample_recipe
-from bagassets.steps.ego_poses import load_trajectory
 from bagassets.store.store import Store
-from bagassets_tests.sample_drives import build_recordings
+from bagassets_tests.sample_drives import build_recordings, object_ids
 
 S = 1_000_000_000
 CAMERA = CameraModel("none", 200, 100, 100.0, 100.0, 99.5, 49.5)
@@ -310,14 +311,17 @@ class TestStep:
             "CAM_FRONT", channel("frames", "CAM_FRONT"), calibration["CAM_FRONT"]["ego_SE3_sensor"], None
         )
         clouds = Clouds.of(
-            "LIDAR_TOP", channel("sweeps", "LIDAR_TOP"), calibration["LIDAR_TOP"]["ego_SE3_sensor"]
+            "LIDAR_TOP",
+            channel("sweeps", "LIDAR_TOP"),
+            calibration["LIDAR_TOP"]["ego_SE3_sensor"],
+            read_lidar_file,
         )
         image = 12
         stamp_ns = int(camera.stamps_ns[image])
         revolution = reading_at(clouds.stamps_ns, stamp_ns, S // 10)
         points = clouds.points_global(revolution, trajectory)
         pixels, _, seen = camera.view(image, trajectory).project(points)
-        ids = truth.object_ids("CAM_FRONT", stamp_ns, undistorted=True)
+        ids = object_ids(truth, "CAM_FRONT", stamp_ns)
         checked = right = 0
         for box in truth.boxes(int(clouds.stamps_ns[revolution])):
             inside = (

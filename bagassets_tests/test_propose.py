@@ -4,14 +4,14 @@ from dataclasses import replace
 
 import pytest
 
-from bagassets.bags.globs import matches
 from bagassets.errors import RecipeError
 from bagassets.escaping import yaml_scalar
+from bagassets.propose.glance import Glance, TopicGlance
+from bagassets.propose.grouping import match_globs
+from bagassets.propose.propose import propose
 from bagassets.recipe import parse_recipe
-from bagassets.recipe.glance import Glance, TopicGlance
-from bagassets.recipe.grouping import match_globs
-from bagassets.recipe.propose import propose
 from bagassets.recipe.yaml_text import read_yaml
+from bagassets.recordings.globs import matches
 
 IMAGE, COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
 CLOUD, INFO, ODOMETRY = "sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/CameraInfo", "nav_msgs/msg/Odometry"
@@ -157,15 +157,15 @@ def test_of_one_camera_the_topic_with_more_messages_then_the_raw_one(counts, cho
 
 def test_packets_before_points_of_the_same_lidar(tmp_path):
     one = glance(
-        topic("/velodyne_packets", "velodyne_msgs/msg/VelodyneScan", 100, "velodyne"),
+        topic("/velodyne_packets", "velodyne_msgs/msg/VelodyneScan", 100, "velodyne", velodyne=True),
         topic("/velodyne_points", CLOUD, 100, "velodyne"),
     )
     assert channels_of(one, tmp_path) == {"LIDAR_TOP": "/velodyne_packets"}
 
 
-def test_lidar_packets_are_told_by_their_size(tmp_path):
-    packets = topic("/eth/lidar", "ethernet_msgs/msg/Packet", frame="v", message_bytes=1250)
-    other = topic("/eth/ptp", "ethernet_msgs/msg/Packet", frame="e", message_bytes=86)
+def test_lidar_packets_are_told_by_their_bytes(tmp_path):
+    packets = topic("/eth/lidar", "ethernet_msgs/msg/Packet", frame="v", velodyne=True)
+    other = topic("/eth/ptp", "ethernet_msgs/msg/Packet", frame="e", velodyne=False)
     assert channels_of(glance(packets, other), tmp_path) == {"LIDAR_TOP": "/eth/lidar"}
 
 
@@ -175,7 +175,7 @@ def test_lidar_packets_are_told_by_their_size(tmp_path):
         (topic("/rgbd/depth/image_raw", IMAGE, encoding="16UC1"), "depth, not a picture"),
         (topic("/rgbd/depth/points", CLOUD), "the cloud of a depth camera"),
         (topic("/disparity_image", IMAGE, encoding="32FC1"), "depth, not a picture"),
-        (topic("/flow/image", IMAGE, encoding="32FC2"), "32FC2"),
+        (topic("/flow/image", IMAGE, refusal="image encoding '32FC2' is not supported"), "32FC2"),
         (topic("/cam/segmentation/image", IMAGE, encoding="rgb8"), "looks computed"),
         (topic("/obstacles/cloud", CLOUD), "looks computed"),
         (topic("/quiet/image_raw", IMAGE, 0), "no messages"),
@@ -216,7 +216,9 @@ def test_compressed_without_undistortion_passes_through(tmp_path):
 
 
 def test_sixteen_bit_grey_gets_a_rule(tmp_path):
-    one = glance(topic("/thermal/image_raw", IMAGE, frame="cam", encoding="mono16"), odometry())
+    one = glance(
+        topic("/thermal/image_raw", IMAGE, frame="cam", encoding="mono16", is_16_bit=True), odometry()
+    )
     assert proposed(one, tmp_path).rigs[0].channels["CAM_FRONT"].to_8bit.percentiles == (1, 99)
 
 

@@ -5,11 +5,14 @@ import pytest
 from rosbags.rosbag1 import Writer
 from small_drive import START_NS, STORE1, write_drive
 
-from bagassets.bags.open import open_recording
 from bagassets.decode.point_times import TIME_NAMES
+from bagassets.propose.glance import glance, merge_glances
+from bagassets.propose.propose import propose
+from bagassets.propose.sensors import modality_of
 from bagassets.recipe import parse_recipe
-from bagassets.recipe.glance import glance, merge_glances
-from bagassets.recipe.propose import propose
+from bagassets.recordings.open import open_recording
+from bagassets_tests.ncom_data import ncom
+from bagassets_tests.sweep_data import vlp16_packets
 
 SUFFIX = {"ros1": ".bag", "ros2": "", "mcap": ".mcap"}
 
@@ -162,16 +165,28 @@ def test_empty_recording(tmp_path):
     assert "a.bag has no camera" in propose({"a.bag": seen}, name="x", root=tmp_path)
 
 
-@pytest.mark.parametrize("name", [*TIME_NAMES, "intensity", "ring", "tone"])
-def test_clouds_say_whether_their_points_have_times(tmp_path, name):
-    bag = Bag(tmp_path / "a.bag")
+def cloud_of_two(bag, name, last):
+    """Two points, whose field `name` is 0 and `last`."""
     field = bag.types["sensor_msgs/msg/PointField"]
     fields = [field(axis, 4 * place, 7, 1) for place, axis in enumerate(("x", "y", "z", name.upper()))]
-    message = bag.types["sensor_msgs/msg/PointCloud2"](
-        bag.header(0, "lidar"), 1, 1, fields, False, 16, 16, np.zeros(16, np.uint8), True
+    data = np.array([[1, 2, 3, 0], [4, 5, 6, last]], ">f4").view(np.uint8).reshape(-1)
+    cloud = bag.types["sensor_msgs/msg/PointCloud2"]
+    bag.add(
+        0,
+        "/points",
+        "sensor_msgs/msg/PointCloud2",
+        cloud(bag.header(0, "lidar"), 1, 2, fields, True, 16, 32, data, True),
     )
-    bag.add(0, "/points", "sensor_msgs/msg/PointCloud2", message)
-    assert bag.glance().topics["/points"].timed == (name in TIME_NAMES)
+    return bag.glance().topics["/points"]
+
+
+@pytest.mark.parametrize("name", [*TIME_NAMES, "intensity", "ring", "tone"])
+def test_clouds_say_whether_their_points_have_times(tmp_path, name):
+    assert cloud_of_two(Bag(tmp_path / "a.bag"), name, 0.05).timed == (name in TIME_NAMES)
+
+
+def test_times_that_a_build_would_not_use_are_none(tmp_path):
+    assert cloud_of_two(Bag(tmp_path / "a.bag"), "time", 0.0).timed is False
 
 
 @pytest.mark.parametrize("increment_s", [0.0, 0.001])
@@ -183,3 +198,68 @@ def test_scans_say_whether_their_rays_have_times(tmp_path, increment_s):
     )
     bag.add(0, "/scan", "sensor_msgs/msg/LaserScan", message)
     assert bag.glance().topics["/scan"].timed == (increment_s > 0)
+
+
+def camera_info(bag, cx):
+    k = np.array([100.0, 0, cx, 0, 100.0, 50.0, 0, 0, 1])
+    region = bag.types["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False)
+    return bag.types["sensor_msgs/msg/CameraInfo"](
+        bag.header(0, "cam"), 100, 100, "plumb_bob", np.zeros(5), k, np.zeros(9), np.zeros(12), 0, 0, region
+    )
+
+
+@pytest.mark.parametrize(("cx", "calibrated"), [(50.0, True), (500.0, False)])
+def test_a_calibration_that_a_build_would_refuse_is_none(tmp_path, cx, calibrated):
+    bag = Bag(tmp_path / "a.bag")
+    bag.add(0, "/cam/camera_info", "sensor_msgs/msg/CameraInfo", camera_info(bag, cx))
+    assert bag.glance().topics["/cam/camera_info"].calibrated is calibrated
+
+
+def test_images_that_no_decoder_reads_are_left_out_with_its_words(tmp_path):
+    bag = Bag(tmp_path / "a.bag")
+    for number in range(3):
+        bag.image(number, "/flow/image", encoding="32FC2")
+    seen = bag.glance()
+    assert seen.topics["/flow/image"].refusal == "image encoding '32FC2' is not supported"
+    assert "(/flow/image: image encoding '32FC2' is not supported)" in propose(
+        {"a.bag": seen}, name="x", root=tmp_path
+    )
+
+
+def test_a_camera_that_takes_time_to_start_is_looked_at_longer(tmp_path):
+    bag = Bag(tmp_path / "a.bag")
+    for number in range(12):
+        bag.image(number / 10, encoding="mono16" if number > 8 else "unset")
+    topic = bag.glance().topics["/cam/image_raw"]
+    assert (topic.refusal, topic.encoding, topic.is_16_bit) == (None, "mono16", True)
+
+
+def packet(bag, topic, data):
+    layout = bag.types["std_msgs/msg/MultiArrayLayout"]([], 0)
+    message = bag.types["std_msgs/msg/UInt8MultiArray"](layout, np.frombuffer(data, np.uint8))
+    bag.add(0, topic, "std_msgs/msg/UInt8MultiArray", message)
+
+
+def test_packets_are_told_by_their_bytes_whatever_the_type_of_their_message(tmp_path):
+    bag = Bag(tmp_path / "a.bag")
+    damaged = bytearray(ncom())
+    damaged[30] ^= 1
+    sent = {
+        "/lidar": vlp16_packets(1)[0].tobytes(),
+        "/oxts": ncom(),
+        "/damaged": damaged,
+        "/other": bytes(1206),
+    }
+    for topic, data in sent.items():
+        packet(bag, topic, bytes(data))
+    topics = bag.glance().topics
+    assert {name for name, topic in topics.items() if topic.velodyne} == {"/lidar"}
+    assert {name for name, topic in topics.items() if topic.ncom_sender is not None} == {"/oxts"}
+    assert [name for name, topic in topics.items() if modality_of(topic) == "lidar"] == ["/lidar"]
+
+
+def test_transforms_that_a_build_would_refuse_connect_nothing(tmp_path):
+    bag = Bag(tmp_path / "a.bag")
+    bag.transform(0, "base_link", "lidar", w=0.0)
+    bag.transform(0, "base_link", "cam")
+    assert bag.glance().edges == {("base_link", "cam")}

@@ -10,12 +10,13 @@ from pathlib import Path
 
 import pytest
 
-from bagassets.engine import after_crash
-from bagassets.engine.publication import Publication
 from bagassets.forkserver.process import ProcessId
-from bagassets.quick import published, snapshot
-from bagassets.quick.build import nothing_to_do
-from bagassets.quick.looks import Doubt, signature
+from bagassets.formats import after_crash
+from bagassets.freshness import decide
+from bagassets.freshness.cache import Cache, Changes
+from bagassets.freshness.decide import Builds, nothing_to_do
+from bagassets.freshness.marks import Doubt, signature
+from bagassets.freshness.published import Publication
 from bagassets.recipe import load_recipe
 from bagassets_tests.in_process import build, make_project, survey
 from bagassets_tests.small_drive import RECIPE
@@ -35,6 +36,13 @@ def fresh(project, monkeypatch):
     assert report.succeeded, report.as_json()
     assert is_quick(project)
     return project
+
+
+def forget(recipe_file, asset):
+    """Have nothing on record of a dataset."""
+    changes = Changes()
+    changes.drop("published", asset)
+    Cache(load_recipe(recipe_file).state).write(changes)
 
 
 def is_quick(recipe_file):
@@ -168,21 +176,28 @@ def test_another_name_for_a_file_of_the_store_changes_nothing(fresh, tmp_path):
 
 def test_without_the_record_the_datasets_are_put_together_once_more(fresh, monkeypatch):
     whole = everything(fresh)
-    shutil.rmtree(load_recipe(fresh).state / "published")
+    for asset in ASSETS:
+        forget(fresh, asset)
     report, _ = build(fresh, monkeypatch)
     assert report.dataset == "updated"
     assert everything(fresh) == whole
     assert build(fresh, monkeypatch)[1] == []
 
 
-def test_a_damaged_record_is_as_good_as_none(fresh):
-    head = load_recipe(fresh).state / "published" / "nuscenes_dataset" / published.HEAD
-    text = head.read_bytes()
-    for damaged in (b"", b"{}", b"\0" * len(text), text[:-1]):
-        head.write_bytes(damaged)
-        assert not is_quick(fresh)
-        assert not survey(fresh).dataset_is_current
-    head.write_bytes(text)
+@pytest.mark.parametrize("asset", ASSETS)
+def test_a_dataset_of_which_nothing_is_on_record_is_in_doubt(fresh, asset):
+    forget(fresh, asset)
+    assert not is_quick(fresh)
+    assert not survey(fresh).dataset_is_current
+
+
+def test_a_list_of_links_that_is_torn_is_a_doubt(fresh):
+    cache = Cache(load_recipe(fresh).state)
+    changes = Changes()
+    changes.drop_below("links", "nuscenes_dataset")
+    cache.write(changes)
+    assert not is_quick(fresh)
+    assert not survey(fresh).dataset_is_current
 
 
 # --- after a crash -----------------------------------------------------------------------
@@ -197,17 +212,19 @@ def tear(recipe_file, pattern):
         file.write(b"\0" * stat.st_size)
     os.utime(path, ns=(stat.st_atime_ns, stat.st_mtime_ns))
     path.chmod(0o444)
-    for head in (load_recipe(recipe_file).state / "published").glob(f"*/{published.HEAD}"):
-        value = json.loads(head.read_bytes())
-        value["files"] = {name: signature(f"{value['root']}/{name}") for name in value["files"]}
-        head.write_text(json.dumps(value))
+    for asset in ASSETS:
+        publication = Publication(load_recipe(recipe_file).state, asset)
+        head = publication._head()
+        files = {name: signature(f"{head['root']}/{name}") for name in head["files"]}
+        publication._put_head(head | {"files": files})
     return path
 
 
 def start_anew(recipe_file):
     """Have the machine started anew since the last build."""
-    note = load_recipe(recipe_file).state / "last-build.json"
-    note.write_text(json.dumps({"boot": "another one", "process": None}))
+    changes = Changes()
+    changes.put("last", "", json.dumps(["another one", ""]).encode())
+    Cache(load_recipe(recipe_file).state).write(changes)
 
 
 def kill_last_build(recipe_file):
@@ -215,8 +232,21 @@ def kill_last_build(recipe_file):
     child = subprocess.Popen(["true"])
     process = ProcessId.of(child.pid)
     child.wait()
-    note = load_recipe(recipe_file).state / "last-build.json"
-    note.write_text(json.dumps(json.loads(note.read_text()) | {"process": process.as_json()}))
+    Builds(load_recipe(recipe_file).state).begin(json.dumps(process.as_json()), recipe_file)
+
+
+@pytest.mark.parametrize("crash", [start_anew, kill_last_build])
+def test_a_crash_is_a_doubt(fresh, monkeypatch, crash):
+    crash(fresh)
+    assert not is_quick(fresh)
+    assert build(fresh, monkeypatch)[1] == []
+    assert is_quick(fresh)
+
+
+def test_a_build_that_is_at_work_is_a_doubt(fresh):
+    with after_crash.noted_build(load_recipe(fresh), fresh):
+        assert not is_quick(fresh)
+    assert is_quick(fresh)
 
 
 @pytest.mark.parametrize("crash", [start_anew, kill_last_build])
@@ -275,7 +305,7 @@ def test_a_copy_that_a_crash_tore_is_mended_and_an_old_one_not_read(fresh, monke
     assert everything(fresh) == whole
     old = first(fresh, "nuscenes/samples/CAM_FRONT/*")
     os.utime(old, (1e9, 1e9))
-    shutil.rmtree(recipe.state / "published")
+    forget(fresh, "nuscenes_dataset")
     build(fresh, monkeypatch)
     text = Publication(recipe.state, "nuscenes_dataset")
     text.distrust(1e9 + 1, links=False)
@@ -285,7 +315,7 @@ def test_a_copy_that_a_crash_tore_is_mended_and_an_old_one_not_read(fresh, monke
 
 
 def test_another_boot_is_a_doubt(fresh, monkeypatch):
-    monkeypatch.setattr(snapshot, "boot", lambda: "another one")
+    monkeypatch.setattr(decide, "boot", lambda: "another one")
     assert not is_quick(fresh)
 
 
@@ -321,12 +351,12 @@ def test_of_many_links_a_look_costs_milliseconds_and_still_sees_one_that_went(ma
     best_s = 1.0
     for _ in range(20):
         begun = time.perf_counter()
-        published.check(str(publication.folder))
+        publication.check()
         best_s = min(best_s, time.perf_counter() - begun)
     assert best_s < 0.005, f"{best_s * 1e3:.1f} ms"
     (root / names[12_345]).unlink()
     with pytest.raises(Doubt, match="changed"):
-        published.check(str(publication.folder))
+        publication.check()
     assert publication.differing(root) == {names[12_345]}
 
 
@@ -343,14 +373,14 @@ def test_of_many_links_those_changed_in_place_are_found_within_some_looks(many, 
     while True:
         looks += 1
         try:
-            published.check(str(publication.folder))
+            publication.check()
         except Doubt:
             break
         assert looks < 50
     assert publication.differing(root)
 
 
-def test_of_a_publication_only_new_and_suspicious_parts_are_looked_at_anew(many):
+def test_of_a_publication_only_new_and_suspicious_parts_are_looked_at_anew(many, tmp_path):
     publication, root, names = many
     asked = []
 
@@ -361,5 +391,5 @@ def test_of_a_publication_only_new_and_suspicious_parts_are_looked_at_anew(many)
     assert asked == []
     publication.write(root, {}, part("b", names[15_000:]) | part("c", names[:10]), frozenset([names[15_000]]))
     assert asked == ["b", "c"]
-    assert sorted(path.name for path in publication.folder.iterdir()) == ["b.list", "c.list", published.HEAD]
-    published.check(str(publication.folder))
+    assert {key.split("/")[1] for key in Cache(tmp_path).all("links")} == {"b", "c"}
+    publication.check()

@@ -5,15 +5,19 @@ import shutil
 import pytest
 from handmade import Drive, make_tables
 
-from bagassets.nuscenes.check import check_tables
-from bagassets.nuscenes.dataset import BagPart, assemble
-from bagassets.nuscenes.schema import TABLES
-from bagassets.nuscenes.table_file import read_table
-from bagassets.quality.catalogue import DATASET_CHECKS, check_dataset_now
-from bagassets.quality.dataset_rows import read_dataset, repeated_tokens
-from bagassets.quality.dataset_rules import files_match, references_intact, tokens_unique
-from bagassets.quality.devkit_rules import devkit_ready
-from bagassets.recipe.model import NuScenes
+from bagassets.formats.assembly import assemble
+from bagassets.formats.checking import check_dataset, dataset_checks
+from bagassets.formats.dataset_build import datasets_of
+from bagassets.formats.format import Part
+from bagassets.formats.nuscenes.check import check_tables
+from bagassets.formats.nuscenes.dataset_checks import CHECKS, check
+from bagassets.formats.nuscenes.dataset_rows import read_dataset, repeated_tokens
+from bagassets.formats.nuscenes.dataset_rules import files_match, references_intact, tokens_unique
+from bagassets.formats.nuscenes.devkit_rules import devkit_ready
+from bagassets.formats.nuscenes.format import NUSCENES
+from bagassets.formats.nuscenes.schema import TABLES
+from bagassets.formats.nuscenes.table_file import read_table
+from bagassets.recipe.model import NuScenes, Recipe
 from bagassets.recipe.model_checks import Checks
 from bagassets.store.store import Store
 
@@ -28,8 +32,8 @@ def original(tmp_path_factory):
     parts = []
     for number in range(RECORDINGS):
         tables = make_tables(store, Drive(seconds=2.2, seed=number), key=f"drive_{number}").artifact
-        parts.append(BagPart(f"drive_{number}", str(number), tables.digest))
-    assemble(parts, NuScenes(version=VERSION), store, folder / "nuscenes")
+        parts.append(Part(f"drive_{number}", str(number), tables.digest))
+    assemble(NUSCENES, parts, NuScenes(version=VERSION), store, folder / "nuscenes")
     return folder / "nuscenes"
 
 
@@ -112,13 +116,30 @@ def test_a_broken_link_in_a_recording_that_is_read_is_named(dataset):
     assert token in problem
 
 
+def make_recipe(output, **fields):
+    rig = {
+        "name": "car",
+        "ego_pose": {"source": "fixed"},
+        "channels": {"CAM": {"modality": "camera", "topic": "/c"}},
+    }
+    settings = NuScenes(output=output, version=VERSION)
+    return Recipe(name="x", bags={"root": output}, rigs=[rig], nuscenes=settings, **fields)
+
+
 def test_all_checks_are_made_that_are_not_skipped(dataset):
-    assert check_dataset_now(dataset, VERSION, Checks()).keys() == {check.name for check in DATASET_CHECKS}
-    some = Checks.model_validate({"files_match": {"severity": "skip"}})
-    assert "dataset_files_match" not in check_dataset_now(dataset, VERSION, some)
+    recipe = make_recipe(dataset)
+    (made,) = datasets_of(recipe).values()
+    names = dataset_checks(recipe, NUSCENES)
+    assert names.keys() == {check.name for check in CHECKS}
+    assert check_dataset(made, names.keys()).keys() == names.keys()
+    some = make_recipe(dataset, checks=Checks.model_validate({"files_match": {"severity": "skip"}}))
+    assert names.keys() - dataset_checks(some, NUSCENES).keys() == {"dataset_files_match"}
+    few = check_dataset(made, {"devkit_ready"})
+    assert few.keys() == {"devkit_ready"}
 
 
 def test_a_dataset_without_recordings_passes(tmp_path):
-    assemble([], NuScenes(version=VERSION), Store(tmp_path / "store"), tmp_path / "empty")
-    for finding in check_dataset_now(tmp_path / "empty", VERSION, Checks()).values():
+    assemble(NUSCENES, [], NuScenes(version=VERSION), Store(tmp_path / "store"), tmp_path / "empty")
+    settings = NuScenes(output=tmp_path / "empty", version=VERSION)
+    for finding in check(settings, {one.name for one in CHECKS}).values():
         assert list(finding.problems) == []

@@ -8,17 +8,18 @@ import pytest
 from handmade import Drive, make_tables
 
 from bagassets.annotations.table import BoxTable
-from bagassets.bags.inventory import Definition, Gap, HeaderOffset, Inventory, TopicRecord
+from bagassets.formats.assembly import assemble
+from bagassets.formats.format import Part
+from bagassets.formats.nuscenes.check import broken_references, duplicate_tokens
+from bagassets.formats.nuscenes.dataset_rows import DatasetRows, read_dataset
+from bagassets.formats.nuscenes.devkit_rules import devkit_ready
+from bagassets.formats.nuscenes.format import NUSCENES
+from bagassets.formats.nuscenes.schema import RECORDING_TABLES
 from bagassets.geometry.trajectory import Trajectory
-from bagassets.nuscenes.check import broken_references, duplicate_tokens
-from bagassets.nuscenes.dataset import BagPart, assemble
-from bagassets.nuscenes.schema import RECORDING_TABLES
 from bagassets.quality.box_rules import boxes_plausible
 from bagassets.quality.calibration_rules import calibration_plausible
 from bagassets.quality.channel_rules import channels_complete
-from bagassets.quality.dataset_rows import DatasetRows, read_dataset
-from bagassets.quality.devkit_rules import devkit_ready
-from bagassets.quality.evidence import Evidence
+from bagassets.quality.check import Evidence
 from bagassets.quality.file_rules import files_match
 from bagassets.quality.finding import clock
 from bagassets.quality.pose_rules import poses_cover_sensors
@@ -35,6 +36,8 @@ from bagassets.recipe.model_checks import (
     StampsCheck,
     TopicsCheck,
 )
+from bagassets.recordings.inventory import Gap, HeaderOffset, Inventory, TopicRecord
+from bagassets.recordings.model import Definition
 from bagassets.store.store import Store
 
 S = 1_000_000_000
@@ -477,7 +480,9 @@ def dataset(tmp_path_factory):
     folder = tmp_path_factory.mktemp("dataset")
     store = Store(folder / "store")
     tables = make_tables(store, Drive(seconds=3.0)).artifact
-    assemble([BagPart("drive_1", "c", tables.digest)], NuScenes(version=VERSION), store, folder / "nuscenes")
+    assemble(
+        NUSCENES, [Part("drive_1", "c", tables.digest)], NuScenes(version=VERSION), store, folder / "nuscenes"
+    )
     return folder / "nuscenes", read_dataset(folder / "nuscenes", VERSION).tables
 
 

@@ -12,8 +12,7 @@ from sample_drives import build_recordings
 
 from bagassets.geometry.se3 import quaternion_multiply
 from bagassets.geometry.trajectory import Trajectory
-from bagassets.quality.catalogue import RECORDING_CHECKS
-from bagassets.quality.evidence import Evidence
+from bagassets.quality.check import Evidence
 from bagassets.quality.sweep_rules import Sweeps, sweeps_timed
 from bagassets.recipe import load_recipe
 from bagassets.recipe.model import Rig
@@ -26,6 +25,7 @@ from bagassets.sample.schedule import event, motion_events
 from bagassets.sample.truth import Truth
 from bagassets.sample.world import RADIUS_M, Ego, Thing, World
 from bagassets.store.store import Store
+from bagassets_tests.checks import RECORDING_CHECKS
 
 PERIOD_NS, MS = 100_000_000, 1_000_000
 START_NS = 1_750_000_000_000_000_000

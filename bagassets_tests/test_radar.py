@@ -152,7 +152,7 @@ def test_radar_scan_has_angles_to_the_right_as_its_definition_says(make):
 
 
 def test_radar_tracks_have_positions_and_velocities(make):
-    point = lambda kind, x, y, z: make.part(f"geometry_msgs/msg/{kind}", x=x, y=y, z=z)  # noqa: E731
+    point = lambda kind, x, y, z: make.part(f"geometry_msgs/msg/{kind}", x=x, y=y, z=z)
     tracks = [
         make.part(
             "radar_msgs/msg/RadarTrack",
@@ -177,7 +177,7 @@ def test_radar_tracks_have_positions_and_velocities(make):
 
 
 def test_tracks_with_an_outline_lie_at_its_centre(make):
-    corner = lambda x, y: make.part("geometry_msgs/msg/Point32", x=x, y=y, z=0.0)  # noqa: E731
+    corner = lambda x, y: make.part("geometry_msgs/msg/Point32", x=x, y=y, z=0.0)
     shape = make.part("geometry_msgs/msg/Polygon", points=[corner(9.0, 1.0), corner(11.0, 3.0)])
     velocity = make.part("geometry_msgs/msg/Vector3", x=1.0, y=0.0, z=0.0)
     track = make.part("old_msgs/msg/RadarTrack", track_id=7, track_shape=shape, linear_velocity=velocity)
@@ -218,7 +218,7 @@ def test_an_esr_track_without_target_is_dropped(make):
 
 @pytest.mark.parametrize("points", [0, 2])
 def test_a_message_with_a_cloud_and_objects_takes_what_is_filled(make, points):
-    point_field = lambda name, offset: make.part("sensor_msgs/msg/PointField", name=name, offset=offset, datatype=7, count=1)  # fmt: skip # noqa: E731
+    point_field = lambda name, offset: make.part("sensor_msgs/msg/PointField", name=name, offset=offset, datatype=7, count=1)  # fmt: skip
     header = make("radar_msgs/msg/RadarScan", returns=[]).header
     targets = make.part(
         "sensor_msgs/msg/PointCloud2", header=header, height=1, width=points,

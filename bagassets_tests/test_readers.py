@@ -7,8 +7,8 @@ import pytest
 from rosbags.rosbag1 import Reader as Rosbag1Reader
 from rosbags.rosbag1 import Writer as Rosbag1Writer
 
-from bagassets.bags.open import open_recording
 from bagassets.errors import RecordingError
+from bagassets.recordings.open import open_recording
 from bagassets_tests.small_drive import START_NS, STORE1, messages, write_drive
 
 TOPICS = ["/cam/camera_info", "/cam/image_raw", "/odom", "/points", "/tf_static"]
@@ -34,7 +34,7 @@ def test_headers_are_read_without_decoding(drive):
             decoded = recording.decode(message)
             header = decoded.transforms[0].header if message.topic == "/tf_static" else decoded.header
             stamp_ns = header.stamp.sec * 10**9 + header.stamp.nanosec
-            assert recording.header(message) == (stamp_ns, header.frame_id)
+            assert recording.topics[message.topic].header(message.data) == (stamp_ns, header.frame_id)
 
 
 def test_a_view_offers_the_declared_topics_only(drive):

@@ -2,12 +2,13 @@
 
 import pytest
 
-from bagassets.bags.digest import recording_digest, recording_stat
-from bagassets.bags.discover import discover
-from bagassets.engine.recording_build import BuildFailure, RecordingBuild
+from bagassets.build.execute import BuildFailure
 from bagassets.errors import CalibrationError, StoreError
 from bagassets.recipe import load_recipe
+from bagassets.recordings.digest import recording_digest, recording_stat
+from bagassets.recordings.discover import discover
 from bagassets.store.store import Store
+from bagassets_tests.recording_build import RecordingBuild
 from bagassets_tests.small_drive import RECIPE, write_drive
 
 URDF = """<robot name="car">
@@ -42,7 +43,9 @@ def test_the_urdf_of_the_recipe_reaches_the_calibration(bags):
     (bags / "car.urdf").write_text(URDF)
     build = build_of(bags, "    urdf: car.urdf\n    tf_static: [/none]\n")
     list(build.build(["inventory", "calibration"]))
-    mounts = {name: entry["ego_SE3_sensor"] for name, entry in build.calibration["channels"].items()}
+    mounts = {
+        name: entry["ego_SE3_sensor"] for name, entry in build.last.inputs.calibration["channels"].items()
+    }
     assert mounts["LIDAR_TOP"] == {"translation": [0.25, 0.5, 1.5], "rotation": [1.0, 0.0, 0.0, 0.0]}
     assert mounts["CAM_FRONT"]["translation"] == [1.0, 2.0, 3.0]
 

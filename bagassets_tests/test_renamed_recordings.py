@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from bagassets.engine.recording_build import BuildFailure
+from bagassets.build.execute import BuildFailure
 from bagassets.store.action import Step
 from bagassets.store.store import Store
 from bagassets_tests.small_drive import RECIPE

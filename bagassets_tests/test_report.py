@@ -9,11 +9,11 @@ from itertools import pairwise
 
 import pytest
 
-from bagassets.engine.plan_model import AssetState, BagPlan, Plan
-from bagassets.engine.recording_assets import assets_of
-from bagassets.engine.report_data import build_map, map_path, report_data
-from bagassets.engine.track import track_of
+from bagassets.build.plan_model import AssetState, BagPlan, Plan
+from bagassets.build.track import track_of
 from bagassets.errors import DatasetError
+from bagassets.formats.catalogue import recording_assets
+from bagassets.formats.report_data import build_map, map_path, report_data
 from bagassets.recipe import load_recipe
 from bagassets.recipe.model_splits import Splits
 from bagassets.report.grid_map import colour_of_split, grid_map
@@ -256,7 +256,9 @@ def built(tmp_path_factory):
 
 def plan_of(recipe, made, number=1):
     """A plan of many recordings that share their artifacts."""
-    states = {name: AssetState("fresh", "", made[name].artifact.digest) for name in assets_of(recipe)}
+    states = {
+        name: AssetState("fresh", "", made[name].artifact.digest) for name in recording_assets(recipe).names
+    }
     states = {"bag": AssetState("fresh", "", "x"), **states}
     bags = {f"drive_{n:04d}": BagPlan(f"drive_{n:04d}", states, "mcap") for n in range(number)}
     return Plan(bags, {}, ())
@@ -282,8 +284,10 @@ class TestGathered:
         recipe, made = built
         plan = plan_of(recipe, made)
         failed = {"bag": AssetState("fresh", ""), "inventory": AssetState("failed", "it is torn")}
-        failed |= {name: AssetState("unknown", "waits") for name in assets_of(recipe)[1:]}
-        skipped = {name: AssetState("skipped", "too short") for name in ("bag", *assets_of(recipe))}
+        failed |= {name: AssetState("unknown", "waits") for name in recording_assets(recipe).names[1:]}
+        skipped = {
+            name: AssetState("skipped", "too short") for name in ("bag", *recording_assets(recipe).names)
+        }
         bags = dict(plan.bags) | {"torn": BagPlan("torn", failed), "short": BagPlan("short", skipped)}
         data = report_data(recipe, Store(recipe.store_path), Plan(bags, {}, ()))
         assert {r.key: (r.state, r.reason) for r in data.recordings if r.state != "ready"} == {

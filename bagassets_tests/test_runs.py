@@ -107,7 +107,7 @@ def test_an_executed_run_succeeds_without_having_been_queued(instance):
     run_id = create(instance, "first", "second")
     seen = []
     outcome = execute_run(instance, run_id, on_event=lambda event: seen.append(event.event_type_value))
-    assert outcome.success
+    assert outcome.status == "SUCCESS"
     assert outcome.as_json() == {"run_id": run_id, "status": "SUCCESS", "failures": ()}
     found = events(instance, run_id)
     assert "PIPELINE_ENQUEUED" not in found
@@ -119,12 +119,12 @@ def test_an_executed_run_succeeds_without_having_been_queued(instance):
 
 
 def test_an_unpartitioned_asset_needs_no_key(instance):
-    assert execute_run(instance, create(instance, "whole", partition_key=None)).success
+    assert execute_run(instance, create(instance, "whole", partition_key=None)).status == "SUCCESS"
 
 
 def test_a_failure_is_told_in_the_librarys_own_words(instance):
     outcome = execute_run(instance, create(instance, "broken"))
-    assert not outcome.success
+    assert outcome.status == "FAILURE"
     assert outcome.status == "FAILURE"
     sentence = "drive.bag: the recording is truncated; copy it again."
     assert outcome.failures == (StepError("broken", "RecordingError", sentence),)

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from bagassets.bags.discover import find_one
-from bagassets.bags.open import open_recording
 from bagassets.errors import RecordingError
-from bagassets.sample.drive import PROFILES, Target, drive_start_ns, write_drive, write_recordings
+from bagassets.recordings.discover import find_one
+from bagassets.recordings.open import open_recording
+from bagassets.sample.drive import PROFILES, Target, drive_start_ns, write_recordings
 from bagassets.sample.recorder import COMPRESSIONS
 
 SHORT_S = 0.25
@@ -32,9 +32,9 @@ def file_digests(path):
 
 @pytest.mark.parametrize("file_format", ["ros1", "ros2", "mcap"])
 def test_a_seed_is_a_drive(tmp_path, file_format):
-    write_drive(tmp_path / "1" / "d", file_format, seed=4, duration_s=SHORT_S)
-    write_drive(tmp_path / "2" / "d", file_format, seed=4, duration_s=SHORT_S)
-    write_drive(tmp_path / "3" / "d", file_format, seed=5, duration_s=SHORT_S)
+    write_recordings([Target(tmp_path / "1" / "d", file_format)], seed=4, duration_s=SHORT_S)
+    write_recordings([Target(tmp_path / "2" / "d", file_format)], seed=4, duration_s=SHORT_S)
+    write_recordings([Target(tmp_path / "3" / "d", file_format)], seed=5, duration_s=SHORT_S)
     assert file_digests(tmp_path / "1" / "d") == file_digests(tmp_path / "2" / "d")
     assert file_digests(tmp_path / "1" / "d") != file_digests(tmp_path / "3" / "d")
 
@@ -69,20 +69,20 @@ def test_every_format_has_the_same_topics_times_and_counts(tmp_path):
 def test_what_is_there_is_not_overwritten(tmp_path):
     (tmp_path / "d.bag").write_text("precious")
     with pytest.raises(RecordingError, match=r"d\.bag: there is something already"):
-        write_drive(tmp_path / "d.bag", "ros1", duration_s=SHORT_S)
+        write_recordings([Target(tmp_path / "d.bag", "ros1")], duration_s=SHORT_S)
     assert (tmp_path / "d.bag").read_text() == "precious"
 
 
 def test_an_unknown_compression_is_refused_before_anything_is_written(tmp_path):
     with pytest.raises(RecordingError, match="ros1 recordings know no compression zstd; use none, lz4, bz2"):
-        write_drive(tmp_path / "d.bag", "ros1", compression="zstd", duration_s=SHORT_S)
+        write_recordings([Target(tmp_path / "d.bag", "ros1", "zstd")], duration_s=SHORT_S)
     assert list(tmp_path.iterdir()) == []
 
 
 def test_lz4_frames_are_those_that_ros_1_reads_and_carry_checksums(tmp_path):
     """Each byte of a chunk that is changed is noticed; roslz4 refuses other flags than these."""
     path = tmp_path / "d.bag"
-    write_drive(path, "ros1", compression="lz4", duration_s=SHORT_S)
+    write_recordings([Target(path, "ros1", "lz4")], duration_s=SHORT_S)
     data = path.read_bytes()
     frames = [at for at in range(len(data)) if data.startswith(b"\x04\x22\x4d\x18", at)]
     assert frames

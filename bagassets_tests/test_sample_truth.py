@@ -11,11 +11,11 @@ import cv2
 import numpy as np
 import pytest
 
+from bagassets.assets.ego_poses import load_trajectory
 from bagassets.sample.render import CameraView, radar_targets
 from bagassets.sample.rig import EGO_SE3_LIDAR, EGO_SE3_RADAR, LIDAR
-from bagassets.steps.ego_poses import load_trajectory
 from bagassets_tests.devkit import run_devkit
-from bagassets_tests.sample_drives import VERSION, build_sample, pose_of
+from bagassets_tests.sample_drives import VERSION, build_sample, object_ids, pose_of
 
 KEYS = ("drive.bag", "drive", "drive.mcap")
 CAMERAS = ("CAM_FRONT", "CAM_FRONT_LEFT", "CAM_FRONT_RIGHT")
@@ -147,7 +147,7 @@ def test_projected_boxes_cover_the_pixels_of_their_objects(built, rows, key):
         for stamp_ns, data, calibrated, pose in readings(built, rows, key, channel):
             if not data["is_key_frame"]:
                 continue
-            objects = built.truth.object_ids(channel, stamp_ns, undistorted=True)
+            objects = object_ids(built.truth, channel, stamp_ns)
             for annotation in built.tables["sample_annotation"]:
                 thing = tracks[annotation["instance_token"]]
                 if annotation["sample_token"] != data["sample_token"]:

@@ -4,22 +4,22 @@ from dataclasses import replace
 
 import pytest
 
-from bagassets.recipe.model import Recipe
-from bagassets.steps import (
+from bagassets.assets import (
     annotations,
     calibration,
     ego_poses,
     frames,
-    nuscenes_tables,
     preview,
-    scene_selection,
     sweeps,
     track,
     trajectory_map,
-    vision_sequences,
 )
-from bagassets.steps import inventory as inventory_step
-from bagassets.steps.selection import choose_rig, present_channels, skip_reason
+from bagassets.assets import inventory as inventory_step
+from bagassets.assets.selection import choose_rig, present_channels, skip_reason
+from bagassets.formats.nuscenes import scene_selection
+from bagassets.formats.nuscenes.tables import NUSCENES_TABLES
+from bagassets.formats.vision.recording_part import VISION_SEQUENCES
+from bagassets.recipe.model import Recipe
 from bagassets_tests.pose_data import CLOUD, IMAGE, T0, Msg, Recorded, S, header
 
 CHANNELS = {
@@ -111,10 +111,21 @@ def test_one_that_lacks_required_channels_does_not_and_all_are_named():
 def test_steps_keep_their_names_for_ever():
     """A store knows actions by the names of steps: under another name everything would be made again."""
     steps = [
-        inventory_step.STEP, calibration.STEP, ego_poses.STEP, annotations.STEP, frames.STEP, sweeps.STEP,
-        nuscenes_tables.STEP, vision_sequences.STEP, preview.STEP, track.STEP, trajectory_map.STEP,
-        trajectory_map.SHELL_STEP, scene_selection.FACTS_STEP, scene_selection.SUBSET_STEP,
-    ]  # fmt: skip
+        inventory_step.INVENTORY.step,
+        calibration.CALIBRATION.step,
+        ego_poses.EGO_POSES.step,
+        annotations.ANNOTATIONS.step,
+        frames.FRAMES.step,
+        sweeps.SWEEPS.step,
+        NUSCENES_TABLES.step,
+        VISION_SEQUENCES.step,
+        preview.PREVIEW.step,
+        track.TRACK.step,
+        trajectory_map.STEP,
+        trajectory_map.SHELL_STEP,
+        scene_selection.FACTS_STEP,
+        scene_selection.SUBSET_STEP,
+    ]
     assert [step.name for step in steps] == [
         "inventory", "calibration", "ego_poses", "annotations", "frames", "sweeps", "nuscenes_tables",
         "vision_sequences", "preview", "track", "trajectory_map", "map_shell", "scene_facts", "scene_subset",

@@ -14,7 +14,6 @@ from dagster._core.events import DagsterEvent, DagsterEventType
 from dagster._core.loader import LoadingContextForTest
 from dagster._core.storage.tags import PARTITION_NAME_TAG
 
-from bagassets.bags.digest import RecordingStat
 from bagassets.defs import sensor, sensor_look
 from bagassets.defs.events import event_database, live_partitions
 from bagassets.defs.leftovers import UNTAKEN_S
@@ -24,10 +23,11 @@ from bagassets.defs.runs import create_run, open_instance
 from bagassets.defs.sensor_cursor import MOST_TRIES, RETRY_S, Cursor
 from bagassets.defs.sensor_look import Look
 from bagassets.defs.workspace import Workspace
-from bagassets.engine.dataset_build import dataset_code_versions
-from bagassets.engine.recording_assets import assets_of
 from bagassets.errors import RecordingError
+from bagassets.formats.catalogue import recording_assets
+from bagassets.formats.dataset_build import dataset_code_versions
 from bagassets.recipe import load_recipe
+from bagassets.recordings.digest import RecordingStat
 from bagassets_tests.in_process import build, load_definitions, make_project
 from bagassets_tests.small_drive import RECIPE, write_drive
 
@@ -170,7 +170,9 @@ def test_a_new_recording_is_registered_and_asked_for_once_it_has_settled(project
     assert project.cursor.said == "1 recording; waiting for a.bag to settle."
     (request,) = project.look(after_s=30).values()
     assert request.partition_key == "a.bag"
-    assert request.asset_selection == [dg.AssetKey(name) for name in ("bag", *assets_of(project.recipe))]
+    assert request.asset_selection == [
+        dg.AssetKey(name) for name in ("bag", *recording_assets(project.recipe).names)
+    ]
     assert request.tags["why"] == "new recording"
     assert project.live == {"a.bag"}
     assert project.look() == {}  # asked for already
@@ -461,7 +463,7 @@ def left_behind(tmp_path, monkeypatch):
     with open_instance(str(tmp_path)) as instance:
         recipe = load_recipe(recipe_file)
         add_partitions(instance, recipe, ["a.bag"])
-        run_id = create_run(instance, ["bag", *assets_of(recipe)], partition_key="a.bag")
+        run_id = create_run(instance, ["bag", *recording_assets(recipe).names], partition_key="a.bag")
         starting = DagsterEvent(DagsterEventType.PIPELINE_STARTING.value, "__ASSET_JOB", message="to start")
         instance.report_dagster_event(starting, run_id)
         yield recipe_file, instance, run_id

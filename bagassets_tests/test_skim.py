@@ -6,18 +6,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from bagassets.bags.inventory import Definition
-from bagassets.bags.typestores import MessageTypes
 from bagassets.decode.fields import stamp_and_frame
 from bagassets.decode.packets import PAYLOADS, payload
+from bagassets.recordings.model import Definition
+from bagassets.recordings.topic import Topic, TopicSource
 
 NAME = "some_msgs/msg/Packet"
 HEADER = "MSG: std_msgs/Header\nuint32 seq\ntime stamp\nstring frame_id\n"
 ETHERNET = "std_msgs/Header header\nuint8[4] sender_ip\nuint16 sender_port\nuint8[] payload\n"
 
 
-def types_of(text, serialization="ros1"):
-    return MessageTypes(serialization, {NAME: Definition("msg", f"{text}{'=' * 80}\n{HEADER}")})
+def topic_of(text, serialization="ros1"):
+    definition = Definition("msg", f"{text}{'=' * 80}\n{HEADER}")
+    return Topic(TopicSource("/packets", NAME, 1, definition, serialization))
 
 
 def message_of(text, stamp=(5, 6), frame="lidar", **values):
@@ -37,10 +38,10 @@ def ethernet(data, **header):
 @settings(max_examples=60, deadline=None)
 @given(st.binary(max_size=1300), st.text(max_size=20), st.integers(0, 2**31 - 1), st.integers(0, 10**9 - 1))
 def test_what_is_skimmed_is_what_decoding_gives(data, frame, seconds, nanoseconds):
-    types = types_of(ETHERNET)
+    topic = topic_of(ETHERNET)
     raw = ethernet(data, frame=frame, stamp=(seconds, nanoseconds))
-    decoded = types.decode(NAME, raw)
-    packet = types.packet(NAME, memoryview(raw), PAYLOADS)
+    decoded = topic.decode(raw)
+    packet = topic.packet(memoryview(raw), PAYLOADS)
     assert packet is not None
     assert (packet.stamp_ns, packet.payload) == (stamp_and_frame(decoded.header)[0], payload(decoded))
     assert packet.frame_id == decoded.header.frame_id
@@ -48,16 +49,16 @@ def test_what_is_skimmed_is_what_decoding_gives(data, frame, seconds, nanosecond
 
 @pytest.mark.parametrize("cut", [0, 3, 16, 30, -1])
 def test_a_message_that_is_cut_off_is_left_to_decoding(cut):
-    assert types_of(ETHERNET).packet(NAME, ethernet(b"data")[:cut], PAYLOADS) is None
+    assert topic_of(ETHERNET).packet(ethernet(b"data")[:cut], PAYLOADS) is None
 
 
 def test_a_message_that_is_longer_than_it_says_is_left_to_decoding():
-    assert types_of(ETHERNET).packet(NAME, ethernet(b"data") + b"!", PAYLOADS) is None
+    assert topic_of(ETHERNET).packet(ethernet(b"data") + b"!", PAYLOADS) is None
 
 
 def test_a_frame_that_is_no_text_is_left_to_decoding():
     raw = ethernet(b"data").replace(b"lidar", b"\xff\xfedar")
-    assert types_of(ETHERNET).packet(NAME, raw, PAYLOADS) is None
+    assert topic_of(ETHERNET).packet(raw, PAYLOADS) is None
 
 
 @pytest.mark.parametrize(
@@ -74,8 +75,8 @@ def test_a_frame_that_is_no_text_is_left_to_decoding():
     ],
 )
 def test_other_layouts_are_left_to_decoding(text):
-    assert types_of(text).packet(NAME, bytes(64), PAYLOADS) is None
+    assert topic_of(text).packet(bytes(64), PAYLOADS) is None
 
 
 def test_ros2_messages_are_left_to_decoding():
-    assert types_of(ETHERNET, "cdr").packet(NAME, bytes(64), PAYLOADS) is None
+    assert topic_of(ETHERNET, "cdr").packet(bytes(64), PAYLOADS) is None

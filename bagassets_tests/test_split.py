@@ -8,8 +8,11 @@ from handmade import Drive, make_tables
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bagassets.nuscenes.dataset import BagPart, assemble, read_lock
-from bagassets.nuscenes.splits import DEVKIT_SPLITS, devkit_split_name
+from bagassets.formats.assembly import assemble
+from bagassets.formats.dataset_lock import read_lock
+from bagassets.formats.format import Part
+from bagassets.formats.nuscenes.format import NUSCENES
+from bagassets.formats.nuscenes.splits import DEVKIT_SPLITS, devkit_split_name
 from bagassets.recipe.model import NuScenes
 from bagassets.recipe.model_splits import Splits
 from bagassets.splits import deal, moves, shares_of
@@ -186,7 +189,7 @@ def made(tmp_path_factory):
     folder = tmp_path_factory.mktemp("split")
     store = Store(folder / "store")
     parts = [
-        BagPart(key, key, make_tables(store, Drive(seconds=2.0, seed=n), key=key).artifact.digest)
+        Part(key, key, make_tables(store, Drive(seconds=2.0, seed=n), key=key).artifact.digest)
         for n, key in enumerate(["monday", "tuesday", "wednesday"])
     ]
     return store, parts, folder
@@ -198,8 +201,10 @@ class TestDataset:
         splits = Splits(shares={"day": 0.5, "night": 0.5})
         found, summaries = [], []
         for number in (2, 3):
-            summaries.append(assemble(parts[:number], NuScenes(), store, folder / "grows", splits=splits))
-            lock = read_lock(folder / "grows", "v1.0-custom")
+            summaries.append(
+                assemble(NUSCENES, parts[:number], NuScenes(), store, folder / "grows", splits=splits)
+            )
+            lock = read_lock(folder / "grows" / "v1.0-custom").value
             found.append({bag["key"]: bag["split"] for bag in lock["bags"]})
         assert set(found[0].values()) == set(found[1].values()) == {"day", "night"}
         assert summaries[0].moved == {}
@@ -208,20 +213,20 @@ class TestDataset:
     def test_a_dataset_of_some_recordings_keeps_the_splits_it_is_handed(self, made):
         store, parts, folder = made
         whole = {part.key: "val" for part in parts}
-        assemble(parts[:2], NuScenes(), store, folder / "some", dealt=whole)
+        assemble(NUSCENES, parts[:2], NuScenes(), store, folder / "some", dealt=whole)
         text = (folder / "some" / "v1.0-custom" / "splits.json").read_bytes()
         assert json.loads(text) == {"custom_train": [], "custom_val": ["monday_000", "tuesday_000"]}
 
     def test_pins_and_deviation_are_in_tables_and_lock(self, made):
         store, parts, folder = made
         splits = Splits(pinned={"monday": "val", "tuesday": "train", "wednesday": "val"})
-        summary = assemble(parts, NuScenes(), store, folder / "pinned", splits=splits)
+        summary = assemble(NUSCENES, parts, NuScenes(), store, folder / "pinned", splits=splits)
         text = (folder / "pinned" / "v1.0-custom" / "splits.json").read_bytes()
         assert json.loads(text) == {
             "custom_train": ["tuesday_000"],
             "custom_val": ["monday_000", "wednesday_000"],
         }
-        lock = read_lock(folder / "pinned", "v1.0-custom")
+        lock = read_lock(folder / "pinned" / "v1.0-custom").value
         assert lock["splits"] == splits.model_dump(mode="json")
         assert lock["shares"]["val"]["recordings"] == 2
         assert lock["shares"]["val"]["deviation"] == pytest.approx(2 / 3 - 0.2, abs=1e-3)

@@ -9,12 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from bagassets.engine.dataset_build import DatasetInputs, deal_contents
+from bagassets.formats.dataset_build import DatasetInputs, deal_contents
+from bagassets.formats.format import Part
 from bagassets.recipe import load_recipe
 from bagassets.recipe.model_splits import Splits
 from bagassets.splits import deal, moves
-from bagassets.steps.nuscenes_dataset import BagPart
-from bagassets.steps.vision_dataset import VisionPart
 from bagassets.store.store import Store
 from bagassets_tests.in_process import QUICK, build, make_project
 from bagassets_tests.small_drive import write_drive
@@ -125,9 +124,10 @@ def test_no_split_of_a_dataset_is_empty_beside_recordings_too_short_for_scenes(t
 def test_all_datasets_have_the_same_splits_even_if_one_lacks_a_recording(tmp_path):
     keys = [f"drive_{number}" for number in range(7)]
     inputs = DatasetInputs(
-        tuple(BagPart(key, key, "tables") for key in keys[1:]),
-        {},
-        {keys[0]: "why"},
-        tuple(VisionPart(key, key, "sequences") for key in keys),
+        {
+            "nuscenes": tuple(Part(key, key, "tables") for key in keys[1:]),
+            "vision": tuple(Part(key, key, "sequences") for key in keys),
+        },
+        failed={"nuscenes": {keys[0]: "why"}},
     )
     assert inputs.dealt(Splits(), Store(tmp_path)) == deal(keys, Splits())

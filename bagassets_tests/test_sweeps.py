@@ -1,14 +1,14 @@
 """The step `sweeps`: what it declares, the files of clouds, and that nothing gets lost unseen."""
 
-import json
-
 import numpy as np
 import pytest
 
-from bagassets.bags.model import RawMessage
-from bagassets.errors import CalibrationError, DecodeError, LossLimitError, PoseError, RecipeError
-from bagassets.recipe.model import RadarChannel
-from bagassets.steps.topic_log import TopicLog
+from bagassets.assets.asset import as_json
+from bagassets.assets.sweeps import SWEEPS
+from bagassets.assets.topic_log import TopicLog
+from bagassets.errors import DecodeError, LossLimitError, RecipeError
+from bagassets.recipe.model import RadarChannel, Recipe, Rig
+from bagassets.recordings.model import RawMessage
 from bagassets_tests.sweep_data import (
     VLP16_PACKET_NS,
     EthernetPacket,
@@ -42,21 +42,23 @@ def run(tmp_path):
     return Runner(tmp_path)
 
 
+MOVED = MOUNT | {"translation": [0.0, 0.0, 0.0]}
+
 # --- what the step declares -----
 
 
 def test_without_deskewing_neither_poses_nor_extrinsics_enter_the_key():
     plain = request(lidar(), CLOUD)
-    assert plain == request(lidar(), CLOUD, mount=MOUNT, poses="p" * 64)
+    assert plain == request(lidar(), CLOUD, mount=MOVED, poses="q")
     assert plain.inputs == {}
-    assert json.dumps(plain.params)
+    assert "ego_SE3_sensor" not in as_json(plain.params)
 
 
 def test_with_deskewing_both_do():
-    asked = request(lidar(deskew=True), CLOUD, mount=MOUNT, poses="p" * 64)
+    asked = request(lidar(deskew=True), CLOUD, poses="p" * 64)
     assert asked.inputs == {"ego_poses": "p" * 64}
-    moved = MOUNT | {"translation": [0.0, 0.0, 0.0]}
-    assert asked != request(lidar(deskew=True), CLOUD, mount=moved, poses="p" * 64)
+    assert as_json(asked.params)["ego_SE3_sensor"] == MOUNT
+    assert asked != request(lidar(deskew=True), CLOUD, mount=MOVED, poses="p" * 64)
 
 
 def test_fields_that_do_not_shape_the_bytes_do_not_enter_the_key():
@@ -86,16 +88,22 @@ def test_fields_of_packets_enter_the_key_of_packets_and_are_refused_for_clouds(c
         request(lidar(**changed), CLOUD)
 
 
-def test_deskewing_needs_extrinsics_and_poses():
-    with pytest.raises(CalibrationError, match="LIDAR_TOP"):
-        request(lidar(deskew=True), CLOUD, poses="p")
-    with pytest.raises(PoseError, match="LIDAR_TOP"):
-        request(lidar(deskew=True), CLOUD, mount=MOUNT)
+@pytest.mark.parametrize("deskew", [False, True])
+def test_sweeps_wait_for_the_ego_poses_only_if_they_are_deskewed(deskew):
+    channels = {
+        "LIDAR_TOP": lidar(deskew=deskew),
+        "LIDAR_LEFT": lidar(),
+        "RADAR_FRONT": RadarChannel(topic="/sensor"),
+    }
+    rig = Rig(name="car", channels=channels, ego_pose={"source": "fixed"})
+    recipe = Recipe(name="test", bags={"root": "bags"}, rigs=(rig,))
+    needed = SWEEPS.needs(SWEEPS.params(recipe, rig))
+    assert needed == {"inventory", "calibration"} | ({"ego_poses"} if deskew else set())
 
 
 def test_the_period_is_asked_for_only_if_the_recipe_says_what_the_header_means():
-    assert request(lidar(), CLOUD).params["period_ns"] is None
-    assert request(lidar(header_stamp_is="start"), CLOUD).params["period_ns"] == PERIOD_NS
+    assert request(lidar(), CLOUD).params.period_ns is None
+    assert request(lidar(header_stamp_is="start"), CLOUD).params.period_ns == PERIOD_NS
     assert request(lidar(), CLOUD, period_ns=90_000_000) == request(lidar(), CLOUD)
 
 

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from bagassets.assets.deskew import deskewed
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.trajectory import Trajectory
-from bagassets.steps.deskew import deskewed
 
 START_NS = 1_700_000_000_000_000_000
 TURN_NS = 100_000_000

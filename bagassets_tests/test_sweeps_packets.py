@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from bagassets.errors import LossLimitError, PoseError, RecipeError
+from bagassets.errors import LossLimitError, RecipeError
 from bagassets_tests.sweep_data import (
     VLP16_PACKET_NS,
     EthernetPacket,
@@ -141,10 +141,10 @@ def test_points_without_times_cannot_be_deskewed(run):
         run(asked, clouds(2), driving(10.0))
 
 
-def test_a_missing_trajectory_is_refused(run):
-    asked = request(lidar(deskew=True), CLOUD, mount=MOUNT, poses="p")
-    with pytest.raises(PoseError):
-        run(asked, [])
+def test_poses_are_asked_for_only_by_what_is_deskewed(run):
+    run(request(lidar(), CLOUD), [])
+    with pytest.raises(AttributeError, match="trajectory"):
+        run(request(lidar(deskew=True), CLOUD), [])
 
 
 # --- determinism ----

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from bagassets.nuscenes.radar_file import read_radar_file
+from bagassets.assets.radar_file import read_radar_file
 from bagassets.recipe.model import RadarChannel
 from bagassets_tests.sweep_data import (
     Header,

@@ -24,11 +24,11 @@ from handmade import (
 
 from bagassets.annotations.table import BoxTable
 from bagassets.errors import DatasetError, PoseError
+from bagassets.formats.nuscenes.check import check_tables
+from bagassets.formats.nuscenes.schema import RECORDING_TABLES
+from bagassets.formats.nuscenes.tokens import category_token, sensor_token
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.trajectory import Trajectory
-from bagassets.nuscenes.check import check_tables
-from bagassets.nuscenes.schema import RECORDING_TABLES
-from bagassets.nuscenes.tokens import category_token, sensor_token
 from bagassets.store.store import Store
 
 
@@ -413,15 +413,15 @@ class TestForm:
                 assert not by_token(made.table(name)).keys() & by_token(other.table(name)).keys()
 
     def test_exactly_what_is_read_keys_the_step(self, store, made):
-        params = made.request.params
-        assert make_tables(store, tolerance_s=0.2).request.params != params
-        assert set(made.request.inputs) == {
+        params = made.use.params
+        assert make_tables(store, tolerance_s=0.2).use.params != params
+        assert set(made.use.inputs) == {
             *(f"channel:{name}" for name in EXTRINSICS),
             "ego_poses",
             "annotations",
         }
         renamed = rig().model_copy(update={"required": ("LIDAR_TOP",), "tf": ("/other",)})
-        assert make_tables(store, the_rig=renamed).request.params == params
+        assert make_tables(store, the_rig=renamed).use.params == params
 
 
 def test_where_the_global_frame_lies_does_not_change_point_counts(store, made):

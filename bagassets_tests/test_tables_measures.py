@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from bagassets.formats.nuscenes.points import Hits, count_points, hits_of
+from bagassets.formats.nuscenes.visibility import CameraView, share_in_images, share_open, visibility_levels
 from bagassets.geometry.se3 import SE3
-from bagassets.nuscenes.points import Hits, count_points, hits_of
-from bagassets.nuscenes.visibility import CameraView, share_in_images, share_open, visibility_levels
 
 K = np.array([[500.0, 0.0, 320.0], [0.0, 500.0, 240.0], [0.0, 0.0, 1.0]])
 # Camera axes: z is global x, x is global -y, y is global -z.

@@ -67,8 +67,8 @@ class TestMovingEdges:
 
     def test_edges_of_different_rates_and_phases_meet_the_truth(self):
         """A slow drift of the map and a fast odometry, both uniform motions about z."""
-        drift = lambda t: SE3.create(about_z(0.02 * t), (0.1 * t, -0.05 * t, 0.0))  # noqa: E731
-        drive = lambda t: SE3.create(about_z(0.4 * t), (8.0 * t, 0.0, 0.3))  # noqa: E731
+        drift = lambda t: SE3.create(about_z(0.02 * t), (0.1 * t, -0.05 * t, 0.0))
+        drive = lambda t: SE3.create(about_z(0.4 * t), (8.0 * t, 0.0, 0.3))
         mount = SE3.create((0.5, -0.5, 0.5, -0.5), (1.5, 0.2, 1.4))
         tree = TfTree(
             [Edge.fixed("base", "cam", "tf_static", mount)],
@@ -101,8 +101,8 @@ class TestMovingEdges:
 
     def test_a_slow_correction_need_not_keep_up_with_the_odometry(self):
         """map -> odom at 1 Hz, 0.4 s late; odom -> base at 50 Hz; gaps up to 0.1 s are allowed."""
-        drift = lambda t: SE3.create((1, 0, 0, 0), (0.1 * t, 0, 0))  # noqa: E731
-        drive = lambda t: SE3.create((1, 0, 0, 0), (8.0 * t, 0, 0))  # noqa: E731
+        drift = lambda t: SE3.create((1, 0, 0, 0), (0.1 * t, 0, 0))
+        drive = lambda t: SE3.create((1, 0, 0, 0), (8.0 * t, 0, 0))
         tree = TfTree(
             [
                 moving("map", "odom", [0.4, 1.4, 2.4, 3.4, 8.0], drift),
@@ -171,7 +171,7 @@ class TestMovingEdges:
         )
 
     def test_the_period_of_an_edge_is_the_median(self):
-        pose = lambda t: SE3.create((1, 0, 0, 0), (t, 0, 0))  # noqa: E731
+        pose = lambda t: SE3.create((1, 0, 0, 0), (t, 0, 0))
         assert moving("a", "b", [0.0, 0.1, 0.2, 0.3, 3.0], pose).period_ns == S // 10
         assert moving("a", "b", [0.0], pose).period_ns == 0
 

@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bagassets.nuscenes.blank_map import blank_png
-from bagassets.nuscenes.filenames import filename, recording_of
-from bagassets.nuscenes.schema import RECORDING_TABLES, SHARED_TABLES, TABLES
-from bagassets.nuscenes.table_file import (
+from bagassets.formats.nuscenes.blank_map import blank_png
+from bagassets.formats.nuscenes.filenames import filename, recording_of
+from bagassets.formats.nuscenes.schema import RECORDING_TABLES, SHARED_TABLES, TABLES
+from bagassets.formats.nuscenes.table_file import (
     copy_rows,
     quaternion,
     read_table,
@@ -21,7 +21,13 @@ from bagassets.nuscenes.table_file import (
     table_bytes,
     write_joined,
 )
-from bagassets.nuscenes.tokens import RecordingTokens, category_token, sensor_token, token, visibility_token
+from bagassets.formats.nuscenes.tokens import (
+    RecordingTokens,
+    category_token,
+    sensor_token,
+    token,
+    visibility_token,
+)
 
 
 class TestTokens:

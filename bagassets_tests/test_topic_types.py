@@ -1,10 +1,13 @@
 """A topic of the wrong type is told when a channel is asked for, not as messages that were lost."""
 
+from dataclasses import replace
+
 import pytest
 
+from bagassets.assets.frames import FRAMES
 from bagassets.errors import DecodeError
-from bagassets.recipe.model import CameraChannel, Limits, RadarChannel
-from bagassets.steps import frames
+from bagassets.recipe.model import CameraChannel, RadarChannel, Recipe, Rig
+from bagassets_tests.facts import MadeUpFacts, use_of
 from bagassets_tests.sweep_run import inventory, lidar, request
 
 EXPECTED = {
@@ -17,8 +20,10 @@ NAMES = {"camera": "CAM_FRONT", "lidar": "LIDAR_TOP", "radar": "RADAR_FRONT"}
 
 def ask(modality, msgtype):
     if modality == "camera":
-        channel = CameraChannel(topic="/sensor", undistort=False)
-        return frames.request("CAM_FRONT", channel, "header", Limits(), inventory(msgtype), camera=None)
+        channels = {"CAM_FRONT": CameraChannel(topic="/sensor", undistort=False)}
+        rig = Rig(name="car", channels=channels, ego_pose={"source": "fixed"})
+        facts = MadeUpFacts(inventory(msgtype), calibration={"channels": {"CAM_FRONT": {"camera": None}}})
+        return use_of(FRAMES, rig, facts, "CAM_FRONT")
     return request(lidar() if modality == "lidar" else RadarChannel(topic="/sensor"), msgtype)
 
 
@@ -45,6 +50,24 @@ def test_a_topic_of_the_wrong_type_is_refused_by_name(modality, msgtype):
     assert "correct the topic in the recipe" in text
 
 
+def test_a_channel_of_the_wrong_type_leaves_the_others_alone():
+    known = inventory("sensor_msgs/msg/Image")
+    cloud = replace(known.topics["/sensor"], name="/cloud", msgtype="sensor_msgs/msg/PointCloud2")
+    facts = MadeUpFacts(
+        replace(known, topics={"/cloud": cloud, **known.topics}),
+        calibration={"channels": {"CAM_BACK": {"camera": None}, "CAM_FRONT": {"camera": None}}},
+    )
+    channels = {
+        "CAM_BACK": CameraChannel(topic="/cloud", undistort=False),
+        "CAM_FRONT": CameraChannel(topic="/sensor", undistort=False),
+    }
+    rig = Rig(name="car", channels=channels, ego_pose={"source": "fixed"})
+    recipe = Recipe(name="test", bags={"root": "bags"}, rigs=(rig,))
+    uses = FRAMES.use(FRAMES.params(recipe, rig), facts)
+    assert isinstance(uses["CAM_BACK"], DecodeError)
+    assert uses["CAM_FRONT"].topics == ("/sensor",)
+
+
 @pytest.mark.parametrize(
     ("modality", "msgtype"),
     [
@@ -59,4 +82,4 @@ def test_a_topic_of_the_wrong_type_is_refused_by_name(modality, msgtype):
     ],
 )
 def test_types_that_may_hold_what_is_needed_are_taken(modality, msgtype):
-    assert ask(modality, msgtype).params["msgtype"] == msgtype
+    assert ask(modality, msgtype).params.msgtype == msgtype

@@ -9,12 +9,12 @@ import pytest
 from click.testing import CliRunner
 
 from bagassets import trace
+from bagassets.build.build_report import Event
+from bagassets.build.trace import recorded_trace, trace_bags
 from bagassets.cli.main import root
-from bagassets.engine.build_report import Event
-from bagassets.engine.trace import recorded_trace, trace_bags
 from bagassets.errors import BagAssetsError
 from bagassets.forkserver.client import Client
-from bagassets.sample.drive import write_drive
+from bagassets.sample.drive import Target, write_recordings
 from bagassets.sample.recipe import sample_recipe
 
 
@@ -118,7 +118,7 @@ def test_a_place_that_cannot_be_written_is_refused_before_the_work(tmp_path):
 
 
 def test_a_build_shows_bags_steps_images_and_processors(tmp_path):
-    write_drive(tmp_path / "recordings" / "one.mcap", "mcap", duration_s=1.0)
+    write_recordings([Target(tmp_path / "recordings" / "one.mcap", "mcap")], duration_s=1.0)
     (tmp_path / "recipe.yaml").write_text(sample_recipe().replace("settle_s: 2", "settle_s: 0"))
     command = ["build", "--recipe", str(tmp_path / "recipe.yaml"), "--trace", str(tmp_path / "trace.json")]
     try:

@@ -1,12 +1,15 @@
 """Where a recording was driven: positions on Earth from poses or fixes, about once a second."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bagassets.steps import ego_poses, track
-from bagassets.steps.track import _thinned
+from bagassets.assets import ego_poses
+from bagassets.assets.track import FILE, TRACK, TrackParams, _thinned
+from bagassets_tests.facts import MadeUpInputs
 from bagassets_tests.pose_data import IMU, NAVSAT, ODOMETRY, T0, Recorded, S, Written, fix, imu, odometry
 from bagassets_tests.posed import Posed, at, truth
 
@@ -20,18 +23,15 @@ def odometries(times):
 def tracked(folder, posed, entries, clock="header"):
     """The content of the track of a recording with these poses."""
     recording = Recorded(*entries)
-    request = track.request(recording.inventory(), posed.artifact, clock)
-    made = Written(
-        folder / "track",
-        lambda out: track.make(
-            request.params,
-            recording,
-            out,
-            trajectory=ego_poses.load_trajectory(posed.artifact),
-            ego_poses=posed.artifact,
-        ),
+    inputs = MadeUpInputs(
+        recording.inventory(),
+        artifacts={"ego_poses": posed.artifact},
+        trajectory=ego_poses.load_trajectory(posed.artifact),
+        recording=recording,
     )
-    return made.artifact.read_json(track.TRACK), made.summary
+    use = TRACK.use(TrackParams(clock), inputs)[""]
+    made = Written(folder / "track", partial(TRACK.make, use, inputs))
+    return made.artifact.read_json(FILE), made.summary
 
 
 def driven_north(seconds):

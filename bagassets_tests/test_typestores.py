@@ -1,23 +1,27 @@
 """Recordings without definitions: the messages that are known, and telling versions of a type by the bytes."""
 
+from pathlib import Path
+
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
-from bagassets.bags.inventory import Definition
-from bagassets.bags.known_types import known_packages, known_versions
-from bagassets.bags.layouts import CHANGED_IN_HUMBLE, Choice, choice_of
-from bagassets.bags.open import open_recording
+from bagassets.assets.inventory import INVENTORY
 from bagassets.decode.autoware_objects import decode_object
-from bagassets.decode.boxes import box_decoder
 from bagassets.decode.detection3d import decode_detection
+from bagassets.decode.loading import keyed_decoder
+from bagassets.decode.packets import packets_in
 from bagassets.decode.radar import decode_radar
-from bagassets.decode.velodyne import packets_in
-from bagassets.steps.inventory import STEP
+from bagassets.recordings import known_types
+from bagassets.recordings.known_types import known_versions
+from bagassets.recordings.layouts import CHANGED_IN_HUMBLE, Choice, choice_of
+from bagassets.recordings.model import Definition
+from bagassets.recordings.open import open_recording
 from bagassets.store.canonical import digest_json
 from bagassets_tests.layout_data import fill, header, inventory_of, layout_of, write_bare
 
+PACKAGES = sorted(path.stem for path in (Path(known_types.__file__).parent / "definitions").glob("*.msg"))
 START_NS = 1_600_000_000_000_000_000
 # The version of the inventory step since which the known definitions are as they are, and their digest.
 KNOWN = (5, "c02c6b1d01d38707")
@@ -27,7 +31,7 @@ ARRAY = "vision_msgs/msg/Detection3DArray"
 # --- the known definitions ---------------------------------------------------------------
 
 
-@pytest.mark.parametrize("package", known_packages())
+@pytest.mark.parametrize("package", PACKAGES)
 def test_known_definitions_compile_with_all_that_they_refer_to(package):
     types = {name for version in known_versions(package) for name in version}
     assert types
@@ -41,14 +45,13 @@ def test_known_definitions_compile_with_all_that_they_refer_to(package):
 
 def test_a_change_of_known_definitions_raises_the_version_of_the_inventory():
     known = [
-        [package, [sorted(version.items()) for version in known_versions(package)]]
-        for package in known_packages()
+        [package, [sorted(version.items()) for version in known_versions(package)]] for package in PACKAGES
     ]
     version, digest = KNOWN
     assert digest_json(repr(known))[:16] == digest, (
-        "raise steps.inventory.STEP, and note its version and this digest"
+        "raise the version of the asset inventory, and note its version and this digest"
     )
-    assert STEP.version >= version
+    assert INVENTORY.version >= version
 
 
 def test_standard_types_that_changed_before_definitions_were_recorded_are_all_looked_up():
@@ -205,7 +208,7 @@ def test_standard_types_as_they_were_before_humble(msgtype, number):
         given_fields = {"header": header(START_NS, "map"), "objects": [item | {"pose": CENTER, "shape": shape, "classification": 6}]}  # fmt: skip
     choice = choice_of(msgtype, "cdr", None, [])
     decoded = choice.decode(layout.store.serialize_cdr(fill(layout, **given_fields), msgtype))
-    decoder = box_decoder(msgtype)
+    decoder = keyed_decoder("boxes", msgtype, None)
     (box,) = [decoder.decode(decoded, each) for each in decoder.items(decoded)]
     assert (box.category, box.size_m) == ("car", (2.0, 4.0, 1.0))
 
@@ -232,11 +235,9 @@ def test_steps_decode_a_topic_as_the_inventory_found_it(tmp_path):
     )
     inventory, _ = inventory_of(path, tmp_path / "artifact")
     with open_recording(path) as recording:
-        assert recording.is_ambiguous("/boxes")
-        recording.assume(
-            {"/boxes": inventory.topic("/boxes").definition, "/gone": Definition("msg", "uint8 x\n")}
-        )
-        assert not recording.is_ambiguous("/boxes")
-        assert recording.definition("/boxes") == inventory.topic("/boxes").definition
+        assert recording.topics["/boxes"].is_ambiguous
+        recording.topics["/boxes"].assume(inventory.topic("/boxes").definition)
+        assert not recording.topics["/boxes"].is_ambiguous
+        assert recording.topics["/boxes"].definition == inventory.topic("/boxes").definition
         first = next(recording.restrict(["/boxes"]).messages(["/boxes"]))
         assert recording.decode(first).detections == []

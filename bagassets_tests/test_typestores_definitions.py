@@ -5,10 +5,10 @@ import struct
 import pytest
 from mcap.writer import Writer as McapWriter
 
-from bagassets.bags.inventory import Definition
-from bagassets.bags.layouts import Choice, choice_of
-from bagassets.bags.open import open_recording
 from bagassets.errors import RecordingError
+from bagassets.recordings.layouts import Choice, choice_of
+from bagassets.recordings.model import Definition
+from bagassets.recordings.open import open_recording
 from bagassets_tests.layout_data import fill, inventory_of, layout_of
 
 START_NS = 1_600_000_000_000_000_000
@@ -246,7 +246,7 @@ def test_a_single_message_that_does_not_fit_condemns_its_topic(tmp_path):
 def test_what_came_with_a_recording_is_never_replaced_by_what_was_assumed(tmp_path):
     path = write_mcap(tmp_path / "a.mcap", "float32 first\nfloat32 second\n", [PAIR])
     with open_recording(path) as recording:
-        recording.assume({"/pair": Definition("msg", "float32 second\nfloat32 first\n")})
+        recording.topics["/pair"].assume(Definition("msg", "float32 second\nfloat32 first\n"))
         assert recording.decode(next(recording.messages(["/pair"]))).first == 1.5
 
 

@@ -8,9 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bagassets.decode.velodyne import Packet, PacketParser, RevolutionDecoder, packets_in
+from bagassets.assets.revolutions import MOST_PACKETS, RevolutionCutter, packet_times_ns
+from bagassets.decode.packets import packets_in
+from bagassets.decode.velodyne import Packet, PacketParser, RevolutionDecoder
 from bagassets.errors import DecodeError, RecipeError
-from bagassets.steps.revolutions import MOST_PACKETS, RevolutionCutter, packet_times_ns
 from bagassets_tests.sweep_data import (
     VLP16_ELEVATIONS,
     VLP16_PACKET_NS,

@@ -8,18 +8,21 @@ import shutil
 import pytest
 from click.testing import CliRunner
 
-from bagassets.bags.discover import find_one
-from bagassets.bags.open import open_recording
+from bagassets.assets import calibration
+from bagassets.build.rebuild import known_actions, rebuild
 from bagassets.cli.main import root
 from bagassets.cli.rebuild_process import other_environment
-from bagassets.engine.dataset_integrity import check_datasets
-from bagassets.engine.rebuild import known_actions, rebuild
 from bagassets.forkserver.client import Client
-from bagassets.nuscenes.check import check_dataset
+from bagassets.formats.assembly import assemble
+from bagassets.formats.catalogue import recording_assets
+from bagassets.formats.dataset_integrity import check_datasets
+from bagassets.formats.format import Part
+from bagassets.formats.nuscenes.check import check_dataset
+from bagassets.formats.nuscenes.format import NUSCENES
+from bagassets.formats.vision.format import VISION
 from bagassets.recipe import load_recipe
-from bagassets.steps import calibration
-from bagassets.steps.nuscenes_dataset import BagPart, assemble
-from bagassets.steps.vision_dataset import VisionPart, assemble_vision
+from bagassets.recordings.discover import find_one
+from bagassets.recordings.open import open_recording
 from bagassets.store.action import Step
 from bagassets.store.integrity import artifact_damage, check_store
 from bagassets.store.store import Store
@@ -35,8 +38,8 @@ NAMES = {"ros1": "a.bag", "mcap": "c.mcap"}
 def make_dataset(recipe):
     store = Store(recipe.store_path)
     made = build_all(recipe)
-    parts = [BagPart(key, key, assets["nuscenes_tables"].artifact.digest) for key, assets in made.items()]
-    assemble(parts, recipe.nuscenes, store, recipe.nuscenes.output)
+    parts = [Part(key, key, assets["nuscenes_tables"].artifact.digest) for key, assets in made.items()]
+    assemble(NUSCENES, parts, recipe.nuscenes, store, recipe.nuscenes.output)
     return made
 
 
@@ -62,7 +65,11 @@ def store_of(recipe):
 
 
 def artifact_of(recipe, step, channel=""):
-    known = next(k for k in known_actions(recipe, store_of(recipe)) if (k.step, k.channel) == (step, channel))
+    known = next(
+        k
+        for k in known_actions(recording_assets(recipe), store_of(recipe))
+        if (k.step, k.channel) == (step, channel)
+    )
     return store_of(recipe).artifact(known.artifact)
 
 
@@ -262,23 +269,23 @@ class TestDatasets:
     def test_files_of_other_versions_are_looked_at_too(self, project):
         store, other = store_of(project), project.nuscenes.model_copy(update={"version": "v1.0-other"})
         made = build_all(project)["a.bag"]["nuscenes_tables"].artifact.digest
-        assemble([BagPart("a.bag", "c", made)], other, store, other.output)
+        assemble(NUSCENES, [Part("a.bag", "c", made)], other, store, other.output)
         (other.output / "v1.0-other" / "log.json").write_bytes(b"[]")
         assert f"{other.output}/v1.0-other/log.json: was changed" in run(project, status=3).stdout
 
     def test_a_vision_dataset(self, project):
         recipe = load_recipe_with(project, "vision: {output: dataset/vision}\n")
         made = build_all(recipe)
-        parts = [VisionPart(k, k, assets["vision_sequences"].artifact.digest) for k, assets in made.items()]
+        parts = [Part(k, k, assets["vision_sequences"].artifact.digest) for k, assets in made.items()]
         store, output = store_of(recipe), recipe.vision.output
-        assemble_vision(parts, recipe.vision, recipe.splits, store)
+        assemble(VISION, parts, recipe.vision, store, recipe.vision.output, splits=recipe.splits)
         assert list(check_datasets(recipe, store)) == []
         before = content(output)
         image = next(output.rglob("*.jpg"))
         image.unlink()
         (output / "annotations" / "train.manifest.json").write_bytes(b"{}")
         run(recipe, status=3)
-        assemble_vision(parts, recipe.vision, recipe.splits, store)
+        assemble(VISION, parts, recipe.vision, store, recipe.vision.output, splits=recipe.splits)
         assert content(output) == before
         run(recipe)
 
@@ -293,7 +300,7 @@ class TestDatasets:
 
 class TestRebuild:
     def test_known_actions_are_those_of_the_recordings(self, project):
-        known = list(known_actions(project, store_of(project)))
+        known = list(known_actions(recording_assets(project), store_of(project)))
         assert {k.key for k in known} == {"a.bag", "c.mcap"}
         steps = {str(k) for k in known if k.key == "a.bag"}
         assert steps >= {"inventory of a.bag", "frames CAM_FRONT of a.bag", "sweeps LIDAR_TOP of a.bag"}
@@ -301,7 +308,9 @@ class TestRebuild:
     def test_every_action_gives_the_same_bytes_in_another_environment(self, project):
         result = run(project, "--rebuild", 1000, "--json")
         made = json.loads(result.stdout)
-        assert len(made["actions"]) == len({k.action for k in known_actions(project, store_of(project))})
+        assert len(made["actions"]) == len(
+            {k.action for k in known_actions(recording_assets(project), store_of(project))}
+        )
         assert {entry["result"] for entry in made["actions"]} == {"same"}
         assert made["environment"]["PYTHONHASHSEED"]
 
@@ -320,17 +329,19 @@ class TestRebuild:
         assert one.count("same ") == 3
 
     def test_a_step_that_is_not_deterministic_is_caught(self, project, monkeypatch, tmp_path):
-        real = calibration.make
+        real = calibration.make_calibration
 
-        def odd(params, recording, out, **options):
+        def odd(use, recording, out):
             out.write("odd.txt", b"other")
-            return real(params, recording, out, **options)
+            return real(use, recording, out)
 
-        monkeypatch.setattr(calibration, "make", odd)
-        known = [k for k in known_actions(project, store_of(project)) if k.key == "a.bag"]
+        monkeypatch.setattr(calibration, "make_calibration", odd)
+        known = [k for k in known_actions(recording_assets(project), store_of(project)) if k.key == "a.bag"]
         digests = {k.action: k for k in known}
         scratch = tmp_path / "scratch"
-        made = rebuild(project, store_of(project), "a.bag", set(digests), scratch, workers=2)
+        made = rebuild(
+            recording_assets(project), store_of(project), "a.bag", set(digests), scratch, threads=2
+        )
         results = {digests[m.action].step: m for m in made}
         assert results["calibration"].differing == ("odd.txt",)
         assert results["inventory"].artifact == next(k.artifact for k in known if k.step == "inventory")

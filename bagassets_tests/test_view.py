@@ -7,11 +7,11 @@ import pytest
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 from mcap.reader import make_reader
 
+from bagassets.assets.lidar_file import read_lidar_file
+from bagassets.assets.radar_file import FIELDS, read_radar_file
 from bagassets.cli.main import main
 from bagassets.errors import DatasetError
 from bagassets.geometry.se3 import SE3
-from bagassets.nuscenes.lidar_file import read_lidar_file
-from bagassets.nuscenes.radar_file import FIELDS, read_radar_file
 from bagassets.view.mcap_scene import write_scene
 from bagassets.view.scene import load_scene, scene_names
 from bagassets_tests.sample_drives import VERSION, build_sample, pose_of

@@ -11,26 +11,29 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bagassets.bags.discover import find_one
-from bagassets.bags.open import open_recording
 from bagassets.decode.fields import stamp_ns
 from bagassets.errors import DatasetError, RecipeError
+from bagassets.formats.assembly import assemble
+from bagassets.formats.dataset_lock import read_lock
+from bagassets.formats.format import Part
+from bagassets.formats.vision.format import VISION
+from bagassets.formats.vision.relative import relative_poses, roll_pitch_yaw
+from bagassets.formats.vision.sequences import cut_sequences
+from bagassets.formats.vision.trajectories import geodetic_columns
 from bagassets.geometry.se3 import SE3
 from bagassets.recipe import load_recipe
 from bagassets.recipe.model_splits import Splits
 from bagassets.recipe.model_vision import Vision
+from bagassets.recordings.discover import find_one
+from bagassets.recordings.open import open_recording
 from bagassets.sample.drive import Target, write_recordings
 from bagassets.sample.recipe import sample_recipe
 from bagassets.sample.schedule import MAP_SE3_ODOM
 from bagassets.store.store import Store
-from bagassets.vision.dataset import VisionPart, assemble_vision, read_vision_lock
-from bagassets.vision.relative import relative_poses, roll_pitch_yaw
-from bagassets.vision.sequences import cut_sequences
-from bagassets.vision.trajectories import geodetic_columns
 from bagassets_tests.sample_drives import build_recordings
 
 FRAMES = 5
-VISION = f"""
+SECTION = f"""
 vision:
   frames: {FRAMES}
   trajectories: ["ego:global", "CAM_FRONT:LIDAR_TOP", "global:CAM_FRONT", "base_link:odom", "CAM_FRONT:map", "nowhere:odom"]
@@ -121,20 +124,22 @@ def built(tmp_path_factory):
     targets = [Target(folder / "recordings" / "drive.bag", "ros1"),
                Target(folder / "recordings" / "drive.mcap", "mcap")]  # fmt: skip
     truth = write_recordings(targets, seed=5, duration_s=2.2)
-    (folder / "recipe.yaml").write_text(sample_recipe() + VISION)
+    (folder / "recipe.yaml").write_text(sample_recipe() + SECTION)
     recipe = load_recipe(folder / "recipe.yaml")
     return recipe, truth, build_recordings(recipe)
 
 
 def parts_of(made):
-    return [VisionPart(key, key, assets["vision_sequences"].artifact.digest) for key, assets in made.items()]
+    return [Part(key, key, assets["vision_sequences"].artifact.digest) for key, assets in made.items()]
 
 
 @pytest.fixture(scope="module")
 def dataset(built):
     recipe, _, made = built
     splits = Splits(pinned={"drive.bag": "train", "drive.mcap": "val"})
-    summary = assemble_vision(parts_of(made), recipe.vision, splits, Store(recipe.store_path))
+    summary = assemble(
+        VISION, parts_of(made), recipe.vision, Store(recipe.store_path), recipe.vision.output, splits=splits
+    )
     return recipe.vision.output, summary
 
 
@@ -267,7 +272,7 @@ class TestRecordingFiles:
     def test_with_log_times_tf_counts_by_log_time_too(self, tmp_path):
         path = tmp_path / "recordings" / "drive.bag"
         write_recordings([Target(path, "ros1")], seed=5, duration_s=1.2)
-        (tmp_path / "recipe.yaml").write_text(sample_recipe() + VISION + "clock: log\n")
+        (tmp_path / "recipe.yaml").write_text(sample_recipe() + SECTION + "clock: log\n")
         made = build_recordings(load_recipe(tmp_path / "recipe.yaml"))["drive.bag"]["vision_sequences"]
         table = made.artifact.read_table("trajectories/CAM_FRONT-map.parquet")
         with open_recording(find_one(path)) as recording:
@@ -300,7 +305,7 @@ class TestDataset:
         output, summary = dataset
         for name in ("train", "val"):
             manifest, rows = read(output, f"{name}.manifest.json"), read(output, f"{name}.json")
-            assert manifest["sequences"] == len(rows) == summary.sequences[name]
+            assert manifest["sequences"] == len(rows) == summary.facts["sequences"][name]
             assert manifest["images"] == sum(len(row["frames"]) for row in rows)
             (bag,) = manifest["bags"]
             assert (output / bag["folder"]).is_dir()
@@ -310,7 +315,7 @@ class TestDataset:
     def test_one_file_holds_all_in_order(self, built, tmp_path):
         recipe, _, made = built
         vision = recipe.vision.model_copy(update={"files": "one", "output": tmp_path / "one"})
-        assemble_vision(parts_of(made), vision, Splits(), Store(recipe.store_path))
+        assemble(VISION, parts_of(made), vision, Store(recipe.store_path), vision.output, splits=Splits())
         rows = read(tmp_path / "one", "all.json")
         assert {row["recording"] for row in rows} == {"drive.bag", "drive.mcap"}
         assert sorted(path.name for path in (tmp_path / "one" / "annotations").iterdir()) == [
@@ -327,12 +332,12 @@ class TestDataset:
         recipe, _, made = built
         store, parts = Store(recipe.store_path), parts_of(made)
         at = {name: recipe.vision.model_copy(update={"output": tmp_path / name}) for name in "ab"}
-        assemble_vision(parts, at["a"], Splits(), store)
-        assemble_vision(parts[::-1], at["b"], Splits(), store)
+        assemble(VISION, parts, at["a"], store, at["a"].output, splits=Splits())
+        assemble(VISION, parts[::-1], at["b"], store, at["b"].output, splits=Splits())
         assert self.content(tmp_path / "a") == self.content(tmp_path / "b")
-        less = assemble_vision(parts[:1], at["b"], Splits(), store)
+        less = assemble(VISION, parts[:1], at["b"], store, at["b"].output, splits=Splits())
         assert len(list((tmp_path / "b" / "recordings").iterdir())) == 1
-        again = assemble_vision(parts, at["b"], Splits(), store)
+        again = assemble(VISION, parts, at["b"], store, at["b"].output, splits=Splits())
         assert self.content(tmp_path / "a") == self.content(tmp_path / "b")
         assert less.digest != again.digest
 
@@ -342,12 +347,20 @@ class TestDataset:
         (tmp_path / "annotations.tmp-1").mkdir()
         (tmp_path / "recordings" / "drive.bag-1.tmp-1").mkdir(parents=True)
         (tmp_path / ".bagassets.lock").touch()
-        same = [VisionPart(part.key, "same", part.sequences) for part in parts_of(made)]
-        summary = assemble_vision(same, vision, Splits(), Store(recipe.store_path), skipped={"c": "why"})
+        same = [Part(part.key, "same", part.artifact) for part in parts_of(made)]
+        summary = assemble(
+            VISION,
+            same,
+            vision,
+            Store(recipe.store_path),
+            vision.output,
+            splits=Splits(),
+            skipped={"c": "why"},
+        )
         assert summary.duplicates == {"drive.mcap": "drive.bag"}
         assert len(list((tmp_path / "recordings").iterdir())) == 1
         assert sorted(p.name for p in tmp_path.iterdir()) == [".bagassets.lock", "annotations", "recordings"]
-        lock = read_vision_lock(tmp_path)
+        lock = read_lock(tmp_path / "annotations").value
         assert (lock["skipped"], [bag["key"] for bag in lock["bags"]]) == ({"c": "why"}, ["drive.bag"])
 
     def test_a_folder_of_somebody_else_is_left_alone(self, built, tmp_path):
@@ -355,7 +368,7 @@ class TestDataset:
         (tmp_path / "recordings" / "mine").mkdir(parents=True)
         vision = recipe.vision.model_copy(update={"output": tmp_path})
         with pytest.raises(DatasetError, match="not made by bagassets"):
-            assemble_vision(parts_of(made), vision, Splits(), Store(recipe.store_path))
+            assemble(VISION, parts_of(made), vision, Store(recipe.store_path), vision.output, splits=Splits())
         assert (tmp_path / "recordings" / "mine").is_dir()
 
 
@@ -380,7 +393,14 @@ class TestBuild:
         (tmp_path / "recipe.yaml").write_text(png)
         lossless = load_recipe(tmp_path / "recipe.yaml")
         made = build_recordings(lossless)
-        assemble_vision(parts_of(made), lossless.vision, Splits(), Store(lossless.store_path))
+        assemble(
+            VISION,
+            parts_of(made),
+            lossless.vision,
+            Store(lossless.store_path),
+            lossless.vision.output,
+            splits=Splits(),
+        )
         images = list(lossless.vision.output.glob("recordings/*/CAM_FRONT/*/*.*"))
         assert {path.suffix for path in images} == {".png"}
         assert all(cv2.imread(str(path)) is not None for path in images[:3])

@@ -13,15 +13,15 @@ from contextlib import contextmanager
 import pytest
 from blake3 import blake3
 
-from bagassets.bags import digest
-from bagassets.bags import watch as module
-from bagassets.bags.digest import stored_digest
-from bagassets.bags.digest_record import ATTRIBUTE, DigestIndex
-from bagassets.bags.discover import find_one
-from bagassets.bags.watch import Watcher
 from bagassets.errors import RecordingError
 from bagassets.recipe import load_recipe
 from bagassets.recipe.model import Bags
+from bagassets.recordings import digest
+from bagassets.recordings import watch as module
+from bagassets.recordings.digest import stored_digest
+from bagassets.recordings.digest_record import ATTRIBUTE, DigestIndex
+from bagassets.recordings.discover import find_one
+from bagassets.recordings.watch import Watcher
 from bagassets_tests import in_process
 from bagassets_tests.test_digest import attributes_work, rewrite_in_place
 

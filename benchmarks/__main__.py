@@ -43,12 +43,12 @@ def main() -> None:
     if chosen.converter and not ("{bag}" in chosen.converter and "{out}" in chosen.converter):
         parser.error("--converter must say where {bag} and {out} go")
 
-    from benchmarks.cold import cold  # noqa: PLC0415  (not for --help)
-    from benchmarks.common import Options  # noqa: PLC0415
-    from benchmarks.floor import floor  # noqa: PLC0415
-    from benchmarks.rq1 import rq1  # noqa: PLC0415
-    from benchmarks.rq2 import rq2  # noqa: PLC0415
-    from benchmarks.rq3 import rq3  # noqa: PLC0415
+    from benchmarks.cold import cold
+    from benchmarks.common import Options
+    from benchmarks.floor import floor
+    from benchmarks.rq1 import rq1
+    from benchmarks.rq2 import rq2
+    from benchmarks.rq3 import rq3
 
     size, number = (FULL_GB, FULL_RECORDINGS) if chosen.full else (chosen.size, chosen.recordings)
     with tempfile.TemporaryDirectory(prefix="bagassets-bench-") as temporary:

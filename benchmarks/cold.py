@@ -15,8 +15,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from bagassets.bags.discover import discover
 from bagassets.recipe import load_recipe
+from bagassets.recordings.discover import discover
 from benchmarks.common import ROOT, Options, Project, count_files, markdown, plain_command, project, save
 from benchmarks.drives import write_jpeg_project
 from benchmarks.resources import Used, run_watched

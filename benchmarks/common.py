@@ -15,11 +15,11 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from bagassets.bags.digest import recording_digest
-from bagassets.bags.digest_record import ATTRIBUTE
-from bagassets.bags.discover import discover
+from bagassets.propose.project import write_project
 from bagassets.recipe import load_recipe
-from bagassets.recipe.project import write_project
+from bagassets.recordings.digest import recording_digest
+from bagassets.recordings.digest_record import ATTRIBUTE
+from bagassets.recordings.discover import discover
 from benchmarks.drives import seconds_of, tas_recipe, write_tas_drive
 from benchmarks.incremental import Bench, count_files, plain_command
 

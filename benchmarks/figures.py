@@ -10,7 +10,7 @@ __all__ = ["bars", "lines"]
 
 def bars(file: Path, times: Mapping[str, Mapping[str, Sequence[float]]], title: str) -> None:
     """Draw groups of bars: method -> scenario -> times."""
-    import matplotlib.pyplot as plt  # noqa: PLC0415  (optional: the dependency group `bench`)
+    import matplotlib.pyplot as plt
 
     scenarios = list(next(iter(times.values())))
     figure, axes = plt.subplots(figsize=(1.6 + 1.9 * len(scenarios), 4.5), layout="constrained")
@@ -26,7 +26,7 @@ def bars(file: Path, times: Mapping[str, Mapping[str, Sequence[float]]], title: 
 
 def lines(file: Path, times: Mapping[str, Mapping[float, Sequence[float]]], title: str, across: str) -> None:
     """Draw a line per run: run -> size -> times."""
-    import matplotlib.pyplot as plt  # noqa: PLC0415
+    import matplotlib.pyplot as plt
 
     figure, axes = plt.subplots(figsize=(8, 6), layout="constrained")
     for name, by_size in times.items():

@@ -29,14 +29,15 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
 
-from bagassets.bags.digest import recording_digest, recording_stat
-from bagassets.bags.discover import find_one
+from bagassets.build.execute import AssetResult, execute
+from bagassets.build.graph import Graph
 from bagassets.decode.compressed_image import checked_size
-from bagassets.engine.recording_assets import AssetResult
-from bagassets.engine.recording_build import RecordingBuild
 from bagassets.errors import BagAssetsError, DecodeError
+from bagassets.formats.catalogue import recording_assets
 from bagassets.recipe import load_recipe
 from bagassets.recipe.model import Recipe
+from bagassets.recordings.digest import recording_digest, recording_stat
+from bagassets.recordings.discover import find_one
 from bagassets.sample.drive import Target, write_recordings
 from bagassets.sample.recipe import sample_recipe
 from bagassets.sample.recorder import Compression, RecordingFormat
@@ -150,11 +151,11 @@ def _outputs(recipe: Recipe, drive: Path) -> Outputs:
     store = Store(recipe.store_path)
     try:
         found = find_one(drive)
-        build = RecordingBuild(
-            recipe, store, replace(found, key="drive", relative=drive.name),
+        graph = Graph(
+            recording_assets(recipe), store, replace(found, key="drive", relative=drive.name),
             recording_digest(found, rehash=True).digest, recording_stat(found),
         )  # fmt: skip
-        for result in build.build():
+        for result in execute(graph):
             if not isinstance(result, AssetResult):
                 problem = result.reason
                 continue
@@ -207,7 +208,7 @@ def _without_crc(path: Path, compression: Compression) -> None:
 
 
 def _messages(data: bytes) -> Iterator[tuple[Any, Any, Any]]:
-    from io import BytesIO  # noqa: PLC0415
+    from io import BytesIO
 
     yield from make_reader(BytesIO(data)).iter_messages(log_time_order=False)
 

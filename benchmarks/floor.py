@@ -14,16 +14,17 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from bagassets.bags.discover import discover
-from bagassets.bags.open import open_recording
-from bagassets.bags.reader import BaseRecording
+from bagassets.assets.lidar_file import lidar_bytes
+from bagassets.build.process import keep_freed_memory
 from bagassets.decode.image import decode_image
-from bagassets.decode.velodyne import Packet, PacketParser, RevolutionDecoder, packets_in
-from bagassets.engine.process import keep_freed_memory
+from bagassets.decode.packets import packets_in
+from bagassets.decode.velodyne import Packet, PacketParser, RevolutionDecoder
 from bagassets.geometry.camera import CameraModel
 from bagassets.geometry.undistortion import Undistortion
-from bagassets.nuscenes.lidar_file import lidar_bytes
 from bagassets.recipe import load_recipe
+from bagassets.recordings.discover import discover
+from bagassets.recordings.open import open_recording
+from bagassets.recordings.recording import Recording
 from bagassets.store.canonical import digest_bytes, digest_file
 from benchmarks.common import ROOT, Options, markdown, plain_command, project, save
 from benchmarks.drives import LIDAR_TOPIC
@@ -101,7 +102,7 @@ def floor(options: Options) -> None:
     )
 
 
-def _images(recording: BaseRecording, topic: str, stages: _Stages, out: Path) -> None:
+def _images(recording: Recording, topic: str, stages: _Stages, out: Path) -> None:
     """Convert, undistort, encode and write the images of a camera, as many as there are."""
     straight = None
     for number, raw in enumerate(recording.messages([topic])):
@@ -128,7 +129,7 @@ def _images(recording: BaseRecording, topic: str, stages: _Stages, out: Path) ->
         _write(out / f"{number % 8}.jpg", encoded.data, stages)
 
 
-def _packets(recording: BaseRecording, stages: _Stages, out: Path) -> None:
+def _packets(recording: Recording, stages: _Stages, out: Path) -> None:
     """Decode and write the packets of the lidar, a tenth of a second at a time."""
     parser, decoder = PacketParser(None), RevolutionDecoder(None)
     packets: list[Packet] = []

@@ -28,12 +28,12 @@ from pathlib import Path
 from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
-from bagassets.bags.digest import recording_digest
-from bagassets.bags.digest_record import ATTRIBUTE
-from bagassets.bags.discover import find_one
 from bagassets.forkserver.client import Client
+from bagassets.propose.project import write_project
 from bagassets.recipe import load_recipe
-from bagassets.recipe.project import write_project
+from bagassets.recordings.digest import recording_digest
+from bagassets.recordings.digest_record import ATTRIBUTE
+from bagassets.recordings.discover import find_one
 from benchmarks.drives import tas_recipe, write_tas_drive
 from benchmarks.rewrite import rewrite
 
@@ -125,7 +125,7 @@ class Bench:
 
     def forget_results(self) -> None:
         """Keep the server, but neither store nor records."""
-        for name in ("store", "dagster", "plan.sqlite", "nothing-to-do.snapshot"):
+        for name in ("store", "dagster", "freshness.sqlite"):
             path = self.state / name
             shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)
         shutil.rmtree(self.recipe.parent / "nuscenes", ignore_errors=True)
@@ -275,25 +275,27 @@ def convert(command: list[str], bench: Bench) -> tuple[float, int]:
 
 def convert_plainly(bags: Path, out: Path) -> None:
     """Convert recordings one after the other, with a store that is thrown away."""
-    from bagassets.bags.digest import recording_stat  # noqa: PLC0415  (imports count, as for any converter)
-    from bagassets.bags.discover import discover  # noqa: PLC0415
-    from bagassets.engine.recording_build import RecordingBuild  # noqa: PLC0415
-    from bagassets.steps.nuscenes_dataset import BagPart, assemble  # noqa: PLC0415
-    from bagassets.store.store import Store  # noqa: PLC0415
+    from bagassets.build.execute import execute
+    from bagassets.build.graph import Graph
+    from bagassets.formats.assembly import assemble
+    from bagassets.formats.catalogue import recording_assets
+    from bagassets.formats.format import Part
+    from bagassets.formats.nuscenes.format import NUSCENES
+    from bagassets.recordings.digest import recording_stat
+    from bagassets.recordings.discover import discover
+    from bagassets.store.store import Store
 
     recipe = load_recipe(Path(os.environ["BENCH_RECIPE"]))
-    parts = []
+    assets, parts = recording_assets(recipe), []
     with tempfile.TemporaryDirectory(dir=out.parent) as folder:
         store = Store(Path(folder))
         found = discover(recipe.bags.model_copy(update={"root": bags})).found
         for key, recording in found.items():
             # The key of an action, not a digest of content: a plain converter hashes nothing.
-            made = {
-                result.asset: result
-                for result in RecordingBuild(recipe, store, recording, key, recording_stat(recording)).build()
-            }
-            parts.append(BagPart(key, key, made["nuscenes_tables"].artifact.digest))
-        assemble(parts, recipe.nuscenes, store, out, splits=recipe.splits)
+            graph = Graph(assets, store, recording, key, recording_stat(recording))
+            made = {result.asset: result for result in execute(graph)}
+            parts.append(Part(key, key, made["nuscenes_tables"].artifact.digest))
+        assemble(NUSCENES, parts, recipe.nuscenes, store, out, splits=recipe.splits)
 
 
 def digests(bench: Bench) -> None:

@@ -23,21 +23,20 @@ from typing import Any
 import dagster as dg  # noqa: TID251  (records are made up here)
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from bagassets.build.plan import Planner
+from bagassets.build.plan_model import AssetState, BagPlan
 from bagassets.defs.events import event_database, fetch_recorded, latest_ids
 from bagassets.defs.partitions import add_partitions
-from bagassets.defs.planning import plan_now, plan_stamp
+from bagassets.defs.planning import plan_now, project_of
 from bagassets.defs.situation import opened
 from bagassets.defs.workspace import Workspace
-from bagassets.engine.dataset_build import dataset_code_versions
-from bagassets.engine.plan import Planner
-from bagassets.engine.plan_memo import PlanMemo, Remembered, fingerprint, signatures
-from bagassets.engine.plan_model import AssetState, BagPlan
-from bagassets.engine.recording_assets import assets_of
-from bagassets.nuscenes.dataset_tables import LOCK
-from bagassets.recipe.project import write_project
+from bagassets.formats.catalogue import recording_assets
+from bagassets.formats.dataset_build import dataset_code_versions
+from bagassets.formats.dataset_lock import LOCK
+from bagassets.freshness.recordings import Memory, recording_mark
+from bagassets.propose.project import write_project
 from bagassets.store.canonical import digest_bytes
-from bagassets.vision.dataset import ANNOTATIONS
-from bagassets.vision.dataset import LOCK as VISION_LOCK
 
 RECIPE = """
 name: many
@@ -107,10 +106,10 @@ def prepare(recipe_file: Path, number: int) -> None:
         recipe = workspace.recipe
         found = workspace.discover().found
         add_partitions(instance, recipe, list(found))
-        assets = ("bag", *assets_of(recipe))
+        assets = ("bag", *recording_assets(recipe).names)
         record(instance, assets, list(found))
-        ids, stamp = latest_ids(instance), plan_stamp(workspace)
-        remembered = []
+        ids, project = latest_ids(instance), str(project_of(workspace))
+        remembered = {}
         for key, recording in found.items():
             states = {}
             for asset in assets:
@@ -123,9 +122,10 @@ def prepare(recipe_file: Path, number: int) -> None:
                 artifact(recipe.store_path, digest)
             recorded = {asset: str(state.data_version) for asset, state in states.items()}
             plan = BagPlan(key, states, "ros1", recorded, channels)
-            mark = fingerprint(stamp, recording, {asset: ids[asset][key] for asset in assets})
-            remembered.append(Remembered(mark, plan, str(signatures(workspace.store, plan))))
-        PlanMemo(recipe.state).save(remembered, [])
+            records = {asset: ids[asset][key] for asset in assets}
+            mark = recording_mark(project, recording.relative, recording.files, (), records)
+            remembered[key] = (mark, plan.as_row(), plan.artifacts)
+        Memory(recipe.state, recipe.store_path / "artifacts").save(remembered, [])
         datasets(instance, workspace)
 
 
@@ -159,17 +159,19 @@ def datasets(instance: dg.DagsterInstance, workspace: Workspace) -> None:
     """Make datasets on disk of which only the lock files matter, and record them."""
     recipe = workspace.recipe
     inputs = plan_now(instance, workspace).inputs
-    if len(inputs.parts) != len(workspace.discover().found):
+    if len(inputs.parts["nuscenes"]) != len(workspace.discover().found):
         sys.exit("the benchmark is out of date: the plan does not take its recordings for fresh")
     for name in ("samples", "sweeps", "maps", recipe.nuscenes.version):
         (recipe.nuscenes.output / name).mkdir(parents=True)
     time.sleep(0.05)
     (recipe.nuscenes.output / recipe.nuscenes.version / LOCK).write_text(
-        '{"bags": [], "duplicates": {}}', "utf-8"
+        '{"format": 1, "nuscenes": {}, "bags": [], "duplicates": {}, "tables": {}, "shares": {}}', "utf-8"
     )
     if recipe.vision is not None:
-        (recipe.vision.output / ANNOTATIONS).mkdir(parents=True)
-        (recipe.vision.output / ANNOTATIONS / VISION_LOCK).write_text('{"bags": [], "files": []}', "utf-8")
+        (recipe.vision.output / "annotations").mkdir(parents=True)
+        (recipe.vision.output / "annotations" / LOCK).write_text(
+            '{"format": 1, "vision": {}, "bags": [], "files": {}}', "utf-8"
+        )
     for asset, version in dataset_code_versions(recipe).items():
         instance.report_runless_asset_event(
             dg.AssetMaterialization(
@@ -185,7 +187,7 @@ def datasets(instance: dg.DagsterInstance, workspace: Workspace) -> None:
 
 def walk(recipe_file: Path) -> float:
     """Return what looking into one recording costs, in seconds: a fresh one of a real project."""
-    from bagassets_tests.small_drive import write_drive  # noqa: PLC0415  (of a source checkout)
+    from bagassets_tests.small_drive import write_drive
 
     for number in range(4):
         write_drive(recipe_file.parent / "bags" / f"{number}.bag", "ros1", duration_s=2.0 + number)
@@ -194,7 +196,7 @@ def walk(recipe_file: Path) -> float:
     with opened(recipe_file) as (instance, workspace):
         found = workspace.discover().found
         recorded = fetch_recorded(instance, latest_ids(instance), found)
-        planner = Planner(workspace.recipe, workspace.store, workspace.index)
+        planner = Planner(workspace.assets, workspace.store, workspace.index)
         if not all(planner.plan(recording, recorded[key]).settled for key, recording in found.items()):
             sys.exit("the recordings should be fresh after a build")
         began = time.perf_counter()

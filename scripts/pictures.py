@@ -12,10 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
+from bagassets.assets.lidar_file import read_lidar_file
+from bagassets.formats.nuscenes.table_file import read_table
 from bagassets.geometry.camera import CameraModel
 from bagassets.geometry.se3 import SE3
-from bagassets.nuscenes.lidar_file import read_lidar_file
-from bagassets.nuscenes.table_file import read_table
 from bagassets.preview.canvas import jpeg, read_image
 from bagassets.preview.lens import View
 from bagassets.preview.lidar_over_camera import lidar_over_camera

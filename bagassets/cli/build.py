@@ -16,7 +16,7 @@ from bagassets.cli.terminal import echo, echo_lines
 from bagassets.trace import span
 
 if TYPE_CHECKING:
-    from bagassets.engine.build_report import BuildOptions, Event
+    from bagassets.build.build_report import BuildOptions, Event
 
 __all__ = ["build"]
 
@@ -77,9 +77,9 @@ def build(
 
     Only what is stale runs; a recording that fails does not stop the others.
     """
-    from bagassets.cli.remote import InterruptedBuildError  # noqa: PLC0415  (not for --help)
-    from bagassets.engine.build_report import BuildOptions  # noqa: PLC0415
-    from bagassets.engine.choose import SelectionError  # noqa: PLC0415
+    from bagassets.build.build_report import BuildOptions
+    from bagassets.build.choose import SelectionError
+    from bagassets.cli.remote import InterruptedBuildError
 
     recipe = recipe.absolute()
     options = BuildOptions(_sensible(jobs), retry_failed, bags, select, allow_empty)
@@ -101,8 +101,8 @@ def _sensible(jobs: int) -> int:
 
 
 def _build(recipe: Path, options: "BuildOptions", trace: Path | None, *, as_json: bool) -> int:
-    from bagassets.cli.summary import MOST_ROWS, SummaryRow, print_summary  # noqa: PLC0415
-    from bagassets.engine.build_report import BuildReport  # noqa: PLC0415
+    from bagassets.build.build_report import BuildReport, SummaryRow
+    from bagassets.cli.summary import MOST_ROWS, print_summary
 
     told = _told_by_server(recipe, options, trace, None if as_json else MOST_ROWS)
     report = BuildReport.from_json(told)
@@ -119,13 +119,13 @@ def _told_by_server(
     recipe: Path, options: "BuildOptions", trace: Path | None, most: int | None
 ) -> dict[str, Any]:
     """Have the build made, and show how it goes; return the report and the rows of its table as JSON."""
-    from bagassets.cli.remote import build_on_server, server_for  # noqa: PLC0415
+    from bagassets.cli.remote import build_on_server, server_for
 
     with ExitStack() as stack:
         listeners: list[Callable[[Event], None]] = [stack.enter_context(progress_for())]
         if trace is not None:
-            from bagassets.engine.trace import recorded_trace, trace_bags  # noqa: PLC0415
-            from bagassets.recipe import load_recipe  # noqa: PLC0415
+            from bagassets.build.trace import recorded_trace, trace_bags
+            from bagassets.recipe import load_recipe
 
             stack.enter_context(recorded_trace(trace, load_recipe(recipe).state))
             listeners.append(trace_bags)
@@ -145,10 +145,10 @@ def _told_by_server(
 
 def _look(recipe: Path, options: "BuildOptions", *, check: bool, as_json: bool) -> int:
     """Tell what a build would do; return the exit status of --check, or 0 of a dry run."""
-    from bagassets.cli.dry_run import dry_run_json, dry_run_lines, verdict  # noqa: PLC0415
-    from bagassets.cli.summary import print_remarks, summary_console  # noqa: PLC0415
-    from bagassets.defs.situation import opened, survey, would_move  # noqa: PLC0415
-    from bagassets.engine.checking import remarks_on_record  # noqa: PLC0415
+    from bagassets.cli.dry_run import dry_run_json, dry_run_lines, verdict
+    from bagassets.cli.summary import print_remarks, summary_console
+    from bagassets.defs.situation import opened, survey, would_move
+    from bagassets.formats.checking import remarks_on_record
 
     with opened(recipe) as (instance, workspace):
         situation = survey(instance, workspace, options)

@@ -11,7 +11,7 @@ from bagassets.cli.options import EXIT_FOUND, recipe_option
 from bagassets.cli.terminal import echo, echo_lines
 
 if TYPE_CHECKING:
-    from bagassets.engine.checking import Verdict
+    from bagassets.formats.checking import Verdict
 
 __all__ = ["check"]
 
@@ -41,10 +41,10 @@ def check(recipe: Path, bags: tuple[str, ...], as_json: bool) -> int:
     These are the asset checks of the web UI, made anew: a changed threshold counts at once. Nothing is
     built and nothing is recorded in Dagster.
     """
-    from bagassets.defs.situation import opened, survey  # noqa: PLC0415  (Dagster takes a second to import)
-    from bagassets.engine.build_report import BuildOptions  # noqa: PLC0415
-    from bagassets.engine.checking import check_bag, check_nuscenes  # noqa: PLC0415
-    from bagassets.engine.choose import SelectionError  # noqa: PLC0415
+    from bagassets.build.build_report import BuildOptions
+    from bagassets.build.choose import SelectionError
+    from bagassets.defs.situation import opened, survey
+    from bagassets.formats.checking import check_bag, check_datasets
 
     try:
         with opened(recipe) as (instance, workspace):
@@ -58,7 +58,7 @@ def check(recipe: Path, bags: tuple[str, ...], as_json: bool) -> int:
         for verdict in check_bag(loaded, store, situation.planned.discovery, situation.plan.bags[key])
     ]
     if not bags:
-        verdicts += check_nuscenes(loaded)
+        verdicts += check_datasets(loaded)
     if as_json:
         echo_lines(json.dumps([verdict.as_json() for verdict in verdicts], indent=1))
     else:

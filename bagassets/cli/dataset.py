@@ -1,6 +1,8 @@
 """`bagassets dataset`: comparing datasets, and making one again from its lock."""
 
 import json
+from collections import Counter
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,8 +12,8 @@ from bagassets.cli.options import EXIT_FOUND, recipe_option
 from bagassets.cli.terminal import echo, echo_lines
 
 if TYPE_CHECKING:
-    from bagassets.engine.dataset_diff import BagDiff, DatasetDiff, SceneDiff
-    from bagassets.engine.dataset_lock import DatasetLock, LockedBag
+    from bagassets.formats.dataset_diff import BagDiff, DatasetDiff, SceneDiff
+    from bagassets.formats.dataset_lock import DatasetLock, LockedBag
 
 __all__ = ["dataset"]
 
@@ -57,10 +59,10 @@ def diff(before: Path, after: Path, recipe: Path, as_json: bool) -> int:
     A and B are lock files, or folders of datasets. The recipe says where the store is, which knows
     the samples.
     """
-    from bagassets.engine.dataset_diff import diff_datasets  # noqa: PLC0415  (loads the steps)
-    from bagassets.engine.dataset_lock import load_lock  # noqa: PLC0415
-    from bagassets.recipe import load_recipe  # noqa: PLC0415
-    from bagassets.store.store import Store  # noqa: PLC0415
+    from bagassets.formats.dataset_diff import diff_datasets
+    from bagassets.formats.dataset_lock import load_lock
+    from bagassets.recipe import load_recipe
+    from bagassets.store.store import Store
 
     store = Store(load_recipe(recipe).store_path)
     one, other = load_lock(before), load_lock(after)
@@ -99,10 +101,10 @@ def restore(lock: Path, recipe: Path, output: Path | None, as_json: bool) -> Non
     All artifacts must be in the store; `bagassets gc --lock LOCK` keeps them there, as does a copy of the
     lock in the folder `kept-locks` of the state folder.
     """
-    from bagassets.engine.dataset_lock import load_lock  # noqa: PLC0415  (loads the steps)
-    from bagassets.engine.dataset_restore import default_output, restore_dataset  # noqa: PLC0415
-    from bagassets.recipe import load_recipe  # noqa: PLC0415
-    from bagassets.store.store import Store  # noqa: PLC0415
+    from bagassets.formats.dataset_lock import load_lock
+    from bagassets.formats.dataset_restore import default_output, restore_dataset
+    from bagassets.recipe import load_recipe
+    from bagassets.store.store import Store
 
     loaded = load_recipe(recipe)
     found = load_lock(lock)
@@ -121,7 +123,7 @@ def _show(before: "DatasetLock", after: "DatasetLock", found: "DatasetDiff") -> 
         echo("The datasets are the same.")
         return
     for bag in found.bags:
-        echo(f"{_SIGNS[bag.change]} {bag.key}: {_bag_text(bag)}")
+        echo(f"{_SIGNS[bag.change]} {bag.key}: {_bag_text(bag, has_samples=found.has_samples)}")
         for scene in bag.scenes or ():
             if bag.change == "changed":
                 echo(f"    {_SIGNS[scene.change]} {scene.name}: {_scene_text(scene)}")
@@ -134,19 +136,26 @@ def _show(before: "DatasetLock", after: "DatasetLock", found: "DatasetDiff") -> 
 
 
 def _counts(lock: "DatasetLock") -> str:
-    bags = lock.bags.values()
-    scenes = sum(bag.scenes for bag in bags)
-    if lock.kind == "vision":
-        return f"{_number(len(bags), 'recording')}, {_number(scenes, 'sequence')}"
-    samples = sum(bag.samples or 0 for bag in bags)
-    return f"{_number(len(bags), 'recording')}, {_number(scenes, 'scene')}, {_number(samples, 'sample')}"
+    return ", ".join([_number(len(lock.bags), "recordings"), *_numbers(_totals(lock))])
+
+
+def _totals(lock: "DatasetLock") -> dict[str, int]:
+    totals: Counter[str] = Counter()
+    for bag in lock.bags.values():
+        totals.update(bag.counts)
+    return dict(totals)
+
+
+def _numbers(counts: Mapping[str, int]) -> list[str]:
+    return [_number(number, what) for what, number in counts.items()]
 
 
 def _number(number: int, what: str) -> str:
-    return f"{number} {what}{'' if number == 1 else 's'}"
+    """Return a number of things named in the plural."""
+    return f"{number} {what.removesuffix('s') if number == 1 else what}"
 
 
-def _bag_text(bag: "BagDiff") -> str:
+def _bag_text(bag: "BagDiff", *, has_samples: bool) -> str:
     if bag.change in {"added", "removed"}:
         only = bag.after or bag.before
         return "" if only is None else _of_bag(only)
@@ -159,23 +168,21 @@ def _bag_text(bag: "BagDiff") -> str:
         what.append("other content")
     if bag.before.split != bag.after.split:
         what.append(f"split {bag.before.split} -> {bag.after.split}")
-    if bag.scenes is None:
+    if has_samples and bag.scenes is None:
         what.append("its scenes are not known, because the store lacks an artifact")
-    elif not bag.scenes:
+    elif has_samples and not bag.scenes:
         what.append("the same samples")
     return ", ".join(what) or "the same content, made into other tables"
 
 
 def _of_bag(bag: "LockedBag") -> str:
-    if bag.samples is None:
-        return f"{_number(bag.scenes, 'sequence')}, split {bag.split}"
-    return f"{_number(bag.scenes, 'scene')}, {_number(bag.samples, 'sample')}, split {bag.split}"
+    return ", ".join([*_numbers(bag.counts), f"split {bag.split}"])
 
 
 def _scene_text(scene: "SceneDiff") -> str:
     what = []
     if scene.added:
-        what.append(f"{_number(len(scene.added), 'sample')} added")
+        what.append(f"{_number(len(scene.added), 'samples')} added")
     if scene.removed:
         what.append(f"{len(scene.removed)} removed")
     if scene.changed:
@@ -191,9 +198,15 @@ def _lock_json(lock: "DatasetLock") -> dict[str, Any]:
         "path": str(lock.path),
         "kind": lock.kind,
         "recordings": len(lock.bags),
-        "scenes": sum(bag.scenes for bag in lock.bags.values()),
-        "samples": sum(bag.samples or 0 for bag in lock.bags.values()),
+        **_totals(lock),
     }
+
+
+def _bag_json(bag: "LockedBag | None") -> dict[str, Any] | None:
+    if bag is None:
+        return None
+    told = {"key": bag.key, "content": bag.content, "artifact": bag.artifact, "split": bag.split}
+    return {**told, **bag.counts}
 
 
 def _diff_json(found: "DatasetDiff") -> dict[str, Any]:
@@ -203,8 +216,8 @@ def _diff_json(found: "DatasetDiff") -> dict[str, Any]:
             {
                 "key": bag.key,
                 "change": bag.change,
-                "before": None if bag.before is None else vars(bag.before),
-                "after": None if bag.after is None else vars(bag.after),
+                "before": _bag_json(bag.before),
+                "after": _bag_json(bag.after),
                 "scenes": None
                 if bag.scenes is None
                 else [

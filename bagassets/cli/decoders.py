@@ -20,17 +20,18 @@ def decoders(as_json: bool) -> None:
     A package adds one by an entry point of the group bagassets.decoders; docs/decoders.md tells
     how. Nothing of the packages is imported. The exit status is 1 if one of them cannot be used.
     """
-    import json  # noqa: PLC0415  (not for --help)
+    import json
 
-    from bagassets.errors import PluginError  # noqa: PLC0415
-    from bagassets.plugins import installed_decoders  # noqa: PLC0415
+    from bagassets.decode.registry import find_decoder
+    from bagassets.errors import PluginError
+    from bagassets.plugins import installed_decoders
 
     installed = installed_decoders()
     problems = list(installed.unusable)
     rows = []
     for plugin in installed.plugins:
         try:
-            installed.find(plugin.family, plugin.msgtype)
+            find_decoder(plugin.family, plugin.msgtype)
         except PluginError as err:
             if str(err) not in problems:
                 problems.append(str(err))

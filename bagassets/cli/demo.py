@@ -32,11 +32,11 @@ def demo(ctx: click.Context, folder: Path, seconds: float) -> None:
     around them, and its nuScenes dataset. FOLDER is build/demo unless given. What is there already
     is kept: a second call only checks that all is up to date.
     """
-    from bagassets.cli.build import build  # noqa: PLC0415  (not for --help)
-    from bagassets.recipe import load_recipe  # noqa: PLC0415
-    from bagassets.recipe.project import FILES, write_project  # noqa: PLC0415
-    from bagassets.sample.demo import missing_drives, write_drives  # noqa: PLC0415
-    from bagassets.sample.recipe import sample_recipe  # noqa: PLC0415
+    from bagassets.cli.build import build
+    from bagassets.propose.project import FILES, write_project
+    from bagassets.recipe import load_recipe
+    from bagassets.sample.demo import missing_drives, write_drives
+    from bagassets.sample.recipe import sample_recipe
 
     folder = folder.absolute()
     recipe = folder / "recipe.yaml"

@@ -13,8 +13,8 @@ from bagassets.cli.terminal import echo, echo_lines
 from bagassets.errors import BagAssetsError, RecordingError
 
 if TYPE_CHECKING:
-    from bagassets.bags.digest_record import DigestIndex
-    from bagassets.bags.model import Found
+    from bagassets.recordings.digest_record import DigestIndex
+    from bagassets.recordings.model import Found
 
 __all__ = ["digest"]
 
@@ -50,8 +50,8 @@ def digest(bags: tuple[Path, ...], recipe: Path | None, rehash: bool, verify: bo
     BAG is a recording, or a folder of recordings. Files whose digest is on record for their size and
     time are not read. The digest of a single file is its BLAKE3, as `b3sum` prints it.
     """
-    from bagassets.bags.digest_record import DigestIndex  # noqa: PLC0415  (loads BLAKE3 and SQLite)
-    from bagassets.recipe import load_recipe  # noqa: PLC0415  (pydantic and YAML)
+    from bagassets.recipe import load_recipe
+    from bagassets.recordings.digest_record import DigestIndex
 
     if recipe is None and Path("recipe.yaml").is_file():
         recipe = Path("recipe.yaml")
@@ -83,8 +83,8 @@ def digest(bags: tuple[Path, ...], recipe: Path | None, rehash: bool, verify: bo
 
 def _recordings(roots: tuple[Path, ...], bags: Any, errors: list[str]) -> Iterator["Found"]:
     """Yield the recordings at or below `roots`; what is none becomes an error and others go on."""
-    from bagassets.bags.discover import discover, find_one  # noqa: PLC0415
-    from bagassets.recipe.model import Bags  # noqa: PLC0415
+    from bagassets.recipe.model import Bags
+    from bagassets.recordings.discover import discover, find_one
 
     for root in roots:
         try:
@@ -107,7 +107,7 @@ def _recordings(roots: tuple[Path, ...], bags: Any, errors: list[str]) -> Iterat
 
 
 def _digested(found: "Found", index: "DigestIndex | None", *, rehash: bool) -> dict[str, Any]:
-    from bagassets.bags.digest import recording_digest  # noqa: PLC0415
+    from bagassets.recordings.digest import recording_digest
 
     made = recording_digest(found, index, rehash=rehash)
     return {
@@ -122,7 +122,7 @@ def _digested(found: "Found", index: "DigestIndex | None", *, rehash: bool) -> d
 
 
 def _verified(found: "Found", index: "DigestIndex | None") -> dict[str, Any]:
-    from bagassets.bags.digest_check import check_digests  # noqa: PLC0415
+    from bagassets.recordings.digest_check import check_digests
 
     wrong = list(check_digests(found, index))
     return {

@@ -4,8 +4,8 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from bagassets.engine.build_report import Remark
-from bagassets.engine.plan_model import State
+from bagassets.build.build_report import Remark
+from bagassets.build.plan_model import State
 from bagassets.escaping import visible
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ from bagassets.cli.options import recipe_option
 from bagassets.cli.terminal import echo, echo_lines
 
 if TYPE_CHECKING:
-    from bagassets.engine.explain import ActionPair, Explanation
+    from bagassets.build.explain import ActionPair, Explanation
 
 __all__ = ["explain"]
 
@@ -38,18 +38,18 @@ def explain(bag: str, asset: str, recipe: Path, as_json: bool) -> None:
     BAG is a recording's key or path, ASSET one of its assets. Inputs, parameters and libraries of the
     action are printed beside those of the action that Dagster recorded last.
     """
-    from bagassets.defs.planning import recorded_of  # noqa: PLC0415
-    from bagassets.defs.situation import opened  # noqa: PLC0415  (Dagster takes a second to import)
-    from bagassets.engine.choose import SelectionError, choose_assets, choose_recordings  # noqa: PLC0415
-    from bagassets.engine.explain import explain_asset  # noqa: PLC0415
-    from bagassets.engine.plan import Planner  # noqa: PLC0415
+    from bagassets.build.choose import SelectionError, choose_assets, choose_recordings
+    from bagassets.build.explain import explain_asset
+    from bagassets.build.plan import Planner
+    from bagassets.defs.planning import recorded_of
+    from bagassets.defs.situation import opened
 
     with opened(recipe) as (instance, workspace):
         found = workspace.discover().found
-        planner = Planner(workspace.recipe, workspace.store, workspace.index)
+        planner = Planner(workspace.assets, workspace.store, workspace.index)
         try:
             keys = sorted(choose_recordings(found, [bag]))
-            choose_assets(("bag", *planner.assets), [asset])
+            choose_assets(("bag", *planner.assets.names), [asset])
         except SelectionError as err:
             raise click.UsageError(str(err)) from err
         if len(keys) > 1:
@@ -81,7 +81,7 @@ def explanation_lines(told: "Explanation") -> Iterator[str]:
 
 
 def _action_lines(pair: "ActionPair") -> Iterator[str]:
-    from bagassets.engine.differences import flat  # noqa: PLC0415
+    from bagassets.build.differences import flat
 
     value = pair.as_json()
     # Where one of them is not known there is nothing to compare: it is printed as it is.

@@ -71,11 +71,11 @@ def gc(
     instance of any project on this store; what recent builds made or used; and whatever a
     running build works with. An artifact that comes to be needed again is made again.
     """
-    from bagassets.defs.garbage import find_roots  # noqa: PLC0415  (Dagster takes a second to import)
-    from bagassets.recipe import load_recipe  # noqa: PLC0415
-    from bagassets.store.collect import Collected, collect, find_garbage  # noqa: PLC0415
-    from bagassets.store.lease import in_use_since_s  # noqa: PLC0415
-    from bagassets.store.store import Store  # noqa: PLC0415
+    from bagassets.defs.garbage import find_roots
+    from bagassets.recipe import load_recipe
+    from bagassets.store.collect import Collected, collect, find_garbage
+    from bagassets.store.lease import in_use_since_s
+    from bagassets.store.store import Store
 
     recipe = recipe.absolute()
     store = Store(load_recipe(recipe).store_path)

@@ -50,8 +50,8 @@ def init(project: Path, bags: Path | None, look_at: int, force: bool) -> None:
     Without --bags, recipe.yaml and workspace.yaml of PROJECT are kept and the other files are
     written again, which a project needs after it was moved.
     """
-    from bagassets.recipe import load_recipe  # noqa: PLC0415  (pydantic and YAML)
-    from bagassets.recipe.project import FILES, write_project  # noqa: PLC0415
+    from bagassets.propose.project import FILES, write_project
+    from bagassets.recipe import load_recipe
 
     # A link to the folder may move; where it leads, the state stays.
     project = project.resolve()
@@ -75,11 +75,11 @@ def init(project: Path, bags: Path | None, look_at: int, force: bool) -> None:
 
 def _propose(project: Path, root: Path, look_at: int) -> str:
     """Look into the recordings below `root` and return a recipe."""
-    from bagassets.bags.discover import discover  # noqa: PLC0415  (loads the readers)
-    from bagassets.bags.open import open_recording  # noqa: PLC0415
-    from bagassets.recipe.glance import Glance, glance  # noqa: PLC0415
-    from bagassets.recipe.model import Bags  # noqa: PLC0415
-    from bagassets.recipe.propose import propose  # noqa: PLC0415
+    from bagassets.propose.glance import Glance, glance
+    from bagassets.propose.propose import propose
+    from bagassets.recipe.model import Bags
+    from bagassets.recordings.discover import discover
+    from bagassets.recordings.open import open_recording
 
     discovery = discover(Bags(root=root))
     for sentence in discovery.unreadable.values():
@@ -119,7 +119,7 @@ def _spread(items: Sequence[T], number: int) -> Sequence[T]:
 
 def _tell_next(project: Path, recipe_file: Path) -> None:
     """Print what was proposed, what is left to decide, and the next command."""
-    from bagassets.recipe import load_recipe  # noqa: PLC0415
+    from bagassets.recipe import load_recipe
 
     echo(f"Project {project}: recipe.yaml, dagster.yaml, workspace.yaml, .env")
     text = recipe_file.read_text(encoding="utf-8")

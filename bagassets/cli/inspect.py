@@ -40,17 +40,17 @@ def inspect(bag: Path, as_json: bool, definitions: tuple[Path, ...], recipe: Pat
     BAG is a .bag, .mcap or .db3 file, or a ROS 2 bag folder. All of it is read: topics, types,
     counts, rates, gaps, frames, the offset of header stamps from log time, the place and the daylight.
     """
-    import tempfile  # noqa: PLC0415  (not for --help)
+    import tempfile
 
-    from bagassets.bags.describe import describe_text  # noqa: PLC0415  (numpy, pyarrow and the readers)
-    from bagassets.bags.discover import find_one  # noqa: PLC0415
-    from bagassets.bags.open import open_recording  # noqa: PLC0415
-    from bagassets.steps.inventory import make_inventory  # noqa: PLC0415
-    from bagassets.store.artifact import ArtifactWriter  # noqa: PLC0415
+    from bagassets.assets.inventory import make_inventory
+    from bagassets.recordings.describe import describe_text
+    from bagassets.recordings.discover import find_one
+    from bagassets.recordings.open import open_recording
+    from bagassets.store.artifact import ArtifactWriter
 
     folders, limits = list(definitions), None
     if recipe is not None:
-        from bagassets.recipe import load_recipe  # noqa: PLC0415
+        from bagassets.recipe import load_recipe
 
         loaded = load_recipe(recipe)
         folders += loaded.bags.message_definitions
@@ -64,6 +64,6 @@ def inspect(bag: Path, as_json: bool, definitions: tuple[Path, ...], recipe: Pat
     if as_json:
         echo_lines(text, nl=False)
         return
-    import json  # noqa: PLC0415
+    import json
 
     echo_lines(f"{visible(str(bag))}\n\n{describe_text(json.loads(text))}", nl=False)

@@ -59,6 +59,10 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "demo": ("bagassets.cli.demo:demo", "Make sample drives and build the dataset from them."),
     "sample": ("bagassets.cli.sample:sample", "Write a synthetic drive, whose truth is known."),
     "decoders": ("bagassets.cli.decoders:decoders", "List installed decoders of your own message types."),
+    "formats": (
+        "bagassets.cli.formats:formats",
+        "List dataset formats, and assets of recordings that packages add.",
+    ),
     "docs": ("bagassets.cli.docs:docs", "Print reference documentation as Markdown."),
 }
 
@@ -110,7 +114,7 @@ class LazyGroup(click.Group):
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """Find the command; suggest one if there is none of that name."""
-        from difflib import get_close_matches  # noqa: PLC0415  (only on a mistake)
+        from difflib import get_close_matches
 
         if args and not args[0].startswith("-") and args[0] not in (known := self.list_commands(ctx)):
             near = get_close_matches(args[0], known, n=1)
@@ -174,8 +178,8 @@ def main(args: Sequence[str] | None = None) -> int:
 
 def _crashed(err: Exception, arguments: list[str]) -> int:
     """Write the traceback to a file and say where."""
-    import tempfile  # noqa: PLC0415  (only on a defect)
-    import traceback  # noqa: PLC0415  (only on a defect)
+    import tempfile
+    import traceback
 
     summary = str(err).strip().splitlines()
     reason = f"{type(err).__name__}: {summary[0]}" if summary else type(err).__name__

@@ -5,8 +5,8 @@ import time
 from types import TracebackType
 from typing import TYPE_CHECKING, Protocol, Self
 
+from bagassets.build.build_report import Event
 from bagassets.cli.terminal import echo, echo_lines, print_lines
-from bagassets.engine.build_report import Event
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -103,8 +103,8 @@ class LiveProgress(SilentProgress):
             self._live.refresh()
 
     def __enter__(self) -> Self:
-        from rich.console import Console  # noqa: PLC0415  (0.1 s, not paid where nothing is drawn)
-        from rich.live import Live  # noqa: PLC0415
+        from rich.console import Console
+        from rich.live import Live
 
         console = Console(stderr=True, highlight=False)
         self._live = Live(console=console, get_renderable=self.render, transient=True, refresh_per_second=4)
@@ -117,10 +117,10 @@ class LiveProgress(SilentProgress):
 
     def render(self) -> "RenderableType":
         """Return the display as it is now."""
-        from rich.console import Group  # noqa: PLC0415
-        from rich.progress_bar import ProgressBar  # noqa: PLC0415
-        from rich.table import Table  # noqa: PLC0415
-        from rich.text import Text  # noqa: PLC0415
+        from rich.console import Group
+        from rich.progress_bar import ProgressBar
+        from rich.table import Table
+        from rich.text import Text
 
         now = time.monotonic()
         if not self._sizes and not self._since:

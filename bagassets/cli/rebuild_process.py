@@ -26,8 +26,8 @@ _CORETYPES = {"x86_64": "Nehalem", "AMD64": "Nehalem", "aarch64": "ARMV8", "arm6
 
 def other_environment() -> dict[str, str]:
     """Return environment variables that make libraries choose other code than they do here by default."""
-    import cv2  # noqa: PLC0415  (for a process that is about to start another with it)
-    import numpy as np  # noqa: PLC0415
+    import cv2
+    import numpy as np
 
     variables = {
         "OPENBLAS_NUM_THREADS": "3",
@@ -73,9 +73,10 @@ def rebuild_elsewhere(
 
 
 def _main() -> None:
-    from bagassets.engine.rebuild import rebuild  # noqa: PLC0415
-    from bagassets.recipe import load_recipe  # noqa: PLC0415
-    from bagassets.store.store import Store  # noqa: PLC0415
+    from bagassets.build.rebuild import rebuild
+    from bagassets.formats.catalogue import recording_assets
+    from bagassets.recipe import load_recipe
+    from bagassets.store.store import Store
 
     # What libraries print to standard output, as OpenCV does its log, is not the answer.
     answer = os.fdopen(os.dup(sys.stdout.fileno()), "w")
@@ -85,7 +86,14 @@ def _main() -> None:
     store = Store(recipe.store_path)
     recipe.state.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix="verify-", dir=recipe.state) as scratch:
-        made = rebuild(recipe, store, request["key"], request["actions"], Path(scratch), workers=WORKERS)
+        made = rebuild(
+            recording_assets(recipe),
+            store,
+            request["key"],
+            request["actions"],
+            Path(scratch),
+            threads=WORKERS,
+        )
     with answer:
         json.dump([result.as_json() for result in made], answer)
 

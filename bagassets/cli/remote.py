@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 from uuid import uuid4
 
-from bagassets.engine.build_report import BuildOptions, Event
+from bagassets.build.build_report import BuildOptions, Event
 from bagassets.errors import BagAssetsError
 from bagassets.forkserver.client import Client, ServerRefusedError
 from bagassets.forkserver.places import Places
@@ -19,7 +19,7 @@ from bagassets.store.writable import require_writable
 
 __all__ = ["InterruptedBuildError", "build_on_server", "find_server", "server_for"]
 
-_JOB = "bagassets.defs.drive:build"
+_JOB = "bagassets.defs.driver:bring_up_to_date_in_worker"
 _AHEAD = "bagassets.defs.ahead:make_inventories"
 # A driver that was asked to stop waits this long for its runs; they have less.
 _GRACE_S = 40.0
@@ -34,8 +34,8 @@ def find_server(recipe: Path) -> Client | None:
 
     The recipe is not read: a server with its stamp has read this very text.
     """
-    from bagassets.quick.build import state_folder  # noqa: PLC0415
-    from bagassets.quick.looks import Doubt  # noqa: PLC0415
+    from bagassets.freshness.decide import state_folder
+    from bagassets.freshness.marks import Doubt
 
     try:
         spec = server_spec(Path(state_folder(str(recipe))), recipe)
@@ -61,7 +61,7 @@ def server_for(recipe: Path, bags: Sequence[str]) -> Client:
     found = find_server(recipe)
     if found is not None:
         return found
-    from bagassets.recipe import load_recipe  # noqa: PLC0415  (a server that is up has read it)
+    from bagassets.recipe import load_recipe
 
     state = load_recipe(recipe).state
     require_writable(state)
@@ -88,8 +88,8 @@ def build_on_server(
     except ServerRefusedError:
         return None
     try:
-        import rich.console  # noqa: PLC0415  (40 ms for the table at the end, while the server works)
-        import rich.table  # noqa: F401, PLC0415
+        import rich.console
+        import rich.table  # noqa: F401
 
         event = _follow(client, job, on_event)
     except KeyboardInterrupt:
@@ -118,8 +118,8 @@ def _follow(client: Client, job: str, on_event: Callable[[Event], None]) -> dict
 
 
 def _raised(error: dict[str, str]) -> BagAssetsError:
-    from bagassets import errors  # noqa: PLC0415
-    from bagassets.engine.choose import SelectionError  # noqa: PLC0415
+    from bagassets import errors
+    from bagassets.build.choose import SelectionError
 
     kind, message = error["type"], error["message"]
     if kind == "KeyboardInterrupt":

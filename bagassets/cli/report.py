@@ -31,13 +31,13 @@ def report(recipe: Path, output: Path | None, as_json: bool) -> None:
     The page holds everything, pictures included, and loads nothing. Nothing is built: the page tells
     what there is now.
     """
-    import json  # noqa: PLC0415  (not for --help)
+    import json
 
-    from bagassets.defs.planning import plan_now  # noqa: PLC0415  (Dagster takes a second to import)
-    from bagassets.defs.situation import opened  # noqa: PLC0415
-    from bagassets.engine.report_data import report_data  # noqa: PLC0415
-    from bagassets.report.page import report_json, report_page  # noqa: PLC0415
-    from bagassets.report.write import write_page  # noqa: PLC0415
+    from bagassets.defs.planning import plan_now
+    from bagassets.defs.situation import opened
+    from bagassets.formats.report_data import report_data
+    from bagassets.report.page import report_json, report_page
+    from bagassets.report.write import write_page
 
     with opened(recipe) as (instance, workspace):
         plan = plan_now(instance, workspace).plan

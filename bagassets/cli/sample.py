@@ -66,7 +66,7 @@ def sample(
     (one Bayer, one colour, one JPEG), a spinning lidar and a radar; odometry, TF, GNSS, IMU, and the
     true boxes on /annotations. The same seed gives the same drive in every format.
     """
-    from bagassets.sample.drive import PROFILES, Target, write_recordings  # noqa: PLC0415  (not for --help)
+    from bagassets.sample.drive import PROFILES, Target, write_recordings
 
     kind = file_format or _FORMATS.get(path.suffix)
     if kind is None:
@@ -84,7 +84,7 @@ def sample(
         )
     echo(f"Wrote {path}: {length_s:g} s of drive, seed {seed}. Look into it: bagassets inspect {path}")
     if recipe_out is not None:
-        from bagassets.sample.recipe import sample_recipe  # noqa: PLC0415
+        from bagassets.sample.recipe import sample_recipe
 
         recipe_out.write_text(
             sample_recipe(root=str(path.resolve().parent), throughput=PROFILES[profile].throughput),

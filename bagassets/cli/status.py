@@ -3,7 +3,7 @@
 import json
 import sys
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,10 +28,7 @@ _WIDE = 110
 _SHORT = {
     "inventory": "invent.",
     "calibration": "calibr.",
-    "ego_poses": "poses",
     "annotations": "boxes",
-    "nuscenes_tables": "tables",
-    "vision_sequences": "vision",
 }
 _ORDER = ("fresh", "record-only", "stale", "unknown", "missing", "failed", "skipped")
 _COLOURS = {"fresh": "green", "record-only": "cyan", "stale": "yellow", "unknown": "yellow", "missing": "yellow",
@@ -70,27 +67,31 @@ def status(recipe: Path, bags: tuple[str, ...], show_all: bool, as_json: bool) -
     Every asset of every recording has a state, with the reason in words, back to what changed first.
     Nothing is run and no recording is read: what has changed is told by sizes, times and stored digests.
     """
-    from bagassets.defs.situation import opened, survey  # noqa: PLC0415  (Dagster takes a second to import)
-    from bagassets.engine.build_report import BuildOptions  # noqa: PLC0415
-    from bagassets.engine.choose import SelectionError  # noqa: PLC0415
+    from bagassets.build.build_report import BuildOptions
+    from bagassets.build.choose import SelectionError
+    from bagassets.defs.situation import opened, survey
+    from bagassets.formats.catalogue import problems_of
 
     try:
         with opened(recipe) as (instance, workspace):
             situation = survey(instance, workspace, BuildOptions(bags=bags))
     except SelectionError as err:
         raise click.UsageError(str(err)) from err
+    problems = list(problems_of(workspace.recipe))
     if as_json:
-        echo_lines(json.dumps(status_json(situation), indent=1))
+        echo_lines(json.dumps(status_json(situation, problems), indent=1))
     else:
         _print(situation, show_all=show_all or bool(bags))
+        for problem in problems:
+            echo_lines(f"warning: {problem}", err=True)
     if not situation.is_settled:
         sys.exit(EXIT_STALE)
     if situation.failed:
         sys.exit(EXIT_FAILED)
 
 
-def status_json(situation: "Situation") -> dict[str, Any]:
-    """Return all states as JSON."""
+def status_json(situation: "Situation", problems: Sequence[str] = ()) -> dict[str, Any]:
+    """Return all states as JSON, and what of installed packages cannot be used."""
     bags = {key: bag for key, bag in situation.plan.bags.items() if key in situation.chosen}
     return {
         "settled": situation.is_settled,
@@ -101,6 +102,7 @@ def status_json(situation: "Situation") -> dict[str, Any]:
         "datasets": {name: _dataset_state(situation) for name in situation.datasets},
         "removed": list(situation.plan.removed),
         "excluded": dict(situation.plan.excluded),
+        **({"problems": list(problems)} if problems else {}),
     }
 
 
@@ -111,7 +113,7 @@ def _dataset_state(situation: "Situation") -> str:
 
 
 def _print(situation: "Situation", *, show_all: bool) -> None:
-    from rich.console import Console  # noqa: PLC0415  (0.1 s, not paid for --help)
+    from rich.console import Console
 
     console = Console(highlight=False, width=None if sys.stdout.isatty() else 140)
     bags = {key: bag for key, bag in situation.plan.bags.items() if key in situation.chosen}
@@ -133,15 +135,17 @@ def _print(situation: "Situation", *, show_all: bool) -> None:
 
 
 def _table(states: Mapping[str, Mapping[str, str]], *, short: bool) -> Any:
-    from rich import box  # noqa: PLC0415
-    from rich.table import Table  # noqa: PLC0415
-    from rich.text import Text  # noqa: PLC0415
+    from rich import box
+    from rich.table import Table
+    from rich.text import Text
 
     assets = list(next(iter(states.values())))
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=0)
     table.add_column("recording", overflow="fold", min_width=9)
     for name in assets:
-        table.add_column(_SHORT.get(name, name) if short else name.replace("_", " "), overflow="fold")
+        table.add_column(
+            _SHORT.get(name, name.rpartition("_")[2]) if short else name.replace("_", " "), overflow="fold"
+        )
     for key, row in states.items():
         table.add_row(key, *(Text(row[name], style=_COLOURS[row[name]]) for name in assets))
     return table

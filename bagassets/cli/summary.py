@@ -2,28 +2,22 @@
 
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from bagassets.build.build_report import BuildReport, Remark, SummaryRow
 from bagassets.cli.terminal import print_lines
-from bagassets.engine.build_report import BagOutcome, BuildReport, Remark
 from bagassets.escaping import visible
-from bagassets.nuscenes.splits import devkit_split_name
+from bagassets.formats.nuscenes.splits import devkit_split_name
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from bagassets.engine.plan_model import BagPlan
-    from bagassets.store.store import Store
-
 __all__ = [
-    "SummaryRow",
     "counts_line",
     "print_remarks",
     "print_summary",
     "splits_text",
-    "summary_rows",
     "ui_command",
 ]
 
@@ -36,64 +30,6 @@ _COLOURS = {"built": "green", "hit": "cyan", "failed": "bold red", "stopped": "y
 _MOST_REMARKS = 12
 # Nor more recordings that changed their split: a new seed moves many.
 _MOST_MOVES = 12
-_NUMBERS = ("images", "sweeps", "poses", "boxes", "scenes", "keyframes")
-
-
-@dataclass(frozen=True)
-class SummaryRow:
-    """What one recording gave; None where there is nothing to tell.
-
-    Attributes:
-        recording: partition key.
-        format: ros1, ros2 or mcap.
-        span_s: time from first to last message, seconds.
-        images: image files.
-        sweeps: lidar and radar files.
-        poses: ego poses.
-        boxes: 3-D boxes recorded.
-        scenes: nuScenes scenes.
-        keyframes: nuScenes samples.
-        result: see `BagOutcome`.
-        reason: why it was skipped or failed.
-    """
-
-    recording: str
-    format: str | None
-    span_s: float | None
-    images: int | None
-    sweeps: int | None
-    poses: int | None
-    boxes: int | None
-    scenes: int | None
-    keyframes: int | None
-    result: str
-    reason: str
-
-    def as_json(self) -> dict[str, Any]:
-        """Return the row as JSON."""
-        return asdict(self)
-
-
-def summary_rows(report: BuildReport, store: "Store | Path", *, most: int | None = None) -> list[SummaryRow]:
-    """Return a row per recording, from what its current artifacts say.
-
-    Args:
-        report: of the build.
-        store: where the artifacts are, or the folder of the store.
-        most: with more recordings than this, only those that were built, failed or stopped.
-    """
-    from bagassets.store.store import Store  # noqa: PLC0415  (not for a report that another process made)
-
-    outcomes, plan = report.outcomes, report.plan
-    store = Store(store) if isinstance(store, Path) else store
-    if plan is None:
-        return []
-    if most is not None and len(outcomes) > most:
-        outcomes = report.having("built", "failed", "stopped")
-    return [
-        _row(store, plan.bags[key], outcome) if key in plan.bags else _row_of_removed(key, outcome)
-        for key, outcome in outcomes.items()
-    ]
 
 
 def print_summary(
@@ -132,7 +68,7 @@ def print_summary(
 
 def summary_console() -> "Console":
     """Return a console for stdout."""
-    from rich.console import Console  # noqa: PLC0415  (0.1 s, not paid for --help)
+    from rich.console import Console
 
     return Console(highlight=False, width=None if sys.stdout.isatty() else _WIDTH_OF_LOGS)
 
@@ -153,7 +89,7 @@ def ui_command(recipe_file: Path) -> str:
 
 
 def _quoted(path: Path) -> str:
-    import shlex  # noqa: PLC0415
+    import shlex
 
     return shlex.quote(str(path))
 
@@ -188,63 +124,20 @@ def splits_text(splits: Mapping[str, Mapping[str, Any]]) -> str:
     return ", ".join(told) + (f"; in the devkit {', '.join(renamed)}" if renamed else "")
 
 
-def _row(store: "Store", bag: "BagPlan", outcome: BagOutcome) -> SummaryRow:
-    inventory, poses = _summary(store, bag, "inventory"), _summary(store, bag, "ego_poses")
-    boxes, tables = _summary(store, bag, "annotations"), _summary(store, bag, "nuscenes_tables")
-    counts = tables.get("counts", {})
-    return SummaryRow(
-        recording=bag.key,
-        format=bag.format,
-        span_s=inventory.get("duration_s"),
-        images=_written(_summary(store, bag, "frames")),
-        sweeps=_written(_summary(store, bag, "sweeps")),
-        poses=poses.get("count"),
-        boxes=boxes.get("boxes"),
-        scenes=counts.get("scenes"),
-        keyframes=counts.get("samples"),
-        result=outcome.result,
-        reason=outcome.reason,
-    )
-
-
-def _row_of_removed(key: str, outcome: BagOutcome) -> SummaryRow:
-    """Return the row of a recording that was there when the build began, and is not any more."""
-    empty = dict.fromkeys(("format", "span_s", *_NUMBERS))
-    reason = outcome.reason or "it was removed meanwhile, so the dataset is without it"
-    return SummaryRow(recording=key, **empty, result=outcome.result, reason=reason)
-
-
-def _summary(store: "Store", bag: "BagPlan", asset: str) -> dict[str, Any]:
-    from bagassets.errors import StoreError  # noqa: PLC0415
-
-    digest = bag.assets[asset].data_version
-    if digest is None:
-        return {}
-    try:
-        return store.artifact(digest).summary()
-    except StoreError:
-        return {}
-
-
-def _written(summary: Mapping[str, Any]) -> int | None:
-    channels = summary.get("channels")
-    return None if channels is None else sum(counts["written"] for counts in channels.values())
-
-
 def _table(rows: Sequence[SummaryRow]) -> Any:
-    from rich import box  # noqa: PLC0415
-    from rich.table import Table  # noqa: PLC0415
-    from rich.text import Text  # noqa: PLC0415
+    from rich import box
+    from rich.table import Table
+    from rich.text import Text
 
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=0)
     table.add_column("recording", overflow="fold", min_width=9)
     table.add_column("format", no_wrap=True)
     table.add_column("span", justify="right", no_wrap=True)
-    for name in _NUMBERS:
+    for name in SummaryRow.NUMBERS:
         table.add_column(name, justify="right", no_wrap=True)
     table.add_column("result", no_wrap=True)
     for row in rows:
-        numbers = [_number(getattr(row, name)) for name in _NUMBERS]
+        numbers = [_number(getattr(row, name)) for name in SummaryRow.NUMBERS]
         result = Text(row.result, style=_COLOURS.get(row.result, ""))
         table.add_row(row.recording, row.format or "", span_text(row.span_s), *numbers, result)
     return table

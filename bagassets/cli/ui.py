@@ -56,7 +56,7 @@ def ui(
     There is no password. Requests that other sites make with your browser are refused: those under
     a name that is not the UI's own, and those that come from their pages.
     """
-    from bagassets.defs.services import Services  # noqa: PLC0415  (pydantic and YAML, for the recipe)
+    from bagassets.defs.services import Services
 
     signals = _Signals()
     with Services(recipe, host, port, verbose=verbose, allow_hosts=allow_hosts) as services:

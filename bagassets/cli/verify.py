@@ -14,7 +14,7 @@ from bagassets.cli.terminal import echo, echo_lines
 from bagassets.errors import BagAssetsError
 
 if TYPE_CHECKING:
-    from bagassets.engine.rebuild import KnownAction
+    from bagassets.build.rebuild import KnownAction
     from bagassets.recipe.model import Recipe
     from bagassets.store.integrity import Damage
     from bagassets.store.store import Store
@@ -74,8 +74,8 @@ def verify(
     Reads every file of the store and of the datasets. Artifacts with missing or changed files are
     taken out of the store, and such files out of datasets: the next build makes them again.
     """
-    from bagassets.recipe import load_recipe  # noqa: PLC0415  (pydantic and YAML)
-    from bagassets.store.store import Store  # noqa: PLC0415
+    from bagassets.recipe import load_recipe
+    from bagassets.store.store import Store
 
     recipe = recipe.absolute()
     loaded = load_recipe(recipe)
@@ -88,7 +88,7 @@ def verify(
 
 
 def _check(recipe: "Recipe", store: "Store", *, report_only: bool, as_json: bool) -> int:
-    from bagassets.engine.dataset_integrity import check_datasets, take_out  # noqa: PLC0415
+    from bagassets.formats.dataset_integrity import check_datasets, take_out
 
     damages = _damages(store)
     names = _names(recipe, store) if damages else {}
@@ -139,10 +139,11 @@ def _check(recipe: "Recipe", store: "Store", *, report_only: bool, as_json: bool
 
 
 def _check_recordings(recipe: "Recipe", store: "Store", *, as_json: bool) -> int:
-    from bagassets.engine.recordings_check import check_recordings  # noqa: PLC0415
+    from bagassets.build.recordings_check import check_recordings
+    from bagassets.formats.catalogue import recording_assets
 
     checked = []
-    for recording in check_recordings(recipe, store):
+    for recording in check_recordings(recording_assets(recipe), store):
         checked.append(recording)
         if as_json:
             continue
@@ -178,7 +179,7 @@ def _check_recordings(recipe: "Recipe", store: "Store", *, as_json: bool) -> int
 
 
 def _damages(store: "Store") -> list["Damage"]:
-    from bagassets.store.integrity import check_store  # noqa: PLC0415
+    from bagassets.store.integrity import check_store
 
     checked = 0
     on_terminal = sys.stderr.isatty()
@@ -196,11 +197,12 @@ def _damages(store: "Store") -> list["Damage"]:
 
 def _names(recipe: "Recipe", store: "Store") -> dict[str, str]:
     """Return digest of artifact or action -> what it is to users, as far as current recordings tell."""
-    from bagassets.engine.rebuild import known_actions  # noqa: PLC0415
+    from bagassets.build.rebuild import known_actions
+    from bagassets.formats.catalogue import recording_assets
 
     names = {}
     try:
-        for known in known_actions(recipe, store):
+        for known in known_actions(recording_assets(recipe), store):
             names[known.artifact] = names[known.action] = str(known)
     except BagAssetsError:
         pass  # the bag root is gone: then there are no names
@@ -210,11 +212,12 @@ def _names(recipe: "Recipe", store: "Store") -> dict[str, str]:
 def _rebuild(
     recipe_file: Path, recipe: "Recipe", store: "Store", number: int, seed: int | None, *, as_json: bool
 ) -> int:
-    from bagassets.cli.rebuild_process import other_environment, rebuild_elsewhere  # noqa: PLC0415
-    from bagassets.engine.rebuild import known_actions  # noqa: PLC0415
+    from bagassets.build.rebuild import known_actions
+    from bagassets.cli.rebuild_process import other_environment, rebuild_elsewhere
+    from bagassets.formats.catalogue import recording_assets
 
     by_action: dict[str, KnownAction] = {}
-    for action in sorted(known_actions(recipe, store)):
+    for action in sorted(known_actions(recording_assets(recipe), store)):
         by_action.setdefault(action.action, action)  # recordings with equal messages share actions
     known = list(by_action.values())
     if not known:
@@ -222,7 +225,7 @@ def _rebuild(
             f"{store.root}: no action of the recordings below {recipe.bags.root} is on record; run `bagassets build` first."
         )
     seed = random.SystemRandom().randrange(10**6) if seed is None else seed
-    chosen = random.Random(seed).sample(known, min(number, len(known)))  # noqa: S311  (a choice, no secret)
+    chosen = random.Random(seed).sample(known, min(number, len(known)))
     by_key: dict[str, list[KnownAction]] = defaultdict(list)
     for action in chosen:
         by_key[action.key].append(action)

@@ -48,9 +48,9 @@ def view(
     SCENE is a scene's name or token. Images, clouds, poses, boxes, transforms and the position on Earth are
     in it; open it in Foxglove or Rerun.
     """
-    import json  # noqa: PLC0415  (not for --help)
+    import json
 
-    from bagassets.view.scene import load_scene, scene_names  # noqa: PLC0415
+    from bagassets.view.scene import load_scene, scene_names
 
     if (dataroot is None) != (version is None):
         raise click.UsageError("--dataroot and --version go together.")
@@ -58,7 +58,7 @@ def view(
         raise click.UsageError("name a scene, or use --list to see which there are.")
     settings = None
     if dataroot is None or version is None:
-        from bagassets.recipe import load_recipe  # noqa: PLC0415
+        from bagassets.recipe import load_recipe
 
         settings = load_recipe(recipe)
         dataroot, version = _place(settings, dataset)
@@ -66,7 +66,7 @@ def view(
         names = scene_names(dataroot, version)
         echo_lines(json.dumps(names, indent=1) if as_json else "\n".join(map(visible, names)))
         return
-    from bagassets.view.mcap_scene import write_scene  # noqa: PLC0415  (protobuf, mcap)
+    from bagassets.view.mcap_scene import write_scene
 
     chosen = load_scene(dataroot, version, scene)
     fixes = _fixes(recipe, chosen.recording) if settings is not None and chosen.origin is None else []
@@ -93,10 +93,10 @@ def _place(recipe: "Recipe", dataset: str | None) -> tuple[Path, str]:
 
 def _fixes(recipe: Path, key: str) -> list[tuple[int, float, float]]:
     """Return GNSS fixes of the recording, if the store has them."""
-    from bagassets.defs.planning import plan_now  # noqa: PLC0415  (Dagster takes a second to import)
-    from bagassets.defs.situation import opened  # noqa: PLC0415
-    from bagassets.engine.current import current_artifact  # noqa: PLC0415
-    from bagassets.engine.track import track_of  # noqa: PLC0415
+    from bagassets.build.current import current_artifact
+    from bagassets.build.track import track_of
+    from bagassets.defs.planning import plan_now
+    from bagassets.defs.situation import opened
 
     with opened(recipe) as (instance, workspace):
         bag = plan_now(instance, workspace).plan.bags.get(key)

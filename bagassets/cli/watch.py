@@ -11,7 +11,7 @@ from bagassets.cli.options import EXIT_FOUND
 from bagassets.cli.terminal import echo_lines
 
 if TYPE_CHECKING:
-    from bagassets.bags.watch import WatchEvent
+    from bagassets.recordings.watch import WatchEvent
 
 __all__ = ["watch"]
 
@@ -69,10 +69,10 @@ def watch(
     once; the digest is stored with its files, for size and time, so that builds elsewhere need not read
     them to know what they are. After a restart it catches up with what it missed.
     """
-    from bagassets.bags.digest_record import DigestIndex  # noqa: PLC0415  (loads BLAKE3 and SQLite)
-    from bagassets.bags.watch import Watcher, WatchEvent  # noqa: PLC0415
-    from bagassets.recipe import load_recipe  # noqa: PLC0415  (pydantic and YAML)
-    from bagassets.recipe.model import Bags  # noqa: PLC0415
+    from bagassets.recipe import load_recipe
+    from bagassets.recipe.model import Bags
+    from bagassets.recordings.digest_record import DigestIndex
+    from bagassets.recordings.watch import Watcher, WatchEvent
 
     if recipe is None and Path("recipe.yaml").is_file():
         recipe = Path("recipe.yaml")

@@ -3,11 +3,12 @@
 from collections.abc import Sequence
 from typing import Any
 
+from bagassets.decode.boxes import BoxDecoder
 from bagassets.decode.fields import rigid_transform, stamp_and_frame
 from bagassets.decode.model import BoxReading
 from bagassets.errors import DecodeError
 
-__all__ = ["decode_object", "items"]
+__all__ = ["OBJECTS", "decode_object", "items"]
 
 # autoware_perception_msgs/ObjectClassification; the last four came later.
 CLASSES = (
@@ -60,3 +61,6 @@ def decode_object(message: Any, item: Any) -> BoxReading:
 
 def _uuid(identifier: Any) -> str:
     return "" if identifier is None else bytes(int(byte) for byte in identifier.uuid).hex()
+
+
+OBJECTS = BoxDecoder(items, decode_object)

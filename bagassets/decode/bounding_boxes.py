@@ -3,10 +3,11 @@
 from collections.abc import Sequence
 from typing import Any
 
+from bagassets.decode.boxes import BoxDecoder
 from bagassets.decode.fields import rigid_transform, stamp_and_frame
 from bagassets.decode.model import BoxReading
 
-__all__ = ["decode_box", "items"]
+__all__ = ["BOXES", "decode_box", "items"]
 
 
 def items(message: Any) -> Sequence[Any]:
@@ -32,3 +33,6 @@ def decode_box(message: Any, box: Any) -> BoxReading:
         category=str(int(box.label)),
         score=float(box.value),
     )
+
+
+BOXES = BoxDecoder(items, decode_box)

@@ -3,11 +3,12 @@
 from collections.abc import Sequence
 from typing import Any
 
+from bagassets.decode.boxes import BoxDecoder
 from bagassets.decode.fields import rigid_transform, stamp_and_frame
 from bagassets.decode.model import BoxReading
 from bagassets.errors import DecodeError
 
-__all__ = ["decode_detection", "items"]
+__all__ = ["DETECTIONS", "decode_detection", "items"]
 
 
 def items(message: Any) -> Sequence[Any]:
@@ -47,3 +48,6 @@ def _hypothesis(result: Any) -> tuple[float, str]:
     inner = getattr(result, "hypothesis", result)
     category = getattr(inner, "class_id", None)
     return float(inner.score), str(inner.id if category is None else category)
+
+
+DETECTIONS = BoxDecoder(items, decode_detection)

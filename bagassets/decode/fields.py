@@ -1,8 +1,9 @@
-"""Fields that many ROS messages share: stamps, frame ids, poses.
+"""Fields that many ROS messages share: stamps, frame ids, poses, points.
 
 The texts of the errors carry no numbers: steps count lost messages by them.
 """
 
+from dataclasses import fields, is_dataclass
 from math import isfinite, sqrt
 from typing import Any
 
@@ -10,7 +11,7 @@ from bagassets.errors import DecodeError
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.tf_tree import normalise_frame
 
-__all__ = ["rigid_transform", "stamp_and_frame", "stamp_ns", "unit_quaternion"]
+__all__ = ["check_points", "rigid_transform", "stamp_and_frame", "stamp_ns", "unit_quaternion"]
 
 
 # Coordinates in metres have their origin in the Earth's centre (ECEF), on the equator (UTM) or nearby:
@@ -58,3 +59,21 @@ def rigid_transform(position: Any, orientation: Any) -> SE3:
     if not all(abs(v) < _FARTHEST_M for v in translation):
         raise DecodeError("its position is farther away than any place on Earth")
     return SE3(quaternion, translation)
+
+
+def check_points(message: Any, most_points: int) -> None:
+    """Check how many points a lidar or radar message announces, itself or in a cloud that it holds.
+
+    A point takes several times its recorded size once it is decoded.
+
+    Raises:
+        DecodeError: there are more than `most_points`.
+    """
+    held = [getattr(message, field.name) for field in fields(message)] if is_dataclass(message) else []
+    for cloud in (message, *held):
+        if hasattr(cloud, "point_step"):
+            points = int(cloud.width) * int(cloud.height)
+        else:
+            points = len(getattr(cloud, "ranges", ()))
+        if points > most_points:
+            raise DecodeError("it has more points than limits.cloud_points in the recipe allows")

@@ -3,10 +3,11 @@
 from collections.abc import Sequence
 from typing import Any
 
+from bagassets.decode.boxes import BoxDecoder
 from bagassets.decode.fields import rigid_transform, stamp_and_frame
 from bagassets.decode.model import BoxReading
 
-__all__ = ["decode_marker", "items", "single_item"]
+__all__ = ["MARKER", "MARKERS", "decode_marker", "items", "single_item"]
 
 CUBE = 1
 ADD = 0
@@ -43,3 +44,7 @@ def decode_marker(message: Any, marker: Any) -> BoxReading | None:  # noqa: ARG0
         track_id=f"{marker.ns}/{marker.id}",
         category=str(marker.ns),
     )
+
+
+MARKER = BoxDecoder(single_item, decode_marker)
+MARKERS = BoxDecoder(items, decode_marker)

@@ -23,7 +23,7 @@ from struct import Struct
 
 from bagassets.errors import DecodeError
 
-__all__ = ["PACKET_SIZE", "NcomPose", "NcomReading", "decode_ncom"]
+__all__ = ["PACKET_SIZE", "NcomPose", "NcomReading", "decode_ncom", "holds_ncom"]
 
 PACKET_SIZE = 72
 _LAYOUT = Struct("<BH18sBBddf9s9sBB8sB")
@@ -112,6 +112,17 @@ def decode_ncom(data: bytes) -> NcomReading:
         _pose(lat, lon, alt, velocity, angles) if status in _SOLVED else None,
         status <= _INITIALISING,
     )
+
+
+def holds_ncom(data: bytes) -> bool:
+    """Tell whether the payload of a message is one NCOM packet or several, the first of which is sound."""
+    if not data or len(data) % PACKET_SIZE:
+        return False
+    try:
+        decode_ncom(data[:PACKET_SIZE])
+    except DecodeError:
+        return False
+    return True
 
 
 def _pose(lat_rad: float, lon_rad: float, alt_m: float, velocity: bytes, angles: bytes) -> NcomPose:

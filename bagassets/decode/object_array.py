@@ -3,11 +3,12 @@
 from collections.abc import Sequence
 from typing import Any
 
+from bagassets.decode.boxes import BoxDecoder
 from bagassets.decode.fields import rigid_transform, stamp_and_frame
 from bagassets.decode.model import BoxReading
 from bagassets.errors import DecodeError
 
-__all__ = ["decode_object", "items"]
+__all__ = ["OBJECTS", "decode_object", "items"]
 
 # derived_object_msgs/Object CLASSIFICATION_*
 CLASSES = (
@@ -54,3 +55,6 @@ def decode_object(message: Any, item: Any) -> BoxReading:
         category=CLASSES[label] if label < len(CLASSES) else f"class_{label}",
         score=int(item.classification_certainty) / 255,
     )
+
+
+OBJECTS = BoxDecoder(items, decode_object)

@@ -1,17 +1,45 @@
-"""Network packets in messages: `ethernet_msgs/Packet`, `udp_msgs/UdpPacket` and others with one payload."""
+"""Network packets in messages: of one payload, as `ethernet_msgs/Packet` and `udp_msgs/UdpPacket`, or of many.
 
+`velodyne_msgs/VelodyneScan` holds many.
+"""
+
+from struct import Struct
 from typing import Any
 
 import numpy as np
 
+from bagassets.decode.fields import stamp_ns
 from bagassets.errors import DecodeError
 
-__all__ = ["PAYLOADS", "as_bytes", "payload", "sender"]
+__all__ = ["PAYLOADS", "VELODYNE_PACKET_SIZE", "is_velodyne_packet", "packets_in", "payload", "sender"]
+
+VELODYNE_PACKET_SIZE = 1206
+_VELODYNE_HEAD = Struct("<HH")  # flag and azimuth, in hundredths of a degree, of the first block
+_VELODYNE_FLAG = 0xEEFF
 
 # Names of the field with the bytes of a packet, in the order in which they are looked for.
 PAYLOADS = ("payload", "data", "packet", "raw", "bytes")
 _ADDRESSES = ("sender_ip", "address", "src_ip", "source_ip")
 _PORTS = ("sender_port", "src_port", "source_port")
+
+
+def packets_in(message: Any) -> list[tuple[int | None, bytes]]:
+    """Return (own stamp or None, payload) of each packet in a message.
+
+    Raises:
+        DecodeError: no field holds packets.
+    """
+    if hasattr(message, "packets"):
+        return [(stamp_ns(packet.stamp), _as_bytes(packet.data)) for packet in message.packets]
+    return [(None, payload(message))]
+
+
+def is_velodyne_packet(data: bytes) -> bool:
+    """Tell whether bytes are a data packet of a Velodyne, whichever model: by size, flag and azimuth."""
+    if len(data) != VELODYNE_PACKET_SIZE:
+        return False
+    flag, azimuth = _VELODYNE_HEAD.unpack_from(data)
+    return bool(flag == _VELODYNE_FLAG and azimuth < 36_000)
 
 
 def payload(message: Any) -> bytes:
@@ -23,11 +51,11 @@ def payload(message: Any) -> bytes:
     for name in PAYLOADS:
         value = getattr(message, name, None)
         if isinstance(value, np.ndarray | bytes | bytearray | memoryview | list):
-            return as_bytes(value)
+            return _as_bytes(value)
     raise DecodeError(f"it has no field {' or '.join(PAYLOADS)} with the bytes of a packet")
 
 
-def as_bytes(value: Any) -> bytes:
+def _as_bytes(value: Any) -> bytes:
     """Return the content of an array field as bytes.
 
     Raises:

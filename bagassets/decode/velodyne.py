@@ -23,8 +23,7 @@ import velodyne_decoder
 from numpy.typing import NDArray
 from velodyne_decoder.velodyne_decoder_pylib import TimePair
 
-from bagassets.decode.fields import stamp_ns
-from bagassets.decode.packets import as_bytes, payload
+from bagassets.decode.packets import VELODYNE_PACKET_SIZE, is_velodyne_packet
 from bagassets.errors import DecodeError, RecipeError
 
 __all__ = [
@@ -33,16 +32,13 @@ __all__ = [
     "PacketParser",
     "PacketPoints",
     "RevolutionDecoder",
-    "packets_in",
 ]
 
-PACKET_SIZE = 1206
 POSITION_PACKET_SIZE = 512  # NMEA sentences and temperatures, sent to another port of the same host
 
 _HEAD = Struct("<HH")  # flag and azimuth of the first block
 _TAIL = Struct("<IBB")  # microseconds, return mode, product id
-_TAIL_OFFSET = PACKET_SIZE - _TAIL.size
-_FIRST_FLAG = 0xEEFF
+_TAIL_OFFSET = VELODYNE_PACKET_SIZE - _TAIL.size
 
 _RETURNS = 12 * 32  # most returns of one packet, in any mode
 # So many packets are decoded at a time that their points stay in the processor's cache.
@@ -92,17 +88,6 @@ class PacketPoints:
     times_ns: NDArray[np.int64]
 
 
-def packets_in(message: Any) -> list[tuple[int | None, bytes]]:
-    """Return (own stamp or None, payload) of each packet in a message.
-
-    Raises:
-        DecodeError: no field holds packets.
-    """
-    if hasattr(message, "packets"):
-        return [(stamp_ns(packet.stamp), as_bytes(packet.data)) for packet in message.packets]
-    return [(None, payload(message))]
-
-
 class PacketParser:
     """Reads what is needed of each packet before decoding, and refuses what is none.
 
@@ -122,11 +107,11 @@ class PacketParser:
         Raises:
             DecodeError: these bytes are no data packet of the lidar.
         """
-        if len(data) != PACKET_SIZE:
-            raise DecodeError(f"it holds no data packet of {PACKET_SIZE} bytes")
-        flag, azimuth = _HEAD.unpack_from(data)
+        if len(data) != VELODYNE_PACKET_SIZE:
+            raise DecodeError(f"it holds no data packet of {VELODYNE_PACKET_SIZE} bytes")
+        _, azimuth = _HEAD.unpack_from(data)
         device_us, _, product = _TAIL.unpack_from(data, _TAIL_OFFSET)
-        if flag != _FIRST_FLAG or azimuth >= 36_000:
+        if not is_velodyne_packet(data):
             raise DecodeError("its packet does not start with the flag and azimuth of a Velodyne block")
         if self._product is None:
             self._product = self._first(product)

@@ -11,15 +11,17 @@ import logging
 from pathlib import Path
 from typing import Any
 
-from bagassets.bags.digest import DigestIndex, recording_digest, recording_stat
-from bagassets.bags.discover import discover
-from bagassets.bags.model import Found
-from bagassets.engine.choose import choose_recordings
-from bagassets.engine.recording_build import BuildFailure, RecordingBuild
+from bagassets.build.choose import choose_recordings
+from bagassets.build.execute import execute
+from bagassets.build.graph import Graph
+from bagassets.build.recording_assets import RecordingAssets
 from bagassets.errors import BagAssetsError
 from bagassets.forkserver.places import Places
+from bagassets.formats.catalogue import recording_assets
 from bagassets.recipe import load_recipe
-from bagassets.recipe.model import Recipe
+from bagassets.recordings.digest import DigestIndex, recording_digest, recording_stat
+from bagassets.recordings.discover import discover
+from bagassets.recordings.model import Found
 from bagassets.store.store import Store
 
 __all__ = ["make_inventories"]
@@ -38,6 +40,7 @@ def make_inventories(args: dict[str, Any]) -> int:
     gc.enable()  # the server has it off while it imports
     places = Places(Path(args["state"]), args["stamp"])
     recipe = load_recipe(Path(args["recipe"]))
+    assets = recording_assets(recipe)
     found = discover(recipe.bags).found
     chosen = choose_recordings(found, args["bags"]) if args["bags"] else found.keys()
     looked_at = 0
@@ -49,15 +52,15 @@ def make_inventories(args: dict[str, Any]) -> int:
             continue
         looked_at += 1
         try:
-            _make_inventory(recipe, recording)
-        except (BagAssetsError, BuildFailure) as err:
+            _make_inventory(assets, recording)
+        except BagAssetsError as err:
             _LOG.info("%s: %s", recording.key, err)
     return looked_at
 
 
-def _make_inventory(recipe: Recipe, recording: Found) -> None:
-    stat = recording_stat(recording)
+def _make_inventory(assets: RecordingAssets, recording: Found) -> None:
+    recipe, stat = assets.recipe, recording_stat(recording)
     digest = recording_digest(recording, DigestIndex(recipe.state)).digest
-    build = RecordingBuild(recipe, Store(recipe.store_path), recording, digest, stat)
-    for _ in build.build({"inventory"}):
+    store = Store(recipe.store_path)
+    for _ in execute(Graph(assets, store, recording, digest, stat, wanted={"inventory"})):
         pass

@@ -2,41 +2,48 @@
 
 import json
 from collections.abc import Iterator
+from typing import Any
 
 import dagster as dg
 
-from bagassets.bags.digest import recording_digest, recording_stat
-from bagassets.defs.descriptions import DESCRIPTIONS, KINDS
+from bagassets.assets.asset import Asset
+from bagassets.build.execute import Skipped, execute
+from bagassets.build.graph import SELECTION, Graph
+from bagassets.build.recording_assets import RecordingAssets
 from bagassets.defs.events import STAT, recorded_artifact, recorded_partition
 from bagassets.defs.exclusive import RecordingLock
 from bagassets.defs.markdown import human_size
+from bagassets.defs.partitions import recording_partitions
 from bagassets.defs.pictures import picture_metadata
 from bagassets.defs.reporting import failures_in_words, result_metadata
-from bagassets.defs.workspace import Workspace, recording_partitions
-from bagassets.engine.code_version import code_version
-from bagassets.engine.recording_assets import ASSETS, OPTIONAL_ASSETS, UPSTREAM, Skipped, assets_of
-from bagassets.engine.recording_build import RecordingBuild
+from bagassets.defs.workspace import Workspace
 from bagassets.errors import StoreError
 from bagassets.escaping import visible
+from bagassets.formats.catalogue import recording_assets
 from bagassets.recipe.model import Recipe
+from bagassets.recordings.digest import recording_digest, recording_stat
 
-__all__ = ["recording_assets"]
+__all__ = ["recording_definitions"]
 
 GROUP = "recording"
-# Made together, because passes over the recording are what costs.
-_EXTRACTED = tuple(asset for asset in ASSETS if asset != "nuscenes_tables")
+_BAG = """A recording: a ROS 1 bag, a ROS 2 bag or an MCAP file.
+
+Its data version is the digest of its content, each file hashed once. One that was only touched stays what it was."""
+# What runs on record call the operation of an asset, where it is not `make_<asset>`.
+_OPERATIONS = {"nuscenes_tables": "tables"}
 
 
-def recording_assets(recipe: Recipe) -> list[dg.AssetsDefinition]:
+def recording_definitions(recipe: Recipe) -> list[dg.AssetsDefinition]:
     """Return the assets that exist once per recording."""
     partitions = recording_partitions(recipe)
+    assets = recording_assets(recipe)
 
     @dg.asset(
         name="bag",
         partitions_def=partitions,
         group_name=GROUP,
-        kinds=KINDS["bag"],
-        description=DESCRIPTIONS["bag"],
+        kinds={"ros", "file"},
+        description=_BAG,
         code_version="1",
     )
     def bag(
@@ -65,7 +72,7 @@ def recording_assets(recipe: Recipe) -> list[dg.AssetsDefinition]:
         name="extract",
         can_subset=True,
         partitions_def=partitions,
-        specs=[_spec(recipe, asset, skippable=True) for asset in _EXTRACTED],
+        specs=[_spec(assets, asset) for asset in assets if asset.name in assets.extracted],
     )
     def extract(
         context: dg.AssetExecutionContext, workspace: Workspace, recording_lock: RecordingLock
@@ -74,74 +81,75 @@ def recording_assets(recipe: Recipe) -> list[dg.AssetsDefinition]:
         with failures_in_words():
             yield from _build(context, workspace, recording_lock, wanted)
 
+    return [
+        bag,
+        extract,
+        *(_definition(assets, asset) for asset in assets if asset.name not in assets.extracted),
+    ]
+
+
+def _definition(assets: RecordingAssets, asset: Asset[Any, Any]) -> dg.AssetsDefinition:
+    """Return an asset with an operation of its own."""
+
     @dg.multi_asset(
-        name="tables",
-        partitions_def=partitions,
-        specs=[_spec(recipe, "nuscenes_tables", skippable=True)],
-    )
-    def tables(
-        context: dg.AssetExecutionContext, workspace: Workspace, recording_lock: RecordingLock
-    ) -> Iterator[dg.MaterializeResult[None]]:
-        with failures_in_words():
-            yield from _build(context, workspace, recording_lock, {"nuscenes_tables"})
-
-    optional = [_optional_asset(recipe, asset) for asset in assets_of(recipe) if asset in OPTIONAL_ASSETS]
-    return [bag, extract, tables, *optional]
-
-
-def _optional_asset(recipe: Recipe, asset: str) -> dg.AssetsDefinition:
-    @dg.multi_asset(
-        name=f"make_{asset}",
-        partitions_def=recording_partitions(recipe),
-        specs=[_spec(recipe, asset, skippable=True)],
+        name=_OPERATIONS.get(asset.name, f"make_{asset.name}"),
+        partitions_def=recording_partitions(assets.recipe),
+        specs=[_spec(assets, asset)],
     )
     def make(
         context: dg.AssetExecutionContext, workspace: Workspace, recording_lock: RecordingLock
     ) -> Iterator[dg.MaterializeResult[None]]:
         with failures_in_words():
-            yield from _build(context, workspace, recording_lock, {asset})
+            yield from _build(context, workspace, recording_lock, {asset.name})
 
     return make
 
 
-def _spec(recipe: Recipe, asset: str, *, skippable: bool) -> dg.AssetSpec:
+def _spec(assets: RecordingAssets, asset: Asset[Any, Any]) -> dg.AssetSpec:
     return dg.AssetSpec(
-        asset,
+        asset.name,
         # The rest follows the recording through its inventory, which has a digest of each topic: so a
         # recording that was only indexed or compressed anew leaves them fresh, for Dagster's markers too.
-        deps=list(UPSTREAM[asset]) or ["bag"],
+        deps=list(assets.upstream(asset.name)) or ["bag"],
         group_name=GROUP,
-        kinds=KINDS[asset],
-        description=DESCRIPTIONS[asset],
-        code_version=code_version(recipe, asset),
-        skippable=skippable,
+        kinds=set(asset.kinds),
+        description=asset.about,
+        code_version=assets.versions[asset.name],
+        skippable=True,
     )
 
 
 def _build(
     context: dg.AssetExecutionContext, workspace: Workspace, recording_lock: RecordingLock, wanted: set[str]
 ) -> Iterator[dg.MaterializeResult[None]]:
-    key = context.partition_key
+    key, assets = context.partition_key, workspace.assets
     recording_lock.take(context)
     record = recorded_partition(context.instance, "bag", key)
     if record is None or record.stat is None:
         raise StoreError(f"{key}: bag is not materialized for this recording; materialize bag first.")
-    upstream = {name for asset in wanted for name in UPSTREAM[asset]} - wanted
-    recorded = {
+    # Whether the recording takes part is told by its inventory, which an asset of a package may not read.
+    upstream = {"inventory", *(name for asset in wanted for name in assets.upstream(asset))} - wanted
+    given = {
         name: recorded_artifact(context.instance, workspace.store, name, key)
         for name in sorted(upstream)
         if recorded_partition(context.instance, name, key) is not None
     }
-    build = RecordingBuild(
-        workspace.recipe, workspace.store, workspace.found(key), record.data_version, record.stat, recorded
+    graph = Graph(
+        assets,
+        workspace.store,
+        workspace.found(key),
+        record.data_version,
+        record.stat,
+        wanted=wanted,
+        given=given,
     )
-    for made in build.build(wanted):
+    for made in execute(graph):
         if isinstance(made, Skipped):
             context.log.info("%s is skipped: %s.", key, visible(made.reason))
             return
-        skipped = {"skipped": build.skipped} if made.asset == "inventory" and build.skipped else {}
+        reason = graph.node(SELECTION).skipped if made.asset == "inventory" else None
         yield dg.MaterializeResult(
             asset_key=made.asset,
             data_version=dg.DataVersion(made.artifact.digest),
-            metadata=result_metadata(made) | picture_metadata(made) | skipped,
+            metadata=result_metadata(made) | picture_metadata(made) | ({"skipped": reason} if reason else {}),
         )

@@ -1,47 +1,51 @@
 """Asset checks: the rules of `bagassets.quality`, shown per recording and for the dataset."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import dagster as dg
 
+from bagassets.assets.selection import choose_rig
+from bagassets.defs.partitions import recording_partitions
 from bagassets.defs.reporting import failures_in_words
-from bagassets.defs.workspace import Workspace, recording_partitions
+from bagassets.defs.workspace import Workspace
 from bagassets.errors import RecipeError
 from bagassets.escaping import markdown, visible
-from bagassets.quality.catalogue import (
-    DATASET_CHECKS,
-    RECORDING_CHECKS,
-    RecordingCheck,
-    check_dataset_now,
-    severity_of,
-)
-from bagassets.quality.evidence import Evidence
+from bagassets.formats import checking
+from bagassets.formats.catalogue import MAIN, recording_assets
+from bagassets.formats.dataset_build import Dataset, datasets_of
+from bagassets.quality.check import Evidence, RecordingCheck, severity_of
 from bagassets.quality.finding import Finding
 from bagassets.recipe.model import Recipe
 from bagassets.recipe.model_checks import Severity
-from bagassets.steps.selection import choose_rig
 
 __all__ = ["dataset_checks", "recording_checks"]
 
 MOST_SENTENCES = 20
-DATASET = "nuscenes_dataset"
 
 
 def recording_checks(recipe: Recipe) -> list[dg.AssetChecksDefinition]:
     """Return the checks of a recording's assets.
 
     They are partitioned, or one recording's pass would hide another's failure. The checks of
-    what is read from the recording are one operation and those of its tables another, because
-    each operation costs a run 0.1 s, and tables may fail where the rest did not.
+    what is read from the recording are one operation, because each operation costs a run 0.1 s; those of other
+    assets are one each, as such an asset may fail where the rest did not.
     """
-    wanted = [check for check in RECORDING_CHECKS if severity_of(recipe.checks, check.section) != "skip"]
-    of_tables = [check for check in wanted if check.asset == "nuscenes_tables"]
-    of_extracts = [check for check in wanted if check.asset != "nuscenes_tables"]
-    groups = (("recording_checks", of_extracts), ("tables_checks", of_tables))
-    return [_operation(recipe, name, checks) for name, checks in groups if checks]
+    assets = recording_assets(recipe)
+    wanted = {
+        asset.name: [one for one in asset.checks if severity_of(recipe.checks, one.section) != "skip"]
+        for asset in assets
+    }
+    extracted = {name: checks for name, checks in wanted.items() if name in assets.extracted}
+    groups = {"recording_checks": extracted}
+    groups |= {f"{name}_checks": {name: checks} for name, checks in wanted.items() if name not in extracted}
+    return [_operation(recipe, name, group) for name, group in groups.items() if any(group.values())]
 
 
-def _operation(recipe: Recipe, name: str, checks: Sequence[RecordingCheck]) -> dg.AssetChecksDefinition:
+def _operation(
+    recipe: Recipe, name: str, wanted: Mapping[str, Sequence[RecordingCheck]]
+) -> dg.AssetChecksDefinition:
+    """Return the operation that makes the checks of these assets."""
+    checks = [(asset, check) for asset, found in wanted.items() for check in found]
     partitions = recording_partitions(recipe)
 
     @dg.multi_asset_check(
@@ -49,19 +53,19 @@ def _operation(recipe: Recipe, name: str, checks: Sequence[RecordingCheck]) -> d
         can_subset=True,
         specs=[
             dg.AssetCheckSpec(
-                check.name, asset=check.asset, description=check.description, partitions_def=partitions
+                check.name, asset=asset, description=check.description, partitions_def=partitions
             )
-            for check in checks
+            for asset, check in checks
         ],
     )
     def run(context: dg.AssetCheckExecutionContext, workspace: Workspace) -> Iterator[dg.AssetCheckResult]:
         selected = {(key.asset_key.to_user_string(), key.name) for key in context.selected_asset_check_keys}
         with failures_in_words():
             evidence = _evidence(context, workspace)
-            for check in checks:
-                if (check.asset, check.name) in selected:
+            for asset, check in checks:
+                if (asset, check.name) in selected:
                     severity = severity_of(evidence.checks, check.section)
-                    yield _result(check.asset, check.name, check.rule(evidence), severity)
+                    yield _result(asset, check.name, check.rule(evidence), severity)
 
     return run
 
@@ -75,26 +79,32 @@ def _evidence(context: dg.AssetCheckExecutionContext, workspace: Workspace) -> E
 
 
 def dataset_checks(recipe: Recipe) -> list[dg.AssetChecksDefinition]:
-    """Return the checks of the dataset as it lies on disk."""
-    wanted = [check for check in DATASET_CHECKS if severity_of(recipe.checks, check.section) != "skip"]
-    if not wanted:
-        return []
+    """Return the checks of the datasets as they lie on disk, an operation for each."""
+    whole = (dataset for dataset in datasets_of(recipe).values() if dataset.selection is None)
+    return [_dataset_operation(recipe, one) for one in whole if checking.dataset_checks(recipe, one.kind)]
+
+
+def _dataset_operation(recipe: Recipe, dataset: Dataset) -> dg.AssetChecksDefinition:
+    asset, wanted = dataset.asset, checking.dataset_checks(recipe, dataset.kind)
+    prefix = "" if dataset.kind is MAIN else f"{dataset.kind.name}_"
 
     @dg.multi_asset_check(
-        name="dataset_checks",
+        name=f"{prefix}dataset_checks",
         specs=[
-            dg.AssetCheckSpec(check.name, asset=DATASET, description=check.description) for check in wanted
+            dg.AssetCheckSpec(check.name, asset=asset, description=check.description)
+            for check in dataset.kind.checks
+            if check.name in wanted
         ],
     )
     def run(workspace: Workspace) -> Iterator[dg.AssetCheckResult]:
-        settings, checks = workspace.recipe.nuscenes, workspace.recipe.checks
         with failures_in_words():
-            findings = check_dataset_now(settings.output, settings.version, checks)
-        for check in wanted:
-            severity = severity_of(checks, check.section)
-            yield _result(DATASET, check.name, findings[check.name], severity)
+            now = datasets_of(workspace.recipe)[asset]
+            findings = checking.check_dataset(now, frozenset(wanted))
+        for name in wanted:
+            severity = checking.dataset_checks(workspace.recipe, now.kind).get(name, "skip")
+            yield _result(asset, name, findings[name], severity)
 
-    return [run]
+    return run
 
 
 def _result(asset: str, name: str, finding: Finding, severity: Severity) -> dg.AssetCheckResult:

@@ -24,6 +24,7 @@ from dagster._grpc.client import DagsterGrpcClient
 
 from bagassets.defs.runs import CodeLocation, pack_instance
 from bagassets.errors import BagAssetsError
+from bagassets.forkserver.places import last_lines
 
 __all__ = ["LaunchWorkspace"]
 
@@ -32,7 +33,6 @@ _POLL_S = 0.05
 _HEARTBEAT_S = 5.0
 _SURVIVES_S = 30  # without a heartbeat
 _STOP_S = 10.0
-_LOG_LINES = 15
 
 
 class LaunchWorkspace:
@@ -80,7 +80,7 @@ class LaunchWorkspace:
         ]
         self._log.parent.mkdir(parents=True, exist_ok=True)
         with self._log.open("wb") as log:
-            process = subprocess.Popen(  # noqa: S603  (this interpreter, Dagster)
+            process = subprocess.Popen(
                 command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True
             )
         self._stack.callback(_end, process)
@@ -101,8 +101,7 @@ class LaunchWorkspace:
                 client.ping("")
                 return
             if process.poll() is not None or time.monotonic() > deadline:
-                lines = self._log.read_text("utf-8", "replace").splitlines()[-_LOG_LINES:]
-                tail = "".join(f"\n  {line}" for line in lines) or " it is empty"
+                tail = "".join(f"\n  {line}" for line in last_lines(self._log)) or " it is empty"
                 raise BagAssetsError(
                     f"the code server that this run launcher needs did not start; the end of {self._log}:{tail}"
                 )

@@ -5,8 +5,6 @@ that is killed meanwhile leaves a project that no build can use. Here databases 
 own and moved into place; one that was left unfinished, and holds nothing, is replaced.
 """
 
-import fcntl
-import os
 import shlex
 import shutil
 import sqlite3
@@ -24,7 +22,7 @@ from sqlalchemy import MetaData
 from sqlalchemy.exc import DatabaseError, OperationalError
 
 from bagassets.errors import StoreError
-from bagassets.lock_files import open_lock_file
+from bagassets.lock_files import LockFile
 
 __all__ = ["database_in_words", "ready_to_open"]
 
@@ -58,11 +56,10 @@ def ready_to_open(home: Path) -> Iterator[None]:
     with ExitStack() as stack:
         with database_in_words(str(home)), _disk_in_words(folder):
             folder.mkdir(parents=True, exist_ok=True)
-            descriptor = open_lock_file(folder / _LOCK)
-            stack.callback(os.close, descriptor)
-            fcntl.flock(descriptor, fcntl.LOCK_SH)  # waits while somebody makes them
+            file = stack.enter_context(LockFile.open(folder / _LOCK))
+            file.lock_shared()  # waits while somebody makes them
             if _unfinished(folder):
-                fcntl.flock(descriptor, fcntl.LOCK_EX)
+                file.lock()
                 _make(folder, _unfinished(folder))
         yield
 

@@ -2,22 +2,23 @@
 
 import dagster as dg
 
-from bagassets.defs.planning import plan_now
+from bagassets.defs.planning import plan_of_run
 from bagassets.defs.reporting import dataset_metadata, failures_in_words, inputs_metadata
 from bagassets.defs.workspace import Workspace
-from bagassets.engine.dataset_build import (
+from bagassets.formats.catalogue import formats, recording_assets
+from bagassets.formats.dataset_build import (
+    Dataset,
     DatasetInputs,
     build_dataset,
     dataset_code_versions,
+    datasets_of,
     is_on_disk,
 )
-from bagassets.engine.recording_assets import assets_of
 from bagassets.recipe.model import Recipe
 
-__all__ = ["DATASET_ASSETS", "current_inputs", "dataset_assets", "dataset_is_current", "record_inputs"]
+__all__ = ["dataset_assets", "dataset_is_current", "record_inputs"]
 
 GROUP = "dataset"
-DATASET_ASSETS = ("dataset_inputs", "nuscenes_dataset")
 INPUTS_CODE_VERSION = "1"
 
 _INPUTS = """Which recordings the datasets are made from, and why others are left out.
@@ -25,15 +26,6 @@ _INPUTS = """Which recordings the datasets are made from, and why others are lef
 Its data version is a digest over the partition keys and data versions of all recordings that take part. A change or a
 removal among any number of them shows here, where Dagster itself looks at no more than 100 partitions. The sensor and
 `bagassets build` record it without a run."""
-_DATASET = """The nuScenes dataset of all recordings, which the nuscenes-devkit loads.
-
-Samples, sweeps and maps are links to artifacts; the tables are exchanged in one step, so that a reader never sees half a
-dataset. `dataset.lock.json` names every recording and artifact, and what was skipped or failed."""
-
-
-def current_inputs(instance: dg.DagsterInstance, workspace: Workspace) -> DatasetInputs:
-    """Return what the dataset would be made from now: live, current and selected recordings."""
-    return plan_now(instance, workspace).inputs
 
 
 def dataset_is_current(instance: dg.DagsterInstance, recipe: Recipe, inputs: DatasetInputs) -> bool:
@@ -50,7 +42,7 @@ def _is_current(
     latest = instance.get_latest_materialization_event(dg.AssetKey(asset))
     made = latest.asset_materialization if latest is not None else None
     if made is None:
-        return not inputs.parts
+        return not any(inputs.parts.values())
     tags = made.tags or {}
     return (
         tags.get("dagster/input_data_version/dataset_inputs") == inputs.digest
@@ -98,7 +90,7 @@ def _provenance(instance: dg.DagsterInstance, recipe: Recipe, inputs: DatasetInp
 
 def _read_of_recordings(recipe: Recipe) -> list[str]:
     """Return the assets of a recording that the datasets are made from."""
-    return [asset for asset in ("nuscenes_tables", "vision_sequences") if asset in assets_of(recipe)]
+    return [kind.part for kind in formats() if kind.part in recording_assets(recipe).names]
 
 
 def dataset_assets(recipe: Recipe) -> list[dg.AssetsDefinition]:
@@ -117,27 +109,32 @@ def dataset_assets(recipe: Recipe) -> list[dg.AssetsDefinition]:
     )
     def dataset_inputs(context: dg.AssetExecutionContext, workspace: Workspace) -> dg.MaterializeResult[None]:
         with failures_in_words():
-            inputs = current_inputs(context.instance, workspace)
+            inputs = plan_of_run(context, workspace).inputs
             return dg.MaterializeResult(
                 data_version=dg.DataVersion(inputs.digest), metadata=inputs_metadata(inputs)
             )
 
+    return [dataset_inputs, *(_dataset_asset(recipe, dataset) for dataset in datasets_of(recipe).values())]
+
+
+def _dataset_asset(recipe: Recipe, dataset: Dataset) -> dg.AssetsDefinition:
     @dg.asset(
-        name="nuscenes_dataset",
+        name=dataset.asset,
         deps=["dataset_inputs"],
         group_name=GROUP,
-        kinds={"nuscenes", "dataset"},
-        description=_DATASET,
-        code_version=dataset_code_versions(recipe)["nuscenes_dataset"],
+        kinds=set(dataset.kind.kinds),
+        description=dataset.description,
+        code_version=dataset_code_versions(recipe)[dataset.asset],
     )
-    def nuscenes_dataset(
-        context: dg.AssetExecutionContext, workspace: Workspace
-    ) -> dg.MaterializeResult[None]:
+    def build(context: dg.AssetExecutionContext, workspace: Workspace) -> dg.MaterializeResult[None]:
         with failures_in_words():
-            inputs = current_inputs(context.instance, workspace)
-            made = build_dataset(workspace.recipe, workspace.store, inputs)
+            planned = plan_of_run(context, workspace)
+            # The recipe as it is now: this process may be older.
+            now = datasets_of(workspace.recipe)[dataset.asset]
+            made = build_dataset(now, workspace.recipe, workspace.store, planned.plan, planned.inputs)
+            failed = planned.inputs.failed.get(dataset.kind.name, {})
             return dg.MaterializeResult(
-                data_version=dg.DataVersion(made.digest), metadata=dataset_metadata(made)
+                data_version=dg.DataVersion(made.digest), metadata=dataset_metadata(made, failed)
             )
 
-    return [dataset_inputs, nuscenes_dataset]
+    return build

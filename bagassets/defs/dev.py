@@ -27,6 +27,8 @@ from dagster._utils.interrupts import setup_interrupt_handlers
 from dagster._utils.log import configure_loggers
 from dagster_shared.ipc import get_ipc_shutdown_pipe, open_ipc_subprocess, send_ipc_shutdown_message
 
+from bagassets.defs.ports import listening_arguments, listening_options
+
 __all__ = ["main"]
 
 _LOG = logging.getLogger("dagster")
@@ -38,11 +40,7 @@ _STOP_S = 60.0
 
 def main() -> None:
     """Run the services of a project until standard input ends."""
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--host", required=True)
-    parser.add_argument("--port", required=True, type=int)
-    parser.add_argument("--allow-host", action="append", default=[])
-    parser.add_argument("--log-level", required=True)
+    parser = argparse.ArgumentParser(parents=[listening_options()])
     parser.add_argument("--workspace", help="a workspace.yaml; the project's own code location without it")
     options = parser.parse_args()
     # As `dagster dev` does: code servers tell errors without the stack of Dagster itself.
@@ -75,15 +73,16 @@ def _serve(instance: DagsterInstance, options: argparse.Namespace, workspace: st
     common = [
         "--instance-ref", serialize_value(instance.get_ref()), "--workspace", workspace,
     ]  # fmt: skip
-    names = [f"--allow-host={name}" for name in options.allow_host]
-    listen = ["--host", options.host, "--port", str(options.port), *names]
-    levels = ["--log-level", options.log_level]
+    listen = listening_arguments(options.host, options.port, options.allow_host, options.log_level)
     services: dict[str, tuple[subprocess.Popen[bytes], int]] = {}
     try:
-        services["web server"] = _start("bagassets.defs.webserver", [*listen, *levels, *common])
+        services["web server"] = _start("bagassets.defs.webserver", [*listen, *common])
         services["daemon"] = _start(
             "dagster._daemon",
-            ["run", *levels, "--log-format", "colored", "--code-server-log-level", "warning", *common],
+            [
+                *("run", "--log-level", options.log_level, "--log-format", "colored"),
+                *("--code-server-log-level", "warning", *common),
+            ],
         )
         while not (ended := [name for name, (process, _) in services.items() if process.poll() is not None]):
             time.sleep(_LOOK_S)

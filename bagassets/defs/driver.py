@@ -4,39 +4,43 @@ A run is created only when a worker is free for it. One recording's failure does
 others, and an interrupt loses nothing that was finished.
 """
 
+import signal
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 import dagster as dg
 
+from bagassets.build.build_report import BagOutcome, BuildOptions, BuildReport, Event, Remark
+from bagassets.build.plan_model import Plan, Recorded
+from bagassets.build.summary_rows import summary_rows
 from bagassets.defs.dataset import record_inputs
 from bagassets.defs.follow import Ended, Listener, Runs
 from bagassets.defs.leftovers import end_left_behind
 from bagassets.defs.partitions import add_partitions, remove_partition
 from bagassets.defs.planning import Planned
-from bagassets.defs.remarks import remarks
-from bagassets.defs.situation import Situation, opened, survey
-from bagassets.defs.snapshot import SnapshotWriter
+from bagassets.defs.situation import Situation, opened, survey, survey_again
+from bagassets.defs.snapshot import Snapshot
 from bagassets.defs.workspace import Workspace
-from bagassets.engine.after_crash import noted_build
-from bagassets.engine.build_report import BagOutcome, BuildOptions, BuildReport, Event, Remark
-from bagassets.engine.dataset_build import split_on_disk
-from bagassets.engine.dataset_integrity import take_out_changed_sources
-from bagassets.engine.plan_model import Plan, Recorded
 from bagassets.errors import RecordingError
 from bagassets.forkserver.places import Places
-from bagassets.nuscenes.dataset import read_lock
+from bagassets.forkserver.worker import note
+from bagassets.formats.after_crash import noted_build
+from bagassets.formats.catalogue import problems_of
+from bagassets.formats.dataset_build import main_lock, split_on_disk
+from bagassets.formats.dataset_integrity import take_out_changed_sources
+from bagassets.recipe import load_recipe
 from bagassets.recipe.model import Recipe
 from bagassets.splits import SplitShare, moves
+from bagassets.store.store import Store
 
-__all__ = ["build"]
+__all__ = ["bring_up_to_date", "bring_up_to_date_in_worker"]
 
 
-def build(recipe_file: Path, options: BuildOptions, on_event: Listener) -> BuildReport:
-    """Bring all recordings and the dataset up to date.
+def bring_up_to_date(recipe_file: Path, options: BuildOptions, on_event: Listener) -> BuildReport:
+    """Bring all recordings and the dataset up to date, and report what was done.
 
     Raises:
         BagAssetsError: the recipe, the bag root or the server is not usable.
@@ -45,9 +49,10 @@ def build(recipe_file: Path, options: BuildOptions, on_event: Listener) -> Build
     with opened(recipe_file) as (instance, workspace), ExitStack() as stack:
         recipe = workspace.recipe
         end_left_behind(instance)
-        mended = {"after_crash": stack.enter_context(noted_build(recipe))}
+        mended = {"after_crash": stack.enter_context(noted_build(recipe, recipe_file))}
         mended["changed_in_place"] = take_out_changed_sources(recipe, workspace.store)
-        snapshot = SnapshotWriter(instance, workspace)
+        mended["installed_packages"] = list(problems_of(recipe))
+        snapshot = Snapshot(instance, workspace)
         before = now = survey(instance, workspace, options)
         report = BuildReport(before.plan, dataset_path=recipe.nuscenes.output)
         split_before = split_on_disk(recipe)
@@ -64,20 +69,20 @@ def build(recipe_file: Path, options: BuildOptions, on_event: Listener) -> Build
             on_event(Event("planned", sizes=sizes))
             # The longest first: begun last, it would keep one worker busy after all others are done.
             runs.work({key: before.todo[key] for key in sorted(sizes, key=lambda key: -sizes[key])})
-            now = survey(instance, workspace)
+            now = survey_again(instance, workspace, before, runs.ended.keys())
             _tell(report, now, runs)
             if before.datasets and not now.dataset_is_current and not runs.interrupted:
                 record_inputs(instance, recipe, now.planned.inputs)
                 runs.work({"": before.datasets})
             report.interrupted = runs.interrupted
-            report.remarks += tuple(remarks(instance, {key: one.run_id for key, one in runs.ended.items()}))
+            report.remarks += tuple(_remarks(instance, {key: one.run_id for key, one in runs.ended.items()}))
             report.dataset, report.dataset_problem = _dataset_outcome(runs.ended.get(""))
             if report.succeeded and options.is_whole:
-                snapshot = SnapshotWriter(instance, workspace)
+                snapshot = Snapshot(instance, workspace)
                 now = survey(instance, workspace)
-        lock = read_lock(recipe.nuscenes.output, recipe.nuscenes.version)
-        report.duplicates = {} if lock is None else lock["duplicates"]
-        report.splits = {} if lock is None else _shares(lock["shares"])
+        lock = main_lock(recipe)
+        report.duplicates = {} if lock is None else lock.value["duplicates"]
+        report.splits = {} if lock is None else _shares(lock.value["shares"])
         report.moved = moves(split_before, split_on_disk(recipe))
         if not before.datasets:
             report.dataset = "not selected"
@@ -87,10 +92,31 @@ def build(recipe_file: Path, options: BuildOptions, on_event: Listener) -> Build
             report.dataset = "stopped"
         report.plan, report.excluded = now.plan, now.plan.excluded
         _add_idle(report, now.plan, before.chosen, is_whole=options.is_whole)
-        if options.is_whole and now.is_settled and not report.removed:
-            snapshot.write(now.plan)
+        if options.is_whole and now.is_settled:
+            snapshot.leave(now.plan)
     report.seconds = time.monotonic() - started
     return report
+
+
+def bring_up_to_date_in_worker(args: dict[str, Any]) -> dict[str, Any]:
+    """Do so in a worker of the fork server; return the report as JSON, with the rows of its table as `summary`.
+
+    The command line then imports no Dagster at all, which would take longer than many a build. Events are told as
+    notes with the single entry `build`. A cancelled build stops its runs, waits for their end and reports what was
+    done.
+
+    Args:
+        args: `recipe` (file), `options` (`BuildOptions.as_json`), `most` (rows of the table; None = all).
+    """
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    recipe_file = Path(args["recipe"])
+
+    def tell(event: Event) -> None:
+        note({"build": event.as_json()})
+
+    report = bring_up_to_date(recipe_file, BuildOptions.from_json(args["options"]), tell)
+    rows = summary_rows(report, Store(load_recipe(recipe_file).store_path), most=args["most"])
+    return {**report.as_json(), "summary": [row.as_json() for row in rows]}
 
 
 def _shares(locked: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
@@ -143,6 +169,28 @@ def _dataset_outcome(ended: Ended | None) -> tuple[str, str]:
     if ended.stopped:
         return "stopped", ""
     return ("updated", "") if ended.problem is None else ("failed", ended.problem)
+
+
+def _remarks(instance: dg.DagsterInstance, runs: Mapping[str, str | None]) -> Iterator[Remark]:
+    """Yield what the checks that some runs made found.
+
+    Args:
+        instance: where the runs are on record.
+        runs: partition key -> its run; None if there was none.
+    """
+    for key, run_id in sorted(runs.items()):
+        if run_id is None:
+            continue
+        for entry in instance.all_logs(run_id, of_type=dg.DagsterEventType.ASSET_CHECK_EVALUATION):
+            found = entry.get_dagster_event().asset_check_evaluation_data
+            if not found.passed:
+                severity = "error" if found.severity is dg.AssetCheckSeverity.ERROR else "warn"
+                yield Remark(key, severity, found.check_name, _in_words(found))
+
+
+def _in_words(found: dg.AssetCheckEvaluation) -> str:
+    more = int(str(found.metadata["problems"].value)) - 1 if "problems" in found.metadata else 0
+    return (found.description or "") + (f" (and {more} more)" if more > 0 else "")
 
 
 def _add_idle(report: BuildReport, plan: Plan, chosen: frozenset[str], *, is_whole: bool) -> None:

@@ -10,16 +10,17 @@ from pathlib import Path
 import dagster as dg
 from dagster import AssetRecordsFilter
 
-from bagassets.bags.digest import RecordingStat
-from bagassets.defs.workspace import partitions_name
-from bagassets.engine.plan_model import Recorded
-from bagassets.engine.recording_assets import UPSTREAM
+from bagassets.build.plan_model import Recorded
+from bagassets.defs.partitions import partitions_name
 from bagassets.errors import StoreError
+from bagassets.formats.catalogue import known_assets
 from bagassets.recipe.model import Recipe
+from bagassets.recordings.digest import RecordingStat
 from bagassets.store.artifact import Artifact
 from bagassets.store.store import Store
 
 __all__ = [
+    "all_assets",
     "fetch_recorded",
     "latest_ids",
     "live_partitions",
@@ -33,11 +34,13 @@ CODE_VERSION = "dagster/code_version"
 INPUT_PREFIX = "dagster/input_data_version/"
 STAT = "file_stat"
 
-# Those that the recipe may leave out are read too: a recipe may ask for them again.
-ALL_ASSETS = ("bag", *UPSTREAM)
-
 # Records are fetched by storage id; more ids at a time exceed SQLite's variables.
 _BATCH = 500
+
+
+def all_assets() -> tuple[str, ...]:
+    """Return the assets that recordings may have; a recipe may ask again for those that it left out."""
+    return ("bag", *(asset.name for asset in known_assets()))
 
 
 def live_partitions(instance: dg.DagsterInstance, recipe: Recipe) -> frozenset[str]:
@@ -46,7 +49,7 @@ def live_partitions(instance: dg.DagsterInstance, recipe: Recipe) -> frozenset[s
 
 
 def recorded_states(
-    instance: dg.DagsterInstance, assets: Iterable[str] = ALL_ASSETS
+    instance: dg.DagsterInstance, assets: Iterable[str] | None = None
 ) -> dict[str, dict[str, Recorded]]:
     """Return asset -> partition key -> latest record, in bulk.
 
@@ -101,7 +104,7 @@ def database_place(instance: dg.DagsterInstance) -> str | None:
 
 
 def latest_ids(
-    instance: dg.DagsterInstance, assets: Iterable[str] = ALL_ASSETS
+    instance: dg.DagsterInstance, assets: Iterable[str] | None = None
 ) -> dict[str, Mapping[str, int]]:
     """Return asset -> partition key -> storage id of the latest materialization (20 ms for 10,000 partitions).
 
@@ -109,7 +112,10 @@ def latest_ids(
     """
     storage = instance.event_log_storage
     kind = dg.DagsterEventType.ASSET_MATERIALIZATION
-    return {asset: storage.get_latest_storage_id_by_partition(dg.AssetKey(asset), kind) for asset in assets}
+    return {
+        asset: storage.get_latest_storage_id_by_partition(dg.AssetKey(asset), kind)
+        for asset in (all_assets() if assets is None else assets)
+    }
 
 
 def fetch_recorded(

@@ -1,8 +1,6 @@
 """At most one run per recording at a time, whoever asked for it."""
 
-import fcntl
 import hashlib
-import os
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -11,7 +9,7 @@ from time import sleep
 import dagster as dg
 from pydantic import PrivateAttr
 
-from bagassets.lock_files import open_lock_file
+from bagassets.lock_files import LockFile
 
 __all__ = ["RecordingLock", "exclusive"]
 
@@ -39,27 +37,18 @@ def exclusive(folder: Path, key: str, *, keep_waiting: Callable[[int], bool]) ->
         yield True
         return
     folder.mkdir(parents=True, exist_ok=True)
-    descriptor = open_lock_file(file)
-    asked, held = 0, False
-    try:
-        while not (held := _try_lock(descriptor)) and keep_waiting(asked):
+    asked = 0
+    with LockFile.open(file) as lock:
+        while not (held := lock.try_lock()) and keep_waiting(asked):
             asked += 1
             sleep(_POLL_S)
         if held:
             _HELD.add(file)
-        yield held
-    finally:
-        if held:
-            _HELD.discard(file)
-        os.close(descriptor)
-
-
-def _try_lock(descriptor: int) -> bool:
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    return True
+        try:
+            yield held
+        finally:
+            if held:
+                _HELD.discard(file)
 
 
 class RecordingLock(dg.ConfigurableResource):  # type: ignore[type-arg]  # steps get it itself, not a value

@@ -15,10 +15,10 @@ from uuid import uuid4
 
 import dagster as dg
 
+from bagassets.build.build_report import Event
 from bagassets.defs.code_server import LaunchWorkspace
 from bagassets.defs.runs import CodeLocation, create_run, fail_if_lost, failure_of
 from bagassets.defs.sqlite_files import kept_open
-from bagassets.engine.build_report import Event
 from bagassets.errors import BagAssetsError
 from bagassets.trace import span
 

@@ -5,14 +5,14 @@ from pathlib import Path
 
 import dagster as dg
 
-from bagassets.defs.events import DATA_VERSION, live_partitions
+from bagassets.defs.events import DATA_VERSION, all_assets, live_partitions
 from bagassets.defs.runs import open_instance
-from bagassets.engine.lock_roots import locked_artifacts, locks_of
-from bagassets.engine.plan_model import ALL_ASSETS
 from bagassets.errors import RecipeError, StoreError
+from bagassets.formats.dataset_lock import locked_artifacts
+from bagassets.formats.lock_roots import locks_of
+from bagassets.propose.project import dagster_home
 from bagassets.recipe import load_recipe
 from bagassets.recipe.model import Recipe
-from bagassets.recipe.project import dagster_home
 from bagassets.store.store import Store
 from bagassets.store.users import User, forget_user, users_of
 
@@ -71,7 +71,7 @@ def recorded_versions(instance: dg.DagsterInstance, live: frozenset[str]) -> set
     removed = once.keys() - live
     for key in storage.all_asset_keys():
         by_partition = storage.get_latest_tags_by_partition(key, kind, [DATA_VERSION])
-        ours = key.to_user_string() in ALL_ASSETS
+        ours = key.to_user_string() in all_assets()
         for partition, tags in by_partition.items():
             if partition in live or not (ours or partition in removed):
                 versions.add(tags[DATA_VERSION])

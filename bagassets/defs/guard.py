@@ -15,12 +15,13 @@ from starlette.datastructures import QueryParams
 from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Receive, Scope, Send
 
+from bagassets.defs.ports import ANY_HOST
+
 __all__ = ["Guard", "own_names"]
 
 _HOST = re.compile(r"(?:\[(?P<v6>[0-9a-f:.]+)\]|(?P<name>[^\[\]:/@?#\s]+))(?P<port>:\d*)?", re.IGNORECASE)
 _ORIGIN = re.compile(r"(?P<scheme>https?)://(?P<netloc>[^/@?#\s]+)", re.IGNORECASE)
 _DEFAULT_PORTS = {"http": ":80", "https": ":443"}
-_EVERYWHERE = frozenset({"0.0.0.0", "::"})  # noqa: S104  (compared with, not bound to)
 _READING = frozenset({"GET", "HEAD", "OPTIONS"})
 
 
@@ -32,7 +33,7 @@ def own_names(host: str, more: Iterable[str] = ()) -> frozenset[str]:
         more: names by which others reach it.
     """
     names = {"localhost", "127.0.0.1", "::1", host, *more}
-    if host in _EVERYWHERE:
+    if host in ANY_HOST:
         here = socket.gethostname()
         names |= {here, f"{here}.local", socket.getfqdn()}
     return frozenset(name.strip("[]").lower() for name in names)
@@ -84,7 +85,7 @@ class Guard:
         if name in self._names:
             return True
         # An address cannot be made to mean another machine, as a name can.
-        return bool(_EVERYWHERE & self._names) and _is_address(name)
+        return bool(ANY_HOST & self._names) and _is_address(name)
 
 
 def _values(scope: Scope, header: bytes) -> list[str]:

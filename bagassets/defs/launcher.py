@@ -43,12 +43,13 @@ from dagster._core.launcher import CheckRunHealthResult, LaunchRunContext, RunLa
 from dagster._core.storage.tags import GRPC_INFO_TAG
 from dagster._serdes import ConfigurableClass, ConfigurableClassData
 
+from bagassets.defs.ports import ANY_HOST
 from bagassets.defs.run_worker import end_worker
 from bagassets.defs.runs import pack_instance
 from bagassets.defs.worker_tag import WORKER_TAG, RunWorker
 from bagassets.errors import BagAssetsError
 from bagassets.forkserver.client import Client, ServerRefusedError
-from bagassets.forkserver.places import Places
+from bagassets.forkserver.places import Places, last_lines
 from bagassets.forkserver.process import ProcessId
 from bagassets.forkserver.spec import IDLE_TIMEOUT_S, ServerSpec
 from bagassets.forkserver.tasks import END_WORKER, connect, server_spec, submit_run
@@ -58,7 +59,7 @@ __all__ = ["BagAssetsRunLauncher"]
 
 _LOG = logging.getLogger(__name__)
 _DEBUG_LINES = 30
-_LOCAL_HOSTS = {"localhost", "127.0.0.1", "::1", "0.0.0.0"}  # noqa: S104  (compared with, not bound to)
+_LOCAL_HOSTS = ANY_HOST | {"localhost", "127.0.0.1", "::1"}
 
 
 class BagAssetsRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
@@ -293,11 +294,8 @@ class BagAssetsRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
         if RunWorker.of(run) is None or not include_container_logs:
             return None
         log = Places(self._folder(self._recipe_file()), "").job_log(run.run_id)
-        try:
-            lines = log.read_text("utf-8", "replace").splitlines()
-        except OSError:
-            return None
-        return "\n".join([f"Last lines of {log}:", *lines[-_DEBUG_LINES:]])
+        lines = last_lines(log, _DEBUG_LINES)
+        return "\n".join([f"Last lines of {log}:", *lines]) if lines else None
 
 
 def _why_not_here(run: dg.DagsterRun) -> str | None:

@@ -5,17 +5,15 @@ from pathlib import Path
 
 import dagster as dg
 
-from bagassets.defs.assets import recording_assets
+from bagassets.defs.assets import recording_definitions
 from bagassets.defs.checks import dataset_checks, recording_checks
 from bagassets.defs.dataset import dataset_assets
 from bagassets.defs.exclusive import RecordingLock
 from bagassets.defs.map import map_asset
-from bagassets.defs.named_datasets import named_dataset_asset
 from bagassets.defs.sensor import recordings_sensor
-from bagassets.defs.vision import vision_dataset_asset
 from bagassets.defs.workspace import Workspace
-from bagassets.engine.dataset_build import dataset_code_versions
 from bagassets.forkserver.places import Places
+from bagassets.formats.dataset_build import dataset_code_versions
 from bagassets.recipe import load_recipe
 
 __all__ = ["build_definitions"]
@@ -36,11 +34,9 @@ def build_definitions(recipe_file: Path) -> dg.Definitions:
         # another's failure.
         warnings.simplefilter("ignore", category=dg.PreviewWarning)
         checks = [*recording_checks(recipe), *dataset_checks(recipe)]
-    makers = {"vision_dataset": vision_dataset_asset, "trajectory_map": map_asset}
-    others = [makers[asset](recipe) for asset in dataset_code_versions(recipe) if asset in makers]
-    others += [named_dataset_asset(recipe, dataset) for dataset in recipe.datasets]
+    others = [map_asset(recipe)] if "trajectory_map" in dataset_code_versions(recipe) else []
     return dg.Definitions(
-        assets=[*recording_assets(recipe), *dataset_assets(recipe), *others],
+        assets=[*recording_definitions(recipe), *dataset_assets(recipe), *others],
         asset_checks=checks,
         sensors=[recordings_sensor()],
         resources={

@@ -2,11 +2,11 @@
 
 import dagster as dg
 
-from bagassets.defs.planning import plan_now
+from bagassets.defs.planning import plan_of_run
 from bagassets.defs.reporting import failures_in_words
 from bagassets.defs.workspace import Workspace
-from bagassets.engine.dataset_build import dataset_code_versions
-from bagassets.engine.report_data import build_map, map_path
+from bagassets.formats.dataset_build import dataset_code_versions
+from bagassets.formats.report_data import build_map, map_path
 from bagassets.recipe.model import Recipe
 
 __all__ = ["map_asset"]
@@ -28,7 +28,7 @@ def map_asset(recipe: Recipe) -> dg.AssetsDefinition:
     )
     def trajectory_map(context: dg.AssetExecutionContext, workspace: Workspace) -> dg.MaterializeResult[None]:
         with failures_in_words():
-            plan = plan_now(context.instance, workspace).plan
+            plan = plan_of_run(context, workspace).plan
             made = build_map(workspace.recipe, workspace.store, plan)
             return dg.MaterializeResult(
                 data_version=dg.DataVersion(made.artifact.digest),

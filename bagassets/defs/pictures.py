@@ -4,9 +4,9 @@ from base64 import b64encode
 
 import dagster as dg
 
-from bagassets.engine.recording_assets import AssetResult
+from bagassets.assets.preview import FACTS
+from bagassets.build.execute import AssetResult
 from bagassets.preview.pictures import TITLES
-from bagassets.steps.preview import FACTS
 
 __all__ = ["picture_metadata"]
 

@@ -1,26 +1,23 @@
 """The plan as it is now: Dagster's records, the recordings on disk and the store, read in bulk."""
 
 import gc
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import dagster as dg
 
-from bagassets.bags.discover import Discovery
+from bagassets.build.named_files import named_files
+from bagassets.build.plan_bulk import plan_in_bulk
+from bagassets.build.plan_model import BagPlan, Plan, Recorded
 from bagassets.defs.events import fetch_recorded, latest_ids, live_partitions
 from bagassets.defs.workspace import Workspace
-from bagassets.engine.dataset_build import DatasetInputs, select_inputs
-from bagassets.engine.named_files import file_signature, named_files
-from bagassets.engine.plan_bulk import plan_in_bulk
-from bagassets.engine.plan_memo import PlanMemo
-from bagassets.engine.plan_model import Plan, Recorded
-from bagassets.forkserver.tasks import server_spec
+from bagassets.formats.dataset_build import DatasetInputs, select_inputs
+from bagassets.freshness.marks import Doubt, loaded_code, project_mark
 from bagassets.recipe.model import Recipe
-from bagassets.store.canonical import digest_json
+from bagassets.recordings.discover import Discovery
 
-__all__ = ["Planned", "plan_now", "plan_stamp", "recorded_of"]
+__all__ = ["Planned", "plan_again", "plan_now", "plan_of_run", "project_of", "recorded_of"]
 
 
 @dataclass(frozen=True)
@@ -33,6 +30,7 @@ class Planned:
         inputs: what a dataset would be made from.
         discovery: the recordings on disk.
         live: the registered partition keys.
+        storage_ids: asset -> partition key -> id of what Dagster recorded last.
     """
 
     plan: Plan
@@ -40,6 +38,11 @@ class Planned:
     inputs: DatasetInputs
     discovery: Discovery
     live: frozenset[str]
+    storage_ids: Mapping[str, Mapping[str, int]]
+
+    def latest(self, key: str) -> list[int | None]:
+        """Return what tells whether something was recorded of a recording, or its partition came or went."""
+        return [ids.get(key) if key in self.live else None for ids in self.storage_ids.values()]
 
 
 def plan_now(
@@ -55,26 +58,73 @@ def plan_now(
     Raises:
         BagAssetsError: the recipe or the bag root is not usable.
     """
-    recipe, discovery = workspace.recipe, workspace.discover()
-    live = live_partitions(instance, recipe) if live is None else live
+    live = live_partitions(instance, workspace.recipe) if live is None else live
+    return _planned(instance, workspace, workspace.discover(), live)
+
+
+def plan_again(
+    instance: dg.DagsterInstance, workspace: Workspace, before: Planned, worked_on: Collection[str]
+) -> Planned:
+    """Decide again where runs may have changed something: the other recordings stay as they were planned.
+
+    Of those that are decided about again, the ones whose files were removed meanwhile are gone from the plan; what
+    else came, went or changed on disk since is left to the next plan.
+
+    Args:
+        instance: where materializations are recorded.
+        workspace: recipe, store and recordings.
+        before: the plan that runs were begun from.
+        worked_on: recordings that had a run; others of which something was recorded meanwhile, by whomever, are
+            found by their records.
+    """
+    live = live_partitions(instance, workspace.recipe)
     ids = latest_ids(instance)
+    now = replace(before, live=live, storage_ids=ids)
+    kept = {
+        key: bag
+        for key, bag in before.plan.bags.items()
+        if key not in worked_on and now.latest(key) == before.latest(key)
+    }
+    there = {
+        key: found
+        for key, found in before.discovery.found.items()
+        if key in kept or all(path.exists() for path in found.files)
+    }
+    planned = _planned(instance, workspace, replace(before.discovery, found=there), live, ids, kept)
+    return replace(planned, recorded={**before.recorded, **planned.recorded})
+
+
+def plan_of_run(context: dg.AssetExecutionContext, workspace: Workspace) -> Planned:
+    """Decide once in a run: all that it puts together is made from the same."""
+    return workspace.once_in_run(context.run.run_id, lambda: plan_now(context.instance, workspace))
+
+
+def _planned(
+    instance: dg.DagsterInstance,
+    workspace: Workspace,
+    discovery: Discovery,
+    live: frozenset[str],
+    ids: Mapping[str, Mapping[str, int]] | None = None,
+    kept: Mapping[str, BagPlan] | None = None,
+) -> Planned:
+    ids = latest_ids(instance) if ids is None else ids
 
     def fetch(keys: Iterable[str]) -> dict[str, dict[str, Recorded]]:
         return fetch_recorded(instance, ids, keys)
 
     with _uncollected():
         plan, recorded = plan_in_bulk(
-            recipe,
+            workspace.assets,
             workspace.store,
             discovery,
             live,
             workspace.index,
-            memo=PlanMemo(recipe.state),
-            stamp=plan_stamp(workspace),
+            project=project_of(workspace),
             storage_ids=ids,
             fetch=fetch,
+            kept=kept,
         )
-    return Planned(plan, recorded, select_inputs(plan, live), discovery, live)
+    return Planned(plan, recorded, select_inputs(plan, live), discovery, live, ids)
 
 
 @contextmanager
@@ -96,13 +146,10 @@ def recorded_of(instance: dg.DagsterInstance, recipe: Recipe, key: str) -> Mappi
     return fetch_recorded(instance, latest_ids(instance), [key])[key]
 
 
-def plan_stamp(workspace: Workspace) -> str:
-    """Return the digest of recipe, code, libraries and the files that the recipe names.
-
-    Unlike that of a server it leaves out the environment, so that command line, daemon and workers
-    agree.
-    """
-    recipe = workspace.recipe
-    spec = server_spec(recipe.state, Path(workspace.recipe_file))
-    files = [[str(path), *file_signature(path)] for path in named_files(recipe)]
-    return digest_json([replace(spec, environment={}, paths=()).stamp(), files])
+def project_of(workspace: Workspace) -> str | None:
+    """Return the mark of code, recipe and the files that it names; None if something cannot be seen."""
+    files, folders = named_files(workspace.recipe)
+    try:
+        return project_mark(loaded_code(), workspace.recipe_mark, [*map(str, files)], [*map(str, folders)])
+    except Doubt:
+        return None

@@ -1,18 +1,46 @@
 """Addresses of the web UI: where it listens, and whether it does."""
 
+import argparse
 import socket
+from collections.abc import Iterable
 from http.client import HTTPConnection, HTTPException
 
 from bagassets.errors import BagAssetsError
 
-__all__ = ["answers", "free_port", "reachable", "refuse_taken_port", "url_of"]
+__all__ = [
+    "ANY_HOST",
+    "answers",
+    "free_port",
+    "listening_arguments",
+    "listening_options",
+    "reachable",
+    "refuse_taken_port",
+    "url_of",
+]
 
-_ANY_HOST = {"0.0.0.0", "::"}  # noqa: S104  (compared with, not bound to)
+ANY_HOST = frozenset({"0.0.0.0", "::"})  # noqa: S104  (compared with, not bound to)
+"""Who listens there listens at every address of this machine."""
+
+
+def listening_options() -> argparse.ArgumentParser:
+    """Return a parser of what `listening_arguments` gave, for processes to take among their own options (`parents`)."""
+    parser = argparse.ArgumentParser(add_help=False)
+    parser.add_argument("--host", required=True)
+    parser.add_argument("--port", required=True, type=int)
+    parser.add_argument("--allow-host", action="append", default=[])
+    parser.add_argument("--log-level", required=True)
+    return parser
+
+
+def listening_arguments(host: str, port: int, allow_hosts: Iterable[str], log_level: str) -> list[str]:
+    """Return the arguments that tell a process where the web UI listens, its further names, and how much to log."""
+    names = [f"--allow-host={name}" for name in allow_hosts]
+    return ["--host", host, "--port", str(port), "--log-level", log_level, *names]
 
 
 def reachable(host: str) -> str:
     """Return the address at which this machine reaches a server that listens on `host`."""
-    return "127.0.0.1" if host in _ANY_HOST else host
+    return "127.0.0.1" if host in ANY_HOST else host
 
 
 def free_port(host: str, start: int) -> int:

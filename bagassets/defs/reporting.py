@@ -6,6 +6,7 @@ from typing import Any
 
 import dagster as dg
 
+from bagassets.build.execute import AssetResult, BuildFailure
 from bagassets.defs.markdown import (
     calibration_table,
     counts_table,
@@ -14,12 +15,12 @@ from bagassets.defs.markdown import (
     table,
     topics_table,
 )
-from bagassets.engine.dataset_build import DatasetInputs
-from bagassets.engine.recording_assets import AssetResult, BuildFailure
 from bagassets.errors import BagAssetsError, UnexpectedError
 from bagassets.escaping import visible
+from bagassets.formats.assembly import DatasetSummary
+from bagassets.formats.catalogue import MAIN
+from bagassets.formats.dataset_build import DatasetInputs
 from bagassets.splits import SplitShare
-from bagassets.steps.nuscenes_dataset import DatasetSummary
 
 __all__ = [
     "dataset_metadata",
@@ -78,22 +79,28 @@ def _shown(value: Any) -> Any:
 def inputs_metadata(inputs: DatasetInputs) -> dict[str, Any]:
     """Return how many recordings enter the dataset, and why others do not."""
     metadata: dict[str, Any] = dict(inputs.as_json())
-    for name, reasons in (("why_failed", inputs.failed), ("why_skipped", inputs.skipped)):
+    failed = inputs.failed.get(MAIN.name, {})
+    for name, reasons in (("why_failed", failed), ("why_skipped", inputs.skipped)):
         if reasons:
             metadata[name] = dg.MetadataValue.md(record_table(reasons, ("recording", "reason")))
     return metadata
 
 
-def dataset_metadata(made: DatasetSummary) -> dict[str, Any]:
-    """Return rows, splits and files of a dataset as Dagster metadata."""
+def dataset_metadata(made: DatasetSummary, failed: Mapping[str, str]) -> dict[str, Any]:
+    """Return what a dataset came to as Dagster metadata.
+
+    Args:
+        made: the dataset.
+        failed: recordings that could not enter it -> why.
+    """
     metadata: dict[str, Any] = {
-        "dataroot": dg.MetadataValue.path(str(made.folder.parent)),
-        "version": made.folder.name,
-        "scenes": made.rows.get("scene", 0),
-        "keyframes": made.rows.get("sample", 0),
-        "boxes": made.rows.get("sample_annotation", 0),
-        "splits": dg.MetadataValue.md(split_table(made.shares)),
-        "rows": dg.MetadataValue.md(record_table(made.rows, ("table", "rows"))),
+        "folder": dg.MetadataValue.path(str(made.folder)),
+        "recordings": sum(share.recordings for share in made.shares),
+        **{
+            name: _shown(value) if value or not isinstance(value, Mapping) else dg.MetadataValue.json({})
+            for name, value in made.facts.items()
+        },
+        "split_shares": dg.MetadataValue.md(split_table(made.shares)),
         "changed": made.changed,
     }
     if made.files:
@@ -104,6 +111,8 @@ def dataset_metadata(made: DatasetSummary) -> dict[str, Any]:
         metadata["duplicates"] = dg.MetadataValue.md(
             record_table(made.duplicates, ("left out", "same content as"))
         )
+    if failed:
+        metadata["failed"] = dg.MetadataValue.md(record_table(failed, ("recording", "reason")))
     return metadata
 
 

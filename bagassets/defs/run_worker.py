@@ -16,7 +16,7 @@ from typing import Any
 
 import dagster as dg
 
-from bagassets.bags.layouts import compile_common_types, load_standard_types
+from bagassets.decode.loading import load_built_in
 from bagassets.defs.databases import database_in_words
 from bagassets.defs.exclusive import exclusive
 from bagassets.defs.leftovers import end_left_behind, report_ended
@@ -34,6 +34,7 @@ from bagassets.errors import BagAssetsError
 from bagassets.forkserver.process import ProcessId
 from bagassets.forkserver.worker import cancel_requested
 from bagassets.kernels.machine_code import compile_all
+from bagassets.recordings.layouts import compile_common_types, load_standard_types
 from bagassets.trace import name_process, span
 
 __all__ = ["end_worker", "execute", "preload", "recover", "report_lost"]
@@ -46,7 +47,7 @@ _ASKS_PER_LOOK = 5  # once a second
 _AHEAD = (
     "alembic.command",
     "alembic.runtime.migration",
-    "bagassets.defs.drive",
+    "bagassets.defs.driver",
     "dagster._core.execution.plan.active",
     "dagster._core.execution.plan.execute_plan",
     "dagster._core.executor.in_process",
@@ -87,6 +88,7 @@ def preload(modules: list[str]) -> Iterator[None]:
     share_migrations()
     for module in modules:
         preload_definitions(module)
+    load_built_in()
     load_standard_types()
     return chain(compile_all(), compile_common_types())
 

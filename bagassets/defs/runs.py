@@ -123,11 +123,6 @@ class RunOutcome:
     status: str
     failures: tuple[StepError, ...] = ()
 
-    @property
-    def success(self) -> bool:
-        """True if the run ended well."""
-        return self.status == dg.DagsterRunStatus.SUCCESS.value
-
     def as_json(self) -> dict[str, Any]:
         """Return the outcome as JSON."""
         return asdict(self)

@@ -4,7 +4,7 @@ import json
 from collections.abc import Container, Iterable, Mapping
 from dataclasses import dataclass, field
 
-from bagassets.bags.digest import RecordingStat
+from bagassets.recordings.digest import RecordingStat
 from bagassets.store.canonical import digest_json
 
 __all__ = ["Cursor", "Request"]

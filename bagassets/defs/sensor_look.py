@@ -4,21 +4,22 @@ from collections.abc import Iterable, Mapping
 
 import dagster as dg
 
-from bagassets.bags.digest import RecordingStat, recording_stat
-from bagassets.bags.discover import Discovery
-from bagassets.bags.model import Found
+from bagassets.build.named_files import files_beside
+from bagassets.build.plan_model import AssetState, BagPlan, Plan
 from bagassets.defs.dataset import dataset_is_current, record_inputs
-from bagassets.defs.events import live_partitions
+from bagassets.defs.events import all_assets, live_partitions
 from bagassets.defs.leftovers import end_left_behind
 from bagassets.defs.partitions import DATASET, active_runs, add_partitions, remove_partition
-from bagassets.defs.planning import Planned, plan_now
+from bagassets.defs.planning import Planned, plan_now, project_of
 from bagassets.defs.sensor_cursor import Cursor
 from bagassets.defs.workspace import Workspace
-from bagassets.engine.dataset_build import DatasetInputs, dataset_code_versions
-from bagassets.engine.named_files import file_signature, files_beside
-from bagassets.engine.plan_model import ALL_ASSETS, AssetState, BagPlan, Plan
 from bagassets.errors import RecordingError
+from bagassets.formats.dataset_build import DatasetInputs, dataset_code_versions
+from bagassets.freshness.recordings import recording_mark
 from bagassets.recipe.model import Recipe
+from bagassets.recordings.digest import RecordingStat, recording_stat
+from bagassets.recordings.discover import Discovery
+from bagassets.recordings.model import Found
 from bagassets.store.canonical import digest_json
 
 __all__ = ["Look"]
@@ -62,19 +63,18 @@ class Look:
         if active and end_left_behind(self._instance)[0]:
             active = active_runs(self._instance, self._datasets)
         self._active = set(active.values())
-        records = self._state_of_records()
+        records, project = self._state_of_records(), project_of(self._workspace)
         quiet = digest_json(
             [
                 records,
-                recipe.model_dump(mode="json"),
-                {key: stat.as_json() for key, stat in stats.items()},
-                {key: _beside(recipe, found) for key, found in discovery.found.items()},
+                project,
+                {key: _mark(recipe, project, found) for key, found in discovery.found.items()},
                 discovery.unreadable,
                 sorted(live),
                 sorted(active),
             ]
         )
-        if cursor.quiet == quiet:
+        if cursor.quiet == quiet and project is not None:
             cursor.looked_s = now_s
             self._next_settled_s = None
             return []
@@ -119,7 +119,7 @@ class Look:
 
     def _state_of_records(self) -> str:
         """Return a digest that changes whenever one of our assets is materialized or wiped."""
-        keys = [dg.AssetKey(name) for name in (*ALL_ASSETS, "dataset_inputs", *self._datasets)]
+        keys = [dg.AssetKey(name) for name in (*all_assets(), "dataset_inputs", *self._datasets)]
         entries = [record.asset_entry for record in self._instance.get_asset_records(keys)]
         return digest_json(
             sorted([e.asset_key.to_user_string(), e.last_materialization_storage_id] for e in entries)
@@ -217,9 +217,9 @@ def _stats(discovery: Discovery) -> dict[str, RecordingStat]:
     return stats
 
 
-def _beside(recipe: Recipe, found: Found) -> list[list[str | int]]:
-    """Return what tells whether label files of a recording came, went or changed."""
-    return [[str(path), *file_signature(path)] for path in files_beside(recipe, found)]
+def _mark(recipe: Recipe, project: str | None, found: Found) -> str:
+    """Return the mark of a recording and of its label files."""
+    return recording_mark(project or "", found.relative, found.files, files_beside(recipe, found), {})
 
 
 def _names(keys: list[str]) -> str:

@@ -3,7 +3,6 @@
 Imports nothing of Dagster: the processes do.
 """
 
-import fcntl
 import os
 import signal
 import subprocess
@@ -13,16 +12,16 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Self, TextIO
+from typing import Self
 
-from bagassets.defs.ports import answers, reachable, refuse_taken_port, url_of
+from bagassets.defs.ports import answers, listening_arguments, reachable, refuse_taken_port, url_of
 from bagassets.errors import BagAssetsError
 from bagassets.forkserver.client import Client, ServerRefusedError
 from bagassets.forkserver.places import Places
 from bagassets.forkserver.tasks import connect, server_spec
-from bagassets.lock_files import open_lock_file
+from bagassets.lock_files import LockFile
+from bagassets.propose.project import dagster_home
 from bagassets.recipe import load_recipe
-from bagassets.recipe.project import dagster_home
 
 __all__ = ["Services", "end_servers"]
 
@@ -77,11 +76,10 @@ class Services:
         self._client: Client | None = None
         self._warming = threading.Thread(target=self._warm, daemon=True)
         workspace = home / "workspace.yaml"
-        options = ["--host", host, "--port", str(port), "--log-level", "info" if verbose else "warning"]
-        options += [f"--allow-host={name}" for name in allow_hosts]
+        options = listening_arguments(host, port, allow_hosts, "info" if verbose else "warning")
         options += ["--workspace", str(workspace)] if workspace.is_file() else []
         # A session of its own: Ctrl-C in the terminal reaches us alone, and we end it in order.
-        self._process = subprocess.Popen(  # noqa: S603  (this interpreter, this package)
+        self._process = subprocess.Popen(
             [sys.executable, "-P", "-m", "bagassets.defs.dev", *options],
             stdin=subprocess.PIPE,
             cwd=home,
@@ -206,25 +204,20 @@ def _is_left_alone(client: Client) -> bool:
     return True
 
 
-def _lock(state: Path, url: str) -> TextIO:
-    """Return the open, locked file that keeps a second daemon from the same state; it names the first's URL."""
+def _lock(state: Path, url: str) -> LockFile:
+    """Return the locked file that keeps a second daemon from the same state; it names the first's URL."""
     try:
         state.mkdir(parents=True, exist_ok=True)
-        lock = os.fdopen(open_lock_file(state / _LOCK, flags=os.O_APPEND), "a+", encoding="utf-8")
+        lock = LockFile.open(state / _LOCK)
     except OSError as err:
         raise BagAssetsError(f"{state}: the state folder cannot be written ({err.strerror}).") from err
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        lock.seek(0)
-        other = lock.read().strip()
-        lock.close()
-        raise BagAssetsError(
-            f"the web UI of this project is open already at {other}; open that, or end it first (Ctrl-C where it runs)."
-        ) from None
-    lock.truncate(0)
+    if not lock.try_lock():
+        with lock:
+            raise BagAssetsError(
+                f"the web UI of this project is open already at {lock.read().strip()}; open that, or end it first (Ctrl-C "
+                "where it runs)."
+            )
     lock.write(url)
-    lock.flush()
     return lock
 
 

@@ -1,36 +1,38 @@
 """How things are, and what a build would do about it; the command line's view of the plan."""
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 import dagster as dg
 
+from bagassets.build.build_report import BuildOptions
+from bagassets.build.choose import choose_assets, choose_recordings
+from bagassets.build.plan_model import Plan
 from bagassets.defs.databases import database_in_words
 from bagassets.defs.dataset import dataset_is_current
-from bagassets.defs.planning import Planned, plan_now
+from bagassets.defs.planning import Planned, plan_again, plan_now
 from bagassets.defs.runs import open_instance
 from bagassets.defs.sqlite_files import kept_open
 from bagassets.defs.workspace import Workspace
-from bagassets.engine.build_report import BuildOptions
-from bagassets.engine.choose import choose_assets, choose_recordings
-from bagassets.engine.dataset_build import dataset_code_versions, deal_contents, split_on_disk, without_scenes
-from bagassets.engine.plan_model import Plan
-from bagassets.engine.recording_assets import assets_of
+from bagassets.formats.catalogue import MAIN
+from bagassets.formats.dataset_build import (
+    dataset_code_versions,
+    datasets_of,
+    deal_contents,
+    split_on_disk,
+    without_scenes,
+)
+from bagassets.propose.project import dagster_home
 from bagassets.recipe.model import Recipe
-from bagassets.recipe.project import dagster_home
 from bagassets.splits import moves
 from bagassets.store.store import Store
 from bagassets.store.writable import require_writable
 from bagassets.trace import span
 
-__all__ = ["Situation", "opened", "survey", "would_move"]
-
-# The asset of each recording that a dataset is made from, if it is not its tables.
-_OF_DATASETS = {"vision_dataset": "vision_sequences", "trajectory_map": "ego_poses"}
-_TABLES = "nuscenes_tables"
+__all__ = ["Situation", "opened", "survey", "survey_again", "would_move"]
 
 
 @dataclass(frozen=True)
@@ -76,16 +78,34 @@ def survey(
     Raises:
         BagAssetsError: the recipe or the bag root is not usable, or there is no such recording.
     """
-    options = options or BuildOptions()
-    recipe = workspace.recipe
     with span("plan"):
         planned = plan_now(instance, workspace)
+    return _situation(instance, workspace, planned, options or BuildOptions())
+
+
+def survey_again(
+    instance: dg.DagsterInstance, workspace: Workspace, before: Situation, worked_on: Collection[str]
+) -> Situation:
+    """Decide again after runs, see `plan_again`, for a build of everything."""
+    with span("plan"):
+        planned = plan_again(instance, workspace, before.planned, worked_on)
+    return _situation(instance, workspace, planned, BuildOptions())
+
+
+def _situation(
+    instance: dg.DagsterInstance, workspace: Workspace, planned: Planned, options: BuildOptions
+) -> Situation:
+    recipe = workspace.recipe
     found = planned.discovery.found
     chosen = choose_recordings(found, options.bags) if options.bags else frozenset(found)
     datasets = tuple(dataset_code_versions(recipe))
-    wanted = choose_assets(("bag", *assets_of(recipe), *datasets), options.select)
+    wanted = choose_assets(("bag", *workspace.assets.names, *datasets), options.select)
+    made_from = {asset: dataset.kind.part for asset, dataset in datasets_of(recipe).items()}
+    made_from["trajectory_map"] = "ego_poses"
     select = (
-        None if wanted is None else {_OF_DATASETS.get(n, _TABLES) if n in datasets else n for n in wanted}
+        None
+        if wanted is None
+        else workspace.assets.with_upstream(made_from.get(name, name) for name in wanted)
     )
     todo = {}
     for key, bag in planned.plan.bags.items():
@@ -98,13 +118,14 @@ def survey(
 
 def would_move(situation: Situation, recipe: Recipe) -> dict[str, tuple[str, str]]:
     """Return recording -> the split it is in and the one that a build would put it into, if that is another one."""
-    entering = {part.key: part.content for part in situation.planned.inputs.parts}
+    inputs = situation.planned.inputs.parts
+    entering = {part.key: part.content for part in inputs.get(MAIN.name, ())}
     for key in situation.todo:
         bag = situation.plan.bags[key]
         if bag.skipped is None and bag.unusable is None:
             entering[key] = bag.assets["bag"].data_version or key
-    tables = {part.key: part.tables for part in situation.planned.inputs.parts}
-    dealt = deal_contents(entering, recipe.splits, without_scenes(Store(recipe.store_path), tables))
+    made = {name: {part.key: part.artifact for part in parts} for name, parts in inputs.items()}
+    dealt = deal_contents(entering, recipe.splits, without_scenes(Store(recipe.store_path), made))
     return moves(split_on_disk(recipe), dealt)
 
 

@@ -9,10 +9,11 @@ from typing import Any
 
 import dagster as dg
 
+from bagassets.build.execute import AssetResult
 from bagassets.defs.events import live_partitions, recorded_states
+from bagassets.defs.partitions import recording_partitions
 from bagassets.defs.reporting import failures_in_words, result_metadata
-from bagassets.defs.workspace import Workspace, recording_partitions
-from bagassets.engine.recording_assets import AssetResult
+from bagassets.defs.workspace import Workspace
 from bagassets.errors import StoreError
 from bagassets.recipe import load_recipe
 from bagassets.recipe.model import Recipe

@@ -20,6 +20,7 @@ from dagster_webserver.version import __version__
 from starlette.applications import Starlette
 
 from bagassets.defs.guard import Guard, own_names
+from bagassets.defs.ports import listening_options
 
 __all__ = ["main"]
 
@@ -31,11 +32,7 @@ _POLL_MS = 2000
 
 def main() -> None:
     """Serve until a message to end comes through the pipe."""
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--host", required=True)
-    parser.add_argument("--port", required=True, type=int)
-    parser.add_argument("--allow-host", action="append", default=[])
-    parser.add_argument("--log-level", required=True)
+    parser = argparse.ArgumentParser(parents=[listening_options()])
     parser.add_argument("--instance-ref", required=True, type=_instance_ref)
     parser.add_argument("--workspace", required=True)
     parser.add_argument("--shutdown-pipe", required=True, type=int)

@@ -1,21 +1,28 @@
 """The resource that assets and users' own steps share: recipe, store and recordings."""
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any, TypeVar
 
 import dagster as dg
 from pydantic import PrivateAttr
 
-from bagassets.bags.digest import DigestIndex
-from bagassets.bags.discover import Discovery, discover
-from bagassets.bags.model import Found
-from bagassets.defs.recording_partitions import partitions_name, recording_partitions
+from bagassets.build.recording_assets import RecordingAssets
+from bagassets.defs.events import recorded_artifact
 from bagassets.errors import RecordingError
+from bagassets.formats.catalogue import recording_assets
+from bagassets.freshness.marks import recipe_mark
 from bagassets.recipe import Recipe, load_recipe, where_in
+from bagassets.recordings.digest import DigestIndex
+from bagassets.recordings.discover import Discovery, discover
+from bagassets.recordings.model import Found
 from bagassets.store.artifact import Artifact
 from bagassets.store.store import Store
 from bagassets.store.users import note_user
 
-__all__ = ["Workspace", "index_of", "partitions_name", "recording_partitions"]
+__all__ = ["Workspace", "index_of"]
+
+T = TypeVar("T")
 
 
 def index_of(recipe: Recipe) -> DigestIndex:
@@ -31,13 +38,29 @@ class Workspace(dg.ConfigurableResource):  # type: ignore[type-arg]  # steps get
 
     recipe_file: str
     _recipe: Recipe | None = PrivateAttr(default=None)
+    _assets: RecordingAssets | None = PrivateAttr(default=None)
+    _recipe_mark: str = PrivateAttr(default="")
+    _found_in_run: tuple[str, Any] | None = PrivateAttr(default=None)
 
     @property
     def recipe(self) -> Recipe:
         """The recipe, read once per process."""
         if self._recipe is None:
+            self._recipe_mark = recipe_mark(self.recipe_file)
             self._recipe = load_recipe(Path(self.recipe_file))
         return self._recipe
+
+    @property
+    def assets(self) -> RecordingAssets:
+        """The assets that recordings have under the recipe."""
+        if self._assets is None:
+            self._assets = recording_assets(self.recipe)
+        return self._assets
+
+    @property
+    def recipe_mark(self) -> str:
+        """The mark of the recipe as it was when it was read."""
+        return self._recipe_mark if self.recipe else ""
 
     @property
     def store(self) -> Store:
@@ -66,6 +89,13 @@ class Workspace(dg.ConfigurableResource):  # type: ignore[type-arg]  # steps get
             )
         return discover(self.recipe.bags)
 
+    def once_in_run(self, run_id: str, find: Callable[[], T]) -> T:
+        """Return what `find` returned when it was asked for the first time in a run, of which there is one such."""
+        if self._found_in_run is None or self._found_in_run[0] != run_id:
+            self._found_in_run = run_id, find()
+        found: T = self._found_in_run[1]
+        return found
+
     def found(self, key: str) -> Found:
         """Return the recording of a partition.
 
@@ -88,6 +118,4 @@ class Workspace(dg.ConfigurableResource):  # type: ignore[type-arg]  # steps get
         Raises:
             StoreError: the asset is not materialized, or its artifact is not in the store.
         """
-        from bagassets.defs.events import recorded_artifact  # noqa: PLC0415  (events imports this module)
-
         return recorded_artifact(context.instance, self.store, asset, context.partition_key)

@@ -13,11 +13,11 @@ import time
 from pathlib import Path
 
 from bagassets.errors import BagAssetsError
-from bagassets.forkserver.lock import ServerLock, remove_leftovers
 from bagassets.forkserver.places import Places
 from bagassets.forkserver.protocol import FirstJob
 from bagassets.forkserver.server import Server
 from bagassets.forkserver.spec import SOURCE_CHANGED, ServerSpec
+from bagassets.lock_files import LockFile
 
 _LOG = logging.getLogger(__name__)
 _POLL_S = 0.05
@@ -50,7 +50,7 @@ def main(arguments: list[str]) -> int:
 
 def _serve(spec: ServerSpec, places: Places, timeout_s: float, tell: int, first_job: FirstJob | None) -> int:
     deadline = time.monotonic() + timeout_s
-    while (lock := ServerLock.try_acquire(places.lock)) is None:
+    while (lock := _lock_of_server(places.lock)) is None:
         if _answers(places):
             return 0
         if time.monotonic() > deadline:
@@ -60,7 +60,7 @@ def _serve(spec: ServerSpec, places: Places, timeout_s: float, tell: int, first_
     # Of a server that was killed; a first job takes one that is noted for ours.
     places.remove_socket()
     lock.write("")
-    remove_leftovers(spec.state_folder)
+    _remove_leftovers(spec.state_folder)
     _remove_old_logs(places.folder / "logs")
     server = Server(spec, places, lock)
     try:
@@ -85,6 +85,28 @@ def _serve(spec: ServerSpec, places: Places, timeout_s: float, tell: int, first_
         _LOG.error("%s", err)
         return 1
     return 0
+
+
+def _lock_of_server(path: Path) -> LockFile | None:
+    """Return the lock of a server, held; None if another process holds it."""
+    while True:
+        lock = LockFile.open(path)
+        if not lock.try_lock():
+            lock.close()
+            return None
+        if lock.is_in_place:
+            return lock
+        lock.close()  # the last holder removed the file between our open and our lock
+
+
+def _remove_leftovers(state_folder: Path) -> None:
+    """Remove what servers that were killed left behind."""
+    for places in Places.known(state_folder):
+        lock = _lock_of_server(places.lock)
+        if lock is not None:
+            places.remove_socket()
+            places.log.unlink(missing_ok=True)
+            lock.remove()
 
 
 def _answers(places: Places) -> bool:

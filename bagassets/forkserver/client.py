@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from bagassets.errors import BagAssetsError
-from bagassets.forkserver.places import Places
+from bagassets.forkserver.places import Places, last_lines
 from bagassets.forkserver.process import ProcessId
 from bagassets.forkserver.protocol import FirstJob, Lines, Message, encode
 from bagassets.forkserver.spec import SOURCE_CHANGED, ServerSpec
@@ -24,7 +24,6 @@ __all__ = ["Client", "ServerRefusedError"]
 _ANSWER_S = 15.0
 _GRACE_S = 30.0
 _RETRY_S = 0.05
-_LOG_LINES = 15
 
 
 class ServerRefusedError(BagAssetsError):
@@ -259,7 +258,7 @@ def _starter(
     if first_job is not None:
         command.append(json.dumps(first_job))
     with places.log.open("ab") as log:
-        return subprocess.Popen(  # noqa: S603  (this interpreter, this package)
+        return subprocess.Popen(
             command,
             stdin=subprocess.DEVNULL,
             stdout=log,
@@ -271,9 +270,6 @@ def _starter(
 
 
 def _cannot_start(places: Places, reason: str) -> list[str]:
-    try:
-        lines = places.log.read_text("utf-8", "replace").splitlines()[-_LOG_LINES:]
-    except OSError:
-        lines = []
+    lines = last_lines(places.log)
     told = f"the fork server cannot start: {reason}. The last lines of {places.log}:"
     return [told, *(f"  {line}" for line in lines)] if lines else [f"{told} it is empty; is the disk full?"]

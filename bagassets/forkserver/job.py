@@ -18,6 +18,17 @@ __all__ = ["Job"]
 _VMSTAT = Path("/proc/vmstat")
 
 
+def _oom_kills() -> int:
+    """Processes killed by the system since boot because memory ran out; 0 if it does not say."""
+    try:
+        for line in _VMSTAT.read_text("ascii").splitlines():
+            if line.startswith("oom_kill "):
+                return int(line.split()[1])
+    except OSError:
+        return 0
+    return 0
+
+
 @dataclass(eq=False)
 class Job:
     """A worker and its record.
@@ -43,7 +54,7 @@ class Job:
     is_cancelled: bool = False
     kill_at: float | None = None
     started: float = field(default_factory=time.monotonic)
-    oom_kills: int = field(default_factory=lambda: _oom_kills())  # noqa: PLW0108  (defined below)
+    oom_kills: int = field(default_factory=_oom_kills)
 
     @classmethod
     def start(cls, job_id: str, request: Message, log: Path, close_inherited: Callable[[], None]) -> Self:
@@ -130,14 +141,3 @@ class Job:
         if _oom_kills() > self.oom_kills:
             return f"{text}; the system ran out of memory meanwhile and killed processes."
         return f"{text}, maybe because the system ran out of memory."
-
-
-def _oom_kills() -> int:
-    """Processes killed by the system since boot because memory ran out; 0 if it does not say."""
-    try:
-        for line in _VMSTAT.read_text("ascii").splitlines():
-            if line.startswith("oom_kill "):
-                return int(line.split()[1])
-    except OSError:
-        return 0
-    return 0

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from bagassets.errors import BagAssetsError
 
-__all__ = ["Places"]
+__all__ = ["Places", "last_lines"]
 
 _SHORT_FOLDER = Path("/tmp")  # noqa: S108  (the folder below it is checked to be ours alone)
 _SOCKET_PATH_LIMIT = 100  # bytes; the system's is 108 on Linux and 104 elsewhere, with the final zero
@@ -114,6 +114,14 @@ class Places:
         folder = state_folder / "forkserver"
         for stamp in sorted({path.stem for kind in ("lock", "sock") for path in folder.glob(f"*.{kind}")}):
             yield cls(state_folder, stamp)
+
+
+def last_lines(log: Path, most: int = 15) -> list[str]:
+    """Return the last lines of a log, for an error that its writer died of; none if it cannot be read."""
+    try:
+        return log.read_text("utf-8", "replace").splitlines()[-most:]
+    except OSError:
+        return []
 
 
 def _runtime_folder() -> Path:

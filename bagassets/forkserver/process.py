@@ -130,6 +130,6 @@ def _start_time(pid: int) -> str:
 
 def _start_time_from_ps(pid: int) -> str:
     command = ["ps", "-o", "stat=,lstart=", "-p", str(pid)]
-    answer = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603  (fixed words)
+    answer = subprocess.run(command, capture_output=True, text=True, check=False)
     state, _, started = answer.stdout.strip().partition(" ")
     return "" if not state or state.startswith("Z") else started.strip()

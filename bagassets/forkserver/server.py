@@ -17,12 +17,12 @@ from bagassets.errors import BagAssetsError
 from bagassets.forkserver.connection import Connection
 from bagassets.forkserver.job import Job
 from bagassets.forkserver.loaded import LoadedSources
-from bagassets.forkserver.lock import ServerLock
 from bagassets.forkserver.places import Places
 from bagassets.forkserver.process import ProcessId
 from bagassets.forkserver.protocol import FirstJob, Message
 from bagassets.forkserver.spec import ServerSpec
 from bagassets.forkserver.worker import load_function
+from bagassets.lock_files import LockFile
 
 __all__ = ["Server"]
 
@@ -36,7 +36,7 @@ _LOST_GRACE_S = 60.0  # what reporting the loss of a worker may take
 class Server:
     """Serves one spec until it is idle for long, grows old, or is told to end."""
 
-    def __init__(self, spec: ServerSpec, places: Places, lock: ServerLock) -> None:
+    def __init__(self, spec: ServerSpec, places: Places, lock: LockFile) -> None:
         self._spec = spec
         self._places = places
         self._lock = lock
@@ -176,7 +176,7 @@ class Server:
             self._listener.close()
             self._listener = None
             self._places.remove_socket()
-            self._lock.release()
+            self._lock.remove()
 
     def _is_done(self) -> bool:
         return self._listener is None and not self._jobs

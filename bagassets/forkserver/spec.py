@@ -7,11 +7,8 @@ anything heavy, and the server does the same again to notice that it has grown o
 """
 
 import os
-import site
 import sys
-import sysconfig
-from collections.abc import Iterator, Mapping
-from contextlib import suppress
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from functools import cache
 from importlib.machinery import PathFinder
@@ -20,7 +17,7 @@ from typing import Any, Self
 
 import bagassets
 from bagassets.errors import BagAssetsError
-from bagassets.store.canonical import digest_json
+from bagassets.freshness.marks import code_mark, digest, recipe_mark, site_folders
 
 __all__ = ["IDLE_TIMEOUT_S", "SOURCE_CHANGED", "ServerSpec"]
 
@@ -112,17 +109,9 @@ class ServerSpec:
 
     def stamp(self) -> str:
         """Return the digest of everything that shapes what a worker of this server would do now."""
-        files = [] if self.recipe is None else [self.recipe, self.recipe.with_name(".env")]
-        return digest_json(
-            {
-                "interpreter": [sys.executable, sys.version],
-                "distributions": _distributions(),
-                "sources": [[root, list(_signatures(Path(root)))] for root in self.sources],
-                "files": [[str(path), _text(path)] for path in files],
-                "asked": [list(self.modules), list(self.paths), self.preload],
-                "environment": dict(self.environment),
-            }
-        )
+        recipe = "" if self.recipe is None else recipe_mark(self.recipe)
+        asked = [list(self.modules), list(self.paths), self.preload, sorted(self.environment.items())]
+        return digest([code_mark(self.sources), recipe, repr(asked)])
 
 
 def _locate(modules: tuple[str, ...], paths: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -139,7 +128,7 @@ def _locate(modules: tuple[str, ...], paths: tuple[str, ...]) -> tuple[tuple[str
             )
         if str(root) not in sources:
             sources.append(str(root))
-        if root.parent not in _site_folders() and str(root.parent) not in folders:
+        if str(root.parent) not in site_folders() and str(root.parent) not in folders:
             folders.append(str(root.parent))
     return tuple(sources), tuple(folders)
 
@@ -154,51 +143,6 @@ def _source_root(top: str, paths: tuple[str, ...]) -> Path | None:
         return None
     file = Path(origin).resolve()
     return file.parent if file.stem == "__init__" else file
-
-
-@cache
-def _site_folders() -> tuple[Path, ...]:
-    """Return the folders that this interpreter installs packages into, whatever the current folder is."""
-    names = [sysconfig.get_path("purelib"), sysconfig.get_path("platlib")]
-    if site.ENABLE_USER_SITE:
-        names.append(site.getusersitepackages())
-    return tuple(dict.fromkeys(Path(name).resolve() for name in names))
-
-
-def _distributions() -> list[list[Any]]:
-    """Return name and time of each installed distribution; an upgrade changes one or the other.
-
-    Those in PYTHONPATH count too: a decoder plug-in may be among them.
-    """
-    found = []
-    beside = (Path(name) for name in os.environ.get("PYTHONPATH", "").split(os.pathsep) if name)
-    for folder in (*_site_folders(), *beside):
-        try:
-            entries = list(os.scandir(folder))
-        except OSError:
-            continue
-        found += [
-            [entry.name, entry.stat().st_mtime_ns]
-            for entry in entries
-            if entry.name.endswith((".dist-info", ".egg-info", ".pth", ".egg-link"))
-        ]
-    return sorted(found)
-
-
-def _signatures(root: Path) -> Iterator[list[Any]]:
-    """Yield path, size and modification time of the source files below `root`, in order."""
-    if root.is_file():
-        found = root.stat()
-        yield [root.name, found.st_size, found.st_mtime_ns]
-        return
-    for folder, folders, files in os.walk(root):
-        folders[:] = sorted(name for name in folders if name != "__pycache__" and not name.startswith("."))
-        for name in sorted(files):
-            if name.endswith((".py", ".so", ".yaml", ".json", ".msg")):
-                path = Path(folder) / name
-                with suppress(FileNotFoundError):  # an editor's passing file
-                    found = path.stat()
-                    yield [str(path.relative_to(root)), found.st_size, found.st_mtime_ns]
 
 
 def _text(path: Path) -> str | None:

@@ -73,12 +73,14 @@ class CameraModel:
         # The ideal equidistant lens has no coefficients and yet is no pinhole.
         return self.model == "equidistant" or (self.model != "none" and any(self.distortion))
 
-    def undistorted(self, target: Mapping[str, float] | None = None) -> "CameraModel":
-        """Return the pinhole camera that undistorted images are written with (R = identity)."""
-        pinhole = replace(self, model="none", distortion=())
-        if target is None:
-            return pinhole
-        return replace(pinhole, fx=target["fx"], fy=target["fy"], cx=target["cx"], cy=target["cy"])
+    def undistorted(self, target: tuple[float, float, float, float] | None = None) -> "CameraModel":
+        """Return the pinhole camera that undistorted images are written with (R = identity).
+
+        Args:
+            target: its fx, fy, cx, cy in pixels; None for those of this camera.
+        """
+        fx, fy, cx, cy = (self.fx, self.fy, self.cx, self.cy) if target is None else target
+        return replace(self, model="none", distortion=(), fx=fx, fy=fy, cx=cx, cy=cy)
 
     def check_size(self, width: int, height: int, name: str) -> None:
         """Check that an image is the one that was calibrated.

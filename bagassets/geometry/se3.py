@@ -51,11 +51,6 @@ class SE3:
         w, x, y, z = (v / norm for v in q)
         return cls((w, x, y, z), (t[0], t[1], t[2]))
 
-    @classmethod
-    def from_matrix(cls, matrix: Floats) -> Self:
-        """Return the transform of a (4, 4) or (3, 4) homogeneous matrix."""
-        return cls.create(quaternion_from_rotation(matrix[:3, :3]), matrix[:3, 3])
-
     @property
     def rotation_matrix(self) -> Floats:
         """Rotation as (3, 3) matrix."""

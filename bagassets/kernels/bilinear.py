@@ -98,7 +98,7 @@ class BilinearLookup:
 
 def _build() -> Any:
     """Return the function: source, its bytes per row, both maps, target, runs of groups, number of runs."""
-    from llvmlite import ir  # noqa: PLC0415
+    from llvmlite import ir
 
     i8, i16, i32, i64 = (ir.IntType(bits) for bits in (8, 16, 32, 64))
     function, b = begin_function("lookup", [i8, None, i32, i16, i8, i64, None])

@@ -65,7 +65,7 @@ def compile_all() -> Iterator[None]:
 
 
 def _compiled(text: str) -> Any:
-    import llvmlite.binding as llvm  # noqa: PLC0415
+    import llvmlite.binding as llvm
 
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
@@ -87,7 +87,7 @@ def begin_function(name: str, pointed_to: Sequence[Any]) -> tuple[Any, Any]:
         name: of the function.
         pointed_to: what each argument points to, memory that no other one does; None for a 64-bit number.
     """
-    from llvmlite import ir  # noqa: PLC0415
+    from llvmlite import ir
 
     types = [ir.IntType(64) if kind is None else kind.as_pointer() for kind in pointed_to]
     function = ir.Function(ir.Module(name), ir.FunctionType(ir.VoidType(), types), name)
@@ -99,7 +99,7 @@ def begin_function(name: str, pointed_to: Sequence[Any]) -> tuple[Any, Any]:
 
 def everywhere(b: Any, value: Any, lanes: int) -> Any:
     """Build a vector that has a value in each of its lanes."""
-    from llvmlite import ir  # noqa: PLC0415
+    from llvmlite import ir
 
     undefined = ir.Constant(ir.VectorType(value.type, lanes), ir.Undefined)
     first = ir.Constant(ir.VectorType(ir.IntType(32), lanes), [0] * lanes)

@@ -60,7 +60,7 @@ def _twin(values: NDArray[np.uint8]) -> list[int]:
 
 def _build() -> Any:
     """Return the function: bytes, number of markers found and where they are, number of groups to look into."""
-    from llvmlite import ir  # noqa: PLC0415
+    from llvmlite import ir
 
     i8, i32, i64 = ir.IntType(8), ir.IntType(32), ir.IntType(64)
     group_type = ir.VectorType(i8, _LANES)

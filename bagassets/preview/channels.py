@@ -1,6 +1,6 @@
 """Images and clouds of a recording as pictures need them: by time, and where the sensor was."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from bagassets.geometry.camera import CameraModel
 from bagassets.geometry.se3 import SE3, Floats
 from bagassets.geometry.trajectory import Trajectory
-from bagassets.nuscenes.lidar_file import read_lidar_file
 from bagassets.preview.lens import View
 from bagassets.store.artifact import Artifact
 
@@ -90,6 +89,7 @@ class Clouds:
         stamps_ns: (N,) increasing.
         files: names in the artifact.
         ego_SE3_lidar: extrinsics.
+        read: reads (N, >=3) points of a file, x, y and z in the lidar frame first, metres.
     """
 
     channel: str
@@ -97,9 +97,16 @@ class Clouds:
     stamps_ns: NDArray[np.int64]
     files: Sequence[str]
     ego_SE3_lidar: SE3
+    read: Callable[[Path], NDArray[np.float32]]
 
     @classmethod
-    def of(cls, channel: str, artifact: Artifact, extrinsics: Mapping[str, Any]) -> "Clouds":
+    def of(
+        cls,
+        channel: str,
+        artifact: Artifact,
+        extrinsics: Mapping[str, Any],
+        read: Callable[[Path], NDArray[np.float32]],
+    ) -> "Clouds":
         """Return the revolutions in an artifact, whose extrinsics are `ego_SE3_sensor` of `calibration.json`."""
         index = artifact.read_table("index.parquet", ["stamp_ns", "file"])
         return cls(
@@ -108,6 +115,7 @@ class Clouds:
             index.column("stamp_ns").to_numpy(),
             index.column("file").to_pylist(),
             SE3.create(extrinsics["rotation"], extrinsics["translation"]),
+            read,
         )
 
     def points_global(self, revolution: int, trajectory: Trajectory) -> Floats | None:
@@ -115,6 +123,6 @@ class Clouds:
         global_SE3_ego = trajectory.pose_at(int(self.stamps_ns[revolution]))
         if global_SE3_ego is None:
             return None
-        points = read_lidar_file(self.artifact.path(self.files[revolution]))
+        points = self.read(self.artifact.path(self.files[revolution]))
         points_lidar = np.asarray(points[:, :3], dtype=np.float64)
         return (global_SE3_ego @ self.ego_SE3_lidar).transform_points(points_lidar)

@@ -5,8 +5,8 @@ from typing import Any
 
 import cv2
 
-from bagassets.bags.inventory import Inventory
 from bagassets.preview.canvas import ACCENT, DIM, FAINT, TEXT, WARNING, Image, blank, text, text_width
+from bagassets.recordings.inventory import Inventory
 
 __all__ = ["timeline", "timeline_facts"]
 

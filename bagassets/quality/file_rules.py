@@ -1,9 +1,9 @@
 """Rules about files: those that tables name are in the store, whole, and no others are listed."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any
 
 from bagassets.errors import StoreError
-from bagassets.nuscenes.schema import Row
 from bagassets.quality.finding import Finding
 from bagassets.store.artifact import Artifact
 
@@ -11,7 +11,9 @@ __all__ = ["files_match"]
 
 
 def files_match(
-    sample_data: Sequence[Row], files: Sequence[Mapping[str, str]], artifact: Callable[[str], Artifact]
+    sample_data: Sequence[Mapping[str, Any]],
+    files: Sequence[Mapping[str, str]],
+    artifact: Callable[[str], Artifact],
 ) -> Finding:
     """Check the files of one recording's tables against the store.
 

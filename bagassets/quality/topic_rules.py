@@ -2,10 +2,10 @@
 
 from collections.abc import Mapping
 
-from bagassets.bags.inventory import Inventory, TopicRecord
 from bagassets.quality.finding import Finding, clock
 from bagassets.recipe.model import Rig
 from bagassets.recipe.model_checks import ChannelsCheck, StampsCheck, TopicLimits, TopicsCheck
+from bagassets.recordings.inventory import Inventory, TopicRecord
 
 __all__ = ["channels_present", "stamps_monotonic", "topic_rates", "watched_topics"]
 

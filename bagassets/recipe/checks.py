@@ -6,6 +6,7 @@ from typing import Any
 
 from bagassets.recipe.explain import Problem, closest
 from bagassets.recipe.model import CameraChannel, LidarChannel, Recipe, Rig
+from bagassets.recipe.model_base import DatasetSettings
 from bagassets.recipe.model_poses import FixedPose, NavSatSource, TfSource
 
 __all__ = ["problems_in"]
@@ -39,6 +40,7 @@ def _paths(recipe: Recipe, data: dict[str, Any]) -> Iterator[Problem]:
         (("store",), data.get("store")),
         (("nuscenes", "output"), data.get("nuscenes", {}).get("output")),
         (("vision", "output"), (data.get("vision") or {}).get("output")),
+        *((("formats", name, "output"), data["formats"][name].get("output")) for name in _sections(recipe)),
         *((("datasets", n, "output"), d.get("output")) for n, d in enumerate(data.get("datasets", []))),
         *((("bags", "message_definitions", n), p) for n, p in enumerate(bags.get("message_definitions", []))),
         *((("rigs", n, "urdf"), rig.get("urdf")) for n, rig in enumerate(data["rigs"])),
@@ -62,6 +64,11 @@ def _paths(recipe: Recipe, data: dict[str, Any]) -> Iterator[Problem]:
     yield from _outputs(recipe)
 
 
+def _sections(recipe: Recipe) -> dict[str, DatasetSettings]:
+    """Return the sections of formats of installed packages, as far as these can be used."""
+    return {name: one for name, one in recipe.formats.items() if isinstance(one, DatasetSettings)}
+
+
 def _outputs(recipe: Recipe) -> Iterator[Problem]:
     """Each dataset has a folder of its own; versions of nuScenes may share a dataroot, as they do in nuScenes."""
     nuscenes = recipe.nuscenes
@@ -74,6 +81,9 @@ def _outputs(recipe: Recipe) -> Iterator[Problem]:
     if recipe.vision is not None:
         wanted.append((("vision", "output"), recipe.vision.output, None))
     wanted += [
+        (("formats", name, "output"), section.output, None) for name, section in _sections(recipe).items()
+    ]
+    wanted += [
         (("datasets", number, "output"), dataset.output, dataset.version or nuscenes.version)
         for number, dataset in enumerate(recipe.datasets)
         if dataset.output is not None
@@ -83,7 +93,7 @@ def _outputs(recipe: Recipe) -> Iterator[Problem]:
             versions = output == folder and version is not None and other is not None and version != other
             if not versions and (output == folder or folder in output.parents or output in folder.parents):
                 yield at, f"{output} and the {owner} {folder} must not be the same nor lie in each other"
-        name = at[0] if isinstance(at[1], str) else recipe.datasets[at[1]].name
+        name = at[-2] if isinstance(at[-2], str) else recipe.datasets[at[-2]].name
         taken.append((f"output of {name}", output, version))
 
 

@@ -13,6 +13,7 @@ from pydantic import BaseModel
 from bagassets.recipe.model import Recipe
 from bagassets.recipe.model_base import FieldValueError
 from bagassets.recipe.schema import describe, enter, plain, tag_field, variants
+from bagassets.recipe.section_models import section_model
 
 __all__ = ["Problem", "closest", "explain"]
 
@@ -81,6 +82,8 @@ def _locate(location: tuple[str | int, ...]) -> tuple[tuple[str | int, ...], Any
         elif part != "[key]":
             annotation = enter(annotation, part)
             at.append(part)
+        if len(at) == 2 and at[0] == "formats":
+            annotation = section_model(str(at[1]))
     return tuple(at), annotation
 
 

@@ -5,19 +5,22 @@ no home folder, no current folder.
 """
 
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 
 from bagassets.errors import RecipeError
 from bagassets.recipe.checks import problems_in
 from bagassets.recipe.explain import Problem, explain
 from bagassets.recipe.model import Recipe
+from bagassets.recipe.model_base import DatasetSettings
+from bagassets.recipe.model_datasets import NamedDataset
+from bagassets.recipe.sections import read_sections
 from bagassets.recipe.yaml_text import Place, read_yaml
 
-__all__ = ["load_recipe", "parse_recipe", "where_in"]
+__all__ = ["load_recipe", "parse_recipe", "paths_written", "where_in"]
 
 
 def load_recipe(path: Path | str) -> Recipe:
@@ -54,6 +57,43 @@ def parse_recipe(text: str, path: Path) -> Recipe:
         RecipeError: as for `load_recipe`.
     """
     path = path.absolute()
+    recipe, data, places = _as_written(text, path)
+    recipe = _absolute(recipe, path.parent)
+    problems = list(problems_in(recipe, data))
+    if problems:
+        raise _wrong(problems, places, path)
+    return recipe
+
+
+def paths_written(path: Path) -> list[Path]:
+    """Return the paths that a recipe names, as it writes them below its folder: links on the way are not followed.
+
+    Raises:
+        RecipeError: as for `load_recipe`.
+        OSError: the recipe cannot be read.
+    """
+    recipe, _, _ = _as_written(path.read_text(encoding="utf-8"), path)
+    written = [*_paths_in(recipe), *(_output_of(dataset) for dataset in recipe.datasets)]
+    return [path.absolute().parent / one for one in written]
+
+
+def _paths_in(value: object) -> Iterator[Path]:
+    if isinstance(value, Path):
+        yield value
+    elif isinstance(value, BaseModel):
+        for _, inner in value:
+            yield from _paths_in(inner)
+    elif isinstance(value, tuple | list | dict):
+        for inner in value.values() if isinstance(value, dict) else value:
+            yield from _paths_in(inner)
+
+
+def _as_written(text: str, path: Path) -> tuple[Recipe, dict[str, Any], Place]:
+    """Return the recipe in `text` with its paths as they are, the data that it was made from, and where that stands.
+
+    Raises:
+        RecipeError: as for `load_recipe`.
+    """
     data, places = read_yaml(text, path)
     if not isinstance(data, dict):
         found = (
@@ -68,11 +108,10 @@ def parse_recipe(text: str, path: Path) -> Recipe:
         recipe = Recipe.model_validate_json(json.dumps(data), strict=True)
     except ValidationError as err:
         raise _wrong((explain(problem, data) for problem in _causes(err)), places, path) from None
-    recipe = _absolute(recipe, path.parent)
-    problems = list(problems_in(recipe, data))
+    sections, problems = read_sections(data)
     if problems:
         raise _wrong(problems, places, path)
-    return recipe
+    return recipe.model_copy(update={"formats": sections}), data, places
 
 
 def where_in(path: Path, at: tuple[str | int, ...]) -> str:
@@ -109,6 +148,10 @@ def field_name(location: tuple[str | int, ...]) -> str:
     return name or "recipe"
 
 
+def _output_of(dataset: NamedDataset) -> Path:
+    return dataset.output or Path("dataset") / dataset.name
+
+
 def _absolute(recipe: Recipe, folder: Path) -> Recipe:
     bags = recipe.bags.model_copy(
         update={
@@ -125,11 +168,22 @@ def _absolute(recipe: Recipe, folder: Path) -> Recipe:
     if vision is not None:
         vision = vision.model_copy(update={"output": (folder / vision.output).resolve()})
     datasets = tuple(
-        dataset.model_copy(
-            update={"output": (folder / (dataset.output or Path("dataset") / dataset.name)).resolve()}
-        )
+        dataset.model_copy(update={"output": (folder / _output_of(dataset)).resolve()})
         for dataset in recipe.datasets
     )
-    update = {"bags": bags, "rigs": rigs, "nuscenes": nuscenes, "vision": vision, "datasets": datasets}
+    formats = {
+        name: section.model_copy(update={"output": (folder / section.output).resolve()})
+        if isinstance(section, DatasetSettings)
+        else section
+        for name, section in recipe.formats.items()
+    }
+    update = {
+        "bags": bags,
+        "rigs": rigs,
+        "nuscenes": nuscenes,
+        "vision": vision,
+        "formats": formats,
+        "datasets": datasets,
+    }
     store = None if recipe.store is None else (folder / recipe.store).resolve()
     return recipe.model_copy(update=update | {"state": (folder / recipe.state).resolve(), "store": store})

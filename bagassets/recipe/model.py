@@ -1,7 +1,7 @@
 """What a recipe may say: the configuration of one dataset build, checked field by field.
 
 A step never sees a `Recipe`. It is handed a small parameter object made from the fields it
-reads (`bagassets.steps`), so that changing any other field cannot make it stale.
+reads (`bagassets.assets`), so that changing any other field cannot make it stale.
 
 Paths in a loaded recipe are absolute; relative ones are relative to the recipe's folder.
 """
@@ -16,6 +16,7 @@ from bagassets.recipe.model_annotations import AnnotationFiles, AnnotationTopic
 from bagassets.recipe.model_base import (
     ChannelName,
     Clock,
+    DatasetSettings,
     FieldValueError,
     FrameName,
     Model,
@@ -267,7 +268,7 @@ class AttributesByMotion(Model):
     )
 
 
-class NuScenes(Model):
+class NuScenes(DatasetSettings):
     """The nuScenes dataset that is written."""
 
     output: Path = Field(Path("dataset/nuscenes"), description="Dataroot.")
@@ -393,6 +394,11 @@ class Recipe(Model):
     splits: Splits = Field(Splits(), description="Which recordings belong to train, val and so on.")
     nuscenes: NuScenes = Field(NuScenes(), description="The nuScenes dataset.")
     vision: Vision | None = Field(None, description="The vision dataset; default: none is made.")
+    formats: dict[Slug, Any] = Field(
+        {},
+        description="Datasets in formats that installed packages add (docs/formats.md): the name of the format -> its "
+        "settings, of which all have an `output`.",
+    )
     datasets: tuple[NamedDataset, ...] = Field((), description="Further datasets of some of the scenes.")
     preview: Preview = Field(Preview(), description="Pictures for people.")
     limits: Limits = Field(Limits(), description="Accepted losses and sizes.")
@@ -424,6 +430,16 @@ class Recipe(Model):
     def clock_of(self, channel: Channel) -> Clock:
         """Return which time of a channel's messages counts."""
         return channel.clock or self.clock
+
+    @property
+    def dataset_settings(self) -> Mapping[str, DatasetSettings]:
+        """Name of a dataset format -> its section, of the datasets that are made; in order."""
+        sections: dict[str, DatasetSettings] = {"nuscenes": self.nuscenes}
+        sections |= {} if self.vision is None else {"vision": self.vision}
+        # A section whose package cannot be used is no such object.
+        return sections | {
+            name: section for name, section in self.formats.items() if isinstance(section, DatasetSettings)
+        }
 
     @property
     def store_path(self) -> Path:

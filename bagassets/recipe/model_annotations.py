@@ -72,8 +72,8 @@ class AnnotationTopic(_BoxRules):
     """Boxes published in the recording."""
 
     topic: TopicName = Field(
-        description="Topic of vision_msgs/Detection3DArray, visualization_msgs/Marker(Array), derived_object_msgs/ObjectArray, "
-        "jsk_recognition_msgs/BoundingBoxArray or Autoware's Detected/TrackedObjects."
+        description="Topic with 3-D boxes, such as vision_msgs/Detection3DArray or visualization_msgs/MarkerArray; "
+        "docs/decoders.md lists all types."
     )
 
 

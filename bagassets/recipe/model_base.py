@@ -1,6 +1,7 @@
 """What all parts of the recipe model share: strict models, names, and small geometry."""
 
 import re
+from pathlib import Path
 from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
@@ -8,6 +9,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validat
 __all__ = [
     "ChannelName",
     "Clock",
+    "DatasetSettings",
     "FieldValueError",
     "FrameName",
     "Model",
@@ -67,6 +69,12 @@ class Model(BaseModel):
     """Base of all recipe parts: immutable, and an unknown field is an error."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class DatasetSettings(Model):
+    """Base of the sections about datasets of one format."""
+
+    output: Path = Field(description="Folder of the dataset.")
 
 
 class Transform(Model):

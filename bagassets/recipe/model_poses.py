@@ -9,6 +9,7 @@ from bagassets.recipe.model_base import FrameName, Model, TopicName, Transform
 
 __all__ = [
     "FixedPose",
+    "MovingPoseSource",
     "NavSatSource",
     "NcomSource",
     "OdometrySource",
@@ -107,7 +108,5 @@ class FixedPose(Model):
     pose: Transform = Field(Transform(), description="global <- ego.")
 
 
-PoseSource = Annotated[
-    OdometrySource | PoseTopicSource | TfSource | NavSatSource | NcomSource | FixedPose,
-    Field(discriminator="source"),
-]
+MovingPoseSource = OdometrySource | PoseTopicSource | TfSource | NavSatSource | NcomSource
+PoseSource = Annotated[MovingPoseSource | FixedPose, Field(discriminator="source")]

@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field
 
-from bagassets.recipe.model_base import ChannelName, Model
+from bagassets.recipe.model_base import ChannelName, DatasetSettings
 
 __all__ = ["FramePair", "Vision"]
 
@@ -21,7 +21,7 @@ def _pair(text: str) -> str:
 FramePair = Annotated[str, AfterValidator(_pair)]
 
 
-class Vision(Model):
+class Vision(DatasetSettings):
     """The vision dataset: image sequences in plain folders, each with its trajectory."""
 
     output: Path = Field(Path("dataset/vision"), description="Folder of the dataset.")

@@ -60,10 +60,10 @@ _WAYS = """
 
 def map_shell() -> str:
     """Return the page with `WAYS_MARK` where its data and `FALLBACK_MARK` where what replaces the map belongs."""
-    import folium  # noqa: PLC0415  (half a second, paid once per store)
-    from branca.element import Element, MacroElement  # noqa: PLC0415  (comes with folium)
-    from folium.plugins import HeatMap  # noqa: PLC0415
-    from jinja2 import Template  # noqa: PLC0415  (comes with folium)
+    import folium
+    from branca.element import Element, MacroElement
+    from folium.plugins import HeatMap
+    from jinja2 import Template
 
     page = folium.Map(tiles=None, control_scale=True, location=(0.0, 0.0), zoom_start=2)
     page.default_js = [

@@ -16,7 +16,7 @@ from bagassets.sample.throughput import throughput_cameras, throughput_events
 from bagassets.sample.truth import Truth
 from bagassets.sample.world import World
 
-__all__ = ["PROFILES", "Profile", "Target", "drive_start_ns", "write_drive", "write_recordings"]
+__all__ = ["PROFILES", "Profile", "Target", "drive_start_ns", "write_recordings"]
 
 # The first drive begins on Sunday, 15 June 2025, 15:06:40 UTC; each next seed an hour later.
 FIRST_START_NS, HOUR_NS = 1_750_000_000_000_000_000, 3_600_000_000_000
@@ -60,30 +60,6 @@ def drive_start_ns(seed: int) -> int:
     return FIRST_START_NS + seed * HOUR_NS
 
 
-def write_drive(
-    path: Path,
-    format: RecordingFormat = "mcap",  # noqa: A002  (named as on the command line)
-    seed: int = 0,
-    profile: str = "small",
-    duration_s: float | None = None,
-    compression: Compression = "none",
-) -> Truth:
-    """Write one recording of a drive, and return what is true in it.
-
-    Args:
-        path: the file (or, for ros2, the folder) to make.
-        format: ros1, ros2 (a folder with a database) or mcap.
-        seed: another seed is another world, another speed and another hour.
-        profile: name in `PROFILES`.
-        duration_s: length; default: that of the profile.
-        compression: one that the format knows (`bagassets.sample.recorder.COMPRESSIONS`).
-
-    Raises:
-        RecordingError: something is at `path` already, or the format has no such compression.
-    """
-    return write_recordings([Target(path, format, compression)], seed, profile, duration_s)
-
-
 def write_recordings(
     targets: Iterable[Target],
     seed: int = 0,
@@ -91,17 +67,17 @@ def write_recordings(
     duration_s: float | None = None,
     progress: Callable[[float], None] = lambda _seconds: None,
 ) -> Truth:
-    """Write several recordings of one drive, which is rendered once; arguments as `write_drive`.
+    """Write recordings of one drive, which is rendered once, and return what is true in it.
 
     Args:
         targets: recordings to write.
-        seed: of the drive.
-        profile: of the drive.
-        duration_s: of the drive.
+        seed: another seed is another world, another speed and another hour.
+        profile: name in `PROFILES`.
+        duration_s: length; default: that of the profile.
         progress: called with the seconds of drive that are written.
 
     Raises:
-        RecordingError: see `write_drive`.
+        RecordingError: something is in the place of a recording already, or its format has no such compression.
     """
     kind = PROFILES[profile]
     make_cameras = throughput_cameras if kind.throughput else cameras

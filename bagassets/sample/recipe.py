@@ -1,7 +1,7 @@
 """The recipe of sample drives: what a person would write for the sample car."""
 
 from bagassets.escaping import yaml_scalar
-from bagassets.recipe.commented_yaml import Sheet
+from bagassets.propose.commented_yaml import Sheet
 from bagassets.sample.rig import Camera, cameras
 from bagassets.sample.throughput import throughput_cameras
 

@@ -16,11 +16,10 @@ from rosbags.rosbag2 import Writer as Rosbag2Writer
 from bagassets.errors import RecordingError
 from bagassets.sample.messages import Messages
 
-__all__ = ["COMPRESSIONS", "FORMATS", "Compression", "Recorder", "RecordingFormat", "open_recorder"]
+__all__ = ["COMPRESSIONS", "Compression", "Recorder", "RecordingFormat", "open_recorder"]
 
 RecordingFormat = Literal["ros1", "ros2", "mcap"]
 Compression = Literal["none", "lz4", "bz2", "zstd"]
-FORMATS: tuple[RecordingFormat, ...] = ("ros1", "ros2", "mcap")
 
 # What each format knows; ros2 is a folder with an sqlite3 database.
 COMPRESSIONS: dict[RecordingFormat, tuple[Compression, ...]] = {

@@ -3,10 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bagassets.geometry.se3 import SE3
-from bagassets.sample.render import CameraView
 from bagassets.sample.rig import EGO_SE3_LIDAR, EGO_SE3_RADAR, Camera
 from bagassets.sample.world import World
 
@@ -60,12 +58,3 @@ class Truth:
                 pose = SE3.create((np.cos(half), 0.0, 0.0, np.sin(half)), centres[0])
                 boxes.append(TruthBox(thing.track_id, thing.category, pose, thing.size_m))
         return boxes
-
-    def object_ids(self, channel: str, stamp_ns: int, *, undistorted: bool) -> NDArray[np.int32]:
-        """Return the object that each pixel (H, W) sees: a track id, 0 the ground, -1 the sky."""
-        camera = self.cameras[channel]
-        model = camera.model.undistorted() if undistorted else camera.model
-        view = CameraView(
-            self.world, Camera(channel, camera.name, camera.frame, camera.ego_SE3_cam, model, camera.encoding)
-        )
-        return view.hits(self.seconds(stamp_ns)).thing.reshape(model.height, model.width)

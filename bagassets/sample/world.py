@@ -106,7 +106,7 @@ class World:
     """The world of one seed."""
 
     def __init__(self, seed: int) -> None:
-        dice = random.Random(seed)  # noqa: S311  (a drawing of scenery, not a secret)
+        dice = random.Random(seed)
         self.ego = Ego(dice.uniform(6.5, 9.0), dice.uniform(-0.1, 0.1))
         self.things: Sequence[Thing] = tuple(self._draw(dice))
 

@@ -4,7 +4,6 @@ A lease is a file that its process holds locked: the system releases it when the
 ends. Its time says since when the process has been at work.
 """
 
-import fcntl
 import os
 import socket
 import time
@@ -14,7 +13,7 @@ from pathlib import Path
 from uuid import uuid4
 
 from bagassets.errors import StoreError
-from bagassets.lock_files import open_lock_file
+from bagassets.lock_files import LockFile, is_locked
 
 __all__ = ["in_use", "in_use_since_s"]
 
@@ -34,20 +33,19 @@ def in_use(root: Path) -> Iterator[None]:
     path = folder / f"{socket.gethostname()}-{os.getpid()}-{uuid4().hex}"
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        descriptor = open_lock_file(path, shared=True, flags=os.O_EXCL)
+        lease = LockFile.open(path, shared=True, new=True)
     except OSError as err:
         raise StoreError(f"{path}: the store cannot be written ({err.strerror}).") from err
     try:
         with suppress(OSError):
-            fcntl.flock(descriptor, fcntl.LOCK_EX)
+            lease.lock()
         # Whoever looked between these two steps took it for that of a dead process.
         with suppress(OSError):
             path.touch()
         yield
     finally:
         with suppress(OSError):
-            path.unlink()
-        os.close(descriptor)
+            lease.remove()
 
 
 def in_use_since_s(root: Path) -> float | None:
@@ -69,24 +67,9 @@ def in_use_since_s(root: Path) -> float | None:
 
 def _is_held(path: Path, begun_s: float) -> bool:
     try:
-        descriptor = _opened(path)
-    except PermissionError:
-        # Of another user who shares the store but not the group's files: nobody can tell.
-        return time.time() - begun_s < _UNLOCKED_S
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return True
+        return is_locked(path)
+    except FileNotFoundError:
+        raise
     except OSError:
+        # No locks here, or a user who shares the store but not the group's files: nobody can tell.
         return time.time() - begun_s < _UNLOCKED_S
-    finally:
-        os.close(descriptor)
-    return False
-
-
-def _opened(path: Path) -> int:
-    """Open the lease of whoever it is: for reading, where only its owner may write; that will do for a local lock."""
-    try:
-        return os.open(path, os.O_RDWR | os.O_CLOEXEC)
-    except PermissionError:
-        return os.open(path, os.O_RDONLY | os.O_CLOEXEC)

@@ -18,19 +18,20 @@ import re
 import shutil
 import socket
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 from uuid import uuid4
 
+from bagassets.atomic import create_atomically, write_atomically
 from bagassets.errors import BagAssetsError, StoreError
 from bagassets.store.action import Action
 from bagassets.store.artifact import MANIFEST, Artifact, ArtifactWriter
 from bagassets.store.underway import underway
 
-__all__ = ["Outcome", "Pending", "Store"]
+__all__ = ["Destination", "Outcome", "Pending", "Store"]
 
 # How a file system says that a folder of that name is there and holds something.
 _TAKEN = {errno.ENOTEMPTY, errno.EEXIST}
@@ -38,7 +39,6 @@ _ATTEMPTS = 5
 # Stands for the path of the recording in errors on record: actions go by content, whatever its name.
 _SUBJECT = "<recording>"
 # How it says that it has no hard links.
-_NO_HARD_LINK = {errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS, errno.EACCES, errno.EMLINK}
 
 
 @dataclass(frozen=True)
@@ -58,10 +58,26 @@ class Outcome:
     seconds: float
 
 
+class Destination(Protocol):
+    """Where what an action makes is written, put in place, and recorded: the store, or a scratch folder."""
+
+    def make_temporary_folder(self) -> Path:
+        """Make an empty folder."""
+        ...
+
+    def adopt(self, folder: Path, digest: str) -> Artifact:
+        """Put a finished folder in place."""
+        ...
+
+    def record(self, action: Action, artifact: Artifact, seconds: float) -> None:
+        """Record that an action produced an artifact."""
+        ...
+
+
 class Pending:
     """An action that runs now: write into `out`, then `commit`, or `discard`."""
 
-    def __init__(self, store: "Store", action: Action) -> None:
+    def __init__(self, store: Destination, action: Action) -> None:
         self.action = action
         self._store = store
         self._folder = store.make_temporary_folder()
@@ -306,8 +322,9 @@ class Store:
             error = re.sub(whole, _SUBJECT, error)
         path = self._failure_file(action.digest)
         content = {"action": action.as_json(), "error": error}
-        with suppress(OSError), _written(path, content) as temporary:
-            temporary.replace(path)
+        with suppress(OSError):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_atomically(path, _json(content))
 
     # --- places ----------------------------------------------------------------------
 
@@ -329,40 +346,13 @@ class Store:
             StoreError: it cannot be written.
         """
         try:
-            with _written(path, content) as temporary:
-                return _link(temporary, path)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            return create_atomically(path, _json(content))
         except OSError as err:
             raise StoreError(
                 f"{path}: cannot be written ({err.strerror}); free space or mend the folder."
             ) from err
 
 
-@contextmanager
-def _written(path: Path, content: dict[str, Any]) -> Iterator[Path]:
-    """Write JSON beside `path`, under a name that is gone afterwards."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{uuid4().hex}")
-    try:
-        temporary.write_text(json.dumps(content, sort_keys=True), "utf-8")
-        yield temporary
-    finally:
-        with suppress(OSError):
-            temporary.unlink()
-
-
-def _link(temporary: Path, path: Path) -> bool:
-    """Give a file a second name, unless that is taken; then return False."""
-    try:
-        os.link(temporary, path)
-    except FileExistsError:
-        return False
-    except OSError as err:
-        if err.errno not in _NO_HARD_LINK:
-            raise
-        # Not in one step, but a record that is torn is as good as none.
-        try:
-            with path.open("xb") as file:
-                file.write(temporary.read_bytes())
-        except FileExistsError:
-            return False
-    return True
+def _json(record: dict[str, Any]) -> bytes:
+    return json.dumps(record, sort_keys=True).encode()

@@ -1,12 +1,10 @@
 """Waiting for another process that makes the same, instead of making it a second time."""
 
-import fcntl
-import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from bagassets.lock_files import open_lock_file
+from bagassets.lock_files import LockFile
 
 __all__ = ["underway"]
 
@@ -21,16 +19,14 @@ def underway(root: Path, action_digest: str) -> Iterator[None]:
     system has no locks, or the folder cannot be written, two processes make the same artifact.
     """
     path = root / _FOLDER / f"{action_digest}.lock"
-    descriptor = -1
+    file: LockFile | None = None
     with suppress(OSError):
         path.parent.mkdir(parents=True, exist_ok=True)
-        descriptor = open_lock_file(path, shared=True)
-        fcntl.flock(descriptor, fcntl.LOCK_EX)
+        file = LockFile.open(path, shared=True)
+        file.lock()
     try:
         yield
     finally:
-        if descriptor >= 0:
-            # Who waits for it has it open; who comes now finds the artifact.
+        if file is not None:
             with suppress(OSError):
-                path.unlink()
-            os.close(descriptor)
+                file.remove()  # who waits for it has it open; who comes now finds the artifact

@@ -9,8 +9,8 @@ import socket
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from uuid import uuid4
 
+from bagassets.atomic import write_atomically
 from bagassets.errors import StoreError
 from bagassets.store.canonical import digest_json
 
@@ -57,11 +57,9 @@ def note_user(root: Path, recipe_file: Path) -> None:
     path = _file(root, User(recipe_file.absolute(), value["host"], root.absolute()))
     if path.exists():
         return
-    temporary = path.with_name(f".{path.name}.{uuid4().hex}")
     with suppress(OSError):
         path.parent.mkdir(parents=True, exist_ok=True)
-        temporary.write_text(json.dumps(value, sort_keys=True), "utf-8")
-        temporary.replace(path)
+        write_atomically(path, json.dumps(value, sort_keys=True).encode())
 
 
 def users_of(root: Path) -> list[User]:

@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
-from uuid import uuid4
 
 import numpy as np
 from google.protobuf.descriptor import FileDescriptor
@@ -20,6 +19,7 @@ from google.protobuf.message import Message
 from mcap.writer import CompressionType, Writer
 
 from bagassets import __version__
+from bagassets.atomic import replacing
 from bagassets.errors import DatasetError
 from bagassets.geometry.wgs84 import LocalFrame
 from bagassets.view import messages
@@ -43,10 +43,9 @@ def write_scene(scene: DatasetScene, output: Path, fixes: Sequence[Fix] = ()) ->
         DatasetError: a file of the scene is missing, or the output cannot be written.
     """
     counts: Counter[str] = Counter()
-    temporary = output.with_name(f".{output.name}.{uuid4().hex}")
     try:
         output.parent.mkdir(parents=True, exist_ok=True)
-        with temporary.open("wb") as stream:
+        with replacing(output) as temporary, temporary.open("wb") as stream:
             writer: Any = Writer(stream, compression=CompressionType.ZSTD)
             writer.start(profile="", library=f"bagassets {__version__}")
             channels: dict[str, int] = {}
@@ -57,14 +56,11 @@ def write_scene(scene: DatasetScene, output: Path, fixes: Sequence[Fix] = ()) ->
                 writer.add_message(channels[topic], log_time=stamp_ns, publish_time=stamp_ns, data=data)
                 counts[topic] += 1
             writer.finish()
-        temporary.replace(output)
     except OSError as err:
         raise DatasetError(
             f"{err.filename or output}: cannot be read or written ({err.strerror}); build the dataset again, or choose "
             "another --output."
         ) from err
-    finally:
-        temporary.unlink(missing_ok=True)
     return dict(sorted(counts.items()))
 
 

@@ -25,9 +25,9 @@ from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 from google.protobuf.timestamp_pb2 import Timestamp
 from numpy.typing import NDArray
 
+from bagassets.assets.lidar_file import COLUMNS, read_lidar_file
+from bagassets.assets.radar_file import FIELDS, read_radar_file
 from bagassets.geometry.se3 import SE3
-from bagassets.nuscenes.lidar_file import COLUMNS, read_lidar_file
-from bagassets.nuscenes.radar_file import FIELDS, read_radar_file
 from bagassets.view.scene import Reading
 
 __all__ = [

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from bagassets.errors import DatasetError
+from bagassets.formats.nuscenes.table_file import read_table
 from bagassets.geometry.se3 import SE3
-from bagassets.nuscenes.table_file import read_table
 
 __all__ = ["DatasetScene", "Reading", "load_scene", "scene_names"]
 

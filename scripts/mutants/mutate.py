@@ -27,11 +27,11 @@ PACKAGES = {
     "geometry": ("geometry/**/*.py",),
     "timeline": ("timeline/**/*.py",),
     "annotations": ("annotations/**/*.py",),
-    "nuscenes": ("nuscenes/**/*.py",),
-    "steps": ("steps/**/*.py",),
+    "formats": ("formats/**/*.py",),
+    "assets": ("assets/**/*.py",),
     "store": ("store/**/*.py",),
     "staleness": (
-        "engine/plan*.py", "engine/code_version.py", "engine/recording_build.py", "engine/derived.py", "quick/*.py",
+        "build/plan*.py", "build/code_version.py", "build/graph.py", "build/execute.py", "freshness/*.py",
     ),
 }  # fmt: skip
 
@@ -71,7 +71,7 @@ class Mutant:
     def package(self) -> str:
         """The row of the table."""
         inside = Path(self.path).parts[1]
-        return "staleness" if inside in {"engine", "quick"} else inside
+        return "staleness" if inside in {"build", "freshness"} else inside
 
 
 class _Finder(cst.CSTVisitor):

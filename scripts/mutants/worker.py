@@ -197,8 +197,8 @@ class _Chosen:
 
 
 def _run(job: dict[str, Any], scratch: Path) -> dict[str, Any]:
-    import pytest  # noqa: PLC0415
-    from hypothesis import settings  # noqa: PLC0415
+    import pytest
+    from hypothesis import settings
 
     settings.register_profile("mutants", derandomize=True, database=None, deadline=None)
     settings.load_profile("mutants")
@@ -228,7 +228,7 @@ def _run(job: dict[str, Any], scratch: Path) -> dict[str, Any]:
 
 
 def _begin_coverage(job: dict[str, Any], scratch: Path) -> Any:
-    import coverage  # noqa: PLC0415
+    import coverage
 
     config = scratch / "coveragerc"
     config.write_text(
@@ -247,7 +247,7 @@ def _begin_coverage(job: dict[str, Any], scratch: Path) -> Any:
 
 def _lines(scratch: Path, tree: Path) -> dict[str, dict[str, list[int]]]:
     """Return file -> context -> lines that ran."""
-    import coverage  # noqa: PLC0415
+    import coverage
 
     found: dict[str, dict[str, set[int]]] = {}
     for data in sorted((scratch / "cov").iterdir()):

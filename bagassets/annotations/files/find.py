@@ -1,14 +1,16 @@
 """Which label files belong to a recording, and what they hold."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
 from bagassets.annotations.files.label import LabelFile
 from bagassets.annotations.files.nuscenes_tables import TABLES
-from bagassets.bags.model import Found
+from bagassets.freshness.marks import signature
 from bagassets.recipe.model import Rig
 from bagassets.recipe.model_annotations import AnnotationFiles, FileTimes, NuScenesTables
+from bagassets.recordings.model import Found
 from bagassets.store.canonical import digest_bytes
 
 __all__ = ["TIMES", "LabelSet", "expand", "find_labels", "label_paths"]
@@ -55,12 +57,12 @@ class LabelSet:
         return inputs
 
 
-def find_labels(rig: Rig, found: Found) -> dict[str, LabelSet]:
+def find_labels(sources: Iterable[AnnotationFiles], found: Found) -> dict[str, LabelSet]:
     """Return source -> label files beside a recording, with their digests.
 
-    A file is hashed once per process, as long as its size, time and inode stay.
+    A file is hashed once per process, as long as its signature stays.
     """
-    return {entry.path: _find(entry, found) for entry in rig.annotation_files}
+    return {entry.path: _find(entry, found) for entry in sources}
 
 
 def label_paths(rig: Rig, found: Found) -> list[Path]:
@@ -119,10 +121,9 @@ def _files_at(place: Path, entry: AnnotationFiles) -> list[tuple[str, Path]]:
 
 
 def _file(name: str, path: Path) -> LabelFile:
-    stat = path.stat()
-    return LabelFile(name, path, _digest(path, stat.st_size, stat.st_mtime_ns, stat.st_ino))
+    return LabelFile(name, path, _digest(path, tuple(signature(path))))
 
 
 @lru_cache(maxsize=1 << 16)
-def _digest(path: Path, _size: int, _mtime_ns: int, _inode: int) -> str:
+def _digest(path: Path, _signature: tuple[int, ...]) -> str:
     return digest_bytes(path.read_bytes())

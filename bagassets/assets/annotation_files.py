@@ -1,0 +1,276 @@
+"""Boxes in files beside the recording: the part of the asset `annotations` that reads them."""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+from bagassets.annotations.collect import BoxCollector, Place
+from bagassets.annotations.files.box_files import read_json_boxes, read_parquet_boxes
+from bagassets.annotations.files.find import LabelSet
+from bagassets.annotations.files.kitti_labels import read_kitti_labels
+from bagassets.annotations.files.kitti_tracklets import read_kitti_tracklets
+from bagassets.annotations.files.label import Label, LabelFile, UnreadableLabelsError
+from bagassets.annotations.files.nuscenes_tables import TableSet, read_tables
+from bagassets.annotations.files.sustechpoints import read_sustechpoints
+from bagassets.annotations.files.times import FrameClock, NamedFrames, NumberedFrames, read_times
+from bagassets.annotations.frames import DATASET_FRAME
+from bagassets.assets.asset import Facts, by_digest, inlined, omitted
+from bagassets.assets.channel import Counts
+from bagassets.errors import ChangedWhileReadError, DecodeError, RecipeError, RecordingError
+from bagassets.recipe.model_annotations import (
+    AnnotationFiles,
+    BoxFiles,
+    FileTimes,
+    FrameTimes,
+    KittiLabels,
+    KittiTracklets,
+    NameTimes,
+    NuScenesTables,
+    SustechFolder,
+    TopicTimes,
+)
+from bagassets.recipe.model_base import Clock
+from bagassets.recordings.inventory import Inventory
+from bagassets.recordings.recording import Recording
+from bagassets.store.canonical import digest_bytes
+
+__all__ = ["Labels", "add_labels", "labels_of"]
+
+Reader = Callable[[bytes], Iterator[Label]]
+
+
+@dataclass(frozen=True)
+class Labels:
+    """An entry of the recipe's `annotation_files`, and the files that a recording has for it.
+
+    Attributes:
+        folder: they are in a folder of their own.
+        span_ns: first and last time of the recording's channels; None if nothing tells.
+        entry: what the recipe says of them.
+        found: the files.
+        logfile: log that rows of nuScenes tables must belong to.
+    """
+
+    folder: bool
+    span_ns: tuple[int, int] | None
+    entry: AnnotationFiles = inlined(without=("path", "missing"))
+    found: LabelSet = by_digest()
+    logfile: str | None = omitted()
+
+    @property
+    def frame(self) -> str | None:
+        """The frame that all boxes are in, if it is known without reading them."""
+        if self.entry.frame is None and isinstance(self.entry, NuScenesTables):
+            return DATASET_FRAME
+        return self.entry.frame
+
+    @property
+    def topics(self) -> tuple[str, ...]:
+        """The topics that tell their times."""
+        times = _times_of(self.entry)
+        return (times.topic,) if isinstance(times, TopicTimes) else ()
+
+
+def labels_of(
+    entries: Iterable[AnnotationFiles], topics: Iterable[str], clock: Clock, facts: Facts
+) -> tuple[dict[str, Labels], tuple[str, ...]]:
+    """Return path -> labels that a recording has, and the paths of those that it does not have.
+
+    Args:
+        entries: what the recipe says of label files.
+        topics: those of the recording's channels, whether or not it has them.
+        clock: which time of a message counts.
+        facts: of the recording.
+
+    Raises:
+        RecordingError: labels that the recipe insists on are not there.
+        RecipeError: the topic or file that tells times is not there.
+    """
+    entries = tuple(entries)
+    labels: dict[str, Labels] = {}
+    absent = []
+    span_ns = _span_ns(topics, facts.inventory, clock)
+    sets = facts.labels(entries)
+    for entry in entries:
+        found = sets[entry.path]
+        if found.files:
+            _require_times(entry, found, facts.inventory)
+            labels[entry.path] = Labels(found.is_folder, span_ns, entry, found, found.logfile)
+        elif entry.missing == "refuse":
+            raise RecordingError(
+                f"{found.place}: there are no labels of the format {entry.format}, on which the recipe insists "
+                "(`missing: refuse`); put them there, or correct rigs[].annotation_files[].path."
+            )
+        else:
+            absent.append(entry.path)
+    return labels, tuple(sorted(absent))
+
+
+def _times_of(entry: AnnotationFiles) -> FrameTimes | None:
+    """Return which time frames have; None if each box says its own."""
+    return None if isinstance(entry, BoxFiles | NuScenesTables) else entry.times
+
+
+def _require_times(entry: AnnotationFiles, found: LabelSet, inventory: Inventory) -> None:
+    times = _times_of(entry)
+    if isinstance(times, TopicTimes) and not inventory.has(times.topic):
+        raise RecipeError(
+            f"rigs[].annotation_files: the recording has no messages on {times.topic}, whose times the frames "
+            f"of {entry.path} have; correct `times`."
+        )
+    if isinstance(times, FileTimes) and found.times is None:
+        raise RecipeError(
+            f"rigs[].annotation_files: there is no file of times {times.path} for {found.place}; correct `times`."
+        )
+
+
+def _span_ns(topics: Iterable[str], inventory: Inventory, clock: Clock) -> tuple[int, int] | None:
+    """Return first and last time of messages in topics; None if no header tells."""
+    records = [inventory.topics[topic] for topic in topics if inventory.has(topic)]
+    if clock == "log":
+        spans = [(record.first_ns, record.last_ns) for record in records]
+    else:
+        spans = [(record.first_stamp_ns, record.last_stamp_ns) for record in records]
+    firsts = [first for first, _ in spans if first is not None]
+    lasts = [last for _, last in spans if last is not None]
+    return (min(firsts), max(lasts)) if firsts and lasts else None
+
+
+def add_labels(
+    sources: Mapping[str, Labels],
+    recording: Recording,
+    clock: Clock,
+    collector: BoxCollector,
+) -> dict[str, Any]:
+    """Hand the boxes of all label files to the collector; return counts of files and of entries that are no boxes.
+
+    Raises:
+        DecodeError: a file does not parse, or a box cannot be used, and the recipe refuses such.
+        ChangedWhileReadError: a file is not the one that was digested.
+    """
+    counts = {}
+    for source, labels in sorted(sources.items()):
+        frames = _frame_clock(labels, recording, clock)
+        files, ignored = Counts(), 0
+        first: dict[str, str] = {}
+        for file, read in _readers(labels):
+            files.read += 1
+            try:
+                content = list(read(_content(file)))
+            except UnreadableLabelsError as err:
+                if labels.entry.bad_files == "refuse":
+                    raise DecodeError(
+                        f"{file.path}{_line(err)}: the file {err}; mend it, or say `bad_files: count` in the recipe."
+                    ) from err
+                files.lose(str(err))
+                first.setdefault(str(err), f"{file.name}{_line(err)}")
+                continue
+            files.written += 1
+            ignored += sum(_add(label, file, frames, labels.entry, collector) for label in content)
+        counts[source] = {"files": {**files.as_json(), "first": first}, "ignored": ignored}
+    return counts
+
+
+def _content(file: LabelFile) -> bytes:
+    """Return what is in a file, which must be what the action is keyed by."""
+    try:
+        data = file.path.read_bytes()
+    except OSError as err:
+        raise ChangedWhileReadError(
+            f"{file.path}: the labels cannot be read ({err.strerror}); build again."
+        ) from err
+    if digest_bytes(data) != file.digest:
+        raise ChangedWhileReadError(f"{file.path}: the labels changed while they were read; build again.")
+    return data
+
+
+def _line(err: UnreadableLabelsError) -> str:
+    return f":{err.line}" if err.line else ""
+
+
+def _add(
+    label: Label,
+    file: LabelFile,
+    frames: FrameClock | None,
+    entry: AnnotationFiles,
+    collector: BoxCollector,
+) -> bool:
+    """Hand one label to the collector; return True if it is no box by intent."""
+    source = entry.path
+    place = Place(f"{file.name}:{label.line}", f"{file.path}:{label.line}")
+    if label.problem is not None:
+        collector.lose_undecoded(source, label.problem, place)
+        return False
+    if label.box is None:
+        return True
+    stamp_ns: int | None = label.box.stamp_ns
+    if frames is not None:
+        stamp_ns = frames.stamp_ns(file.name, label.frame_number)
+        if stamp_ns is None:
+            collector.lose_undecoded(source, "its frame has no time", place)
+            return False
+    stamp_ns = (stamp_ns or 0) + round(entry.offset_s * 1e9)
+    frame = label.box.frame_id or (DATASET_FRAME if isinstance(entry, NuScenesTables) else "")
+    collector.add(replace(label.box, stamp_ns=stamp_ns, frame_id=frame, source=source), place)
+    return False
+
+
+def _readers(labels: Labels) -> Iterator[tuple[LabelFile, Reader]]:
+    """Yield the files of a source in order, each with the function that reads it."""
+    files = labels.found.files
+    match labels.entry:
+        case NuScenesTables():
+            tables = TableSet(labels.logfile)
+            # The rows that others refer to come first.
+            for file in sorted(files, key=lambda file: (file.name == "sample_annotation.json", file.name)):
+                if file.name == "sample_annotation.json":
+                    yield file, partial(read_tables, tables)
+                else:
+                    yield file, partial(_take_table, tables, file.name)
+        case BoxFiles():
+            for file in files:
+                is_parquet = file.path.suffix.lower() == ".parquet"
+                yield file, read_parquet_boxes if is_parquet else read_json_boxes
+        case SustechFolder():
+            yield from ((file, read_sustechpoints) for file in files)
+        case KittiTracklets():
+            yield from ((file, read_kitti_tracklets) for file in files)
+        case KittiLabels():
+            reader = partial(read_kitti_labels, tracking=not labels.folder)
+            yield from ((file, reader) for file in files)
+
+
+def _take_table(tables: TableSet, name: str, data: bytes) -> Iterator[Label]:
+    tables.add(name, data)
+    return iter(())
+
+
+def _frame_clock(labels: Labels, recording: Recording, clock: Clock) -> FrameClock | None:
+    """Return what tells the times of frames; None if each box says its own.
+
+    Raises:
+        DecodeError: the file of times does not parse.
+    """
+    times, found = _times_of(labels.entry), labels.found
+    if times is None:
+        return None
+    if isinstance(times, NameTimes):
+        return NamedFrames(times.unit)
+    if isinstance(times, TopicTimes):
+        return NumberedFrames(_stamps_ns(recording, times.topic, clock), times.first)
+    if found.times is None:
+        raise DecodeError(f"{found.place}: its file of times is gone; build again.")
+    try:
+        stamps = read_times(_content(found.times))
+    except UnreadableLabelsError as err:
+        raise DecodeError(f"{found.times.path}{_line(err)}: {err}; mend the file of times.") from err
+    return NumberedFrames(stamps, times.first)
+
+
+def _stamps_ns(recording: Recording, topic: str, clock: Clock) -> list[int]:
+    stamps = []
+    for message in recording.messages([topic]):
+        header = None if clock == "log" else recording.topics[topic].header(message.data)
+        stamps.append(message.log_time_ns if header is None else header[0])
+    return stamps

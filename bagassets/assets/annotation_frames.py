@@ -1,0 +1,118 @@
+"""The frames of boxes: the part of the asset `annotations` that decides which transforms it reads."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from bagassets.annotations.frames import DATASET_FRAME, BoxFrames
+from bagassets.assets.asset import Facts
+from bagassets.assets.transform_logs import read_transforms
+from bagassets.geometry.se3 import SE3
+from bagassets.geometry.tf_tree import TfTree
+from bagassets.geometry.trajectory import Trajectory
+from bagassets.recipe.model_base import Clock, Vector3
+from bagassets.recordings.inventory import Inventory
+from bagassets.recordings.recording import Recording
+
+__all__ = ["BoxPlaces", "box_frames", "box_places", "frames_of_topic"]
+
+# The inventory keeps the first few frames of a topic only.
+_MOST_FRAMES = 5
+
+
+@dataclass(frozen=True)
+class Mount:
+    """`ego_SE3_frame` of a sensor's frame, as calibrated."""
+
+    translation: tuple[float, ...]
+    rotation: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class BoxPlaces:
+    """What places the boxes of a recording.
+
+    Attributes:
+        global_frame: name of the frame that poses are in.
+        origin_m: what `ego_poses` subtracted from coordinates recorded in it.
+        ego_frame: the frame whose poses they are.
+        ego_SE3_frame: frame of a sensor -> where it sits.
+        tf_static: topics with static transforms to read.
+        tf: topics with transforms to read.
+    """
+
+    global_frame: str
+    origin_m: Vector3
+    ego_frame: str
+    ego_SE3_frame: Mapping[str, Mount]
+    tf_static: tuple[str, ...]
+    tf: tuple[str, ...]
+
+
+def box_places(
+    facts: Facts,
+    frames: Iterable[str | None],
+    *,
+    ego_frame: str,
+    tf_static: Iterable[str],
+    tf: Iterable[str],
+) -> BoxPlaces:
+    """Return what places boxes.
+
+    Transforms are read only if boxes are, or may be, in a frame that poses and calibration do
+    not know: `/tf` changes with every pose.
+
+    Args:
+        facts: of the recording.
+        frames: those that boxes are in; None for one that only the boxes tell.
+        ego_frame: the frame whose poses there are.
+        tf_static: topics with static transforms, whether or not the recording has them.
+        tf: topics with transforms, likewise.
+    """
+    poses = facts.artifact("ego_poses").read_json("ego_poses.json")
+    mounts = {
+        entry["frame"]: Mount(
+            tuple(entry["ego_SE3_sensor"]["translation"]), tuple(entry["ego_SE3_sensor"]["rotation"])
+        )
+        for entry in facts.calibration["channels"].values()
+    }
+    known = {poses["global_frame"], DATASET_FRAME, ego_frame, *mounts}
+    needed = any(frame not in known for frame in frames)
+    return BoxPlaces(
+        poses["global_frame"],
+        _origin_m(poses["origin"]),
+        ego_frame,
+        mounts,
+        tuple(topic for topic in tf_static if needed and facts.inventory.has(topic)),
+        tuple(topic for topic in tf if needed and facts.inventory.has(topic)),
+    )
+
+
+def frames_of_topic(topic: str, frame: str | None, inventory: Inventory) -> tuple[str | None, ...]:
+    """Return the frames that the boxes in a topic are in: as the recipe says, else as its messages do."""
+    if frame is not None:
+        return (frame,)
+    recorded = inventory.topic(topic).frame_ids
+    # Items of a message may have frames of their own.
+    return recorded if recorded and len(recorded) < _MOST_FRAMES else (None,)
+
+
+def box_frames(places: BoxPlaces, clock: Clock, recording: Recording, trajectory: Trajectory) -> BoxFrames:
+    """Return the frames of boxes, with the transforms read."""
+    extrinsics = {
+        frame: SE3.create(mount.rotation, mount.translation) for frame, mount in places.ego_SE3_frame.items()
+    }
+    tree = None
+    if places.tf_static or places.tf:
+        tree = TfTree(
+            read_transforms(recording, places.tf_static, "tf_static", clock=clock),
+            read_transforms(recording, places.tf, "tf", clock=clock),
+        )
+    return BoxFrames(places.global_frame, places.ego_frame, extrinsics, trajectory, places.origin_m, tree)
+
+
+def _origin_m(origin: Mapping[str, Any] | None) -> Vector3:
+    """Return what `ego_poses` subtracted from the coordinates recorded in the global frame."""
+    if origin is None or origin["kind"] != "local":
+        return (0.0, 0.0, 0.0)
+    return (origin["x"], origin["y"], origin["z"])

@@ -1,0 +1,369 @@
+"""The asset `annotations`: boxes in topics and in files beside the recording become one global table.
+
+Files: `annotations.parquet` and `annotations.json`, which counts what became of messages, files and boxes.
+"""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+from bagassets.annotations.collect import UNKNOWN_FRAME, BoxCollector, Place, SourceRules
+from bagassets.annotations.frames import BoxFrames
+from bagassets.annotations.table import BoxTable
+from bagassets.assets.annotation_files import Labels, add_labels, labels_of
+from bagassets.assets.annotation_frames import BoxPlaces, box_frames, box_places, frames_of_topic
+from bagassets.assets.asset import Asset, Facts, Inputs, Summary, Use, inlined, omitted
+from bagassets.assets.calibration import CALIBRATION
+from bagassets.assets.channel import Counts
+from bagassets.assets.ego_poses import EGO_POSES
+from bagassets.assets.inventory import INVENTORY
+from bagassets.decode.boxes import BoxDecoder
+from bagassets.decode.loading import keyed_decoder
+from bagassets.decode.model import BoxReading
+from bagassets.decode.registry import advice, decoder_key, own_types
+from bagassets.errors import DecodeError, LossLimitError, RecipeError
+from bagassets.geometry.trajectory import Trajectory
+from bagassets.quality.box_rules import boxes_plausible
+from bagassets.quality.check import Evidence, RecordingCheck
+from bagassets.quality.finding import Finding
+from bagassets.recipe.model import Recipe, Rig
+from bagassets.recipe.model_annotations import AnnotationFiles, AnnotationTopic
+from bagassets.recipe.model_base import Clock
+from bagassets.recordings.model import RawMessage
+from bagassets.recordings.recording import Recording
+from bagassets.store.artifact import ArtifactWriter
+
+__all__ = ["ANNOTATIONS", "AnnotationParams", "AnnotationUse", "make_annotations", "use"]
+
+TABLE = "annotations.parquet"
+COUNTS = "annotations.json"
+
+
+@dataclass(frozen=True)
+class ReadingParams:
+    """What else the annotations may know of the recipe, if there is anything to annotate.
+
+    Attributes:
+        clock: which time of a message counts.
+        lost_messages: share of messages and boxes that may be lost to decoding.
+        ego_frame: the frame whose poses there are.
+        tf_static: topics with static transforms.
+        tf: topics with transforms.
+        channels: topics of the channels, whose time labels lie in; empty where there are no label files.
+    """
+
+    clock: Clock
+    lost_messages: float
+    ego_frame: str
+    tf_static: tuple[str, ...]
+    tf: tuple[str, ...]
+    channels: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class AnnotationParams:
+    """What the annotations may know of the recipe.
+
+    Attributes:
+        topics: topics of boxes, sorted by name.
+        files: files of boxes, sorted by path.
+        reading: what else counts; None without either.
+    """
+
+    topics: tuple[AnnotationTopic, ...]
+    files: tuple[AnnotationFiles, ...]
+    reading: ReadingParams | None
+
+    @classmethod
+    def of(cls, recipe: Recipe, rig: Rig) -> "AnnotationParams":
+        """Return those of a rig; what it says last of a topic or path holds."""
+        topics = {source.topic: source for source in rig.annotations}
+        files = {entry.path: entry for entry in rig.annotation_files}
+        if not topics and not files:
+            return cls((), (), None)
+        reading = ReadingParams(
+            recipe.clock,
+            recipe.limits.lost_messages,
+            rig.ego_frame,
+            rig.tf_static,
+            rig.tf,
+            tuple(sorted({channel.topic for channel in rig.channels.values()})) if files else (),
+        )
+        return cls(
+            tuple(topics[name] for name in sorted(topics)),
+            tuple(files[path] for path in sorted(files)),
+            reading,
+        )
+
+
+@dataclass(frozen=True)
+class BoxTopic:
+    """A topic of boxes that a recording has.
+
+    Attributes:
+        rules: what the recipe says of it.
+        decoder: the plug-in that decodes its messages, if one does.
+    """
+
+    rules: AnnotationTopic = inlined(without=("topic",))
+    decoder: Mapping[str, str] | None = omitted()
+
+
+@dataclass(frozen=True)
+class BoxSources:
+    """The boxes that there are of a recording.
+
+    Attributes:
+        clock: which time of a message counts.
+        lost_messages: share of messages and boxes that may be lost to decoding.
+        sources: topic -> how its boxes are read.
+        files: path in the recipe -> how the boxes of its files are read.
+        places: what places them.
+    """
+
+    clock: Clock
+    lost_messages: float
+    sources: Mapping[str, BoxTopic]
+    files: Mapping[str, Labels]
+    places: BoxPlaces = inlined()
+
+
+@dataclass(frozen=True)
+class AnnotationUse:
+    """What shapes the annotations of a recording.
+
+    Attributes:
+        absent: topics and paths of the recipe that the recording lacks.
+        boxes: what it has; None for none at all.
+    """
+
+    absent: tuple[str, ...]
+    boxes: BoxSources | None = inlined()
+
+
+def use(params: AnnotationParams, facts: Facts) -> dict[str, Use[AnnotationUse]]:
+    """Return what the annotations of a recording depend on.
+
+    Without a topic or file of boxes they read nothing at all, and no change of poses makes them stale.
+
+    Raises:
+        PluginError: several decoder plug-ins claim the type of a topic.
+        RecordingError: label files that the recipe insists on are not there.
+        RecipeError: what tells the times of labelled frames is not there.
+    """
+    reading, inventory = params.reading, facts.inventory
+    if reading is None:
+        return {"": Use(AnnotationUse((), None))}
+    topics = {source.topic: source for source in params.topics if inventory.has(source.topic)}
+    absent = [source.topic for source in params.topics if source.topic not in topics]
+    labels, without = labels_of(params.files, reading.channels, reading.clock, facts)
+    if not topics and not labels:
+        return {"": Use(AnnotationUse((*absent, *without), None))}
+    frames = [entry.frame for entry in labels.values()]
+    for name, source in topics.items():
+        frames += frames_of_topic(name, source.frame, inventory)
+    places = box_places(
+        facts, frames, ego_frame=reading.ego_frame, tf_static=reading.tf_static, tf=reading.tf
+    )
+    sources = {name: _box_topic(source, inventory.topic(name).msgtype) for name, source in topics.items()}
+    boxes = BoxSources(reading.clock, reading.lost_messages, sources, labels, places)
+    read = {
+        *topics,
+        *places.tf_static,
+        *places.tf,
+        *(topic for entry in labels.values() for topic in entry.topics),
+    }
+    inputs = {"ego_poses": facts.artifact("ego_poses").digest}
+    for entry in labels.values():
+        inputs |= entry.found.inputs
+    return {"": Use(AnnotationUse((*absent, *without), boxes), tuple(sorted(read)), inputs)}
+
+
+def _box_topic(source: AnnotationTopic, msgtype: str) -> BoxTopic:
+    return BoxTopic(source, decoder_key("boxes", msgtype))
+
+
+def make_annotations(
+    use: AnnotationUse, recording: Recording, out: ArtifactWriter, *, trajectory: Trajectory
+) -> Summary:
+    """Write `annotations.parquet` and `annotations.json`; return the summary.
+
+    Args:
+        use: what the recording has.
+        recording: offers the topics of boxes.
+        out: the artifact.
+        trajectory: `global_SE3_ego`, the content of `ego_poses`.
+
+    Raises:
+        RecipeError: a topic carries no boxes.
+        DecodeError: a box or label file cannot be used and the recipe refuses such.
+        LossLimitError: more messages or boxes were lost to decoding than the recipe allows.
+    """
+    boxes = use.boxes
+    if boxes is None:
+        nothing = BoxCollector(BoxFrames("", "", {}, trajectory), {})
+        return _write(nothing.finish(), {}, use.absent, out)
+    sources, files, clock = boxes.sources, boxes.files, boxes.clock
+    decoders = {topic: _decoder(topic, source, recording) for topic, source in sources.items()}
+    rules = {topic: _rules(source.rules) for topic, source in sources.items()}
+    rules |= {path: _rules_of_labels(entry) for path, entry in files.items()}
+    collector = BoxCollector(box_frames(boxes.places, clock, recording, trajectory), rules)
+    messages = {topic: Counts() for topic in sources}
+    ignored = dict.fromkeys(sources, 0)
+    for message in recording.messages(sorted(sources)) if sources else ():
+        counts = messages[message.topic]
+        counts.read += 1
+        try:
+            decoded = recording.decode(message)
+            items = list(decoders[message.topic].items(decoded))
+        except DecodeError as err:
+            counts.lose(str(err))
+            continue
+        counts.written += 1
+        decode = partial(decoders[message.topic].decode, decoded)
+        ignored[message.topic] += _add_boxes(collector, decode, message, items, clock, counts.read)
+    for topic, counts in messages.items():
+        _check_limits(topic, counts, collector, boxes.lost_messages)
+    labelled = add_labels(files, recording, clock, collector)
+    for source in files:
+        _check_frames(source, collector, boxes.lost_messages)
+    table = collector.finish()
+    counted = {
+        topic: {
+            "messages": messages[topic].as_json(),
+            "boxes": collector.counts[topic].as_json(),
+            "ignored": ignored[topic],
+        }
+        for topic in sources
+    }
+    counted |= {
+        path: {**counts, "boxes": collector.counts[path].as_json()} for path, counts in labelled.items()
+    }
+    return _write(table, counted, use.absent, out)
+
+
+def _write(table: BoxTable, counts: Mapping[str, Any], absent: Iterable[str], out: ArtifactWriter) -> Summary:
+    out.write_table(TABLE, table.to_arrow())
+    summary = {
+        "counts": dict(counts),
+        "absent": list(absent),
+        "boxes": len(table),
+        "tracks": table.track_count,
+        "without_track": table.without_track,
+        "categories": sorted(set(table.categories)),
+    }
+    out.write_json(COUNTS, summary)
+    return summary
+
+
+def _decoder(topic: str, source: BoxTopic, recording: Recording) -> BoxDecoder:
+    msgtype = recording.topics[topic].msgtype
+    decoder: BoxDecoder | None = keyed_decoder("boxes", msgtype, source.decoder)
+    if decoder is None:
+        raise RecipeError(
+            f"rigs[].annotations: topic {topic} has type {msgtype}, which carries no boxes that are known here; "
+            f"expected one of {', '.join(sorted(own_types('boxes')))}; {advice('boxes', msgtype)}"
+        )
+    return decoder
+
+
+def _rules(source: AnnotationTopic | AnnotationFiles) -> SourceRules:
+    return SourceRules(
+        frame=source.frame,
+        categories=source.categories,
+        attributes=source.attributes,
+        attribute_names=source.attribute_names,
+        refuse=source.bad_boxes == "refuse",
+        unmapped=source.unmapped,
+        outside="keep",
+    )
+
+
+def _rules_of_labels(labels: Labels) -> SourceRules:
+    return replace(_rules(labels.entry), outside=labels.entry.outside, span_ns=labels.span_ns)
+
+
+def _add_boxes(
+    collector: BoxCollector,
+    decode: Callable[[Any], BoxReading | None],
+    message: RawMessage,
+    items: Iterable[Any],
+    clock: Clock,
+    number: int,
+) -> int:
+    """Hand the boxes of a topic's message to the collector; return the number of items that are no boxes."""
+    ignored = 0
+    label = f"message logged at {message.log_time_ns}"
+    place = Place(label, f"{message.topic}, {label}")
+    for item in items:
+        try:
+            box = decode(item)
+        except DecodeError as err:
+            collector.lose_undecoded(message.topic, str(err), place)
+            continue
+        if box is None:
+            ignored += 1
+            continue
+        stamp_ns = message.log_time_ns if clock == "log" else box.stamp_ns
+        collector.add(replace(box, stamp_ns=stamp_ns, source=message.topic), place, number)
+    return ignored
+
+
+def _check_limits(topic: str, messages: Counts, collector: BoxCollector, limit: float) -> None:
+    lost = sum(messages.lost.values())
+    if lost > limit * messages.read:
+        reason = max(messages.lost, key=lambda name: messages.lost[name])
+        raise LossLimitError(
+            f"{topic}: {lost} of {messages.read} messages with boxes cannot be decoded, most often because {reason}; "
+            f"limits.lost_messages accepts a share of {limit:g}."
+        )
+    _check_frames(topic, collector, limit)
+
+
+def _check_frames(source: str, collector: BoxCollector, limit: float) -> None:
+    boxes = collector.counts[source]
+    astray = boxes.lost.get(UNKNOWN_FRAME, 0)
+    if astray > limit * boxes.read:
+        frames = " and ".join(sorted(collector.unknown_frames[source])) or "(none)"
+        raise LossLimitError(
+            f"{source}: {astray} of {boxes.read} boxes are given in frame {frames}, but known are "
+            f"{collector.frames.known()}; name the frame of the boxes in `frame` of this source, "
+            "or choose an ego_pose source with that global frame."
+        )
+
+
+def _make(use: Use[AnnotationUse], inputs: Inputs, out: ArtifactWriter) -> Summary:
+    with inputs.messages(use.topics) as recording:
+        return make_annotations(use.params, recording, out, trajectory=inputs.trajectory)
+
+
+def _boxes_plausible(evidence: Evidence) -> Finding:
+    artifact = evidence.artifact("annotations")
+    boxes = BoxTable.from_arrow(artifact.read_table(TABLE))
+    return boxes_plausible(artifact.read_json(COUNTS)["counts"], boxes, evidence.checks.boxes_plausible)
+
+
+ANNOTATIONS = Asset(
+    name="annotations",
+    version=3,
+    libraries=("pyarrow",),
+    title="3-D boxes with track ids, in the frame of the ego poses.",
+    description="From topics of the recording or files beside it: `annotations.parquet`.",
+    kinds=frozenset({"parquet"}),
+    reads=(INVENTORY, CALIBRATION, EGO_POSES),
+    families=("boxes",),
+    params=AnnotationParams.of,
+    use=use,
+    make=_make,
+    checks=(
+        RecordingCheck(
+            "boxes_plausible",
+            "boxes_plausible",
+            "Few boxes were lost, tracks do not jump, sizes are those of things on roads.",
+            "more than `max_lost` of a source's boxes were lost; a track moves faster than `max_speed_mps` (beyond "
+            "`noise_m`: two objects may share its id); a box is smaller than `min_size_m` or larger than `max_size_m`",
+            _boxes_plausible,
+        ),
+    ),
+)

@@ -1,0 +1,322 @@
+"""What an asset of a recording is: one object, at the end of the module that has all that is known of it.
+
+A recipe reaches an asset through one door: `Asset.params` takes from it what the asset may know, a frozen
+dataclass in normal form. Its digest over all rigs is Dagster's code version (`bagassets.build.code_version`).
+`Asset.use` narrows it to one recording: the topics, upstream artifacts, single facts of upstream and files that an
+action reads, from which the action's digest is taken. `Asset.make` is handed just that. So a code version
+differs whenever an action does; it may also differ when no action does, as for a rig that made none of the
+recordings.
+"""
+
+from collections.abc import Callable, Collection, Iterable, Mapping
+from concurrent.futures import Executor
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, field, fields, is_dataclass
+from pathlib import Path, PurePath
+from typing import Any, Generic, Protocol, TypeVar
+
+from pydantic import BaseModel
+
+from bagassets.annotations.files.find import LabelSet
+from bagassets.assets.channel import ChannelExtractor
+from bagassets.errors import BagAssetsError
+from bagassets.geometry.trajectory import Trajectory
+from bagassets.plugins import Family
+from bagassets.quality.check import RecordingCheck
+from bagassets.recipe.model import Recipe, Rig
+from bagassets.recipe.model_annotations import AnnotationFiles
+from bagassets.recordings.inventory import Inventory
+from bagassets.recordings.model import Format
+from bagassets.recordings.recording import Recording
+from bagassets.store.action import Action, Step
+from bagassets.store.artifact import Artifact, ArtifactWriter
+
+__all__ = [
+    "Asset",
+    "Facts",
+    "Inputs",
+    "Summary",
+    "Use",
+    "as_json",
+    "by_digest",
+    "inlined",
+    "omitted",
+    "uses_of",
+]
+
+C = TypeVar("C")
+P = TypeVar("P")
+U = TypeVar("U")
+U_co = TypeVar("U_co", covariant=True)
+
+Summary = dict[str, Any]
+"""Counts and other small facts that an artifact's manifest keeps, as JSON."""
+
+# Metadata of the fields of parameters.
+_OMITTED, _INLINED, _WITHOUT, _BY_DIGEST = "omitted", "inlined", "without", "by digest"
+
+
+def omitted(default: Any = None) -> Any:
+    """Return a dataclass field that is left out of JSON while it holds its default.
+
+    For what came later than the actions that are on record, and for what only some recordings have: the digests
+    of all others stay what they were.
+    """
+    return field(default=default, metadata={_OMITTED: True})
+
+
+def inlined(*, without: Collection[str] = ()) -> Any:
+    """Return a dataclass field whose value is an object, and whose entries stand beside the other fields in JSON.
+
+    Fields that follow replace entries of the same name. The value may be None, which has no entries.
+
+    Args:
+        without: entries that are left out.
+    """
+    return field(metadata={_INLINED: True, _WITHOUT: frozenset(without)})
+
+
+def by_digest() -> Any:
+    """Return a dataclass field that has no place in JSON, as the digest of its value is among `Use.inputs`.
+
+    For the content of files beside the recipe or the recording, or for where they are.
+    """
+    return field(metadata={_BY_DIGEST: True})
+
+
+def as_json(value: Any) -> Any:
+    """Return parameters as JSON: dataclasses and recipe models as objects, paths and sets as text and sorted lists.
+
+    Raises:
+        TypeError: a value has no such form.
+    """
+    if value is None or isinstance(value, str | bool | int | float):
+        return value
+    if is_dataclass(value) and not isinstance(value, type):
+        return _object(value)
+    if isinstance(value, BaseModel):
+        return value.model_dump(mode="json")
+    if isinstance(value, Mapping):
+        return {str(key): as_json(item) for key, item in value.items()}
+    if isinstance(value, set | frozenset):
+        return sorted(as_json(item) for item in value)
+    if isinstance(value, PurePath):
+        return value.as_posix()
+    if isinstance(value, Iterable):
+        return [as_json(item) for item in value]
+    raise TypeError(f"{type(value).__name__} is no parameter")
+
+
+def _object(value: Any) -> dict[str, Any]:
+    entries: dict[str, Any] = {}
+    for own in fields(value):
+        item = getattr(value, own.name)
+        if own.metadata.get(_BY_DIGEST):
+            continue
+        if own.metadata.get(_INLINED):
+            inner = {} if item is None else as_json(item)
+            entries |= {name: value for name, value in inner.items() if name not in own.metadata[_WITHOUT]}
+        elif not (own.metadata.get(_OMITTED) and item == own.default):
+            entries[own.name] = as_json(item)
+    return entries
+
+
+@dataclass(frozen=True)
+class Use(Generic[U_co]):
+    """Everything that one action reads, known before it runs; its digest is taken of exactly this.
+
+    Attributes:
+        params: what of the recipe and which single facts of upstream shape the result.
+        topics: topics of the recording that are read; their content digests enter.
+        inputs: other inputs, name -> content digest.
+    """
+
+    params: U_co
+    topics: tuple[str, ...] = ()
+    inputs: Mapping[str, str] = field(default_factory=dict)
+
+
+def uses_of(
+    channels: Mapping[str, C], use_of: Callable[[str, C], Use[U]]
+) -> dict[str, Use[U] | BagAssetsError]:
+    """Return channel -> what its action reads, or why it cannot be made, which costs that channel alone.
+
+    Args:
+        channels: channel -> what the recipe asks of it.
+        use_of: says of one channel what its action reads.
+    """
+    uses: dict[str, Use[U] | BagAssetsError] = {}
+    for name, settings in channels.items():
+        try:
+            uses[name] = use_of(name, settings)
+        except BagAssetsError as err:
+            uses[name] = err
+    return uses
+
+
+class Facts(Protocol):
+    """What is known of a recording before an action of it runs: facts from upstream, and files beside it.
+
+    To look at them opens no recording. What is asked for must be among what the asset reads.
+    """
+
+    @property
+    def key(self) -> str:
+        """Partition key."""
+        ...
+
+    @property
+    def format(self) -> Format:
+        """What the recording is read as."""
+        ...
+
+    @property
+    def digest(self) -> str:
+        """Digest of its content, the data version of `bag`."""
+        ...
+
+    @property
+    def inventory(self) -> Inventory:
+        """What is in it."""
+        ...
+
+    @property
+    def calibration(self) -> Mapping[str, Any]:
+        """Content of `calibration.json`."""
+        ...
+
+    def artifact(self, asset: str) -> Artifact:
+        """Return the artifact of an asset upstream.
+
+        Raises:
+            StoreError: it is not made yet.
+        """
+        ...
+
+    def channels(self, asset: str) -> Mapping[str, Artifact]:
+        """Return channel -> artifact of an asset upstream that consists of channels."""
+        ...
+
+    def labels(self, sources: Iterable[AnnotationFiles]) -> Mapping[str, LabelSet]:
+        """Return source -> label files that lie beside the recording."""
+        ...
+
+    def definitions(self, folders: Iterable[Path]) -> Mapping[str, str]:
+        """Return name below its folder -> digest, of the files of message definitions in `folders`."""
+        ...
+
+    def file(self, path: Path) -> bytes:
+        """Return the content of a file that the recipe names.
+
+        Raises:
+            OSError: it cannot be read.
+        """
+        ...
+
+
+class Inputs(Facts, Protocol):
+    """What an action is handed when it runs."""
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """`global_SE3_ego`, the content of `ego_poses`."""
+        ...
+
+    @property
+    def size(self) -> int:
+        """Bytes of the recording's files."""
+        ...
+
+    def whole(self) -> AbstractContextManager[Recording]:
+        """Open the recording itself, all of it."""
+        ...
+
+    def messages(self, topics: tuple[str, ...]) -> AbstractContextManager[Recording]:
+        """Open `topics` of the recording, where they are cheapest to read; no others can be read."""
+        ...
+
+
+def _always(_: Recipe) -> bool:
+    return True
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Asset(Generic[P, U]):
+    """An asset that every recording has, one artifact each.
+
+    Attributes:
+        name: name of the asset, and of the step of its actions; stable for ever.
+        version: raised whenever the bytes of its artifacts change; a golden test guards it.
+        libraries: distributions whose version shapes the bytes.
+        title: what it is, in a line.
+        description: what it holds and its files, for the web UI; the title stands before it.
+        kinds: what the web UI marks it with.
+        reads: the assets upstream.
+        waits_for: under these parameters, the names of those of `reads` that it needs; default: all.
+        families: what decoder plug-ins may decode for it.
+        enabled: whether recordings have it under a recipe.
+        optional: no dataset but its own depends on it; what fails in it leaves the recording in the others.
+        distribution: name and version of the package that it came from; "" for those of bagassets.
+        params: everything of a recipe and a rig of it that the asset may know.
+        use: what its action reads of one recording, or the error that it fails with. An asset of channels has one
+            action per channel that the recording has; the one action of any other is filed under "".
+        make: writes the artifact of an action and returns its summary.
+        extract: for an asset of channels: turns the messages of a channel into its files. Channels are filled
+            together, in one pass over the recording; each is handed its own topics of it.
+        checks: what its artifacts are held against, and others that come of them.
+        along: what is made beside it when it is made, since others will ask for it; no asset that people see.
+    """
+
+    name: str
+    version: int
+    title: str
+    kinds: frozenset[str]
+    params: Callable[[Recipe, Rig], P]
+    use: Callable[[P, Facts], Mapping[str, Use[U] | BagAssetsError]]
+    make: "Callable[[Use[U], Inputs, ArtifactWriter], Summary] | None" = None
+    extract: "Callable[[Use[U], Inputs, Recording, ArtifactWriter, Executor | None], ChannelExtractor] | None" = None
+    description: str = ""
+    reads: "tuple[Asset[Any, Any], ...]" = ()
+    waits_for: Callable[[P], frozenset[str]] | None = None
+    libraries: tuple[str, ...] = ()
+    families: tuple[Family, ...] = ()
+    enabled: Callable[[Recipe], bool] = _always
+    optional: bool = False
+    checks: tuple[RecordingCheck, ...] = ()
+    distribution: str = ""
+    along: "tuple[Asset[Any, Any], ...]" = ()
+
+    @property
+    def step(self) -> Step:
+        """The step of its actions."""
+        return Step(self.name, self.version, self.libraries)
+
+    @property
+    def about(self) -> str:
+        """What it is and holds, for people."""
+        return f"{self.title}\n\n{self.description}" if self.description else self.title
+
+    def needs(self, params: P) -> frozenset[str]:
+        """Return the names of the assets that must be made before it, under these parameters."""
+        return (
+            frozenset(asset.name for asset in self.reads)
+            if self.waits_for is None
+            else self.waits_for(params)
+        )
+
+    def run(self, use: Use[U], inputs: Inputs, out: ArtifactWriter) -> Summary:
+        """Write the artifact of its one action."""
+        if self.make is None:
+            raise TypeError(f"{self.name} consists of channels")
+        return self.make(use, inputs, out)
+
+    def action(self, use: Use[U], inventory: Inventory | None) -> Action:
+        """Return the action that reads what `use` says of a recording.
+
+        Args:
+            use: from `Asset.use`.
+            inventory: has the digests of the recording's topics; None if it reads no topic.
+        """
+        topics = {} if inventory is None else inventory.digests(use.topics)
+        inputs = {f"topic:{name}": digest for name, digest in topics.items()}
+        return self.step.action(as_json(use.params), {**inputs, **use.inputs})

@@ -1,0 +1,223 @@
+"""The asset `calibration`: where each sensor sits on the vehicle, and how its camera projects.
+
+Extrinsics come from the recipe, else from `/tf_static`, the URDF and the fixed joints of
+`/tf`, in this order of trust (see `bagassets.assets.rig_frames`). Sources that contradict each
+other are noted; the most trusted one is used. File: `calibration.json`.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from bagassets.assets.asset import Asset, Facts, Inputs, Summary, Use, by_digest
+from bagassets.assets.intrinsics import camera_intrinsics, rounded
+from bagassets.assets.inventory import INVENTORY
+from bagassets.assets.rig_frames import RigFrames
+from bagassets.assets.sensors import RecordedSensor, Sensor
+from bagassets.errors import CalibrationError
+from bagassets.geometry.se3 import SE3
+from bagassets.geometry.urdf import urdf_edges
+from bagassets.quality.calibration_rules import calibration_plausible
+from bagassets.quality.check import RecordingCheck
+from bagassets.recipe.model import Recipe, Rig
+from bagassets.recordings.inventory import Inventory
+from bagassets.recordings.recording import Recording
+from bagassets.store.artifact import ArtifactWriter
+from bagassets.store.canonical import digest_bytes
+
+__all__ = ["CALIBRATION", "CalibrationParams", "CalibrationUse", "make_calibration", "use"]
+
+
+@dataclass(frozen=True)
+class CalibrationParams:
+    """What calibration may know of the recipe.
+
+    Attributes:
+        ego_frame: the frame that sensors are placed in.
+        channels: canonical channel -> its sensor.
+        tf_static: topics with static transforms; like `tf` and `urdf` only if a sensor is not placed by hand.
+        tf: topics with transforms, some of which may be fixed joints.
+        urdf: URDF file.
+    """
+
+    ego_frame: str
+    channels: Mapping[str, Sensor]
+    tf_static: tuple[str, ...]
+    tf: tuple[str, ...]
+    urdf: Path | None
+
+    @classmethod
+    def of(cls, _: Recipe, rig: Rig) -> "CalibrationParams":
+        """Return those of a rig."""
+        channels = {name: Sensor.of(channel) for name, channel in sorted(rig.channels.items())}
+        if _placed_by_hand(channels.values()):
+            return cls(rig.ego_frame, channels, (), (), None)
+        return cls(rig.ego_frame, channels, rig.tf_static, rig.tf, rig.urdf)
+
+
+@dataclass(frozen=True)
+class CalibrationUse:
+    """What shapes the calibration of a recording: of `CalibrationParams` what the recording has.
+
+    Attributes:
+        ego_frame: the frame that sensors are placed in.
+        channels: channel -> its sensor, of those with messages.
+        tf_static: topics with static transforms.
+        tf: topics with transforms.
+        urdf: content of the URDF file.
+    """
+
+    ego_frame: str
+    channels: Mapping[str, RecordedSensor]
+    tf_static: tuple[str, ...]
+    tf: tuple[str, ...]
+    urdf: bytes | None = by_digest()
+
+
+def use(params: CalibrationParams, facts: Facts) -> dict[str, Use[CalibrationUse]]:
+    """Return what calibration reads of a recording.
+
+    Raises:
+        CalibrationError: the URDF cannot be read, or a topic carries messages of several frames.
+    """
+    inventory = facts.inventory
+    channels = {
+        name: _recorded(name, sensor, inventory)
+        for name, sensor in params.channels.items()
+        if inventory.has(sensor.topic)
+    }
+    infos = {topic for sensor in channels.values() for topic in sensor.infos if inventory.has(topic)}
+    if _placed_by_hand(sensor.sensor for sensor in channels.values()):
+        known = CalibrationUse(params.ego_frame, channels, (), (), None)
+        return {"": Use(known, tuple(sorted(infos)))}
+    static = tuple(topic for topic in params.tf_static if inventory.has(topic))
+    moving = tuple(topic for topic in params.tf if inventory.has(topic))
+    urdf = None if params.urdf is None else _urdf(params.urdf, facts)
+    inputs = {} if urdf is None else {"urdf": digest_bytes(urdf)}
+    known = CalibrationUse(params.ego_frame, channels, static, moving, urdf)
+    return {"": Use(known, tuple(sorted({*infos, *static, *moving})), inputs)}
+
+
+def _placed_by_hand(sensors: Iterable[Sensor]) -> bool:
+    """Tell whether the recipe says of all sensors where they sit, so that no transform counts."""
+    return all(sensor.extrinsics is not None for sensor in sensors)
+
+
+def _recorded(name: str, sensor: Sensor, inventory: Inventory) -> RecordedSensor:
+    """Return a sensor with what its messages tell, which must be in one frame."""
+    frames = inventory.topic(sensor.topic).frame_ids
+    if sensor.frame is None and sensor.extrinsics is None and len(frames) > 1:
+        raise CalibrationError(
+            f"{name}: the messages of {sensor.topic} are in several frames ({', '.join(frames)}), a channel is "
+            "one sensor; name the one to use in `frame`, or give `extrinsics` in the recipe."
+        )
+    return RecordedSensor.of(sensor, inventory)
+
+
+def _urdf(path: Path, facts: Facts) -> bytes:
+    try:
+        return facts.file(path)
+    except OSError as err:
+        raise CalibrationError(f"{path}: the URDF cannot be read ({err.strerror}).") from err
+
+
+def make_calibration(use: CalibrationUse, recording: Recording, out: ArtifactWriter) -> Summary:
+    """Write `calibration.json` and return the summary.
+
+    Raises:
+        CalibrationError: extrinsics or intrinsics that a channel needs are missing or implausible.
+    """
+    joints = [] if use.urdf is None else urdf_edges(use.urdf)
+    frames = RigFrames(recording, use.tf_static, use.tf, joints)
+    notes: list[str] = []
+    channels = {}
+    sources: dict[str, int] = {}
+    for name, sensor in use.channels.items():
+        ego_SE3_sensor, source = _extrinsics(name, sensor, use.ego_frame, frames, notes)
+        camera = None
+        if sensor.sensor.lens is not None:
+            camera, frame_SE3_image = camera_intrinsics(name, sensor, sensor.sensor.lens, recording, notes)
+            ego_SE3_sensor = ego_SE3_sensor @ frame_SE3_image
+        sources[source] = sources.get(source, 0) + 1
+        channels[name] = {
+            "frame": sensor.frame,
+            "ego_SE3_sensor": {
+                "translation": [rounded(v) for v in ego_SE3_sensor.translation],
+                "rotation": [rounded(v) for v in ego_SE3_sensor.rotation],
+            },
+            "source": source,
+            "camera": camera,
+        }
+    out.write_json("calibration.json", {"ego_frame": use.ego_frame, "channels": channels, "notes": notes})
+    cameras = sum(channel["camera"] is not None for channel in channels.values())
+    return {
+        "sensors": len(channels),
+        "cameras": cameras,
+        "sources": sources,
+        "transforms": frames.counts.as_json(),
+        "notes": notes,
+    }
+
+
+def _extrinsics(
+    name: str, recorded: RecordedSensor, ego_frame: str, frames: RigFrames, notes: list[str]
+) -> tuple[SE3, str]:
+    sensor, frame = recorded.sensor, recorded.frame
+    given = sensor.extrinsics
+    if given is not None:
+        return SE3.create(given.rotation, given.translation), "recipe"
+    if not frame:
+        raise CalibrationError(
+            f"{name}: the messages of {sensor.topic} name no frame; give `frame` or `extrinsics` in the recipe."
+        )
+    if frame == ego_frame:
+        return SE3(), "ego frame"
+    try:
+        ego_SE3_sensor, sources = frames.fixed(ego_frame, frame)
+    except CalibrationError as err:
+        raise CalibrationError(
+            f"{name} ({sensor.topic}): {err}. {_damage(frames)}Correct ego_frame or the channel's frame in the "
+            "recipe, or give its extrinsics there."
+        ) from err
+    notes += [f"{name}: {note}." for note in frames.disagreements(ego_frame, frame)]
+    return ego_SE3_sensor, "+".join(sources)
+
+
+def _damage(frames: RigFrames) -> str:
+    """Return what of the transforms could not be decoded, as that may be what is missing; else nothing."""
+    topics = [f"{topic} ({reason})" for topic, reason in sorted(frames.troubles.items())]
+    return (
+        f"Transforms could not be decoded in {', '.join(topics)}, so frames may be missing. "
+        if topics
+        else ""
+    )
+
+
+def _make(use: Use[CalibrationUse], inputs: Inputs, out: ArtifactWriter) -> Summary:
+    with inputs.messages(use.topics) as recording:
+        return make_calibration(use.params, recording, out)
+
+
+CALIBRATION = Asset(
+    name="calibration",
+    version=3,
+    title="Where each sensor sits on the vehicle, and the lens of each camera.",
+    description="""Extrinsics `ego <- sensor` are resolved from TF, a URDF file or the recipe; intrinsics and distortion come from CameraInfo or
+the recipe: `calibration.json`.""",
+    kinds=frozenset({"json"}),
+    reads=(INVENTORY,),
+    params=CalibrationParams.of,
+    use=use,
+    make=_make,
+    checks=(
+        RecordingCheck(
+            "calibration_plausible",
+            "calibration_plausible",
+            "Sensors sit on the vehicle, cameras look out of it through real lenses.",
+            "a sensor sits farther than `max_distance_m` from the ego frame; a camera looks up or down by more than "
+            "`max_tilt_deg` (its frame is not the optical one); the field of view, the ratio fx:fy or the principal point "
+            "are no real camera's; the distortion folds the image over; two sensors share their extrinsics",
+            lambda e: calibration_plausible(e.calibration, e.rig, e.checks.calibration_plausible),
+        ),
+    ),
+)

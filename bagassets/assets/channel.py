@@ -1,0 +1,53 @@
+"""The contract of steps that turn one channel of a recording into files.
+
+Several extractors share one pass over the recording: the pass hands each message to the
+extractor that asked for its topic, in order of log time.
+"""
+
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+from bagassets.recordings.model import RawMessage
+
+__all__ = ["ChannelExtractor", "Counts"]
+
+
+@dataclass
+class Counts:
+    """Where the messages of one channel went: read = written + sum of lost + merged."""
+
+    read: int = 0
+    written: int = 0
+    merged: int = 0
+    lost: dict[str, int] = field(default_factory=dict)
+
+    def lose(self, reason: str, number: int = 1) -> None:
+        """Count messages that were lost, under a reason in words."""
+        self.lost[reason] = self.lost.get(reason, 0) + number
+
+    @property
+    def balanced(self) -> bool:
+        """Tell whether every message read is accounted for."""
+        return self.read == self.written + self.merged + sum(self.lost.values())
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the counts as JSON."""
+        return {"read": self.read, "written": self.written, "merged": self.merged, "lost": dict(self.lost)}
+
+
+class ChannelExtractor(Protocol):
+    """Turns the messages of one channel into files of one artifact."""
+
+    topics: tuple[str, ...]
+
+    def add(self, message: RawMessage) -> None:
+        """Take the next message; `message.data` is only valid during the call."""
+        ...
+
+    def finish(self) -> dict[str, Any]:
+        """Write what is left and the index; return the summary (with `counts`).
+
+        Raises:
+            LossLimitError: more messages were lost than the recipe allows, or counts do not add up.
+        """
+        ...

@@ -1,0 +1,311 @@
+"""The asset `ego_poses`: the trajectory of the ego frame in local metres.
+
+Files: `ego_poses.parquet` (stamp_ns, x, y, z, qw, qx, qy, qz) and `ego_poses.json`.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from bagassets.assets.asset import Asset, Facts, Inputs, Summary, Use
+from bagassets.assets.channel import Counts
+from bagassets.assets.inventory import INVENTORY
+from bagassets.assets.pose_samples import Joint, MovingRig, PoseSamples, strays
+from bagassets.assets.pose_sources import read_samples
+from bagassets.decode.registry import decoder_key, types_of
+from bagassets.errors import CalibrationError, LossLimitError, PoseError
+from bagassets.geometry.se3 import SE3
+from bagassets.geometry.trajectory import Trajectory
+from bagassets.geometry.urdf import urdf_edges
+from bagassets.recipe.model import Recipe, Rig
+from bagassets.recipe.model_base import Clock
+from bagassets.recipe.model_poses import (
+    FixedPose,
+    MovingPoseSource,
+    NavSatSource,
+    OdometrySource,
+    PoseTopicSource,
+    TfSource,
+)
+from bagassets.recordings.inventory import Inventory
+from bagassets.recordings.recording import Recording
+from bagassets.store.artifact import Artifact, ArtifactWriter
+
+__all__ = ["EGO_POSES", "MovingRigParams", "load_trajectory", "make_ego_poses", "params", "use"]
+
+# Coordinates beyond this lose centimetres in the float32 arithmetic of training code.
+FAR_M = 100_000.0
+
+_NUMBERS = ("x", "y", "z", "qw", "qx", "qy", "qz")
+
+
+@dataclass(frozen=True)
+class MovingRigParams:
+    """What the poses of a rig that moves may know of the recipe.
+
+    Attributes:
+        source: where they come from.
+        clock: which time of a message counts.
+        ego_frame: the frame whose poses are wanted.
+        lost_messages: share of messages that may fail to give a pose.
+        tf_static: topics with static transforms.
+        tf: topics with transforms.
+        urdf: URDF file, whose fixed joints count.
+    """
+
+    source: MovingPoseSource
+    clock: Clock
+    ego_frame: str
+    lost_messages: float
+    tf_static: tuple[str, ...]
+    tf: tuple[str, ...]
+    urdf: Path | None
+
+
+def params(recipe: Recipe, rig: Rig) -> FixedPose | MovingRigParams:
+    """Return what the poses may know of a recipe: of a rig that stands still its pose, and nothing else."""
+    if isinstance(rig.ego_pose, FixedPose):
+        return rig.ego_pose
+    return MovingRigParams(
+        rig.ego_pose,
+        recipe.clock,
+        rig.ego_frame,
+        recipe.limits.lost_messages,
+        rig.tf_static,
+        rig.tf,
+        rig.urdf,
+    )
+
+
+def use(params: FixedPose | MovingRigParams, facts: Facts) -> dict[str, Use[FixedPose | MovingRig]]:
+    """Return what the poses of a recording depend on.
+
+    Raises:
+        PoseError: the configured topic is not in the recording.
+        CalibrationError: the URDF cannot be used.
+        PluginError: several decoder plug-ins claim its type.
+    """
+    if isinstance(params, FixedPose):
+        return {"": Use(params)}
+    source, inventory = params.source, facts.inventory
+    joints = () if params.urdf is None else _fixed_joints(params.urdf, facts)
+    static = tuple(topic for topic in params.tf_static if inventory.has(topic))
+    moving = tuple(topic for topic in params.tf if inventory.has(topic))
+    topics = _topics_of(source)
+    if isinstance(source, TfSource) and not moving:
+        topics = (params.tf[0] if params.tf else "/tf",)
+    for topic in topics:
+        _require(topic, inventory)
+    decoder = None
+    if isinstance(source, OdometrySource | PoseTopicSource):
+        decoder = decoder_key("pose", inventory.topic(source.topic).msgtype)
+    rig = MovingRig(
+        clock=params.clock,
+        ego_frame=params.ego_frame,
+        lost_messages=params.lost_messages,
+        urdf=joints,
+        tf_static=static,
+        tf=moving,
+        source=source,
+        decoder=decoder,
+    )
+    return {"": Use(rig, tuple(sorted({*static, *moving, *topics})))}
+
+
+def _topics_of(source: MovingPoseSource) -> tuple[str, ...]:
+    """Return the topics that a recording must have for its poses."""
+    if isinstance(source, TfSource):
+        return ()
+    imu = source.imu if isinstance(source, NavSatSource) else None
+    return (source.topic,) if imu is None else (source.topic, imu)
+
+
+def _fixed_joints(urdf: Path, facts: Facts) -> tuple[Joint, ...]:
+    try:
+        data = facts.file(urdf)
+    except OSError as err:
+        raise CalibrationError(f"{urdf}: the URDF cannot be read ({err.strerror}).") from err
+    return tuple(
+        Joint(edge.parent, edge.child, edge.first.translation, edge.first.rotation)
+        for edge in urdf_edges(data, str(urdf))
+    )
+
+
+def _require(topic: str, inventory: Inventory) -> None:
+    if inventory.has(topic):
+        return
+    kinds = {*types_of("pose"), *types_of("fix"), *types_of("transforms")}
+    there = [name for name, record in inventory.topics.items() if record.msgtype in kinds]
+    offer = f"it has {', '.join(there)}" if there else "it has no topic with poses"
+    raise PoseError(
+        f"ego poses: the recording has no messages on {topic}, which ego_pose reads; {offer}. Correct "
+        "ego_pose in the recipe; a rig that stands still says `source: fixed`."
+    )
+
+
+def make_ego_poses(use: FixedPose | MovingRig, recording: Recording, out: ArtifactWriter) -> Summary:
+    """Write the trajectory and return the summary.
+
+    Raises:
+        PoseError: there is no usable pose.
+        LossLimitError: more messages were lost than the recipe allows.
+    """
+    if isinstance(use, FixedPose):
+        pose = SE3.create(use.pose.rotation, use.pose.translation)
+        samples = PoseSamples([0], [pose], "global", None, Counts(read=0, written=0))
+        return _write(use.source, samples, [0], _rows([pose]), out, fixed=True)
+    samples = read_samples(use.source, use, recording)
+    counts = samples.counts
+    if not samples.poses:
+        lost = "; ".join(f"{number} because {reason}" for reason, number in counts.lost.items())
+        raise PoseError(
+            f"ego poses from {use.source_name}: none of {counts.read} messages gives a pose"
+            f"{' (' + lost + ')' if lost else ''}; correct ego_pose in the recipe."
+        )
+    stamps_ns, rows, repeated = _ordered(samples)
+    if stamps_ns == [0] and repeated:
+        raise PoseError(
+            f"ego poses from {use.source_name}: all header stamps are zero; set `clock: log` in the recipe."
+        )
+    stamps_ns, rows = _without_strays(samples, stamps_ns, rows)
+    _check_losses(use, samples)
+    counts.merged += repeated
+    counts.written = len(stamps_ns)
+    if not counts.balanced:
+        raise PoseError(f"ego poses: counts do not add up, {counts.as_json()}; please report this.")
+    source = use.source
+    return _write(
+        source.source,
+        samples,
+        stamps_ns,
+        rows,
+        out,
+        max_gap_s=source.max_gap_s,
+        extrapolate_s=source.extrapolate_s,
+    )
+
+
+def _write(
+    source: str,
+    samples: PoseSamples,
+    stamps_ns: list[int],
+    rows: "np.ndarray[Any, np.dtype[np.float64]]",
+    out: ArtifactWriter,
+    *,
+    max_gap_s: float = 0.0,
+    extrapolate_s: float = 0.0,
+    fixed: bool = False,
+) -> Summary:
+    """Write (N,) stamps and (N, 7) poses, with what is known of them; return the summary."""
+    origin = samples.origin or _recentre(rows)
+    table = {"stamp_ns": pa.array(stamps_ns, pa.int64())}
+    table |= {name: pa.array(rows[:, i], pa.float64()) for i, name in enumerate(_NUMBERS)}
+    out.write_table("ego_poses.parquet", pa.table(table))
+    steps = np.diff(rows[:, :3], axis=0)
+    length_m = round(float(np.sqrt((steps * steps).sum(axis=1)).sum()), 3)
+    summary = {
+        "source": source,
+        "count": len(stamps_ns),
+        "counts": samples.counts.as_json(),
+        "length_m": length_m,
+        "notes": samples.notes,
+        "helpers": {topic: helper.as_json() for topic, helper in sorted(samples.helpers.items())},
+    }
+    out.write_json(
+        "ego_poses.json",
+        summary
+        | {
+            "fixed": fixed,
+            "max_gap_s": max_gap_s,
+            "extrapolate_s": extrapolate_s,
+            "global_frame": samples.global_frame,
+            "origin": origin,
+        },
+    )
+    return summary
+
+
+def _check_losses(use: MovingRig, samples: PoseSamples) -> None:
+    counts = samples.counts
+    if samples.failed > use.lost_messages * counts.read:
+        reason = max(counts.lost, key=lambda name: counts.lost[name])
+        raise LossLimitError(
+            f"ego poses from {use.source_name}: {samples.failed} of {counts.read} messages cannot be used, most often "
+            f"because {reason}; limits.lost_messages in the recipe accepts a share of {use.lost_messages:g}."
+        )
+
+
+def load_trajectory(artifact: Artifact) -> Trajectory:
+    """Return the trajectory in an artifact of this step."""
+    facts = artifact.read_json("ego_poses.json")
+    table = artifact.read_table("ego_poses.parquet")
+    numbers = np.stack([table[name].to_numpy() for name in _NUMBERS], axis=1)
+    return Trajectory(
+        table["stamp_ns"].to_numpy().astype(np.int64),
+        np.ascontiguousarray(numbers[:, :3]),
+        np.ascontiguousarray(numbers[:, 3:]),
+        round(facts["max_gap_s"] * 1e9),
+        round(facts["extrapolate_s"] * 1e9),
+        fixed=facts["fixed"],
+    )
+
+
+def _ordered(samples: PoseSamples) -> tuple[list[int], np.ndarray[Any, np.dtype[np.float64]], int]:
+    """Sort by stamp; of poses with the same stamp the first one read counts."""
+    first: dict[int, SE3] = {}
+    for stamp_ns, pose in zip(samples.stamps_ns, samples.poses, strict=True):
+        first.setdefault(stamp_ns, pose)
+    stamps_ns = sorted(first)
+    rows = _rows([first[stamp] for stamp in stamps_ns])
+    return stamps_ns, rows, len(samples.poses) - len(stamps_ns)
+
+
+def _rows(poses: list[SE3]) -> np.ndarray[Any, np.dtype[np.float64]]:
+    return np.array([[*pose.translation, *pose.rotation] for pose in poses])
+
+
+def _without_strays(
+    samples: PoseSamples, stamps_ns: list[int], rows: "np.ndarray[Any, np.dtype[np.float64]]"
+) -> tuple[list[int], "np.ndarray[Any, np.dtype[np.float64]]"]:
+    """Leave out poses that nothing could have driven to and back from, and count them."""
+    out_of_reach = strays(stamps_ns, rows[:, :3])
+    number = int(out_of_reach.sum())
+    if number:
+        samples.counts.lose("its position is out of reach from those before and after it", number)
+        # Many sources begin at zero, and then find out where they are: that is no damage.
+        samples.failed += int(out_of_reach[1:-1].sum())
+    kept = ~out_of_reach
+    return [stamp for stamp, keep in zip(stamps_ns, kept, strict=True) if keep], rows[kept]
+
+
+def _recentre(rows: np.ndarray[Any, np.dtype[np.float64]]) -> dict[str, Any] | None:
+    """Move far-away coordinates (UTM, say) to a local origin, which is returned."""
+    if np.abs(rows[:, :2]).max() <= FAR_M:
+        return None
+    origin = [float(np.floor(v)) for v in rows[0, :3]]
+    rows[:, :3] -= np.array(origin)
+    return {"kind": "local", "x": origin[0], "y": origin[1], "z": origin[2]}
+
+
+def _make(use: Use[FixedPose | MovingRig], inputs: Inputs, out: ArtifactWriter) -> Summary:
+    with inputs.messages(use.topics) as recording:
+        return make_ego_poses(use.params, recording, out)
+
+
+EGO_POSES = Asset(
+    name="ego_poses",
+    version=3,
+    libraries=("pyarrow",),
+    title="Where the vehicle was, over time, in local metres.",
+    description="""From odometry, poses, TF, GNSS with IMU, or fixed; the origin in the world is kept where it is known:
+`ego_poses.parquet`.""",
+    kinds=frozenset({"parquet"}),
+    reads=(INVENTORY,),
+    families=("pose",),
+    params=params,
+    use=use,
+    make=_make,
+)

@@ -1,0 +1,343 @@
+"""The asset `frames`: the images of each camera of a recording as files, and an index of them.
+
+Files of one camera: `<stamp_ns>.jpg` or `<stamp_ns>.png`, `index.parquet`, `channel.json`.
+"""
+
+from collections import deque
+from collections.abc import Callable, Mapping
+from concurrent.futures import Executor, Future
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import cv2
+import pyarrow as pa
+
+from bagassets.assets.asset import Asset, Facts, Inputs, Use, uses_of
+from bagassets.assets.calibration import CALIBRATION
+from bagassets.assets.channel import Counts
+from bagassets.assets.grey_survey import GreySurvey
+from bagassets.assets.image_output import (
+    CameraSettings,
+    CameraUse,
+    ImageOutput,
+    intrinsic_matrix,
+    raw_pixels,
+    require_calibration,
+)
+from bagassets.assets.inventory import INVENTORY
+from bagassets.assets.topic_types import require_decoder
+from bagassets.decode.loading import keyed_decoder
+from bagassets.decode.model import ImageReading
+from bagassets.errors import BagAssetsError, DecodeError, LossLimitError
+from bagassets.quality.channel_rules import channels_complete
+from bagassets.quality.check import RecordingCheck
+from bagassets.recipe.model import CameraChannel, Recipe, Rig
+from bagassets.recordings.model import RawMessage
+from bagassets.recordings.recording import Recording
+from bagassets.store.artifact import ArtifactWriter, FileEntry
+from bagassets.trace import span
+
+__all__ = ["FRAMES", "FrameExtractor"]
+
+_SCHEMA = pa.schema(
+    {
+        "stamp_ns": pa.int64(),
+        "log_time_ns": pa.int64(),
+        "file": pa.string(),
+        "size": pa.int64(),
+        "digest": pa.string(),
+        "width": pa.int32(),
+        "height": pa.int32(),
+    }
+)
+
+
+# What of a camera in `calibration.json` shapes its images.
+_LENS = ("model", "width", "height", "k", "d", "binning", "roi")
+
+
+@dataclass(frozen=True)
+class FramesParams:
+    """What `frames` may know of the recipe: camera -> its settings."""
+
+    channels: Mapping[str, CameraSettings]
+
+    @classmethod
+    def of(cls, recipe: Recipe, rig: Rig) -> "FramesParams":
+        """Return those of a rig."""
+        limits = recipe.limits
+        channels = {
+            name: CameraSettings(
+                topic=channel.topic,
+                clock=recipe.clock_of(channel),
+                output=channel.output,
+                quality=None if channel.output == "png" else channel.quality,
+                undistort=channel.undistort,
+                target=channel.target,
+                to_8bit=channel.to_8bit,
+                lost_messages=limits.lost_messages,
+                image_pixels=limits.image_pixels,
+            )
+            for name, channel in sorted(rig.channels.items())
+            if isinstance(channel, CameraChannel)
+        }
+        return cls(channels)
+
+
+def use(params: FramesParams, facts: Facts) -> dict[str, Use[CameraUse] | BagAssetsError]:
+    """Return what the images of each camera in a recording depend on."""
+    present = {
+        name: settings
+        for name, settings in params.channels.items()
+        if facts.inventory.has_readable(settings.topic)
+    }
+    return uses_of(present, partial(_use_of_camera, facts))
+
+
+def _use_of_camera(facts: Facts, name: str, settings: CameraSettings) -> Use[CameraUse]:
+    """Return what the images of one camera depend on: of upstream the type of its messages, and its own lens.
+
+    Raises:
+        CalibrationError: it is to be undistorted and has no intrinsics, or those of an image larger than `limits` allow.
+        DecodeError: its topic does not carry images.
+        PluginError: several decoder plug-ins claim the type of its messages.
+    """
+    msgtype = facts.inventory.topic(settings.topic).msgtype
+    decoder = require_decoder(name, settings.topic, msgtype, "image")
+    camera = facts.calibration["channels"][name]["camera"]
+    lens = None if camera is None else {key: camera[key] for key in _LENS}
+    use = CameraUse(channel=name, settings=settings, msgtype=msgtype, decoder=decoder.key, camera=lens)
+    require_calibration(use)
+    return Use(use, (settings.topic,))
+
+
+# Images of one channel that wait or are worked on: enough to keep threads busy, and the memory bounded.
+_MOST_IN_FLIGHT = 4
+_LARGE_BYTES = 40_000_000  # of these one waits
+
+
+@dataclass(frozen=True, slots=True)
+class _Written:
+    """An image file in the artifact."""
+
+    entry: FileEntry
+    extension: str
+    width: int
+    height: int
+
+
+class FrameExtractor:
+    """Turns the messages of one camera into the files of an artifact.
+
+    Args:
+        use: what shapes them.
+        recording: decodes the messages.
+        out: the artifact.
+        pool: threads that convert, encode and write; None to do so at once.
+    """
+
+    def __init__(
+        self,
+        use: CameraUse,
+        recording: Recording,
+        out: ArtifactWriter,
+        pool: Executor | None = None,
+    ) -> None:
+        cv2.setNumThreads(1)  # parallel over images, not inside one
+        self.topics: tuple[str, ...] = (use.settings.topic,)
+        self._use = use
+        self._by_log_time = use.settings.clock == "log"
+        self._recording = recording
+        self._decoder: Callable[[Any], ImageReading] = keyed_decoder("image", use.msgtype, use.decoder)
+        self._out = out
+        self._counts = Counts()
+        rule = use.settings.to_8bit
+        self._percentiles = None if rule is None else rule.percentiles
+        self._survey = None if self._percentiles is None else GreySurvey(out.scratch)
+        self._output = ImageOutput(use, None if rule is None else rule.range)
+        self._pool = pool
+        self._in_flight: deque[tuple[int, int, Future[_Written]]] = deque()
+        self._rows: list[dict[str, Any]] = []
+        self._stamps_us: set[int] = set()
+        self._frame_id = ""
+        self._failed = 0
+        self._first_error: str | None = None
+        self._extension = ".jpg"
+
+    def add(self, message: RawMessage) -> None:
+        """Take the next message; one that cannot be decoded is counted as lost."""
+        if self._survey is None:
+            self._convert(message)
+            return
+        try:
+            pixels = raw_pixels(self._decode(message), self._use.settings.image_pixels)
+        except DecodeError:
+            pixels = None  # counted as lost when its turn comes
+        self._survey.add(message, pixels)
+
+    def _convert(self, message: RawMessage) -> None:
+        self._counts.read += 1
+        try:
+            reading = self._decode(message)
+        except DecodeError as err:
+            self._fail(err)
+            return
+        if not (reading.stamp_ns or self._by_log_time):
+            self._fail(DecodeError("its header stamp is zero; set `clock: log` in the recipe"), "zero stamp")
+            return
+        stamp_us = reading.stamp_ns // 1000
+        if stamp_us in self._stamps_us:
+            self._counts.lose("duplicate stamp")
+            return
+        self._stamps_us.add(stamp_us)
+        self._frame_id = self._frame_id or reading.frame_id
+        if self._pool is None:
+            self._take(reading.stamp_ns, message.log_time_ns, partial(self._write, reading))
+            return
+        if not _outlasts_the_call(message.data):
+            pixels, encoded = reading.pixels, reading.encoded
+            reading = replace(
+                reading,
+                pixels=None if pixels is None else pixels.copy(),
+                encoded=None if encoded is None else bytes(encoded),
+            )
+        future = self._pool.submit(self._write, reading)
+        self._in_flight.append((reading.stamp_ns, message.log_time_ns, future))
+        held = len(reading.encoded or b"") if reading.pixels is None else reading.pixels.nbytes
+        while len(self._in_flight) > (1 if held > _LARGE_BYTES else _MOST_IN_FLIGHT):
+            self._collect()
+
+    def finish(self) -> dict[str, Any]:
+        """Write what is left and the index; return the summary.
+
+        Raises:
+            LossLimitError: more was lost than the recipe allows, or the counts do not add up.
+        """
+        if self._survey is not None and self._percentiles is not None:
+            self._output.grey_range = self._survey.range(*self._percentiles)
+            for message in self._survey.messages():
+                self._convert(message)
+        while self._in_flight:
+            self._collect()
+        self._check()
+        rows = sorted(self._rows, key=lambda row: row["stamp_ns"])
+        self._out.write_table("index.parquet", pa.Table.from_pylist(rows, schema=_SCHEMA))
+        facts = {"counts": self._counts.as_json()}
+        self._out.write_json(
+            "channel.json",
+            {
+                "channel": self._use.channel,
+                "modality": "camera",
+                "topic": self._use.settings.topic,
+                "frame_id": self._frame_id,
+                "fileformat": self._extension.removeprefix("."),
+                "camera_intrinsic": intrinsic_matrix(self._output.written),
+                **facts,
+            },
+        )
+        return {**facts, "messages": self._counts.read, "bytes": sum(row["size"] for row in rows)}
+
+    def _decode(self, message: RawMessage) -> ImageReading:
+        reading = self._decoder(self._recording.decode(message))
+        if self._by_log_time:
+            return replace(reading, stamp_ns=message.log_time_ns)
+        return reading
+
+    def _collect(self) -> None:
+        stamp_ns, log_time_ns, future = self._in_flight.popleft()
+        self._take(stamp_ns, log_time_ns, future.result)
+
+    def _write(self, reading: ImageReading) -> "_Written":
+        """Make and write one file; runs in a thread of the pool."""
+        with span("image", channel=self._use.channel):
+            image = self._output.make(reading)
+            entry = self._out.write(f"{reading.stamp_ns}{image.extension}", image.data)
+        return _Written(entry, image.extension, image.width, image.height)
+
+    def _take(self, stamp_ns: int, log_time_ns: int, result: "Callable[[], _Written]") -> None:
+        """Note one file that was written, or why it was not."""
+        try:
+            image = result()
+        except DecodeError as err:
+            self._stamps_us.discard(stamp_ns // 1000)
+            self._fail(err)
+            return
+        except BagAssetsError:
+            self._stop()
+            raise
+        entry = image.entry
+        self._extension = image.extension
+        self._rows.append(
+            {
+                "stamp_ns": stamp_ns,
+                "log_time_ns": log_time_ns,
+                "file": entry.path,
+                "size": entry.size,
+                "digest": entry.digest,
+                "width": image.width,
+                "height": image.height,
+            }
+        )
+        self._counts.written += 1
+
+    def _stop(self) -> None:
+        while self._in_flight:
+            self._in_flight.popleft()[2].cancel()
+
+    def _fail(self, err: DecodeError, reason: str | None = None) -> None:
+        self._failed += 1
+        self._first_error = self._first_error or str(err)
+        self._counts.lose(reason or str(err))
+
+    def _check(self) -> None:
+        where = f"{self._use.channel}: topic {self._use.settings.topic}"
+        if self._failed > self._use.settings.lost_messages * self._counts.read:
+            raise LossLimitError(
+                f"{where} lost {self._failed} of {self._counts.read} messages; the first: {self._first_error}. "
+                "If that is acceptable raise limits.lost_messages in the recipe, else remove the channel or mend "
+                "the recording."
+            )
+        if not self._counts.balanced:
+            raise LossLimitError(
+                f"{where}: counts do not add up, {self._counts.as_json()}; this is a bug of the step, please report it."
+            )
+
+
+def _outlasts_the_call(data: bytes | memoryview) -> bool:
+    """Tell whether what a reader handed out stays as it is; of a buffer that is used again, it does not."""
+    return isinstance(data.obj if isinstance(data, memoryview) else data, bytes)
+
+
+def _extract(
+    use: Use[CameraUse], _: Inputs, recording: Recording, out: ArtifactWriter, pool: Executor | None
+) -> FrameExtractor:
+    return FrameExtractor(use.params, recording, out, pool)
+
+
+FRAMES = Asset(
+    name="frames",
+    version=5,
+    libraries=("opencv-python-headless", "pyarrow"),
+    title="The camera images: undistorted and encoded as the recipe says, indexed by stamp.",
+    description="""One artifact per camera, so that a change to one leaves the others alone. Each image is extracted once, whether or not it
+becomes a keyframe.""",
+    kinds=frozenset({"image", "parquet"}),
+    reads=(INVENTORY, CALIBRATION),
+    families=("image",),
+    params=FramesParams.of,
+    use=use,
+    extract=_extract,
+    checks=(
+        RecordingCheck(
+            "frames_complete",
+            "channels_present",
+            "Every message read was written, merged or counted as lost, and every camera has images.",
+            "counts do not add up; a channel has no files; more than `limits.reported_losses` (5 %) of its messages were "
+            "lost, for whatever reason; the sentence names the way out (section `channels_present`, whose `max_lost` goes "
+            "before)",
+            lambda e: channels_complete(e.channels("frames"), e.max_lost, e.clock_of),
+            quick=True,
+        ),
+    ),
+)

@@ -1,0 +1,283 @@
+"""From an image as recorded to the bytes of the file: convert, undistort, encode.
+
+This is the hot path. It runs in worker threads; OpenCV releases the interpreter lock.
+"""
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from threading import Condition
+from typing import Any, Literal
+
+import cv2
+import numpy as np
+
+from bagassets.assets.asset import inlined, omitted
+from bagassets.decode.compressed_image import checked_size, unpack_checked
+from bagassets.decode.image import Pixels, bayer_to_bgra, check_pixels, to_bgr_or_grey
+from bagassets.decode.model import ImageReading
+from bagassets.errors import CalibrationError, DecodeError, RecipeError
+from bagassets.geometry.camera import CameraModel
+from bagassets.geometry.undistortion import Undistortion
+from bagassets.recipe.model import GreyRange, Limits, PinholeIntrinsics
+from bagassets.recipe.model_base import Clock
+
+__all__ = [
+    "CameraSettings",
+    "CameraUse",
+    "EncodedImage",
+    "ImageOutput",
+    "intrinsic_matrix",
+    "raw_pixels",
+    "require_calibration",
+]
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraSettings:
+    """What the recipe says of the images of one camera.
+
+    Attributes:
+        topic: where its images are.
+        clock: which time of a message is its stamp.
+        output: format of the files.
+        quality: of JPEG; None where only PNG is written.
+        undistort: distortion of the lens is removed.
+        target: the pinhole matrix of undistorted images; None for the camera's own.
+        to_8bit: how 16-bit grey becomes 8 bit; None if it need not.
+        lost_messages: share of the messages that may be lost.
+        image_pixels: size of the largest image that is read.
+    """
+
+    topic: str
+    clock: Clock
+    output: Literal["jpeg", "png", "as_recorded"]
+    quality: int | None = omitted()
+    undistort: bool
+    target: PinholeIntrinsics | None
+    to_8bit: GreyRange | None
+    lost_messages: float
+    image_pixels: int = omitted(Limits().image_pixels)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraUse:
+    """What shapes the files of one camera in a recording besides its messages.
+
+    Attributes:
+        channel: canonical name.
+        settings: what the recipe says of it.
+        msgtype: the type of the messages, `pkg/msg/Type`.
+        decoder: the plug-in that decodes them; None if they need none.
+        camera: the lens as `calibration.json` has it; None for a camera without.
+    """
+
+    channel: str
+    settings: CameraSettings = inlined()
+    msgtype: str
+    decoder: Mapping[str, str] | None = omitted()
+    camera: Mapping[str, Any] | None
+
+    def __str__(self) -> str:
+        return f"{self.channel} ({self.settings.topic})"
+
+
+@dataclass(frozen=True, slots=True)
+class EncodedImage:
+    """A finished image file."""
+
+    data: bytes | memoryview
+    extension: str
+    width: int
+    height: int
+
+
+def raw_pixels(reading: ImageReading, most_pixels: int) -> Pixels:
+    """Return the pixels of a reading, (H, W) grey or (H, W, 3) BGR.
+
+    Raises:
+        DecodeError: compressed bytes do not decode, or there are more than `most_pixels`.
+    """
+    _size_of(reading, most_pixels)
+    try:
+        return _converted(reading)
+    except cv2.error as err:
+        raise _refused(err) from err
+
+
+def _size_of(reading: ImageReading, most_pixels: int) -> tuple[int, int]:
+    """Return width and height of an image that is whole and no larger than it may be."""
+    if reading.encoded is not None:
+        width, height = checked_size(reading.encoded, reading.encoding)
+    elif reading.pixels is not None:
+        height, width = reading.pixels.shape[:2]
+    else:
+        raise DecodeError("the image has neither pixels nor compressed bytes")
+    check_pixels(width, height, most_pixels)
+    return width, height
+
+
+def _converted(reading: ImageReading) -> Pixels:
+    if reading.pixels is not None:
+        return to_bgr_or_grey(reading.pixels, reading.encoding)
+    return unpack_checked(reading.encoded or b"", reading.encoding)
+
+
+def _refused(err: cv2.error) -> Exception:
+    """Return what it means that OpenCV does not convert an image."""
+    if err.code == cv2.Error.StsNoMem:
+        return err
+    return DecodeError("OpenCV refuses to convert an image of its size and encoding")
+
+
+# Of images up to this size there are as many in work as there are threads.
+_SMALL_PIXELS = 12_000_000
+
+
+class _Room:
+    """Keeps threads from working on so many large images at a time that the memory does not suffice."""
+
+    def __init__(self) -> None:
+        self._taken = 0
+        self._changed = Condition()
+
+    @contextmanager
+    def room_for(self, pixels: int, most_pixels: int) -> Iterator[None]:
+        """Wait until an image fits beside those in work, or is the only one.
+
+        Args:
+            pixels: of the image.
+            most_pixels: of all large images in work together.
+        """
+        if pixels <= _SMALL_PIXELS:
+            yield
+            return
+        with self._changed:
+            self._changed.wait_for(lambda: not self._taken or self._taken + pixels <= most_pixels)
+            self._taken += pixels
+        try:
+            yield
+        finally:
+            with self._changed:
+                self._taken -= pixels
+                self._changed.notify_all()
+
+
+_LARGE_IMAGES = _Room()
+
+
+class ImageOutput:
+    """Makes the files of one channel.
+
+    Args:
+        use: what shapes them.
+        grey_range: values that become 0 and 255 when 16-bit grey is made 8 bit, or None.
+
+    Attributes:
+        grey_range: the same; to be set before the first image if it is not known yet.
+    """
+
+    def __init__(self, use: CameraUse, grey_range: tuple[float, float] | None) -> None:
+        settings = use.settings
+        self._name = str(use)
+        self._format = settings.output
+        self._jpeg_options = [] if settings.quality is None else [cv2.IMWRITE_JPEG_QUALITY, settings.quality]
+        self._most_pixels = settings.image_pixels
+        self.grey_range = grey_range
+        self._recorded = None if use.camera is None else CameraModel.from_calibration(use.camera)
+        self.written = self._recorded
+        self._undistort: Undistortion | None = None
+        if self._recorded is not None and settings.undistort:
+            target = settings.target
+            pinhole = None if target is None else (target.fx, target.fy, target.cx, target.cy)
+            self.written = self._recorded.undistorted(pinhole)
+            if self._recorded.distorts or target is not None:
+                self._undistort = Undistortion(self._recorded, self.written)
+
+    def make(self, reading: ImageReading) -> EncodedImage:
+        """Return the file of one image.
+
+        Raises:
+            DecodeError: the image does not decode, or is larger than `limits` allow.
+            CalibrationError: its size is not that of the calibration.
+            RecipeError: 16-bit grey is to become JPEG without a rule.
+        """
+        width, height = _size_of(reading, self._most_pixels)
+        self._check(width, height)
+        if self._passes(reading) and reading.encoded is not None:
+            extension = ".png" if reading.encoding.startswith("png") else ".jpg"
+            return EncodedImage(reading.encoded, extension, width, height)
+        try:
+            with _LARGE_IMAGES.room_for(width * height, self._most_pixels):
+                return self._encoded(reading)
+        except cv2.error as err:
+            raise _refused(err) from err
+
+    def _encoded(self, reading: ImageReading) -> EncodedImage:
+        jpeg = self._format == "jpeg" or (
+            self._format == "as_recorded" and reading.encoding.startswith("jpeg")
+        )
+        pixels = self._pixels(reading, four=self._undistort is not None)
+        if pixels.dtype == np.uint16:
+            pixels = self._to_8bit(pixels)
+        if self._undistort is not None:
+            pixels = self._undistort(pixels)
+        if jpeg:
+            done, data = cv2.imencode(".jpg", pixels, self._jpeg_options)
+        else:
+            done, data = cv2.imencode(".png", pixels, [cv2.IMWRITE_PNG_COMPRESSION, 3])
+        if not done:
+            raise DecodeError("the image cannot be encoded")
+        return EncodedImage(data.data, ".jpg" if jpeg else ".png", pixels.shape[1], pixels.shape[0])
+
+    def _passes(self, reading: ImageReading) -> bool:
+        """Tell whether the file as recorded is what is wanted: any viewer shows it right, and nothing is undistorted."""
+        return self._format == "as_recorded" and self._undistort is None and ":" not in reading.encoding
+
+    @staticmethod
+    def _pixels(reading: ImageReading, *, four: bool) -> Pixels:
+        """Return grey, BGR, or of a Bayer mosaic BGRA, which is undistorted faster, into BGR."""
+        mosaic = reading.pixels if four else None
+        pixels = None if mosaic is None else bayer_to_bgra(mosaic, reading.encoding)
+        return _converted(reading) if pixels is None else pixels
+
+    def _check(self, width: int, height: int) -> None:
+        if self._recorded is not None:
+            self._recorded.check_size(width, height, self._name)
+
+    def _to_8bit(self, pixels: Pixels) -> Pixels:
+        if self.grey_range is None:
+            if self._format == "jpeg":
+                raise RecipeError(
+                    f"{self._name}: 16-bit images become JPEG only by a rule; give the channel `to_8bit` with a "
+                    "range or percentiles, or set `output: png` to keep 16 bit."
+                )
+            return pixels
+        low, high = self.grey_range
+        table = np.clip((np.arange(65536) - low) * (255.0 / (high - low)), 0, 255).round().astype(np.uint8)
+        scaled: Pixels = table[pixels]
+        return scaled
+
+
+def intrinsic_matrix(camera: CameraModel | None) -> list[list[float]]:
+    """Return `camera_intrinsic` as nuScenes has it; empty for a camera without calibration."""
+    return [] if camera is None else [[float(v) for v in row] for row in camera.matrix]
+
+
+def require_calibration(use: CameraUse) -> None:
+    """Check that a channel that is to be undistorted has intrinsics, of an image that may be made.
+
+    Raises:
+        CalibrationError: it has none, or they are of a larger image than `limits` allow.
+    """
+    camera = use.camera
+    if camera is not None and camera["width"] * camera["height"] > use.settings.image_pixels:
+        raise CalibrationError(
+            f"{use}: its intrinsics are of an image of {camera['width']} x {camera['height']} pixels; correct them, or "
+            "raise limits.image_pixels in the recipe."
+        )
+    if use.settings.undistort and camera is None:
+        raise CalibrationError(
+            f"{use}: there are no intrinsics to undistort with; name `camera_info`, give `intrinsics`, or set "
+            "`undistort: false` in the recipe."
+        )

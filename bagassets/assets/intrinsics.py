@@ -1,0 +1,236 @@
+"""Intrinsics of cameras for `calibration.json`: from CameraInfo, or by hand from the recipe.
+
+The second camera of a stereo pair has Tx = -fx * baseline in P (sensor_msgs/CameraInfo), which projects points
+given in the frame of the *first* camera. What `frame_id` names is not agreed upon: image_geometry and
+stereo_image_proc want the first camera's frame in both messages, while many drivers give each camera the frame
+of its own centre, with the baseline in TF. So the baseline is added to the extrinsics only where
+another camera, whose Tx is 0, is in the same frame: two cameras are not in one place.
+"""
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from math import acos, degrees, hypot
+from typing import Any
+
+import numpy as np
+
+from bagassets.assets.channel import Counts
+from bagassets.assets.sensors import CameraInfo, Lens, RecordedSensor
+from bagassets.decode.camera_info import CameraCalibration, CameraInfoReading, check_lens
+from bagassets.decode.loading import own_decoder
+from bagassets.errors import CalibrationError, DecodeError
+from bagassets.geometry.se3 import SE3, quaternion_from_rotation
+from bagassets.recipe.model import Intrinsics
+from bagassets.recordings.recording import Recording
+
+__all__ = ["camera_intrinsics", "rounded"]
+
+# A smaller turn between the camera and its rectified image is not worth a note.
+TOLD_DEG = 0.01
+# What P has for a shorter baseline is rounding.
+LEAST_BASELINE_M = 1e-5
+
+
+def camera_intrinsics(
+    name: str, camera: RecordedSensor, lens: Lens, recording: Recording, notes: list[str]
+) -> tuple[dict[str, Any] | None, SE3]:
+    """Return `camera` of a channel in `calibration.json`, and `frame_SE3_image`.
+
+    The latter leads from the camera's frame to the centre and the axes of the image: identity, but for images
+    that were rectified by a rotation R before they were recorded, and for the second camera of a stereo pair whose
+    frame is that of the first.
+
+    Args:
+        name: the channel.
+        camera: its sensor.
+        lens: what the recipe says of the lens.
+        recording: offers its CameraInfo topic.
+        notes: takes sentences on what is unusual.
+
+    Raises:
+        CalibrationError: the camera needs intrinsics and has none, or they are implausible.
+    """
+    if lens.intrinsics is not None:
+        return _by_hand(name, lens.intrinsics), SE3()
+    if lens.recorded is None:
+        return None, SE3()
+    return _from_messages(name, camera, lens.recorded, recording, notes, needed=lens.undistort)
+
+
+def _from_messages(
+    name: str,
+    camera: RecordedSensor,
+    info: CameraInfo,
+    recording: Recording,
+    notes: list[str],
+    *,
+    needed: bool,
+) -> tuple[dict[str, Any] | None, SE3]:
+    topic = info.camera_info
+    if topic not in recording.topics:
+        if not needed:
+            return None, SE3()
+        raise CalibrationError(
+            f"{name} ({camera.sensor.topic}): no CameraInfo on {topic}, which undistortion needs; name the topic in "
+            "`camera_info`, give `intrinsics`, or set `undistort: false` in the recipe."
+        )
+    reading, lost = _one_calibration(name, topic, recording, rectified=info.rectified)
+    if reading is None:
+        if needed:
+            raise CalibrationError(
+                f"{name}: no usable CameraInfo on {topic}{_reasons(lost)}; give `intrinsics` or set `undistort: false`."
+            )
+        return None, SE3()
+    if lost:
+        notes.append(f"{name}: {sum(lost.values())} messages on {topic} cannot be used{_reasons(lost)}.")
+    calibration = reading.calibration
+    known = {
+        "model": calibration.model,
+        "width": calibration.width,
+        "height": calibration.height,
+        "k": [rounded(v) for v in calibration.k],
+        "d": [rounded(v) for v in calibration.d],
+        "r": [rounded(v) for v in calibration.r],
+        "p": [rounded(v) for v in calibration.p],
+        "binning": list(calibration.binning),
+        "roi": asdict(calibration.roi),
+        "source": "camera_info",
+    }
+    first = _first_of_pair(name, camera, calibration, recording, notes, rectified=info.rectified)
+    if not info.rectified:
+        return known, SE3()
+    if first is None:
+        return known | _of_rectified(name, topic, calibration), _turn(name, calibration, notes)
+    # The frame is that of the first camera, and so is the turn from it to the axes that both images share.
+    frame_SE3_image = _turn(name, first, notes) @ SE3.create((1.0, 0.0, 0.0, 0.0), _beside_m(calibration))
+    return known | _of_rectified(name, topic, calibration), frame_SE3_image
+
+
+def _beside_m(calibration: CameraCalibration) -> tuple[float, float, float]:
+    """Return where P has the centre of a camera, in the rectified axes of the first one of its stereo pair."""
+    p = calibration.p
+    return (-p[3] / p[0] if p[0] else 0.0, -p[7] / p[5] if p[5] else 0.0, 0.0)
+
+
+def _first_of_pair(
+    name: str,
+    camera: RecordedSensor,
+    calibration: CameraCalibration,
+    recording: Recording,
+    notes: list[str],
+    *,
+    rectified: bool,
+) -> CameraCalibration | None:
+    """Return the calibration of the first camera of a stereo pair if this is the second, in the frame of the first."""
+    baseline_m = hypot(*_beside_m(calibration))
+    if baseline_m < LEAST_BASELINE_M:
+        return None
+    told = f"{name}: P puts its centre {baseline_m:.4g} m beside the first camera of a stereo pair"
+    for topic in camera.same_frame or ():
+        try:
+            reading, _ = _one_calibration(name, topic, recording, rectified=True)
+        except CalibrationError:
+            continue
+        if reading is None or hypot(*_beside_m(reading.calibration)) >= LEAST_BASELINE_M:
+            continue
+        if rectified:
+            notes.append(
+                f"{told}, whose frame {camera.frame} it names ({topic}); its extrinsics include that."
+            )
+            return reading.calibration
+        notes.append(
+            f"{told}, whose frame {camera.frame} it names ({topic}); its extrinsics do not include that, as its "
+            "images are not rectified. Give it a `frame` or `extrinsics` of its own."
+        )
+        return None
+    if rectified:
+        what = (
+            "the extrinsics in the recipe are" if camera.sensor.extrinsics else f"its frame {camera.frame} is"
+        )
+        notes.append(f"{told}; {what} taken for its own centre, so nothing is added.")
+    return None
+
+
+def _of_rectified(name: str, topic: str, calibration: CameraCalibration) -> dict[str, Any]:
+    """Return what differs for images that were rectified: P holds instead of K and D."""
+    p = calibration.p
+    if not (p[0] > 0 and p[5] > 0):
+        raise CalibrationError(
+            f"{name}: its images are rectified, but P in the CameraInfo on {topic} has no focal length; give "
+            "`intrinsics`, or say `rectified: false` in the recipe if they are not."
+        )
+    k = [rounded(v) for v in (p[0], 0.0, p[2], 0.0, p[5], p[6], 0.0, 0.0, 1.0)]
+    return {"model": "none", "k": k, "d": []}
+
+
+def _turn(name: str, calibration: CameraCalibration, notes: list[str]) -> SE3:
+    """Return `frame_SE3_image`: R turns vectors from the camera's axes to those of the rectified image."""
+    image_R_frame = np.array(calibration.r).reshape(3, 3)
+    frame_SE3_image = SE3.create(quaternion_from_rotation(image_R_frame.T), (0.0, 0.0, 0.0))
+    turned_deg = degrees(2 * acos(min(1.0, abs(frame_SE3_image.rotation[0]))))
+    if turned_deg > TOLD_DEG:
+        notes.append(
+            f"{name}: its images are rectified by a turn of {turned_deg:.2f} degrees, which its extrinsics include."
+        )
+    return frame_SE3_image
+
+
+def _one_calibration(
+    name: str, topic: str, recording: Recording, *, rectified: bool
+) -> tuple[CameraInfoReading | None, dict[str, int]]:
+    """Return the calibration that all messages of `topic` agree on, and why others cannot be used."""
+    first: CameraInfoReading | None = None
+    counts = Counts()
+    for message in recording.messages([topic]):
+        try:
+            reading: CameraInfoReading = own_decoder("camera_info", message.msgtype)(
+                recording.decode(message)
+            )
+        except DecodeError as err:
+            counts.lose(str(err))
+            continue
+        now = reading.calibration
+        if first is None:
+            first = reading
+            continue
+        then = first.calibration
+        if now.lens != then.lens or (rectified and (now.r, now.p) != (then.r, then.p)):
+            raise CalibrationError(
+                f"{name}: the calibration on {topic} changes at {reading.stamp_ns / 1e9:.3f} s; one recording has "
+                "one calibration. Split the recording there, or give `intrinsics` in the recipe."
+            )
+    return first, counts.lost
+
+
+def _reasons(lost: Mapping[str, int]) -> str:
+    return ": " + "; ".join(lost) if lost else ""
+
+
+def _by_hand(name: str, given: Intrinsics) -> dict[str, Any]:
+    k = [given.fx, 0.0, given.cx, 0.0, given.fy, given.cy, 0.0, 0.0, 1.0]
+    model: str = given.model
+    d = list(given.distortion)
+    if not d:  # an equidistant lens is none by its coefficients alone
+        model, d = ("equidistant", [0.0] * 4) if model == "equidistant" else ("none", [])
+    width, height = given.width, given.height
+    try:
+        check_lens(model, width, height, k, d)
+    except DecodeError as err:
+        raise CalibrationError(f"{name}: intrinsics in the recipe: {err}.") from err
+    return {
+        "model": model,
+        "width": width,
+        "height": height,
+        "k": k,
+        "d": d,
+        "r": [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+        "p": [*k[:3], 0.0, *k[3:6], 0.0, *k[6:], 0.0],
+        "binning": [1, 1],
+        "roi": {"x_offset": 0, "y_offset": 0, "width": width, "height": height, "do_rectify": False},
+        "source": "recipe",
+    }
+
+
+def rounded(value: float) -> float:
+    """Round to 12 significant digits, which hides the last bits of compositions."""
+    return float(f"{value:.12g}") + 0.0

@@ -1,0 +1,262 @@
+"""The asset `inventory`: what is in a recording, topic by topic, in one pass over it.
+
+Files: `inventory.json`, and `messages.parquet` with the small messages that later steps read.
+"""
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from bagassets.assets.asset import Asset, Facts, Inputs, Summary, Use, inlined
+from bagassets.assets.kept_messages import KeptMessages
+from bagassets.assets.topic_log import TopicLog
+from bagassets.assets.topic_probe import TopicProbe
+from bagassets.decode.loading import own_decoder
+from bagassets.decode.navsat import FixReading
+from bagassets.decode.registry import bulk_types, own_types
+from bagassets.errors import DecodeError, RecordingError
+from bagassets.geometry.sun import daylight
+from bagassets.quality.check import RecordingCheck
+from bagassets.quality.topic_rules import channels_present, stamps_monotonic, topic_rates
+from bagassets.recipe.model import READING_LIMITS, Recipe, Rig
+from bagassets.recordings.damage import advice_for
+from bagassets.recordings.model import Format, RawMessage
+from bagassets.recordings.pack import write_pack
+from bagassets.recordings.recording import Recording
+from bagassets.recordings.topic import RefusedBytes, Topic
+from bagassets.store.artifact import ArtifactWriter
+
+__all__ = ["INVENTORY", "make_inventory"]
+
+# A fix stamped before GNSS was in use carries simulated or unset time: it tells no time of day.
+FIRST_GNSS_NS = 631_152_000 * 1_000_000_000  # 1990-01-01
+# Header stamps further from the log time than this are remarked upon.
+MOST_OFFSET_S = 1.0
+
+
+@dataclass(frozen=True)
+class InventoryParams:
+    """What the inventory may know of the recipe; the same for all rigs.
+
+    Attributes:
+        definitions: folders of `.msg` files, for recordings whose types came without definitions.
+        limits: what a recording may ask of the memory, where that is not as by default. What they cost shows in the
+            digests of topics, and so in the actions of all assets that read those.
+    """
+
+    definitions: tuple[Path, ...]
+    limits: Mapping[str, int]
+
+    @classmethod
+    def of(cls, recipe: Recipe, _: Rig) -> "InventoryParams":
+        """Return those of a recipe."""
+        return cls(recipe.bags.message_definitions, recipe.limits.changed(*READING_LIMITS))
+
+
+@dataclass(frozen=True)
+class InventoryUse:
+    """What shapes an inventory besides the content of the recording.
+
+    Attributes:
+        format: what the recording is read as: the same bytes under another suffix are read differently.
+        limits: as of `InventoryParams`.
+    """
+
+    format: Format
+    limits: Mapping[str, int] = inlined()
+
+
+def use(params: InventoryParams, facts: Facts) -> dict[str, Use[InventoryUse]]:
+    """Return what the inventory of a recording depends on: all of it, and the definitions of message types."""
+    inputs = {"bag": facts.digest, **facts.definitions(params.definitions)}
+    return {"": Use(InventoryUse(facts.format, params.limits), inputs=inputs)}
+
+
+def make_inventory(recording: Recording, out: ArtifactWriter, *, size: int) -> dict[str, Any]:
+    """Read the whole recording once, write its inventory and pack, and return the summary.
+
+    Args:
+        recording: the recording.
+        out: the artifact.
+        size: bytes of its files.
+    """
+    logs = {name: TopicLog(info.msgtype) for name, info in recording.topics.items()}
+    probes = {name: TopicProbe(info) for name, info in recording.topics.items() if info.problem is None}
+    bulk = bulk_types("yes")
+    kept = KeptMessages(name for name, info in recording.topics.items() if info.msgtype not in bulk)
+    fixes: list[FixReading] = []
+    fix_types = own_types("fix")
+    refused: Counter[tuple[str, str]] = Counter()
+    recording.check_content()
+    for number, message in enumerate(recording.messages(list(recording.topics))):
+        name, info = message.topic, recording.topics[message.topic]
+        if isinstance(message.data, RefusedBytes):
+            refused[name, message.data.reason] += 1
+        logs[name].add(message, info.header(message.data) if info.problem is None else None)
+        if name in probes:
+            probes[name].add(message)
+        kept.add(number, message)
+        if info.msgtype in fix_types and info.problem is None:
+            _take_fix(info, message, fixes)
+    _refuse_shortfall(recording, logs)
+    write_pack(out, kept.in_order())
+    problems = {
+        name: probes[name].problem if name in probes else info.problem
+        for name, info in recording.topics.items()
+    }
+    value = _inventory_json(recording, logs, kept.topics, problems, fixes)
+    for (name, reason), number in sorted(refused.items()):
+        value["notes"].append(
+            f"{name}: {number} of {logs[name].count} messages cannot be used, each because {reason}."
+        )
+    out.write_json("inventory.json", value | {"size": size})
+    return {
+        "messages": sum(topic["count"] for topic in value["topics"]),
+        "topics": len(value["topics"]),
+        "duration_s": value["duration_s"],
+        "unreadable_topics": ", ".join(sorted(name for name in problems if problems[name])) or "none",
+    }
+
+
+def _refuse_shortfall(recording: Recording, logs: dict[str, TopicLog]) -> None:
+    """Raise if messages that the recording's own index announces were not found: nothing is lost silently."""
+    for name, info in sorted(recording.topics.items()):
+        if logs[name].count < info.count:
+            raise RecordingError(
+                f"{recording.path}: topic {name}: {logs[name].count} of {info.count} messages were found, which the "
+                f"recording's own index announces; {advice_for(recording.path)}."
+            )
+
+
+def _take_fix(topic: Topic, message: RawMessage, fixes: list[FixReading]) -> None:
+    """Keep the first and the last valid fix."""
+    try:
+        fix = own_decoder("fix", topic.msgtype)(topic.decode(message.data))
+    except DecodeError:
+        return  # a receiver without a fix says nothing about the place
+    fixes[1:] = [fix]
+
+
+def _inventory_json(
+    recording: Recording,
+    logs: dict[str, TopicLog],
+    packed: set[str],
+    problems: dict[str, str | None],
+    fixes: list[FixReading],
+) -> dict[str, Any]:
+    topics = []
+    for name, info in sorted(recording.topics.items()):
+        definition = info.definition
+        topics.append(
+            {
+                "name": name,
+                "type": info.msgtype,
+                **logs[name].as_json(info.layout_digest),
+                "packed": name in packed,
+                "problem": problems[name],
+                "serialization": info.serialization,
+                "definition": {"format": definition.format, "text": definition.text},
+            }
+        )
+    starts = [topic["first_ns"] for topic in topics if topic["first_ns"] is not None]
+    ends = [topic["last_ns"] for topic in topics if topic["last_ns"] is not None]
+    start, end = (min(starts), max(ends)) if starts else (None, None)
+    gnss = None
+    if fixes:
+        gnss = {"first": _fix_json(fixes[0]), "last": _fix_json(fixes[-1])}
+    return {
+        "format": recording.format,
+        "start_ns": start,
+        "end_ns": end,
+        "duration_s": 0.0 if start is None or end is None else round((end - start) / 1e9, 6),
+        "topics": topics,
+        "gnss": gnss,
+        "daylight": _daylight(fixes),
+        "notes": _notes(recording, topics),
+    }
+
+
+def _daylight(fixes: list[FixReading]) -> str | None:
+    if not fixes or fixes[0].stamp_ns < FIRST_GNSS_NS:
+        return None
+    return daylight(fixes[0].lat_deg, fixes[0].lon_deg, fixes[0].stamp_ns)
+
+
+def _fix_json(fix: FixReading) -> dict[str, Any]:
+    alt = None if fix.alt_m != fix.alt_m else fix.alt_m
+    return {"lat": fix.lat_deg, "lon": fix.lon_deg, "alt": alt, "stamp_ns": fix.stamp_ns}
+
+
+def _notes(recording: Recording, topics: list[dict[str, Any]]) -> list[str]:
+    """Return sentences about what is unusual; what several topics share is said once."""
+    notes = []
+    unset, apart = [], []
+    for topic in topics:
+        name, offset = topic["name"], topic["header_offset_s"]
+        if topic["problem"] is not None:
+            notes.append(f"{name} cannot be decoded: {topic['problem']}.")
+        announced = recording.topics[name].count
+        if announced != topic["count"]:
+            notes.append(f"{name}: the recording announces {announced} messages and holds {topic['count']}.")
+        if topic["unordered_stamps"]:
+            notes.append(f"{name}: {topic['unordered_stamps']} header stamps go back in time.")
+        if offset is None or topic["problem"] is not None:
+            continue
+        if topic["first_stamp_ns"] == topic["last_stamp_ns"] == 0:
+            unset.append(name)
+        elif abs(offset["median"]) > MOST_OFFSET_S:
+            apart.append(f"{name} ({offset['median']:+.1f} s)")
+    if unset:
+        notes.append(f"Header stamps are all zero on {', '.join(unset)}: only the log time tells when.")
+    if apart:
+        notes.append(
+            f"Log times are far from header stamps on {', '.join(apart)}: choose the clock in the recipe with care."
+        )
+    return notes
+
+
+def _make(_: Use[InventoryUse], inputs: Inputs, out: ArtifactWriter) -> Summary:
+    with inputs.whole() as recording:
+        return make_inventory(recording, out, size=inputs.size)
+
+
+INVENTORY = Asset(
+    name="inventory",
+    version=6,
+    # rosbags has the standard types, which recordings without definitions are decoded with.
+    libraries=("pyarrow", "rosbags"),
+    title="What is in the recording: topics, types, counts, rates, gaps, offsets between clocks, the place, day or night.",
+    description="""Has a digest of each topic, so that later steps depend on just the topics that they read, and packs the small messages
+for them: `inventory.json`, `messages.parquet`.""",
+    kinds=frozenset({"json", "parquet"}),
+    params=InventoryParams.of,
+    use=use,
+    make=_make,
+    checks=(
+        RecordingCheck(
+            "channels_present",
+            "channels_present",
+            "Every configured channel has readable messages in the recording.",
+            "a configured channel has no readable messages, so samples lack it (unless listed as `optional`)",
+            lambda e: channels_present(e.rig, e.inventory, e.checks.channels_present),
+        ),
+        RecordingCheck(
+            "topic_rates",
+            "topic_rates",
+            "Topics of channels and poses keep to their rates and make no long pauses.",
+            "the mean rate of a topic leaves `min_hz`..`max_hz`; a pause is longer than `max_gap_s`; a `required` topic is "
+            "not there",
+            lambda e: topic_rates(e.rig, e.inventory, e.checks.topic_rates),
+        ),
+        RecordingCheck(
+            "stamps_monotonic",
+            "stamps_monotonic",
+            "Header stamps of channels and poses go forward and are near the log time.",
+            "more than `max_backward` header stamps go back in time; the median stamp is more than `max_offset_s` from "
+            "the log time",
+            lambda e: stamps_monotonic(e.rig, e.inventory, e.checks.stamps_monotonic),
+        ),
+    ),
+)

@@ -1,0 +1,318 @@
+"""Lidar readings become `.pcd.bin` files: clouds message by message, packets turn by turn.
+
+The stamp of a file is the end (recipe: start or middle) of its revolution. When that was follows
+
+* for packets from the packets at both cuts (`bagassets.assets.revolutions`);
+* for clouds with point times, and laser scans, from the first and the last of them;
+* for other clouds from the message's stamp and the median period of the topic, if the recipe says which moment
+  the former means (`header_stamp_is`). If it does not, or if there is one message only, so that no period is
+  known, the stamp stays as recorded, and the span in the index is that moment.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bagassets.assets.asset import inlined, omitted
+from bagassets.assets.deskew import deskewed
+from bagassets.assets.lidar_file import lidar_bytes
+from bagassets.assets.revolutions import Revolution, RevolutionCutter
+from bagassets.assets.sweep_files import SensorSettings, SensorUse, SweepFiles
+from bagassets.decode.fields import stamp_and_frame
+from bagassets.decode.loading import keyed_decoder
+from bagassets.decode.model import CloudReading
+from bagassets.decode.packets import packets_in
+from bagassets.decode.point_times import Moment
+from bagassets.decode.velodyne import (
+    POSITION_PACKET_SIZE,
+    Packet,
+    PacketParser,
+    RevolutionDecoder,
+)
+from bagassets.errors import DecodeError, RecipeError
+from bagassets.geometry.se3 import SE3
+from bagassets.geometry.trajectory import Trajectory
+from bagassets.recordings.model import RawMessage
+
+__all__ = [
+    "NO_STAMP",
+    "CloudSweeps",
+    "CloudUse",
+    "LidarSettings",
+    "LidarUse",
+    "LidarWriter",
+    "PacketSweeps",
+    "PacketUse",
+    "revolution_span_ns",
+]
+
+Span = tuple[int, int]
+
+NO_STAMP = "its header has no stamp; set clock: log in the recipe"
+
+
+@dataclass(frozen=True, kw_only=True)
+class LidarSettings(SensorSettings):
+    """What the recipe says of a lidar, whatever its messages are.
+
+    Attributes:
+        stamp: which time of a revolution is its stamp.
+        stamp_offset_s: added to all stamps.
+        deskew: points are moved to where they are at the stamp.
+        min_range_m: nearer points are dropped.
+        max_range_m: farther points are dropped; None for no limit.
+    """
+
+    stamp: Moment
+    stamp_offset_s: float
+    deskew: bool
+    min_range_m: float
+    max_range_m: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class LidarUse(SensorUse):
+    """What shapes the files of a lidar in a recording besides its messages.
+
+    Attributes:
+        settings: what the recipe says of it.
+        ego_SE3_sensor: where the sensor is mounted, as `calibration.json` has it; None if it is not deskewed.
+    """
+
+    modality: Literal["lidar"] = "lidar"
+    settings: LidarSettings = inlined()
+    ego_SE3_sensor: SE3 | None = omitted()
+
+
+@dataclass(frozen=True, kw_only=True)
+class CloudUse(LidarUse):
+    """What shapes the files of a lidar whose messages are clouds.
+
+    Attributes:
+        header_stamp_is: which time of a revolution the recorded stamp means; None if the recipe does not say.
+        period_ns: median time between two messages, where the recipe says what their stamps mean; None for one alone.
+    """
+
+    header_stamp_is: Moment | None
+    period_ns: int | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class PacketUse(LidarUse):
+    """What shapes the files of a lidar whose messages hold packets.
+
+    Attributes:
+        model: of the lidar; None to go by the packets.
+        cut_angle_deg: azimuth at which revolutions begin; None to go by the packets.
+    """
+
+    model: str | None
+    cut_angle_deg: float | None
+
+
+def revolution_span_ns(
+    reading: CloudReading, period_ns: int | None, header_stamp_is: Moment | None
+) -> tuple[int, int]:
+    """Return when the revolution of a cloud began and ended, on the clock of its stamp."""
+    if reading.span_ns is not None:
+        return reading.span_ns
+    if reading.times_ns is not None:
+        return int(reading.times_ns.min()), int(reading.times_ns.max())
+    if header_stamp_is is None:
+        return reading.stamp_ns, reading.stamp_ns
+    duration = period_ns or 0
+    before = {"start": 0, "middle": duration // 2, "end": duration}[header_stamp_is]
+    return reading.stamp_ns - before, reading.stamp_ns - before + duration
+
+
+class LidarWriter:
+    """Applies range limits and deskewing to revolutions, and writes them.
+
+    Args:
+        use: what shapes them.
+        files: where they go.
+        trajectory: returns the ego poses; called only if the sweeps are deskewed.
+    """
+
+    def __init__(self, use: LidarUse, files: SweepFiles, trajectory: Callable[[], Trajectory]) -> None:
+        settings = use.settings
+        self.files = files
+        self._name = use.channel
+        self._topic = settings.topic
+        self._stamp = settings.stamp
+        self._offset_ns = round(settings.stamp_offset_s * 1e9)
+        self._min_m = settings.min_range_m
+        self._max_m = settings.max_range_m
+        self._motion: tuple[Trajectory, SE3] | None = None
+        if use.ego_SE3_sensor is not None:
+            mount = use.ego_SE3_sensor
+            self._motion = (trajectory(), SE3.create(mount.rotation, mount.translation))
+
+    def write(
+        self,
+        points: NDArray[np.float32],
+        times_ns: NDArray[np.int64] | None,
+        span_ns: Span,
+        log_time_ns: int,
+        *,
+        parts: int = 1,
+    ) -> None:
+        """Write one revolution; all times on the clock of the recipe, without the channel's own offset.
+
+        Raises:
+            RecipeError: the recipe wants it deskewed, but its points have no times.
+        """
+        points, times_ns = self._within_limits(points, times_ns)
+        if not len(points):
+            self.files.lose("no point in it", parts)
+            return
+        if self._offset_ns:
+            span_ns = (span_ns[0] + self._offset_ns, span_ns[1] + self._offset_ns)
+            times_ns = None if times_ns is None else times_ns + self._offset_ns
+        start, end = span_ns
+        stamp = {"start": start, "middle": (start + end) // 2, "end": end}[self._stamp]
+        if self._motion is not None:
+            if times_ns is None:
+                raise RecipeError(
+                    f"{self._name}: the points of {self._topic} have no times, so they cannot be "
+                    "deskewed; set deskew: false."
+                )
+            moved = deskewed(points, times_ns, stamp, *self._motion)
+            if moved is None:
+                self.files.lose("no ego pose to deskew with", parts, len(points))
+                return
+            points = moved
+        data = lidar_bytes(points)
+        self.files.write(stamp, log_time_ns, data, len(points), parts=parts, span_ns=span_ns)
+
+    def _within_limits(
+        self, points: NDArray[np.float32], times_ns: NDArray[np.int64] | None
+    ) -> tuple[NDArray[np.float32], NDArray[np.int64] | None]:
+        if self._min_m <= 0.0 and self._max_m is None:
+            return points, times_ns
+        x, y, z = (points[:, axis].astype(np.float64) for axis in range(3))
+        distance = np.sqrt(x * x + y * y + z * z)
+        near = distance < self._min_m
+        far = distance > (np.inf if self._max_m is None else self._max_m)
+        self.files.points.drop("nearer than min_range_m", int(near.sum()))
+        self.files.points.drop("farther than max_range_m", int(far.sum()))
+        keep = ~(near | far)
+        return points[keep], None if times_ns is None else times_ns[keep]
+
+
+class CloudSweeps:
+    """One file per PointCloud2 or LaserScan message."""
+
+    def __init__(self, use: CloudUse, writer: LidarWriter) -> None:
+        self._writer = writer
+        self._decode = keyed_decoder("cloud", use.msgtype, use.decoder)
+        self._by_plugin = use.decoder is not None
+        self._header_stamp_is = use.header_stamp_is
+        self._stamp = use.settings.stamp
+        self._period_ns = use.period_ns
+        self._by_log_time = use.settings.clock == "log"
+
+    def add(self, message: Any, raw: RawMessage) -> str:
+        """Write one cloud; return its frame.
+
+        Raises:
+            DecodeError: the message is no usable cloud.
+            RecipeError: see `LidarWriter.write`.
+        """
+        reading = self._reading(message)
+        files = self._writer.files
+        files.counts.read += 1
+        files.points.read += len(reading.points) + reading.dropped
+        files.points.drop("no measurement", reading.dropped)
+        # With log times all times of the message move by as much as its stamp.
+        shift = raw.log_time_ns - reading.stamp_ns if self._by_log_time else 0
+        start, end = revolution_span_ns(reading, self._period_ns, self._header_stamp_is)
+        times = reading.times_ns if reading.times_ns is None or not shift else reading.times_ns + shift
+        self._writer.write(reading.points, times, (start + shift, end + shift), raw.log_time_ns)
+        return reading.frame_id
+
+    def finish(self) -> None:
+        """Do nothing: no message waits for another."""
+
+    def _reading(self, message: Any) -> CloudReading:
+        reading: CloudReading = self._decode(message, self._header_stamp_is, self._stamp)
+        if self._by_plugin and not reading.stamp_ns and not self._by_log_time:
+            raise DecodeError(NO_STAMP)
+        return reading
+
+
+class PacketSweeps:
+    """One file per complete revolution of a Velodyne; messages are counted by packets.
+
+    Revolutions that were recorded in part, mostly the first and the last one, are lost: training
+    code expects whole ones, and a part would be stamped wrong.
+
+    Args:
+        use: what shapes them.
+        writer: writes the revolutions.
+        fail: told the text of an error for each packet that could not be used.
+    """
+
+    def __init__(self, use: PacketUse, writer: LidarWriter, fail: Callable[[str, int], None]) -> None:
+        self._writer = writer
+        self._fail = fail
+        self._parser = PacketParser(use.model)
+        self._decoder = RevolutionDecoder(use.model)
+        self._cutter = RevolutionCutter(use.cut_angle_deg)
+        self._by_log_time = use.settings.clock == "log"
+
+    def add(self, message: Any, raw: RawMessage) -> str:
+        """Take the packets of a message; return their frame.
+
+        Raises:
+            DecodeError: the message holds no packets.
+        """
+        header_ns, frame_id = stamp_and_frame(message.header) if hasattr(message, "header") else (0, "")
+        packets = [(own or header_ns, data) for own, data in packets_in(message)]
+        self.add_packets(packets, raw.log_time_ns)
+        return frame_id
+
+    def add_packets(self, packets: Sequence[tuple[int, bytes]], log_time_ns: int) -> None:
+        """Take the packets, stamp and bytes, that one message brought."""
+        # With log times: what a message brings had arrived by then.
+        shift = log_time_ns - packets[-1][0] if self._by_log_time and packets else 0
+        for stamp, data in packets:
+            self._writer.files.counts.read += 1
+            if len(data) == POSITION_PACKET_SIZE:
+                self._writer.files.lose("position packet")
+                continue
+            try:
+                packet = self._parse(stamp + shift, data)
+            except DecodeError as err:
+                self._fail(str(err), 1)
+                continue
+            for revolution in self._cutter.push(packet, log_time_ns):
+                self._write(revolution)
+
+    def finish(self) -> None:
+        """Write what was collected since the last cut."""
+        for revolution in self._cutter.flush():
+            self._write(revolution)
+
+    def _parse(self, host_ns: int, data: bytes) -> Packet:
+        if host_ns == 0:
+            raise DecodeError(NO_STAMP)
+        return self._parser.parse(host_ns, data)
+
+    def _write(self, revolution: Revolution) -> None:
+        parts = len(revolution.packets)
+        if not revolution.complete:
+            self._writer.files.lose("incomplete revolution", parts)
+            return
+        packet_times, end = revolution.times_ns()
+        try:
+            decoded = self._decoder.decode(revolution.packets, packet_times)
+        except DecodeError as err:
+            self._fail(str(err), parts)
+            return
+        self._writer.files.points.read += len(decoded.points)
+        span = (int(packet_times[0]), end)
+        self._writer.write(decoded.points, decoded.times_ns, span, revolution.log_times_ns[-1], parts=parts)

@@ -1,0 +1,163 @@
+"""What every source of ego poses returns, and what several of them share."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from bagassets.assets.asset import inlined, omitted
+from bagassets.assets.channel import Counts
+from bagassets.assets.rig_frames import RigFrames
+from bagassets.errors import CalibrationError
+from bagassets.geometry.se3 import SE3, Floats
+from bagassets.geometry.tf_tree import Edge
+from bagassets.geometry.wgs84 import LocalFrame, utm
+from bagassets.recipe.model_base import Clock, Quaternion, Vector3
+from bagassets.recipe.model_poses import MovingPoseSource, TfSource
+from bagassets.recordings.model import RawMessage
+
+__all__ = ["Joint", "MovingRig", "PoseSamples", "mounted", "stamp_of", "strays", "wgs84_origin"]
+
+
+# Nothing on wheels reaches this speed; a number with a flipped bit soon does. Poses whose stamps almost
+# agree differ by noise.
+_FASTEST_MPS, _NOISE_M = 1000.0, 10.0
+
+
+class Joint(NamedTuple):
+    """A fixed joint of a URDF file, `parent_SE3_child`."""
+
+    parent: str
+    child: str
+    translation: Vector3
+    rotation: Quaternion
+
+
+@dataclass(frozen=True)
+class MovingRig:
+    """What shapes the poses that a recording gives of a rig that moves.
+
+    Attributes:
+        clock: which time of a message counts.
+        ego_frame: the frame whose poses are wanted.
+        lost_messages: share of messages that may fail to give a pose.
+        urdf: fixed joints of the URDF file; what else is in it makes nothing stale.
+        tf_static: topics with static transforms that the recording has.
+        tf: topics with transforms that it has.
+        source: where poses come from.
+        decoder: the plug-in that decodes the source, if one does.
+    """
+
+    clock: Clock
+    ego_frame: str
+    lost_messages: float
+    urdf: tuple[Joint, ...]
+    tf_static: tuple[str, ...]
+    tf: tuple[str, ...]
+    source: MovingPoseSource = inlined()
+    decoder: Mapping[str, str] | None = omitted()
+
+    @property
+    def source_name(self) -> str:
+        """The topic that poses come from, or TF."""
+        return "TF" if isinstance(self.source, TfSource) else self.source.topic
+
+    @property
+    def joints(self) -> list[Edge]:
+        """The fixed joints as edges between frames."""
+        return [
+            Edge.fixed(joint.parent, joint.child, "urdf", SE3.create(joint.rotation, joint.translation))
+            for joint in self.urdf
+        ]
+
+
+@dataclass
+class PoseSamples:
+    """Samples of `global_SE3_ego` in the order read.
+
+    Attributes:
+        stamps_ns: time of each pose.
+        poses: the poses.
+        global_frame: name of the frame they are in.
+        origin: where that frame lies on Earth, if it is known.
+        counts: where the messages of the source went.
+        failed: messages among the lost ones that should have given a pose: damaged or nonsense.
+        helpers: counts of other topics that were read, such as an Imu's.
+        notes: sentences on what was assumed.
+    """
+
+    stamps_ns: list[int] = field(default_factory=list)
+    poses: list[SE3] = field(default_factory=list)
+    global_frame: str = ""
+    origin: dict[str, Any] | None = None
+    counts: Counts = field(default_factory=Counts)
+    failed: int = 0
+    helpers: dict[str, Counts] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+
+    def fail(self, reason: str) -> None:
+        """Count a message as lost that should have given a pose."""
+        self.counts.lose(reason)
+        self.failed += 1
+
+    def add_mounted(
+        self, stamps_ns: list[int], positions_m: Floats, rotations: Floats, sensor_SE3_ego: SE3
+    ) -> None:
+        """Add poses of the ego frame, given (N, 3) and (N, 4) poses of a sensor in the global frame."""
+        for stamp_ns, position, rotation in zip(stamps_ns, positions_m, rotations, strict=True):
+            self.stamps_ns.append(stamp_ns)
+            self.poses.append(SE3.create(rotation, position) @ sensor_SE3_ego)
+
+
+def strays(stamps_ns: list[int], positions_m: Floats) -> "np.ndarray[Any, np.dtype[np.bool_]]":
+    """Return (N,) which of (N, 3) positions in order of time are out of reach from both their neighbours.
+
+    A jump after which the positions go on from there, as when a vehicle finds itself on a map, makes no
+    stray. At either end of the trajectory, where there is one neighbour, that one must be in reach of the
+    next.
+    """
+    out_of_reach = np.zeros(len(stamps_ns), np.bool_)
+    if len(stamps_ns) < 3:
+        return out_of_reach
+    steps_m = np.diff(positions_m, axis=0)
+    seconds = np.diff(np.array(stamps_ns, np.int64)).astype(np.float64) / 1e9
+    jumps = np.sqrt((steps_m * steps_m).sum(axis=1)) > _NOISE_M + _FASTEST_MPS * seconds
+    out_of_reach[1:-1] = jumps[:-1] & jumps[1:]
+    out_of_reach[0] = jumps[0] and not jumps[1]
+    out_of_reach[-1] = jumps[-1] and not jumps[-2]
+    return out_of_reach
+
+
+def stamp_of(clock: Clock, message: RawMessage, header_ns: int | None) -> int:
+    """Return the time of a message on the clock of the recipe; log time if it has no header."""
+    return header_ns if clock == "header" and header_ns is not None else message.log_time_ns
+
+
+def mounted(frames: RigFrames, frame: str, ego_frame: str, what: str, samples: PoseSamples) -> SE3:
+    """Return `frame_SE3_ego`; identity, with a note, if nothing tells how the sensor sits."""
+    if frame == ego_frame:
+        return SE3()
+    try:
+        return frames.fixed(frame, ego_frame)[0]
+    except CalibrationError:
+        named = f"frame {frame}" if frame else "messages that name no frame"
+        samples.notes.append(
+            f"No fixed transform relates {ego_frame} to the {what} ({named}); it is taken to sit at the origin of "
+            f"{ego_frame}, in line with it."
+        )
+        return SE3()
+
+
+def wgs84_origin(frame: LocalFrame) -> dict[str, Any]:
+    """Return where a local frame lies on Earth, as `ego_poses.json` says it."""
+    origin = {"kind": "wgs84", "lat": frame.lat_deg, "lon": frame.lon_deg, "alt": frame.alt_m}
+    grid = utm(frame.lat_deg, frame.lon_deg)
+    if grid is None:
+        return origin | {"utm_zone": None, "easting": None, "northing": None, "convergence_deg": None}
+    return origin | {
+        "utm_zone": grid.zone,
+        "easting": round(grid.easting_m, 4),
+        "northing": round(grid.northing_m, 4),
+        "convergence_deg": round(grid.convergence_deg, 9),
+    }

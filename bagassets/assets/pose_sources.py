@@ -1,0 +1,101 @@
+"""The sources of ego poses: each turns messages into samples of `global_SE3_ego`.
+
+Every source returns stamps and poses in the order read, unsorted, with counts of what was
+read and lost; `bagassets.assets.ego_poses` sorts, merges and writes them.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+from bagassets.assets.pose_gnss import poses_from_navsat
+from bagassets.assets.pose_ncom import poses_from_ncom
+from bagassets.assets.pose_samples import MovingRig, PoseSamples, stamp_of
+from bagassets.assets.pose_tf import poses_from_tf
+from bagassets.assets.rig_frames import RigFrames
+from bagassets.decode.loading import keyed_decoder
+from bagassets.decode.model import PoseReading
+from bagassets.decode.registry import advice, own_types
+from bagassets.errors import CalibrationError, DecodeError, PoseError
+from bagassets.geometry.se3 import SE3
+from bagassets.recipe.model_poses import (
+    MovingPoseSource,
+    NavSatSource,
+    NcomSource,
+    OdometrySource,
+    PoseTopicSource,
+    TfSource,
+)
+from bagassets.recordings.recording import Recording
+
+__all__ = ["read_samples"]
+
+
+def read_samples(source: MovingPoseSource, rig: MovingRig, recording: Recording) -> PoseSamples:
+    """Return the samples of a source.
+
+    Raises:
+        PoseError: the source has no usable pose, or its frame cannot be related to the ego frame.
+    """
+    if isinstance(source, TfSource):
+        return poses_from_tf(source, rig, recording)
+    frames = RigFrames(recording, rig.tf_static, rig.tf, rig.joints)
+    match source:
+        case NavSatSource():
+            return poses_from_navsat(source, rig, recording, frames)
+        case NcomSource():
+            return poses_from_ncom(source, rig, recording, frames)
+        case _:
+            return _from_poses(source, rig, recording, frames)
+
+
+def _from_poses(
+    source: OdometrySource | PoseTopicSource, rig: MovingRig, recording: Recording, frames: RigFrames
+) -> PoseSamples:
+    decode = _pose_decoder(source.topic, rig, recording)
+    samples = PoseSamples()
+    readings: list[tuple[int, PoseReading]] = []
+    for message in recording.messages([source.topic]):
+        samples.counts.read += 1
+        try:
+            reading = decode(recording.decode(message))
+        except DecodeError as err:
+            samples.fail(str(err))
+            continue
+        readings.append((stamp_of(rig.clock, message, reading.stamp_ns), reading))
+    child_SE3_ego: dict[str, SE3] = {}
+    for stamp_ns, reading in readings:
+        child = source.frame or reading.child or rig.ego_frame
+        if child not in child_SE3_ego:
+            child_SE3_ego[child] = _static(source.topic, rig.ego_frame, child, frames)
+        samples.global_frame = samples.global_frame or reading.parent
+        if reading.parent != samples.global_frame:
+            samples.counts.lose("it is in another frame than the first pose")
+            continue
+        samples.stamps_ns.append(stamp_ns)
+        samples.poses.append(reading.parent_SE3_child @ child_SE3_ego[child])
+    return samples
+
+
+def _pose_decoder(topic: str, rig: MovingRig, recording: Recording) -> Callable[[Any], PoseReading]:
+    msgtype = recording.topics[topic].msgtype
+    decoder: Callable[[Any], PoseReading] | None = keyed_decoder("pose", msgtype, rig.decoder)
+    if decoder is None:
+        *names, last = (known.rpartition("/")[2] for known in own_types("pose"))
+        raise PoseError(
+            f"ego poses: topic {topic} carries {msgtype}, expected {', '.join(names)} or {last}; "
+            f"{advice('pose', msgtype)}"
+        )
+    return decoder
+
+
+def _static(topic: str, ego: str, child: str, frames: RigFrames) -> SE3:
+    """Return `child_SE3_ego`, which must be fixed."""
+    if child == ego:
+        return SE3()
+    try:
+        return frames.fixed(child, ego)[0]
+    except CalibrationError as err:
+        raise PoseError(
+            f"{topic} gives poses of {child}, not of {ego}: {err}. Correct ego_frame in the recipe, or "
+            "name in ego_pose.frame the frame whose pose this is."
+        ) from err

@@ -1,0 +1,182 @@
+"""The asset `preview`: pictures of a recording for people.
+
+Files: `lidar_over_camera.jpg`, `birds_eye.jpg`, `future_trajectory.jpg`, `contact_sheet.jpg`,
+`timeline.jpg` in full size; the same below `inline/`, small enough for the web UI; `thumbnail.jpg` for the
+report. `facts.json` says which there are, and why others are not: a picture that cannot be drawn costs
+nothing but itself.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from bagassets.annotations.table import BoxTable
+from bagassets.assets.annotations import ANNOTATIONS
+from bagassets.assets.asset import Asset, Facts, Inputs, Summary, Use, inlined
+from bagassets.assets.calibration import CALIBRATION
+from bagassets.assets.ego_poses import EGO_POSES
+from bagassets.assets.frames import FRAMES
+from bagassets.assets.inventory import INVENTORY
+from bagassets.assets.lidar_file import read_lidar_file
+from bagassets.assets.sweeps import SWEEPS
+from bagassets.assets.track import TRACK
+from bagassets.preview.canvas import Image, jpeg, jpeg_within
+from bagassets.preview.channels import CameraImages, Clouds
+from bagassets.preview.pictures import TITLES, CannotDrawError, Pictures
+from bagassets.preview.timeline import timeline, timeline_facts
+from bagassets.recipe.model import CameraChannel, LidarChannel, Recipe, Rig
+from bagassets.store.artifact import ArtifactWriter
+from bagassets.store.canonical import digest_json
+
+__all__ = ["FACTS", "INLINE_BYTES", "PREVIEW", "THUMBNAIL"]
+
+FACTS = "facts.json"
+THUMBNAIL = "thumbnail.jpg"
+# What is shown in the web UI lies in Dagster's event log, once per materialization: five of these are 100 KB.
+INLINE_BYTES = 16 * 1024
+INLINE_WIDTH_PX = 560
+THUMBNAIL_BYTES = 2600
+THUMBNAIL_WIDTH_PX = 200
+# The first of these that there is stands for the recording.
+_THUMBNAILS = ("lidar_over_camera", "contact_sheet", "birds_eye", "timeline")
+
+
+@dataclass(frozen=True)
+class Style:
+    """How pictures are drawn; see `preview` in the recipe."""
+
+    columns: int
+    width: int
+    future_s: float
+    range_m: float | None
+
+
+@dataclass(frozen=True)
+class PreviewParams:
+    """What the pictures of a recording may know of the recipe.
+
+    Attributes:
+        cameras: in order of preference, the one of the single pictures first.
+        lidars: in order of preference; the first one that the recording has is drawn.
+        distorted: those of the cameras whose images keep the distortion of their lens.
+        style: how pictures are drawn.
+    """
+
+    cameras: tuple[str, ...]
+    lidars: tuple[str, ...]
+    distorted: frozenset[str]
+    style: Style
+
+    @classmethod
+    def of(cls, recipe: Recipe, rig: Rig) -> "PreviewParams":
+        """Return those of a rig."""
+        preview = recipe.preview
+        cameras = {n: channel for n, channel in rig.channels.items() if isinstance(channel, CameraChannel)}
+        lidars = [n for n, channel in rig.channels.items() if isinstance(channel, LidarChannel)]
+        return cls(
+            cameras=_first(preview.camera or "CAM_FRONT", list(cameras)),
+            lidars=_first(preview.lidar or "LIDAR_TOP", lidars),
+            distorted=frozenset(name for name, camera in cameras.items() if not camera.undistort),
+            style=Style(preview.columns, preview.width, preview.future_s, preview.range_m),
+        )
+
+
+def _first(wanted: str, names: list[str]) -> tuple[str, ...]:
+    """Return the names with the wanted one, if it is there, at the front."""
+    return tuple(sorted(names, key=lambda name: name != wanted))
+
+
+@dataclass(frozen=True)
+class PreviewUse:
+    """What shapes the pictures of a recording besides its artifacts.
+
+    Attributes:
+        cameras: camera -> the lens that its images were written with, `camera` of `calibration.json`; None if they
+            are free of distortion.
+        order: the cameras, the one of the single pictures first.
+        lidar: the lidar that is drawn.
+        extrinsics: channel -> `ego_SE3_sensor` of `calibration.json`.
+        style: how pictures are drawn.
+    """
+
+    cameras: Mapping[str, Mapping[str, Any] | None]
+    order: tuple[str, ...]
+    lidar: str | None
+    extrinsics: Mapping[str, Mapping[str, Any]]
+    style: Style = inlined()
+
+
+def use(params: PreviewParams, facts: Facts) -> dict[str, Use[PreviewUse]]:
+    """Return what the pictures of a recording depend on: images, one lidar, poses, boxes, and when topics were there."""
+    images, clouds = facts.channels("frames"), facts.channels("sweeps")
+    cameras = tuple(name for name in params.cameras if name in images)
+    lidar = next((name for name in params.lidars if name in clouds), None)
+    shown = {name: images[name] for name in cameras} | ({} if lidar is None else {lidar: clouds[lidar]})
+    calibrated = facts.calibration["channels"]
+    read = PreviewUse(
+        cameras={name: calibrated[name]["camera"] if name in params.distorted else None for name in cameras},
+        order=cameras,
+        lidar=lidar,
+        extrinsics={name: calibrated[name]["ego_SE3_sensor"] for name in shown},
+        style=params.style,
+    )
+    inputs = {f"channel:{name}": artifact.digest for name, artifact in shown.items()}
+    inputs |= {name: facts.artifact(name).digest for name in ("ego_poses", "annotations")}
+    return {"": Use(read, inputs=inputs | {"timeline": digest_json(timeline_facts(facts.inventory))})}
+
+
+def make(use: Use[PreviewUse], inputs: Inputs, out: ArtifactWriter) -> Summary:
+    """Draw the pictures; return the summary."""
+    params = use.params
+    images, extrinsics, lidar = inputs.channels("frames"), params.extrinsics, params.lidar
+    cameras = {
+        name: CameraImages.of(name, images[name], extrinsics[name], params.cameras[name])
+        for name in params.order
+    }
+    pictures = Pictures(
+        cameras={name: camera for name, camera in cameras.items() if len(camera.files)},
+        clouds=None
+        if lidar is None
+        else Clouds.of(lidar, inputs.channels("sweeps")[lidar], extrinsics[lidar], read_lidar_file),
+        trajectory=inputs.trajectory,
+        boxes=BoxTable.from_arrow(inputs.artifact("annotations").read_table("annotations.parquet")),
+        timeline_facts=timeline_facts(inputs.inventory),
+        width=params.style.width,
+        columns=params.style.columns,
+        future_s=params.style.future_s,
+        range_m=params.style.range_m,
+    )
+    drawn: dict[str, Image] = {}
+    missing: dict[str, str] = {}
+    for name in TITLES:
+        try:
+            drawn[name] = pictures.draw(name)
+        except CannotDrawError as err:
+            missing[name] = str(err)
+            continue
+        out.write(f"{name}.jpg", jpeg(drawn[name]))
+        # Words shrink with a picture: the one that consists of words is drawn anew.
+        inline = timeline(pictures.timeline_facts, INLINE_WIDTH_PX) if name == "timeline" else drawn[name]
+        out.write(f"inline/{name}.jpg", jpeg_within(inline, INLINE_BYTES, INLINE_WIDTH_PX))
+    stands_for_all = next(drawn[name] for name in _THUMBNAILS if name in drawn)
+    out.write(THUMBNAIL, jpeg_within(stands_for_all, THUMBNAIL_BYTES, THUMBNAIL_WIDTH_PX))
+    facts = {"pictures": list(drawn), "missing": missing, "moment_ns": pictures.moment_ns}
+    out.write_json(FACTS, facts)
+    return facts
+
+
+PREVIEW = Asset(
+    name="preview",
+    version=5,
+    libraries=("opencv-python-headless",),
+    title="Pictures of the recording for people; the small ones are shown with each materialization.",
+    kinds=frozenset({"image"}),
+    reads=(INVENTORY, CALIBRATION, EGO_POSES, ANNOTATIONS, FRAMES, SWEEPS),
+    enabled=lambda recipe: recipe.preview.enabled,
+    optional=True,
+    # Maps and reports will ask for the track; now is the time to make it, on all workers.
+    along=(TRACK,),
+    params=PreviewParams.of,
+    use=use,
+    make=make,
+)

@@ -1,0 +1,157 @@
+"""Radar readings become `.pcd` files: one per message, or one per cycle of single tracks."""
+
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bagassets.assets.asset import inlined
+from bagassets.assets.radar_file import radar_bytes
+from bagassets.assets.sweep_files import SensorSettings, SensorUse, SweepFiles
+from bagassets.decode.loading import keyed_decoder
+from bagassets.decode.model import RadarReading
+from bagassets.decode.radar import is_single_track, track_number
+from bagassets.decode.radar_fields import Side
+from bagassets.errors import DecodeError
+from bagassets.recordings.model import RawMessage
+
+__all__ = ["RadarSettings", "RadarSweeps", "RadarUse"]
+
+Targets = dict[str, NDArray[np.float64]]
+
+# An ESR sends its 64 tracks, one message each, every 50 ms; slower radars every 100 ms.
+LONGEST_CYCLE_NS = 100_000_000
+
+
+@dataclass(frozen=True, kw_only=True)
+class RadarSettings(SensorSettings):
+    """What the recipe says of a radar.
+
+    Attributes:
+        azimuth_positive: side on which recorded azimuths are positive; None as the type of the messages defines it.
+    """
+
+    azimuth_positive: Side | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class RadarUse(SensorUse):
+    """What shapes the files of a radar in a recording besides its messages.
+
+    Attributes:
+        settings: what the recipe says of it.
+    """
+
+    modality: Literal["radar"] = "radar"
+    settings: RadarSettings = inlined()
+
+
+@dataclass(slots=True)
+class _Sweep:
+    """Targets of one or several messages that belong together."""
+
+    stamp_ns: int
+    log_time_ns: int
+    parts: int = 0
+    targets: list[Targets] = field(default_factory=list)
+
+    def add(self, targets: Targets, log_time_ns: int) -> None:
+        self.parts += 1
+        self.log_time_ns = log_time_ns
+        if len(targets["x"]):
+            self.targets.append(targets)
+
+    @property
+    def number(self) -> int:
+        return sum(len(targets["x"]) for targets in self.targets)
+
+    def joined(self) -> Targets:
+        if not self.targets:
+            return {"x": np.zeros(0), "y": np.zeros(0)}
+        return {name: np.concatenate([part[name] for part in self.targets]) for name in self.targets[0]}
+
+
+class RadarSweeps:
+    """Writes radar readings; a message without targets makes a file without targets.
+
+    Single tracks are collected into cycles: a new one begins with a track whose number is not
+    greater than that of the one before, or 0.1 s after the first. A cycle has the stamp of its
+    first track.
+
+    Some drivers publish the same reading again and again while they fill it. Of readings with the
+    same stamp, one after the other, the one with most targets is kept (of equals the first); the
+    others are counted as duplicates.
+    """
+
+    def __init__(self, use: RadarUse, files: SweepFiles) -> None:
+        self._files = files
+        self._by_log_time = use.settings.clock == "log"
+        self._side = use.settings.azimuth_positive
+        self._decode = keyed_decoder("radar", use.msgtype, use.decoder)
+        self._by_plugin = use.decoder is not None
+        self._pending: _Sweep | None = None
+        self._cycle: _Sweep | None = None
+        self._last_number = -1.0
+
+    def add(self, message: Any, raw: RawMessage) -> str:
+        """Take one message; return its frame.
+
+        Raises:
+            DecodeError: the message is no usable radar reading.
+        """
+        reading = self._reading(message, raw)
+        self._files.counts.read += 1
+        self._files.points.read += len(reading.targets["x"]) + reading.dropped
+        self._files.points.drop("no measurement", reading.dropped)
+        stamp = raw.log_time_ns if self._by_log_time else reading.stamp_ns
+        sweep = _Sweep(stamp, raw.log_time_ns)
+        if not self._by_plugin and is_single_track(message):
+            self._collect(sweep, reading.targets, track_number(message))
+        else:
+            sweep.add(reading.targets, raw.log_time_ns)
+            self._offer(sweep)
+        return reading.frame_id
+
+    def finish(self) -> None:
+        """Write what waits for further messages."""
+        if self._cycle is not None:
+            self._offer(self._cycle)
+        if self._pending is not None:
+            self._write(self._pending)
+
+    def _reading(self, message: Any, raw: RawMessage) -> RadarReading:
+        reading: RadarReading = self._decode(message, raw.msgtype, self._side)
+        if self._by_plugin and not reading.stamp_ns and not self._by_log_time:
+            raise DecodeError("its stamp is zero; set clock: log in the recipe")
+        return reading
+
+    def _collect(self, sweep: _Sweep, targets: Targets, number: float | None) -> None:
+        """Add a single track, which came with `sweep`, to its cycle; without numbers time decides."""
+        cycle = self._cycle
+        number = self._last_number + 1.0 if number is None else number
+        if cycle is not None and not (
+            number > self._last_number and sweep.stamp_ns - cycle.stamp_ns <= LONGEST_CYCLE_NS
+        ):
+            self._offer(cycle)
+            cycle = None
+        self._cycle = cycle or sweep
+        self._cycle.add(targets, sweep.log_time_ns)
+        self._last_number = number
+
+    def _offer(self, sweep: _Sweep) -> None:
+        """Write the sweep before this one, unless this one takes its place."""
+        before = self._pending
+        self._pending = sweep
+        if before is None:
+            return
+        if before.stamp_ns // 1000 != sweep.stamp_ns // 1000:
+            self._write(before)
+            return
+        if before.number >= sweep.number:
+            before, self._pending = sweep, before
+        self._files.lose("duplicate stamp", before.parts, before.number)
+
+    def _write(self, sweep: _Sweep) -> None:
+        data = radar_bytes(sweep.joined())
+        self._files.write(sweep.stamp_ns, sweep.log_time_ns, data, sweep.number, parts=sweep.parts)

@@ -1,0 +1,124 @@
+"""The sensors of a rig as `calibration` knows them: what their messages are called, where they sit, their lenses."""
+
+from dataclasses import dataclass
+
+from bagassets.assets.asset import inlined, omitted
+from bagassets.decode.registry import own_types
+from bagassets.recipe.model import CameraChannel, Channel, Intrinsics
+from bagassets.recipe.model_base import Transform
+from bagassets.recordings.inventory import Inventory
+
+__all__ = ["CameraInfo", "Lens", "RecordedSensor", "Sensor", "camera_info_topic", "is_rectified"]
+
+
+@dataclass(frozen=True)
+class CameraInfo:
+    """What describes the lens of a camera whose intrinsics are recorded.
+
+    Attributes:
+        camera_info: topic of CameraInfo messages.
+        rectified: the recorded images are rectified.
+    """
+
+    camera_info: str
+    rectified: bool
+
+
+@dataclass(frozen=True)
+class Lens:
+    """The lens of a camera.
+
+    Attributes:
+        intrinsics: given by hand, or None.
+        undistort: images are undistorted, which needs intrinsics.
+        recorded: where else they come from; None if given by hand.
+    """
+
+    intrinsics: Intrinsics | None
+    undistort: bool
+    recorded: CameraInfo | None = inlined()
+
+    @classmethod
+    def of(cls, channel: CameraChannel) -> "Lens":
+        """Return what the recipe says of it."""
+        if channel.intrinsics is not None:
+            return cls(channel.intrinsics, channel.undistort, None)
+        return cls(None, channel.undistort, CameraInfo(camera_info_topic(channel), is_rectified(channel)))
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """The sensor of a channel.
+
+    Attributes:
+        topic: where its messages are.
+        modality: camera, lidar or radar.
+        frame: the frame that it sits in; None if its messages tell.
+        extrinsics: `ego_SE3_sensor` given by hand.
+        lens: that of a camera.
+    """
+
+    topic: str
+    modality: str
+    frame: str | None
+    extrinsics: Transform | None
+    lens: Lens | None = inlined()
+
+    @classmethod
+    def of(cls, channel: Channel) -> "Sensor":
+        """Return what the recipe says of it."""
+        lens = Lens.of(channel) if isinstance(channel, CameraChannel) else None
+        return cls(channel.topic, channel.modality, channel.frame, channel.extrinsics, lens)
+
+
+@dataclass(frozen=True)
+class RecordedSensor:
+    """A sensor with what its messages in a recording tell.
+
+    Attributes:
+        sensor: what the recipe says of it.
+        frame: the frame that it sits in; empty if its messages name none.
+        same_frame: for a camera with CameraInfo, other such topics in the frame of the camera: if it is the second
+            one of a stereo pair, the first one may be among these.
+    """
+
+    sensor: Sensor = inlined()
+    frame: str = ""
+    same_frame: tuple[str, ...] | None = omitted()
+
+    @classmethod
+    def of(cls, sensor: Sensor, inventory: Inventory) -> "RecordedSensor":
+        """Return a sensor whose topic is in a recording with what is told there."""
+        frames = inventory.topic(sensor.topic).frame_ids
+        frame = sensor.frame or (frames[0] if frames else "")
+        if sensor.lens is None or sensor.lens.recorded is None:
+            return cls(sensor, frame)
+        if sensor.extrinsics is not None or not frame:
+            return cls(sensor, frame, ())
+        own, infos = sensor.lens.recorded.camera_info, inventory.of_type(*own_types("camera_info"))
+        others = (info.name for info in infos if info.name != own and frame in info.frame_ids)
+        return cls(sensor, frame, tuple(others))
+
+    @property
+    def infos(self) -> tuple[str, ...]:
+        """The CameraInfo topics that tell its lens."""
+        lens = self.sensor.lens
+        own = () if lens is None or lens.recorded is None else (lens.recorded.camera_info,)
+        return (*own, *(self.same_frame or ()))
+
+
+def camera_info_topic(channel: CameraChannel) -> str:
+    """Return the CameraInfo topic: the recipe's, else `camera_info` beside the image topic."""
+    if channel.camera_info is not None:
+        return channel.camera_info
+    parts = channel.topic.split("/")
+    if parts[-1] == "compressed" and len(parts) > 2:
+        parts = parts[:-1]
+    return "/".join([*parts[:-1], "camera_info"])
+
+
+def is_rectified(channel: CameraChannel) -> bool:
+    """Tell whether the recorded images are rectified: as the recipe says, else by the name of the topic."""
+    if channel.rectified is not None:
+        return channel.rectified
+    return any(part.startswith("image_rect") for part in channel.topic.split("/"))

@@ -1,0 +1,153 @@
+"""The files of a lidar or radar channel, and what became of its messages and points."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import pyarrow as pa
+
+from bagassets.assets.asset import omitted
+from bagassets.assets.channel import Counts
+from bagassets.recipe.model import Limits
+from bagassets.recipe.model_base import Clock
+from bagassets.store.artifact import ArtifactWriter
+
+__all__ = ["PointCounts", "SensorSettings", "SensorUse", "SweepFiles"]
+
+_COLUMNS = {
+    "stamp_ns": pa.int64(),
+    "log_time_ns": pa.int64(),
+    "file": pa.string(),
+    "size": pa.int64(),
+    "digest": pa.string(),
+    "points": pa.int32(),
+}
+_SPAN = {"start_ns": pa.int64(), "end_ns": pa.int64()}
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensorSettings:
+    """What the recipe says of any lidar or radar.
+
+    Attributes:
+        topic: where its messages are.
+        clock: which time of a message counts.
+        lost_messages: share of the messages that may be lost.
+        cloud_points: points of the largest message that is read.
+    """
+
+    topic: str
+    clock: Clock
+    lost_messages: float
+    cloud_points: int = omitted(Limits().cloud_points)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensorUse:
+    """What shapes the files of a lidar or radar in a recording besides its messages; subclasses have the rest.
+
+    Attributes:
+        channel: canonical name.
+        modality: of the channel.
+        msgtype: the type of the messages, `pkg/msg/Type`.
+        decoder: the plug-in that decodes them; None if they need none.
+    """
+
+    channel: str
+    modality: Literal["lidar", "radar"]
+    msgtype: str
+    decoder: Mapping[str, str] | None = omitted()
+
+
+@dataclass
+class PointCounts:
+    """Where points went: read = written + sum of dropped."""
+
+    read: int = 0
+    written: int = 0
+    dropped: dict[str, int] = field(default_factory=dict)
+
+    def drop(self, reason: str, number: int) -> None:
+        """Count points that were dropped, under a reason in words."""
+        if number:
+            self.dropped[reason] = self.dropped.get(reason, 0) + number
+
+    @property
+    def balanced(self) -> bool:
+        """Tell whether every point read is accounted for."""
+        return self.read == self.written + sum(self.dropped.values())
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the counts as JSON."""
+        return {"read": self.read, "written": self.written, "dropped": dict(self.dropped)}
+
+
+class SweepFiles:
+    """Writes the files of one channel and counts what went into them.
+
+    Two readings whose stamps are equal in microseconds, the unit of nuScenes, would be one row
+    there: the first is kept.
+
+    Args:
+        out: artifact that is being made.
+        extension: of the files, `.pcd.bin` or `.pcd`.
+        with_span: the index has begin and end of each revolution.
+
+    Attributes:
+        counts: where messages (of packet lidars: packets) went.
+        points: where points went.
+        bytes: size of the files together.
+    """
+
+    def __init__(self, out: ArtifactWriter, extension: str, *, with_span: bool) -> None:
+        self.counts = Counts()
+        self.points = PointCounts()
+        self.bytes = 0
+        self._out = out
+        self._extension = extension
+        self._schema = pa.schema(_COLUMNS | _SPAN if with_span else _COLUMNS)
+        self._rows: list[dict[str, Any]] = []
+        self._stamps_us: set[int] = set()
+
+    def write(
+        self,
+        stamp_ns: int,
+        log_time_ns: int,
+        data: bytes | memoryview,
+        points: int,
+        *,
+        parts: int = 1,
+        span_ns: tuple[int, int] | None = None,
+    ) -> None:
+        """Write one reading made of `parts` messages, or count it as lost if its stamp is taken."""
+        if stamp_ns // 1000 in self._stamps_us:
+            self.lose("duplicate stamp", parts, points)
+            return
+        self._stamps_us.add(stamp_ns // 1000)
+        entry = self._out.write(f"{stamp_ns}{self._extension}", data)
+        row = {
+            "stamp_ns": stamp_ns,
+            "log_time_ns": log_time_ns,
+            "file": entry.path,
+            "size": entry.size,
+            "digest": entry.digest,
+            "points": points,
+        }
+        if span_ns is not None:
+            row |= {"start_ns": span_ns[0], "end_ns": span_ns[1]}
+        self._rows.append(row)
+        self.counts.written += 1
+        self.counts.merged += parts - 1
+        self.points.written += points
+        self.bytes += entry.size
+
+    def lose(self, reason: str, parts: int = 1, points: int = 0) -> None:
+        """Count a reading, with the points it had left, as lost."""
+        self.counts.lose(reason, parts)
+        self.points.drop(reason, points)
+
+    def finish(self, description: dict[str, Any]) -> None:
+        """Write `index.parquet`, sorted by stamp, and `channel.json`."""
+        rows = sorted(self._rows, key=lambda row: row["stamp_ns"])
+        self._out.write_table("index.parquet", pa.Table.from_pylist(rows, schema=self._schema))
+        self._out.write_json("channel.json", description)

@@ -1,0 +1,352 @@
+"""The asset `sweeps`: the revolutions of each lidar and the scans of each radar of a recording, and an index of them.
+
+Files of one sensor: `<stamp_ns>.pcd.bin` or `<stamp_ns>.pcd`, `index.parquet`, `channel.json`.
+"""
+
+from collections.abc import Callable, Mapping
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+from bagassets.assets.asset import Asset, Facts, Inputs, Use, uses_of
+from bagassets.assets.calibration import CALIBRATION
+from bagassets.assets.ego_poses import EGO_POSES
+from bagassets.assets.inventory import INVENTORY
+from bagassets.assets.lidar_sweeps import (
+    NO_STAMP,
+    CloudSweeps,
+    CloudUse,
+    LidarSettings,
+    LidarWriter,
+    PacketSweeps,
+    PacketUse,
+)
+from bagassets.assets.radar_sweeps import RadarSettings, RadarSweeps, RadarUse
+from bagassets.assets.sweep_files import SweepFiles
+from bagassets.assets.topic_types import require_decoder
+from bagassets.decode.fields import check_points, stamp_ns
+from bagassets.decode.packets import PAYLOADS
+from bagassets.decode.point_times import Moment
+from bagassets.errors import BagAssetsError, DecodeError, LossLimitError, RecipeError
+from bagassets.geometry.se3 import SE3
+from bagassets.geometry.tf_tree import normalise_frame
+from bagassets.geometry.trajectory import Trajectory
+from bagassets.quality.channel_rules import channels_complete
+from bagassets.quality.check import RecordingCheck
+from bagassets.recipe.model import LidarChannel, RadarChannel, Recipe, Rig
+from bagassets.recordings.model import RawMessage
+from bagassets.recordings.recording import Recording
+from bagassets.store.artifact import ArtifactWriter
+
+__all__ = ["SWEEPS", "SweepExtractor"]
+
+SweepUse = CloudUse | PacketUse | RadarUse
+
+
+@dataclass(frozen=True, kw_only=True)
+class LidarChannelSettings:
+    """What the recipe says of a lidar; some of it counts for clouds only, some for packets.
+
+    Attributes:
+        common: what counts for both.
+        header_stamp_is: if they are clouds, which time of a revolution their stamps mean.
+        model: if they hold packets, the model of the lidar.
+        cut_angle_deg: if they hold packets, azimuth at which revolutions begin.
+    """
+
+    common: LidarSettings
+    header_stamp_is: Moment | None
+    model: str | None
+    cut_angle_deg: float | None
+
+
+@dataclass(frozen=True)
+class SweepsParams:
+    """What `sweeps` may know of the recipe.
+
+    Attributes:
+        lidars: channel -> its settings.
+        radars: channel -> its settings.
+    """
+
+    lidars: Mapping[str, LidarChannelSettings]
+    radars: Mapping[str, RadarSettings]
+
+    @classmethod
+    def of(cls, recipe: Recipe, rig: Rig) -> "SweepsParams":
+        """Return those of a rig."""
+        lidars, radars = {}, {}
+        for name, channel in sorted(rig.channels.items()):
+            if isinstance(channel, LidarChannel):
+                lidars[name] = _settings_of_lidar(recipe, channel)
+            elif isinstance(channel, RadarChannel):
+                radars[name] = RadarSettings(
+                    topic=channel.topic,
+                    clock=recipe.clock_of(channel),
+                    lost_messages=recipe.limits.lost_messages,
+                    cloud_points=recipe.limits.cloud_points,
+                    azimuth_positive=channel.azimuth_positive,
+                )
+        return cls(lidars, radars)
+
+
+def _settings_of_lidar(recipe: Recipe, channel: LidarChannel) -> LidarChannelSettings:
+    common = LidarSettings(
+        topic=channel.topic,
+        clock=recipe.clock_of(channel),
+        lost_messages=recipe.limits.lost_messages,
+        cloud_points=recipe.limits.cloud_points,
+        stamp=channel.stamp,
+        stamp_offset_s=channel.stamp_offset_s,
+        deskew=channel.deskew,
+        min_range_m=channel.min_range_m,
+        max_range_m=channel.max_range_m,
+    )
+    return LidarChannelSettings(
+        common=common,
+        header_stamp_is=channel.header_stamp_is,
+        model=channel.model,
+        cut_angle_deg=channel.cut_angle_deg,
+    )
+
+
+def use(params: SweepsParams, facts: Facts) -> dict[str, Use[SweepUse] | BagAssetsError]:
+    """Return what the sweeps of each lidar and radar in a recording depend on."""
+    has = facts.inventory.has_readable
+    lidars = {name: settings for name, settings in params.lidars.items() if has(settings.common.topic)}
+    radars = {name: settings for name, settings in params.radars.items() if has(settings.topic)}
+    uses = uses_of(lidars, partial(_use_of_lidar, facts)) | uses_of(radars, partial(_use_of_radar, facts))
+    return dict(sorted(uses.items()))
+
+
+def _use_of_lidar(facts: Facts, name: str, settings: LidarChannelSettings) -> Use[SweepUse]:
+    """Return what the sweeps of one lidar depend on.
+
+    Of upstream that is the type of its messages. Extrinsics and ego poses enter only if it is deskewed; without,
+    no change of them makes its sweeps stale.
+
+    Raises:
+        RecipeError: the recipe says something about packets, but the topic carries clouds.
+        DecodeError: the topic carries something else.
+        PluginError: several decoder plug-ins claim the type of its messages.
+    """
+    common = settings.common
+    topic = facts.inventory.topic(common.topic)
+    decoder = require_decoder(name, topic.name, topic.msgtype, "cloud", "packets")
+    mount = _mount(facts, name) if common.deskew else None
+    inputs = {EGO_POSES.name: facts.artifact(EGO_POSES.name).digest} if common.deskew else {}
+    if decoder.family == "packets":
+        packets = PacketUse(
+            channel=name,
+            settings=common,
+            msgtype=topic.msgtype,
+            decoder=decoder.key,
+            ego_SE3_sensor=mount,
+            model=settings.model,
+            cut_angle_deg=settings.cut_angle_deg,
+        )
+        return Use(packets, (topic.name,), inputs)
+    given = [field for field in ("model", "cut_angle_deg") if getattr(settings, field) is not None]
+    if given:
+        raise RecipeError(
+            f"{name}: {' and '.join(given)} can be set for Velodyne packets only, but {topic.name} carries "
+            f"{topic.msgtype}; remove it from the recipe."
+        )
+    clouds = CloudUse(
+        channel=name,
+        settings=common,
+        msgtype=topic.msgtype,
+        decoder=decoder.key,
+        ego_SE3_sensor=mount,
+        header_stamp_is=settings.header_stamp_is,
+        # Only what the header is said to mean asks for the length of a revolution.
+        period_ns=None if settings.header_stamp_is is None else topic.period_ns,
+    )
+    return Use(clouds, (topic.name,), inputs)
+
+
+def _mount(facts: Facts, name: str) -> SE3:
+    """Return where a sensor is mounted, number by number as `calibration.json` has it."""
+    pose = facts.calibration["channels"][name]["ego_SE3_sensor"]
+    (w, x, y, z), (tx, ty, tz) = pose["rotation"], pose["translation"]
+    return SE3((w, x, y, z), (tx, ty, tz))
+
+
+def _use_of_radar(facts: Facts, name: str, settings: RadarSettings) -> Use[SweepUse]:
+    """Return what the sweeps of one radar depend on: of upstream the type of its messages.
+
+    Raises:
+        RecipeError: the recipe says something about azimuths, but a plug-in decodes them.
+        DecodeError: the topic carries something else.
+        PluginError: several decoder plug-ins claim the type of its messages.
+    """
+    msgtype = facts.inventory.topic(settings.topic).msgtype
+    decoder = require_decoder(name, settings.topic, msgtype, "radar")
+    if decoder.plugin is not None and settings.azimuth_positive is not None:
+        raise RecipeError(
+            f"{name}: azimuth_positive has no effect on {settings.topic}, whose {msgtype} a plug-in of "
+            f"{decoder.plugin.distribution} decodes; remove it from the recipe."
+        )
+    use = RadarUse(channel=name, settings=settings, msgtype=msgtype, decoder=decoder.key)
+    return Use(use, (settings.topic,))
+
+
+class SweepExtractor:
+    """Turns the messages of one lidar or radar channel into the files of an artifact.
+
+    Args:
+        use: what shapes them.
+        recording: decodes the messages.
+        out: the artifact.
+        trajectory: returns `global_SE3_ego`; called only if the channel is deskewed.
+    """
+
+    def __init__(
+        self, use: SweepUse, recording: Recording, out: ArtifactWriter, trajectory: Callable[[], Trajectory]
+    ) -> None:
+        self.topics: tuple[str, ...] = (use.settings.topic,)
+        self._use = use
+        self._recording = recording
+        self._messages = 0
+        self._failed_messages = 0
+        self._failed_parts = 0
+        self._first_error: str | None = None
+        self._frame_id: str | None = None
+        # What plug-ins make of a message without header, or without stamp, is their own affair.
+        self._needs_header = use.decoder is None and not isinstance(use, PacketUse)
+        lidar = not isinstance(use, RadarUse)
+        self._files = SweepFiles(out, ".pcd.bin" if lidar else ".pcd", with_span=lidar)
+        self._sweeps: CloudSweeps | PacketSweeps | RadarSweeps
+        match use:
+            case RadarUse():
+                self._sweeps = RadarSweeps(use, self._files)
+            case PacketUse():
+                writer = LidarWriter(use, self._files, trajectory)
+                self._sweeps = PacketSweeps(use, writer, self._fail_parts)
+            case CloudUse():
+                self._sweeps = CloudSweeps(use, LidarWriter(use, self._files, trajectory))
+
+    def add(self, message: RawMessage) -> None:
+        """Take the next message; one that cannot be decoded is counted as lost."""
+        self._messages += 1
+        failed_before = self._failed_parts
+        try:
+            frame_id = self._take(message)
+            self._frame_id = self._frame_id or frame_id
+        except DecodeError as err:
+            self._files.counts.read += 1
+            self._fail_parts(str(err), 1)
+        self._failed_messages += self._failed_parts > failed_before
+
+    def finish(self) -> dict[str, Any]:
+        """Write what is left and the index; return the summary.
+
+        Raises:
+            LossLimitError: more was lost than the recipe allows, or the counts do not add up.
+        """
+        self._sweeps.finish()
+        self._check()
+        use, files = self._use, self._files
+        facts = {
+            "counts": files.counts.as_json(),
+            "messages": self._messages,
+            "points": files.points.as_json(),
+        }
+        files.finish(
+            {
+                "channel": use.channel,
+                "modality": use.modality,
+                "topic": use.settings.topic,
+                "frame_id": self._frame_id or "",
+                "fileformat": "pcd",
+                "camera_intrinsic": [],
+                **facts,
+            }
+        )
+        return {**facts, "bytes": files.bytes}
+
+    def _take(self, message: RawMessage) -> str:
+        """Hand a message on to be written; return its frame."""
+        if isinstance(self._sweeps, PacketSweeps):
+            packet = self._recording.topics[message.topic].packet(message.data, PAYLOADS)
+            if packet is not None:
+                self._sweeps.add_packets([(packet.stamp_ns, packet.payload)], message.log_time_ns)
+                return self._frame_id or normalise_frame(packet.frame_id)
+        return self._sweeps.add(self._decoded(message), message)
+
+    def _decoded(self, message: RawMessage) -> Any:
+        decoded = self._recording.decode(message)
+        settings = self._use.settings
+        check_points(decoded, settings.cloud_points)
+        if self._needs_header:
+            if not hasattr(decoded, "header"):
+                raise DecodeError("it has no header")
+            # Simulated time may start at 0, but does not stay there.
+            if settings.clock == "header" and self._messages > 1 and not stamp_ns(decoded.header.stamp):
+                raise DecodeError(NO_STAMP)
+        return decoded
+
+    def _fail_parts(self, reason: str, number: int) -> None:
+        self._failed_parts += number
+        self._first_error = self._first_error or reason
+        self._files.lose(reason, number)
+
+    def _check(self) -> None:
+        counts, points = self._files.counts, self._files.points
+        settings = self._use.settings
+        where = f"{self._use.channel}: topic {settings.topic}"
+        shares = (
+            (self._failed_messages, self._messages, "messages"),
+            (self._failed_parts, counts.read, "packets"),
+        )
+        for failed, read, unit in shares:
+            if failed > settings.lost_messages * read:
+                raise LossLimitError(
+                    f"{where} lost {failed} of {read} {unit}; the first: {self._first_error}. "
+                    "If that is acceptable raise limits.lost_messages in the recipe, else remove the channel "
+                    "or mend the recording."
+                )
+        if not (counts.balanced and points.balanced):
+            raise LossLimitError(
+                f"{where}: counts do not add up, {counts.as_json()}, points {points.as_json()}; "
+                "this is a bug of the step, please report it."
+            )
+
+
+def _extract(
+    use: Use[SweepUse], inputs: Inputs, recording: Recording, out: ArtifactWriter, _: Executor | None
+) -> SweepExtractor:
+    return SweepExtractor(use.params, recording, out, lambda: inputs.trajectory)
+
+
+def _waits_for(params: SweepsParams) -> frozenset[str]:
+    always = frozenset({INVENTORY.name, CALIBRATION.name})
+    deskews = any(lidar.common.deskew for lidar in params.lidars.values())
+    return always | {EGO_POSES.name} if deskews else always
+
+
+SWEEPS = Asset(
+    name="sweeps",
+    version=3,
+    libraries=("pyarrow", "velodyne-decoder"),
+    title="The lidar revolutions and radar scans as files of points, indexed by stamp.",
+    description="""One artifact per sensor: `.pcd.bin` for lidar, deskewed if the recipe says so, and `.pcd` for radar.""",
+    kinds=frozenset({"pointcloud", "parquet"}),
+    reads=(INVENTORY, CALIBRATION, EGO_POSES),
+    waits_for=_waits_for,
+    families=("cloud", "radar"),
+    params=SweepsParams.of,
+    use=use,
+    extract=_extract,
+    checks=(
+        RecordingCheck(
+            "sweeps_complete",
+            "channels_present",
+            "Every message read was written, merged or counted as lost, and every lidar and radar has files.",
+            "as `frames_complete`, of lidars and radars",
+            lambda e: channels_complete(e.channels("sweeps"), e.max_lost, e.clock_of),
+            quick=True,
+        ),
+    ),
+)

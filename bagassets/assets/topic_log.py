@@ -1,0 +1,120 @@
+"""What the inventory collects about one topic while the recording is read."""
+
+from array import array
+from typing import Any
+
+import numpy as np
+from blake3 import blake3
+
+from bagassets.recordings.model import RawMessage
+
+__all__ = ["TopicLog"]
+
+GAP_FACTOR = 5
+MOST_GAPS = 20
+MOST_FRAMES = 5
+
+
+class TopicLog:
+    """Counts, times and the content digest of one topic.
+
+    The digest is of the type, of (log time, length, payload) of each message in order of log
+    time, and of the layout that the payloads are decoded by. Re-indexing, re-compressing or
+    splitting a recording leaves it alone; a definition that makes other numbers of the same bytes
+    does not.
+    """
+
+    def __init__(self, msgtype: str) -> None:
+        self.bytes = 0
+        self._hasher = blake3(msgtype.encode() + b"\0")
+        self._times = array("q")
+        self._stamps = array("q")
+        self._stamped_times = array("q")
+        self._frames: dict[str, None] = {}
+        self._unordered = 0
+        self._first_unordered_ns: int | None = None
+
+    @property
+    def count(self) -> int:
+        """Number of messages so far."""
+        return len(self._times)
+
+    def add(self, message: RawMessage, header: tuple[int, str] | None) -> None:
+        """Take the next message."""
+        data = message.data
+        self.bytes += len(data)
+        self._hasher.update(
+            message.log_time_ns.to_bytes(8, "little", signed=True) + len(data).to_bytes(8, "little")
+        )
+        self._hasher.update(data)
+        self._times.append(message.log_time_ns)
+        if header is None:
+            return
+        stamp_ns, frame = header
+        if self._stamps and stamp_ns < self._stamps[-1]:
+            self._unordered += 1
+            if self._first_unordered_ns is None:
+                self._first_unordered_ns = stamp_ns
+        self._stamps.append(stamp_ns)
+        self._stamped_times.append(message.log_time_ns)
+        if frame and frame not in self._frames and len(self._frames) < MOST_FRAMES:
+            self._frames[frame] = None
+
+    def as_json(self, layout_digest: str) -> dict[str, Any]:
+        """Return the facts as they stand in `inventory.json`.
+
+        Args:
+            layout_digest: how messages are laid out; empty if that is not known.
+        """
+        times = np.array(self._times, dtype=np.int64)
+        stamps = np.array(self._stamps, dtype=np.int64)
+        offsets = np.array(self._stamped_times, dtype=np.int64) - stamps
+        periods = np.diff(times)
+        span_ns = int(times[-1] - times[0]) if len(times) > 1 else 0
+        return {
+            "count": len(times),
+            "bytes": self.bytes,
+            "digest": blake3(self._hasher.digest() + layout_digest.encode()).hexdigest(),
+            "first_ns": int(times[0]) if len(times) else None,
+            "last_ns": int(times[-1]) if len(times) else None,
+            "first_stamp_ns": int(stamps.min()) if len(stamps) else None,
+            "last_stamp_ns": int(stamps.max()) if len(stamps) else None,
+            "rate_hz": round((len(times) - 1) / (span_ns / 1e9), 3) if span_ns > 0 else None,
+            "max_gap_s": _seconds(int(periods.max())) if len(periods) else None,
+            "header_offset_s": None
+            if not len(offsets)
+            else {
+                "min": _seconds(int(offsets.min())),
+                "median": _seconds(int(np.sort(offsets)[len(offsets) // 2])),
+                "max": _seconds(int(offsets.max())),
+            },
+            "period_ns": _median_period(stamps if (stamps > 0).any() else times),
+            "unordered_stamps": self._unordered,
+            "first_unordered_ns": self._first_unordered_ns,
+            "frame_ids": list(self._frames),
+            **_gaps(times, periods),
+        }
+
+
+def _median_period(stamps: "np.ndarray[Any, np.dtype[np.int64]]") -> int | None:
+    """Return the median time between two of the stamps, in whichever order they came; pauses and lost ones shift nothing."""
+    periods = np.sort(np.diff(np.unique(stamps[stamps > 0])))
+    return int(periods[len(periods) // 2]) if len(periods) else None
+
+
+def _gaps(
+    times: "np.ndarray[Any, np.dtype[np.int64]]", periods: "np.ndarray[Any, np.dtype[np.int64]]"
+) -> dict[str, Any]:
+    if len(periods) < 2:
+        return {"gaps": [], "gap_count": 0}
+    median = int(np.sort(periods)[len(periods) // 2])
+    long = np.flatnonzero(periods > GAP_FACTOR * max(median, 1))
+    gaps = [
+        {"start_ns": int(times[i]), "duration_s": _seconds(int(periods[i]))}
+        for i in long[:MOST_GAPS].tolist()
+    ]
+    return {"gaps": gaps, "gap_count": len(long)}
+
+
+def _seconds(nanoseconds: int) -> float:
+    return round(nanoseconds / 1e9, 6)

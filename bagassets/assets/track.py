@@ -1,0 +1,164 @@
+"""The asset `track`: where on Earth a recording was driven, about once a second.
+
+It is made along with the others and shown nowhere by itself: maps, reports and the selection of datasets by place ask
+for it. File: `track.json` with `source` (`ego_poses`, a NavSatFix topic, or null), `points` (stamp_ns, latitude,
+longitude) and `local` (stamp_ns, x, y in the global frame of the ego poses, metres).
+"""
+
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from bagassets.assets.asset import Asset, Summary, Use
+from bagassets.assets.ego_poses import EGO_POSES
+from bagassets.assets.inventory import INVENTORY
+from bagassets.decode.loading import own_decoder
+from bagassets.decode.registry import own_types
+from bagassets.errors import DecodeError
+from bagassets.geometry.trajectory import Trajectory
+from bagassets.geometry.wgs84 import LocalFrame
+from bagassets.recipe.model import Recipe, Rig
+from bagassets.recipe.model_base import Clock
+from bagassets.recordings.inventory import Inventory
+from bagassets.recordings.recording import Recording
+from bagassets.store.artifact import Artifact, ArtifactWriter
+
+__all__ = ["FILE", "TRACK", "TrackFacts", "TrackInputs", "TrackParams", "make", "use"]
+
+FILE = "track.json"
+PERIOD_NS = 1_000_000_000
+
+
+@dataclass(frozen=True)
+class TrackParams:
+    """What a track may know of the recipe: which time of a message counts."""
+
+    clock: Clock
+
+    @classmethod
+    def of(cls, recipe: Recipe, _: Rig) -> "TrackParams":
+        """Return those of a recipe."""
+        return cls(recipe.clock)
+
+
+@dataclass(frozen=True)
+class TrackUse:
+    """What shapes a track besides messages and poses.
+
+    Attributes:
+        topics: the NavSatFix topic that is read, if one is.
+        clock: which time of a message counts.
+    """
+
+    topics: tuple[str, ...]
+    clock: Clock
+
+
+class TrackFacts(Protocol):
+    """What is known of a recording before its track is made: less than `Facts`, the store alone has it."""
+
+    @property
+    def inventory(self) -> Inventory:
+        """What is in the recording."""
+        ...
+
+    def artifact(self, asset: str) -> Artifact:
+        """Return the artifact of an asset upstream."""
+        ...
+
+
+class TrackInputs(TrackFacts, Protocol):
+    """What a track is made from, likewise less than `Inputs`."""
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """`global_SE3_ego`, the content of `ego_poses`."""
+        ...
+
+    def messages(self, topics: tuple[str, ...]) -> AbstractContextManager[Recording]:
+        """Open `topics` of the recording, which the inventory has packed."""
+        ...
+
+
+def use(params: TrackParams, facts: TrackFacts) -> dict[str, Use[TrackUse]]:
+    """Return what a track depends on: the NavSatFix topic with the most messages, and the poses.
+
+    Where the poses lie on Earth, no topic is read.
+    """
+    poses = facts.artifact("ego_poses")
+    origin = poses.read_json("ego_poses.json")["origin"]
+    fixes = (
+        facts.inventory.of_type(*own_types("fix")) if origin is None or origin.get("kind") != "wgs84" else ()
+    )
+    usable = [topic for topic in fixes if topic.count and topic.problem is None and topic.packed]
+    best = sorted(usable, key=lambda topic: (-topic.count, topic.name))[:1]
+    topics = tuple(topic.name for topic in best)
+    return {"": Use(TrackUse(topics, params.clock), topics, {"ego_poses": poses.digest})}
+
+
+def make(use: Use[TrackUse], inputs: TrackInputs, out: ArtifactWriter) -> Summary:
+    """Write the track; return the summary."""
+    trajectory = inputs.trajectory
+    origin = inputs.artifact("ego_poses").read_json("ego_poses.json")["origin"]
+    chosen = [] if trajectory.fixed else _thinned(trajectory.stamps_ns.tolist())
+    positions_m = trajectory.positions_m[chosen] if chosen else trajectory.positions_m[:1]
+    stamps_ns = trajectory.stamps_ns[chosen] if chosen else trajectory.stamps_ns[:1]
+    source, points = None, []
+    if origin is not None and origin.get("kind") == "wgs84":
+        source = "ego_poses"
+        lat, lon, _ = LocalFrame(origin["lat"], origin["lon"], origin["alt"]).to_geodetic(positions_m)
+        points = [
+            [int(stamp), round(float(a), 7), round(float(b), 7)]
+            for stamp, a, b in zip(stamps_ns, lat, lon, strict=True)
+        ]
+    elif use.topics:
+        with inputs.messages(use.topics) as recording:
+            points = _fixes(recording, use.topics, use.params.clock)
+        source = use.topics[0] if points else None
+    local = [
+        [int(stamp), round(float(x), 3), round(float(y), 3)]
+        for stamp, (x, y, _) in zip(stamps_ns, positions_m, strict=True)
+    ]
+    out.write_json(FILE, {"source": source, "points": points, "local": local}, indent=None)
+    return {"source": source, "points": len(points)}
+
+
+def _fixes(recording: Recording, topics: Sequence[str], clock: Clock) -> list[list[Any]]:
+    """Return valid fixes, at most one a second; what cannot be decoded says nothing about the place."""
+    points: list[list[Any]] = []
+    next_ns = 0
+    for message in recording.messages(topics):
+        if message.log_time_ns < next_ns:
+            continue
+        try:
+            fix = own_decoder("fix", message.msgtype)(recording.decode(message))
+        except DecodeError:
+            continue
+        stamp_ns = fix.stamp_ns if clock == "header" and fix.stamp_ns else message.log_time_ns
+        points.append([stamp_ns, round(fix.lat_deg, 7), round(fix.lon_deg, 7)])
+        next_ns = message.log_time_ns + PERIOD_NS
+    return points
+
+
+def _thinned(stamps_ns: Sequence[int]) -> list[int]:
+    """Return indices of stamps at least a second apart, and the last one."""
+    chosen: list[int] = []
+    for index, stamp_ns in enumerate(stamps_ns):
+        if not chosen or stamp_ns - stamps_ns[chosen[-1]] >= PERIOD_NS:
+            chosen.append(index)
+    if chosen and chosen[-1] != len(stamps_ns) - 1:
+        chosen.append(len(stamps_ns) - 1)
+    return chosen
+
+
+TRACK = Asset(
+    name="track",
+    version=1,
+    title="Where on Earth a recording was driven, about once a second.",
+    kinds=frozenset({"json"}),
+    reads=(INVENTORY, EGO_POSES),
+    params=TrackParams.of,
+    use=use,
+    make=make,
+)

@@ -1,0 +1,247 @@
+"""What a build is asked for, what it tells while it works, and what it came to."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
+
+if TYPE_CHECKING:
+    # Not imported: the command line, which waits while the server works, would pay for all of it.
+    from bagassets.build.plan_model import Plan
+
+__all__ = ["BagOutcome", "BuildOptions", "BuildReport", "Event", "Remark", "Result", "SummaryRow"]
+
+Result = Literal["built", "hit", "fresh", "skipped", "failed", "stopped"]
+
+
+@dataclass(frozen=True)
+class BuildOptions:
+    """What is asked of a build.
+
+    Attributes:
+        jobs: recordings worked on at the same time.
+        retry_failed: try again what failed before on the same input.
+        bags: keys, globs or paths of the recordings to look at; none = all.
+        select: assets to bring up to date, with what they read; none = all.
+        allow_empty: believe a bag root without any recording, where there were some before.
+    """
+
+    jobs: int = 1
+    retry_failed: bool = False
+    bags: tuple[str, ...] = ()
+    select: tuple[str, ...] = ()
+    allow_empty: bool = False
+
+    @property
+    def is_whole(self) -> bool:
+        """True if everything is asked for."""
+        return not self.bags and not self.select
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the options as JSON."""
+        return asdict(self)
+
+    @classmethod
+    def from_json(cls, value: dict[str, Any]) -> Self:
+        """Return what `as_json` gave."""
+        return cls(
+            value["jobs"],
+            value["retry_failed"],
+            tuple(value["bags"]),
+            tuple(value["select"]),
+            value["allow_empty"],
+        )
+
+
+@dataclass(frozen=True)
+class Event:
+    """Progress of a build.
+
+    Attributes:
+        kind: `planned` once, then `started`, `done`, `failed` or `stopped` of a recording, or of the
+            dataset (key empty).
+        key: partition key.
+        message: why it failed, or what was planned.
+        sizes: for `planned`, the recordings that need a run -> bytes.
+    """
+
+    kind: Literal["planned", "started", "done", "failed", "stopped"]
+    key: str = ""
+    message: str = ""
+    sizes: Mapping[str, int] = field(default_factory=dict)
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the event as JSON."""
+        return asdict(self)
+
+
+@dataclass(frozen=True)
+class BagOutcome:
+    """What a build came to for one recording.
+
+    Attributes:
+        result: `built` (something ran), `hit` (the store knew all of it, Dagster's records were brought up to
+            date), `fresh` (nothing to do), `skipped`, `failed`, or `stopped` before it was done.
+        reason: why it was skipped, or failed.
+        seconds: wall time of its run; 0 without one.
+    """
+
+    result: Result
+    reason: str = ""
+    seconds: float = 0.0
+
+
+@dataclass(frozen=True)
+class Remark:
+    """What a check said of a recording that was built.
+
+    Attributes:
+        key: partition key; empty for the dataset.
+        severity: `error` or `warn`.
+        check: name of the check.
+        problem: what it found first, in words.
+    """
+
+    key: str
+    severity: str
+    check: str
+    problem: str
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the remark as JSON."""
+        return asdict(self)
+
+
+@dataclass
+class BuildReport:
+    """What a build came to.
+
+    Attributes:
+        plan: the state of everything after the build; None in a report that another process made.
+        outcomes: recording -> what happened to it.
+        excluded: path below the bag root -> why it is no recording of the recipe's.
+        removed: recordings that were gone.
+        remarks: what checks found in what was built now.
+        duplicates: recording -> another one with the same content, which stands for it in the dataset.
+        moved: recording that this build put into another split -> the old one and the new one.
+        splits: split -> what it has of the recordings and of the time (`SplitShare.as_json`), and whether that `is_far` from
+            what was asked for.
+        dataset: `updated`, `fresh`, `failed`, `stopped`, `not made`, or `not selected`.
+        dataset_problem: why the dataset could not be made.
+        dataset_path: its dataroot.
+        interrupted: somebody stopped the build.
+        seconds: wall time.
+    """
+
+    plan: "Plan | None" = None
+    outcomes: dict[str, BagOutcome] = field(default_factory=dict)
+    excluded: Mapping[str, str] = field(default_factory=dict)
+    removed: tuple[str, ...] = ()
+    remarks: tuple[Remark, ...] = ()
+    duplicates: Mapping[str, str] = field(default_factory=dict)
+    moved: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    splits: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    dataset: str = "fresh"
+    dataset_problem: str = ""
+    dataset_path: Path = Path()
+    interrupted: bool = False
+    seconds: float = 0.0
+
+    def having(self, *results: Result) -> dict[str, BagOutcome]:
+        """Return the recordings with one of `results`."""
+        return {key: outcome for key, outcome in self.outcomes.items() if outcome.result in results}
+
+    @property
+    def succeeded(self) -> bool:
+        """True if nothing failed and nobody stopped it."""
+        return not (self.interrupted or self.dataset_problem or self.having("failed", "stopped"))
+
+    def counts(self) -> dict[str, int]:
+        """Return result -> number of recordings."""
+        results: tuple[Result, ...] = ("built", "hit", "fresh", "skipped", "failed", "stopped")
+        return {result: len(self.having(result)) for result in results}
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the report as JSON, without the plan."""
+        return {
+            "recordings": {
+                key: {
+                    "result": outcome.result,
+                    "reason": outcome.reason,
+                    "seconds": round(outcome.seconds, 3),
+                }
+                for key, outcome in self.outcomes.items()
+            },
+            "counts": self.counts(),
+            "excluded": dict(self.excluded),
+            "removed": list(self.removed),
+            "remarks": [remark.as_json() for remark in self.remarks],
+            "duplicates": dict(self.duplicates),
+            "moved": {key: list(splits) for key, splits in self.moved.items()},
+            "splits": {name: dict(share) for name, share in self.splits.items()},
+            "dataset": {
+                "state": self.dataset,
+                "path": str(self.dataset_path),
+                "problem": self.dataset_problem,
+            },
+            "interrupted": self.interrupted,
+            "seconds": round(self.seconds, 3),
+        }
+
+    @classmethod
+    def from_json(cls, value: dict[str, Any]) -> Self:
+        """Return what `as_json` gave."""
+        return cls(
+            outcomes={
+                key: BagOutcome(bag["result"], bag["reason"], bag["seconds"])
+                for key, bag in value["recordings"].items()
+            },
+            excluded=value["excluded"],
+            removed=tuple(value["removed"]),
+            remarks=tuple(Remark(**remark) for remark in value["remarks"]),
+            duplicates=value["duplicates"],
+            moved={key: (was, now) for key, (was, now) in value["moved"].items()},
+            splits=value["splits"],
+            dataset=value["dataset"]["state"],
+            dataset_problem=value["dataset"]["problem"],
+            dataset_path=Path(value["dataset"]["path"]),
+            interrupted=value["interrupted"],
+            seconds=value["seconds"],
+        )
+
+
+@dataclass(frozen=True)
+class SummaryRow:
+    """What one recording gave; None where there is nothing to tell.
+
+    Attributes:
+        recording: partition key.
+        format: ros1, ros2 or mcap.
+        span_s: time from first to last message, seconds.
+        images: image files.
+        sweeps: lidar and radar files.
+        poses: ego poses.
+        boxes: 3-D boxes recorded.
+        scenes: nuScenes scenes.
+        keyframes: nuScenes samples.
+        result: see `BagOutcome`.
+        reason: why it was skipped or failed.
+    """
+
+    NUMBERS: ClassVar = ("images", "sweeps", "poses", "boxes", "scenes", "keyframes")
+
+    recording: str
+    format: str | None
+    span_s: float | None
+    images: int | None
+    sweeps: int | None
+    poses: int | None
+    boxes: int | None
+    scenes: int | None
+    keyframes: int | None
+    result: str
+    reason: str
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the row as JSON."""
+        return asdict(self)

@@ -1,0 +1,68 @@
+"""Which recordings and assets a user means."""
+
+from collections.abc import Collection, Mapping, Sequence
+from difflib import get_close_matches
+from fnmatch import fnmatchcase
+from pathlib import Path
+
+from bagassets.errors import BagAssetsError
+from bagassets.recordings.model import Found
+
+__all__ = ["SelectionError", "choose_assets", "choose_recordings"]
+
+
+class SelectionError(BagAssetsError):
+    """A recording or asset was asked for that does not exist."""
+
+
+def choose_recordings(found: Mapping[str, Found], wanted: Sequence[str]) -> frozenset[str]:
+    """Return the partition keys of the recordings that are asked for.
+
+    Args:
+        found: partition key -> recording.
+        wanted: partition keys, globs of them, paths below the bag root, or paths of files.
+
+    Raises:
+        SelectionError: one of them means no recording.
+    """
+    chosen: set[str] = set()
+    for text in wanted:
+        keys = {text} & found.keys() or _by_path(found, text) or _by_glob(found, text)
+        if not keys:
+            near = get_close_matches(text, found, n=3)
+            hint = (
+                f"did you mean {' or '.join(near)}?" if near else "`bagassets status` lists all recordings."
+            )
+            raise SelectionError(f"{text}: no such recording; {hint}")
+        chosen |= keys
+    return frozenset(chosen)
+
+
+def choose_assets(known: Collection[str], wanted: Sequence[str]) -> frozenset[str] | None:
+    """Return the assets that are asked for, or None if none is named.
+
+    Args:
+        known: names of all assets.
+        wanted: names, or lists of names with commas.
+
+    Raises:
+        SelectionError: one of them does not exist.
+    """
+    names = [name.strip() for text in wanted for name in text.split(",") if name.strip()]
+    for name in names:
+        if name not in known:
+            near = get_close_matches(name, known, n=1)
+            hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(known)}."
+            raise SelectionError(f"{name}: no such asset; {hint}")
+    return frozenset(names) or None
+
+
+def _by_path(found: Mapping[str, Found], text: str) -> set[str]:
+    path = Path(text).absolute()
+    return {key for key, recording in found.items() if recording.relative == text or recording.path == path}
+
+
+def _by_glob(found: Mapping[str, Found], text: str) -> set[str]:
+    if not any(character in text for character in "*?["):
+        return set()
+    return {key for key in found if fnmatchcase(key, text)}

@@ -1,0 +1,363 @@
+"""Running the nodes of a graph that are not known; nothing else runs actions of recordings.
+
+What shares a pass over the recording is filled together: passes are what costs, since reading topic after topic from a
+compressed recording would decompress each chunk once per topic. There a channel that fails does not stop the others,
+and a recording that changes meanwhile fails them all.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+from bagassets.assets.asset import Asset, Inputs, Summary
+from bagassets.assets.channel import ChannelExtractor
+from bagassets.build.graph import SELECTION, Graph, Node
+from bagassets.build.process import encoder_threads, encoders, keep_freed_memory
+from bagassets.build.unexpected import in_words
+from bagassets.errors import BagAssetsError, StoreError
+from bagassets.escaping import visible
+from bagassets.recordings.recording import Recording
+from bagassets.store.action import Action
+from bagassets.store.artifact import Artifact, ArtifactWriter
+from bagassets.store.lease import in_use
+from bagassets.store.store import Outcome, Pending
+from bagassets.trace import span
+
+__all__ = ["AssetResult", "BuildFailure", "Skipped", "Target", "execute", "make_again", "run_pass"]
+
+
+@dataclass(frozen=True)
+class AssetResult:
+    """What one asset of the recording came to.
+
+    Attributes:
+        asset: its name.
+        artifact: its content; the digest is the data version.
+        action_digest: the action that made it.
+        cached: nothing had to run.
+        seconds: time it took when it ran.
+        channels: channel -> digest of its artifact, for assets that consist of channels.
+    """
+
+    asset: str
+    artifact: Artifact
+    action_digest: str
+    cached: bool
+    seconds: float
+    channels: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Skipped:
+    """The recording takes no part in the dataset, for a reason in words."""
+
+    reason: str
+
+
+class BuildFailure(BagAssetsError):  # noqa: N818  (a state of a build, named as users see it)
+    """Some assets of a recording could not be made; one sentence for each, which names the recording."""
+
+    def __init__(self, errors: Mapping[str, BagAssetsError], path: Path) -> None:
+        self.errors = dict(errors)
+        told = [str(err) for err in self.errors.values()]
+        where = visible(str(path))
+        told = [line if where in text else f"{where}: {line}" for text in told for line in text.split("\n")]
+        super().__init__(*told)
+
+
+class Target(Protocol):
+    """Where what is made goes: the store, or a scratch folder."""
+
+    def run(
+        self, action: Action, make: Callable[[ArtifactWriter], Summary], subject: Path | None = None
+    ) -> Outcome:
+        """Let `make` produce what `action` is to, unless that is known; see `Store.run`."""
+        ...
+
+    def begin(self, action: Action) -> Pending:
+        """Start an action that is not known; the caller commits or discards it."""
+        ...
+
+    def record_failure(self, action: Action, error: str, subject: Path | None = None) -> None:
+        """Note that an action failed; see `Store.record_failure`."""
+        ...
+
+
+def execute(graph: Graph, *, threads: int | None = None) -> Iterator[AssetResult | Skipped]:
+    """Make the assets that a graph wants, in order, and yield each result.
+
+    What is known is not run again. An asset that fails does not stop those that do not read it.
+
+    Args:
+        graph: the nodes of a recording.
+        threads: how many encode images; default: one per processor.
+
+    Raises:
+        BuildFailure: after everything else was made, if anything failed.
+        StoreError: the inventory is given and not there, or cannot be read.
+    """
+    keep_freed_memory()
+    graph.lookup = graph.store.use  # what is used now is no garbage
+    with in_use(graph.store.root):
+        yield from _results(graph, encoder_threads() if threads is None else threads)
+
+
+def _results(graph: Graph, threads: int) -> Iterator[AssetResult | Skipped]:
+    failed: dict[str, BagAssetsError] = {}
+    for batch in _batches(graph):
+        for node in _made(graph, batch, threads):
+            if node.outcome is not None:
+                yield _result(node, node.outcome)
+            elif node.error is not None:
+                failed[node.name] = node.error
+    selection = graph.node(SELECTION)
+    if selection.skipped is not None:
+        yield Skipped(selection.skipped)
+    elif selection.error is not None:
+        raise selection.error
+    if failed:
+        raise BuildFailure(failed, graph.found.path)
+
+
+def _batches(graph: Graph) -> Iterator[Sequence[Asset[Any, Any]]]:
+    """Yield assets that are made together, when what they depend on has been made or given up.
+
+    A pass over the recording comes when nothing else can be made that others of the same pass may depend on.
+    """
+    waiting = [asset for asset in graph.assets if graph.makes(asset.name)]
+    while waiting:
+        names = {asset.name for asset in waiting}
+        ready = [asset for asset in waiting if not names.intersection(graph.above(asset))]
+        single = next((asset for asset in ready if asset.extract is None), None)
+        batch = ready if single is None else [single]
+        waiting = [asset for asset in waiting if asset not in batch]
+        yield batch
+
+
+def _made(graph: Graph, batch: Sequence[Asset[Any, Any]], threads: int) -> list[Node]:
+    """Return the nodes of assets after they were made, as far as they can be."""
+    if batch[0].extract is None:
+        (asset,) = batch
+        with span(asset.name):
+            node = graph.node(asset.name)
+            _make(graph, node)
+            if not node.is_cached:
+                for hidden in asset.along:
+                    # What fails here fails again for those who ask for it, who say so.
+                    _make(graph, graph.node(hidden.name))
+        return [node]
+    nodes = [graph.node(asset.name) for asset in batch]
+    channels = [part for node in nodes for part in node.parts if part.is_open]
+    if channels:
+        name = " and ".join(asset.name for asset in batch)
+        with span(name, channels=[part.channel for part in channels]):
+            made = _filled(graph, channels, graph.store, threads)
+        for part in channels:
+            graph.settle(part, made[part.name])
+    for node in nodes:
+        _make(graph, node)
+    return nodes
+
+
+def make_again(
+    graph: Graph, nodes: Sequence[Node], target: Target, *, threads: int
+) -> dict[str, Outcome | BagAssetsError]:
+    """Run the actions of nodes once more, each on what is on record of the nodes above it.
+
+    Args:
+        graph: the nodes of the recording; it stays as it is.
+        nodes: nodes of it whose actions are known.
+        target: where what is made goes.
+        threads: how many encode images.
+
+    Returns:
+        Name of the node -> what its action came to.
+    """
+    channels = [node for node in nodes if node.channel]
+    made = _filled(graph, channels, target, threads) if channels else {}
+    for node in nodes:
+        if not node.channel:
+            made[node.name] = _ran(graph, node, graph.inputs_above(node), target)
+    return made
+
+
+def _result(node: Node, outcome: Outcome) -> AssetResult:
+    seconds = sum(part.outcome.seconds for part in node.parts if part.outcome is not None)
+    channels = {part.channel: part.outcome.artifact.digest for part in node.parts if part.outcome is not None}
+    return AssetResult(
+        node.name,
+        outcome.artifact,
+        outcome.action_digest,
+        node.is_cached,
+        seconds if node.parts else outcome.seconds,
+        channels,
+    )
+
+
+# --- one action ------------------------------------------------------------------------------
+
+
+def _make(graph: Graph, node: Node) -> None:
+    """Make a node if it can be, and settle it."""
+    if node.is_open:
+        graph.settle(node, _ran(graph, node, graph.inputs, graph.store))
+
+
+def _ran(graph: Graph, node: Node, inputs: Inputs, target: Target) -> Outcome | BagAssetsError:
+    path = graph.found.path
+
+    def make(out: ArtifactWriter) -> Summary:
+        try:
+            if node.use is None:
+                return _write_index(node, out)
+            return graph.assets[node.asset].run(node.use, inputs, out)
+        except BagAssetsError:
+            raise
+        except Exception as err:  # whatever it is, it costs no more than this asset
+            raise in_words(err, path, node.name) from err
+
+    try:
+        return target.run(node.known_action, make, path)
+    except Exception as err:  # noqa: BLE001  (as above)
+        return in_words(err, path, node.name)
+
+
+def _write_index(node: Node, out: ArtifactWriter) -> Summary:
+    """Write which artifacts the channels of an asset have."""
+    outcomes = {part.channel: part.outcome for part in node.parts if part.outcome is not None}
+    summaries = {channel: outcome.artifact.summary() for channel, outcome in outcomes.items()}
+    out.write_json(
+        "channels.json",
+        {
+            channel: {
+                "artifact": outcome.artifact.digest,
+                "action": outcome.action_digest,
+                "counts": summaries[channel]["counts"],
+            }
+            for channel, outcome in outcomes.items()
+        },
+    )
+    return {
+        "channels": {channel: summary["counts"] for channel, summary in summaries.items()},
+        "bytes": sum(summary["bytes"] for summary in summaries.values()),
+    }
+
+
+# --- one pass --------------------------------------------------------------------------------
+
+
+def _filled(
+    graph: Graph, nodes: Sequence[Node], target: Target, threads: int
+) -> dict[str, Outcome | BagAssetsError]:
+    """Return the name of each channel -> what it came to, after one pass over the recording."""
+    topics = {topic for node in nodes if node.use is not None for topic in node.use.topics}
+    try:
+        with graph.inputs.whole() as recording:
+            return run_pass(graph, recording.restrict(topics), nodes, target, threads)
+    except Exception as err:  # noqa: BLE001  (the recording itself: nothing of it is on record)
+        told = in_words(err, graph.found.path, "the pass over the recording")
+        return {node.name: told for node in nodes}
+
+
+def run_pass(
+    graph: Graph, recording: Recording, nodes: Sequence[Node], target: Target, threads: int
+) -> dict[str, Outcome | BagAssetsError]:
+    """Read the topics of all channels once, and finish each channel.
+
+    One that fails does not stop the others: its error is recorded under its action. That the recording is
+    unchanged is checked after the last message and before anything is recorded. All share the threads.
+
+    Args:
+        graph: the nodes of the recording.
+        recording: the recording, opened.
+        nodes: channels of it.
+        target: where what is made goes.
+        threads: how many encode images.
+
+    Returns:
+        Name of the node -> what it came to.
+
+    Raises:
+        RecordingError: the recording is damaged or changed while it was read; nothing is recorded.
+    """
+    path = recording.path
+    pending: dict[str, Pending] = {}
+    errors: dict[str, BagAssetsError] = {}
+    extractors: dict[str, ChannelExtractor] = {}
+    summaries: dict[str, Summary] = {}
+    channels = {node.name: node.channel for node in nodes}
+    try:
+        with encoders(threads) as pool:
+            for node in nodes:
+                pending[node.name] = target.begin(node.known_action)
+            for node in nodes:
+                try:
+                    extractors[node.name] = _extractor(graph, node, recording, pending[node.name].out, pool)
+                except Exception as err:  # noqa: BLE001  (whatever it is, it costs one channel)
+                    errors[node.name] = in_words(err, path, node.channel)
+            _feed(recording, extractors, errors, channels)
+            for name, extractor in extractors.items():
+                if name not in errors:
+                    try:
+                        summaries[name] = extractor.finish()
+                    except Exception as err:  # noqa: BLE001  (as above)
+                        errors[name] = in_words(err, path, channels[name])
+        graph.source.verify_unchanged()
+    except BaseException:
+        for unfinished in pending.values():
+            unfinished.discard()
+        raise
+    return {
+        name: _finished(running, summaries.get(name), errors.get(name), target, path)
+        for name, running in pending.items()
+    }
+
+
+def _extractor(
+    graph: Graph, node: Node, recording: Recording, out: ArtifactWriter, pool: Executor | None
+) -> ChannelExtractor:
+    extract = graph.assets[node.asset].extract
+    if extract is None or node.use is None:
+        raise TypeError(f"{node.name} is no channel")
+    return extract(node.use, graph.inputs, recording.restrict(node.use.topics), out, pool)
+
+
+def _feed(
+    recording: Recording,
+    extractors: Mapping[str, ChannelExtractor],
+    errors: dict[str, BagAssetsError],
+    channels: Mapping[str, str],
+) -> None:
+    """Hand each message to the extractors of its topic; one that fails gets no more of them."""
+    listeners: dict[str, list[tuple[str, ChannelExtractor]]] = {}
+    for name, extractor in extractors.items():
+        for topic in extractor.topics:
+            listeners.setdefault(topic, []).append((name, extractor))
+    if not listeners:
+        return
+    for message in recording.messages(sorted(listeners)):
+        for name, extractor in listeners[message.topic]:
+            if name in errors:
+                continue
+            try:
+                extractor.add(message)
+            except Exception as err:  # noqa: BLE001  (as above)
+                errors[name] = in_words(err, recording.path, channels[name])
+
+
+def _finished(
+    running: Pending, summary: Summary | None, error: BagAssetsError | None, target: Target, path: Path
+) -> Outcome | BagAssetsError:
+    if error is None and summary is not None:
+        try:
+            return running.commit(summary)
+        except StoreError as err:  # a full disk: what other channels have is kept
+            return err
+    running.discard()
+    if error is None:
+        raise TypeError("a channel has neither a summary nor an error")
+    if not error.transient:
+        target.record_failure(running.action, str(error), path)
+    return error

@@ -1,0 +1,139 @@
+"""Why an asset of a recording is in its state: its action now beside the last one."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from bagassets.build.differences import Change, changes
+from bagassets.build.graph import Node
+from bagassets.build.plan import Planner
+from bagassets.build.plan_model import AssetState, Recorded
+from bagassets.recordings.model import Found
+from bagassets.store.canonical import digest_json
+from bagassets.store.store import Store
+
+__all__ = ["ActionPair", "Explanation", "explain_asset"]
+
+
+@dataclass(frozen=True)
+class ActionPair:
+    """An action as it would be now, and as it was when Dagster recorded it last.
+
+    Attributes:
+        channel: the channel it extracts, or "" for an asset of one action.
+        now: the action as JSON; None if what it reads is not known yet.
+        last: the action on record; None if there is none.
+    """
+
+    channel: str
+    now: Mapping[str, Any] | None
+    last: Mapping[str, Any] | None
+
+    @property
+    def changes(self) -> list[Change]:
+        """What differs; nothing unless both are known."""
+        return changes(self.last, self.now) if self.now is not None and self.last is not None else []
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the pair as JSON."""
+        return {
+            "channel": self.channel or None,
+            "now": _with_digest(self.now),
+            "last": _with_digest(self.last),
+            "changes": [
+                {"group": c.group, "name": c.name, "before": c.before, "now": c.now} for c in self.changes
+            ],
+        }
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """Why an asset of a recording is in its state.
+
+    Attributes:
+        key: partition key.
+        asset: asset.
+        state: its state and reason.
+        recorded: what Dagster recorded last, or None.
+        code_version: what Dagster's code version would be now; None for `bag`.
+        actions: its actions; none for `bag`, which is not made but found.
+    """
+
+    key: str
+    asset: str
+    state: AssetState
+    recorded: Recorded | None
+    code_version: str | None
+    actions: tuple[ActionPair, ...]
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the explanation as JSON."""
+        last = self.recorded
+        return {
+            "recording": self.key,
+            "asset": self.asset,
+            **self.state.as_json(),
+            "code_version": self.code_version,
+            "recorded": None
+            if last is None
+            else {
+                "data_version": last.data_version,
+                "code_version": last.code_version,
+                "run_id": last.run_id,
+                "cached": last.cached,
+            },
+            "actions": [pair.as_json() for pair in self.actions],
+        }
+
+
+def explain_asset(
+    planner: Planner, found: Found, recorded: Mapping[str, Recorded], asset: str
+) -> Explanation:
+    """Return why an asset of a recording is in its state.
+
+    Args:
+        planner: decides.
+        found: the recording.
+        recorded: asset -> what Dagster recorded last.
+        asset: one of the recording's assets.
+    """
+    graph = planner.graph(found, recorded)
+    state = graph.states()[asset]
+    last = recorded.get(asset)
+    pairs: tuple[ActionPair, ...] = ()
+    if asset != "bag":
+        now = _actions_now(graph.node(asset))
+        before = _actions_of(planner.store, None if last is None else last.action)
+        names = sorted(now.keys() | before.keys())
+        if names != [""]:
+            names = [name for name in names if name]  # the index of channels says nothing of its own
+        pairs = tuple(ActionPair(name, now.get(name), before.get(name)) for name in names)
+    return Explanation(found.key, asset, state, last, planner.assets.versions.get(asset), pairs)
+
+
+def _actions_now(node: Node) -> dict[str, Mapping[str, Any]]:
+    """Return the actions of an asset's channels by name, or its own under "", as far as they are known."""
+    return {
+        one.channel: json.loads(json.dumps(one.action.as_json()))
+        for one in node.below
+        if one.action is not None
+    }
+
+
+def _actions_of(store: Store, digest: str | None) -> dict[str, Mapping[str, Any]]:
+    action = None if digest is None else store.action(digest)
+    return {} if action is None else _with_channels(store, action)
+
+
+def _with_channels(store: Store, action: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
+    """Return the actions of an asset's channels by name, or the action itself under "" if it has none."""
+    channels = action["params"].get("actions") if action["step"].endswith("_index") else None
+    if not channels:
+        return {"": action}
+    found = {name: store.action(digest) for name, digest in channels.items()}
+    return {name: inner for name, inner in found.items() if inner is not None}
+
+
+def _with_digest(action: Mapping[str, Any] | None) -> dict[str, Any] | None:
+    return None if action is None else {"digest": digest_json(dict(action)), **action}

@@ -1,0 +1,363 @@
+"""The graph of one recording: a node for everything that is made of it, expanded as far as what is above is known.
+
+Nodes are the recording itself (`bag`), whether it takes part (`selection`), its assets, and below them what nobody
+asks for by name: channels (an asset of channels is the index of them) and what is made along with an asset, such as
+the track. A node says which action makes it, what that came to, or why that is not known. The graph looks at the
+store and at files beside the recording; it makes nothing. `bagassets.build.execute` does, and settles nodes with
+what came of it; what waited for them is then looked at again. Nothing here is told by raising: an error belongs to
+the node that it concerns.
+"""
+
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from functools import cached_property
+from hashlib import sha256
+from typing import Any
+
+from bagassets.assets.asset import Asset, Use
+from bagassets.assets.selection import choose_rig, skip_reason
+from bagassets.build.differences import changes, in_words
+from bagassets.build.inputs import RecordingInputs
+from bagassets.build.plan_model import AssetState, Recorded
+from bagassets.build.recording_assets import RecordingAssets
+from bagassets.build.source import MessageSource
+from bagassets.build.unexpected import in_words as error_in_words
+from bagassets.errors import BagAssetsError, StoreError
+from bagassets.recipe.model import Rig
+from bagassets.recordings.digest import RecordingStat
+from bagassets.recordings.model import Found
+from bagassets.store.action import Action, Step
+from bagassets.store.artifact import Artifact
+from bagassets.store.store import Outcome, Store
+
+__all__ = ["Graph", "Node"]
+
+BAG, SELECTION = "bag", "selection"
+_INDEX_VERSION = 1
+_UNCHANGED = AssetState("fresh", "size and time unchanged")
+
+
+@dataclass(eq=False)
+class Node:
+    """Something that is made of a recording, or a fact about it that others depend on.
+
+    At most one of `artifact`, `error`, `skipped` and `waits_for` is set; if none is, it is to be made.
+
+    Attributes:
+        name: of the asset, with the channel if it is one.
+        asset: name of the asset that it is, or that it lies below.
+        channel: the channel that it is.
+        use: what its action reads; None for an index of channels.
+        action: what makes it; None as long as what it reads is not known.
+        outcome: what its action came to.
+        artifact: its content.
+        error: why it cannot be made, or what making it failed with.
+        skipped: why the recording takes no part.
+        waits_for: the node that has to be known first.
+        parts: of an asset of channels, the channels.
+    """
+
+    name: str
+    asset: str
+    channel: str = ""
+    use: Use[Any] | None = None
+    action: Action | None = None
+    outcome: Outcome | None = None
+    artifact: Artifact | None = None
+    error: BagAssetsError | None = None
+    skipped: str | None = None
+    waits_for: str | None = None
+    parts: tuple["Node", ...] = ()
+
+    @property
+    def is_open(self) -> bool:
+        """True if its action is known, and neither a result of it nor that it failed just now."""
+        return self.action is not None and self.artifact is None and self.error is None
+
+    @property
+    def known_action(self) -> Action:
+        """Its action, of a node that can be made."""
+        if self.action is None:
+            raise TypeError(f"the action of {self.name} is not known")
+        return self.action
+
+    @property
+    def is_cached(self) -> bool:
+        """True if nothing had to run for it."""
+        return (self.outcome is None or self.outcome.cached) and all(part.is_cached for part in self.parts)
+
+    @property
+    def below(self) -> Iterable["Node"]:
+        """The nodes that stand for it where actions are looked at one by one: its channels, or itself."""
+        return self.parts or (self,)
+
+
+@dataclass
+class Graph:
+    """The nodes of one recording.
+
+    Attributes:
+        assets: what recordings have under the recipe.
+        store: where artifacts are.
+        found: the recording.
+        digest: its content digest; None if it is not known, and then nothing else is.
+        stat: sizes and times of its files that the digest holds for.
+        wanted: names of the assets that are made here; default: all. Others are as given.
+        given: asset -> artifact that is current, for those that are not made here.
+        lookup: returns what an action came to, if that is known; default: `Store.lookup`.
+        bag: state of the recording itself.
+        recorded: asset -> what Dagster recorded last, which states are told by.
+    """
+
+    assets: RecordingAssets
+    store: Store
+    found: Found
+    digest: str | None
+    stat: RecordingStat
+    wanted: Collection[str] | None = None
+    given: Mapping[str, Artifact] = field(default_factory=dict)
+    lookup: Callable[[Action], Outcome | None] | None = None
+    bag: AssetState = _UNCHANGED
+    recorded: Mapping[str, Recorded] = field(default_factory=dict)
+    _nodes: dict[str, Node] = field(default_factory=dict, init=False)
+
+    def __post_init__(self) -> None:
+        given = {name: artifact for name, artifact in self.given.items() if not self.makes(name)}
+        recipe = self.assets.recipe
+        self.source = MessageSource(self.found, self.stat, recipe.bags.message_definitions, recipe.limits)
+        self.inputs = RecordingInputs(self.store, self.found, self.digest or "", self.source, given)
+
+    # --- nodes ---------------------------------------------------------------------------
+
+    def makes(self, name: str) -> bool:
+        """Tell whether an asset is made here, not given."""
+        return self.wanted is None or name in self.wanted or name in self.assets.hidden
+
+    def node(self, name: str) -> Node:
+        """Return a node by name, expanded as far as is known what lies above it.
+
+        Args:
+            name: an asset, what is made along with one, `bag`, or `selection`.
+        """
+        if name not in self._nodes:
+            self._nodes[name] = self._expanded(name)
+        return self._nodes[name]
+
+    def nodes(self) -> Iterator[Node]:
+        """Yield the nodes that have artifacts: each asset after its channels, then what is made along with it."""
+        for asset in self.assets:
+            node = self.node(asset.name)
+            yield from node.parts
+            yield node
+            for hidden in asset.along:
+                yield self.node(hidden.name)
+
+    def above(self, asset: Asset[Any, Any]) -> list[str]:
+        """Return the names of the nodes that an asset depends on under the parameters of this recording."""
+        if not asset.reads:
+            return [BAG]
+        needs = None if self.rig is None else asset.needs(self.assets.params(asset, self.rig))
+        return [SELECTION, *(one.name for one in asset.reads if needs is None or one.name in needs)]
+
+    @cached_property
+    def rig(self) -> Rig | None:
+        """The rig that made the recording."""
+        return choose_rig(self.assets.recipe, self.found.relative)
+
+    def inputs_above(self, node: Node) -> RecordingInputs:
+        """Return what is known of the nodes that one depends on, and nothing else."""
+        names = [asset.name for asset in self.assets[node.asset].reads]
+        artifacts = {name: above for name in names if (above := self.node(name).artifact) is not None}
+        return RecordingInputs(self.store, self.found, self.digest or "", self.source, artifacts)
+
+    def settle(self, node: Node, came_to: Outcome | BagAssetsError) -> None:
+        """Take what the action of a node came to."""
+        if isinstance(came_to, BagAssetsError):
+            node.error = came_to
+        else:
+            self._know(node, came_to)
+        if node.channel:
+            self._expand_index(self.node(node.asset))
+        self._nodes = {name: one for name, one in self._nodes.items() if one.waits_for is None}
+
+    # --- expansion -----------------------------------------------------------------------
+
+    def _expanded(self, name: str) -> Node:
+        node = Node(name, name)
+        if name == BAG:
+            node.waits_for = None if self.digest is not None else "its content"
+        elif name == SELECTION:
+            self._expand_selection(node)
+        elif self.makes(name):
+            self._expand(node, self.assets[name])
+        elif name in self.given:
+            node.artifact = self.given[name]
+        else:
+            node.error = _absent(self.found.key, name)
+        return node
+
+    def _expand_selection(self, node: Node) -> None:
+        inventory = self.node("inventory")
+        if inventory.artifact is None:
+            is_here = self.makes("inventory")
+            node.waits_for, node.error = ("inventory", None) if is_here else (None, inventory.error)
+            return
+        with _noted(node, self.found):
+            node.skipped = skip_reason(self.assets.recipe, self.rig, self.inputs.inventory)
+
+    def _expand(self, node: Node, asset: Asset[Any, Any]) -> None:
+        for name in self.above(asset):
+            above = self.node(name)
+            if above.skipped is not None:
+                node.skipped = above.skipped
+            elif above.error is not None and (name == SELECTION or not self.makes(name)):
+                node.error = above.error  # nothing that is made here would change it
+            elif above.waits_for or (above.artifact is None and name not in {BAG, SELECTION}):
+                node.waits_for = "inventory" if name == SELECTION else name
+            if node.skipped or node.error or node.waits_for:
+                return
+        with _noted(node, self.found):
+            uses = asset.use(self.assets.params(asset, self.rig or self.assets.recipe.rigs[0]), self.inputs)
+            if asset.extract is None:
+                self._expand_action(node, asset, uses[""])
+            else:
+                node.parts = tuple(
+                    Node(f"{asset.name} {channel}", asset.name, channel) for channel in sorted(uses)
+                )
+                for part in node.parts:
+                    with _noted(part, self.found):
+                        self._expand_action(part, asset, uses[part.channel])
+                self._expand_index(node)
+
+    def _expand_action(self, node: Node, asset: Asset[Any, Any], use: Use[Any] | BagAssetsError) -> None:
+        if isinstance(use, BagAssetsError):
+            node.error = use
+            return
+        node.use = use
+        node.action = asset.action(use, self.inputs.inventory if use.topics else None)
+        self._look_up(node)
+
+    def _expand_index(self, node: Node) -> None:
+        """Bring an asset of channels to where its channels are: it is made once all of them are known."""
+        if any(part.is_open for part in node.parts):
+            return
+        errors = [part.error for part in node.parts if part.error is not None]
+        if errors:
+            node.error = errors[0]
+            return
+        outcomes = {part.channel: part.outcome for part in node.parts if part.outcome is not None}
+        digests = {f"channel:{name}": outcome.artifact.digest for name, outcome in outcomes.items()}
+        actions = {name: outcome.action_digest for name, outcome in outcomes.items()}
+        node.action = Step(f"{node.asset}_index", _INDEX_VERSION).action({"actions": actions}, digests)
+        with _noted(node, self.found):
+            self._look_up(node)
+
+    def _look_up(self, node: Node) -> None:
+        if node.action is not None:
+            outcome = (self.lookup or self.store.lookup)(node.action)
+            if outcome is not None:
+                self._know(node, outcome)
+
+    def _know(self, node: Node, outcome: Outcome) -> None:
+        node.outcome, node.artifact = outcome, outcome.artifact
+        if not node.channel:
+            self.inputs.add(node.name, outcome.artifact)
+
+    # --- states --------------------------------------------------------------------------
+
+    def states(self) -> dict[str, AssetState]:
+        """Return asset -> its state and why; `bag` is the first."""
+        nodes = {asset.name: self.node(asset.name) for asset in self.assets}
+        current = {name: record.data_version for name, record in self.recorded.items()}
+        current |= {} if self.digest is None else {BAG: self.digest}
+        current |= {name: node.artifact.digest for name, node in nodes.items() if node.artifact is not None}
+        states = {BAG: self.bag}
+        for name, node in nodes.items():
+            states[name] = self._state(node, current, states)
+        return states
+
+    def failure(self, node: Node) -> str | None:
+        """Return why a node failed, now or the last time that its action ran, or None if it did not."""
+        if node.error is not None:
+            return str(node.error)
+        if node.parts:
+            return next((why for part in node.parts if (why := self.failure(part)) is not None), None)
+        if node.action is None or not node.is_open:
+            return None
+        return self.store.failure(node.action.digest, self.found.path)
+
+    def _state(self, node: Node, current: Mapping[str, str], states: Mapping[str, AssetState]) -> AssetState:
+        recorded = self.recorded.get(node.name)
+        if node.artifact is not None:
+            return self._known_state(node.artifact.digest, node.name, current, states)
+        if node.skipped is not None:
+            return AssetState("skipped", node.skipped)
+        if node.waits_for is not None:
+            reason = states[node.waits_for].reason
+            # One chain of reasons, not one in another: "waits for frames (waits for calibration (…))" says less.
+            if not reason.startswith("waits for"):
+                reason = f"waits for {node.waits_for} ({reason})"
+            is_new = self.digest is None and recorded is None
+            return AssetState("missing" if is_new else "unknown", reason)
+        failure = self.failure(node)
+        if failure is not None:
+            return AssetState("failed", failure)
+        if recorded is None:
+            return AssetState("missing", "never made")
+        return AssetState("stale", self._what_changed(node, recorded))
+
+    def _known_state(
+        self, digest: str, name: str, current: Mapping[str, str], states: Mapping[str, AssetState]
+    ) -> AssetState:
+        recorded = self.recorded.get(name)
+        if recorded is None:
+            return AssetState("record-only", "the store has it, Dagster has no record", digest)
+        if recorded.data_version != digest:
+            return AssetState("record-only", "the store has the result for the new inputs", digest)
+        if recorded.code_version != self.assets.versions[name]:
+            return AssetState("record-only", "recipe or step version changed, the result did not", digest)
+        for above, data_version in recorded.inputs.items():
+            if above in current and _as_input(current[above]) != data_version:
+                state = states.get(above)
+                why = "made anew" if state is None or state.state == "fresh" else state.reason
+                return AssetState("record-only", f"{above} changed ({why}), the result did not", digest)
+        return AssetState("fresh", "up to date", digest)
+
+    def _what_changed(self, node: Node, recorded: Recorded) -> str:
+        """Return in words what differs between the action of a node and the one that Dagster recorded last."""
+        before = None if recorded.action is None else self.store.action(recorded.action)
+        if before is None:
+            return "the record of the action that made it is gone"
+        if node.action is not None:
+            return in_words(changes(before, node.action.as_json())) or "its artifact is gone from the store"
+        reasons = []
+        actions = before["params"].get("actions", {})
+        for part in node.parts:
+            if part.action is None or not part.is_open:
+                continue
+            old = self.store.action(actions[part.channel]) if part.channel in actions else None
+            if old is None:
+                reasons.append(f"{part.channel} is new")
+            else:
+                words = in_words(changes(old, part.action.as_json()))
+                reasons.append(f"{part.channel}: {words or 'its artifact is gone from the store'}")
+        return "; ".join(reasons)
+
+
+@contextmanager
+def _noted(node: Node, found: Found) -> Iterator[None]:
+    """Keep what is raised inside with the node that it concerns."""
+    try:
+        yield
+    except Exception as err:  # noqa: BLE001  (whatever it is, it costs no more than this node)
+        node.error = error_in_words(err, found.path, node.channel or node.name)
+
+
+def _absent(key: str, asset: str) -> StoreError:
+    return StoreError(f"{key}: {asset} is not materialized for this recording; materialize {asset} first.")
+
+
+def _as_input(data_version: str) -> str:
+    """Return how Dagster notes the version of a partitioned input: a digest over its partitions, here one."""
+    return sha256(data_version.encode()).hexdigest()

@@ -1,0 +1,133 @@
+"""What is there of one recording: the facts that actions are planned from, and the inputs that they run on."""
+
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from bagassets.annotations.files.find import LabelSet, find_labels
+from bagassets.assets.ego_poses import load_trajectory
+from bagassets.build.source import MessageSource
+from bagassets.errors import StoreError
+from bagassets.geometry.trajectory import Trajectory
+from bagassets.recipe.model_annotations import AnnotationFiles
+from bagassets.recordings.inventory import Inventory
+from bagassets.recordings.model import Format, Found
+from bagassets.recordings.recording import Recording
+from bagassets.store.artifact import Artifact
+from bagassets.store.canonical import digest_file
+from bagassets.store.store import Store
+
+__all__ = ["RecordingInputs"]
+
+
+class RecordingInputs:
+    """The artifacts of one recording as they become known, and what is read from them; see `assets.asset.Inputs`.
+
+    Args:
+        store: where artifacts are.
+        found: the recording.
+        digest: its content digest.
+        source: opens its topics.
+        recorded: asset -> artifact that is current, for assets that are not made here.
+    """
+
+    def __init__(
+        self,
+        store: Store,
+        found: Found,
+        digest: str,
+        source: MessageSource,
+        recorded: Mapping[str, Artifact] | None = None,
+    ) -> None:
+        self.digest = digest
+        self._store = store
+        self._found = found
+        self._source = source
+        self._artifacts = dict(recorded or {})
+        self._channels: dict[str, dict[str, Artifact]] = {}
+
+    def add(self, asset: str, artifact: Artifact) -> None:
+        """Take the artifact of an asset that was made, or is known."""
+        self._artifacts[asset] = artifact
+        self._channels.pop(asset, None)
+
+    @property
+    def key(self) -> str:
+        """Partition key."""
+        return self._found.key
+
+    @property
+    def format(self) -> Format:
+        """What the recording is read as."""
+        return self._found.format
+
+    @property
+    def size(self) -> int:
+        """Bytes of its files."""
+        return self._found.size
+
+    @cached_property
+    def inventory(self) -> Inventory:
+        """What is in it."""
+        return Inventory.from_json(self.artifact("inventory").read_json("inventory.json"))
+
+    @cached_property
+    def calibration(self) -> dict[str, Any]:
+        """Content of `calibration.json`."""
+        calibrated: dict[str, Any] = self.artifact("calibration").read_json("calibration.json")
+        return calibrated
+
+    @cached_property
+    def trajectory(self) -> Trajectory:
+        """`global_SE3_ego`."""
+        return load_trajectory(self.artifact("ego_poses"))
+
+    def artifact(self, asset: str) -> Artifact:
+        """Return the artifact of an asset that was made before.
+
+        Raises:
+            StoreError: it was not.
+        """
+        try:
+            return self._artifacts[asset]
+        except KeyError:
+            raise StoreError(
+                f"{self.key}: {asset} is not materialized for this recording; materialize {asset} first."
+            ) from None
+
+    def channels(self, asset: str) -> dict[str, Artifact]:
+        """Return channel -> artifact of `frames` or `sweeps`."""
+        if asset not in self._channels:
+            channels = self.artifact(asset).read_json("channels.json")
+            self._channels[asset] = {
+                name: self._store.artifact(entry["artifact"]) for name, entry in channels.items()
+            }
+        return self._channels[asset]
+
+    def labels(self, sources: Iterable[AnnotationFiles]) -> dict[str, LabelSet]:
+        """Return source -> label files that lie beside the recording."""
+        return find_labels(sources, self._found)
+
+    def definitions(self, folders: Iterable[Path]) -> dict[str, str]:
+        """Return `msg:<name below its folder>` -> digest, of the files of message definitions in `folders`."""
+        return {
+            f"msg:{path.relative_to(folder).as_posix()}": digest_file(path)
+            for folder in folders
+            for path in sorted(folder.rglob("*.msg"))
+        }
+
+    def file(self, path: Path) -> bytes:
+        """Return the content of a file that the recipe names."""
+        return path.read_bytes()
+
+    def whole(self) -> AbstractContextManager[Recording]:
+        """Open the recording itself, all of it."""
+        return self._source.whole(self.inventory if "inventory" in self._artifacts else None)
+
+    @contextmanager
+    def messages(self, topics: tuple[str, ...]) -> Iterator[Recording]:
+        """Open `topics` of the recording, where they are cheapest to read."""
+        with self._source.topics(topics, self.inventory, self.artifact("inventory")) as recording:
+            yield recording

@@ -1,0 +1,23 @@
+"""Files besides recordings that steps read because the recipe names them, or where they lie beside one."""
+
+from pathlib import Path
+
+from bagassets.annotations.files.find import label_paths
+from bagassets.assets.selection import choose_rig
+from bagassets.recipe.model import Recipe
+from bagassets.recordings.model import Found
+
+__all__ = ["files_beside", "named_files"]
+
+
+def named_files(recipe: Recipe) -> tuple[list[Path], list[Path]]:
+    """Return the URDF files that a recipe names, and the folders of message definitions; whatever is there or not."""
+    return [rig.urdf for rig in recipe.rigs if rig.urdf is not None], list(recipe.bags.message_definitions)
+
+
+def files_beside(recipe: Recipe, found: Found) -> list[Path]:
+    """Return the label files of a recording and the places where they might be; whatever is there or not."""
+    if not any(rig.annotation_files for rig in recipe.rigs):
+        return []
+    rig = choose_rig(recipe, found.relative)
+    return [] if rig is None else label_paths(rig, found)

@@ -1,0 +1,153 @@
+"""What a plan says: the state of every asset of every recording."""
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal, NamedTuple, Self
+
+from bagassets.recordings.digest import RecordingStat
+from bagassets.recordings.model import Format
+
+__all__ = ["AssetState", "BagPlan", "Plan", "Recorded", "State"]
+
+State = Literal["fresh", "record-only", "stale", "unknown", "failed", "missing", "skipped"]
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """The latest materialization of one asset partition in Dagster's event log.
+
+    Attributes:
+        data_version: digest of the recording or of the artifact.
+        code_version: step version and recipe fields it was made with.
+        inputs: upstream asset -> data version that it was made from.
+        stat: for `bag`, sizes and times of the files that its digest holds for.
+        cached: nothing had to run for it; None if it does not say.
+        action: digest of the action that made it.
+        run_id: run that recorded it.
+    """
+
+    data_version: str
+    code_version: str | None
+    inputs: Mapping[str, str] = field(default_factory=dict)
+    stat: RecordingStat | None = None
+    cached: bool | None = None
+    action: str | None = None
+    run_id: str = ""
+
+
+class AssetState(NamedTuple):
+    """State of one asset of one recording (there may be 100,000 of them).
+
+    Attributes:
+        state: see `docs/how-it-decides.md`.
+        reason: why, in words, back to what changed first.
+        data_version: the artifact that is or would be current, where known.
+    """
+
+    state: State
+    reason: str
+    data_version: str | None = None
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the state as JSON."""
+        return {"state": self.state, "reason": self.reason, "data_version": self.data_version}
+
+
+@dataclass(frozen=True)
+class BagPlan:
+    """States of all assets of one recording.
+
+    Attributes:
+        key: partition key.
+        assets: asset -> its state.
+        format: of the recording.
+        recorded: asset -> data version that Dagster has on record.
+        channels: digests of the artifacts of single channels that frames and sweeps consist of.
+        optional: assets that no dataset but their own depends on.
+    """
+
+    key: str
+    assets: Mapping[str, AssetState]
+    format: Format = "ros1"
+    recorded: Mapping[str, str] = field(default_factory=dict)
+    channels: tuple[str, ...] = ()
+    optional: frozenset[str] = frozenset()
+
+    @property
+    def skipped(self) -> str | None:
+        """Why the recording takes no part, or None."""
+        return next((state.reason for state in self.assets.values() if state.state == "skipped"), None)
+
+    @property
+    def failed(self) -> str | None:
+        """The sentence of the first asset that failed, or None."""
+        return next((state.reason for state in self.assets.values() if state.state == "failed"), None)
+
+    @property
+    def unusable(self) -> str | None:
+        """Why the recording cannot enter the nuScenes dataset, or None; optional assets do not matter."""
+        failures = (
+            state.reason
+            for name, state in self.assets.items()
+            if state.state == "failed" and name not in self.optional
+        )
+        return next(failures, None)
+
+    @property
+    def settled(self) -> bool:
+        """True if there is nothing to do and nothing failed."""
+        return all(state.state in {"fresh", "skipped"} for state in self.assets.values())
+
+    @property
+    def artifacts(self) -> tuple[str, ...]:
+        """Digests of the artifacts that it rests on, if there is nothing to do."""
+        assets = (state.data_version for name, state in self.assets.items() if name != "bag")
+        return tuple(digest for digest in (*assets, *self.channels) if digest is not None)
+
+    def to_run(self, *, retry_failed: bool = False, select: Collection[str] | None = None) -> tuple[str, ...]:
+        """Return the assets that a run should materialize, in order; none if all is well.
+
+        A run takes all assets, fresh ones too: those are hits, and Dagster's own markers agree afterwards.
+
+        Args:
+            retry_failed: try again what failed before on the same input.
+            select: assets that matter, with what they read (see `RecordingAssets.with_upstream`). None = all.
+        """
+        idle = {"fresh", "skipped"} | (set() if retry_failed else {"failed"})
+        if self.failed is not None and not retry_failed:
+            # What hangs on a failed asset is unknown for ever: nothing to gain from a run.
+            idle.add("unknown")
+        wanted = tuple(self.assets)
+        if select is not None:
+            wanted = tuple(name for name in wanted if name in select)
+        return wanted if any(self.assets[name].state not in idle for name in wanted) else ()
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the states as JSON."""
+        return {name: state.as_json() for name, state in self.assets.items()}
+
+    def as_row(self) -> list[Any]:
+        """Return all but the key as short JSON: there may be 10,000 of them."""
+        return [self.assets, self.format, self.recorded, self.channels, sorted(self.optional)]
+
+    @classmethod
+    def from_row(cls, key: str, row: list[Any]) -> Self:
+        """Return what `as_row` gave, after a way through JSON."""
+        states, file_format, recorded, channels, optional = row
+        assets = {name: AssetState(*state) for name, state in states.items()}
+        return cls(key, assets, file_format, recorded, tuple(channels), frozenset(optional))
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The state of everything.
+
+    Attributes:
+        bags: partition key -> states of a recording.
+        excluded: path below the bag root -> why the globs leave it out.
+        removed: registered partition keys whose recordings are gone; not those of folders that cannot be read.
+    """
+
+    bags: Mapping[str, BagPlan]
+    excluded: Mapping[str, str]
+    removed: tuple[str, ...]

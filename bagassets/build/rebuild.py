@@ -1,0 +1,179 @@
+"""Running known actions again, to see whether they make the same bytes.
+
+The store stays as it is: what is made again goes to a scratch folder and is compared there.
+"""
+
+from collections.abc import Callable, Collection, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from uuid import uuid4
+
+from bagassets.assets.asset import Summary
+from bagassets.build.execute import make_again
+from bagassets.build.graph import Graph, Node
+from bagassets.build.recording_assets import RecordingAssets
+from bagassets.errors import BagAssetsError
+from bagassets.recordings.digest import DigestIndex, recording_digest, recording_stat, stored_digest
+from bagassets.recordings.discover import discover
+from bagassets.store.action import Action
+from bagassets.store.artifact import Artifact, ArtifactWriter
+from bagassets.store.store import Outcome, Pending, Store
+
+__all__ = ["KnownAction", "Rebuilt", "Scratch", "known_actions", "rebuild"]
+
+
+@dataclass(frozen=True, order=True)
+class KnownAction:
+    """An action that the recordings of a recipe have now, and what it made.
+
+    Attributes:
+        key: partition key of the recording.
+        step: name of the step.
+        channel: the channel, if the step has one.
+        action: digest of the action.
+        artifact: digest of what it made.
+    """
+
+    key: str
+    step: str
+    channel: str
+    action: str
+    artifact: str
+
+    def __str__(self) -> str:
+        channel = f" {self.channel}" if self.channel else ""
+        return f"{self.step}{channel} of {self.key}"
+
+
+@dataclass(frozen=True)
+class Rebuilt:
+    """What came of running an action again.
+
+    Attributes:
+        action: digest of the action.
+        artifact: digest of what it made now; None if it failed.
+        differing: files that are not as they were.
+        error: why it failed.
+    """
+
+    action: str
+    artifact: str | None
+    differing: tuple[str, ...] = ()
+    error: str | None = None
+
+    def as_json(self) -> dict[str, Any]:
+        """Return it as JSON."""
+        return {
+            "action": self.action,
+            "artifact": self.artifact,
+            "differing": list(self.differing),
+            "error": self.error,
+        }
+
+
+def known_actions(assets: RecordingAssets, store: Store) -> Iterator[KnownAction]:
+    """Yield the actions of all recordings whose digest is on record and that the store knows."""
+    recipe = assets.recipe
+    index = DigestIndex(recipe.state)
+    for key, found in discover(recipe.bags).found.items():
+        digest = stored_digest(found, index)
+        if digest is None:
+            continue
+        for node in Graph(assets, store, found, digest, recording_stat(found)).nodes():
+            outcome = node.outcome
+            if outcome is not None:
+                step, artifact = node.known_action.step, outcome.artifact.digest
+                yield KnownAction(key, step, node.channel, outcome.action_digest, artifact)
+
+
+def rebuild(
+    assets: RecordingAssets, store: Store, key: str, actions: Collection[str], scratch: Path, *, threads: int
+) -> list[Rebuilt]:
+    """Run actions of one recording again and compare what they make with what they made.
+
+    Args:
+        assets: what recordings have under the recipe.
+        store: the store that knows the actions; it is not changed.
+        key: partition key of the recording.
+        actions: their digests.
+        scratch: empty folder for what is made.
+        threads: how many encode images.
+
+    Raises:
+        BagAssetsError: the recording is not there any more.
+    """
+    recipe = assets.recipe
+    found = discover(recipe.bags).found.get(key)
+    if found is None:
+        raise BagAssetsError(f"{key}: no such recording below {recipe.bags.root}; it was removed meanwhile.")
+    stat = recording_stat(found)
+    digest = recording_digest(found, DigestIndex(recipe.state)).digest
+    graph = Graph(assets, store, found, digest, stat)
+    known = {
+        node.outcome.action_digest: node
+        for node in graph.nodes()
+        if node.outcome is not None and node.outcome.action_digest in actions
+    }
+    made = make_again(graph, list(known.values()), Scratch(scratch), threads=threads)
+    again = {action: _compared(node, made[node.name]) for action, node in known.items()}
+    gone = "it is not among the actions of this recording any more"
+    return [again.get(action) or Rebuilt(action, None, error=gone) for action in sorted(actions)]
+
+
+class Scratch:
+    """A folder in place of the store: what actions make is put there, and nothing is known or recorded.
+
+    Args:
+        folder: an empty folder.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+
+    def run(
+        self,
+        action: Action,
+        make: Callable[[ArtifactWriter], Summary],
+        subject: Path | None = None,  # noqa: ARG002  (as declared)
+    ) -> Outcome:
+        """Let `make` produce an artifact in the folder."""
+        pending = self.begin(action)
+        return pending.commit(make(pending.out))
+
+    def begin(self, action: Action) -> Pending:
+        """Start an action; see `Store.begin`."""
+        return Pending(self, action)
+
+    def make_temporary_folder(self) -> Path:
+        """Make an empty folder in the folder."""
+        made = self._folder / uuid4().hex
+        made.mkdir(parents=True)
+        return made
+
+    def adopt(self, folder: Path, digest: str) -> Artifact:
+        """Leave an artifact where it was made."""
+        return Artifact(digest, folder)
+
+    def record(self, action: Action, artifact: Artifact, seconds: float) -> None:
+        """Record nothing."""
+
+    def record_failure(self, action: Action, error: str, subject: Path | None = None) -> None:
+        """Record nothing."""
+
+
+def _compared(node: Node, came_to: Outcome | BagAssetsError) -> Rebuilt:
+    action = node.known_action.digest
+    if isinstance(came_to, BagAssetsError):
+        return Rebuilt(action, None, error=str(came_to))
+    differing = () if node.artifact is None else _differing(node.artifact, came_to.artifact)
+    return Rebuilt(action, came_to.artifact.digest, differing)
+
+
+def _differing(before: Artifact, now: Artifact) -> tuple[str, ...]:
+    if before.digest == now.digest:
+        return ()
+    old = {entry.path: entry.digest for entry in before.entries()}
+    new = {entry.path: entry.digest for entry in now.entries()}
+    names = sorted(name for name in old.keys() | new.keys() if old.get(name) != new.get(name))
+    return tuple(names) or ("the summary",)

@@ -1,0 +1,198 @@
+"""Holding the bytes of recordings against their digests on record: what changed is named by file and topic."""
+
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from bagassets.build.execute import make_again
+from bagassets.build.graph import Graph
+from bagassets.build.rebuild import Scratch
+from bagassets.build.recording_assets import RecordingAssets
+from bagassets.errors import BagAssetsError
+from bagassets.recordings.digest import DigestIndex, combined_digest, hash_file, recording_stat, stat_files
+from bagassets.recordings.digest_record import read_attribute
+from bagassets.recordings.discover import discover
+from bagassets.recordings.model import Found
+from bagassets.store.artifact import Artifact
+from bagassets.store.store import Store
+
+__all__ = ["ChangedFile", "ChangedTopic", "CheckedRecording", "check_recordings"]
+
+
+@dataclass(frozen=True)
+class ChangedFile:
+    """A file whose content is not that of its digest on record.
+
+    Attributes:
+        path: the file.
+        recorded: the digest on record.
+        actual: the digest of the content.
+        is_touched: its size or time differs, too.
+    """
+
+    path: Path
+    recorded: str
+    actual: str
+    is_touched: bool
+
+    def __str__(self) -> str:
+        how = (
+            "written to since then"
+            if self.is_touched
+            else "with the same size and time, so it was edited in place, or its disk is failing"
+        )
+        return f"{self.path}: the digest on record is {self.recorded[:16]}, that of the content {self.actual[:16]}; {how}"
+
+
+@dataclass(frozen=True)
+class ChangedTopic:
+    """A topic whose messages are not those on record; numbers of messages, None where there is no such topic."""
+
+    name: str
+    recorded: int | None
+    actual: int | None
+
+    def __str__(self) -> str:
+        if self.recorded is None:
+            return f"topic {self.name} was not there"
+        if self.actual is None:
+            return f"topic {self.name} is gone ({self.recorded} messages)"
+        if self.recorded != self.actual:
+            return f"topic {self.name} has {self.actual} messages instead of {self.recorded}"
+        return f"topic {self.name}: some of its {self.actual} messages are others"
+
+
+@dataclass(frozen=True)
+class CheckedRecording:
+    """What a look at all bytes of a recording found.
+
+    Attributes:
+        key: partition key.
+        size: bytes that were hashed.
+        unrecorded: files that have no digest on record.
+        files: those that changed.
+        topics: those that changed, if a file did.
+        problem: why nothing is known of its topics, or of its files.
+    """
+
+    key: str
+    size: int
+    unrecorded: tuple[Path, ...] = ()
+    files: tuple[ChangedFile, ...] = ()
+    topics: tuple[ChangedTopic, ...] = ()
+    problem: str | None = None
+
+    @property
+    def is_sound(self) -> bool:
+        """True if every file could be read and is what its record says."""
+        return not self.files and self.problem is None
+
+    def as_json(self) -> dict[str, Any]:
+        """Return it as JSON."""
+        return {
+            "key": self.key,
+            "unrecorded": [str(path) for path in self.unrecorded],
+            "files": [
+                {
+                    "path": str(file.path),
+                    "recorded": file.recorded,
+                    "actual": file.actual,
+                    "touched": file.is_touched,
+                }
+                for file in self.files
+            ],
+            "topics": [
+                {"topic": topic.name, "recorded": topic.recorded, "actual": topic.actual}
+                for topic in self.topics
+            ],
+            "problem": self.problem,
+        }
+
+
+def check_recordings(
+    assets: RecordingAssets, store: Store, between: Callable[[], None] | None = None
+) -> Iterator[CheckedRecording]:
+    """Hash every recording and compare it with what is on record; changes nothing.
+
+    Args:
+        assets: what recordings have under the recipe, which says where they are.
+        store: has the inventories.
+        between: called every few milliseconds while files are hashed.
+    """
+    recipe = assets.recipe
+    index = DigestIndex(recipe.state)
+    for key, found in sorted(discover(recipe.bags).found.items()):
+        try:
+            yield _checked(assets, store, index, key, found, between)
+        except BagAssetsError as err:
+            yield CheckedRecording(key, 0, problem=str(err))
+
+
+def _checked(
+    assets: RecordingAssets,
+    store: Store,
+    index: DigestIndex,
+    key: str,
+    found: Found,
+    between: Callable[[], None] | None,
+) -> CheckedRecording:
+    recorded: dict[str, str] = {}
+    changed: list[ChangedFile] = []
+    unrecorded: list[Path] = []
+    size = 0
+    for path, stat in stat_files(found):
+        size += stat.st_size
+        actual = hash_file(path, stat, between)
+        row = index.row(path)
+        digest = read_attribute(path) if row is None else row.digest
+        if digest is None:
+            unrecorded.append(path)
+        elif digest != actual:
+            is_same = read_attribute(path, stat) is not None if row is None else row.same_size_and_time(stat)
+            changed.append(ChangedFile(path, digest, actual, not is_same))
+        recorded[path.name] = digest or actual
+    if not changed:
+        return CheckedRecording(key, size, tuple(unrecorded))
+    try:
+        topics = _changed_topics(assets, store, found, combined_digest(recorded))
+        problem = None
+    except BagAssetsError as err:
+        topics, problem = (), f"its topics cannot be compared: {err}"
+    return CheckedRecording(key, size, tuple(unrecorded), tuple(changed), topics, problem)
+
+
+def _changed_topics(
+    assets: RecordingAssets, store: Store, found: Found, recorded_digest: str
+) -> tuple[ChangedTopic, ...]:
+    """Return the topics whose digest is not that of the inventory that was made of the recorded content."""
+    graph = Graph(assets, store, found, recorded_digest, recording_stat(found))
+    inventory = graph.node("inventory")
+    if inventory.artifact is None:
+        raise BagAssetsError(
+            "the store has no inventory of the content on record, so they were not built from it."
+        )
+    before = _topics(inventory.artifact)
+    with tempfile.TemporaryDirectory() as folder:
+        again = make_again(graph, [inventory], Scratch(Path(folder)), threads=1)[inventory.name]
+        if isinstance(again, BagAssetsError):
+            raise again
+        now = _topics(again.artifact)
+    return tuple(
+        ChangedTopic(name, _count(before.get(name)), _count(now.get(name)))
+        for name in sorted(before.keys() | now.keys())
+        if _digest(before.get(name)) != _digest(now.get(name))
+    )
+
+
+def _topics(inventory: Artifact) -> dict[str, Mapping[str, Any]]:
+    return {topic["name"]: topic for topic in inventory.read_json("inventory.json")["topics"]}
+
+
+def _count(topic: Mapping[str, Any] | None) -> int | None:
+    return None if topic is None else int(topic["count"])
+
+
+def _digest(topic: Mapping[str, Any] | None) -> str | None:
+    return None if topic is None else str(topic["digest"])

@@ -1,0 +1,76 @@
+"""Where the messages of a step come from: the inventory's pack, or the recording itself."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from bagassets.errors import BagAssetsError
+from bagassets.recipe.model import Limits
+from bagassets.recordings.digest import RecordingStat, assert_unchanged
+from bagassets.recordings.inventory import Inventory
+from bagassets.recordings.model import Found
+from bagassets.recordings.open import open_recording
+from bagassets.recordings.pack import PackedRecording
+from bagassets.recordings.recording import Recording
+from bagassets.store.artifact import Artifact
+
+__all__ = ["MessageSource"]
+
+
+class MessageSource:
+    """Opens just the topics that a step declared, at the cheapest place that has them.
+
+    Args:
+        found: the recording.
+        stat: sizes and times of its files when its digest was taken.
+        message_definitions: folders of `.msg` files.
+        limits: what the recording may ask of the memory.
+    """
+
+    def __init__(
+        self, found: Found, stat: RecordingStat, message_definitions: Sequence[Path], limits: Limits
+    ) -> None:
+        self.found = found
+        self._stat = stat
+        self._message_definitions = tuple(message_definitions)
+        self._limits = limits
+
+    def verify_unchanged(self) -> None:
+        """Check that the recording is still the one that was digested.
+
+        Raises:
+            ChangedWhileReadError: it is not; whatever was read from it must not be recorded.
+        """
+        assert_unchanged(self.found, self._stat)
+
+    @contextmanager
+    def whole(self, inventory: Inventory | None = None) -> Iterator[Recording]:
+        """Open the recording itself, checked before and after.
+
+        Args:
+            inventory: what its topics without definition are decoded with; None to find that out.
+        """
+        self.verify_unchanged()
+        try:
+            with open_recording(self.found, self._message_definitions, self._limits) as recording:
+                if inventory is not None:
+                    for name, topic in recording.topics.items():
+                        if name in inventory.topics:
+                            topic.assume(inventory.topics[name].definition)
+                yield recording
+        except BagAssetsError:
+            self.verify_unchanged()  # if it changed, that is what went wrong
+            raise
+        self.verify_unchanged()
+
+    @contextmanager
+    def topics(self, names: Sequence[str], inventory: Inventory, packed: Artifact) -> Iterator[Recording]:
+        """Open `names` only, from the pack of the inventory artifact if it has them all."""
+        if inventory.unpacked(names):
+            with self.whole(inventory) as recording:
+                yield recording.restrict(names)
+        else:
+            with PackedRecording(
+                packed.read_json("inventory.json"), packed.path("messages.parquet"), self._limits
+            ) as recording:
+                yield recording.restrict(names)

@@ -1,0 +1,71 @@
+"""The table at the end of a build: what each recording gave, and what was done about it."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from bagassets.build.build_report import BagOutcome, BuildReport, SummaryRow
+from bagassets.build.plan_model import BagPlan
+from bagassets.errors import StoreError
+from bagassets.store.store import Store
+
+__all__ = ["summary_rows"]
+
+
+def summary_rows(report: BuildReport, store: Store, *, most: int | None = None) -> list[SummaryRow]:
+    """Return a row per recording, from what its current artifacts say.
+
+    Args:
+        report: of the build.
+        store: where the artifacts are.
+        most: with more recordings than this, only those that were built, failed or stopped.
+    """
+    outcomes, plan = report.outcomes, report.plan
+    if plan is None:
+        return []
+    if most is not None and len(outcomes) > most:
+        outcomes = report.having("built", "failed", "stopped")
+    return [
+        _row(store, plan.bags[key], outcome) if key in plan.bags else _row_of_removed(key, outcome)
+        for key, outcome in outcomes.items()
+    ]
+
+
+def _row(store: Store, bag: BagPlan, outcome: BagOutcome) -> SummaryRow:
+    inventory, poses = _summary(store, bag, "inventory"), _summary(store, bag, "ego_poses")
+    boxes, tables = _summary(store, bag, "annotations"), _summary(store, bag, "nuscenes_tables")
+    counts = tables.get("counts", {})
+    return SummaryRow(
+        recording=bag.key,
+        format=bag.format,
+        span_s=inventory.get("duration_s"),
+        images=_written(_summary(store, bag, "frames")),
+        sweeps=_written(_summary(store, bag, "sweeps")),
+        poses=poses.get("count"),
+        boxes=boxes.get("boxes"),
+        scenes=counts.get("scenes"),
+        keyframes=counts.get("samples"),
+        result=outcome.result,
+        reason=outcome.reason,
+    )
+
+
+def _row_of_removed(key: str, outcome: BagOutcome) -> SummaryRow:
+    """Return the row of a recording that was there when the build began, and is not any more."""
+    empty = dict.fromkeys(("format", "span_s", *SummaryRow.NUMBERS))
+    reason = outcome.reason or "it was removed meanwhile, so the dataset is without it"
+    return SummaryRow(recording=key, **empty, result=outcome.result, reason=reason)
+
+
+def _summary(store: Store, bag: BagPlan, asset: str) -> dict[str, Any]:
+    digest = bag.assets[asset].data_version
+    if digest is None:
+        return {}
+    try:
+        return store.artifact(digest).summary()
+    except StoreError:
+        return {}
+
+
+def _written(summary: Mapping[str, Any]) -> int | None:
+    channels = summary.get("channels")
+    return None if channels is None else sum(counts["written"] for counts in channels.values())

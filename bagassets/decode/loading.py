@@ -1,0 +1,195 @@
+"""Importing decoders, and calling those of plug-ins: what they return or raise is checked message by message.
+
+A foreign mistake costs messages, which are counted, and is told in one sentence.
+"""
+
+import importlib.metadata
+import traceback
+from collections.abc import Callable, Iterable, Mapping
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from bagassets.decode.boxes import BoxDecoder
+from bagassets.decode.model import BoxReading, CloudReading, ImageReading, PoseReading, RadarReading
+from bagassets.decode.readings import problem_of
+from bagassets.decode.registry import (
+    BUILT_IN,
+    AnyFamily,
+    Decoder,
+    built_in_decoder,
+    expected_types,
+    find_decoder,
+)
+from bagassets.errors import DecodeError, PluginError
+from bagassets.plugins import DecoderPlugin
+
+__all__ = ["keyed_decoder", "load_built_in", "load_decoder", "own_decoder"]
+
+_READINGS: Mapping[AnyFamily, type] = {
+    "image": ImageReading,
+    "cloud": CloudReading,
+    "radar": RadarReading,
+    "pose": PoseReading,
+}
+
+
+def keyed_decoder(family: AnyFamily, msgtype: str, given: Mapping[str, str] | None) -> Any:
+    """Return the decoder that an action is keyed by, imported; None if nothing decodes the type.
+
+    Args:
+        family: what it makes of a message.
+        msgtype: the type of the messages.
+        given: the parameter `decoder` of the action; None if it has none, and so uses none of a plug-in.
+
+    Raises:
+        PluginError: it cannot be loaded, or is not the one that the action names.
+    """
+    if given is None:
+        own = built_in_decoder(family, msgtype)
+        return None if own is None else load_decoder(own)
+    decoder = find_decoder(family, msgtype)
+    plugin = None if decoder is None else decoder.plugin
+    if decoder is None or plugin is None or plugin.as_json() != given:
+        there = "it is not installed" if plugin is None else f"installed is {plugin.version}"
+        raise PluginError(
+            f"{msgtype}: planned was the decoder of {given['distribution']} {given['version']}, but {there}; "
+            "start again."
+        )
+    return load_decoder(decoder)
+
+
+@cache
+def own_decoder(family: AnyFamily, msgtype: str) -> Callable[[Any], Any]:
+    """Return the decoder of a family that packages cannot add to, imported.
+
+    The topics of these families are named by the recipe. Some drivers publish types of their own that have the
+    fields of the usual one, and are read as that.
+
+    Returns:
+        A function of the message, which raises DecodeError also if a type has not the fields.
+    """
+    line = built_in_decoder(family, msgtype)
+    if line is not None:
+        decode: Callable[[Any], Any] = load_decoder(line)
+        return decode
+    alike = load_decoder(next(line for line in BUILT_IN if line.family == family))
+
+    def decode_alike(message: Any) -> Any:
+        try:
+            return alike(message)
+        except AttributeError as err:
+            carried = msgtype.replace("/msg/", "/")
+            raise DecodeError(f"it is a {carried}, expected {expected_types(family)}") from err
+
+    return decode_alike
+
+
+def load_decoder(decoder: Decoder) -> Any:
+    """Import a decoder and return it as its family is called.
+
+    `image`, `pose`, `fix`, `imu`, `camera_info`: a function of the message that returns a reading. `cloud` takes also
+    what the header stamp means and which moment will be the stamp (`decode_pointcloud2`), `radar` the type of the
+    message and to which side azimuths are positive (`decode_radar`), which both decide nothing where a plug-in
+    decodes. `boxes`: a `BoxDecoder`. `packets` and `transforms`: what is in the message, one by one.
+
+    Raises:
+        PluginError: it is of a plug-in and cannot be loaded.
+    """
+    plugin = decoder.plugin
+    if plugin is None:
+        module, _, name = decoder.reference.partition(":")
+        return getattr(import_module(module), name)
+    loaded = _load(plugin)
+    if decoder.family == "boxes":
+        return _checked_boxes(plugin, loaded)
+    return _checked_function(plugin, loaded, _READINGS[decoder.family])
+
+
+def load_built_in() -> None:
+    """Import all built-in decoders ahead, for processes that are forked from this one."""
+    for line in BUILT_IN:
+        load_decoder(line)
+
+
+def _checked_function(plugin: DecoderPlugin, function: Any, kind: type) -> Callable[..., Any]:
+    if not callable(function):
+        raise PluginError(f"{plugin}: {plugin.reference} is no function; mend or uninstall it.")
+
+    def decode(message: Any, *_of_the_recipe: Any) -> Any:
+        reading = _guarded(plugin, function, message)
+        _check(plugin, reading, kind)
+        return reading
+
+    return decode
+
+
+def _checked_boxes(plugin: DecoderPlugin, decoder: Any) -> BoxDecoder:
+    if not isinstance(decoder, BoxDecoder):
+        raise PluginError(f"{plugin}: {plugin.reference} is no BoxDecoder; mend or uninstall it.")
+
+    def items(message: Any) -> Iterable[Any]:
+        found: list[Any] = _guarded(plugin, lambda whole: list(decoder.items(whole)), message)
+        return found
+
+    def decode(message: Any, item: Any) -> BoxReading | None:
+        box = _guarded(plugin, decoder.decode, message, item)
+        if box is None:
+            return None
+        _check(plugin, box, BoxReading)
+        reading: BoxReading = box
+        return reading
+
+    return BoxDecoder(items, decode)
+
+
+def _load(plugin: DecoderPlugin) -> Any:
+    """Import a decoder.
+
+    Raises:
+        PluginError: it cannot be imported, or was upgraded since this process read its version.
+    """
+    entry = importlib.metadata.EntryPoint(plugin.name, plugin.reference, "")
+    try:
+        # Code that is imported only now must be of the version that the action is keyed by.
+        version = importlib.metadata.version(plugin.distribution)
+        if version == plugin.version:
+            return entry.load()
+    except Exception as err:  # foreign code runs: whatever it raises is the plug-in's fault
+        raise PluginError(
+            f"{plugin}: {plugin.reference} cannot be loaded ({_in_words(err)}); mend or uninstall it."
+        ) from err
+    raise PluginError(f"{plugin}: version {version} was installed while this process ran; start it again.")
+
+
+def _guarded(plugin: DecoderPlugin, function: Callable[..., Any], *args: Any) -> Any:
+    """Call foreign code; whatever it raises costs this message, and names the line to blame."""
+    try:
+        return function(*args)
+    except DecodeError:
+        raise
+    except Exception as err:
+        # By type and place, not by text: lost messages are counted by reason, and texts hold values.
+        raise DecodeError(f"{plugin} raised {type(err).__name__}{_place(err)}") from err
+
+
+def _place(err: Exception) -> str:
+    """Return where in the plug-in's own code an error arose, and not in a library that it calls."""
+    frames = traceback.extract_tb(err.__traceback__)[1:]
+    own = [frame for frame in frames if Path(frame.filename).parent == Path(frames[0].filename).parent]
+    return f" at {Path(own[-1].filename).name}:{own[-1].lineno}" if own else ""
+
+
+def _check(plugin: DecoderPlugin, reading: Any, kind: type) -> None:
+    """Raise DecodeError unless a reading is what its family says."""
+    if not isinstance(reading, kind):
+        raise DecodeError(f"{plugin} returned {type(reading).__name__}, not {kind.__name__}")
+    problem = problem_of(reading)
+    if problem is not None:
+        raise DecodeError(f"{plugin} returned a {kind.__name__} whose {problem}")
+
+
+def _in_words(err: Exception) -> str:
+    lines = str(err).strip().splitlines()
+    return f"{type(err).__name__}: {lines[0]}" if lines else type(err).__name__

@@ -1,0 +1,422 @@
+"""A dataset put together from the parts of recordings, whatever its format.
+
+Files of recordings appear first, under names that change with their content; then the folder of what was put together is
+exchanged in one step; then files that only the old one named are removed. Killed at any point, it leaves a complete
+dataset, the old or the new one, and the next run removes what the killed one left.
+"""
+
+import shutil
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Set as AbstractSet
+from contextlib import suppress
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any, TypeVar
+from uuid import uuid4
+
+from bagassets.atomic import write_atomically
+from bagassets.errors import DatasetError
+from bagassets.formats.dataset_lock import FORMAT, LOCK, DatasetLock, read_lock
+from bagassets.formats.format import FACTS, Entry, Format, Joined, Link, LooseFiles, Member, Part, UnitFolders
+from bagassets.formats.guard import GUARD, guarded, refuse_unexpected
+from bagassets.formats.json_files import json_bytes
+from bagassets.formats.linking import Linker
+from bagassets.formats.swap import swap_in
+from bagassets.recipe.model_base import DatasetSettings
+from bagassets.recipe.model_splits import Splits
+from bagassets.splits import SplitShare, deal, moves, shares_of
+from bagassets.store.canonical import digest_bytes, digest_file, digest_json
+from bagassets.store.store import Store
+
+__all__ = ["DatasetSummary", "assemble", "remove_files"]
+
+S = TypeVar("S", bound=DatasetSettings)
+
+
+@dataclass(frozen=True)
+class DatasetSummary:
+    """What a dataset came to.
+
+    Attributes:
+        digest: digest of all files that were put together; equal digests mean equal datasets.
+        folder: the folder that users of the dataset name.
+        facts: what the format tells of it.
+        shares: what each split of the recipe got of the driven time.
+        files: way (linked, cloned, copied, removed; kept: looked at and found in place) -> number of files.
+        duplicates: recording that was left out -> recording with the same content.
+        changed: the folder was exchanged; False if it was the same already.
+        moved: recordings that are in another split than before -> the old one and the new one.
+        published: files that were put together -> digest.
+        links: part of a recording -> gives the names of its links below the output.
+    """
+
+    digest: str
+    folder: Path
+    facts: Mapping[str, Any]
+    shares: Sequence[SplitShare]
+    files: Mapping[str, int] = field(default_factory=dict)
+    duplicates: Mapping[str, str] = field(default_factory=dict)
+    changed: bool = True
+    moved: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    published: Mapping[str, str] = field(default_factory=dict)
+    links: Mapping[str, Callable[[], Iterator[str]]] = field(default_factory=dict)
+
+
+def assemble(
+    kind: Format[S],
+    parts: Sequence[Part],
+    settings: S,
+    store: Store,
+    output: Path,
+    *,
+    splits: Splits | None = None,
+    dealt: Mapping[str, str] | None = None,
+    skipped: Mapping[str, str] | None = None,
+    failed: Mapping[str, str] | None = None,
+    expected: Mapping[str, str] | None = None,
+    suspects: AbstractSet[str] | None = None,
+) -> DatasetSummary:
+    """Bring the dataset in `output` up to date.
+
+    The result does not depend on the order of `parts`, nor on what was there before. Without any recording it is
+    an empty dataset.
+
+    Args:
+        kind: the format.
+        parts: the recordings to put in.
+        settings: the format's section of the recipe.
+        store: where the artifacts are.
+        output: the folder of the dataset.
+        splits: the recipe's `splits`; None: its defaults.
+        dealt: recording -> its split; None: as the recipe deals just these.
+        skipped: recordings that take no part -> why, for the lock file.
+        failed: recordings that failed -> why, for the lock file.
+        expected: digests of the files that must come out, by name; otherwise nothing is exchanged.
+        suspects: files that are not as they were published, which are compared with what belongs there; all
+            others are. None: that is not known.
+
+    Raises:
+        DatasetError: the folder holds something else, files cannot be written, or other files came out
+            than expected.
+        StoreError: an artifact is not in the store.
+    """
+    splits = splits or Splits()
+    members, duplicates = _members(kind, parts, splits, store, dealt)
+    shares = shares_of(
+        [(member.part.key, kind.duration_s(member.facts)) for member in members],
+        splits,
+        {member.part.key: member.split for member in members},
+    )
+    folder = kind.folder(settings)
+    current = output / folder
+    if suspects is None:  # else it is on record that the folder is ours, whatever became of its lock
+        _refuse_foreign(kind, output, current)
+    with guarded(output):
+        before = _lock_of(current)
+        leftovers = sorted(output.glob(f"{folder}.tmp-*"))
+        new = output / f"{folder}.tmp-{uuid4().hex}"
+        new.mkdir()
+        joined = kind.join(members, settings, shares, new)
+        refuse_unexpected(new, joined.files, expected)
+        known = before if suspects is not None and f"{folder}/{LOCK}" not in suspects else None
+        needs = _needs(kind, members, before)
+        left_out = {"duplicates": duplicates, "skipped": skipped or {}, "failed": failed or {}}
+        lock = json_bytes(_lock(kind, settings, splits, shares, members, needs, joined, left_out))
+        (new / LOCK).write_bytes(lock)
+        has_links = kind.places is not None or (
+            suspects is not None and not any(name.startswith(f"{folder}/") for name in suspects)
+        )
+        changed = not (has_links and _is_same(new, current, joined.files))
+        linker = Linker(output, compares=suspects is None and isinstance(kind.places, LooseFiles))
+        _put_files(kind, linker, members, known, suspects, store, output, new if changed else None)
+        _put_beside(output, joined.beside)
+        old = swap_in(new, current) if changed else new
+        removed = _retire(kind, output, current, [*leftovers, *([old] if old is not None else [])], members)
+    files = dict(linker.counts) | ({"removed": removed} if isinstance(kind.places, LooseFiles) else {})
+    return DatasetSummary(
+        digest=digest_json(joined.files),
+        folder=output if isinstance(kind.places, UnitFolders) else current,
+        facts=joined.facts,
+        shares=shares,
+        files=dict(sorted(files.items())),
+        duplicates=duplicates,
+        changed=changed,
+        moved=moves({} if before is None else before.splits, {m.part.key: m.split for m in members}),
+        published={
+            **{f"{folder}/{name}": digest for name, digest in joined.files.items()},
+            f"{folder}/{LOCK}": digest_bytes(lock),
+            **{name: digest_bytes(content) for name, content in joined.beside.items()},
+        },
+        links={member.part.artifact: partial(_names, kind, member, folder) for member in members},
+    )
+
+
+def _members(
+    kind: Format[S], parts: Sequence[Part], splits: Splits, store: Store, dealt: Mapping[str, str] | None
+) -> tuple[list[Member], dict[str, str]]:
+    """Return the recordings that enter in the order of their keys, and copies -> what stands for them."""
+    chosen: dict[str, Part] = {}
+    duplicates: dict[str, str] = {}
+    for part in sorted(parts, key=lambda part: part.key):
+        first = chosen.setdefault(part.content, part)
+        if first is not part:
+            duplicates[part.key] = first.key
+    dealt = deal([part.key for part in chosen.values()], splits) if dealt is None else dealt
+    members = []
+    for number, part in enumerate(chosen.values()):
+        artifact = store.artifact(part.artifact)
+        facts = artifact.read_json(FACTS)
+        members.append(Member(part, artifact, dealt[part.key], number, kind.row(facts), facts))
+    return members, duplicates
+
+
+def _needs(
+    kind: Format[S], members: Sequence[Member], before: DatasetLock | None
+) -> dict[str, Sequence[str]]:
+    """Return part -> artifacts that the dataset needs of it: itself, and those that files are linked from."""
+    known: dict[str, Sequence[str]] = {}
+    if before is not None and before.kind == kind.name:
+        known = {bag.artifact: bag.needs for bag in before.bags.values() if bag.needs is not None}
+    needs = {}
+    for member in members:
+        part = member.part.artifact
+        linked = known.get(part) or [part, *sorted({link.artifact for link in kind.links(member)} - {part})]
+        needs[part] = linked
+    return needs
+
+
+def _lock(
+    kind: Format[S],
+    settings: S,
+    splits: Splits,
+    shares: Sequence[SplitShare],
+    members: Sequence[Member],
+    needs: Mapping[str, Sequence[str]],
+    joined: Joined,
+    left_out: Mapping[str, Mapping[str, str]],
+) -> dict[str, Any]:
+    """Return everything that this dataset can be made from again, and what is not in it and why."""
+    return {
+        "format": FORMAT,
+        "dataset": kind.name,
+        kind.name: settings.model_dump(mode="json", exclude={"output"}),
+        "splits": splits.model_dump(mode="json"),
+        "shares": {share.name: share.as_json() for share in shares},
+        "bags": [
+            {
+                **member.row,
+                "key": member.part.key,
+                "content": member.part.content,
+                "split": member.split,
+                "counts": dict(kind.counts(member.facts)),
+                "artifacts": list(needs[member.part.artifact]),
+            }
+            for member in members
+        ],
+        **{why: dict(sorted(keys.items())) for why, keys in left_out.items()},
+        "files": dict(joined.files),
+    }
+
+
+def _put_files(
+    kind: Format[S],
+    linker: Linker,
+    members: Sequence[Member],
+    known: DatasetLock | None,
+    suspects: AbstractSet[str] | None,
+    store: Store,
+    output: Path,
+    new: Path | None,
+) -> None:
+    """Link the files of recordings.
+
+    Args:
+        kind: the format.
+        linker: puts them below the output.
+        members: the recordings.
+        known: the lock of the dataset as it is, if that can be relied on.
+        suspects: see `assemble`.
+        store: where the artifacts are.
+        output: of the dataset.
+        new: the folder that is going to be exchanged; None if it stays.
+    """
+    for folder in kind.folders:
+        (output / folder).mkdir(exist_ok=True)
+    sources = _Sources(store)
+    match kind.places:
+        case UnitFolders() as units:
+            for member in members:
+                _put_unit(kind, units, linker, member, suspects, sources, output)
+        case LooseFiles() as loose:
+            there = {} if known is None else {key: bag.artifact for key, bag in known.bags.items()}
+            suspicious = {loose.recording_of(name) for name in suspects or ()}
+            for member in members:
+                is_there = there.get(member.part.key) == member.part.artifact
+                if not is_there or member.part.key in suspicious:
+                    _put_loose(kind, linker, member, suspects or frozenset(), sources, is_there=is_there)
+        case None if new is not None:
+            for member in members:
+                for link in kind.links(member):
+                    linker.put(sources.path(link), f"{new.name}/{link.name}")
+        case None:
+            pass
+
+
+def _put_loose(
+    kind: Format[S],
+    linker: Linker,
+    member: Member,
+    suspects: AbstractSet[str],
+    sources: "_Sources",
+    *,
+    is_there: bool,
+) -> None:
+    """Link the files of a recording that is not there yet, and mend suspects in any case."""
+    for link in kind.links(member):
+        if link.name in suspects:
+            linker.mend(sources.path(link), link.name)
+        elif not is_there:
+            linker.put(sources.path(link), link.name)
+
+
+def _put_unit(
+    kind: Format[S],
+    units: UnitFolders,
+    linker: Linker,
+    member: Member,
+    suspects: AbstractSet[str] | None,
+    sources: "_Sources",
+    output: Path,
+) -> None:
+    """Make the folder of a recording appear, whole; of one that is there, mend the suspects, or all files."""
+    unit = units.unit(member)
+    is_there = (output / unit).is_dir()
+    if is_there and suspects is not None and not any(name.startswith(f"{unit}/") for name in suspects):
+        return
+    temporary = f"{unit}.tmp-{uuid4().hex}"
+    if not is_there:
+        (output / temporary).mkdir(parents=True)
+    for link in kind.links(member):
+        if not is_there:
+            linker.put(sources.path(link), temporary + link.name.removeprefix(unit))
+        elif suspects is None or link.name in suspects:
+            linker.mend(sources.path(link), link.name)
+    if not is_there:
+        (output / temporary).rename(output / unit)
+
+
+class _Sources:
+    """Paths of files of artifacts; each artifact is looked up once."""
+
+    def __init__(self, store: Store) -> None:
+        self._store = store
+        self._folders: dict[str, str] = {}
+
+    def path(self, link: Link) -> str:
+        """Return where the file of a link is in the store."""
+        folder = self._folders.get(link.artifact)
+        if folder is None:
+            folder = self._folders[link.artifact] = str(self._store.artifact(link.artifact).files)
+        return f"{folder}/{link.file}"
+
+
+def _put_beside(output: Path, files: Mapping[str, bytes]) -> None:
+    """Write the files that are the same whatever the recordings, unless they are there."""
+    for name, content in files.items():
+        path = output / name
+        if not path.is_file() or path.read_bytes() != content:
+            write_atomically(path, content)
+
+
+def _names(kind: Format[S], entry: Entry, folder: str) -> Iterator[str]:
+    """Yield the names of the links of a recording below the output."""
+    prefix = f"{folder}/" if kind.places is None else ""
+    return (f"{prefix}{link.name}" for link in kind.links(entry))
+
+
+def _is_same(new: Path, current: Path, digests: Mapping[str, str]) -> bool:
+    """Tell whether `current` has all that was put together in `new`, byte for byte."""
+    try:
+        return (current / LOCK).read_bytes() == (new / LOCK).read_bytes() and all(
+            (current / name).stat().st_size == (new / name).stat().st_size
+            and digest_file(current / name) == digest
+            for name, digest in digests.items()
+        )
+    except OSError:
+        return False
+
+
+def _retire(
+    kind: Format[S], output: Path, current: Path, retired: Sequence[Path], members: Sequence[Member]
+) -> int:
+    """Remove old folders and the files of recordings that nothing names any more; return the number of such files."""
+    removed = 0
+    if isinstance(kind.places, LooseFiles):
+        removed = _remove_loose(kind.places, output, current, retired)
+    elif isinstance(kind.places, UnitFolders):
+        named = {kind.places.name(member) for member in members}
+        for unit in sorted((output / kind.places.folder).glob("*")):
+            if unit.name not in named:
+                shutil.rmtree(unit, ignore_errors=True)
+    for folder in retired:
+        shutil.rmtree(folder, ignore_errors=True)
+    return removed
+
+
+def _remove_loose(loose: LooseFiles, output: Path, current: Path, retired: Sequence[Path]) -> int:
+    others = [path for path in sorted(output.iterdir()) if path.is_dir() and path not in retired]
+    now = _parts(current)
+    stale: set[str] = set()
+    for folder in retired:
+        # Recordings whose part is the same now as then have the same files.
+        gone = {key for key, part in _parts(folder).items() if now.get(key) != part}
+        stale |= (
+            {name for name in loose.named_in(folder) if loose.recording_of(name) in gone} if gone else set()
+        )
+    for other in others if stale else ():
+        stale.difference_update(loose.named_in(other))
+    return remove_files(output, stale)
+
+
+def remove_files(output: Path, names: AbstractSet[str]) -> int:
+    """Remove files, and the folders that become empty by that; return the number of files."""
+    removed = 0
+    for name in sorted(names):
+        with suppress(FileNotFoundError):
+            (output / name).unlink()
+            removed += 1
+    for folder in sorted({(output / name).parent for name in names}):
+        with suppress(OSError):  # not empty, or gone
+            folder.rmdir()
+    return removed
+
+
+def _parts(folder: Path) -> dict[str, str]:
+    """Return recording -> its part in the dataset of a folder; nothing if it never got its lock."""
+    lock = _lock_of(folder)
+    return {} if lock is None else {key: bag.artifact for key, bag in lock.bags.items()}
+
+
+def _lock_of(folder: Path) -> DatasetLock | None:
+    try:
+        return read_lock(folder)
+    except DatasetError:  # torn by a power loss, in a folder that is exchanged anyway
+        return None
+
+
+def _refuse_foreign(kind: Format[S], output: Path, current: Path) -> None:
+    """Refuse to write where somebody else has put something."""
+    folders = [current]
+    what = f"it has no {LOCK}"
+    if isinstance(kind.places, UnitFolders):
+        if (output / GUARD).exists():  # a run of ours was here, perhaps one that was killed
+            return
+        folders.append(output / kind.places.folder)
+        what = f"there is no {GUARD} in {output}"
+    for folder in folders:
+        if folder.exists() and any(folder.iterdir()) and not (folder / LOCK).is_file():
+            fields = " or ".join(f"{kind.section}.{field}" for field in kind.named_by)
+            raise DatasetError(
+                f"{folder}: this folder was not made by bagassets ({what}), so it is left alone; choose another {fields}."
+            )

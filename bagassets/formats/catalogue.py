@@ -1,0 +1,335 @@
+"""Which formats there are, and which assets recordings have: ours, and those of installed packages.
+
+What a package adds is looked at before it is used. If something is wrong with it, it is left out and a sentence says so;
+everything else goes on.
+"""
+
+import re
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import cache, wraps
+from typing import Any, TypeVar
+
+from bagassets.assets.annotations import ANNOTATIONS
+from bagassets.assets.asset import Asset, as_json
+from bagassets.assets.calibration import CALIBRATION
+from bagassets.assets.ego_poses import EGO_POSES
+from bagassets.assets.frames import FRAMES
+from bagassets.assets.inventory import INVENTORY
+from bagassets.assets.preview import PREVIEW
+from bagassets.assets.sweeps import SWEEPS
+from bagassets.build.recording_assets import RecordingAssets
+from bagassets.errors import BagAssetsError, DatasetError, PluginError
+from bagassets.extensions import ASSETS, FORMATS, Extension, installed_extensions
+from bagassets.formats.dataset_lock import DatasetLock
+from bagassets.formats.format import DatasetCheck, Format
+from bagassets.formats.nuscenes.format import NUSCENES
+from bagassets.formats.vision.format import VISION
+from bagassets.quality.check import RecordingCheck
+from bagassets.recipe.model import Recipe, Rig
+from bagassets.recipe.model_checks import Checks
+from bagassets.recipe.section_models import settings_model
+
+__all__ = [
+    "MAIN",
+    "Catalogue",
+    "catalogue",
+    "format_of",
+    "formats",
+    "installed_format",
+    "known_assets",
+    "problems_of",
+    "recording_assets",
+]
+
+MAIN = NUSCENES
+"""The format of the dataset that every recipe has: what enters it is reported, and its splits are those of all."""
+
+OURS: tuple[Format[Any], ...] = (NUSCENES, VISION)
+OUR_ASSETS: tuple[Asset[Any, Any], ...] = (
+    INVENTORY,
+    CALIBRATION,
+    EGO_POSES,
+    ANNOTATIONS,
+    FRAMES,
+    SWEEPS,
+    *(asset for kind in OURS for asset in kind.assets),
+    PREVIEW,
+)
+_OUR_NAMES = frozenset(asset.name for asset in OUR_ASSETS)
+_CALLABLE = ("join", "links", "counts", "duration_s", "folder", "row")
+_CALLABLE_OR_NONE = ("fills_split", "samples", "select", "check")
+# Names that assets of Dagster have which are none of a recording.
+_TAKEN = {"bag", "dataset_inputs", "trajectory_map"}
+_R = TypeVar("_R")
+
+
+@dataclass(frozen=True)
+class Catalogue:
+    """What there is in this Python environment.
+
+    Attributes:
+        formats: all formats, the main one first.
+        assets: assets of recordings that packages add, by name, each after those that it reads.
+        problems: what cannot be used, a sentence each.
+    """
+
+    formats: tuple[Format[Any], ...]
+    assets: Mapping[str, Asset[Any, Any]]
+    problems: tuple[str, ...]
+
+
+@cache
+def catalogue() -> Catalogue:
+    """Return what was installed when this process first asked."""
+    problems: list[str] = []
+    formats = list(OURS)
+    assets: dict[str, Asset[Any, Any]] = {}
+
+    def add(asset: Any, extension: Extension) -> None:
+        """Take an asset, or refuse it."""
+        _check_asset(asset, extension)
+        if asset.name in assets:
+            raise extension.problem(
+                f"its asset {asset.name} is one of {assets[asset.name].distribution}, too"
+            )
+        assets[asset.name] = _guarded(asset, extension)
+
+    for extension in _single(ASSETS, problems):
+        try:
+            found = extension.load()
+            if getattr(found, "name", None) != extension.name:
+                raise extension.problem(f"{extension.reference} is no asset of that name")
+            add(found, extension)
+        except PluginError as err:
+            problems.append(str(err))
+    for extension in _single(FORMATS, problems):
+        before = dict(assets)
+        try:
+            kind = _checked_format(extension.load(), extension)
+            for asset in kind.assets:
+                add(asset, extension)
+            formats.append(kind)
+        except PluginError as err:
+            assets = before  # a format comes with all that it brings, or not at all
+            problems.append(str(err))
+    assets = _in_order(assets, problems)
+    formats = [kind for kind in formats if kind.part in assets or kind.part in _OUR_NAMES]
+    return Catalogue(tuple(formats), assets, tuple(problems))
+
+
+def _in_order(assets: Mapping[str, Asset[Any, Any]], problems: list[str]) -> dict[str, Asset[Any, Any]]:
+    """Return assets of packages, each after those that it reads, without those that read what is not there."""
+    ordered: dict[str, Asset[Any, Any]] = {}
+    waiting = dict(assets)
+    while waiting:
+        there = _OUR_NAMES | ordered.keys()
+        ready = [asset for asset in waiting.values() if all(one.name in there for one in asset.reads)]
+        if not ready:
+            break
+        for asset in ready:
+            ordered[asset.name] = waiting.pop(asset.name)
+    for name, asset in waiting.items():
+        lacking = ", ".join(one.name for one in asset.reads if one.name not in _OUR_NAMES | ordered.keys())
+        problems.append(
+            f"asset {name} of {asset.distribution} cannot be used: it reads {lacking}, which is no asset of recordings here; "
+            "mend, upgrade or uninstall that package."
+        )
+    return ordered
+
+
+def known_assets() -> tuple[Asset[Any, Any], ...]:
+    """Return all assets that recordings may have, each after those that it reads; `bag` is none of them."""
+    return (*OUR_ASSETS, *catalogue().assets.values())
+
+
+def recording_assets(recipe: Recipe) -> RecordingAssets:
+    """Return the assets that recordings have under a recipe."""
+    return RecordingAssets(recipe, known_assets())
+
+
+def formats() -> tuple[Format[Any], ...]:
+    """Return all formats, the main one first."""
+    return catalogue().formats
+
+
+def installed_format(name: str) -> Format[Any] | None:
+    """Return the format of a name, or None if there is none."""
+    return next((kind for kind in formats() if kind.name == name), None)
+
+
+def format_of(lock: DatasetLock) -> Format[Any]:
+    """Return the format of a dataset.
+
+    Raises:
+        DatasetError: it is not installed.
+    """
+    found = installed_format(lock.kind)
+    if found is None:
+        names = ", ".join(kind.name for kind in formats())
+        raise DatasetError(
+            f"{lock.path}: this dataset has the format {lock.kind}, which is not installed here (there are {names}); install "
+            "the package that made it."
+        )
+    return found
+
+
+def problems_of(recipe: Recipe) -> Iterator[str]:
+    """Yield what of installed packages cannot be used, also with just this recipe, a sentence each."""
+    yield from catalogue().problems
+    for asset in catalogue().assets.values():
+        if isinstance(asset.enabled, _Enabled):
+            yield from asset.enabled.problems(recipe)
+
+
+def _single(group: str, problems: list[str]) -> Iterator[Extension]:
+    """Yield what is announced once in a group; nobody wins silently."""
+    by_name: dict[str, list[Extension]] = {}
+    for extension in installed_extensions(group):
+        by_name.setdefault(extension.name, []).append(extension)
+    what = "format" if group == FORMATS else "asset"
+    for name, found in by_name.items():
+        if len(found) > 1:
+            owners = " and ".join(extension.distribution for extension in found)
+            problems.append(
+                f"{what} {name}: {owners} both add it, so neither is used; uninstall all but one."
+            )
+        elif any(name == kind.name for kind in OURS) and group == FORMATS:
+            problems.append(
+                f"format {name}: {found[0].distribution} would replace that of bagassets; uninstall it, or have it "
+                "call its format something else."
+            )
+        else:
+            yield found[0]
+
+
+def _checked_format(found: Any, extension: Extension) -> Format[Any]:
+    """Return a format that a package adds.
+
+    Raises:
+        PluginError: it is none, or is incomplete.
+    """
+    if not isinstance(found, Format):
+        raise extension.problem(f"{extension.reference} is no bagassets.formats.format.Format")
+    if found.name != extension.name or not re.fullmatch(r"[a-z][a-z0-9_]*", str(found.name)):
+        raise extension.problem(
+            f"the format calls itself {found.name!r}; it must be called as its entry point, in small letters, digits and '_'"
+        )
+    for field in _CALLABLE:
+        if not callable(getattr(found, field)):
+            raise extension.problem(f"its {field} must be a function")
+    for field in _CALLABLE_OR_NONE:
+        if getattr(found, field) is not None and not callable(getattr(found, field)):
+            raise extension.problem(f"its {field} must be a function or None")
+    if not isinstance(found.version, int):
+        raise extension.problem(f"its version must be a whole number; found {found.version!r}")
+    settings_model(extension, found)
+    brought = [getattr(asset, "name", None) for asset in found.assets]
+    if found.part not in brought and found.part not in _OUR_NAMES:
+        raise extension.problem(
+            f"its part {found.part!r} is none of its assets ({', '.join(map(str, brought)) or 'none'})"
+        )
+    for check in found.checks:
+        _check_section(check, extension)
+    if bool(found.checks) != (found.check is not None):
+        raise extension.problem("checks and check go together")
+    return replace(found, distribution=extension.distribution)
+
+
+def _check_section(check: DatasetCheck | RecordingCheck, extension: Extension) -> None:
+    """Refuse a check whose severity no recipe tells."""
+    if check.section not in Checks.model_fields.keys() - {"enabled"}:
+        raise extension.problem(
+            f"its check {check.name} has the section {check.section!r}, which recipes do not know"
+        )
+
+
+def _check_asset(asset: Any, extension: Extension) -> None:
+    """Refuse what is no asset, or cannot be one beside ours.
+
+    Raises:
+        PluginError: it is so.
+    """
+    if not isinstance(asset, Asset):
+        raise extension.problem(f"{asset!r} is no bagassets.assets.asset.Asset")
+    taken = _TAKEN | {kind.asset for kind in OURS} | _OUR_NAMES
+    if (
+        not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", asset.name)
+        or asset.name in taken
+        or asset.name.startswith("dataset_")
+    ):
+        raise extension.problem(f"{asset.name!r} is no name for an asset, or is taken by bagassets")
+    if (asset.make is None) == (asset.extract is None):
+        raise extension.problem(f"its asset {asset.name} must have either make or extract")
+    for check in asset.checks:
+        if not isinstance(check, RecordingCheck):
+            raise extension.problem(f"the check {check!r} of its asset {asset.name} is no RecordingCheck")
+        _check_section(check, extension)
+
+
+def _guarded(asset: Asset[Any, Any], extension: Extension) -> Asset[Any, Any]:
+    """Return an asset of a package whose surprises cost just itself, and whose package's version shapes its bytes."""
+    guard = _Guard(asset.name, extension)
+
+    def params(recipe: Recipe, rig: Rig) -> Any:
+        found = asset.params(recipe, rig)
+        as_json(found)  # raises if it has no normal form
+        return found
+
+    safe = guard(params, "params")
+    return replace(
+        asset,
+        enabled=_Enabled(guard(asset.enabled, "enabled"), safe),
+        params=safe,
+        use=guard(asset.use, "use"),
+        make=None if asset.make is None else guard(asset.make, "make"),
+        extract=None if asset.extract is None else guard(asset.extract, "extract"),
+        checks=tuple(
+            replace(check, rule=guard(check.rule, f"the check {check.name}")) for check in asset.checks
+        ),
+        waits_for=None if asset.waits_for is None else guard(asset.waits_for, "waits_for"),
+        libraries=(*asset.libraries, extension.package),
+        optional=True,
+        distribution=extension.distribution,
+    )
+
+
+@dataclass(frozen=True)
+class _Enabled:
+    """Whether recordings have an asset of a package: not if planning cannot even begin with it."""
+
+    asked: Callable[[Recipe], bool]
+    params: Callable[[Recipe, Rig], Any]
+
+    def __call__(self, recipe: Recipe) -> bool:
+        return not any(self.problems(recipe)) and self.asked(recipe)
+
+    def problems(self, recipe: Recipe) -> Iterator[str]:
+        """Yield why it cannot be planned with a recipe."""
+        try:
+            if self.asked(recipe):
+                for rig in recipe.rigs:
+                    self.params(recipe, rig)
+        except BagAssetsError as err:
+            yield str(err)
+
+
+class _Guard:
+    """Turns whatever a function of a package raises into a sentence that names the package."""
+
+    def __init__(self, asset: str, extension: Extension) -> None:
+        self._asset = asset
+        self._extension = extension
+
+    def __call__(self, function: Callable[..., _R], what: str) -> Callable[..., _R]:
+        @wraps(function)
+        def guarded(*args: Any, **options: Any) -> _R:
+            try:
+                return function(*args, **options)
+            except BagAssetsError:
+                raise
+            except Exception as err:
+                said = f"{type(err).__name__}: {err}"
+                raise self._extension.problem(f"{what} of its asset {self._asset} raised {said}") from err
+
+        return guarded

@@ -1,0 +1,186 @@
+"""Running the checks now, on what is on record, without a run in Dagster."""
+
+from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Set as AbstractSet
+from dataclasses import dataclass
+from typing import Any
+
+from bagassets.assets.selection import choose_rig
+from bagassets.build.build_report import Remark
+from bagassets.build.plan_model import BagPlan
+from bagassets.errors import PluginError, StoreError
+from bagassets.formats.catalogue import known_assets, recording_assets
+from bagassets.formats.dataset_build import Dataset, datasets_of, in_words_of
+from bagassets.formats.dataset_lock import read_lock
+from bagassets.formats.format import Format
+from bagassets.quality.check import Evidence, severity_of
+from bagassets.quality.finding import Finding
+from bagassets.recipe.model import Recipe
+from bagassets.recipe.model_checks import Checks, Severity
+from bagassets.recordings.discover import Discovery
+from bagassets.store.artifact import Artifact
+from bagassets.store.store import Store
+
+__all__ = [
+    "Verdict",
+    "check_bag",
+    "check_dataset",
+    "check_datasets",
+    "dataset_checks",
+    "remarks_on_record",
+    "render_checks",
+]
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What one check said.
+
+    Attributes:
+        recording: partition key; None for the dataset.
+        asset: what was checked.
+        check: name of the check.
+        severity: how much a finding weighs.
+        finding: what was found; None if the asset is not materialized.
+    """
+
+    recording: str | None
+    asset: str
+    check: str
+    severity: Severity
+    finding: Finding | None
+
+    @property
+    def is_error(self) -> bool:
+        """Tell whether something was found that weighs as an error."""
+        return self.finding is not None and not self.finding.passed and self.weight == "error"
+
+    @property
+    def weight(self) -> Severity:
+        """How much what was found weighs."""
+        return (
+            self.severity
+            if self.finding is None or self.finding.passed
+            else self.finding.weight(self.severity)
+        )
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the verdict as JSON."""
+        return {
+            "recording": self.recording,
+            "asset": self.asset,
+            "check": self.check,
+            "severity": self.weight,
+            "passed": None if self.finding is None else self.finding.passed,
+            "problems": [] if self.finding is None else self.finding.sentences,
+            "facts": {} if self.finding is None else dict(self.finding.facts),
+        }
+
+
+def check_bag(
+    recipe: Recipe,
+    store: Store,
+    discovery: Discovery,
+    bag: BagPlan,
+    *,
+    quick: bool = False,
+) -> Iterator[Verdict]:
+    """Check what is on record of one recording; nothing is said about one that is skipped.
+
+    Args:
+        recipe: the recipe, with the thresholds.
+        store: where the artifacts are.
+        discovery: the recordings on disk.
+        bag: the recording.
+        quick: make those checks only that take no time.
+    """
+    found = discovery.found.get(bag.key)
+    rig = None if found is None else choose_rig(recipe, found.relative)
+    if rig is None or bag.skipped is not None:
+        return
+    evidence = Evidence(recipe, rig, store, _Current(bag.key, store, bag.recorded).artifact)
+    for asset in recording_assets(recipe):
+        for check in asset.checks:
+            severity = severity_of(recipe.checks, check.section)
+            if severity == "skip" or (quick and not check.quick):
+                continue
+            finding = None
+            if asset.name in bag.recorded:
+                try:
+                    finding = check.rule(evidence)
+                except (StoreError, PluginError) as err:
+                    finding = Finding([str(err)])
+            yield Verdict(bag.key, asset.name, check.name, severity, finding)
+
+
+def remarks_on_record(
+    recipe: Recipe, store: Store, discovery: Discovery, bags: Iterable[BagPlan]
+) -> Iterator[Remark]:
+    """Yield what the quick checks find in recordings that were built some time: losses, keyframes that were dropped."""
+    for bag in bags:
+        for verdict in check_bag(recipe, store, discovery, bag, quick=True):
+            if verdict.finding is not None and not verdict.finding.passed:
+                first, *more = verdict.finding.sentences
+                yield Remark(
+                    bag.key,
+                    verdict.weight,
+                    verdict.check,
+                    first + (f" (and {len(more)} more)" if more else ""),
+                )
+
+
+def render_checks() -> str:
+    """Return the checks of a recording's assets as a table in Markdown; severities are those by default."""
+    defaults = Checks()
+    rows = [
+        f"| `{check.name}` | `{asset.name}` | {check.fails_if} | {severity_of(defaults, check.section)} |"
+        for asset in known_assets()
+        for check in asset.checks
+    ]
+    return "\n".join(["| check | asset | fails if | severity |", "|---|---|---|---|", *rows]) + "\n"
+
+
+def check_datasets(recipe: Recipe) -> Iterator[Verdict]:
+    """Check the datasets of each format as they lie on disk.
+
+    Raises:
+        DatasetError: a file of one cannot be read.
+    """
+    for dataset in datasets_of(recipe).values():
+        if dataset.selection is None:
+            names = dataset_checks(recipe, dataset.kind)
+            is_there = read_lock(dataset.settings.output / dataset.kind.folder(dataset.settings)) is not None
+            findings = check_dataset(dataset, frozenset(names)) if is_there and names else {}
+            for name, severity in names.items():
+                yield Verdict(None, dataset.asset, name, severity, findings.get(name))
+
+
+def dataset_checks(recipe: Recipe, kind: Format[Any]) -> dict[str, Severity]:
+    """Return the checks of a format that the recipe does not skip -> how much a finding weighs."""
+    weights = {check.name: severity_of(recipe.checks, check.section) for check in kind.checks}
+    return {name: severity for name, severity in weights.items() if severity != "skip"}
+
+
+def check_dataset(dataset: Dataset, names: AbstractSet[str]) -> Mapping[str, Finding]:
+    """Return check -> what it finds in a dataset on disk, of those that are named.
+
+    Raises:
+        DatasetError: a file of it cannot be read.
+    """
+    kind = dataset.kind
+    with in_words_of(kind, "check"):
+        return {} if kind.check is None else kind.check(dataset.settings, names)
+
+
+@dataclass(frozen=True)
+class _Current:
+    """The artifacts that are on record for one recording."""
+
+    key: str
+    store: Store
+    recorded: Mapping[str, str]
+
+    def artifact(self, asset: str) -> Artifact:
+        if asset not in self.recorded:
+            raise StoreError(f"{self.key}: {asset} is not materialized for this recording.")
+        return self.store.artifact(self.recorded[asset])

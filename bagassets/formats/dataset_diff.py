@@ -1,0 +1,178 @@
+"""How two datasets differ: recordings, scenes, samples, settings; told from their lock files and the store."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from bagassets.errors import DatasetError, StoreError
+from bagassets.formats.catalogue import installed_format
+from bagassets.formats.dataset_lock import DatasetLock, LockedBag
+from bagassets.formats.format import Format
+from bagassets.store.store import Store
+
+__all__ = ["BagDiff", "DatasetDiff", "SceneDiff", "diff_datasets"]
+
+_LEFT_OUT = ("skipped", "failed", "duplicates")
+
+
+@dataclass(frozen=True)
+class SceneDiff:
+    """A scene that is not the same in both.
+
+    Attributes:
+        name: of the scene.
+        change: what happened to it.
+        added: tokens of samples that only the second dataset has.
+        removed: tokens of samples that only the first has.
+        changed: token of a sample in both -> what of it differs (readings, poses, calibration, boxes).
+    """
+
+    name: str
+    change: Literal["added", "removed", "changed"]
+    added: tuple[str, ...] = ()
+    removed: tuple[str, ...] = ()
+    changed: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class BagDiff:
+    """A recording that is not the same in both.
+
+    Attributes:
+        key: partition key.
+        change: what happened to it; `renamed` if the same content had another key.
+        before: in the first dataset.
+        after: in the second.
+        scenes: scenes that differ; None if that is not known, because an artifact is not in the store or the format does
+            not tell samples apart.
+    """
+
+    key: str
+    change: Literal["added", "removed", "changed", "renamed"]
+    before: LockedBag | None
+    after: LockedBag | None
+    scenes: tuple[SceneDiff, ...] | None = ()
+
+
+@dataclass(frozen=True)
+class DatasetDiff:
+    """The differences.
+
+    Attributes:
+        bags: recordings that differ.
+        left_out: why -> partition key -> reason before and after; None where it was not left out so.
+        settings: field of the recipe -> value before and after.
+        files: tables whose bytes differ.
+        has_samples: the format tells samples apart.
+    """
+
+    bags: tuple[BagDiff, ...]
+    left_out: Mapping[str, Mapping[str, tuple[str | None, str | None]]]
+    settings: Mapping[str, tuple[Any, Any]]
+    files: tuple[str, ...]
+    has_samples: bool = True
+
+    @property
+    def is_empty(self) -> bool:
+        """True if both are the same dataset."""
+        return not (self.bags or self.settings or self.files or any(self.left_out.values()))
+
+
+def diff_datasets(before: DatasetLock, after: DatasetLock, store: Store) -> DatasetDiff:
+    """Return how two datasets differ.
+
+    Args:
+        before: lock of the first.
+        after: lock of the second.
+        store: where their artifacts are.
+
+    Raises:
+        DatasetError: they are of different formats.
+    """
+    if before.kind != after.kind:
+        raise DatasetError(
+            f"{before.path} is a {before.kind} dataset and {after.path} a {after.kind} one; name two of one kind."
+        )
+    kind = installed_format(before.kind)
+    names = before.files.keys() | after.files.keys()
+    return DatasetDiff(
+        bags=tuple(_bags(before, after, store, kind)),
+        left_out={why: _changes(before.value.get(why, {}), after.value.get(why, {})) for why in _LEFT_OUT},
+        settings=_changes(_settings(before), _settings(after)),
+        files=tuple(sorted(name for name in names if before.files.get(name) != after.files.get(name))),
+        has_samples=kind is not None and kind.samples is not None,
+    )
+
+
+def _bags(before: DatasetLock, after: DatasetLock, store: Store, kind: Format[Any] | None) -> list[BagDiff]:
+    gone = {bag.content: bag for key, bag in before.bags.items() if key not in after.bags}
+    found, renamed = [], set()
+    for key, bag in after.bags.items():
+        old = before.bags.get(key)
+        if old is None and bag.content in gone:
+            old = gone[bag.content]
+            renamed.add(old.key)
+            found.append(BagDiff(key, "renamed", old, bag))
+        elif old is None:
+            found.append(BagDiff(key, "added", None, bag, _scenes(None, bag, store, kind)))
+        elif old != bag:
+            found.append(BagDiff(key, "changed", old, bag, _scenes(old, bag, store, kind)))
+    for key, bag in before.bags.items():
+        if key not in after.bags and key not in renamed:
+            found.append(BagDiff(key, "removed", bag, None, _scenes(bag, None, store, kind)))
+    return sorted(found, key=lambda diff: diff.key)
+
+
+def _scenes(
+    before: LockedBag | None, after: LockedBag | None, store: Store, kind: Format[Any] | None
+) -> tuple[SceneDiff, ...] | None:
+    if kind is None or kind.samples is None:
+        return None
+    if before is not None and after is not None and before.artifact == after.artifact:
+        return ()
+    try:
+        old, new = (
+            {} if bag is None else kind.samples(store.artifact(bag.artifact)) for bag in (before, after)
+        )
+    except StoreError:
+        return None
+    found = []
+    for name in sorted(old.keys() | new.keys()):
+        was, now = old.get(name, {}), new.get(name, {})
+        added = tuple(token for token in now if token not in was)
+        removed = tuple(token for token in was if token not in now)
+        changed = {
+            token: tuple(part for part in sorted(now[token]) if now[token][part] != was[token].get(part))
+            for token in now
+            if token in was and now[token] != was[token]
+        }
+        if name not in old:
+            found.append(SceneDiff(name, "added", added=added))
+        elif name not in new:
+            found.append(SceneDiff(name, "removed", removed=removed))
+        elif added or removed or changed:
+            found.append(SceneDiff(name, "changed", added, removed, changed))
+    return tuple(found)
+
+
+def _settings(lock: DatasetLock) -> dict[str, Any]:
+    """Return recipe field -> value, nested ones with dots."""
+    return dict(_flat({name: lock.value[name] for name in (lock.kind, "splits") if name in lock.value}))
+
+
+def _flat(value: Mapping[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
+    found: list[tuple[str, Any]] = []
+    for name, inner in value.items():
+        if isinstance(inner, Mapping) and inner:
+            found += _flat(inner, f"{prefix}{name}.")
+        else:
+            found.append((prefix + name, inner))
+    return found
+
+
+def _changes(before: Mapping[str, Any], after: Mapping[str, Any]) -> dict[str, tuple[Any, Any]]:
+    return {
+        name: (before.get(name), after.get(name))
+        for name in sorted(before.keys() | after.keys())
+        if before.get(name) != after.get(name)
+    }

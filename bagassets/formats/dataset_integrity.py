@@ -1,0 +1,223 @@
+"""Checking datasets against the store that they were linked from.
+
+A hard link is the file of the store itself and is checked there; a copy is hashed. What is damaged is taken
+out of the dataset, so that the next build puts it in again.
+"""
+
+import os
+import shutil
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from uuid import uuid4
+
+from bagassets.errors import DatasetError, StoreError
+from bagassets.formats.catalogue import format_of
+from bagassets.formats.dataset_build import dataset_folders
+from bagassets.formats.dataset_lock import LOCK, DatasetLock, load_lock
+from bagassets.formats.format import Entry, Format, Part, UnitFolders
+from bagassets.freshness.published import Publication
+from bagassets.recipe.model import Recipe
+from bagassets.store.artifact import Artifact, FileEntry
+from bagassets.store.canonical import digest_file
+from bagassets.store.store import Store
+
+__all__ = ["DatasetDamage", "check_datasets", "take_out", "take_out_changed_sources"]
+
+
+@dataclass(frozen=True)
+class DatasetDamage:
+    """A file of a dataset that is not as it was written.
+
+    Attributes:
+        path: the file.
+        reason: what is wrong, in words.
+        unit: what has to go for the next build to make it again: the file, or the folder of its recording;
+            None if that would be wrong.
+    """
+
+    path: Path
+    reason: str
+    unit: Path | None
+
+    def __str__(self) -> str:
+        return f"{self.path}: {self.reason}"
+
+
+def check_datasets(recipe: Recipe, store: Store, damaged: Collection[str] = ()) -> Iterator[DatasetDamage]:
+    """Yield what is damaged in the datasets of a recipe; nothing is changed.
+
+    Args:
+        recipe: the recipe.
+        store: the store that the datasets were made from.
+        damaged: artifacts whose files in the store are not to be trusted.
+
+    Raises:
+        DatasetError: a lock file cannot be read.
+    """
+    check = _Check(store, frozenset(damaged))
+    for folder in sorted({*dataset_folders(recipe).values()}):
+        for path in sorted(folder.glob(f"*/{LOCK}")):
+            lock = load_lock(path)
+            yield from check.tables(path.parent, lock.files)
+            for link in _links(check, lock, folder, format_of(lock)):
+                yield from check.file(link)
+            yield from check.unchecked(path.parent)
+
+
+def take_out_changed_sources(recipe: Recipe, store: Store) -> list[str]:
+    """Take artifacts out of the store that were changed through a dataset, and return what they were, in words.
+
+    A hard link in a dataset is the file of the store: whoever writes into it damages both, and linking it again
+    would mend nothing. Only links that are not as they were published are looked at.
+    """
+    reasons: dict[str, str] = {}
+    check = _Check(store, frozenset())
+    for asset, folder in dataset_folders(recipe).items():
+        differing = Publication(recipe.state, asset).differing(folder) or ()
+        suspects = {folder / name for name in differing if _has_other_names(folder / name)}
+        for path in sorted(folder.glob(f"*/{LOCK}")) if suspects else ():
+            with suppress(DatasetError):  # a torn lock is mended with the tables
+                lock = load_lock(path)
+                for link in _links(check, lock, folder, format_of(lock)):
+                    if link.path in suspects and check.is_changed_in_store(link):
+                        reason = f"{link.path}: was changed in place, so it is made again"
+                        reasons.setdefault(link.artifact, reason)
+    for artifact in reasons:
+        store.remove(artifact)
+    return sorted(reasons.values())
+
+
+def _has_other_names(path: Path) -> bool:
+    try:
+        return path.stat().st_nlink > 1
+    except OSError:
+        return False
+
+
+@dataclass(frozen=True)
+class _Linked:
+    """A file of a dataset: the artifact that it was linked or copied from, its name there, and its `unit`."""
+
+    path: Path
+    artifact: str
+    name: str
+    unit: Path
+
+
+def _links(check: "_Check", lock: DatasetLock, output: Path, kind: Format[Any]) -> Iterator[_Linked]:
+    """Yield the files that a dataset consists of, as far as what says so is not damaged itself."""
+    for number, bag in enumerate(lock.bags.values()):
+        with suppress(StoreError, KeyError, TypeError):  # of a manifest that is damaged itself
+            part = check.artifact(bag.artifact)
+            entry = Entry(Part(bag.key, bag.content, bag.artifact), part, bag.split, number, bag.row)
+            unit = output / kind.places.unit(entry) if isinstance(kind.places, UnitFolders) else None
+            for link in kind.links(entry):
+                path = kind.link_path(output, lock.path.parent, link)
+                yield _Linked(path, link.artifact, link.file, unit or path)
+
+
+class _Untrusted(Artifact):
+    """A damaged artifact: which files it has is known, what is in them is not to be relied on."""
+
+    def read_json(self, relative: str) -> Any:
+        raise StoreError(f"{self.path(relative)}: this artifact is damaged, so it is not read.")
+
+    def read_table(self, relative: str, columns: Sequence[str] | None = None) -> Any:
+        del columns
+        return self.read_json(relative)
+
+
+def take_out(damages: Collection[DatasetDamage]) -> None:
+    """Remove what is damaged from its dataset."""
+    for unit in sorted({damage.unit for damage in damages if damage.unit is not None}):
+        if unit.is_dir():
+            retired = unit.with_name(f"{unit.name}.tmp-{uuid4().hex}")
+            unit.rename(retired)
+            shutil.rmtree(retired, ignore_errors=True)
+        else:
+            unit.unlink(missing_ok=True)
+
+
+class _Check:
+    """Compares files of datasets with what manifests say, each of which is read once."""
+
+    def __init__(self, store: Store, damaged: frozenset[str]) -> None:
+        self._store = store
+        self._damaged = damaged
+        self._entries: dict[str, Mapping[str, FileEntry] | None] = {}
+        self._unchecked = 0
+
+    def entries(self, artifact: str) -> Mapping[str, FileEntry] | None:
+        """Return the files of an artifact by name; None if the store does not know (any more)."""
+        if artifact not in self._entries:
+            try:
+                entries = self._store.artifact(artifact).entries()
+            except (StoreError, KeyError, TypeError):
+                self._entries[artifact] = None
+            else:
+                self._entries[artifact] = {entry.path: entry for entry in entries}
+        return self._entries[artifact]
+
+    def artifact(self, digest: str) -> Artifact:
+        """Return an artifact; of a damaged one no file is read: its files are made again.
+
+        Raises:
+            StoreError: the store has none.
+        """
+        artifact = self._store.artifact(digest)
+        return _Untrusted(artifact.digest, artifact.folder) if digest in self._damaged else artifact
+
+    def tables(self, folder: Path, digests: Mapping[str, str]) -> Iterator[DatasetDamage]:
+        """Check the files that a lock has digests of."""
+        for name, digest in sorted(digests.items()):
+            path = folder / name
+            reason = _difference(path, digest)
+            if reason is not None:
+                yield DatasetDamage(path, reason, path)
+
+    def is_changed_in_store(self, link: _Linked) -> bool:
+        """Tell whether a file of the store has other bytes than when it was written."""
+        entry = (self.entries(link.artifact) or {}).get(link.name)
+        if entry is None:
+            return False
+        return _difference(self._store.artifact(link.artifact).path(link.name), entry.digest) is not None
+
+    def file(self, link: _Linked) -> Iterator[DatasetDamage]:
+        """Check one file that was linked or copied from the store."""
+        path, artifact, name, unit = link.path, link.artifact, link.name, link.unit
+        try:
+            stat = path.stat()
+        except OSError as err:
+            yield DatasetDamage(path, f"is missing ({err.strerror})", unit)
+            return
+        entries = self.entries(artifact)
+        if entries is None or name not in entries:
+            if artifact in self._damaged:
+                yield DatasetDamage(path, f"comes from the damaged artifact {artifact[:16]}", unit)
+            else:
+                self._unchecked += 1
+            return
+        if artifact not in self._damaged:
+            with suppress(OSError):
+                if os.path.samestat(self._store.artifact(artifact).path(name).stat(), stat):
+                    return
+        reason = _difference(path, entries[name].digest)
+        if reason is not None:
+            yield DatasetDamage(path, reason, unit)
+
+    def unchecked(self, output: Path) -> Iterator[DatasetDamage]:
+        """Tell of files whose artifacts are gone; they stay, since they may be all that is left."""
+        if self._unchecked:
+            reason = f"{self._unchecked} files cannot be checked, because the store lacks what they come from; build, then verify again"
+            yield DatasetDamage(output, reason, None)
+        self._unchecked = 0
+
+
+def _difference(path: Path, digest: str) -> str | None:
+    try:
+        return None if digest_file(path) == digest else "was changed"
+    except OSError as err:
+        return f"is missing or cannot be read ({err.strerror})"

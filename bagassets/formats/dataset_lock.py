@@ -1,0 +1,186 @@
+"""Lock files of datasets: what was made from which artifacts.
+
+A lock says the same of every format: `dataset` is the name of the format, under which its settings are; each of `bags` has
+under `artifacts` what the dataset needs of the store, its part first; `files` has digests. Locks of format 1, which
+bagassets wrote before formats could be installed, called these things differently in each of its two datasets.
+"""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from bagassets.errors import DatasetError
+
+__all__ = ["LOCK", "DatasetLock", "LockedBag", "load_lock", "locked_artifacts", "read_lock"]
+
+LOCK = "dataset.lock.json"
+FORMAT = 2
+
+
+class _Names(NamedTuple):
+    """Where locks of format 1 have the part of a recording, its counts, and the digests of files."""
+
+    part: str
+    counts: tuple[str, ...]
+    files: str
+
+
+_OLD = {
+    "nuscenes": _Names("nuscenes_tables", ("scenes", "samples"), "tables"),
+    "vision": _Names("vision_sequences", ("sequences",), "files"),
+}
+
+
+@dataclass(frozen=True)
+class LockedBag:
+    """A recording in a dataset.
+
+    Attributes:
+        key: partition key.
+        content: digest of the recording.
+        artifact: digest of its part.
+        split: name of its split.
+        counts: what it gives the dataset, in the plural -> how many.
+        needs: artifacts that the dataset needs of it, the part among them; None in old locks, which do not say.
+        row: all that the lock says of it.
+    """
+
+    key: str
+    content: str
+    artifact: str
+    split: str
+    counts: Mapping[str, int] = field(default_factory=dict)
+    needs: Sequence[str] | None = field(default=None, compare=False)
+    row: Mapping[str, Any] = field(default_factory=dict, compare=False)
+
+
+@dataclass(frozen=True)
+class DatasetLock:
+    """A lock file.
+
+    Attributes:
+        path: the file.
+        kind: name of the dataset's format.
+        text: its bytes.
+        value: its content.
+        bags: the recordings by key, in order.
+        files: digests of the tables, or of the merged files, by name.
+    """
+
+    path: Path
+    kind: str
+    text: bytes
+    value: Mapping[str, Any]
+    bags: Mapping[str, LockedBag]
+    files: Mapping[str, str]
+
+    @property
+    def settings(self) -> Mapping[str, Any]:
+        """The section of the recipe about the dataset, without its output."""
+        settings: Mapping[str, Any] = self.value[self.kind]
+        return settings
+
+    @property
+    def splits(self) -> Mapping[str, str]:
+        """Recording -> its split."""
+        return {key: bag.split for key, bag in self.bags.items()}
+
+
+def load_lock(path: Path) -> DatasetLock:
+    """Return a lock file.
+
+    Args:
+        path: the file, the folder that it is in, or a dataset with just one.
+
+    Raises:
+        DatasetError: there is none, there are several, or it cannot be read.
+    """
+    found = _find(path.absolute())
+    try:
+        text = found.read_bytes()
+        value = json.loads(text)
+        if value["format"] not in {1, FORMAT}:
+            raise DatasetError(
+                f"{found}: this lock has format {value['format']}, this version of bagassets knows 1 and {FORMAT}; use the "
+                "version that wrote it."
+            )
+        kind = (
+            value["dataset"] if value["format"] == FORMAT else "vision" if "vision" in value else "nuscenes"
+        )
+        names = _OLD[kind] if value["format"] == 1 else None
+        bags = {row["key"]: _bag(row, names) for row in value["bags"]}
+        files = dict(value["files" if names is None else names.files])
+        lock = DatasetLock(found, kind, text, value, dict(sorted(bags.items())), files)
+        lock.settings.items()
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as err:
+        raise DatasetError(
+            f"{found}: expected the lock file of a dataset, but it cannot be read ({type(err).__name__}: {err}); name another."
+        ) from err
+    return lock
+
+
+def read_lock(folder: Path) -> DatasetLock | None:
+    """Return the lock of the dataset whose exchanged folder this is, or None if there is none.
+
+    Raises:
+        DatasetError: it cannot be read.
+    """
+    if not (folder / LOCK).exists():
+        return None
+    try:
+        return load_lock(folder / LOCK)
+    except DatasetError as err:
+        raise DatasetError(
+            f"{folder / LOCK}: cannot be read ({err.__cause__ or err}); remove the folder and build the dataset again."
+        ) from err
+
+
+def locked_artifacts(path: Path) -> set[str]:
+    """Return the artifacts that a lock file names, whatever its format.
+
+    Raises:
+        DatasetError: it is no lock file, or it does not tell what its dataset needs.
+    """
+    try:
+        value = json.loads(path.read_bytes())
+        if value.get("format", 1) == 1:
+            parts = [names.part for names in _OLD.values()]
+            return {str(next(row[part] for part in parts if part in row)) for row in value["bags"]}
+        return {digest for row in value["bags"] for digest in _digests(row["artifacts"])}
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, StopIteration) as err:
+        raise DatasetError(
+            f"{path}: expected the lock file of a dataset, which names the artifacts that it needs, but it cannot be read "
+            f"({type(err).__name__}: {err}); remove it, or replace it by a good copy."
+        ) from err
+
+
+def _find(path: Path) -> Path:
+    if not path.is_dir():
+        return path
+    if (path / LOCK).is_file():
+        return path / LOCK
+    below = sorted(path.glob(f"*/{LOCK}"))
+    if len(below) == 1:
+        return below[0]
+    several = f"has several ({', '.join(p.parent.name for p in below)}); name one of these folders"
+    raise DatasetError(
+        f"{path}: expected a dataset or a lock file, but this folder "
+        + (several if below else f"has no {LOCK}")
+        + "."
+    )
+
+
+def _bag(row: Mapping[str, Any], names: _Names | None) -> LockedBag:
+    if names is None:
+        needs = _digests(row["artifacts"])
+        return LockedBag(row["key"], row["content"], needs[0], row["split"], row["counts"], needs, row)
+    counts = {name: row[name] for name in names.counts}
+    return LockedBag(row["key"], row["content"], row[names.part], row["split"], counts, None, row)
+
+
+def _digests(value: Any) -> list[str]:
+    if not isinstance(value, list) or not value or not all(isinstance(digest, str) for digest in value):
+        raise TypeError("artifacts must be a list of digests, the part of the recording first")
+    return value

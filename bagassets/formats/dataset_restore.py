@@ -1,0 +1,95 @@
+"""Making a dataset again from its lock file and the store, byte for byte."""
+
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from bagassets.errors import DatasetError, StoreError
+from bagassets.formats.assembly import assemble
+from bagassets.formats.catalogue import format_of
+from bagassets.formats.dataset_lock import LOCK, DatasetLock, LockedBag
+from bagassets.formats.format import Entry, Format, Part
+from bagassets.recipe.model import Recipe
+from bagassets.recipe.model_splits import Splits
+from bagassets.store.canonical import digest_bytes
+from bagassets.store.lease import in_use
+from bagassets.store.store import Store
+
+__all__ = ["default_output", "missing_recordings", "restore_dataset"]
+
+
+def default_output(lock: DatasetLock, recipe: Recipe) -> Path:
+    """Return where a dataset is restored to: in place, if the lock lies in one, else beside that of the recipe."""
+    folder = lock.path.parent
+    if lock.path.name == LOCK and (folder / next(iter(lock.files), LOCK)).exists():
+        return folder.parent
+    settings = recipe.dataset_settings.get(lock.kind, recipe.nuscenes)
+    output = settings.output
+    return output.with_name(f"{output.name}-{digest_bytes(lock.text)[:8]}")
+
+
+def missing_recordings(lock: DatasetLock, store: Store) -> list[str]:
+    """Return the keys of recordings of which an artifact is not in the store (any more)."""
+    kind = format_of(lock)
+    return [key for number, key in enumerate(lock.bags) if not _is_there(lock.bags[key], number, store, kind)]
+
+
+def restore_dataset(lock: DatasetLock, store: Store, output: Path) -> Path:
+    """Make the dataset of a lock again; return its folder.
+
+    Args:
+        lock: the lock file.
+        store: where the artifacts are.
+        output: the dataset to write; what is there already stays if it belongs to it.
+
+    Raises:
+        DatasetError: an artifact is missing, the lock's settings are not understood, or this version of
+            bagassets makes other tables; then the dataset in `output` stays as it was.
+    """
+    kind = format_of(lock)
+    missing = missing_recordings(lock, store)
+    if missing:
+        more = f" and {len(missing) - 5} more" if len(missing) > 5 else ""
+        raise DatasetError(
+            f"{lock.path}: artifacts of {', '.join(missing[:5])}{more} are not in the store {store.root}, so this dataset "
+            "cannot be made again; build it from the recordings, with the recipe and version that made it."
+        )
+    parts = {key: Part(key, bag.content, bag.artifact) for key, bag in lock.bags.items()}
+    for copy, first in lock.value["duplicates"].items():
+        parts[copy] = Part(copy, parts[first].content, parts[first].artifact)
+    with in_use(store.root):
+        try:
+            settings = kind.settings.model_validate({**lock.settings, "output": output})
+            splits = Splits.model_validate(lock.value["splits"])
+        except ValidationError as err:
+            field = ".".join(str(part) for part in err.errors()[0]["loc"])
+            raise DatasetError(
+                f"{lock.path}: its settings are not understood (field {field}: {err.errors()[0]['msg']}); use the version "
+                f"of {kind.distribution or 'bagassets'} that wrote it."
+            ) from err
+        made = assemble(
+            kind,
+            list(parts.values()),
+            settings,
+            store,
+            output,
+            splits=splits,
+            dealt=lock.splits,
+            skipped=lock.value["skipped"],
+            failed=lock.value["failed"],
+            expected=lock.files,
+        )
+    return made.folder
+
+
+def _is_there(bag: LockedBag, number: int, store: Store, kind: Format[Any]) -> bool:
+    needs = bag.needs
+    if needs is None:
+        try:
+            part = store.artifact(bag.artifact)
+            entry = Entry(Part(bag.key, bag.content, bag.artifact), part, bag.split, number, bag.row)
+            needs = sorted({link.artifact for link in kind.links(entry)})
+        except StoreError:
+            return False
+    return all(store.has(digest) for digest in needs)

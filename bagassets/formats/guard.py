@@ -1,0 +1,53 @@
+"""Keeping two processes from writing one dataset at the same time, and other bytes than asked for from appearing."""
+
+import shutil
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from bagassets.errors import DatasetError
+from bagassets.lock_files import LockFile
+
+__all__ = ["GUARD", "guarded", "refuse_unexpected"]
+
+GUARD = ".bagassets.lock"
+
+
+@contextmanager
+def guarded(output: Path) -> Iterator[None]:
+    """Keep other processes from writing into the same folder meanwhile, and name it in errors.
+
+    Raises:
+        DatasetError: files cannot be written.
+    """
+    try:
+        output.mkdir(parents=True, exist_ok=True)
+        with LockFile.open(output / GUARD, shared=True) as guard:
+            with suppress(OSError):  # some network file systems have no locks; then builds must not overlap
+                guard.lock()
+            yield
+    except OSError as err:
+        raise DatasetError(
+            f"{err.filename or output}: the dataset cannot be written ({err.strerror}); free space or mend the folder."
+        ) from err
+
+
+def refuse_unexpected(folder: Path, made: Mapping[str, str], expected: Mapping[str, str] | None) -> None:
+    """Remove a folder of tables that was just made, if its files are not those expected.
+
+    Args:
+        folder: the folder.
+        made: digests of its files, by name.
+        expected: digests that they must have; None allows all.
+
+    Raises:
+        DatasetError: a file differs.
+    """
+    if expected is None or dict(expected) == dict(made):
+        return
+    names = sorted(name for name in {*made, *expected} if made.get(name) != expected.get(name))
+    shutil.rmtree(folder, ignore_errors=True)
+    raise DatasetError(
+        f"{folder.parent}: {', '.join(names)} came out different from what the lock says, so nothing was exchanged; use the "
+        "version of bagassets that wrote the lock."
+    )

@@ -1,0 +1,76 @@
+"""JSON files of datasets: rows of recordings joined without parsing them, and digests taken while writing."""
+
+import json
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any, Protocol, Self
+
+from blake3 import blake3
+
+__all__ = ["HashedFile", "copy_rows", "json_bytes", "rows_text", "write_hashed", "write_joined"]
+
+
+class _Writable(Protocol):
+    def write(self, data: bytes, /) -> object: ...
+
+
+class HashedFile:
+    """A file that is written and digested in one go."""
+
+    def __init__(self, path: Path) -> None:
+        self._file = path.open("wb", buffering=1 << 20)
+        self._hasher = blake3()
+
+    def write(self, data: bytes) -> None:
+        """Write bytes."""
+        self._file.write(data)
+        self._hasher.update(data)
+
+    @property
+    def digest(self) -> str:
+        """Digest of what was written."""
+        return self._hasher.hexdigest()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self._file.close()
+
+
+def write_hashed(path: Path, data: bytes) -> str:
+    """Write a file and return its digest."""
+    with HashedFile(path) as file:
+        file.write(data)
+    return file.digest
+
+
+def json_bytes(value: Any) -> bytes:
+    """Return a JSON file for people to read."""
+    return (json.dumps(value, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()
+
+
+def rows_text(path: Path) -> bytes:
+    """Return the rows of a JSON list with one row per line as they stand there, without the brackets."""
+    return path.read_bytes().removeprefix(b"[").removesuffix(b"]\n").strip(b"\n")
+
+
+def copy_rows(path: Path) -> Iterator[bytes]:
+    """Yield the rows of a JSON list with one row per line, each as its JSON text."""
+    with path.open("rb") as file:
+        for line in file:
+            text = line.strip().rstrip(b",")
+            if text not in (b"[", b"]", b"[]"):
+                yield text
+
+
+def write_joined(file: _Writable, lists: Iterable[bytes]) -> int:
+    """Write one list of the rows of several, given as `rows_text`; return the number of rows."""
+    number = 0
+    for text in lists:
+        if text:
+            file.write(b",\n" if number else b"[\n")
+            file.write(text)
+            number += text.count(b"\n") + 1
+    file.write(b"\n]\n" if number else b"[]\n")
+    return number

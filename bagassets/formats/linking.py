@@ -1,0 +1,125 @@
+"""Putting files of the store into a dataset without copying them, if the file system allows."""
+
+import errno
+import filecmp
+import os
+import shutil
+from collections import Counter
+from fcntl import ioctl
+from pathlib import Path
+
+from bagassets.atomic import replacing
+from bagassets.errors import DatasetError
+
+__all__ = ["Linker"]
+
+FICLONE = 0x40049409  # linux/fs.h: make a file share the blocks of another
+# Hard links do not cross file systems, and some file systems have none or only so many per file.
+_NO_HARD_LINK = {errno.EXDEV, errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS, errno.EACCES}
+
+
+class Linker:
+    """Makes files appear in a dataset: hard link, else reflink, else copy.
+
+    A file is there whole or not at all, and one that is there already is left alone: names of the
+    dataset contain the digest of the content.
+
+    Attributes:
+        counts: way -> number of files; `kept` for those that were there.
+
+    Args:
+        root: the dataset's folder.
+        compares: of files that are there, the bytes are compared unless they are links to the store.
+    """
+
+    def __init__(self, root: Path, *, compares: bool = False) -> None:
+        self.counts: Counter[str] = Counter()
+        self._compares = compares
+        self._root = str(root)
+        self._folders: set[str] = set()
+        self._hard_links = True
+
+    def put(self, source: str, filename: str) -> None:
+        """Make the file `source` appear as `filename` below the root.
+
+        Raises:
+            DatasetError: the source is gone, or the dataset cannot be written.
+        """
+        # Plain strings: datasets have millions of files, and a Path costs more than a link.
+        target = f"{self._root}/{filename}"
+        if self._compares:
+            self._remove_other(source, target)
+        folder = target.rpartition("/")[0]
+        try:
+            if folder not in self._folders:
+                Path(folder).mkdir(parents=True, exist_ok=True)
+                self._folders.add(folder)
+            self.counts[self._put(source, target)] += 1
+        except FileNotFoundError as err:
+            raise DatasetError(
+                f"{source}: this file of the store is gone, so {filename} cannot be made; build again to heal the store."
+            ) from err
+        except OSError as err:
+            raise DatasetError(
+                f"{target}: cannot be written ({err.strerror}); free space or mend the folder."
+            ) from err
+
+    def mend(self, source: str, filename: str) -> None:
+        """Make the file `source` appear as `filename`, in place of whatever else is there under that name.
+
+        Raises:
+            DatasetError: as for `put`.
+        """
+        self._remove_other(source, f"{self._root}/{filename}")
+        self.put(source, filename)
+
+    @staticmethod
+    def _remove_other(source: str, target: str) -> None:
+        try:
+            if os.path.lexists(target) and not _same_content(source, target):
+                Path(target).unlink()
+        except OSError as err:
+            raise DatasetError(
+                f"{target}: cannot be exchanged for what belongs there ({err.strerror}); move it away."
+            ) from err
+
+    def _put(self, source: str, target: str) -> str:
+        if self._hard_links:
+            try:
+                os.link(source, target)
+            except FileExistsError:
+                return "kept"
+            except OSError as err:
+                if err.errno in _NO_HARD_LINK:
+                    self._hard_links = False
+                elif err.errno != errno.EMLINK:  # too many links to this one file: copy just this one
+                    raise
+            else:
+                return "linked"
+        if os.path.lexists(target):
+            return "kept"
+        with replacing(Path(target)) as temporary:
+            return "cloned" if _clone(source, temporary) else _copy(source, temporary)
+
+
+def _same_content(source: str, target: str) -> bool:
+    """Tell whether a target is its source, or has the bytes of it; a source that is gone is told by who links it."""
+    try:
+        return Path(source).samefile(target) or filecmp.cmp(source, target, shallow=False)
+    except FileNotFoundError:
+        return False
+
+
+def _clone(source: str, target: Path) -> bool:
+    """Make a reflink; return False if the file system cannot."""
+    with Path(source).open("rb") as original, target.open("wb") as clone:
+        try:
+            ioctl(clone.fileno(), FICLONE, original.fileno())
+        except OSError:
+            return False
+    return True
+
+
+def _copy(source: str, target: Path) -> str:
+    shutil.copyfile(source, target)
+    return "copied"

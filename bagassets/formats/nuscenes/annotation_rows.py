@@ -1,0 +1,269 @@
+"""Rows about objects: instance and sample_annotation."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from bagassets.annotations.motion import MotionRule, has_attributes, motion_attributes, motion_of, speeds_of
+from bagassets.annotations.table import BoxTable
+from bagassets.annotations.tracks import Messages, Track, messages_of, tracks_of
+from bagassets.assets.lidar_file import read_lidar_file
+from bagassets.assets.radar_file import read_radar_file
+from bagassets.formats.nuscenes.points import count_points, hits_of
+from bagassets.formats.nuscenes.readings import ChannelReadings
+from bagassets.formats.nuscenes.scene_plan import SceneParams, ScenePlan
+from bagassets.formats.nuscenes.table_file import quaternion, rounded
+from bagassets.formats.nuscenes.tokens import (
+    RecordingTokens,
+    attribute_token,
+    category_token,
+    visibility_token,
+)
+from bagassets.formats.nuscenes.visibility import CameraView, share_in_images, share_open, visibility_levels
+from bagassets.timeline.keyframes import Stamps
+
+__all__ = ["AnnotationRows", "annotation_rows"]
+
+_SPEED_WINDOW_NS = 1_000_000_000
+# A lidar takes no longer for its points, however far apart its readings are.
+_LONGEST_REVOLUTION_S = 0.2
+
+
+@dataclass
+class AnnotationRows:
+    """Rows about objects, and what became of their observations.
+
+    Attributes:
+        tables: table -> rows.
+        categories: names of the categories of the instances.
+        attributes: names of the attributes of the boxes.
+        counts: see the step's documentation.
+    """
+
+    tables: dict[str, list[dict[str, Any]]] = field(
+        default_factory=lambda: {"instance": [], "sample_annotation": []}
+    )
+    categories: set[str] = field(default_factory=set)
+    attributes: set[str] = field(default_factory=set)
+    counts: dict[str, int] = field(default_factory=dict)
+
+
+def annotation_rows(
+    tokens: RecordingTokens,
+    boxes: BoxTable,
+    channels: Mapping[str, ChannelReadings],
+    scenes: Sequence[ScenePlan],
+    params: SceneParams,
+    motion: MotionRule | None,
+) -> AnnotationRows:
+    """Return the rows of all scenes: each track at each keyframe where it exists, and boxes without identity.
+
+    An instance is a track within one scene. Its category is the one that most of its boxes carry
+    (of equals the first by name), since nuScenes keeps the category with the instance.
+    Of boxes without identity a keyframe takes those of the nearest message of each source; each is an instance
+    of its own, at each keyframe.
+
+    Args:
+        tokens: of the recording.
+        boxes: in the global frame.
+        channels: readings of all channels.
+        scenes: of the recording.
+        params: how boxes reach keyframes.
+        motion: when objects that come without attributes count as moving; None: they get none.
+    """
+    builder = _Builder(tokens, boxes, params, motion)
+    rows = builder.rows
+    tracks, messages = list(tracks_of(boxes)), list(messages_of(boxes))
+    in_scenes = np.zeros(len(boxes), dtype=np.bool_)
+    with_boxes: set[int] = set()
+    for scene in scenes:
+        span = scene.span
+        in_scenes |= (boxes.stamps_ns >= span.window_start_ns) & (boxes.stamps_ns < span.window_end_ns)
+        samples: list[list[dict[str, Any]]] = [[] for _ in scene.keyframes_ns]
+        with_boxes.update(
+            number for number, track in enumerate(tracks) if builder.add_instance(track, scene, samples)
+        )
+        for source in messages:
+            builder.add_messages(source, scene, samples)
+        for sample, annotations in enumerate(samples):
+            if annotations:
+                _measure(annotations, channels, scene, sample, builder.speeds_mps)
+            rows.tables["sample_annotation"].extend(annotations)
+    rows.counts = {
+        "observations": len(boxes),
+        "observations_outside_scenes": int(np.count_nonzero(~in_scenes)),
+        "tracks": len(tracks),
+        "tracks_without_keyframe": len(tracks) - len(with_boxes),
+        "without_track": boxes.without_track,
+        "without_track_unused": boxes.without_track - len(builder.used),
+        "instances": len(rows.tables["instance"]),
+        "annotations": len(rows.tables["sample_annotation"]),
+        "held": builder.held,
+        **builder.attribute_counts,
+    }
+    return rows
+
+
+class _Builder:
+    """Turns tracks and single boxes into instances, scene by scene."""
+
+    def __init__(
+        self, tokens: RecordingTokens, boxes: BoxTable, params: SceneParams, motion: MotionRule | None
+    ) -> None:
+        self.rows = AnnotationRows()
+        self.held = 0
+        self.used: set[int] = set()
+        self.speeds_mps: dict[str, float] = {}  # by annotation; 0 where it is not known
+        self.attribute_counts = dict.fromkeys(
+            ("attributes_given", "attributes_by_motion", "attributes_undetermined", "attributes_none"), 0
+        )
+        self._tokens, self._boxes, self._params, self._motion = tokens, boxes, params, motion
+
+    def add_instance(self, track: Track, scene: ScenePlan, samples: list[list[dict[str, Any]]]) -> bool:
+        """Add the boxes of a track to the `samples` of a scene; return whether there are any."""
+        found = track.at(scene.keyframes_ns, self._params.box_gap_ns, self._params.tolerance_ns)
+        if not len(found.at):
+            return False
+        self.held += found.held
+        boxes, name = self._boxes, (track.source, track.track_id)
+        observations = track.rows[found.observations].tolist()
+        votes = Counter(boxes.categories[row] for row in observations)
+        category = min(votes, key=lambda name: (-votes[name], name))
+        stamps = [int(scene.keyframes_ns[sample]) for sample in found.at]
+        tokens = [self._tokens.track("sample_annotation", *name, stamp) for stamp in stamps]
+        instance = self._tokens.track("instance", *name, int(scene.keyframes_ns[0]))
+        self._add_instance_row(instance, category, tokens)
+        times_ns = scene.keyframes_ns[found.at]
+        by_motion = self._by_motion(track, category, times_ns)
+        speeds = np.nan_to_num(speeds_of(track, times_ns, _SPEED_WINDOW_NS, self._params.box_gap_ns))
+        self.speeds_mps |= dict(zip(tokens, speeds.tolist(), strict=True))
+        for position, (sample, row) in enumerate(zip(found.at.tolist(), observations, strict=True)):
+            samples[sample].append(
+                {
+                    "token": tokens[position],
+                    "sample_token": self._tokens.row("sample", "", stamps[position]),
+                    "instance_token": instance,
+                    "attribute_tokens": self._attributes(row, category, by_motion[position]),
+                    "translation": rounded(found.centers_m[position]),
+                    "size": rounded(boxes.sizes_m[row]),
+                    "rotation": quaternion(found.rotations[position]),
+                    "prev": tokens[position - 1] if position else "",
+                    "next": tokens[position + 1] if position + 1 < len(tokens) else "",
+                }
+            )
+        return True
+
+    def add_messages(self, messages: Messages, scene: ScenePlan, samples: list[list[dict[str, Any]]]) -> None:
+        """Add the boxes without identity of a source: those of the message nearest to each keyframe."""
+        boxes = self._boxes
+        nearest = messages.at(scene.keyframes_ns, self._params.tolerance_ns).tolist()
+        for sample, (message, stamp_ns) in enumerate(zip(nearest, scene.keyframes_ns.tolist(), strict=True)):
+            if message < 0:
+                continue
+            rows = messages.rows[message].tolist()
+            self.used.update(rows)
+            for number, row in enumerate(rows):
+                name = (messages.source, f"{messages.stamps_ns[message]} #{number}", stamp_ns)
+                token, instance = (
+                    self._tokens.track(table, *name) for table in ("sample_annotation", "instance")
+                )
+                category = boxes.categories[row]
+                self.held += int(boxes.stamps_ns[row]) != stamp_ns
+                self._add_instance_row(instance, category, [token])
+                samples[sample].append(
+                    {
+                        "token": token,
+                        "sample_token": self._tokens.row("sample", "", stamp_ns),
+                        "instance_token": instance,
+                        "attribute_tokens": self._attributes(row, category, ""),
+                        "translation": rounded(boxes.centers_m[row]),
+                        "size": rounded(boxes.sizes_m[row]),
+                        "rotation": quaternion(boxes.rotations[row]),
+                        "prev": "",
+                        "next": "",
+                    }
+                )
+
+    def _add_instance_row(self, token: str, category: str, annotations: Sequence[str]) -> None:
+        self.rows.categories.add(category)
+        self.rows.tables["instance"].append(
+            {
+                "token": token,
+                "category_token": category_token(category),
+                "nbr_annotations": len(annotations),
+                "first_annotation_token": annotations[0],
+                "last_annotation_token": annotations[-1],
+            }
+        )
+
+    def _by_motion(self, track: Track, category: str, times_ns: Stamps) -> list[str]:
+        """Return the attribute that the motion of a track determines at each time, or an empty name."""
+        if self._motion is None:
+            return [""] * len(times_ns)
+        return motion_attributes(category, motion_of(track, times_ns, self._motion), self._motion)
+
+    def _attributes(self, row: int, category: str, by_motion: str) -> list[str]:
+        """Return the attribute tokens of a box: those that its source gives, else the one by motion."""
+        names: Sequence[str] = self._boxes.attributes[row]
+        if names:
+            kind = "given"
+        elif by_motion:
+            kind, names = "by_motion", [by_motion]
+        else:
+            kind = "undetermined" if has_attributes(category) else "none"
+        self.attribute_counts[f"attributes_{kind}"] += 1
+        self.rows.attributes.update(names)
+        return [attribute_token(name) for name in names]
+
+
+def _measure(
+    annotations: list[dict[str, Any]],
+    channels: Mapping[str, ChannelReadings],
+    scene: ScenePlan,
+    sample: int,
+    speeds_mps: Mapping[str, float],
+) -> None:
+    """Fill in points and visibility of the boxes of one sample, from the files of its keyframe."""
+    centers = np.array([row["translation"] for row in annotations])
+    rotations = np.array([row["rotation"] for row in annotations])
+    sizes = np.array([row["size"] for row in annotations])
+    speeds = np.array([speeds_mps.get(row["token"], 0.0) for row in annotations])
+    radar_points = np.zeros(len(annotations), np.int64)
+    views, lidar_hits = [], []
+    for name, plan in scene.channels.items():
+        keyframe = plan.readings[plan.is_keyframe & (plan.sample == sample)]
+        if not len(keyframe):
+            continue
+        channel, reading = channels[name], int(keyframe[0])
+        global_SE3_sensor = channel.global_SE3_sensor(reading)
+        if channel.modality == "camera":
+            if channel.intrinsic:
+                width, height = channel.sizes_px[reading]
+                views.append(CameraView(global_SE3_sensor, channel.intrinsic_matrix(), width, height))
+        elif channel.modality == "lidar":
+            xyz = read_lidar_file(channel.path(reading))[:, :3]
+            moves = speeds * _period_s(channel.stamps_ns, reading)
+            lidar_hits.append(hits_of(xyz, global_SE3_sensor, centers, rotations, sizes, moves))
+        else:
+            targets = read_radar_file(channel.path(reading))
+            xyz = np.stack([targets[axis] for axis in "xyz"], axis=1)
+            radar_points += count_points(xyz, global_SE3_sensor, centers, rotations, sizes)
+    lidar_points = sum((hits.inside for hits in lidar_hits), np.zeros(len(annotations), np.int64))
+    levels = visibility_levels(
+        share_in_images(views, centers, rotations, sizes) if views else None,
+        share_open(lidar_hits, len(annotations)) if lidar_hits else None,
+        lidar_points if lidar_hits else radar_points,
+    )
+    for number, row in enumerate(annotations):
+        row["visibility_token"] = visibility_token(levels[number])
+        row["num_lidar_pts"] = int(lidar_points[number])
+        row["num_radar_pts"] = int(radar_points[number])
+
+
+def _period_s(stamps_ns: Stamps, reading: int) -> float:
+    """Return the time since the reading before, in which a lidar took its points; of the first one, until the next."""
+    around = stamps_ns[max(reading - 1, 0) : max(reading - 1, 0) + 2]
+    return min(float(around[-1] - around[0]) / 1e9, _LONGEST_REVOLUTION_S)

@@ -1,0 +1,255 @@
+"""Checks of nuScenes tables: each returns sentences about what is wrong, none if all is well.
+
+A sentence counts the offenders and names the first.
+"""
+
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Set as AbstractSet
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from bagassets.formats.nuscenes.schema import TABLES, Row
+from bagassets.formats.nuscenes.table_file import read_table
+
+__all__ = [
+    "broken_references",
+    "check_dataset",
+    "check_dataset_files",
+    "check_files",
+    "check_tables",
+    "duplicate_tokens",
+]
+
+Tables = Mapping[str, Sequence[Row]]
+
+
+class _Group(NamedTuple):
+    """A table whose rows own a chain of rows of another."""
+
+    owner: str
+    member: str
+    column: str
+    number: str
+    end: str
+
+
+def check_tables(tables: Tables) -> list[str]:
+    """Check tokens, references, chains and counts of rows.
+
+    Args:
+        tables: table -> rows. References into a table that is not given are not followed, so that
+            one recording can be checked by itself.
+    """
+    return [*duplicate_tokens(tables), *broken_references(tables)]
+
+
+def broken_references(tables: Tables) -> list[str]:
+    """Check that tokens lead somewhere, chains are closed and in order, and counts are true.
+
+    Args:
+        tables: as for `check_tables`.
+    """
+    index = {name: {row["token"]: row for row in rows} for name, rows in tables.items()}
+    return [
+        *_references(tables, index),
+        *_chains(index),
+        *_ends(_Group("scene", "sample", "scene_token", "nbr_samples", "sample_token"), tables, index),
+        *_ends(
+            _Group("instance", "sample_annotation", "instance_token", "nbr_annotations", "annotation_token"),
+            tables,
+            index,
+        ),
+        *_keyframes(tables),
+        *_maps(tables),
+    ]
+
+
+def check_files(dataroot: Path, tables: Tables, elsewhere: AbstractSet[str] = frozenset()) -> list[str]:
+    """Check that the files that the tables name are on disk and not empty, and that there are no others.
+
+    Args:
+        dataroot: folder of samples, sweeps and maps.
+        tables: table -> rows.
+        elsewhere: files that tables of other versions in this dataroot name.
+    """
+    named = {row["filename"] for name in ("sample_data", "map") for row in tables.get(name, ())}
+    present = {
+        path.relative_to(dataroot).as_posix(): path
+        for folder in ("samples", "sweeps", "maps")
+        for path in sorted((dataroot / folder).rglob("*"))
+        if path.is_file()
+    }
+    empty = [name for name in sorted(named & present.keys()) if present[name].stat().st_size == 0]
+    return [
+        *_sentence(
+            "{} files of the tables are not on disk, the first is {}",
+            sorted(named - present.keys()),
+            one="{} file of the tables is not on disk: {}",
+        ),
+        *_sentence(
+            "{} files on disk belong to no table, the first is {}",
+            sorted(present.keys() - named - elsewhere),
+            one="{} file on disk belongs to no table: {}",
+        ),
+        # An empty lidar file is a revolution without points.
+        *_sentence(
+            "{} files are empty, the first is {}",
+            [n for n in empty if not n.endswith(".pcd.bin")],
+            one="{} file is empty: {}",
+        ),
+    ]
+
+
+def check_dataset(dataroot: Path, version: str) -> list[str]:
+    """Check the tables and files of a finished dataset.
+
+    Raises:
+        DatasetError: a table is missing or cannot be read.
+    """
+    tables = {name: read_table(dataroot / version, name) for name in TABLES}
+    return [*check_tables(tables), *check_dataset_files(dataroot, version, tables)]
+
+
+def check_dataset_files(dataroot: Path, version: str, tables: Tables) -> list[str]:
+    """Check the files of a dataset whose dataroot may hold further versions.
+
+    Raises:
+        DatasetError: a table of another version cannot be read.
+    """
+    others = [
+        path.parent for path in sorted(dataroot.glob("*/sample_data.json")) if path.parent.name != version
+    ]
+    elsewhere = {
+        row["filename"]
+        for folder in others
+        for name in ("sample_data", "map")
+        for row in read_table(folder, name)
+    }
+    return check_files(dataroot, tables, elsewhere)
+
+
+def _sentence(text: str, offenders: Sequence[str], *, one: str | None = None) -> list[str]:
+    """Return the sentence with the number of offenders and the first; `one` is what it is for a single one."""
+    text = one if one is not None and len(offenders) == 1 else text
+    return [text.format(len(offenders), offenders[0]) + "."] if offenders else []
+
+
+def duplicate_tokens(tables: Tables) -> list[str]:
+    """Check that no token of a table and no file of a reading appears twice."""
+    return list(_duplicates(tables))
+
+
+def _duplicates(tables: Tables) -> Iterable[str]:
+    for name, rows in tables.items():
+        counts = Counter(row["token"] for row in rows)
+        twice = [token for token, number in counts.items() if number > 1]
+        yield from _sentence(
+            f"{name}: {{}} tokens appear more than once, the first is {{}}",
+            twice,
+            one=f"{name}: {{}} token appears more than once: {{}}",
+        )
+    files = Counter(row["filename"] for row in tables.get("sample_data", ()))
+    twice = [name for name, number in files.items() if number > 1]
+    yield from _sentence(
+        "sample_data: {} files are named by more than one row, the first is {}",
+        twice,
+        one="sample_data: {} file is named by more than one row: {}",
+    )
+
+
+def _references(tables: Tables, index: Mapping[str, Mapping[str, Row]]) -> Iterable[str]:
+    for name, rows in tables.items():
+        for column, target in TABLES[name].references.items():
+            if target not in tables:
+                continue
+            optional = column in TABLES[name].optional
+            loose = [
+                f"{token!r} of row {row['token']}"
+                for row in rows
+                for token in (row[column] if isinstance(row[column], list) else [row[column]])
+                if token not in index[target] and not (optional and token == "")
+            ]
+            yield from _sentence(
+                f"{name}: {{}} values of {column} are in no row of {target}, the first is {{}}",
+                loose,
+                one=f"{name}: {{}} value of {column} is in no row of {target}: {{}}",
+            )
+
+
+def _chains(index: Mapping[str, Mapping[str, Row]]) -> Iterable[str]:
+    """Links must be mutual, go forward in time, and stay in one scene, channel or instance."""
+    chained = {
+        "sample": "scene_token",
+        "sample_data": "calibrated_sensor_token",
+        "sample_annotation": "instance_token",
+    }
+    for name, group in chained.items():
+        table = index.get(name, {})
+        broken = []
+        for row in table.values():
+            after = table.get(row["next"])
+            before = table.get(row["prev"])
+            mutual = (after is None or after["prev"] == row["token"]) and (
+                before is None or before["next"] == row["token"]
+            )
+            forward = after is None or (
+                after[group] == row[group] and _time(row, index) < _time(after, index)
+            )
+            if not (mutual and forward):
+                broken.append(row["token"])
+        yield from _sentence(
+            f"{name}: {{}} links of prev and next are broken, the first is at row {{}}", broken
+        )
+
+
+def _time(row: Row, index: Mapping[str, Mapping[str, Row]]) -> int:
+    if "timestamp" in row:
+        return int(row["timestamp"])
+    sample = index.get("sample", {}).get(row["sample_token"])
+    return int(sample["timestamp"]) if sample is not None else 0
+
+
+def _ends(group: _Group, tables: Tables, index: Mapping[str, Mapping[str, Row]]) -> Iterable[str]:
+    """The first and last member that a scene or instance names, and their number, must be true."""
+    counts = Counter(row[group.column] for row in tables.get(group.member, ()))
+    members = index.get(group.member, {})
+    wrong = []
+    for row in tables.get(group.owner, ()):
+        first, last = members.get(row[f"first_{group.end}"]), members.get(row[f"last_{group.end}"])
+        if (
+            counts[row["token"]] != row[group.number]
+            or first is None
+            or last is None
+            or first["prev"] != ""
+            or last["next"] != ""
+            or {first[group.column], last[group.column]} != {row["token"]}
+        ):
+            wrong.append(row["token"])
+    yield from _sentence(
+        f"{group.owner}: {{}} rows disagree with their rows of {group.member}, the first is {{}}", wrong
+    )
+
+
+def _keyframes(tables: Tables) -> Iterable[str]:
+    data = tables.get("sample_data", ())
+    not_boolean = [row["token"] for row in data if not isinstance(row["is_key_frame"], bool)]
+    yield from _sentence(
+        "sample_data: is_key_frame is no JSON boolean in {} rows, the first is {}", not_boolean
+    )
+    pairs: Counter[tuple[Any, Any]] = Counter(
+        (row["sample_token"], row["calibrated_sensor_token"]) for row in data if row["is_key_frame"] is True
+    )
+    several = [sample for (sample, _), number in pairs.items() if number > 1]
+    yield from _sentence("sample: {} have two keyframe readings of one channel, the first is {}", several)
+    with_readings = {sample for sample, _ in pairs}
+    bare = [row["token"] for row in tables.get("sample", ()) if row["token"] not in with_readings]
+    yield from _sentence("sample: {} have no keyframe reading at all, the first is {}", bare)
+
+
+def _maps(tables: Tables) -> Iterable[str]:
+    if "map" not in tables:
+        return
+    mapped = {token for row in tables["map"] for token in row["log_tokens"]}
+    without = [row["token"] for row in tables.get("log", ()) if row["token"] not in mapped]
+    yield from _sentence("log: {} are on no map, the first is {}", without)

@@ -1,0 +1,135 @@
+"""The rows of a finished dataset: all of them or, where they would fill the memory, those of some recordings."""
+
+import json
+from array import array
+from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Set as AbstractSet
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bagassets.formats.dataset_lock import read_lock
+from bagassets.formats.json_files import copy_rows
+from bagassets.formats.nuscenes.schema import RECORDING_TABLES, SHARED_TABLES, TABLES, Row
+from bagassets.formats.nuscenes.table_file import read_table
+
+__all__ = ["DatasetRows", "read_dataset", "repeated_tokens"]
+
+# As objects in memory, rows take about eight times what they take on disk.
+MOST_BYTES = 128 * 1024 * 1024
+# A row begins with {"token":"; this many hex digits of a token tell 10^8 of them apart.
+_START, _DIGITS = len(b'{"token":"'), 16
+
+
+@dataclass(frozen=True)
+class DatasetRows:
+    """Tables of a dataset.
+
+    Attributes:
+        dataroot: folder of samples, sweeps and maps.
+        version: name of the version folder.
+        tables: table -> rows; of recordings that were not chosen only those of `log`.
+        scenes: names of all scenes.
+        recordings: number of recordings whose rows are in `tables`.
+        of: number of recordings in the dataset.
+        rigs: recording -> the rig that made it, as the lock file says.
+    """
+
+    dataroot: Path
+    version: str
+    tables: Mapping[str, Sequence[Row]]
+    scenes: AbstractSet[str]
+    recordings: int
+    of: int
+    rigs: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def is_whole(self) -> bool:
+        """Tell whether the rows of all recordings are there."""
+        return self.recordings == self.of
+
+    @property
+    def folder(self) -> Path:
+        """The version folder."""
+        return self.dataroot / self.version
+
+
+def read_dataset(dataroot: Path, version: str, most_bytes: int = MOST_BYTES) -> DatasetRows:
+    """Read the tables of a dataset that we wrote.
+
+    Args:
+        dataroot: folder of samples, sweeps and maps.
+        version: name of the version folder.
+        most_bytes: of larger tables, the rows of recordings at equal steps are read, as many as fit.
+
+    Raises:
+        DatasetError: a table is missing or cannot be read.
+    """
+    folder = dataroot / version
+    logs, scenes = read_table(folder, "log"), read_table(folder, "scene")
+    names = frozenset(str(row["name"]) for row in scenes)
+    lock = read_lock(folder)
+    rigs = {} if lock is None else {key: str(bag.row["rig"]) for key, bag in lock.bags.items()}
+    paths = [folder / f"{name}.json" for name in TABLES]
+    size = sum(path.stat().st_size for path in paths if path.is_file())
+    if size <= most_bytes:
+        tables = {name: read_table(folder, name) for name in TABLES}
+        return DatasetRows(dataroot, version, tables, names, len(logs), len(logs), rigs)
+    step = max(1, -(-size // most_bytes))
+    chosen = {str(row["token"]) for row in logs[::step]}
+    rows = {name: read_table(folder, name) for name in SHARED_TABLES}
+    rows |= {"log": logs, "scene": [row for row in scenes if row["log_token"] in chosen]}
+    rows["sample"] = _chosen(folder, "sample", "scene_token", _tokens(rows["scene"], "token"))
+    samples = _tokens(rows["sample"], "token")
+    for table in ("sample_data", "sample_annotation"):
+        rows[table] = _chosen(folder, table, "sample_token", samples)
+    for table, owner in (
+        ("ego_pose", "sample_data"),
+        ("calibrated_sensor", "sample_data"),
+        ("instance", "sample_annotation"),
+    ):
+        rows[table] = _chosen(folder, table, "token", _tokens(rows[owner], f"{table}_token"))
+    return DatasetRows(
+        dataroot, version, {name: rows[name] for name in TABLES}, names, len(chosen), len(logs), rigs
+    )
+
+
+def repeated_tokens(folder: Path) -> Iterator[tuple[str, list[str]]]:
+    """Yield table and repeated tokens, in order of appearance, of all rows of recordings.
+
+    Eight bytes per row are kept, not the rows.
+    """
+    for table in RECORDING_TABLES:
+        path = folder / f"{table}.json"
+        starts = array("Q", (int(text[_START : _START + _DIGITS], 16) for text in copy_rows(path)))
+        ordered = np.sort(np.frombuffer(starts, dtype=np.uint64)) if starts else np.zeros(0, np.uint64)
+        suspects = set(ordered[1:][ordered[1:] == ordered[:-1]].tolist())
+        seen: set[str] = set()
+        repeated: dict[str, None] = {}
+        for text in copy_rows(path) if suspects else ():
+            if int(text[_START : _START + _DIGITS], 16) in suspects:
+                token = _value(text, "token")
+                if token in seen:
+                    repeated[token] = None
+                seen.add(token)
+        if repeated:
+            yield table, list(repeated)
+
+
+def _tokens(rows: Sequence[Row], column: str) -> set[str]:
+    return {str(row[column]) for row in rows}
+
+
+def _chosen(folder: Path, table: str, column: str, wanted: AbstractSet[str]) -> list[dict[str, Any]]:
+    return [
+        json.loads(text) for text in copy_rows(folder / f"{table}.json") if _value(text, column) in wanted
+    ]
+
+
+def _value(text: bytes, column: str) -> str:
+    """Return the text in a column without parsing the row."""
+    key = f'"{column}":"'.encode()
+    start = text.find(key) + len(key)
+    return text[start : text.find(b'"', start)].decode()

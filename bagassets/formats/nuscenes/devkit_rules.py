@@ -1,0 +1,263 @@
+"""Rules about a finished dataset: what nuscenes-devkit asks for, read from its source (1.2), without it.
+
+Integrity of references and files is checked by `bagassets.formats.nuscenes.check`.
+"""
+
+import json
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Set as AbstractSet
+from pathlib import Path
+
+from bagassets.formats.nuscenes.dataset_rows import DatasetRows
+from bagassets.formats.nuscenes.join import SPLITS
+from bagassets.formats.nuscenes.schema import Row
+from bagassets.formats.nuscenes.splits import DEVKIT_SPLITS
+from bagassets.quality.finding import Finding
+
+__all__ = ["devkit_ready"]
+
+_FORMATS = ("jpg", "png", "pcd")
+_PNG = b"\x89PNG\r\n\x1a\n"
+_LIDAR_POINT_BYTES = 20
+_RADAR_FIELDS = 18
+# 1970-01-01 to 2100-01-01: simulators start their clocks at zero; a stamp in nanoseconds falls outside.
+_MICROSECONDS = (0, 4_102_444_800_000_000)
+# Here float32, which the devkit reckons in, resolves a centimetre.
+_FAR_M = 100_000.0
+
+Tables = Mapping[str, Sequence[Row]]
+
+
+def devkit_ready(rows: DatasetRows) -> Finding:
+    """Check what the devkit asserts or silently relies on, and what those who use it take for granted."""
+    dataroot, tables = rows.dataroot, rows.tables
+    problems = [
+        *_map(dataroot, tables),
+        *_readings(tables),
+        *_point_files(dataroot, tables),
+        *_geometry(tables),
+        *_annotations(tables),
+        *_splits(rows.folder / SPLITS, rows.scenes),
+    ]
+    held = _channels_of_samples(tables)
+    lacking = _lacking_channels(rows, held)
+    facts = {
+        "scenes": len(rows.scenes),
+        # The devkit's evaluation and renderers name this channel.
+        "samples_without_LIDAR_TOP": sum("LIDAR_TOP" not in channels for channels in held.values()),
+        "samples_lacking_a_channel": len(lacking),
+    }
+    return Finding(problems, facts, _lacking_told(lacking, held))
+
+
+def _channels_of_samples(tables: Tables) -> dict[str, set[str]]:
+    """Return sample token -> channels with a keyframe of it, in order of the table."""
+    channels = _channel_of(tables)
+    held: dict[str, set[str]] = {row["token"]: set() for row in tables["sample"]}
+    for row in tables["sample_data"]:
+        if row["is_key_frame"] is True and row["sample_token"] in held:
+            held[row["sample_token"]].add(channels.get(row["calibrated_sensor_token"], ""))
+    return held
+
+
+def _channel_of(tables: Tables) -> dict[str, str]:
+    """Return calibrated_sensor token -> channel."""
+    names = {row["token"]: str(row["channel"]) for row in tables["sensor"]}
+    return {row["token"]: names.get(row["sensor_token"], "") for row in tables["calibrated_sensor"]}
+
+
+def _lacking_channels(rows: DatasetRows, held: Mapping[str, AbstractSet[str]]) -> dict[str, list[str]]:
+    """Return sample token -> channels that it lacks and other readings of its rig have.
+
+    Recordings of one rig are looked at together, so that a camera that was off for all of one is missed.
+    """
+    tables = rows.tables
+    rig_of_log = {row["token"]: rows.rigs.get(row["logfile"], row["token"]) for row in tables["log"]}
+    rig_of_scene = {row["token"]: rig_of_log.get(row["log_token"], "") for row in tables["scene"]}
+    rig_of = {row["token"]: rig_of_scene.get(row["scene_token"], "") for row in tables["sample"]}
+    channels = _channel_of(tables)
+    of_rig: dict[str, set[str]] = {}
+    for row in tables["sample_data"]:
+        rig = rig_of.get(row["sample_token"], "")
+        of_rig.setdefault(rig, set()).add(channels.get(row["calibrated_sensor_token"], ""))
+    lacking = {token: sorted(of_rig.get(rig_of[token], set()) - has) for token, has in held.items()}
+    return {token: names for token, names in lacking.items() if names}
+
+
+def _lacking_told(lacking: Mapping[str, Sequence[str]], held: Mapping[str, AbstractSet[str]]) -> list[str]:
+    if not lacking:
+        return []
+    counts = Counter(name for names in lacking.values() for name in names)
+    told = ", ".join(f"{name} in {number}" for name, number in counts.most_common())
+    sentence = (
+        f"{len(lacking)} of {len(held)} samples {'lacks' if len(lacking) == 1 else 'lack'} a channel that other samples of "
+        f"the same rig have, and code that expects every channel in each sample fails on them: {told}; the first is sample "
+        f"{next(iter(lacking))}. `missing: refuse` under "
+        "scenes drops single samples, rigs[].required leaves out recordings without the channel"
+    )
+    return [sentence]
+
+
+def _first(what: str, offenders: Sequence[str]) -> Iterator[str]:
+    if offenders:
+        yield f"{what}: {len(offenders)} rows, the first is {offenders[0]}"
+
+
+def _map(dataroot: Path, tables: Tables) -> Iterator[str]:
+    if not tables["map"]:
+        yield "map: has no row, but the devkit opens a map for every log"
+    for row in tables["map"]:
+        path = dataroot / row["filename"]
+        try:
+            with path.open("rb") as stream:
+                head = stream.read(len(_PNG))
+        except OSError as err:
+            yield f"map {row['token']}: {path} cannot be read ({err.strerror})"
+            continue
+        if head != _PNG:
+            yield f"map {row['token']}: {path} is no PNG file"
+
+
+def _readings(tables: Tables) -> Iterator[str]:
+    data = tables["sample_data"]
+    yield from _first(
+        "sample_data.fileformat is none of jpg, png and pcd",
+        [f"{row['token']} ({row['fileformat']})" for row in data if row["fileformat"] not in _FORMATS],
+    )
+    yield from _first(
+        "sample_data.filename does not end as the devkit's readers expect",
+        [str(row["filename"]) for row in data if not _ends_well(row)],
+    )
+    for name in ("sample", "sample_data", "ego_pose"):
+        low, high = _MICROSECONDS
+        yield from _first(
+            f"{name}.timestamp is no integer in microseconds from 1970 to 2100",
+            [
+                f"{row['token']} ({row['timestamp']})"
+                for row in tables[name]
+                if type(row["timestamp"]) is not int or not low <= row["timestamp"] < high
+            ],
+        )
+    yield from _first(
+        "sample_data of a camera without width and height",
+        [
+            str(row["token"])
+            for row in data
+            if row["fileformat"] != "pcd" and not (row["width"] > 0 and row["height"] > 0)
+        ],
+    )
+
+
+def _ends_well(row: Row) -> bool:
+    name = str(row["filename"])
+    if row["fileformat"] == "pcd":
+        return name.endswith((".pcd", ".pcd.bin"))
+    return name.endswith(f".{row['fileformat']}")
+
+
+def _point_files(dataroot: Path, tables: Tables) -> Iterator[str]:
+    """Check sizes of lidar files and the headers of one radar file per channel."""
+    odd = []
+    radars: dict[str, str] = {}
+    for row in tables["sample_data"]:
+        name = str(row["filename"])
+        if name.endswith(".pcd.bin"):
+            path = dataroot / name
+            if path.is_file() and path.stat().st_size % _LIDAR_POINT_BYTES:
+                odd.append(f"{row['token']} ({name})")
+        elif name.endswith(".pcd"):
+            radars.setdefault(str(row["calibrated_sensor_token"]), name)
+    yield from _first(
+        f"sample_data: lidar file does not hold points of 5 float32 ({_LIDAR_POINT_BYTES} bytes)", odd
+    )
+    for name in sorted(radars.values()):
+        problem = _radar_problem(dataroot / name)
+        if problem is not None:
+            yield f"{name}: {problem}"
+
+
+def _radar_problem(path: Path) -> str | None:
+    """Return why `RadarPointCloud.from_file` would refuse a file, or None; missing files are told elsewhere."""
+    try:
+        content = path.read_bytes()
+    except OSError:
+        return None
+    header, separator, _ = content.partition(b"DATA binary\n")
+    lines = dict(line.split(" ", 1) for line in header.decode("ascii", "replace").splitlines() if " " in line)
+    if not separator:
+        return "is no binary PCD file"
+    fields = lines.get("FIELDS", "").split()
+    if len(fields) != _RADAR_FIELDS:
+        return f"has {len(fields)} fields, the devkit reads {_RADAR_FIELDS}"
+    if lines.get("WIDTH", "0") == "0":
+        return "has no points at all, which the devkit asserts against"
+    sizes = [int(size) for size in lines["SIZE"].split()]
+    needed = len(header) + len(separator) + int(lines["WIDTH"]) * sum(sizes)
+    if len(content) <= needed:
+        return f"has {len(content)} bytes, the devkit's reader wants more than {needed}"
+    return None
+
+
+def _annotations(tables: Tables) -> Iterator[str]:
+    rows = tables["sample_annotation"]
+    yield from _first(
+        "sample_annotation with more than one attribute, which DetectionEval refuses",
+        [str(row["token"]) for row in rows if len(row["attribute_tokens"]) > 1],
+    )
+    yield from _first(
+        "sample_annotation.size is not positive",
+        [str(row["token"]) for row in rows if not min(row["size"]) > 0],
+    )
+
+
+def _geometry(tables: Tables) -> Iterator[str]:
+    for name in ("ego_pose", "calibrated_sensor", "sample_annotation"):
+        yield from _first(
+            f"{name}.rotation is no unit quaternion w, x, y, z",
+            [str(row["token"]) for row in tables[name] if not _is_unit(row["rotation"])],
+        )
+    modality = {row["token"]: row["modality"] for row in tables["sensor"]}
+    wrong = [
+        str(row["token"])
+        for row in tables["calibrated_sensor"]
+        if _shape(row["camera_intrinsic"])
+        not in (["3x3", ""] if modality.get(row["sensor_token"]) == "camera" else [""])
+    ]
+    yield from _first("calibrated_sensor.camera_intrinsic is not 3x3 for cameras and empty for others", wrong)
+    far = [
+        f"{row['token']} ({max(abs(v) for v in row['translation']):.0f} m)"
+        for row in tables["ego_pose"]
+        if max(abs(value) for value in row["translation"][:2]) > _FAR_M
+    ]
+    yield from _first("ego_pose is too far from the origin for the devkit's float32", far)
+
+
+def _shape(matrix: Sequence[Sequence[float]]) -> str:
+    if not matrix:
+        return ""
+    return f"{len(matrix)}x{len(matrix[0])}"
+
+
+def _is_unit(rotation: Sequence[float]) -> bool:
+    return len(rotation) == 4 and abs(sum(value * value for value in rotation) - 1.0) < 1e-5
+
+
+def _splits(path: Path, scenes: AbstractSet[str]) -> Iterator[str]:
+    try:
+        splits: Mapping[str, Sequence[str]] = json.loads(path.read_bytes())
+    except (OSError, ValueError) as err:
+        yield f"{path}: cannot be read ({err})"
+        return
+    seen: dict[str, str] = {}
+    for split, names in sorted(splits.items()):
+        if split in DEVKIT_SPLITS:
+            yield f"{path.name}: the devkit answers split {split} with the scenes of nuScenes; give it another name"
+        for name in names:
+            if name not in scenes:
+                yield f"{path.name}: split {split} names scene {name}, which does not exist"
+                return
+            other = seen.setdefault(name, split)
+            if other != split:
+                yield f"{path.name}: scene {name} is in the splits {other} and {split}"
+                return

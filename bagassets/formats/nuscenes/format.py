@@ -1,0 +1,101 @@
+"""The nuScenes format.
+
+Tables lie in the version folder, which is exchanged whole; files of recordings in `samples` and `sweeps`, which all
+versions in the dataroot share.
+"""
+
+from collections import defaultdict
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from bagassets.formats.format import Entry, Format, Link, LooseFiles, Samples
+from bagassets.formats.json_files import copy_rows
+from bagassets.formats.nuscenes.dataset_checks import CHECKS, check
+from bagassets.formats.nuscenes.filenames import recording_of
+from bagassets.formats.nuscenes.join import join
+from bagassets.formats.nuscenes.selection import select
+from bagassets.formats.nuscenes.tables import FILES, NUSCENES_TABLES
+from bagassets.recipe.model import NuScenes
+from bagassets.store.artifact import Artifact
+from bagassets.store.canonical import digest_json
+
+__all__ = ["NUSCENES"]
+
+_FIELD = b'"filename":"'
+
+
+def _links(entry: Entry) -> Iterator[Link]:
+    for file in entry.artifact.read_json(FILES):
+        yield Link(file["filename"], file["artifact"], file["file"])
+
+
+def _counts(facts: Mapping[str, Any]) -> dict[str, int]:
+    return {what: facts["counts"][what] for what in ("scenes", "samples")}
+
+
+def _named_in(folder: Path) -> Iterator[str]:
+    """Yield the files that the tables of a version folder name.
+
+    Rows are one per line and file names need no escapes, so that nothing has to be parsed: an old
+    dataset may have millions of rows.
+    """
+    path = folder / "sample_data.json"
+    for row in copy_rows(path) if path.is_file() else ():
+        _, found, rest = row.partition(_FIELD)
+        if found:
+            yield rest.partition(b'"')[0].decode()
+
+
+def _samples(tables: Artifact) -> Samples:
+    """Return scene -> sample token -> part -> digest of everything that belongs to it."""
+
+    def rows(table: str) -> list[dict[str, Any]]:
+        found: list[dict[str, Any]] = tables.read_json(f"{table}.json")
+        return found
+
+    poses = {row["token"]: row for row in rows("ego_pose")}
+    calibrations = {row["token"]: row for row in rows("calibrated_sensor")}
+    parts: dict[str, dict[str, list[Any]]] = defaultdict(lambda: defaultdict(list))
+    for row in rows("sample_data"):
+        of = parts[row["sample_token"]]
+        of["readings"].append([row["filename"], row["timestamp"], row["is_key_frame"]])
+        of["poses"].append(poses[row["ego_pose_token"]])
+        of["calibration"].append(calibrations[row["calibrated_sensor_token"]])
+    for row in rows("sample_annotation"):
+        parts[row["sample_token"]]["boxes"].append(row)
+    scenes = {row["token"]: row["name"] for row in rows("scene")}
+    found: dict[str, dict[str, dict[str, str]]] = {name: {} for name in scenes.values()}
+    names = ("boxes", "calibration", "poses", "readings")
+    for row in rows("sample"):
+        of = parts[row["token"]]
+        found[scenes[row["scene_token"]]][row["token"]] = {name: digest_json(of[name]) for name in names}
+    return found
+
+
+NUSCENES = Format(
+    name="nuscenes",
+    version=3,
+    description="""The nuScenes dataset of all recordings, which the nuscenes-devkit loads.
+
+Samples, sweeps and maps are links to artifacts; the tables are exchanged in one step, so that a reader never sees half a
+dataset. `dataset.lock.json` names every recording and artifact, and what was skipped or failed.""",
+    kinds=frozenset({"nuscenes", "dataset"}),
+    settings=NuScenes,
+    part=NUSCENES_TABLES.name,
+    assets=(NUSCENES_TABLES,),
+    join=join,
+    links=_links,
+    counts=_counts,
+    row=lambda facts: {"rig": facts["rig"]},
+    duration_s=lambda facts: float(facts["counts"]["duration_s"]),
+    folder=lambda settings: settings.version,
+    fills_split=lambda facts: bool(facts["counts"]["scenes"]),
+    named_by=("output", "version"),
+    places=LooseFiles(_named_in, recording_of),
+    folders=("samples", "sweeps", "maps"),
+    samples=_samples,
+    select=select,
+    checks=CHECKS,
+    check=check,
+)

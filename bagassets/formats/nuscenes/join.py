@@ -1,0 +1,76 @@
+"""The folder of tables of a dataset: rows of recordings joined, shared rows made once, splits."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from bagassets.formats.format import Joined, Member
+from bagassets.formats.json_files import HashedFile, json_bytes, rows_text, write_hashed, write_joined
+from bagassets.formats.nuscenes import shared_rows
+from bagassets.formats.nuscenes.blank_map import blank_png
+from bagassets.formats.nuscenes.schema import RECORDING_TABLES, TABLES
+from bagassets.formats.nuscenes.splits import devkit_split_name
+from bagassets.formats.nuscenes.table_file import table_bytes
+from bagassets.recipe.model import NuScenes
+from bagassets.splits import SplitShare
+
+__all__ = ["SPLITS", "join"]
+
+SPLITS = "splits.json"
+MAP_SIZE_PX = 64
+
+
+def join(members: Sequence[Member], settings: NuScenes, shares: Sequence[SplitShare], out: Path) -> Joined:
+    """Write all 13 tables and `splits.json` into an empty folder.
+
+    Memory does not grow with the number of recordings, but for their scenes and logs. Without recordings it is a dataset
+    of empty tables, which the devkit loads.
+
+    Args:
+        members: recordings in the order of their keys.
+        settings: the recipe's `nuscenes`.
+        shares: the splits, in order of their names.
+        out: the folder.
+    """
+    rows: dict[str, int] = {}
+    digests: dict[str, str] = {}
+    for table in RECORDING_TABLES:
+        with HashedFile(out / f"{table}.json") as file:
+            rows[table] = write_joined(
+                file, (rows_text(member.artifact.path(f"{table}.json")) for member in members)
+            )
+        digests[f"{table}.json"] = file.digest
+    for table, shared in _shared(members, settings).items():
+        rows[table] = len(shared)
+        digests[f"{table}.json"] = write_hashed(out / f"{table}.json", table_bytes(table, shared))
+    splits: dict[str, list[str]] = {devkit_split_name(share.name): [] for share in shares}
+    for member in members:
+        names = [row["name"] for row in member.artifact.read_json("scene.json")]
+        splits[devkit_split_name(member.split)] += names
+    digests[SPLITS] = write_hashed(out / SPLITS, json_bytes(splits))
+    facts = {
+        "version": settings.version,
+        "scenes": rows["scene"],
+        "keyframes": rows["sample"],
+        "boxes": rows["sample_annotation"],
+        "rows": {name: rows[name] for name in TABLES},
+    }
+    picture = {shared_rows.MAP_FILE: blank_png(MAP_SIZE_PX, MAP_SIZE_PX)}
+    return Joined(dict(sorted(digests.items())), facts, picture)
+
+
+def _shared(members: Sequence[Member], settings: NuScenes) -> Mapping[str, list[dict[str, Any]]]:
+    facts = [member.facts for member in members]
+    sensors = {pair for fact in facts for pair in fact["channels"].items()}
+    logs = [row["token"] for member in members for row in member.artifact.read_json("log.json")]
+    return {
+        "category": shared_rows.category_rows(settings.categories, _met(facts, "categories")),
+        "attribute": shared_rows.attribute_rows(settings.attributes, _met(facts, "attributes")),
+        "visibility": shared_rows.visibility_rows(),
+        "sensor": shared_rows.sensor_rows(sensors),
+        "map": shared_rows.map_rows(logs),
+    }
+
+
+def _met(facts: Iterable[Mapping[str, Any]], what: str) -> set[str]:
+    return {name for fact in facts for name in fact[what]}

@@ -1,0 +1,137 @@
+"""The checks of a recording's rows of the nuScenes tables."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bagassets.assets.ego_poses import load_trajectory
+from bagassets.assets.lidar_file import read_lidar_file
+from bagassets.formats.nuscenes.check import broken_references, duplicate_tokens
+from bagassets.formats.nuscenes.schema import RECORDING_TABLES, Row
+from bagassets.geometry.se3 import SE3
+from bagassets.geometry.trajectory import Trajectory
+from bagassets.quality.check import Evidence, RecordingCheck
+from bagassets.quality.file_rules import files_match
+from bagassets.quality.finding import Finding
+from bagassets.quality.pose_rules import poses_cover_sensors
+from bagassets.quality.scene_rules import keyframes_complete, scenes_made
+from bagassets.quality.sweep_rules import Sweeps, sweeps_timed
+from bagassets.recipe.model import LidarChannel
+from bagassets.store.artifact import Artifact
+
+__all__ = ["PART_CHECKS"]
+
+PART = "nuscenes_tables"
+
+
+def _tables(evidence: Evidence) -> dict[str, list[Row]]:
+    artifact = evidence.artifact(PART)
+    return {name: artifact.read_json(f"{name}.json") for name in RECORDING_TABLES}
+
+
+def _facts(evidence: Evidence) -> dict[str, Any]:
+    facts: dict[str, Any] = evidence.artifact(PART).read_json("facts.json")
+    return facts
+
+
+def _files(evidence: Evidence) -> list[dict[str, str]]:
+    files: list[dict[str, str]] = evidence.artifact(PART).read_json("files.json")
+    return files
+
+
+def _trajectory(evidence: Evidence) -> Trajectory:
+    return load_trajectory(evidence.artifact("ego_poses"))
+
+
+def _sweeps_of_lidars(evidence: Evidence) -> dict[str, Sweeps]:
+    """Return lidar -> its sweeps."""
+    sweeps = {}
+    for name, entry in sorted(evidence.channels("sweeps").items()):
+        if isinstance(evidence.rig.channels.get(name), LidarChannel):
+            pose = evidence.calibration["channels"][name]["ego_SE3_sensor"]
+            ego_SE3_sensor = SE3.create(pose["rotation"], pose["translation"])
+            sweeps[name] = _sweeps(evidence.store.artifact(entry["artifact"]), ego_SE3_sensor)
+    return sweeps
+
+
+def _sweeps(artifact: Artifact, ego_SE3_sensor: SE3) -> Sweeps:
+    index = artifact.read_table("index.parquet", ["stamp_ns", "start_ns", "end_ns", "file"])
+    files = index.column("file")
+    times = [index.column(name).to_numpy().astype(np.int64) for name in ("stamp_ns", "start_ns", "end_ns")]
+
+    def points(number: int) -> NDArray[np.float32] | None:
+        try:
+            return read_lidar_file(artifact.path(files[number].as_py()))
+        except (OSError, ValueError):
+            return None  # the check of files says what is wrong with it
+
+    return Sweeps(times[0], np.stack(times[1:], axis=1), points, ego_SE3_sensor)
+
+
+def _references_intact(evidence: Evidence) -> Finding:
+    tables = evidence.once(_tables)
+    return Finding(broken_references(tables), {name: len(rows) for name, rows in tables.items()})
+
+
+def _sweeps_timed(evidence: Evidence) -> Finding:
+    sweeps = _sweeps_of_lidars(evidence)
+    return sweeps_timed(evidence.rig, sweeps, evidence.once(_trajectory), evidence.checks.sweeps_timed)
+
+
+PART_CHECKS = (
+    RecordingCheck(
+        "scenes_made",
+        "scenes_made",
+        "The recording gives at least one scene.",
+        "the recording gives no scene; the sentence says why",
+        lambda e: scenes_made(e.once(_facts), e.stamps_of),
+    ),
+    RecordingCheck(
+        "keyframes_complete",
+        "keyframes_complete",
+        "No keyframe was dropped for want of a channel, and no sample lacks one.",
+        "keyframes were dropped because a channel has no reading there, or samples lack one because the recipe allows "
+        "it ([scenes](scenes.md))",
+        lambda e: keyframes_complete(e.once(_facts), e.stamps_of),
+        quick=True,
+    ),
+    RecordingCheck(
+        "poses_cover_sensors",
+        "poses_cover_sensors",
+        "Readings have an ego pose at their time, and the vehicle does not jump.",
+        "less than `min_share` of a channel's readings have an ego pose; the vehicle moves faster than `max_speed_mps` "
+        "between two poses",
+        lambda e: poses_cover_sensors(e.once(_trajectory), e.stamps_ns(), e.checks.poses_cover_sensors),
+    ),
+    RecordingCheck(
+        "sweeps_timed",
+        "sweeps_timed",
+        "Clouds of lidars fit each other best with the poses of their own times.",
+        "clouds of a lidar fit each other clearly better with the poses of other times than with those of their stamps "
+        "(see below)",
+        _sweeps_timed,
+    ),
+    RecordingCheck(
+        "references_intact",
+        "references_intact",
+        "Every token that a row refers to exists; chains are closed, in order, and as long as they say.",
+        "a token leads nowhere; a chain of `prev` and `next` is broken or out of order; a count is wrong; a keyframe "
+        "has two readings of a channel, or none at all",
+        _references_intact,
+    ),
+    RecordingCheck(
+        "tokens_unique",
+        "tokens_unique",
+        "No token and no file name exists twice.",
+        "a token or a file name exists twice",
+        lambda e: Finding(duplicate_tokens(e.once(_tables))),
+    ),
+    RecordingCheck(
+        "files_match",
+        "files_match",
+        "The files that the tables name are in the store, whole, and no others are listed.",
+        "a file that a row names is not in the store or has another size; a file is listed that no row names",
+        lambda e: files_match(e.once(_tables)["sample_data"], e.once(_files), e.store.artifact),
+    ),
+)

@@ -1,0 +1,105 @@
+"""The readings of one channel with the ego pose of each: what rows are made from."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bagassets.formats.nuscenes.table_file import quaternion, rounded
+from bagassets.geometry.se3 import SE3, Floats
+from bagassets.geometry.trajectory import Trajectory
+from bagassets.store.artifact import Artifact
+from bagassets.timeline.keyframes import Stamps
+
+__all__ = ["ChannelReadings", "load_readings", "transform_columns"]
+
+
+@dataclass(frozen=True, eq=False)
+class ChannelReadings:
+    """Those readings of a channel at whose time there is an ego pose, in order of time.
+
+    Poses are as written: rounded, so that whatever is derived from them follows from the tables.
+
+    Attributes:
+        channel: canonical name.
+        modality: camera, lidar or radar.
+        fileformat: jpg, png or pcd.
+        intrinsic: K of the images as written, 3 rows of 3; empty if there is none.
+        ego_SE3_sensor: extrinsics.
+        stamps_ns: (N,) strictly increasing.
+        files: names in the artifact.
+        digests: content digest of each file.
+        sizes_px: width and height of each image; 0, 0 for point files.
+        translations: x, y, z of `global_SE3_ego` at each stamp.
+        rotations: w, x, y, z of `global_SE3_ego` at each stamp.
+        artifact: where the files are.
+        without_pose: readings left out because there is no ego pose at their time.
+    """
+
+    channel: str
+    modality: str
+    fileformat: str
+    intrinsic: list[list[float]]
+    ego_SE3_sensor: SE3
+    stamps_ns: Stamps
+    files: Sequence[str]
+    digests: Sequence[str]
+    sizes_px: Sequence[tuple[int, int]]
+    translations: Sequence[list[float]]
+    rotations: Sequence[list[float]]
+    artifact: Artifact
+    without_pose: int
+
+    def __len__(self) -> int:
+        return len(self.stamps_ns)
+
+    def global_SE3_sensor(self, reading: int) -> SE3:
+        """Return where the sensor was at one reading."""
+        return SE3.create(self.rotations[reading], self.translations[reading]) @ self.ego_SE3_sensor
+
+    def path(self, reading: int) -> Path:
+        """Return the file of one reading."""
+        return self.artifact.path(self.files[reading])
+
+    def intrinsic_matrix(self) -> Floats:
+        """Return K as (3, 3) array."""
+        return np.array(self.intrinsic, dtype=np.float64)
+
+
+def transform_columns(transform: Mapping[str, Sequence[float]]) -> dict[str, list[float]]:
+    """Return the columns `translation` and `rotation` of a transform, rounded."""
+    return {"translation": rounded(transform["translation"]), "rotation": quaternion(transform["rotation"])}
+
+
+def load_readings(
+    channel: str, artifact: Artifact, extrinsics: Mapping[str, Sequence[float]], trajectory: Trajectory
+) -> ChannelReadings:
+    """Read the index of a channel's artifact and interpolate the ego pose at each reading's own time."""
+    facts: dict[str, Any] = artifact.read_json("channel.json")
+    index = artifact.read_table("index.parquet")
+    stamps = index.column("stamp_ns").to_numpy()
+    positions, rotations, valid = trajectory.at(stamps)
+    kept = np.flatnonzero(valid).tolist()
+    files, digests = index.column("file").to_pylist(), index.column("digest").to_pylist()
+    if facts["modality"] == "camera":
+        sizes = list(zip(index.column("width").to_pylist(), index.column("height").to_pylist(), strict=True))
+    else:
+        sizes = [(0, 0)] * len(stamps)
+    written = transform_columns(extrinsics)
+    return ChannelReadings(
+        channel=channel,
+        modality=facts["modality"],
+        fileformat=facts["fileformat"],
+        intrinsic=[rounded(row) for row in facts["camera_intrinsic"]],
+        ego_SE3_sensor=SE3.create(written["rotation"], written["translation"]),
+        stamps_ns=stamps[valid],
+        files=[files[i] for i in kept],
+        digests=[digests[i] for i in kept],
+        sizes_px=[sizes[i] for i in kept],
+        translations=[rounded(position) for position in positions[valid]],
+        rotations=[quaternion(rotation) for rotation in rotations[valid]],
+        artifact=artifact,
+        without_pose=len(stamps) - len(kept),
+    )

@@ -1,0 +1,225 @@
+"""Which readings make up which scene: keyframes, their readings, and the sample of every other reading.
+
+A keyframe lies where every channel has a reading within tolerance. A channel of which the recording
+has no reading at all costs none: a sample without it is better than no sample, and checks name it.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bagassets.recipe.model import Scenes
+from bagassets.timeline.keyframes import (
+    Stamps,
+    choose_keyframes,
+    match_readings,
+    owning_keyframe,
+    partner_readings,
+)
+from bagassets.timeline.scenes import SceneSpan, cut_scenes
+
+__all__ = ["ChannelPlan", "RecordingPlan", "SceneParams", "ScenePlan", "Shortage", "plan_scenes"]
+
+
+@dataclass(frozen=True)
+class SceneParams:
+    """How a recording is cut: the recipe's `scenes`, with the channel whose readings become keyframes."""
+
+    reference: str
+    keyframe_hz: float
+    length_s: float
+    min_length_s: float
+    tolerance_s: float
+    box_gap_s: float
+    missing: Literal["allow", "refuse"]
+
+    @classmethod
+    def of(cls, scenes: Scenes, reference: str) -> "SceneParams":
+        """Return the recipe's `scenes` with a reference channel that is in the recording."""
+        return cls(**{**scenes.model_dump(), "reference": reference})
+
+    @property
+    def period_ns(self) -> int:
+        """Time from one keyframe to the next."""
+        return round(1e9 / self.keyframe_hz)
+
+    @property
+    def length_ns(self) -> int:
+        """Length of a scene."""
+        return round(self.length_s * 1e9)
+
+    @property
+    def min_length_ns(self) -> int:
+        """Length of the shortest scene at the end of a recording."""
+        return round(self.min_length_s * 1e9)
+
+    @property
+    def tolerance_ns(self) -> int:
+        """Longest time between a keyframe and the readings that belong to it."""
+        return round(self.tolerance_s * 1e9)
+
+    @property
+    def box_gap_ns(self) -> int:
+        """Longest time between two observations of a box that stands between them."""
+        return round(self.box_gap_s * 1e9)
+
+    @property
+    def refuse_incomplete(self) -> bool:
+        """A keyframe must have readings of all channels that the recording has."""
+        return self.missing == "refuse"
+
+
+@dataclass(frozen=True, eq=False)
+class ChannelPlan:
+    """The readings of one channel in one scene.
+
+    Attributes:
+        readings: (N,) indices into the channel's readings, increasing.
+        sample: (N,) keyframe that each belongs to.
+        is_keyframe: (N,) whether it is the reading of that keyframe itself.
+    """
+
+    readings: NDArray[np.intp]
+    sample: NDArray[np.intp]
+    is_keyframe: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class ScenePlan:
+    """One scene.
+
+    Attributes:
+        span: its time.
+        keyframes_ns: (K,) stamps of its samples, K >= 1.
+        channels: channel -> its readings.
+    """
+
+    span: SceneSpan
+    keyframes_ns: Stamps
+    channels: Mapping[str, ChannelPlan]
+
+
+@dataclass
+class Shortage:
+    """Keyframes at which a channel has no reading within tolerance: dropped, or kept without it.
+
+    Attributes:
+        keyframes: their number.
+        before_first: those of them before the channel's first reading.
+        after_last: those of them after its last reading.
+    """
+
+    keyframes: int = 0
+    before_first: int = 0
+    after_last: int = 0
+
+
+@dataclass
+class RecordingPlan:
+    """The scenes of a recording, and what became of the rest.
+
+    Attributes:
+        scenes: in order.
+        remainder_s: time at the end that was too short for a scene.
+        empty_scenes: scenes left out because no keyframe was found in them.
+        dropped_keyframes: keyframes left out because there a channel has no reading.
+        lacking_samples: samples that lack a channel.
+        shortages: channel -> where it has no reading.
+    """
+
+    scenes: list[ScenePlan] = field(default_factory=list)
+    remainder_s: float = 0.0
+    empty_scenes: int = 0
+    dropped_keyframes: int = 0
+    lacking_samples: int = 0
+    shortages: dict[str, Shortage] = field(default_factory=dict)
+
+
+def plan_scenes(stamps_ns: Mapping[str, Stamps], params: SceneParams) -> RecordingPlan:
+    """Cut a recording into scenes by the readings of its reference channel.
+
+    Args:
+        stamps_ns: channel -> stamps of its readings, strictly increasing.
+        params: the recipe's scenes.
+    """
+    plan = RecordingPlan(shortages={channel: Shortage() for channel in sorted(stamps_ns)})
+    reference = stamps_ns[params.reference]
+    if not len(reference):
+        return plan
+    cuts = cut_scenes(
+        int(reference[0]), int(reference[-1]), params.length_ns, params.min_length_ns, params.period_ns
+    )
+    plan.remainder_s = cuts.remainder_ns / 1e9
+    for span in cuts.scenes:
+        scene = _plan_scene(span, stamps_ns, params, plan)
+        if scene is None:
+            plan.empty_scenes += 1
+        else:
+            plan.scenes.append(scene)
+    return plan
+
+
+def _plan_scene(
+    span: SceneSpan, stamps_ns: Mapping[str, Stamps], params: SceneParams, plan: RecordingPlan
+) -> ScenePlan | None:
+    inside = {channel: _window(stamps, span) for channel, stamps in sorted(stamps_ns.items())}
+    readings = {channel: stamps_ns[channel][window] for channel, window in inside.items()}
+    keyframes = _keyframes(span, readings, stamps_ns, params, plan)
+    if not len(keyframes):
+        return None
+    channels = {}
+    for channel, stamps in readings.items():
+        matched = match_readings(keyframes, stamps, params.tolerance_ns)
+        sample = owning_keyframe(keyframes, stamps)
+        is_keyframe = np.zeros(len(stamps), dtype=np.bool_)
+        is_keyframe[matched[matched >= 0]] = True
+        sample[matched[matched >= 0]] = np.flatnonzero(matched >= 0)
+        channels[channel] = ChannelPlan(inside[channel], sample, is_keyframe)
+    return ScenePlan(span, keyframes, channels)
+
+
+def _keyframes(
+    span: SceneSpan,
+    readings: Mapping[str, Stamps],
+    stamps_ns: Mapping[str, Stamps],
+    params: SceneParams,
+    plan: RecordingPlan,
+) -> Stamps:
+    """Return the stamps of a scene's keyframes; count what lacks a channel.
+
+    Args:
+        span: the scene.
+        readings: channel -> stamps of its readings in the scene.
+        stamps_ns: channel -> stamps of its readings in the recording.
+        params: the recipe's scenes.
+        plan: takes the counts.
+    """
+    reference = readings[params.reference]
+    others = [name for name in readings if name != params.reference and len(stamps_ns[name])]
+    anywhere = placed = choose_keyframes(reference, span.start_ns, span.end_ns, params.period_ns)
+    if params.refuse_incomplete and others:
+        partners = [partner_readings(reference, readings[name], params.tolerance_ns) for name in others]
+        placed = choose_keyframes(reference, span.start_ns, span.end_ns, params.period_ns, np.stack(partners))
+    looked_at = anywhere >= 0
+    candidates = reference[anywhere[looked_at]]
+    dropped = placed[looked_at] < 0
+    lacks_any = np.zeros(len(candidates), dtype=np.bool_)
+    for name in others:
+        lacks = match_readings(candidates, readings[name], params.tolerance_ns) < 0
+        lacks &= dropped | (not params.refuse_incomplete)
+        lacks_any |= lacks
+        shortage, stamps = plan.shortages[name], stamps_ns[name]
+        shortage.keyframes += int(np.count_nonzero(lacks))
+        shortage.before_first += int(np.count_nonzero(candidates[lacks] < stamps[0]))
+        shortage.after_last += int(np.count_nonzero(candidates[lacks] > stamps[-1]))
+    plan.dropped_keyframes += int(np.count_nonzero(dropped))
+    plan.lacking_samples += int(np.count_nonzero(lacks_any & ~dropped))
+    return reference[placed[placed >= 0]]
+
+
+def _window(stamps_ns: Stamps, span: SceneSpan) -> NDArray[np.intp]:
+    first, last = np.searchsorted(stamps_ns, [span.window_start_ns, span.window_end_ns], side="left")
+    return np.arange(first, last, dtype=np.intp)

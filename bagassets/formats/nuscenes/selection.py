@@ -1,0 +1,73 @@
+"""Named datasets: which scenes each takes."""
+
+from collections import Counter
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
+
+from bagassets.assets.ego_poses import load_trajectory
+from bagassets.build.current import current_artifact
+from bagassets.build.plan_model import Plan
+from bagassets.build.track import track_of
+from bagassets.errors import StoreError
+from bagassets.formats.format import Part, Selection
+from bagassets.formats.nuscenes import scene_selection
+from bagassets.formats.nuscenes.choose_scenes import objection
+from bagassets.recipe.model import Recipe
+from bagassets.recipe.model_datasets import NamedDataset
+from bagassets.store.artifact import Artifact
+from bagassets.store.store import Store
+
+__all__ = ["select"]
+
+
+def select(
+    recipe: Recipe, store: Store, plan: Plan, parts: Sequence[Part], wanted: NamedDataset
+) -> Selection:
+    """Return what a named dataset is made from now.
+
+    Args:
+        recipe: the recipe.
+        store: where the artifacts are; what is missing of facts and tables of scenes is made.
+        plan: states of all recordings.
+        parts: the recordings of the whole dataset.
+        wanted: the dataset.
+    """
+    chosen = []
+    left_out: Counter[str] = Counter()
+    skipped = {}
+    for part in parts:
+        tables = store.artifact(part.artifact)
+        facts = _scene_facts(recipe, store, plan, part, tables)
+        objections = [objection(wanted, facts["rig"], part.key, scene) for scene in facts["scenes"]]
+        kept = [scene for scene, why in zip(facts["scenes"], objections, strict=True) if why is None]
+        left_out.update(why for why in objections if why is not None)
+        if not kept:
+            reasons = Counter(why for why in objections if why is not None)
+            skipped[part.key] = "no scene belongs to it: " + (
+                "; ".join(f"{count} {why}" for why, count in sorted(reasons.items())) or "it has none"
+            )
+        elif len(kept) == len(facts["scenes"]):
+            chosen.append(part)
+        else:
+            tokens = [scene["token"] for scene in kept]
+            make = partial(scene_selection.make_subset, tables, kept)
+            outcome = store.run(scene_selection.subset_action(tables, tokens), make)
+            chosen.append(Part(part.key, part.content, outcome.artifact.digest))
+    return Selection(chosen, skipped, dict(sorted(left_out.items())))
+
+
+def _scene_facts(recipe: Recipe, store: Store, plan: Plan, part: Part, tables: Artifact) -> dict[str, Any]:
+    """Return the facts about the scenes of one recording; they are made once."""
+    bag = plan.bags[part.key]
+    inventory, poses = current_artifact(store, bag, "inventory"), current_artifact(store, bag, "ego_poses")
+    if inventory is None or poses is None:
+        raise StoreError(
+            f"{part.key}: inventory or ego_poses are not in the store, which the scenes of a named dataset are chosen "
+            "by; run `bagassets build`."
+        )
+    track = track_of(store, inventory, poses, recipe.clock)
+    make = partial(scene_selection.make_facts, tables, load_trajectory(poses), track.points)
+    outcome = store.run(scene_selection.facts_action(tables, poses, track.digest), make)
+    facts: dict[str, Any] = outcome.artifact.read_json(scene_selection.SCENES)
+    return facts

@@ -1,0 +1,182 @@
+"""Rows about readings: log, scene, sample, calibrated_sensor, sample_data, ego_pose."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from typing import Any
+
+from bagassets.formats.nuscenes.filenames import filename
+from bagassets.formats.nuscenes.readings import ChannelReadings
+from bagassets.formats.nuscenes.scene_plan import ScenePlan
+from bagassets.formats.nuscenes.table_file import quaternion, rounded
+from bagassets.formats.nuscenes.tokens import RecordingTokens, sensor_token
+
+__all__ = ["Identity", "SensorRows", "microseconds", "sensor_rows"]
+
+NS_PER_US = 1000
+
+
+@dataclass(frozen=True)
+class Identity:
+    """What the log table says of a recording.
+
+    Attributes:
+        rig: name of the rig.
+        key: partition key.
+        vehicle: named in the log.
+        location: named in the log.
+        origin: where the global frame begins on Earth, or None.
+    """
+
+    rig: str
+    key: str
+    vehicle: str
+    location: str
+    origin: Mapping[str, Any] | None
+
+
+@dataclass
+class SensorRows:
+    """Rows of the tables about readings, and which file each reading is.
+
+    Attributes:
+        tables: table -> rows.
+        files: `filename` in the dataset, `artifact` and `file` in the store.
+        keyframes: channel -> keyframe readings.
+        sweeps: channel -> readings between keyframes.
+    """
+
+    tables: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
+    files: list[dict[str, str]] = field(default_factory=list)
+    keyframes: dict[str, int] = field(default_factory=dict)
+    sweeps: dict[str, int] = field(default_factory=dict)
+
+    def has_rows(self, channel: str) -> bool:
+        """Tell whether any reading of a channel is in a scene."""
+        return self.keyframes.get(channel, 0) + self.sweeps.get(channel, 0) > 0
+
+
+def microseconds(stamp_ns: int) -> int:
+    """Return a stamp as nuScenes writes it: whole microseconds since the epoch, rounded down."""
+    return stamp_ns // NS_PER_US
+
+
+def sensor_rows(
+    identity: Identity, channels: Mapping[str, ChannelReadings], scenes: Sequence[ScenePlan]
+) -> SensorRows:
+    """Return the rows of all scenes of a recording; none at all if it has no scene."""
+    tables = ("log", "scene", "sample", "calibrated_sensor", "ego_pose", "sample_data")
+    rows = SensorRows({name: [] for name in tables})
+    if not scenes:
+        return rows
+    tokens = RecordingTokens(identity.rig, identity.key)
+    rows.tables["log"].append(_log(identity, tokens, int(scenes[0].keyframes_ns[0])))
+    for number, scene in enumerate(scenes):
+        _add_scene(rows, identity, tokens, number, scene)
+    for name, readings in sorted(channels.items()):
+        rows.keyframes[name] = rows.sweeps[name] = 0
+        for scene in scenes:
+            _add_readings(rows, identity, tokens, readings, scene)
+        if rows.has_rows(name):
+            rows.tables["calibrated_sensor"].append(_calibrated_sensor(tokens, readings))
+    return rows
+
+
+def _log(identity: Identity, tokens: RecordingTokens, first_ns: int) -> dict[str, Any]:
+    return {
+        "token": tokens.row("log"),
+        "logfile": identity.key,
+        "vehicle": identity.vehicle,
+        "date_captured": datetime.fromtimestamp(first_ns // 1_000_000_000, UTC).date().isoformat(),
+        "location": identity.location,
+        "origin": identity.origin,
+    }
+
+
+def _calibrated_sensor(tokens: RecordingTokens, readings: ChannelReadings) -> dict[str, Any]:
+    return {
+        "token": tokens.row("calibrated_sensor", readings.channel),
+        "sensor_token": sensor_token(readings.channel, readings.modality),
+        "translation": rounded(readings.ego_SE3_sensor.translation),
+        "rotation": quaternion(readings.ego_SE3_sensor.rotation),
+        "camera_intrinsic": readings.intrinsic,
+    }
+
+
+def _add_scene(
+    rows: SensorRows, identity: Identity, tokens: RecordingTokens, number: int, scene: ScenePlan
+) -> None:
+    stamps = scene.keyframes_ns.tolist()
+    samples = [tokens.row("sample", "", stamp) for stamp in stamps]
+    scene_token = tokens.row("scene", "", stamps[0])
+    rows.tables["scene"].append(
+        {
+            "token": scene_token,
+            "log_token": tokens.row("log"),
+            "nbr_samples": len(samples),
+            "first_sample_token": samples[0],
+            "last_sample_token": samples[-1],
+            "name": f"{identity.key}_{number:03d}",
+            "description": f"{scene.span.duration_s:.1f} s, rig {identity.rig}",
+        }
+    )
+    for token, stamp, before, after in zip(samples, stamps, ["", *samples], [*samples[1:], ""], strict=False):
+        rows.tables["sample"].append(
+            {
+                "token": token,
+                "timestamp": microseconds(stamp),
+                "prev": before,
+                "next": after,
+                "scene_token": scene_token,
+            }
+        )
+
+
+def _add_readings(
+    rows: SensorRows, identity: Identity, tokens: RecordingTokens, readings: ChannelReadings, scene: ScenePlan
+) -> None:
+    plan = scene.channels[readings.channel]
+    numbers = plan.readings.tolist()
+    stamps = [int(readings.stamps_ns[number]) for number in numbers]
+    data = [tokens.row("sample_data", readings.channel, stamp) for stamp in stamps]
+    for position, (number, stamp) in enumerate(zip(numbers, stamps, strict=True)):
+        is_keyframe = bool(plan.is_keyframe[position])
+        sample_ns = int(scene.keyframes_ns[plan.sample[position]])
+        path = filename(
+            identity.key,
+            readings.channel,
+            microseconds(stamp),
+            readings.digests[number],
+            readings.files[number].partition(".")[2],
+            is_keyframe=is_keyframe,
+        )
+        pose = tokens.row("ego_pose", readings.channel, stamp)
+        width, height = readings.sizes_px[number]
+        rows.tables["ego_pose"].append(
+            {
+                "token": pose,
+                "timestamp": microseconds(stamp),
+                "rotation": readings.rotations[number],
+                "translation": readings.translations[number],
+            }
+        )
+        rows.tables["sample_data"].append(
+            {
+                "token": data[position],
+                "sample_token": tokens.row("sample", "", sample_ns),
+                "ego_pose_token": pose,
+                "calibrated_sensor_token": tokens.row("calibrated_sensor", readings.channel),
+                "timestamp": microseconds(stamp),
+                "fileformat": readings.fileformat,
+                "is_key_frame": is_keyframe,
+                "height": height,
+                "width": width,
+                "filename": path,
+                "prev": data[position - 1] if position else "",
+                "next": data[position + 1] if position + 1 < len(data) else "",
+            }
+        )
+        rows.files.append(
+            {"filename": path, "artifact": readings.artifact.digest, "file": readings.files[number]}
+        )
+        (rows.keyframes if is_keyframe else rows.sweeps)[readings.channel] += 1

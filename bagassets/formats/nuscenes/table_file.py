@@ -1,0 +1,75 @@
+"""Tables as files: a JSON list with one row per line.
+
+The form is canonical: columns in the order of the schema, no spaces, shortest floats. Tables of
+recordings are joined by copying lines, without parsing them.
+
+Numbers are rounded before they are written: metres and pixels to a millionth, quaternions to nine
+digits. That is finer than any sensor, keeps the files small, and hides differences in the last bit
+between processors, should an operation ever have any.
+"""
+
+import json
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+from bagassets.errors import DatasetError
+from bagassets.formats.nuscenes.schema import TABLES, Row
+
+__all__ = [
+    "quaternion",
+    "read_table",
+    "rounded",
+    "table_bytes",
+]
+
+
+METRE_DIGITS = 6
+QUATERNION_DIGITS = 9
+
+
+def rounded(values: Iterable[float], digits: int = METRE_DIGITS) -> list[float]:
+    """Return numbers rounded for writing; there is no negative zero."""
+    return [round(float(value), digits) + 0.0 for value in values]
+
+
+def quaternion(values: Iterable[float]) -> list[float]:
+    """Return a unit quaternion w, x, y, z rounded for writing."""
+    return rounded(values, QUATERNION_DIGITS)
+
+
+def table_bytes(name: str, rows: Sequence[Row]) -> bytes:
+    """Return the file of a table.
+
+    Raises:
+        KeyError: a row lacks a column of the schema.
+    """
+    columns = TABLES[name].columns
+    lines = [_line({column: row[column] for column in columns}) for row in rows]
+    return _joined(lines)
+
+
+def read_table(folder: Path, name: str) -> list[dict[str, Any]]:
+    """Return the rows of a table of a folder.
+
+    Raises:
+        DatasetError: the file is missing or is no table.
+    """
+    path = folder / f"{name}.json"
+    try:
+        rows = json.loads(path.read_bytes())
+    except (OSError, ValueError) as err:
+        raise DatasetError(
+            f"{path}: this nuScenes table cannot be read ({err}); build the dataset again."
+        ) from err
+    if not isinstance(rows, list):
+        raise DatasetError(f"{path}: a nuScenes table must be a list of rows; build the dataset again.")
+    return rows
+
+
+def _line(row: Row) -> bytes:
+    return json.dumps(row, separators=(",", ":"), ensure_ascii=False, allow_nan=False).encode()
+
+
+def _joined(lines: Sequence[bytes]) -> bytes:
+    return b"[\n" + b",\n".join(lines) + b"\n]\n" if lines else b"[]\n"

@@ -1,0 +1,298 @@
+"""The asset `nuscenes_tables`: one recording's rows of the nuScenes tables.
+
+`facts.json` counts, per channel, where the readings went: `keyframes` and `sweeps` have rows,
+`without_pose` and `outside_scenes` have none; `lacking_at_keyframes` says at how many keyframes, dropped or
+kept, it has no reading within tolerance, and how many of these lie before its first reading and after its
+last. Of the boxes it counts `observations` (rows of
+`annotations`), those `observations_outside_scenes`, `tracks` and `tracks_without_keyframe`, boxes
+`without_track` and those of them that no keyframe took (`without_track_unused`), and what was written:
+`instances`, `annotations`, and of these how many were `held`, not interpolated. Each annotation has
+`attributes_given` by its source or `attributes_by_motion`; of the others nuScenes has attributes for those that are
+`attributes_undetermined`, and none for `attributes_none`.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from typing import Any
+
+from bagassets.annotations.motion import MotionRule
+from bagassets.annotations.table import BoxTable
+from bagassets.assets.annotations import ANNOTATIONS
+from bagassets.assets.asset import Asset, Facts, Inputs, Summary, Use
+from bagassets.assets.calibration import CALIBRATION
+from bagassets.assets.ego_poses import EGO_POSES
+from bagassets.assets.frames import FRAMES
+from bagassets.assets.inventory import INVENTORY
+from bagassets.assets.sweeps import SWEEPS
+from bagassets.errors import CalibrationError, DatasetError, PoseError
+from bagassets.formats.format import FACTS
+from bagassets.formats.nuscenes.annotation_rows import annotation_rows
+from bagassets.formats.nuscenes.part_checks import PART_CHECKS
+from bagassets.formats.nuscenes.readings import ChannelReadings, load_readings
+from bagassets.formats.nuscenes.scene_plan import RecordingPlan, SceneParams, plan_scenes
+from bagassets.formats.nuscenes.schema import RECORDING_TABLES
+from bagassets.formats.nuscenes.sensor_rows import Identity, SensorRows, sensor_rows
+from bagassets.formats.nuscenes.table_file import table_bytes
+from bagassets.formats.nuscenes.tokens import RecordingTokens
+from bagassets.geometry.trajectory import Trajectory
+from bagassets.recipe.model import AttributesByMotion, CameraChannel, Recipe, Rig, Scenes
+from bagassets.store.artifact import Artifact, ArtifactWriter
+
+__all__ = ["FILES", "NUSCENES_TABLES"]
+
+FILES = "files.json"
+
+Extrinsics = Mapping[str, Sequence[float]]
+"""`ego_SE3_sensor`: `translation` in metres, `rotation` as w, x, y, z."""
+
+
+@dataclass(frozen=True)
+class MotionLimits:
+    """When an object counts as moving; see `AttributesByMotion` of the recipe."""
+
+    moving_mps: float
+    window_s: float
+    parked_m: float
+
+    @classmethod
+    def of(cls, attributes: AttributesByMotion) -> "MotionLimits | None":
+        """Return those of a recipe; None if motion gives no attributes."""
+        if not attributes.enabled:
+            return None
+        return cls(attributes.moving_mps, attributes.window_s, attributes.parked_m)
+
+    def rule(self, scenes: SceneParams) -> MotionRule:
+        """Return the rule for boxes of which observations are as far apart as the recipe's scenes allow."""
+        return MotionRule(self.moving_mps, round(self.window_s * 1e9), self.parked_m, scenes.box_gap_ns)
+
+
+@dataclass(frozen=True)
+class TablesParams:
+    """What the tables of a recording may know of the recipe.
+
+    Attributes:
+        rig: name of the rig; tokens are made of it.
+        vehicle: as the log table names it.
+        location: as the log table names it.
+        scenes: how recordings are cut. It names a reference channel only if the rig has that.
+        candidates: if it names none, the channels of the rig, the best reference first.
+        attributes_by_motion: which attributes motion gives; None: none.
+    """
+
+    rig: str
+    vehicle: str
+    location: str
+    scenes: Scenes
+    candidates: tuple[str, ...]
+    attributes_by_motion: MotionLimits | None
+
+    @classmethod
+    def of(cls, recipe: Recipe, rig: Rig) -> "TablesParams":
+        """Return those of a rig.
+
+        A rig that does not have the recipe's reference at all falls back to the default; so rigs
+        with different sensors can share a recipe.
+        """
+        scenes = recipe.scenes
+        candidates: tuple[str, ...] = ()
+        if scenes.reference not in rig.channels:
+            scenes, candidates = scenes.model_copy(update={"reference": None}), _by_preference(rig)
+        return cls(
+            rig=rig.name,
+            vehicle=rig.vehicle or rig.name,
+            location=rig.location,
+            scenes=scenes,
+            candidates=candidates,
+            attributes_by_motion=MotionLimits.of(recipe.nuscenes.attributes_by_motion),
+        )
+
+
+def _by_preference(rig: Rig) -> tuple[str, ...]:
+    """Return the channels of a rig: LIDAR_TOP, cameras, others."""
+
+    def rank(name: str) -> tuple[bool, bool]:
+        return name != "LIDAR_TOP", not isinstance(rig.channels[name], CameraChannel)
+
+    return tuple(sorted(rig.channels, key=rank))
+
+
+@dataclass(frozen=True)
+class TablesUse:
+    """What shapes the tables of a recording besides its artifacts.
+
+    Attributes:
+        rig: as of `TablesParams`, as are `vehicle`, `location` and `attributes_by_motion`.
+        key: partition key.
+        scenes: how the recording is cut.
+        extrinsics: channel -> where the sensor is.
+    """
+
+    rig: str
+    key: str
+    vehicle: str
+    location: str
+    scenes: SceneParams
+    extrinsics: Mapping[str, Extrinsics]
+    attributes_by_motion: MotionLimits | None
+
+
+def use(params: TablesParams, facts: Facts) -> dict[str, Use[TablesUse]]:
+    """Return what the tables of a recording depend on: all its artifacts; of the calibration, the extrinsics.
+
+    Raises:
+        DatasetError: the reference channel of the recipe is not in the recording.
+        CalibrationError: a channel has no extrinsics.
+    """
+    channels = _channels(facts)
+    read = TablesUse(
+        rig=params.rig,
+        key=facts.key,
+        vehicle=params.vehicle,
+        location=params.location,
+        scenes=SceneParams.of(params.scenes, _reference(params, channels)),
+        extrinsics={name: _extrinsics(facts.calibration, name) for name in sorted(channels)},
+        attributes_by_motion=params.attributes_by_motion,
+    )
+    inputs = {f"channel:{name}": artifact.digest for name, artifact in channels.items()}
+    inputs |= {name: facts.artifact(name).digest for name in ("ego_poses", "annotations")}
+    return {"": Use(read, inputs=inputs)}
+
+
+def _channels(facts: Facts) -> dict[str, Artifact]:
+    return {**facts.channels("frames"), **facts.channels("sweeps")}
+
+
+def _extrinsics(calibration: Mapping[str, Any], channel: str) -> Extrinsics:
+    try:
+        transform = calibration["channels"][channel]["ego_SE3_sensor"]
+    except KeyError:
+        raise CalibrationError(
+            f"channel {channel} has no extrinsics in calibration.json; materialize calibration again."
+        ) from None
+    return {"translation": list(transform["translation"]), "rotation": list(transform["rotation"])}
+
+
+def _reference(params: TablesParams, present: Mapping[str, Artifact]) -> str:
+    """Return the channel whose readings become keyframes."""
+    reference = params.scenes.reference
+    if reference is not None:
+        if reference not in present:
+            raise DatasetError(
+                f"scenes.reference {reference} has no readings in this recording, so it has no keyframes; "
+                f"list it under rigs[].required to skip such recordings, or choose one of {', '.join(sorted(present))}."
+            )
+        return reference
+    for name in params.candidates:
+        if name in present:
+            return name
+    raise DatasetError(
+        f"rig {params.rig}: this recording has no readings of any channel; nothing to make tables from."
+    )
+
+
+def make(use: Use[TablesUse], inputs: Inputs, out: ArtifactWriter) -> Summary:
+    """Write the tables, `files.json` and `facts.json`; return the summary.
+
+    Raises:
+        PoseError: no reading of the reference channel has an ego pose.
+    """
+    params, trajectory = use.params, inputs.trajectory
+    readings = {
+        name: load_readings(name, artifact, params.extrinsics[name], trajectory)
+        for name, artifact in sorted(_channels(inputs).items())
+    }
+    scenes = params.scenes
+    _check_poses(readings[scenes.reference], trajectory, params.key)
+    plan = plan_scenes({name: channel.stamps_ns for name, channel in readings.items()}, scenes)
+    origin = inputs.artifact("ego_poses").read_json("ego_poses.json")["origin"]
+    identity = Identity(params.rig, params.key, params.vehicle, params.location, origin)
+    sensors = sensor_rows(identity, readings, plan.scenes)
+    motion = params.attributes_by_motion
+    objects = annotation_rows(
+        RecordingTokens(identity.rig, identity.key),
+        BoxTable.from_arrow(inputs.artifact("annotations").read_table("annotations.parquet")),
+        readings,
+        plan.scenes,
+        scenes,
+        None if motion is None else motion.rule(scenes),
+    )
+    tables = {**sensors.tables, **objects.tables}
+    for name in RECORDING_TABLES:
+        out.write(f"{name}.json", table_bytes(name, tables[name]))
+    out.write_json(FILES, sensors.files)
+    counts = {
+        "scenes": len(plan.scenes),
+        "samples": len(tables["sample"]),
+        "duration_s": round(sum(scene.span.duration_s for scene in plan.scenes), 3),
+        "remainder_s": round(plan.remainder_s, 3),
+        "scenes_without_keyframe": plan.empty_scenes,
+        "dropped_keyframes": plan.dropped_keyframes,
+        "lacking_samples": plan.lacking_samples,
+        "channels": {name: _channel_counts(name, readings, sensors, plan) for name in sorted(readings)},
+        "boxes": objects.counts,
+    }
+    facts = {
+        "rig": identity.rig,
+        "key": identity.key,
+        "reference": scenes.reference,
+        "missing": scenes.missing,
+        "tolerance_s": scenes.tolerance_s,
+        "channels": {
+            name: channel.modality for name, channel in readings.items() if sensors.keyframes.get(name)
+        },
+        "categories": sorted(objects.categories),
+        "attributes": sorted(objects.attributes),
+        "counts": counts,
+    }
+    out.write_json(FACTS, facts)
+    return facts
+
+
+def _check_poses(reference: ChannelReadings, trajectory: Trajectory, key: str) -> None:
+    if len(reference) or not reference.without_pose:
+        return
+    poses = (
+        [_clock(stamp) for stamp in trajectory.stamps_ns[[0, -1]].tolist()]
+        if len(trajectory.stamps_ns)
+        else []
+    )
+    raise PoseError(
+        f"{key}: none of the {reference.without_pose} readings of {reference.channel} has an ego pose at its time; "
+        f"poses run {' to '.join(poses) or 'nowhere'}. Check that header stamps of sensors and poses share a clock "
+        "(`clock: log` uses the time of logging), or raise ego_pose.max_gap_s."
+    )
+
+
+def _clock(stamp_ns: int) -> str:
+    return datetime.fromtimestamp(stamp_ns / 1e9, UTC).isoformat(timespec="milliseconds")
+
+
+def _channel_counts(
+    name: str, readings: Mapping[str, ChannelReadings], sensors: SensorRows, plan: RecordingPlan
+) -> dict[str, Any]:
+    channel, shortage = readings[name], plan.shortages[name]
+    keyframes, sweeps = sensors.keyframes.get(name, 0), sensors.sweeps.get(name, 0)
+    return {
+        "readings": len(channel) + channel.without_pose,
+        "keyframes": keyframes,
+        "sweeps": sweeps,
+        "without_pose": channel.without_pose,
+        "outside_scenes": len(channel) - keyframes - sweeps,
+        "span_ns": [int(stamp) for stamp in channel.stamps_ns[[0, -1]]] if len(channel) else [],
+        "lacking_at_keyframes": asdict(shortage),
+    }
+
+
+NUSCENES_TABLES = Asset(
+    name="nuscenes_tables",
+    version=6,
+    title="This recording's rows of the nuScenes tables: scenes, keyframes, readings, poses, boxes.",
+    description="Keyframe rate, scene length and tolerance act here; changing them extracts nothing anew.",
+    kinds=frozenset({"nuscenes", "json"}),
+    reads=(INVENTORY, CALIBRATION, EGO_POSES, ANNOTATIONS, FRAMES, SWEEPS),
+    params=TablesParams.of,
+    use=use,
+    make=make,
+    checks=PART_CHECKS,
+)

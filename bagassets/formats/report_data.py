@@ -1,0 +1,213 @@
+"""What reports and maps tell, gathered from the plan and the artifacts it names."""
+
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from bagassets.assets import trajectory_map
+from bagassets.assets.preview import FACTS, THUMBNAIL
+from bagassets.build.current import current_artifact
+from bagassets.build.plan_model import BagPlan, Plan
+from bagassets.build.track import Track, track_of
+from bagassets.errors import StoreError
+from bagassets.formats.catalogue import formats
+from bagassets.formats.dataset_build import deal_contents, without_scenes
+from bagassets.freshness.published import Publication
+from bagassets.preview.pictures import TITLES
+from bagassets.recipe.model import Recipe
+from bagassets.report.grid_map import colour_of_split
+from bagassets.report.model import Gaps, RecordingFacts, ReportData, Way
+from bagassets.report.trajectory_map import MapWay
+from bagassets.report.write import write_page
+from bagassets.splits import shares_of
+from bagassets.store.artifact import Artifact
+from bagassets.store.canonical import digest_bytes
+from bagassets.store.store import Outcome, Store
+
+__all__ = ["build_map", "map_path", "report_data"]
+
+_NO_SPLIT = "not in the dataset"
+
+
+def report_data(recipe: Recipe, store: Store, plan: Plan) -> ReportData:
+    """Return what the report tells about all recordings.
+
+    Args:
+        recipe: the recipe.
+        store: where the artifacts are.
+        plan: states of all recordings.
+    """
+    dealt = _dealt(recipe, store, plan)
+    recordings = [_facts(recipe, store, bag, dealt.get(bag.key, "")) for _, bag in sorted(plan.bags.items())]
+    durations_s = [(r.key, r.duration_s) for r in recordings if r.state in {"ready", "stale"}]
+    shares = shares_of(durations_s, recipe.splits, dealt)
+    dataset = recipe.nuscenes.output / recipe.nuscenes.version
+    idle_pins = sorted(recipe.splits.pinned.keys() - plan.bags.keys())
+    return ReportData(recipe.name, dataset, recordings, plan.excluded, shares, idle_pins)
+
+
+def map_path(recipe: Recipe) -> Path:
+    """Return where the map of the recipe's recordings is."""
+    return recipe.state / trajectory_map.MAP
+
+
+def build_map(recipe: Recipe, store: Store, plan: Plan) -> Outcome:
+    """Make the map of all recordings, and put it where `map_path` says.
+
+    Raises:
+        DatasetError: it cannot be written.
+    """
+    ways = _map_ways(recipe, _tracks(recipe, store, plan), _dealt(recipe, store, plan))
+    shell = store.run(trajectory_map.SHELL_STEP.action({}, {}), trajectory_map.make_shell).artifact
+    outcome = store.run(trajectory_map.action(ways, shell), partial(trajectory_map.make, ways, shell))
+    page = outcome.artifact.path(trajectory_map.MAP).read_text(encoding="utf-8")
+    write_page(map_path(recipe), page)
+    digests = {map_path(recipe).name: digest_bytes(page.encode())}
+    Publication(recipe.state, "trajectory_map").write(recipe.state, digests, {}, None)
+    return outcome
+
+
+def _dealt(recipe: Recipe, store: Store, plan: Plan) -> dict[str, str]:
+    """Return recording -> its split, of all that take part."""
+    contents = {
+        key: bag.assets["bag"].data_version or key
+        for key, bag in plan.bags.items()
+        if bag.skipped is None and bag.unusable is None
+    }
+    made = {
+        kind.name: {
+            key: bag.recorded[kind.part] for key, bag in plan.bags.items() if kind.part in bag.recorded
+        }
+        for kind in formats()
+    }
+    return deal_contents(contents, recipe.splits, without_scenes(store, made))
+
+
+def _tracks(recipe: Recipe, store: Store, plan: Plan) -> dict[str, Track]:
+    """Return the tracks of all recordings that have poses, by key in order."""
+    found = {}
+    for key, bag in sorted(plan.bags.items()):
+        inventory, poses = (
+            current_artifact(store, bag, "inventory"),
+            current_artifact(store, bag, "ego_poses"),
+        )
+        if inventory is not None and poses is not None and bag.skipped is None:
+            found[key] = track_of(store, inventory, poses, recipe.clock)
+    return found
+
+
+def _map_ways(recipe: Recipe, found: Mapping[str, Track], dealt: Mapping[str, str]) -> list[MapWay]:
+    """Return the recordings on the map, coloured by split."""
+    splits = sorted(recipe.splits.shares)
+    ways = []
+    for key, track in found.items():
+        split = dealt.get(key, _NO_SPLIT)
+        stamps_ns = [point[0] for point in track.local]
+        seconds = (stamps_ns[-1] - stamps_ns[0]) / 1e9 if stamps_ns else 0.0
+        note = f"{split}, {seconds:.0f} s"
+        ways.append(MapWay(key, split, colour_of_split(split, splits), note, _points(track), _local(track)))
+    return ways
+
+
+def _points(track: Track) -> list[tuple[float, float]]:
+    return [(lat, lon) for _, lat, lon in track.points]
+
+
+def _local(track: Track) -> list[tuple[float, float]]:
+    return [(x, y) for _, x, y in track.local]
+
+
+def _facts(recipe: Recipe, store: Store, bag: BagPlan, split: str) -> RecordingFacts:
+    inventory = current_artifact(store, bag, "inventory")
+    state, reason = _state(bag)
+    if inventory is None:
+        return RecordingFacts(bag.key, state, reason, bag.format)
+    seen: dict[str, Any] = inventory.read_json("inventory.json")
+    poses = current_artifact(store, bag, "ego_poses")
+    track = None
+    if poses is not None and state in {"ready", "stale"}:
+        track = track_of(store, inventory, poses, recipe.clock)
+    pictures = current_artifact(store, bag, "preview")
+    return RecordingFacts(
+        key=bag.key,
+        state=state,
+        reason=reason,
+        format=seen["format"],
+        size=seen["size"],
+        start_ns=seen["start_ns"],
+        duration_s=seen["duration_s"],
+        rig=_summary(store, bag, "nuscenes_tables").get("rig", ""),
+        split=split if state in {"ready", "stale"} else "",
+        daylight=seen["daylight"],
+        length_m=_summary(store, bag, "ego_poses").get("length_m"),
+        counts=_counts(store, bag),
+        lost=_lost(store, bag),
+        gaps=_gaps(seen["topics"]),
+        way=Way() if track is None else Way(_points(track), _local(track)),
+        pictures={} if pictures is None else _pictures(pictures),
+        thumbnail=None if pictures is None else pictures.path(THUMBNAIL),
+        full_pictures=None if pictures is None else pictures.files,
+        notes=seen["notes"],
+    )
+
+
+def _state(bag: BagPlan) -> tuple[str, str]:
+    if bag.skipped is not None:
+        return "skipped", bag.skipped
+    if bag.unusable is not None:
+        return "failed", bag.unusable
+    tables = bag.assets["nuscenes_tables"]
+    if tables.state in {"fresh", "record-only"}:
+        return "ready", ""
+    return "stale", f"nuscenes_tables: {tables.reason}"
+
+
+def _counts(store: Store, bag: BagPlan) -> dict[str, int]:
+    tables = _summary(store, bag, "nuscenes_tables").get("counts", {})
+    found = {
+        "images": _written(_summary(store, bag, "frames")),
+        "sweeps": _written(_summary(store, bag, "sweeps")),
+        "poses": _summary(store, bag, "ego_poses").get("count"),
+        "boxes": _summary(store, bag, "annotations").get("boxes"),
+        "scenes": tables.get("scenes"),
+        "keyframes": tables.get("samples"),
+    }
+    return {name: number for name, number in found.items() if number is not None}
+
+
+def _written(summary: Mapping[str, Any]) -> int | None:
+    channels = summary.get("channels")
+    return None if channels is None else sum(counts["written"] for counts in channels.values())
+
+
+def _lost(store: Store, bag: BagPlan) -> list[str]:
+    lines = []
+    for asset in ("frames", "sweeps"):
+        for channel, counts in sorted(_summary(store, bag, asset).get("channels", {}).items()):
+            lines += [
+                f"{channel}: {number} lost, {reason}" for reason, number in sorted(counts["lost"].items())
+            ]
+    return lines
+
+
+def _gaps(topics: list[dict[str, Any]]) -> list[Gaps]:
+    with_gaps = [
+        Gaps(topic["name"], topic["gap_count"], max(gap["duration_s"] for gap in topic["gaps"]))
+        for topic in topics
+        if topic["gaps"]
+    ]
+    return sorted(with_gaps, key=lambda gap: (-gap.longest_s, gap.topic))
+
+
+def _pictures(artifact: Artifact) -> dict[str, Path]:
+    drawn = artifact.read_json(FACTS)["pictures"]
+    return {title: artifact.path(f"inline/{name}.jpg") for name, title in TITLES.items() if name in drawn}
+
+
+def _summary(store: Store, bag: BagPlan, asset: str) -> dict[str, Any]:
+    artifact = current_artifact(store, bag, asset)
+    try:
+        return {} if artifact is None else artifact.summary()
+    except StoreError:
+        return {}

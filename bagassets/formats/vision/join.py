@@ -1,0 +1,65 @@
+"""The merged files of the vision dataset: the sequences of recordings joined, and a manifest for each split."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from bagassets.formats.format import Joined, Member
+from bagassets.formats.json_files import HashedFile, json_bytes, rows_text, write_hashed, write_joined
+from bagassets.recipe.model_vision import Vision
+from bagassets.splits import SplitShare
+
+__all__ = ["RECORDINGS", "SEQUENCES", "join"]
+
+RECORDINGS = "recordings"
+# File of a `vision_sequences` artifact with the rows of all its sequences.
+SEQUENCES = "sequences.json"
+ONE_FILE = "all"
+
+
+def join(members: Sequence[Member], settings: Vision, shares: Sequence[SplitShare], out: Path) -> Joined:
+    """Write the merged files and a manifest for each split.
+
+    Args:
+        members: recordings in the order of their keys.
+        settings: the recipe's `vision`.
+        shares: what each split got of the recorded time, in order of their names.
+        out: empty folder.
+    """
+    groups = {share.name: [one for one in members if one.split == share.name] for share in shares}
+    merged = {ONE_FILE: members} if settings.files == "one" else groups
+    digests = {}
+    for name, group in merged.items():
+        with HashedFile(out / f"{name}.json") as file:
+            write_joined(file, (rows_text(member.artifact.path(SEQUENCES)) for member in group))
+        digests[f"{name}.json"] = file.digest
+    for share in shares:
+        manifest = json_bytes(_manifest(share, groups[share.name]))
+        digests[f"{share.name}.manifest.json"] = write_hashed(out / f"{share.name}.manifest.json", manifest)
+    facts = {
+        what: {name: sum(member.facts[what] for member in group) for name, group in groups.items()}
+        for what in ("sequences", "images")
+    }
+    return Joined(dict(sorted(digests.items())), facts)
+
+
+def _manifest(share: SplitShare, members: Sequence[Member]) -> dict[str, Any]:
+    return {
+        "split": share.name,
+        **share.as_json(),
+        "sequences": sum(member.facts["sequences"] for member in members),
+        "images": sum(member.facts["images"] for member in members),
+        "bags": [
+            {
+                "recording": member.part.key,
+                "rig": member.facts["rig"],
+                "folder": f"{RECORDINGS}/{member.facts['folder']}",
+                "sequences": member.facts["sequences"],
+                "images": member.facts["images"],
+                "duration_s": member.facts["duration_s"],
+                "daylight": member.facts["daylight"],
+                "start": member.facts["start"],
+            }
+            for member in members
+        ],
+    }

@@ -1,0 +1,67 @@
+"""`metadata.json` and `transforms.json` of a recording in the vision dataset."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from bagassets.geometry.sun import sun_elevation_deg
+from bagassets.recordings.inventory import GnssFix, Inventory
+
+__all__ = ["recording_metadata", "transforms_json"]
+
+
+def recording_metadata(key: str, rig: str, inventory: Inventory) -> dict[str, Any]:
+    """Return what is told about a recording as a whole.
+
+    Nothing of it changes when the recording is re-indexed, re-compressed or converted: file size and
+    format are left out.
+
+    Args:
+        key: partition key.
+        rig: the rig that made it.
+        inventory: what is in it.
+    """
+    first, last = inventory.gnss or (None, None)
+    # Without daylight the clock of the fix is not to be trusted, so neither is the sun.
+    elevation = None
+    if first is not None and inventory.daylight is not None:
+        elevation = round(sun_elevation_deg(first.lat, first.lon, first.stamp_ns), 1)
+    return {
+        "name": key,
+        "rig": rig,
+        "start_ns": inventory.start_ns,
+        "end_ns": inventory.end_ns,
+        "duration_s": round(inventory.duration_s, 6),
+        "messages": sum(topic.count for topic in inventory.topics.values()),
+        "topics": {
+            name: {"type": topic.msgtype, "messages": topic.count} for name, topic in inventory.topics.items()
+        },
+        "gnss": None if first is None or last is None else {"first": _fix(first), "last": _fix(last)},
+        "daylight": inventory.daylight,
+        "sun_elevation_deg": elevation,
+    }
+
+
+def transforms_json(
+    calibration: Mapping[str, Any], cameras: Mapping[str, Mapping[str, Any]]
+) -> dict[str, Any]:
+    """Return extrinsics of all sensors, and intrinsics of the images as they are written.
+
+    Args:
+        calibration: content of `calibration.json`.
+        cameras: channel -> content of `channel.json` of its images.
+    """
+    return {
+        "ego_frame": calibration["ego_frame"],
+        "sensors": {
+            name: {
+                "frame": channel["frame"],
+                "ego_SE3_sensor": channel["ego_SE3_sensor"],
+                **({"intrinsics": cameras[name]["camera_intrinsic"]} if name in cameras else {}),
+            }
+            for name, channel in sorted(calibration["channels"].items())
+        },
+    }
+
+
+def _fix(fix: GnssFix) -> dict[str, Any]:
+    return {"lat": fix.lat, "lon": fix.lon, "alt": fix.alt, "stamp_ns": fix.stamp_ns}

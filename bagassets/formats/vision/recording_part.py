@@ -1,0 +1,329 @@
+"""The asset `vision_sequences`: one recording's part of the vision dataset.
+
+Files: `metadata.json`, `transforms.json`, `trajectories/SENSOR-REFERENCE.csv` and `.parquet`,
+`CHANNEL/0000.json` for each sequence; `sequences.json` with the rows of all sequences for the merged
+files; `files.json`, which image of which artifact becomes which file; `facts.json`. Images are not
+copied: the dataset links them from the artifacts of `frames`.
+"""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from bagassets.assets.asset import Asset, Facts, Inputs, Summary, Use, as_json, inlined
+from bagassets.assets.calibration import CALIBRATION
+from bagassets.assets.ego_poses import EGO_POSES
+from bagassets.assets.frames import FRAMES
+from bagassets.assets.inventory import INVENTORY
+from bagassets.assets.transform_logs import read_transforms
+from bagassets.errors import CalibrationError, DatasetError
+from bagassets.formats.format import FACTS
+from bagassets.formats.vision.join import SEQUENCES
+from bagassets.formats.vision.metadata import recording_metadata, transforms_json
+from bagassets.formats.vision.relative import relative_poses
+from bagassets.formats.vision.sequences import cut_sequences
+from bagassets.formats.vision.trajectories import Bodies, csv_bytes, tf_poses, trajectory_table
+from bagassets.geometry.tf_tree import TfTree
+from bagassets.geometry.trajectory import Trajectory
+from bagassets.recipe.model import CameraChannel, Recipe, Rig
+from bagassets.recipe.model_base import Clock
+from bagassets.recipe.model_poses import FixedPose
+from bagassets.recordings.recording import Recording
+from bagassets.store.artifact import Artifact, ArtifactWriter
+from bagassets.store.canonical import digest_json
+
+__all__ = ["FILES", "VISION_SEQUENCES"]
+
+FILES = "files.json"
+_LEAST_DIGITS = 4
+
+
+@dataclass(frozen=True)
+class Cuts:
+    """How the images of a camera are cut into sequences; see `vision` in the recipe."""
+
+    frames: int
+    stride: int
+    max_gap_s: float
+
+
+@dataclass(frozen=True)
+class VisionParams:
+    """What a recording's part of the vision dataset may know of the recipe.
+
+    Attributes:
+        rig: name of the rig.
+        cameras: those of the rig that make sequences, sorted.
+        cuts: how they are cut.
+        trajectories: pairs `sensor:reference`, sorted.
+        tf: topics of transforms. They matter only to frames that may not be known without: none but `ego` and
+            `global` are known always.
+        tf_static: topics of static transforms, likewise.
+        tf_clock: time of transforms; None if they do not matter.
+        tf_max_gap_s: a longer gap between poses is not bridged; 0 for a rig that stands still.
+    """
+
+    rig: str
+    cameras: tuple[str, ...]
+    cuts: Cuts
+    trajectories: tuple[str, ...]
+    tf: tuple[str, ...]
+    tf_static: tuple[str, ...]
+    tf_clock: Clock | None
+    tf_max_gap_s: float
+
+    @classmethod
+    def of(cls, recipe: Recipe, rig: Rig) -> "VisionParams":
+        """Return those of a rig.
+
+        Raises:
+            DatasetError: the recipe makes no vision dataset.
+        """
+        vision = recipe.vision
+        if vision is None:
+            raise DatasetError("the recipe has no `vision` section; add one to make `vision_sequences`.")
+        cameras = [name for name, channel in rig.channels.items() if isinstance(channel, CameraChannel)]
+        frames = {frame for pair in vision.trajectories for frame in pair.split(":")}
+        through_tf = not frames <= {"ego", "global"}
+        return cls(
+            rig=rig.name,
+            cameras=tuple(
+                sorted(name for name in cameras if vision.cameras is None or name in vision.cameras)
+            ),
+            cuts=Cuts(vision.frames, vision.stride, vision.max_gap_s),
+            trajectories=tuple(sorted(set(vision.trajectories))),
+            tf=rig.tf if through_tf else (),
+            tf_static=rig.tf_static if through_tf else (),
+            tf_clock=recipe.clock if through_tf else None,
+            tf_max_gap_s=0.0 if isinstance(rig.ego_pose, FixedPose) else rig.ego_pose.max_gap_s,
+        )
+
+
+@dataclass(frozen=True)
+class VisionUse:
+    """What shapes a recording's part besides its images and poses.
+
+    Attributes:
+        key: partition key.
+        rig: name of the rig.
+        cameras: those that make sequences and that the recording has.
+        trajectories: pairs `sensor:reference`.
+        tf: topics of transforms that are read.
+        tf_static: topics of static transforms that are read.
+        tf_clock: time of transforms; None if none are read.
+        tf_max_gap_s: as of `VisionParams`.
+        calibration: `ego_frame`, and of each channel `frame` and `ego_SE3_sensor`.
+        metadata: content of `metadata.json`.
+        cuts: how sequences are cut.
+    """
+
+    key: str
+    rig: str
+    cameras: tuple[str, ...]
+    trajectories: tuple[str, ...]
+    tf: tuple[str, ...]
+    tf_static: tuple[str, ...]
+    tf_clock: Clock | None
+    tf_max_gap_s: float
+    calibration: Mapping[str, Any]
+    metadata: Mapping[str, Any]
+    cuts: Cuts = inlined()
+
+
+def use(params: VisionParams, facts: Facts) -> dict[str, Use[VisionUse]]:
+    """Return what a recording's part depends on: images, poses, extrinsics, what it holds, and perhaps transforms."""
+    calibration, images = facts.calibration, facts.channels("frames")
+    cameras = {name: images[name] for name in params.cameras if name in images}
+    poses = facts.artifact("ego_poses")
+    bodies = Bodies.of(calibration, poses.read_json("ego_poses.json")["global_frame"])
+    through_tf = not all(bodies.know(*pair.split(":")) for pair in params.trajectories)
+    tf, tf_static = (
+        tuple(topic for topic in topics if through_tf and facts.inventory.has(topic))
+        for topics in (params.tf, params.tf_static)
+    )
+    read = VisionUse(
+        key=facts.key,
+        rig=params.rig,
+        cameras=tuple(cameras),
+        cuts=params.cuts,
+        trajectories=params.trajectories,
+        tf=tf,
+        tf_static=tf_static,
+        tf_clock=params.tf_clock if tf else None,
+        tf_max_gap_s=params.tf_max_gap_s,
+        calibration={
+            "ego_frame": calibration["ego_frame"],
+            "channels": {
+                name: {"frame": channel["frame"], "ego_SE3_sensor": channel["ego_SE3_sensor"]}
+                for name, channel in calibration["channels"].items()
+            },
+        },
+        metadata=recording_metadata(facts.key, params.rig, facts.inventory),
+    )
+    inputs = {f"channel:{name}": artifact.digest for name, artifact in cameras.items()}
+    topics = tuple(sorted({*tf, *tf_static}))
+    return {"": Use(read, topics, {**inputs, "ego_poses": poses.digest})}
+
+
+def make(use: Use[VisionUse], inputs: Inputs, out: ArtifactWriter) -> Summary:
+    """Write the recording's part of the dataset; return the summary."""
+    params, trajectory, images = use.params, inputs.trajectory, inputs.channels("frames")
+    poses_json = inputs.artifact("ego_poses").read_json("ego_poses.json")
+    cameras = {name: images[name].read_json("channel.json") for name in params.cameras}
+    written = [
+        out.write_json("metadata.json", params.metadata),
+        out.write_json("transforms.json", transforms_json(params.calibration, cameras)),
+    ]
+    with inputs.messages(use.topics) as recording:
+        missing = _write_trajectories(params, recording, out, trajectory, poses_json)
+    rows: list[dict[str, Any]] = []
+    files: list[dict[str, str]] = []
+    counts: dict[str, dict[str, int]] = {}
+    for name in params.cameras:
+        counts[name] = _cut_camera(name, images[name], cameras[name], params, trajectory, rows, files)
+    for row in rows:
+        out.write_json(f"{row['channel']}/{row['sequence']}.json", row)
+    # The folder's name is told by what is in it, so that a reader never sees it change.
+    content = [[entry.digest for entry in written], rows, files, as_json(params), poses_json]
+    folder = f"{params.key}-{digest_json(content)[:12]}"
+    lines = [
+        json.dumps(
+            {**row, "folder": f"recordings/{folder}/{row['folder']}"}, sort_keys=True, ensure_ascii=False
+        )
+        for row in rows
+    ]
+    out.write(SEQUENCES, (("[\n" + ",\n".join(lines) + "\n]\n") if lines else "[]\n").encode())
+    out.write_json(FILES, files, indent=None)
+    facts = {
+        "key": params.key,
+        "rig": params.rig,
+        "folder": folder,
+        "duration_s": params.metadata["duration_s"],
+        "daylight": params.metadata["daylight"],
+        "start": _start(params.metadata, poses_json),
+        "sequences": len(rows),
+        "images": len(files),
+        "channels": counts,
+        "missing_trajectories": missing,
+    }
+    out.write_json(FACTS, facts)
+    return facts
+
+
+def _cut_camera(
+    name: str,
+    artifact: Artifact,
+    camera: Mapping[str, Any],
+    params: VisionUse,
+    trajectory: Trajectory,
+    rows: list[dict[str, Any]],
+    files: list[dict[str, str]],
+) -> dict[str, int]:
+    """Add the sequences of one camera and the files they consist of; return where its images went."""
+    index = artifact.read_table("index.parquet")
+    stamps_ns = index.column("stamp_ns").to_numpy()
+    names = index.column("file").to_pylist()
+    widths, heights = index.column("width").to_pylist(), index.column("height").to_pylist()
+    positions, rotations, has_pose = trajectory.at(stamps_ns)
+    cuts = cut_sequences(
+        stamps_ns,
+        has_pose,
+        length=params.cuts.frames,
+        stride=params.cuts.stride,
+        max_gap_ns=round(params.cuts.max_gap_s * 1e9),
+    )
+    digits = max(_LEAST_DIGITS, len(str(len(cuts.sequences))))
+    for number, images in enumerate(cuts.sequences):
+        sequence = f"{number:0{digits}d}"
+        folder = f"{name}/{sequence}"
+        poses = relative_poses(positions[images], rotations[images])
+        shown = []
+        for place, (image, pose) in enumerate(zip(images.tolist(), poses, strict=True)):
+            suffix = names[image].rpartition(".")[2]
+            file = f"{place:06d}.{suffix}"
+            shown.append({"file": file, "stamp_ns": int(stamps_ns[image]), "pose": pose})
+            files.append({"filename": f"{folder}/{file}", "artifact": artifact.digest, "file": names[image]})
+        first = int(images[0])
+        rows.append(
+            {
+                "recording": params.key,
+                "channel": name,
+                "sequence": sequence,
+                "folder": folder,
+                "start_ns": int(stamps_ns[first]),
+                "duration_s": round(float(stamps_ns[images[-1]] - stamps_ns[first]) / 1e9, 6),
+                "width": widths[first],
+                "height": heights[first],
+                "intrinsics": camera["camera_intrinsic"],
+                "ego_SE3_sensor": params.calibration["channels"][name]["ego_SE3_sensor"],
+                "frames": shown,
+            }
+        )
+    return {
+        "images": len(stamps_ns),
+        "sequences": len(cuts.sequences),
+        "in_sequences": cuts.sequences.size,
+        "strided": cuts.strided,
+        "without_pose": cuts.without_pose,
+        "remainder": cuts.remainder,
+        "breaks": cuts.breaks,
+    }
+
+
+def _write_trajectories(
+    params: VisionUse,
+    recording: Recording,
+    out: ArtifactWriter,
+    trajectory: Trajectory,
+    poses_json: Mapping[str, Any],
+) -> dict[str, str]:
+    """Write the configured trajectories; return pair -> why it could not be made."""
+    bodies = Bodies.of(params.calibration, poses_json["global_frame"])
+    tree = TfTree(
+        read_transforms(recording, params.tf_static, "tf_static"),
+        read_transforms(recording, params.tf, "tf", clock=params.tf_clock or "header"),
+    )
+    missing = {}
+    for pair in params.trajectories:
+        sensor, _, reference = pair.partition(":")
+        try:
+            poses = (
+                bodies.poses(sensor, reference, trajectory)
+                if bodies.know(sensor, reference)
+                else tf_poses(sensor, reference, bodies, tree, round(params.tf_max_gap_s * 1e9))
+            )
+        except CalibrationError as err:
+            missing[pair] = str(err)
+            continue
+        table = trajectory_table(poses, poses_json["origin"])
+        name = f"{sensor}-{reference}".replace("/", "_")
+        out.write(f"trajectories/{name}.csv", csv_bytes(table))
+        out.write_table(f"trajectories/{name}.parquet", table)
+    return missing
+
+
+def _start(metadata: Mapping[str, Any], poses_json: Mapping[str, Any]) -> dict[str, float] | None:
+    """Return where on Earth the recording begins, if it says so anywhere."""
+    if metadata["gnss"] is not None:
+        first = metadata["gnss"]["first"]
+        return {"lat": first["lat"], "lon": first["lon"]}
+    origin = poses_json["origin"]
+    if origin is not None and origin.get("kind") == "wgs84":
+        return {"lat": origin["lat"], "lon": origin["lon"]}
+    return None
+
+
+VISION_SEQUENCES = Asset(
+    name="vision_sequences",
+    version=2,
+    libraries=("pyarrow",),
+    title="This recording's part of the vision dataset: image sequences with relative trajectories.",
+    kinds=frozenset({"image", "json"}),
+    reads=(INVENTORY, CALIBRATION, EGO_POSES, FRAMES),
+    enabled=lambda recipe: recipe.vision is not None,
+    optional=True,
+    params=VisionParams.of,
+    use=use,
+    make=make,
+)

@@ -1,0 +1,193 @@
+"""Trajectories of one frame in another, as tables for CSV and Parquet."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import isnan
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from bagassets.errors import CalibrationError
+from bagassets.formats.vision.relative import roll_pitch_yaw
+from bagassets.geometry.se3 import SE3, Floats, quaternion_multiply, rotate
+from bagassets.geometry.tf_tree import TfTree
+from bagassets.geometry.trajectory import Trajectory
+from bagassets.geometry.wgs84 import LocalFrame, utm_track
+
+__all__ = ["Bodies", "TimedPoses", "csv_bytes", "geodetic_columns", "trajectory_table"]
+
+# Places behind the point: a micrometre, a billionth of a quaternion or radian, a tenth of a millimetre
+# of latitude, and the tenth of a millimetre that UTM is good for.
+_DIGITS = {"x": 6, "y": 6, "z": 6, "qw": 9, "qx": 9, "qy": 9, "qz": 9, "roll": 9, "pitch": 9, "yaw": 9,
+           "lat": 9, "lon": 9, "alt": 4, "easting": 4, "northing": 4}  # fmt: skip
+_CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
+
+
+@dataclass(frozen=True, eq=False)
+class TimedPoses:
+    """`reference_SE3_sensor` at (N,) stamps.
+
+    Attributes:
+        stamps_ns: (N,) increasing.
+        positions_m: (N, 3).
+        rotations: (N, 4) w, x, y, z.
+        in_global: the reference is the global frame of the ego poses.
+    """
+
+    stamps_ns: NDArray[np.int64]
+    positions_m: Floats
+    rotations: Floats
+    in_global: bool = False
+
+
+@dataclass(frozen=True)
+class Bodies:
+    """Frames that are known without looking into TF: fixed to the vehicle, or the global frame.
+
+    Attributes:
+        ego_SE3: name (channel, sensor frame, `ego`, ego frame) -> where it is on the vehicle.
+        global_names: names of the global frame.
+        ego_frame: the ego frame in TF.
+        global_frame: the global frame in TF.
+    """
+
+    ego_SE3: Mapping[str, SE3]
+    global_names: frozenset[str]
+    ego_frame: str
+    global_frame: str
+
+    @classmethod
+    def of(cls, calibration: Mapping[str, Any], global_frame: str) -> "Bodies":
+        """Return the frames of a `calibration.json` and of the ego poses."""
+        ego_SE3 = {"ego": SE3(), calibration["ego_frame"]: SE3()}
+        for name, channel in sorted(calibration["channels"].items()):
+            transform = channel["ego_SE3_sensor"]
+            ego_SE3_sensor = SE3.create(transform["rotation"], transform["translation"])
+            ego_SE3[name] = ego_SE3_sensor
+            if channel["frame"]:
+                ego_SE3.setdefault(channel["frame"], ego_SE3_sensor)
+        names = frozenset({"global", global_frame}) - ego_SE3.keys()
+        return cls(ego_SE3, names, calibration["ego_frame"], global_frame)
+
+    def in_tf(self, frame: str) -> tuple[str, SE3]:
+        """Return the frame of TF that a frame hangs on, and `tf_SE3_frame`.
+
+        Frames on the vehicle hang on the ego frame: extrinsics of the recipe are not in TF.
+        """
+        if frame in self.global_names:
+            return self.global_frame, SE3()
+        return (self.ego_frame, self.ego_SE3[frame]) if frame in self.ego_SE3 else (frame, SE3())
+
+    def know(self, *frames: str) -> bool:
+        """Tell whether all of these frames are among them."""
+        return all(frame in self.ego_SE3 or frame in self.global_names for frame in frames)
+
+    def poses(self, sensor: str, reference: str, trajectory: Trajectory) -> TimedPoses:
+        """Return `reference_SE3_sensor` at the stamps of the ego poses; one pose if it never changes."""
+        t, q = trajectory.positions_m, trajectory.rotations
+        stamps_ns = trajectory.stamps_ns
+        if (sensor in self.global_names) == (reference in self.global_names):
+            stamps_ns, t, q = stamps_ns[:1], np.zeros((1, 3)), np.array([[1.0, 0.0, 0.0, 0.0]])
+            if sensor in self.ego_SE3:
+                fixed = self.ego_SE3[reference].inverse() @ self.ego_SE3[sensor]
+                t, q = np.array([fixed.translation]), np.array([fixed.rotation])
+            return TimedPoses(stamps_ns, t, q, reference in self.global_names)
+        body = reference if sensor in self.global_names else sensor
+        ego_SE3_body = self.ego_SE3[body]
+        t = rotate(q, np.array(ego_SE3_body.translation)) + t
+        q = quaternion_multiply(q, np.array(ego_SE3_body.rotation))
+        if sensor in self.global_names:
+            q = q * _CONJUGATE
+            t = -rotate(q, t)
+        return TimedPoses(stamps_ns, t, q, reference in self.global_names)
+
+
+def tf_poses(sensor: str, reference: str, bodies: Bodies, tree: TfTree, max_gap_ns: int) -> TimedPoses:
+    """Return `reference_SE3_sensor` through TF at every stamp at which anything between the two was published.
+
+    Raises:
+        CalibrationError: the frames are not connected.
+    """
+    (src, src_SE3_sensor), (dst, dst_SE3_reference) = bodies.in_tf(sensor), bodies.in_tf(reference)
+    poses = _between(dst, src, tree, max_gap_ns)
+    positions = rotate(poses.rotations, np.array(src_SE3_sensor.translation)) + poses.positions_m
+    rotations = quaternion_multiply(poses.rotations, np.array(src_SE3_sensor.rotation))
+    reference_SE3_dst = dst_SE3_reference.inverse()
+    return TimedPoses(
+        poses.stamps_ns,
+        reference_SE3_dst.transform_points(positions),
+        quaternion_multiply(np.array(reference_SE3_dst.rotation), rotations),
+    )
+
+
+def _between(reference: str, sensor: str, tree: TfTree, max_gap_ns: int) -> TimedPoses:
+    """Return `reference_SE3_sensor` of two frames that are both in TF."""
+    up, down = tree.chain(reference, sensor)
+    moving = [edge.stamps_ns for edge in (*up, *down) if edge.moves]
+    if not moving:
+        fixed, _ = tree.fixed(reference, sensor)
+        return TimedPoses(
+            np.zeros(1, dtype=np.int64), np.array([fixed.translation]), np.array([fixed.rotation])
+        )
+    stamps_ns = np.unique(np.concatenate(moving))
+    positions, rotations, valid = tree.at(reference, sensor, stamps_ns, max_gap_ns, 0)
+    if not valid.any():
+        raise CalibrationError(
+            f"transforms between {sensor} and {reference} never overlap in time (max_gap_s {max_gap_ns / 1e9:g})"
+        )
+    return TimedPoses(stamps_ns[valid], positions[valid], rotations[valid])
+
+
+def trajectory_table(poses: TimedPoses, origin: Mapping[str, Any] | None) -> pa.Table:
+    """Return the table: stamp, position, quaternion, roll, pitch, yaw; on Earth, where that is known.
+
+    Args:
+        poses: the trajectory.
+        origin: `origin` of `ego_poses.json`, where the reference is the global frame.
+    """
+    angles = roll_pitch_yaw(poses.rotations)
+    columns: dict[str, Any] = {"stamp_ns": pa.array(poses.stamps_ns, pa.int64())}
+    numbers = dict(zip(("x", "y", "z"), poses.positions_m.T, strict=True))
+    numbers |= dict(zip(("qw", "qx", "qy", "qz"), poses.rotations.T, strict=True))
+    numbers |= dict(zip(("roll", "pitch", "yaw"), angles.T, strict=True))
+    on_earth = geodetic_columns(poses.positions_m, origin) if poses.in_global and origin else None
+    zones = None
+    if on_earth is not None:
+        numbers |= on_earth[0]
+        zones = on_earth[1]
+    for name, values in numbers.items():
+        rounded = [round(float(value), _DIGITS[name]) + 0.0 for value in values]
+        columns[name] = pa.array([None if isnan(value) else value for value in rounded], pa.float64())
+    if zones is not None:
+        columns["utm_zone"] = pa.array(zones, pa.string())
+    return pa.table(columns)
+
+
+def geodetic_columns(
+    positions_m: Floats, origin: Mapping[str, Any]
+) -> tuple[dict[str, Floats], list[str | None]] | None:
+    """Return lat, lon, alt, UTM easting and northing, and UTM zones; None if the origin is not on Earth.
+
+    Beyond 80° S and 84° N, where UTM is not defined, easting and northing are NaN and the zone is None.
+
+    Args:
+        positions_m: (N, 3) in the global frame.
+        origin: `origin` of `ego_poses.json`.
+    """
+    if origin.get("kind") != "wgs84":
+        return None
+    frame = LocalFrame(origin["lat"], origin["lon"], origin["alt"])
+    lat, lon, alt = frame.to_geodetic(positions_m)
+    grid = utm_track(lat, lon)
+    numbers = {"lat": lat, "lon": lon, "alt": alt, "easting": grid.easting_m, "northing": grid.northing_m}
+    return numbers, grid.zones
+
+
+def csv_bytes(table: pa.Table) -> bytes:
+    """Return a table as CSV: names in the first line, shortest numbers, empty for unknown."""
+    columns = [table.column(name).to_pylist() for name in table.column_names]
+    lines = [",".join(table.column_names)]
+    lines += [",".join("" if v is None else str(v) for v in row) for row in zip(*columns, strict=True)]
+    return ("\n".join(lines) + "\n").encode()

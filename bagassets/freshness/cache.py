@@ -1,0 +1,187 @@
+"""The cache file: all that freshness is decided from, in one SQLite file in the state folder.
+
+Whatever is in it may be lost: what is missing, damaged or written by another version is a doubt, and costs time. Nothing
+waits for the disk, so each entry carries a digest: one that a power loss tore is as good as none.
+"""
+
+import os
+import sqlite3
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import closing, suppress
+from hashlib import blake2b
+
+from bagassets.freshness.marks import Doubt, open_read_only
+
+__all__ = ["NAME", "Cache", "Changes"]
+
+NAME = "freshness.sqlite"
+_FORMAT = 1
+_BUSY_S = 10.0
+_VERSION = "PRAGMA user_version"
+_ALL = "SELECT key, content, digest FROM entries WHERE kind = ?"
+_ONE = f"{_ALL} AND key = ?"
+
+_Row = tuple[object, object, object]
+
+
+class Changes:
+    """What is to be changed in the cache file, all at once or not at all."""
+
+    def __init__(self) -> None:
+        self._put: list[tuple[str, str, bytes, bytes]] = []
+        self._drop: list[tuple[str, str, str]] = []
+        self.size = 0
+
+    def __bool__(self) -> bool:
+        return bool(self._put or self._drop)
+
+    def put(self, kind: str, key: str, content: bytes) -> None:
+        """Have an entry written."""
+        self._put.append((kind, key, content, _check(kind, key, content)))
+        self.size += len(content)
+
+    def drop(self, kind: str, key: str) -> None:
+        """Have an entry removed."""
+        self._drop.append((kind, key, key))
+
+    def drop_below(self, kind: str, key: str) -> None:
+        """Have the entries removed whose keys begin with this one and a slash."""
+        self._drop.append((kind, f"{key}/", f"{key}/\U0010ffff"))
+
+    def apply(self, connection: sqlite3.Connection) -> None:
+        """Change an open database."""
+        connection.executemany("DELETE FROM entries WHERE kind = ? AND key BETWEEN ? AND ?", self._drop)
+        connection.executemany("INSERT OR REPLACE INTO entries VALUES (?, ?, ?, ?)", self._put)
+
+
+class Cache:
+    """The cache file of a state folder: entries of some kind by key.
+
+    Attributes:
+        path: the file.
+    """
+
+    def __init__(self, state: str | os.PathLike[str]) -> None:
+        self.path = os.path.join(state, NAME)
+
+    def get(self, kind: str, *keys: str) -> list[bytes]:
+        """Return entries.
+
+        Raises:
+            Doubt: one is not there, or damaged.
+        """
+        queries = [(_ONE, (kind, key)) for key in keys]
+        found = [content for rows in self._rows(queries) for _, content in _whole(kind, rows)]
+        if len(found) != len(keys):
+            raise Doubt(f"{self.path}: there is no {kind} {', '.join(keys)}, or it is damaged")
+        return found
+
+    def all(self, kind: str) -> dict[str, bytes]:
+        """Return key -> content of the entries of a kind; damaged ones are left out.
+
+        Raises:
+            Doubt: the file cannot be read.
+        """
+        return dict(_whole(kind, self._rows([(_ALL, (kind,))])[0]))
+
+    def write(self, changes: Changes) -> bool:
+        """Change entries; a damaged file is made anew.
+
+        Returns:
+            False if that is not possible: the disk is full, or somebody else's.
+        """
+        if not changes:
+            return True
+        for _ in range(2):
+            try:
+                with closing(self._opened()) as connection:
+                    connection.execute("BEGIN IMMEDIATE")
+                    changes.apply(connection)
+                    connection.execute("COMMIT")
+            except (OSError, sqlite3.OperationalError):  # locked, read-only or full: no damage
+                return False
+            except sqlite3.DatabaseError:
+                self.remove()
+            else:
+                return True
+        return False
+
+    def mend(self) -> None:
+        """Forget everything if a power loss tore the file; the digests of entries do not tell of those that are lost."""
+        try:
+            with closing(open_read_only(self.path)) as connection:
+                is_whole = connection.execute("PRAGMA integrity_check(1)").fetchone() == ("ok",)
+        except sqlite3.OperationalError:  # not there, or in use
+            return
+        except sqlite3.DatabaseError:
+            is_whole = False
+        if not is_whole:
+            self.remove()
+
+    def remove(self) -> None:
+        """Forget everything."""
+        for suffix in ("", "-journal"):
+            with suppress(OSError):
+                os.unlink(self.path + suffix)
+
+    def _rows(self, queries: Sequence[tuple[str, tuple[str, ...]]]) -> list[list[_Row]]:
+        """Return what each query gives.
+
+        Raises:
+            Doubt: the file cannot be read, or was written by another version.
+        """
+        try:
+            with closing(open_read_only(self.path)) as connection:
+                if connection.execute(_VERSION).fetchone() != (_FORMAT,):
+                    raise Doubt(f"{self.path}: written by another version")
+                return [connection.execute(query, values).fetchall() for query, values in queries]
+        except sqlite3.Error as err:
+            raise Doubt(f"{self.path}: {err}") from err
+
+    def _opened(self) -> sqlite3.Connection:
+        """Open the file for writing, made if need be; it is its owner's alone, as locations of databases may hold passwords.
+
+        Raises:
+            OSError: that is not possible.
+            sqlite3.Error: the same, or the file is damaged.
+        """
+        os.makedirs(os.path.dirname(self.path), exist_ok=True)
+        os.close(os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600))
+        connection = sqlite3.connect(self.path, timeout=_BUSY_S, isolation_level=None)
+        try:
+            _prepare(connection)
+        except BaseException:
+            connection.close()
+            raise
+        return connection
+
+
+def _prepare(connection: sqlite3.Connection) -> None:
+    """Make the table of an open database that is new.
+
+    Raises:
+        sqlite3.Error: that is not possible, or it is not such a database.
+    """
+    connection.execute("PRAGMA synchronous = OFF")
+    (version,) = connection.execute(_VERSION).fetchone()
+    if version == 0:
+        connection.execute(
+            "CREATE TABLE IF NOT EXISTS entries "
+            "(kind TEXT, key TEXT, content BLOB, digest BLOB, PRIMARY KEY (kind, key))"
+        )
+        connection.execute(f"PRAGMA user_version = {_FORMAT}")
+    elif version != _FORMAT:
+        raise sqlite3.DatabaseError("written by another version")
+
+
+def _check(kind: str, key: str, content: bytes) -> bytes:
+    hasher = blake2b(f"{kind}\0{key}\0".encode("utf-8", "surrogateescape"), digest_size=16)
+    hasher.update(content)
+    return hasher.digest()
+
+
+def _whole(kind: str, rows: Iterable[_Row]) -> Iterator[tuple[str, bytes]]:
+    """Yield key and content of those entries that are as they were written."""
+    for key, content, check in rows:
+        if isinstance(key, str) and isinstance(content, bytes) and _check(kind, key, content) == check:
+            yield key, content

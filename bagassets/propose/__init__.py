@@ -1,0 +1,1 @@
+"""Proposing a recipe for recordings: what `bagassets init` finds in them."""

@@ -1,0 +1,215 @@
+"""Which sensor a topic belongs to, and the canonical channel it becomes, guessed from names."""
+
+import re
+from collections.abc import Collection, Iterable
+from typing import Literal
+
+__all__ = ["channel_name", "direction", "is_derived", "is_radar_list", "sensor_of", "tokens", "word_set"]
+
+Modality = Literal["camera", "lidar", "radar"]
+
+PREFIX: dict[str, str] = {"camera": "CAM", "lidar": "LIDAR", "radar": "RADAR"}
+
+
+def word_set(text: str) -> frozenset[str]:
+    """Return the words of a text."""
+    return frozenset(text.split())
+
+
+RADAR_WORDS = word_set("ars esr lrr mrr radar radars srr")
+_RADAR_LISTS = word_set(
+    "cluster clusters detection detections list object objects return returns scan scans target targets track tracks"
+)
+_SIDES = {
+    "front": "FRONT",
+    "forward": "FRONT",
+    "fwd": "FRONT",
+    "center": "FRONT",
+    "centre": "FRONT",
+    "middle": "FRONT",
+    "back": "BACK",
+    "rear": "BACK",
+    "behind": "BACK",
+    "left": "LEFT",
+    "right": "RIGHT",
+    "fl": "FRONT_LEFT",
+    "fr": "FRONT_RIGHT",
+    "fc": "FRONT",
+    "rl": "BACK_LEFT",
+    "bl": "BACK_LEFT",
+    "rr": "BACK_RIGHT",
+    "br": "BACK_RIGHT",
+    "rc": "BACK",
+    "top": "TOP",
+    "roof": "TOP",
+}
+_WORDS = re.compile("|".join(sorted((word for word in _SIDES if len(word) > 2), key=len, reverse=True)))
+_ORDER = ("FRONT", "BACK", "LEFT", "RIGHT", "TOP")
+
+# Parts of a topic that say what the data is, not which sensor made it.
+_STREAM = re.compile(
+    r"^(image(_\w+)?|compressed(_?depth)?|theora|ffmpeg|h26[45]|points?(_?\w+)?|point_?cloud2?|clouds?|"
+    r"packets?|velodyne_(points|packets)|scan|laser_?scan|raw|rgb|data|targets?|tracks?|detections?)$"
+)
+_VAGUE = frozenset(
+    [
+        "camera",
+        "cameras",
+        "cam",
+        "cams",
+        "color",
+        "colour",
+        "rgb",
+        "image",
+        "images",
+        "img",
+        "raw",
+        "rect",
+        "compressed",
+        "mono",
+        "lidar",
+        "lidars",
+        "laser",
+        "radar",
+        "radars",
+        "velodyne",
+        "points",
+        "point",
+        "cloud",
+        "pointcloud",
+        "scan",
+        "packets",
+        "sensor",
+        "sensors",
+        "sensing",
+        "driver",
+        "node",
+        "topic",
+        "ros",
+        "optical",
+        "frame",
+        "link",
+        "data",
+        "stream",
+        "msg",
+    ]
+)
+_DERIVED = frozenset(
+    [
+        "annotated",
+        "classified",
+        "cluster",
+        "clusters",
+        "costmap",
+        "crop",
+        "cropped",
+        "debug",
+        "disparity",
+        "downsampled",
+        "filtered",
+        "ground",
+        "heatmap",
+        "label",
+        "labels",
+        "map",
+        "mask",
+        "masks",
+        "matches",
+        "nonground",
+        "obstacle",
+        "obstacles",
+        "occupancy",
+        "overlay",
+        "rendered",
+        "result",
+        "results",
+        "segmentation",
+        "semantic",
+        "submap",
+        "thumbnail",
+        "tracked",
+        "viz",
+        "visualization",
+        "voxel",
+    ]
+)
+
+
+def tokens(name: str) -> list[str]:
+    """Return the words of a topic or frame in lower case, digits kept with their word."""
+    spaced = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name)
+    return [word for word in re.split(r"[^a-z0-9]+", spaced.lower()) if word]
+
+
+def sensor_of(topic: str) -> str:
+    """Return a topic without the parts that name the stream: equal for topics of one sensor.
+
+    `/cam/image_raw/compressed`, `/cam/image_rect_color` and `/cam/image_raw` all give `/cam`.
+    """
+    parts = topic.split("/")
+    while len(parts) > 1 and _STREAM.match(parts[-1]):
+        parts.pop()
+    return "/".join(parts)
+
+
+def is_derived(topic: str) -> bool:
+    """Tell whether a topic looks computed from a sensor's data rather than recorded from the sensor."""
+    return not _DERIVED.isdisjoint(tokens(topic))
+
+
+def is_radar_list(msgtype: str) -> bool:
+    """Tell whether a message type is named like the targets of a radar, as each driver has a type of its own for."""
+    package, _, name = msgtype.partition("/msg/")
+    words = tokens(name)
+    return not _RADAR_LISTS.isdisjoint(words[-1:]) and not RADAR_WORDS.isdisjoint((*tokens(package), *words))
+
+
+def direction(*names: str) -> str:
+    """Return where a sensor looks, as in FRONT_LEFT; "" if no name tells."""
+    for name in names:
+        sides: set[str] = set()
+        for word in tokens(name):
+            if word in _SIDES:
+                sides.update(_SIDES[word].split("_"))
+            elif _WORDS.sub("", word) in {"", "side", "cam", "camera", "lidar", "radar"}:
+                sides.update(_SIDES[part] for part in _WORDS.findall(word))
+        if len(sides & {"LEFT", "RIGHT"}) == 1 and len(sides & {"FRONT", "BACK"}) == 1:
+            return "_".join(side for side in _ORDER if side in sides - {"TOP"})
+        if len(sides) == 1:
+            return sides.pop()
+    return ""
+
+
+def channel_name(
+    modality: Modality, topic: str, frames: Iterable[str], taken: Collection[str], alone: bool
+) -> tuple[str, str]:
+    """Return the canonical channel of a sensor and how it was found, in words.
+
+    Args:
+        modality: kind of sensor.
+        topic: its topic.
+        frames: its frames.
+        taken: channels that other sensors have.
+        alone: it is the only sensor of its kind.
+    """
+    prefix = PREFIX[modality]
+    side = direction(sensor_of(topic), *frames)
+    if modality == "lidar" and "LIDAR_TOP" not in taken:
+        # The devkit's renderers and evaluation look for this name.
+        return "LIDAR_TOP", "the main lidar; the nuScenes devkit insists on this name"
+    if side:
+        name, reason = f"{prefix}_{side}", "from the name of its topic or frame"
+    elif alone:
+        name, reason = f"{prefix}_FRONT", f"the only {modality}, so it is taken to look ahead"
+    else:
+        own = [word for word in tokens(sensor_of(topic)) if word not in _VAGUE]
+        name = f"{prefix}_{'_'.join(own) or 'A'}".upper()
+        reason = "from the name of its topic, which does not tell where it looks"
+    return _free(name, taken), reason
+
+
+def _free(name: str, taken: Collection[str]) -> str:
+    if name not in taken:
+        return name
+    number = next(n for n in range(2, len(taken) + 3) if f"{name}_{n}" not in taken)
+    return f"{name}_{number}"

@@ -1,0 +1,160 @@
+"""Which topics of a recording are sensors worth extracting, one topic per sensor."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from bagassets.decode.registry import AnyFamily, families_of, own_types
+from bagassets.propose.glance import Glance, TopicGlance
+from bagassets.propose.naming import RADAR_WORDS, Modality, is_derived, is_radar_list, sensor_of, tokens
+
+__all__ = ["Sensor", "find_sensors", "modality_of"]
+
+_BY_FAMILY: dict[AnyFamily, Modality] = {"image": "camera", "cloud": "lidar", "radar": "radar"}
+# Carries packets of Velodyne lidars only; other types may carry any packets.
+_VELODYNE_SCAN = "velodyne_msgs/msg/VelodyneScan"
+_DEPTH_WORDS = frozenset({"depth", "disparity", "registered"})
+# Topics of one sensor whose counts differ by less are complete alike: the bag began between two messages.
+_SIMILAR_COUNT = 0.9
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """One sensor and the topic proposed for it.
+
+    Attributes:
+        modality: kind of sensor.
+        topic: the topic to extract.
+        others: topics that carry the same sensor's data in another form.
+        camera_info: the CameraInfo topic of a camera; None if there is none.
+    """
+
+    modality: Modality
+    topic: TopicGlance
+    others: tuple[str, ...] = ()
+    camera_info: TopicGlance | None = None
+
+
+def modality_of(topic: TopicGlance) -> Modality | None:
+    """Return the kind of sensor that a topic belongs to by type and name; None if to none."""
+    modalities = {_BY_FAMILY[family] for family in families_of(topic.msgtype) if family in _BY_FAMILY}
+    if modalities == {"lidar", "radar"}:
+        return "radar" if RADAR_WORDS & {*tokens(topic.name), *tokens(" ".join(topic.frames))} else "lidar"
+    if modalities:
+        return min(modalities)
+    if topic.velodyne or topic.msgtype == _VELODYNE_SCAN:
+        return "lidar"
+    return "radar" if is_radar_list(topic.msgtype) else None
+
+
+def find_sensors(glance: Glance) -> tuple[list[Sensor], list[tuple[str, str]]]:
+    """Return the sensors of a recording, in order of kind and topic, and the topics left out with a reason."""
+    left_out: list[tuple[str, str]] = []
+    families: list[list[TopicGlance]] = []
+    for topic in glance.topics.values():
+        if modality_of(topic) is None:
+            continue
+        reason = _unusable(topic)
+        if reason:
+            left_out.append((topic.name, reason))
+            continue
+        family = next((known for known in families if _same_sensor(known[0], topic)), None)
+        if family is None:
+            families.append([topic])
+        else:
+            family.append(topic)
+    sensors = [_sensor(family, glance) for family in families]
+    left_out += [
+        (other, f"the same sensor as {sensor.topic.name}") for sensor in sensors for other in sensor.others
+    ]
+    order = {"camera": 0, "lidar": 1, "radar": 2}
+    sensors.sort(key=lambda sensor: (order[sensor.modality], _lidar_rank(sensor), sensor.topic.name))
+    return sensors, sorted(left_out)
+
+
+def _unusable(topic: TopicGlance) -> str:
+    """Return why a topic is no sensor to propose, though its type would do; "" if it is one."""
+    if topic.count == 0:
+        return "no messages"
+    if topic.problem is not None:
+        return topic.problem
+    if not _DEPTH_WORDS.isdisjoint(tokens(topic.name)):
+        return "depth, not a picture" if modality_of(topic) == "camera" else "the cloud of a depth camera"
+    if topic.velodyne is False:
+        return "none of its packets is of a Velodyne"
+    if topic.refusal is not None:
+        return topic.refusal
+    if is_derived(topic.name):
+        return "looks computed, not recorded by a sensor"
+    return ""
+
+
+def _same_sensor(one: TopicGlance, other: TopicGlance) -> bool:
+    if modality_of(one) != modality_of(other) or _is_flat(one) != _is_flat(other):
+        return False
+    # Drivers give all cameras one frame surprisingly often, so pictures go by the name of their topic.
+    if modality_of(one) != "camera" and one.frames and other.frames:
+        return not set(one.frames).isdisjoint(other.frames)
+    return sensor_of(one.name) == sensor_of(other.name)
+
+
+def _sensor(family: list[TopicGlance], glance: Glance) -> Sensor:
+    """Choose among topics of one sensor: the one with more messages, then the rawest."""
+    most = max(topic.count for topic in family)
+    complete = [topic for topic in family if topic.count >= _SIMILAR_COUNT * most]
+    chosen = min(complete, key=lambda topic: (_processing(topic), -topic.count, topic.name))
+    others = tuple(sorted(topic.name for topic in family if topic is not chosen))
+    modality = modality_of(chosen) or "camera"
+    info = _camera_info(chosen, glance) if modality == "camera" else None
+    return Sensor(modality, chosen, others, info)
+
+
+def _processing(topic: TopicGlance) -> int:
+    """Return how far a topic is from what the sensor measured; less is rawer."""
+    words = set(tokens(topic.name))
+    steps = 0
+    if not topic.velodyne and modality_of(topic) == "lidar":
+        steps += 1
+    if topic.msgtype == "sensor_msgs/msg/CompressedImage":
+        steps += 1
+    if words & {"rect", "rectified", "undistorted"}:
+        steps += 4
+    if words & {"mono", "grey", "gray"}:
+        steps += 2  # the colour of the same camera says more
+    if words & {"track", "tracks", "object", "objects"}:
+        steps += 2
+    return steps
+
+
+def _is_flat(topic: TopicGlance) -> bool:
+    return topic.msgtype == "sensor_msgs/msg/LaserScan"
+
+
+def _lidar_rank(sensor: Sensor) -> int:
+    """Put the lidar that deserves to be LIDAR_TOP first: on top, then three-dimensional."""
+    words = {*tokens(sensor.topic.name), *tokens(" ".join(sensor.topic.frames))}
+    if sensor.modality != "lidar":
+        return 0
+    return (2 if _is_flat(sensor.topic) else 0) + (
+        0 if words & {"top", "roof", "center", "main", "concatenated"} else 1
+    )
+
+
+def _camera_info(image: TopicGlance, glance: Glance) -> TopicGlance | None:
+    infos = {
+        topic.name: topic
+        for topic in glance.topics.values()
+        if topic.msgtype in own_types("camera_info") and topic.count > 0
+    }
+    for name in _beside(image.name):
+        if name in infos:
+            return infos[name]
+    matching = [info for info in infos.values() if not set(info.frames).isdisjoint(image.frames)]
+    return matching[0] if len(matching) == 1 else None
+
+
+def _beside(topic: str) -> Iterator[str]:
+    """Yield where the CameraInfo of an image topic may be, nearest first."""
+    parts = topic.split("/")
+    base = sensor_of(topic).split("/")
+    for length in range(len(parts), len(base) - 1, -1):
+        yield "/".join([*parts[:length], "camera_info"])

@@ -1,0 +1,125 @@
+"""What a check of a recording's asset is, and the evidence that its rule is handed.
+
+A rule is a function over the content of artifacts. Checks stand in the objects of the assets that they are about
+(`bagassets.assets.asset.Asset.checks`).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, TypeVar
+
+import numpy as np
+
+from bagassets.quality.finding import Finding
+from bagassets.recipe.model import Recipe, Rig
+from bagassets.recipe.model_base import Clock
+from bagassets.recipe.model_checks import Checks, Severity
+from bagassets.recordings.inventory import Inventory
+from bagassets.store.artifact import Artifact
+from bagassets.store.store import Store
+from bagassets.timeline.keyframes import Stamps
+
+__all__ = ["Evidence", "RecordingCheck", "severity_of"]
+
+T = TypeVar("T")
+
+
+class Evidence:
+    """The artifacts of one recording, each read when a rule asks for it, and what the recipe expects of them.
+
+    Args:
+        recipe: clock, limits, and the thresholds of checks.
+        rig: the rig that made the recording.
+        store: where artifacts are.
+        current: asset -> its current artifact for this recording.
+    """
+
+    def __init__(self, recipe: Recipe, rig: Rig, store: Store, current: Callable[[str], Artifact]) -> None:
+        self.recipe = recipe
+        self.rig = rig
+        self.store = store
+        self.artifact = current
+        self._read: dict[Callable[[Evidence], Any], Any] = {}
+
+    def once(self, read: "Callable[[Evidence], T]") -> T:
+        """Return what `read` makes of this evidence, which it is asked only once, however many rules look at it."""
+        if read not in self._read:
+            self._read[read] = read(self)
+        found: T = self._read[read]
+        return found
+
+    @property
+    def checks(self) -> Checks:
+        """Thresholds."""
+        return self.recipe.checks
+
+    @property
+    def max_lost(self) -> float:
+        """Share of a channel's messages whose loss is no finding."""
+        own = self.checks.channels_present.max_lost
+        return self.recipe.limits.reported_losses if own is None else own
+
+    def clock_of(self, channel: str) -> Clock:
+        """Return which time of a channel's messages counts."""
+        own = self.rig.channels.get(channel)
+        return self.recipe.clock if own is None else self.recipe.clock_of(own)
+
+    @cached_property
+    def inventory(self) -> Inventory:
+        """What is in the recording."""
+        return Inventory.from_json(self.artifact("inventory").read_json("inventory.json"))
+
+    @cached_property
+    def calibration(self) -> dict[str, Any]:
+        """Content of `calibration.json`."""
+        content: dict[str, Any] = self.artifact("calibration").read_json("calibration.json")
+        return content
+
+    def channels(self, asset: str) -> dict[str, Any]:
+        """Return the content of `channels.json` of `frames` or `sweeps`."""
+        channels: dict[str, Any] = self.artifact(asset).read_json("channels.json")
+        return channels
+
+    def stamps_ns(self) -> dict[str, Stamps]:
+        """Return channel -> stamps of its readings, over frames and sweeps."""
+        entries = [item for asset in ("frames", "sweeps") for item in sorted(self.channels(asset).items())]
+        return {name: self._stamps_ns(entry["artifact"]) for name, entry in entries}
+
+    def stamps_of(self, channel: str) -> Stamps:
+        """Return the stamps of a channel's readings."""
+        entries = self.channels("frames") | self.channels("sweeps")
+        return self._stamps_ns(entries[channel]["artifact"])
+
+    def _stamps_ns(self, digest: str) -> Stamps:
+        index = self.store.artifact(digest).read_table("index.parquet", ["stamp_ns"])
+        stamps_ns: Stamps = index.column("stamp_ns").to_numpy().astype(np.int64)
+        return stamps_ns
+
+
+@dataclass(frozen=True)
+class RecordingCheck:
+    """A check of an asset of each recording.
+
+    Attributes:
+        name: unique; shown in Dagster.
+        section: field of the recipe's `checks` with its severity and thresholds.
+        description: what holds if it passes.
+        fails_if: what it finds, in Markdown, for docs/checks.md.
+        rule: evidence -> what was found.
+        quick: it reads counts, and stamps only where there is something to find: a moment for thousands of
+            recordings, so that each build tells what it finds.
+    """
+
+    name: str
+    section: str
+    description: str
+    fails_if: str
+    rule: Callable[[Evidence], Finding]
+    quick: bool = False
+
+
+def severity_of(checks: Checks, section: str) -> Severity:
+    """Return how much a finding of a section weighs; `skip` if checks are off altogether."""
+    severity: Severity = getattr(checks, section).severity if checks.enabled else "skip"
+    return severity

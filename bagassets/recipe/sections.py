@@ -1,0 +1,55 @@
+"""Sections of a recipe about formats that installed packages add."""
+
+import json
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from pydantic import ValidationError
+
+from bagassets.errors import PluginError
+from bagassets.extensions import FORMATS, installed_extensions
+from bagassets.recipe.explain import Problem, closest, explain
+from bagassets.recipe.section_models import section_model
+
+__all__ = ["read_sections"]
+
+
+def read_sections(data: Mapping[str, Any]) -> tuple[dict[str, Any], list[Problem]]:
+    """Return the sections below `formats`, and what is wrong with them.
+
+    A section whose package is installed but cannot be used stays as it is: everything else goes on, and who asks for
+    the formats hears of it.
+
+    Args:
+        data: the whole recipe as plain data.
+    """
+    sections: dict[str, Any] = {}
+    problems: list[Problem] = []
+    for name, value in data.get("formats", {}).items():
+        sections[name] = value
+        try:
+            model = section_model(name)
+        except PluginError:
+            continue
+        if model is None:
+            problems.append((("formats", name), _unknown(name)))
+            continue
+        try:
+            sections[name] = model.model_validate_json(json.dumps(value), strict=True)
+        except ValidationError as err:
+            problems += _explained(name, err, data)
+    return sections, problems
+
+
+def _explained(name: str, err: ValidationError, data: Mapping[str, Any]) -> Iterator[Problem]:
+    for error in err.errors():
+        yield explain({**error, "loc": ("formats", name, *error["loc"])}, data)
+
+
+def _unknown(name: str) -> str:
+    known = sorted({extension.name for extension in installed_extensions(FORMATS)})
+    if not known:
+        return f"no installed package adds a format {name}; install the one that does"
+    near = closest(name, known)
+    hint = f"did you mean {near}?" if near else f"there are {', '.join(known)}"
+    return f"no installed package adds a format {name}; {hint}"

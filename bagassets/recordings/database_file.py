@@ -1,0 +1,133 @@
+"""SQLite files of ROS 2: bare `.db3` files without their metadata.yaml, and those in bag folders."""
+
+import json
+import sqlite3
+from collections.abc import Collection, Iterator, Sequence
+from pathlib import Path
+
+from bagassets.recipe.model import Limits
+from bagassets.recordings.damage import DamageError
+from bagassets.recordings.model import Definition, RawMessage
+from bagassets.recordings.recording import Recording
+from bagassets.recordings.topic import RefusedBytes, TopicSource, merge_topics, normalise_msgtype
+
+__all__ = ["Database", "DatabaseRecording", "serialization_problem"]
+
+_GENERATED = (2, 3)  # `hidden` in `PRAGMA table_xinfo`
+
+
+def serialization_problem(name: object) -> str | None:
+    """Return why messages of a serialization cannot be decoded; an empty name stands for the usual one."""
+    return None if name in {None, "", "cdr"} else f"its serialization is '{name}', not cdr"
+
+
+class Database:
+    """One file; close it.
+
+    Args:
+        path: the file.
+        limits: of the recipe.
+    """
+
+    def __init__(self, path: Path, limits: Limits) -> None:
+        self._connection = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro&immutable=1", uri=True)
+        try:
+            # Text in other encodings is damage of that text, not of the file.
+            self._connection.text_factory = lambda data: data.decode("utf-8", "replace")
+            self._connection.execute("PRAGMA trusted_schema = OFF")
+            self._most_bytes = limits.message_bytes
+            self._require_tables()
+        except BaseException:
+            self._connection.close()
+            raise
+
+    def _require_tables(self) -> None:
+        """Refuse what only looks like a bag: a view or a generated column may compute without end."""
+        rows = self._connection.execute("SELECT name, type, sql FROM sqlite_master")
+        objects = {name: (kind, sql) for name, kind, sql in rows}
+        for name in ("topics", "messages"):
+            kind, sql = objects.get(name, ("", ""))
+            if kind != "table" or "VIRTUAL" in str(sql)[:20].upper():
+                raise DamageError(f"it has no table '{name}'")
+            columns = self._connection.execute(f"PRAGMA table_xinfo({name})")
+            if any(column[6] in _GENERATED for column in columns):
+                raise DamageError(f"its table '{name}' is not that of a bag")
+        self._has_definitions = objects.get("message_definitions", ("", ""))[0] == "table"
+        columns = self._connection.execute("PRAGMA table_xinfo(topics)")
+        self._has_serialization = any(column[1] == "serialization_format" for column in columns)
+
+    def definitions(self) -> dict[str, Definition]:
+        """Return type -> definition."""
+        if not self._has_definitions:
+            return {}
+        rows = self._connection.execute(
+            "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
+        )
+        return {
+            normalise_msgtype(str(msgtype)): Definition("idl" if encoding == "ros2idl" else "msg", str(text))
+            for msgtype, encoding, text in rows
+            if encoding in {"ros2msg", "ros2idl"} and text
+        }
+
+    def topics(self) -> dict[int, tuple[str, str, str | None]]:
+        """Return number -> name, type, and why its messages cannot be decoded."""
+        column = "serialization_format" if self._has_serialization else "'cdr'"
+        rows = self._connection.execute(f"SELECT id, name, type, {column} FROM topics")  # noqa: S608  (one of two)
+        return {
+            number: (str(name), normalise_msgtype(str(msgtype)), serialization_problem(serialization))
+            for number, name, msgtype, serialization in rows
+        }
+
+    def counts(self) -> dict[int, int]:
+        """Return number of a topic -> messages."""
+        return dict(self._connection.execute("SELECT topic_id, COUNT(*) FROM messages GROUP BY topic_id"))
+
+    def messages(self, topics: Collection[int]) -> Iterator[tuple[int, int, bytes]]:
+        """Yield number of the topic, log time and payload in order of log time."""
+        query = (
+            "SELECT topic_id, timestamp, length(data), CASE WHEN length(data) <= ? THEN data END FROM messages "
+            "WHERE topic_id IN (SELECT value FROM json_each(?)) ORDER BY timestamp, id"
+        )
+        rows = self._connection.execute(query, [self._most_bytes, json.dumps(sorted(topics))])
+        for topic, log_time_ns, size, data in rows:
+            yield topic, log_time_ns, RefusedBytes() if data is None and size else data
+
+    def close(self) -> None:
+        """Close the file."""
+        self._connection.close()
+
+
+class DatabaseRecording(Recording):
+    """One `.db3` file with CDR messages."""
+
+    def __init__(self, path: Path, message_definitions: Sequence[Path], limits: Limits) -> None:
+        self._database = Database(path, limits)
+        try:
+            definitions, counts = self._database.definitions(), self._database.counts()
+            topics = self._database.topics()
+            sources = [
+                TopicSource(
+                    name,
+                    msgtype,
+                    counts.get(number, 0),
+                    definitions.get(msgtype, Definition("none", "")),
+                    "cdr",
+                    problem,
+                )
+                for number, (name, msgtype, problem) in topics.items()
+            ]
+            self._names = {number: name for number, (name, _, _) in topics.items()}
+            super().__init__(path, "ros2", merge_topics(path, sources, message_definitions, limits))
+        except BaseException:
+            self.close()
+            raise
+
+    def _read(self, topics: Collection[str]) -> Iterator[RawMessage]:
+        wanted = {number: name for number, name in self._names.items() if name in topics}
+        for number, log_time_ns, data in self._database.messages(wanted.keys()):
+            topic = wanted[number]
+            yield RawMessage(topic, self.topics[topic].msgtype, log_time_ns, data)
+
+    def close(self) -> None:
+        """Close the file."""
+        self._database.close()

@@ -1,0 +1,193 @@
+"""Content digests of recordings, each file hashed once."""
+
+import os
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+from bagassets.errors import ChangedWhileReadError, RecordingError
+from bagassets.recordings.digest_record import DigestIndex, Kept, keep, kept_digest
+from bagassets.recordings.model import Found
+from bagassets.store.canonical import digest_file, digest_json
+from bagassets.trace import span
+
+__all__ = [
+    "DigestIndex",
+    "RecordingDigest",
+    "RecordingStat",
+    "assert_unchanged",
+    "hash_file",
+    "recording_digest",
+    "recording_stat",
+    "stat_files",
+    "stored_digest",
+]
+
+# Two writes within one tick of the kernel's clock leave the same time of change.
+_TICK_S = 0.02
+
+
+@dataclass(frozen=True)
+class RecordingStat:
+    """Sizes and times of the files of a recording: name -> (size, mtime_ns)."""
+
+    files: tuple[tuple[str, int, int], ...]
+
+    def as_json(self) -> list[list[Any]]:
+        """Return it as JSON."""
+        return [list(entry) for entry in self.files]
+
+    @classmethod
+    def from_json(cls, value: list[list[Any]]) -> Self:
+        """Return what `as_json` gave."""
+        return cls(tuple((str(name), int(size), int(mtime_ns)) for name, size, mtime_ns in value))
+
+
+@dataclass(frozen=True)
+class RecordingDigest:
+    """The content digest of a recording.
+
+    Attributes:
+        digest: of a single file its BLAKE3 digest, else a digest over the sorted (name, digest).
+        size: bytes of all files.
+        files: name -> digest.
+        hashed_bytes: bytes that had to be read for it; 0 if all digests were on record.
+        kept: name -> where its digest is on record now.
+    """
+
+    digest: str
+    size: int
+    files: dict[str, str]
+    hashed_bytes: int
+    kept: dict[str, Kept]
+
+
+def recording_stat(found: Found) -> RecordingStat:
+    """Return sizes and times of the files as they are now.
+
+    Raises:
+        RecordingError: a file is gone or cannot be read.
+    """
+    return RecordingStat(tuple((path.name, s.st_size, s.st_mtime_ns) for path, s in stat_files(found)))
+
+
+def assert_unchanged(found: Found, before: RecordingStat) -> None:
+    """Check that sizes and times are those of `before`.
+
+    Raises:
+        ChangedWhileReadError: they are not.
+    """
+    if recording_stat(found) != before:
+        raise ChangedWhileReadError(
+            f"{found.path}: the recording changed while it was read, so nothing was recorded; build again when it is "
+            "complete."
+        )
+
+
+def stored_digest(found: Found, index: DigestIndex | None = None) -> str | None:
+    """Return the digest if every file has a valid one on record; never reads content.
+
+    Raises:
+        RecordingError: a file is gone.
+    """
+    digests = {}
+    for path, stat in stat_files(found):
+        digest = kept_digest(path, stat, index)
+        if digest is None:
+            return None
+        digests[path.name] = digest
+    return combined_digest(digests)
+
+
+def recording_digest(
+    found: Found, index: DigestIndex | None = None, *, rehash: bool = False
+) -> RecordingDigest:
+    """Return the digest of a recording, hashing the files that have no valid record.
+
+    Args:
+        found: the recording.
+        index: where digests go that cannot be kept as attributes.
+        rehash: hash every file, whatever is on record.
+
+    Raises:
+        RecordingError: a file cannot be read.
+        ChangedWhileReadError: a file changed while it was hashed.
+        StoreError: the index cannot be written.
+    """
+    digests: dict[str, str] = {}
+    kept: dict[str, Kept] = {}
+    hashed = size = 0
+    for path, stat in stat_files(found):
+        size += stat.st_size
+        digest = None if rehash else kept_digest(path, stat, index)
+        if digest is None:
+            with span("hash", file=path.name):
+                digest = hash_file(path, stat)
+            hashed += stat.st_size
+        try:
+            kept[path.name] = keep(path, stat, digest, index)
+        except OSError as err:
+            raise _gone(path, err) from err
+        digests[path.name] = digest
+    return RecordingDigest(combined_digest(digests), size, digests, hashed, kept)
+
+
+def stat_files(found: Found) -> list[tuple[Path, os.stat_result]]:
+    """Return the files of a recording as they are now.
+
+    Raises:
+        ChangedWhileReadError: a file is gone or cannot be read.
+    """
+    try:
+        return [(path, path.stat()) for path in found.files]
+    except OSError as err:
+        raise _gone(err.filename, err) from err
+
+
+def combined_digest(digests: dict[str, str]) -> str:
+    """Return the digest of a recording out of those of its files (name -> digest)."""
+    if len(digests) == 1:
+        return next(iter(digests.values()))
+    return digest_json(sorted(digests.items()))
+
+
+def hash_file(path: Path, before: os.stat_result, between: Callable[[], None] | None = None) -> str:
+    """Return the digest of the content of a file.
+
+    Args:
+        path: the file.
+        before: the file as it is expected to stay meanwhile.
+        between: called every few milliseconds; what it raises ends the hashing.
+
+    Raises:
+        RecordingError: the file cannot be read.
+        ChangedWhileReadError: it changed.
+    """
+    # A file that was written just now may be written again without a sign of it in its time of change.
+    age_s = time.time() - before.st_mtime_ns / 1e9
+    if 0 <= age_s < _TICK_S:
+        time.sleep(_TICK_S - age_s)
+    try:
+        digest = digest_file(path, between)
+        after = path.stat()
+    except OSError as err:
+        if isinstance(err, FileNotFoundError):
+            raise _gone(path, err) from err
+        raise RecordingError(
+            f"{path}: cannot be read ({err.strerror}); correct its permissions, or check the disk."
+        ) from err
+    if _identity(after) != _identity(before):
+        raise ChangedWhileReadError(
+            f"{path}: the file changed while it was hashed; build again when it is complete."
+        )
+    return digest
+
+
+def _identity(stat: os.stat_result) -> tuple[int, int, int]:
+    return stat.st_ino, stat.st_size, stat.st_mtime_ns
+
+
+def _gone(path: Path | str, err: OSError) -> ChangedWhileReadError:
+    return ChangedWhileReadError(f"{path}: cannot be read ({err.strerror}); was it removed?")

@@ -1,0 +1,57 @@
+"""Holding digests on record against the content of the files: each disagreement is named."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from bagassets.recordings.digest import hash_file, stat_files
+from bagassets.recordings.digest_record import DigestIndex, read_attribute
+from bagassets.recordings.model import Found
+
+__all__ = ["Disagreement", "check_digests"]
+
+
+@dataclass(frozen=True)
+class Disagreement:
+    """A record that says of a file's content what is not so.
+
+    Attributes:
+        path: the file.
+        where: `attribute` or `index`.
+        recorded: the digest on record.
+        actual: the digest of the content.
+    """
+
+    path: Path
+    where: Literal["attribute", "index"]
+    recorded: str
+    actual: str
+
+    def __str__(self) -> str:
+        return (
+            f"{self.path}: the digest on record ({self.where}, for this size and time) is {self.recorded[:16]}, that of "
+            f"the content {self.actual[:16]}; the file was edited in place or its disk is failing. Compare it with its "
+            "source, then accept it with `bagassets digest --rehash`."
+        )
+
+
+def check_digests(
+    found: Found, index: DigestIndex | None = None, between: Callable[[], None] | None = None
+) -> Iterator[Disagreement]:
+    """Hash all files of a recording and yield each record that claims to hold, but does not.
+
+    Records of another size or time are no disagreement: nobody trusts them.
+
+    Raises:
+        RecordingError: a file cannot be read.
+        ChangedWhileReadError: a file changed while it was hashed.
+    """
+    for path, stat in stat_files(found):
+        actual = hash_file(path, stat, between)
+        attribute = read_attribute(path, stat)
+        if attribute is not None and attribute != actual:
+            yield Disagreement(path, "attribute", attribute, actual)
+        noted = None if index is None else index.get(path, stat)
+        if noted is not None and noted != actual:
+            yield Disagreement(path, "index", noted, actual)

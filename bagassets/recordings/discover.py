@@ -1,0 +1,316 @@
+"""Finding recordings below a folder, by names and sizes only."""
+
+import errno
+import hashlib
+import os
+import re
+import stat
+import unicodedata
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from bagassets.errors import RecordingError
+from bagassets.recipe.model import Bags
+from bagassets.recordings.globs import matches
+from bagassets.recordings.model import Format, Found
+
+__all__ = ["Discovery", "discover", "find_one", "matches"]
+
+METADATA = "metadata.yaml"
+_ROS2_KEY, _HEAD_BYTES = b"rosbag2_bagfile_information", 4096
+_NO_STORAGE = "there is no .db3 or .mcap file beside its metadata.yaml; it is still being copied, or damaged"
+# What may lie in a ROS 2 bag folder beside its metadata; zstd when compressed by file.
+_STORAGE = (".db3", ".mcap", ".db3.zstd", ".mcap.zstd")
+_BARE: dict[str, Format] = {".bag": "ros1", ".mcap": "mcap", ".db3": "ros2"}
+_SPECIAL = {
+    stat.S_IFIFO: "a named pipe",
+    stat.S_IFSOCK: "a socket",
+    stat.S_IFCHR: "a device",
+    stat.S_IFBLK: "a device",
+}
+# What file systems keep for themselves, readable by root only.
+_NOT_OURS = frozenset({"lost+found", "System Volume Information", "$RECYCLE.BIN"})
+# Keys become parts of file names, which may have 255 bytes.
+_LONGEST_SLUG = 100
+# Paths that are their own key but for the slashes; most are, and thousands must take no time.
+_WORD = "[A-Za-z0-9]+(?:[._-][A-Za-z0-9]+)*"
+_PLAIN = re.compile(f"{_WORD}(?:/{_WORD})*")
+
+
+@dataclass(frozen=True)
+class Discovery:
+    """What lies below the bag root.
+
+    Attributes:
+        found: partition key -> recording, sorted by key.
+        excluded: path below the root and reason of each recording that is left out, and of each
+            folder that cannot be read.
+        unreadable: path below the root of each folder or file that cannot be read -> a sentence; not
+            of those that `bags.exclude` names.
+    """
+
+    found: dict[str, Found]
+    excluded: list[tuple[str, str]]
+    unreadable: dict[str, str] = field(default_factory=dict)
+
+    def unseen(self, keys: Iterable[str]) -> frozenset[str]:
+        """Return those of `keys` that are not found, but may lie where nothing can be read.
+
+        A key does not tell its path exactly, so that this errs on the side of keeping one.
+        """
+        heads = tuple(_start_of_keys(f"{relative}/") for relative in self.unreadable)
+        same = {_key(relative) for relative in self.unreadable}
+        return frozenset(
+            key for key in keys if key not in self.found and (key in same or key.startswith(heads))
+        )
+
+    def removed(self, keys: Iterable[str]) -> tuple[str, ...]:
+        """Return, sorted, those of `keys` whose recordings are gone for sure."""
+        missing = [key for key in keys if key not in self.found]
+        return tuple(sorted(set(missing) - self.unseen(missing)))
+
+
+def discover(bags: Bags) -> Discovery:
+    """Return the recordings that the recipe's `bags` select.
+
+    Hidden files and those of unfinished copies (`.active`, `.part`, `.tmp`) are no recordings. What
+    cannot be read below the root is left out; see `Discovery.unseen` before taking what it held for removed.
+
+    Args:
+        bags: where to look and what counts.
+
+    Raises:
+        RecordingError: the root is missing or cannot be read.
+    """
+    if not bags.root.is_dir():
+        raise RecordingError(f"{bags.root}: no such folder; correct bags.root in the recipe.")
+    walk = _Walk(bags)
+    walk.folder(bags.root, "", ())
+    found: dict[str, Found] = {}
+    for recording in sorted(walk.found, key=lambda recording: recording.relative):
+        reason = _exclusion(bags, recording.relative)
+        if reason is not None:
+            walk.excluded.append((recording.relative, reason))
+        elif recording.key in found:
+            other = found[recording.key].relative
+            walk.excluded.append(
+                (recording.relative, f"its key {recording.key} is that of {other}; rename one")
+            )
+        else:
+            found[recording.key] = recording
+    return Discovery(
+        dict(sorted(found.items())), sorted(walk.excluded), dict(sorted(walk.unreadable.items()))
+    )
+
+
+def find_one(path: Path) -> Found:
+    """Return the recording at a path given by a user.
+
+    Raises:
+        RecordingError: there is nothing, or it is no recording.
+    """
+    path = path.absolute()
+    if not path.exists():
+        raise RecordingError(f"{path}: no such file or folder.")
+    try:
+        if (what := _special(path.stat())) is not None:
+            raise RecordingError(f"{path}: expected a recording, but this is {what}; name a file or folder.")
+        if path.is_dir():
+            with os.scandir(path) as scan:
+                entries = list(scan)
+            if (reason := _special_within(entries)) is not None:
+                raise RecordingError(f"{path}: expected a ROS 2 bag folder, but {reason}.")
+            found = _folder_recording(path, path.name, entries)
+        elif path.suffix in _BARE:
+            found = _found(path, path.name, _BARE[path.suffix], [(path, path.stat())])
+        else:
+            raise RecordingError(
+                f"{path}: expected a recording: a .bag, .mcap or .db3 file, or a ROS 2 bag folder."
+            )
+    except OSError as err:
+        raise RecordingError(f"{path}: cannot be read ({err.strerror}).") from err
+    if found is None:
+        raise RecordingError(
+            f"{path}: expected a bag; a ROS 2 bag folder holds metadata.yaml and .db3 or .mcap files."
+        )
+    return found
+
+
+@dataclass
+class _Walk:
+    """A walk below the bag root that collects recordings in no particular order.
+
+    Links are followed like `find -L` does: a folder linked twice is there twice, so that what is
+    found does not hang on the order in which the disk lists names; a folder within itself is not.
+    """
+
+    bags: Bags
+    found: list[Found] = field(default_factory=list)
+    excluded: list[tuple[str, str]] = field(default_factory=list)
+    unreadable: dict[str, str] = field(default_factory=dict)
+
+    def folder(self, path: Path | str, relative: str, ancestors: tuple[tuple[int, int], ...]) -> None:
+        """Walk one folder; `ancestors` are device and inode of the folders it lies in."""
+        try:
+            status = os.stat(path)
+            identity = (status.st_dev, status.st_ino)
+            if identity in ancestors:
+                return
+            with os.scandir(path) as scan:
+                entries = [entry for entry in scan if not entry.name.startswith(".")]
+        except FileNotFoundError:
+            return  # removed while we looked
+        except OSError as err:
+            self._unreadable(relative, err)
+            return
+        if (reason := _special_within(entries)) is not None:
+            self._leave_out(relative or Path(path).name, reason)
+            return
+        whole = _folder_recording(Path(path), relative or Path(path).name, entries)
+        if whole is not None:
+            self._take(whole)
+            return
+        if _lacks_storage(Path(path), entries):
+            self.excluded.append((relative or Path(path).name, _NO_STORAGE))
+        for entry in entries:
+            within = f"{relative}/{entry.name}" if relative else entry.name
+            try:
+                self._entry(entry, within, (*ancestors, identity))
+            except FileNotFoundError:
+                continue  # removed while we looked
+            except OSError as err:
+                if err.errno != errno.ELOOP:  # a link to itself leads nowhere, like a broken one
+                    self._unreadable(within, err)
+
+    def _entry(self, entry: os.DirEntry[str], relative: str, ancestors: tuple[tuple[int, int], ...]) -> None:
+        suffix = os.path.splitext(entry.name)[1]  # noqa: PTH122  (a Path per file is slow)
+        if suffix in _BARE and not entry.is_dir():
+            path, status = Path(entry.path), entry.stat()
+            if (what := _special(status)) is not None:
+                self._leave_out(relative, f"this is {what}, no file")
+            else:
+                self._take(_found(path, relative, _BARE[suffix], [(path, status)]))
+        elif entry.name not in _NOT_OURS and entry.is_dir():
+            self.folder(entry.path, relative, ancestors)
+
+    def _take(self, recording: Found) -> None:
+        if _decodable(recording.relative):
+            self.found.append(recording)
+        else:
+            self.excluded.append((ascii(recording.relative)[1:-1], "its name is not UTF-8; rename it"))
+
+    def _leave_out(self, relative: str, reason: str) -> None:
+        shown = relative if _decodable(relative) else ascii(relative)[1:-1]
+        self.excluded.append((shown, _exclusion(self.bags, relative) or reason))
+
+    def _unreadable(self, relative: str, err: OSError) -> None:
+        """Leave out what cannot be read; the root itself must be readable."""
+        for pattern in self.bags.exclude:
+            if matches(pattern, relative) or matches(pattern, f"{relative}/"):
+                self.excluded.append((relative, f"cannot be read, and excluded by bags.exclude ({pattern})"))
+                return
+        cause = "permissions" if isinstance(err, PermissionError) else err.strerror
+        if not relative:
+            raise RecordingError(
+                f"{self.bags.root}: cannot be read: {cause}; correct that or bags.root."
+            ) from err
+        reason = f"cannot be read: {cause}; correct that, or name it in bags.exclude"
+        self.excluded.append((ascii(relative)[1:-1] if not _decodable(relative) else relative, reason))
+        self.unreadable[relative] = f"{self.bags.root / relative}: {reason}."
+
+
+def _exclusion(bags: Bags, relative: str) -> str | None:
+    if not any(matches(pattern, relative) for pattern in bags.include):
+        return "not matched by bags.include"
+    for pattern in bags.exclude:
+        if matches(pattern, relative):
+            return f"excluded by bags.exclude ({pattern})"
+    return None
+
+
+def _folder_recording(folder: Path, relative: str, entries: list[os.DirEntry[str]]) -> Found | None:
+    """Return the ROS 2 bag that a folder with these entries is, or None."""
+    if not any(entry.name == METADATA for entry in entries):
+        return None
+    files = [
+        (folder / entry.name, entry.stat())
+        for entry in entries
+        if entry.name == METADATA or (entry.name.endswith(_STORAGE) and not entry.name.startswith("."))
+    ]
+    return _found(folder, relative, "ros2", sorted(files)) if len(files) > 1 else None
+
+
+def _special(status: os.stat_result) -> str | None:
+    """Return what is neither a file nor a folder, in words: whoever opens it may wait for ever, or read without end."""
+    return _SPECIAL.get(stat.S_IFMT(status.st_mode))
+
+
+def _special_within(entries: Iterable[os.DirEntry[str]]) -> str | None:
+    """Return why a folder with these entries cannot be looked into as a ROS 2 bag, or None."""
+    entries = list(entries)
+    if not any(entry.name == METADATA for entry in entries):
+        return None
+    for entry in entries:
+        if entry.name == METADATA or entry.name.endswith(_STORAGE):
+            try:
+                what = _special(entry.stat())
+            except OSError:
+                continue  # told by whoever needs it
+            if what is not None:
+                return f"{entry.name} in it is {what}, no file"
+    return None
+
+
+def _lacks_storage(folder: Path, entries: list[os.DirEntry[str]]) -> bool:
+    """Tell whether this is the folder of a ROS 2 bag whose files are not there; other metadata.yaml are common."""
+    if not any(entry.name == METADATA for entry in entries):
+        return False
+    try:
+        with (folder / METADATA).open("rb") as file:
+            return _ROS2_KEY in file.read(_HEAD_BYTES)
+    except OSError:
+        return False
+
+
+def _found(path: Path, relative: str, file_format: Format, files: list[tuple[Path, os.stat_result]]) -> Found:
+    size, mtime_ns = sum(s.st_size for _, s in files), max(s.st_mtime_ns for _, s in files)
+    names = tuple(name for name, _ in files)
+    return Found(_key(relative), relative, path, file_format, names, size, mtime_ns)
+
+
+def _decodable(name: str) -> bool:
+    try:
+        name.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
+
+
+def _key(relative: str) -> str:
+    """Return a readable partition key that depends on the path alone.
+
+    The suffix stays: a recording is often converted next to itself, and a key must not change
+    when that happens. Where the readable form could be that of another path too, a short digest
+    tells them apart.
+    """
+    plain = relative.replace("/", "__")
+    if len(plain) <= _LONGEST_SLUG and _PLAIN.fullmatch(relative):
+        return plain
+    slug = _slug(plain) or "recording"
+    parts = relative.split("/")
+    ambiguous = "__" in relative or (len(parts) > 1 and any(part != part.strip("_") for part in parts))
+    if slug == plain and not ambiguous and len(slug) <= _LONGEST_SLUG:
+        return slug
+    digest = hashlib.blake2s(relative.encode("utf-8", "surrogateescape"), digest_size=4).hexdigest()
+    return f"{slug[:_LONGEST_SLUG].rstrip('.-')}-{digest}"
+
+
+def _slug(plain: str) -> str:
+    folded = unicodedata.normalize("NFKD", plain).encode("ascii", "ignore").decode()
+    return re.sub(r"\.{2,}", ".", re.sub(r"[^A-Za-z0-9._-]+", "-", folded)).strip(".-")
+
+
+def _start_of_keys(prefix: str) -> str:
+    """Return what the keys of all paths that start with `prefix`, which ends with a slash, start with."""
+    return _slug(prefix.replace("/", "__"))[:_LONGEST_SLUG].rstrip(".-")

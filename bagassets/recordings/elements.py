@@ -1,0 +1,199 @@
+"""How many strings and nested messages a message holds, told from its bytes before an object is made of each.
+
+A message of some megabytes may announce millions of objects, a hundred times its size; one whose elements
+have no fields announces billions in four bytes.
+"""
+
+from collections.abc import Iterator
+from struct import Struct, error
+from typing import Any, Literal
+
+from rosbags.interfaces import Nodetype
+
+from bagassets.errors import DecodeError
+from bagassets.recordings.known_types import Types
+
+__all__ = ["announced_elements", "check_elements", "fewest_bytes_of"]
+
+Serialization = Literal["ros1", "cdr"]
+
+_SIZES = {
+    **dict.fromkeys(("bool", "byte", "char", "octet", "int8", "uint8"), 1),
+    **dict.fromkeys(("int16", "uint16"), 2),
+    **dict.fromkeys(("int32", "uint32", "float32"), 4),
+    **dict.fromkeys(("int64", "uint64", "float64"), 8),
+    "float128": 16,
+}
+_COUNT = {"<": Struct("<I"), ">": Struct(">I")}
+# rosbags' name of the field that C++ gives to messages without any; ROS 1 serializes nothing for it.
+_FILLER = "structure_needs_at_least_one_member"
+
+
+def announced_elements(types: Types, msgtype: str) -> int:
+    """Return how many strings and messages a type has without those in lists of any length.
+
+    Raises:
+        ValueError: it contains itself, or an array has no possible length.
+    """
+    return _Elements(types, "cdr").fixed(msgtype)
+
+
+def fewest_bytes_of(
+    types: Types, msgtype: str, serialization: Serialization, most_elements: int
+) -> int | None:
+    """Return how large a message must be to hold more than so many elements; None if none can.
+
+    Raises:
+        ValueError: as for `announced_elements`.
+    """
+    elements = _Elements(types, serialization)
+    left = most_elements - elements.fixed(msgtype)
+    densities = [_density(*elements.of_item(item)) for item in elements.list_items(msgtype)]
+    if not densities:
+        return None
+    return int(max(0, left) / max(densities))
+
+
+def check_elements(
+    types: Types, msgtype: str, serialization: Serialization, data: bytes | memoryview, most_elements: int
+) -> None:
+    """Check how many elements a message holds.
+
+    Raises:
+        DecodeError: there are more than `most_elements`, or its bytes do not fit the type.
+    """
+    try:
+        _Walk(types, serialization, data, most_elements).message(msgtype)
+    except (error, IndexError) as err:
+        raise DecodeError(f"its bytes do not fit {msgtype}") from err
+
+
+def _density(elements: int, size: int) -> float:
+    return elements / size if size else float("inf")
+
+
+class _Elements:
+    """What the types of a definition take, at least."""
+
+    def __init__(self, types: Types, serialization: Serialization) -> None:
+        self._types = types
+        self._ros1 = serialization == "ros1"
+        self._known: dict[str, tuple[int, int]] = {}
+        self._open: list[str] = []
+
+    def fixed(self, msgtype: str) -> int:
+        """Return the strings and messages of a type, those in lists left out."""
+        return self._of_type(msgtype)[0]
+
+    def of_item(self, description: Any) -> tuple[int, int]:
+        """Return how many elements a field or item is at least, and how many bytes."""
+        kind, inner = description
+        if kind == Nodetype.BASE:
+            return (1, 4) if inner[0] == "string" else (0, _SIZES.get(inner[0], 1))
+        if kind == Nodetype.NAME:
+            elements, size = self._of_type(inner)
+            return elements + 1, size
+        item, length = inner
+        if kind == Nodetype.SEQUENCE:
+            self.of_item(item)  # what it refers to must be sound, too
+            return 0, 4
+        if length < 0:
+            msg = f"an array of {length} elements"
+            raise ValueError(msg)
+        elements, size = self.of_item(item)
+        return elements * length, size * length
+
+    def list_items(self, msgtype: str) -> Iterator[Any]:
+        """Yield the items of all lists of strings and messages in a type."""
+        seen, waiting = set(), [msgtype]
+        while waiting:
+            name = waiting.pop()
+            if name in seen:
+                continue
+            seen.add(name)
+            for _, (kind, inner) in self._types[name][1]:
+                item = inner[0] if kind in {Nodetype.ARRAY, Nodetype.SEQUENCE} else (kind, inner)
+                if item[0] == Nodetype.NAME:
+                    waiting.append(item[1])
+                if kind == Nodetype.SEQUENCE and (item[0] == Nodetype.NAME or item[1][0] == "string"):
+                    yield item
+
+    def _of_type(self, msgtype: str) -> tuple[int, int]:
+        if msgtype not in self._known:
+            if msgtype in self._open:
+                msg = f"{msgtype} contains itself"
+                raise ValueError(msg)
+            self._open.append(msgtype)
+            elements = size = 0
+            for name, description in self._types[msgtype][1]:
+                if not (self._ros1 and name == _FILLER):
+                    more, bytes_ = self.of_item(description)
+                    elements, size = elements + more, size + bytes_
+            self._open.pop()
+            self._known[msgtype] = elements, size
+        return self._known[msgtype]
+
+
+class _Walk:
+    """Goes over the bytes of one message and counts."""
+
+    def __init__(
+        self, types: Types, serialization: Serialization, data: bytes | memoryview, most_elements: int
+    ) -> None:
+        self._types = types
+        self._ros1 = serialization == "ros1"
+        self._data = data if self._ros1 else data[4:]
+        self._count = _COUNT["<" if self._ros1 or data[1] & 1 else ">"]
+        self._left = most_elements
+        self._at = 0
+        self._fewest = _Elements(types, serialization)
+
+    def message(self, msgtype: str) -> None:
+        for name, description in self._types[msgtype][1]:
+            if not (self._ros1 and name == _FILLER):
+                self._field(*description)
+
+    def _field(self, kind: Any, inner: Any) -> None:
+        if kind == Nodetype.BASE:
+            if inner[0] == "string":
+                self._take_one()
+                self._skip(self._number(), 1)
+            else:
+                self._skip(1, _SIZES.get(inner[0], 1))
+        elif kind == Nodetype.NAME:
+            self._take_one()
+            self.message(inner)
+        else:
+            item, length = inner
+            number = length if kind == Nodetype.ARRAY else self._number()
+            if item[0] == Nodetype.BASE and item[1][0] != "string":
+                if number:
+                    self._skip(number, _SIZES.get(item[1][0], 1))
+                return
+            self._require(number * self._fewest.of_item(item)[0])
+            for _ in range(number):
+                self._field(*item)
+
+    def _take_one(self) -> None:
+        self._left -= 1
+        self._require(0)
+
+    def _require(self, number: int) -> None:
+        if self._left < number:
+            raise DecodeError("its lists hold more than limits.message_elements in the recipe allows")
+
+    def _number(self) -> int:
+        self._align(4)
+        (number,) = self._count.unpack_from(self._data, self._at)
+        self._at += 4
+        return int(number)
+
+    def _skip(self, number: int, size: int) -> None:
+        self._align(min(size, 8))
+        self._at += number * size
+        if self._at > len(self._data):
+            raise IndexError
+
+    def _align(self, size: int) -> None:
+        if not self._ros1:
+            self._at = (self._at + size - 1) & -size

@@ -1,0 +1,390 @@
+"""How the bytes of a message type may be laid out: the type and all that it refers to.
+
+A definition that came with the recording is the only layout of its type. Without one, a folder
+of the user's wins; then come the versions of known packages (`bagassets.recordings.known_types`) and
+the standard types, newest first. Several may be possible: `Choice` goes by what fits the bytes.
+"""
+
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache, cached_property, lru_cache
+from pathlib import Path
+from threading import Lock
+from typing import Any, Literal
+
+from rosbags.interfaces import Nodetype
+from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+from bagassets.errors import BagAssetsError, DecodeError, RecordingError
+from bagassets.recipe.model import Limits
+from bagassets.recordings.elements import announced_elements, check_elements, fewest_bytes_of
+from bagassets.recordings.known_types import Types, known_versions
+from bagassets.recordings.model import Definition
+from bagassets.store.canonical import digest_json
+
+__all__ = [
+    "Choice",
+    "Layout",
+    "Serialization",
+    "choice_of",
+    "compile_common_types",
+    "load_standard_types",
+]
+
+Serialization = Literal["ros1", "cdr"]
+
+
+# In no store of ROS 1, but in most ROS 1 bags: `tf/tfMessage` is the older name.
+_TF = "geometry_msgs/TransformStamped[] transforms\n"
+_TF_NAMES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
+# Standard types that had other fields before Humble, when bags had no definitions yet.
+CHANGED_IN_HUMBLE = frozenset({"shape_msgs/msg/SolidPrimitive", "visualization_msgs/msg/Marker"})
+
+# A type and those that it includes follow each other like this in bags.
+_IDL_TEXT = re.compile(r"//[^\n]*|/\*.*?\*/|\"(?:\\\\.|[^\"\\\\])*\"", re.DOTALL)
+_OPERATOR = re.compile(r"<<|\*")
+_IDL_SECTION = re.compile(r"^=+\r?\nIDL: .*$", re.MULTILINE)
+
+_COMMON = (
+    "sensor_msgs/msg/CameraInfo",
+    "sensor_msgs/msg/Image",
+    "sensor_msgs/msg/CompressedImage",
+    "sensor_msgs/msg/PointCloud2",
+    "sensor_msgs/msg/Imu",
+    "sensor_msgs/msg/NavSatFix",
+    "tf2_msgs/msg/TFMessage",
+    "nav_msgs/msg/Odometry",
+    "geometry_msgs/msg/PoseStamped",
+)
+
+Lookup = Callable[[str], Any | None]
+# The `.msg` files of a folder with size and time, by which a process notices that one was edited.
+Listed = tuple[tuple[Path, int, int], ...]
+
+
+@dataclass(frozen=True)
+class Layout:
+    """One way to read a message type.
+
+    Attributes:
+        msgtype: the type.
+        serialization: how its messages are serialized.
+        types: it and all types that it refers to.
+    """
+
+    msgtype: str
+    serialization: Serialization
+    types: Types
+
+    @cached_property
+    def store(self) -> Typestore:
+        """A type store that has these types, and others that agree with them."""
+        return _compiled(self.msgtype, self.types)
+
+    @cached_property
+    def digest(self) -> str:
+        """Digest of everything that decides what a payload decodes to; comments do not."""
+        types = {
+            name: {
+                "constants": [[str(part) for part in constant] for constant in constants],
+                "fields": [[field, _plain(description)] for field, description in fields],
+            }
+            for name, (constants, fields) in self.types.items()
+        }
+        return digest_json({"type": self.msgtype, "serialization": self.serialization, "types": types})
+
+    @property
+    def text(self) -> str:
+        """The definition as ROS writes it, with `MSG:` sections for nested types."""
+        version: Literal[1, 2] = 1 if self.serialization == "ros1" else 2
+        text, _ = self.store.generate_msgdef(self.msgtype, ros_version=version)
+        return text
+
+    def decode(self, data: bytes | memoryview) -> Any:
+        """Return the message object.
+
+        Raises:
+            DecodeError: the bytes do not fit.
+        """
+        try:
+            if self.serialization == "ros1":
+                return self.store.deserialize_ros1(data, self.msgtype)
+            return self.store.deserialize_cdr(data, self.msgtype)
+        except MemoryError:
+            raise
+        except Exception as err:  # rosbags' generated code raises anything on bytes that do not fit
+            raise DecodeError(f"its bytes do not fit {self.msgtype}") from err
+
+    def large_bytes(self, most_elements: int) -> int | None:
+        """Return how large a message must be to hold more than so many strings and messages; None if none can."""
+        return fewest_bytes_of(self.types, self.msgtype, self.serialization, most_elements)
+
+    def check_elements(self, data: bytes | memoryview, most_elements: int) -> None:
+        """Check how many strings and nested messages a message holds.
+
+        Raises:
+            DecodeError: there are more than `most_elements`, or its bytes do not fit.
+        """
+        check_elements(self.types, self.msgtype, self.serialization, data, most_elements)
+
+
+_STORES: list[Typestore] = []
+_STORES_LOCK = Lock()
+
+
+def _compiled(msgtype: str, types: Types) -> Typestore:
+    """Return a type store with all of these types, ready to read and write messages of one of them.
+
+    Messages of a rig have most of their parts in common: each part is compiled (5 ms) once, for all of them.
+    """
+    with _STORES_LOCK:
+        for store in _STORES:
+            if all(store.fielddefs.get(name, fields) == fields for name, fields in types.items()):
+                break
+        else:
+            store = get_typestore(Stores.EMPTY)
+            _STORES.append(store)
+        store.register({name: fields for name, fields in types.items() if name not in store.fielddefs})
+        # Compiles the (de)serializer, which finds fields that no message can have.
+        store.get_msgdef(msgtype)
+        return store
+
+
+class Choice:
+    """The layouts that a type may have, and how many messages did not fit each.
+
+    Args:
+        layouts: at least one, the likeliest first.
+    """
+
+    def __init__(self, layouts: Sequence[Layout]) -> None:
+        self.layouts = tuple(layouts)
+        self._misfits = [0] * len(self.layouts)
+
+    @property
+    def best(self) -> Layout:
+        """The layout that the fewest messages did not fit; the likeliest of equals."""
+        return self.layouts[self._misfits.index(min(self._misfits))]
+
+    def decode(self, data: bytes | memoryview) -> Any:
+        """Return the message object, by the best layout that fits.
+
+        Raises:
+            DecodeError: no layout fits.
+        """
+        if len(self.layouts) == 1:
+            return self.layouts[0].decode(data)
+        order = sorted(range(len(self.layouts)), key=lambda number: self._misfits[number])
+        for number in order:
+            try:
+                return self.layouts[number].decode(data)
+            except DecodeError as err:
+                self._misfits[number] += 1
+                problem = err
+        raise problem
+
+
+def choice_of(
+    msgtype: str,
+    serialization: Serialization,
+    definition: Definition | None,
+    folders: Sequence[Path],
+    limits: Limits | None = None,
+) -> Choice | str:
+    """Return the layouts of a type, or why there are none.
+
+    Args:
+        msgtype: `pkg/msg/Type`.
+        serialization: how its messages are serialized.
+        definition: what came with the recording, if anything.
+        folders: of `.msg` files, laid out as `pkg/msg/Type.msg` or `pkg/Type.msg`.
+        limits: how large the definition and its arrays may be; those of an empty recipe by default.
+
+    Raises:
+        RecordingError: a folder does not exist or holds something else.
+    """
+    limits = limits or Limits()
+    if definition is not None and len(definition.text) > limits.definition_bytes:
+        return f"the definition of {msgtype} is longer than limits.definition_bytes in the recipe allows"
+    listed = tuple(_listed(folder) for folder in folders)
+    layouts = _layouts(msgtype, serialization, definition, listed, limits.array_length)
+    return layouts if isinstance(layouts, str) else Choice(layouts)
+
+
+@lru_cache(maxsize=512)  # compiling takes 10 ms a layout, and recordings of one rig have the same types
+def _layouts(
+    msgtype: str,
+    serialization: Serialization,
+    definition: Definition | None,
+    folders: tuple[Listed, ...],
+    array_length: int,
+) -> tuple[Layout, ...] | str:
+    given = definition is not None and definition.format != "none" and bool(definition.text)
+    try:
+        own = _parsed(definition, msgtype) if definition is not None and given else {}
+        found: list[Types] = []
+        for lookups in _stacks(msgtype, own, folders, serialization):
+            types = _closure(msgtype, lookups)
+            if types is not None and types not in found:
+                if announced_elements(types, msgtype) > array_length:
+                    return (
+                        f"the definition of {msgtype} announces more strings and messages in arrays than "
+                        "limits.array_length in the recipe allows"
+                    )
+                found.append(types)
+        layouts = tuple(Layout(msgtype, serialization, types) for types in found)
+        for layout in layouts[:1]:
+            _ = layout.store  # the others are compiled only if this one does not fit
+            _ = layout.digest
+    except (MemoryError, BagAssetsError):
+        raise
+    except Exception as err:  # noqa: BLE001  (whatever it is, it costs no more than the topic)
+        return f"the definition of {msgtype} cannot be used ({_flaw(err)})"
+    if layouts:
+        return layouts
+    if given:
+        return f"the definition of {msgtype} cannot be used (it refers to types that are not defined)"
+    return f"there is no definition of {msgtype}; name a folder of .msg files in bags.message_definitions"
+
+
+def _flaw(err: Exception) -> str:
+    """Return what is wrong with a definition; what libraries say of it is for programmers."""
+    if isinstance(err, RecursionError):
+        return "its types contain each other without end"
+    if isinstance(err, ValueError) and not isinstance(err, UnicodeError):
+        text = str(err)
+        if "contains itself" in text or text.startswith("an array of"):
+            return text
+    if isinstance(err, TypesysError):
+        lines = str(err).splitlines()
+        if lines and lines[0].startswith("Could not parse") and len(lines) > 2 and lines[2].isdigit():
+            return f"it does not parse at character {lines[2]}"
+        if "conflicting Python names" in str(err):
+            return "two of its fields have the same name"
+    return "it does not parse, or names what Python cannot"
+
+
+def _stacks(
+    msgtype: str, own: Types, folders: Sequence[Listed], serialization: Serialization
+) -> Iterator[Sequence[Lookup]]:
+    """Yield the ways to look up types, the likeliest first."""
+    package = msgtype.partition("/")[0]
+    by_hand: dict[str, Any] = {}
+    for folder in folders:
+        by_hand |= {name: fields for name, fields in _message_files(folder).items() if name not in by_hand}
+    settled = msgtype in own or msgtype in by_hand
+    # Of a type that is given, only what it refers to is looked up, and only as it is today.
+    versions = known_versions(package)[: 1 if settled else None] or ({},)
+    standards = (
+        ("ros1",) if serialization == "ros1" else ("humble",) if msgtype in own else ("humble", "galactic")
+    )
+    for version in versions:
+        for standard in standards:
+            yield (own.get, by_hand.get, version.get, _newest_known, _standard(standard))
+
+
+def _newest_known(name: str) -> Any | None:
+    versions = known_versions(name.partition("/")[0])
+    return versions[0].get(name) if versions else None
+
+
+def _standard(name: str) -> Lookup:
+    def look_up(msgtype: str) -> Any | None:
+        # Only what differs is looked up in the older one, which takes 60 ms to load.
+        old = name == "galactic" and msgtype in CHANGED_IN_HUMBLE
+        stores = {"ros1": Stores.ROS1_NOETIC, "humble": Stores.ROS2_HUMBLE, "galactic": Stores.ROS2_GALACTIC}
+        return _standard_types(stores[name if name == "ros1" or old else "humble"]).get(msgtype)
+
+    return look_up
+
+
+def load_standard_types() -> None:
+    """Load the types of today's ROS versions ahead, 60 ms each, for processes that are forked from this one."""
+    for store in (Stores.ROS1_NOETIC, Stores.ROS2_HUMBLE):
+        _standard_types(store)
+
+
+def compile_common_types() -> Iterator[None]:
+    """Compile what most recordings hold, one type a step (5 ms), for processes that are forked from this one."""
+    for standard in ("ros1", "humble"):
+        for msgtype in _COMMON:
+            types = _closure(msgtype, (_standard(standard),))
+            if types is not None:
+                _compiled(msgtype, types)
+            yield
+
+
+@cache
+def _standard_types(store: Stores) -> Types:
+    types = {name: (fields[0], fields[1]) for name, fields in get_typestore(store).fielddefs.items()}
+    for name in _TF_NAMES:
+        types |= {} if name in types else get_types_from_msg(_TF, name)
+    return types
+
+
+def _closure(msgtype: str, lookups: Iterable[Lookup]) -> dict[str, Any] | None:
+    """Return a type and all that it refers to; None if one of them is nowhere."""
+    types: dict[str, Any] = {}
+    missing = [msgtype]
+    while missing:
+        name = missing.pop()
+        fields = next((found for look_up in lookups if (found := look_up(name)) is not None), None)
+        if fields is None:
+            return None
+        types[name] = fields
+        missing += [
+            inner for _, description in fields[1] for inner in _references(description) if inner not in types
+        ]
+    return dict(sorted(types.items()))
+
+
+def _references(description: Any) -> Iterator[str]:
+    kind, inner = description
+    if kind == Nodetype.NAME:
+        yield inner
+    elif kind in {Nodetype.ARRAY, Nodetype.SEQUENCE}:
+        yield from _references(inner[0])
+
+
+def _plain(description: Any) -> Any:
+    """Return a field's description as JSON."""
+    if isinstance(description, Nodetype):
+        return description.name
+    return [_plain(part) for part in description] if isinstance(description, tuple) else description
+
+
+def _parsed(definition: Definition, msgtype: str) -> Types:
+    if definition.format == "msg":
+        return get_types_from_msg(definition.text, msgtype)
+    if _OPERATOR.search(_IDL_TEXT.sub("", definition.text)):
+        raise ValueError("it computes")
+    types: dict[str, Any] = {}
+    for section in _IDL_SECTION.split(definition.text):
+        # The parser knows no preprocessor, and needs none: what is included is a section of its own.
+        text = "\n".join(line for line in section.splitlines() if not line.lstrip().startswith("#"))
+        types |= get_types_from_idl(text) if text.strip() else {}
+    return types
+
+
+def _listed(folder: Path) -> Listed:
+    if not folder.is_dir():
+        raise RecordingError(f"{folder}: no such folder; correct bags.message_definitions in the recipe.")
+    found = [(path, path.stat()) for path in sorted(folder.rglob("*.msg"))]
+    return tuple((path, stat.st_size, stat.st_mtime_ns) for path, stat in found)
+
+
+@cache
+def _message_files(files: Listed) -> Mapping[str, Any]:
+    """Return the types defined in `.msg` files."""
+    types: dict[str, Any] = {}
+    for path, _, _ in files:
+        package = path.parent.parent.name if path.parent.name == "msg" else path.parent.name
+        try:
+            types |= get_types_from_msg(path.read_text(encoding="utf-8"), f"{package}/msg/{path.stem}")
+        except Exception as err:  # as in `_layouts`
+            raise RecordingError(
+                f"{path}: expected a message definition, but {_flaw(err)}; mend it."
+            ) from err
+    return types

@@ -1,0 +1,144 @@
+"""The chunks of an MCAP file: reading one, and where the messages in it are (https://mcap.dev/spec)."""
+
+from array import array
+from collections.abc import Collection, Iterator
+from pathlib import Path
+from struct import Struct
+from typing import BinaryIO
+from zlib import crc32
+
+import numpy as np
+from mcap.opcode import Opcode
+from numpy.typing import NDArray
+
+from bagassets.errors import RecordingError
+from bagassets.recordings.damage import DamageError
+from bagassets.recordings.sizes import Sizes
+from bagassets.recordings.unpack import TooLargeError, unpack
+
+__all__ = [
+    "MESSAGE_HEADER",
+    "RECORD_HEADER",
+    "ChecksumError",
+    "MessagePlaces",
+    "chunk_facts",
+    "load_chunk",
+    "records_in",
+]
+
+# Opcode and length before the fields of a record.
+RECORD_HEADER = Struct("<BQ")
+# Channel, sequence number, log time and publish time before the payload of a message.
+MESSAGE_HEADER = Struct("<HIQQ")
+# Start, end, unpacked size, checksum, and length of the name of the compression.
+_CHUNK_HEADER = Struct("<QQQII")
+_SIZE = Struct("<Q")
+_LONGEST_NAME = 64
+
+
+class ChecksumError(RecordingError):
+    """A chunk does not hold what its checksum says."""
+
+
+def chunk_facts(file: BinaryIO, offset: int) -> tuple[int, int]:
+    """Return the log time of the earliest message of a chunk, and the size that it announces to unpack to."""
+    file.seek(offset + RECORD_HEADER.size)
+    start_ns, _, unpacked_bytes, _, _ = _CHUNK_HEADER.unpack(file.read(_CHUNK_HEADER.size))
+    return start_ns, unpacked_bytes
+
+
+def load_chunk(file: BinaryIO, path: Path, offset: int, sizes: Sizes, *, check: bool) -> bytes:
+    """Return the content of a chunk.
+
+    Args:
+        file: the open file.
+        path: its path.
+        offset: of the chunk's record.
+        sizes: what a chunk may hold.
+        check: compare the content with its checksum, if it has one.
+
+    Raises:
+        SizeLimitError: it announces more than a chunk may hold.
+        DamageError: it holds more than it announces, or is none.
+        ChecksumError: it holds something else than was recorded.
+    """
+    file.seek(offset)
+    opcode, length = RECORD_HEADER.unpack(file.read(RECORD_HEADER.size))
+    _, _, unpacked_bytes, checksum, name_length = _CHUNK_HEADER.unpack(file.read(_CHUNK_HEADER.size))
+    if opcode != Opcode.CHUNK or name_length > _LONGEST_NAME:
+        raise DamageError("its index names a chunk where none is")
+    sizes.check_chunk(offset, unpacked_bytes)
+    compression = file.read(name_length).decode("ascii", "replace")
+    (packed_bytes,) = _SIZE.unpack(file.read(_SIZE.size))
+    packed = file.read(min(packed_bytes, length))
+    if len(packed) < packed_bytes:
+        raise DamageError(f"the chunk at byte {offset} is cut off")
+    try:
+        content = unpack(packed, compression, unpacked_bytes)
+    except TooLargeError:
+        raise DamageError(f"the chunk at byte {offset} holds more than it announces") from None
+    if check and checksum and crc32(content) != checksum:
+        raise ChecksumError(
+            f"{path}: the content of the chunk at byte {offset} does not match its checksum, so the file was "
+            "damaged after it was recorded; copy it again, or save the other chunks with `mcap recover`."
+        )
+    return content
+
+
+def records_in(content: bytes) -> Iterator[tuple[int, int, int]]:
+    """Yield opcode, first byte and end of the fields of each record in a chunk."""
+    at, size = 0, len(content)
+    while at < size:
+        opcode, length = RECORD_HEADER.unpack_from(content, at)
+        at += RECORD_HEADER.size
+        if at + length > size:
+            raise DamageError("a record is cut off")
+        yield opcode, at, at + length
+        at += length
+
+
+class MessagePlaces:
+    """Where the messages of some channels are, in order of log time: a few bytes for each, however small it is."""
+
+    def __init__(self) -> None:
+        self._times = array("Q")
+        self._begins = array("Q")
+        self._ends = array("Q")
+        self._channels = array("H")
+
+    def __len__(self) -> int:
+        return len(self._times)
+
+    def add(self, log_time_ns: int, channel: int, begin: int, end: int) -> None:
+        """Take one message, whose payload is from `begin` to `end`."""
+        self._times.append(log_time_ns)
+        self._channels.append(channel)
+        self._begins.append(begin)
+        self._ends.append(end)
+
+    @classmethod
+    def of_chunk(cls, content: bytes, channels: Collection[int]) -> "MessagePlaces":
+        """Return where the messages of some channels are in a chunk.
+
+        Raises:
+            DamageError: a record is cut off.
+        """
+        places = cls()
+        header = MESSAGE_HEADER
+        for opcode, begin, end in records_in(content):
+            if opcode == Opcode.MESSAGE:
+                if begin + header.size > end:
+                    raise DamageError("a message is cut off")
+                channel, _, log_time_ns, _ = header.unpack_from(content, begin)
+                if channel in channels:
+                    places.add(log_time_ns, channel, begin + header.size, end)
+        return places
+
+    def in_order(self) -> Iterator[tuple[int, int, int, int]]:
+        """Yield log time, channel, begin and end in order of log time; those of equal time stay as they are."""
+        times: NDArray[np.uint64] = (
+            np.frombuffer(self._times, np.uint64) if self._times else np.zeros(0, np.uint64)
+        )
+        order = np.argsort(times, kind="stable").astype(np.uint32)
+        for number in order:
+            yield self._times[number], self._channels[number], self._begins[number], self._ends[number]

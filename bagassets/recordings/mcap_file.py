@@ -1,0 +1,194 @@
+"""MCAP files: bare ones of any profile, also an empty one, and those in ROS 2 bag folders.
+
+The mcap library unpacks chunks of any size and makes an object of every record, in all chunks whose times
+overlap at once. Here a chunk is held against the recipe's limits before it is unpacked, and messages are
+views of it.
+"""
+
+import heapq
+import os
+from collections.abc import Collection, Iterator, Sequence
+from pathlib import Path
+
+from mcap.opcode import Opcode
+from mcap.records import Schema
+
+from bagassets.errors import RecordingError
+from bagassets.recipe.model import Limits
+from bagassets.recordings.chunks import LatestChunks, lasting
+from bagassets.recordings.damage import DamageError
+from bagassets.recordings.mcap_chunk import MESSAGE_HEADER, MessagePlaces, load_chunk
+from bagassets.recordings.mcap_index import ChunkPlace, read_index, walk
+from bagassets.recordings.model import Definition, RawMessage
+from bagassets.recordings.recording import Recording
+from bagassets.recordings.sizes import Sizes
+from bagassets.recordings.topic import TopicSource, merge_topics, normalise_msgtype
+
+__all__ = ["McapFile", "McapRecording"]
+
+_FORMATS = {"ros1msg": "msg", "ros2msg": "msg", "ros2idl": "idl", "omgidl": "idl"}
+# Places of messages in chunks that overlap in time: some hundred megabytes.
+_MOST_WAITING = 10_000_000
+
+
+class McapFile:
+    """One file; close it.
+
+    Args:
+        path: the file.
+        limits: of the recipe.
+    """
+
+    def __init__(self, path: Path, limits: Limits) -> None:
+        self.path = path
+        self.check = False
+        self._limits = limits
+        self._file = path.open("rb")
+        try:
+            self._size = os.fstat(self._file.fileno()).st_size
+            self._sizes = Sizes(path, self._size, limits)
+            self._index = read_index(self._file, path, self._sizes)
+        except BaseException:
+            self._file.close()
+            raise
+
+    @property
+    def counts(self) -> dict[int, int] | None:
+        """Channel -> messages, if the summary has them."""
+        return self._index.counts
+
+    def sources(self) -> dict[int, TopicSource]:
+        """Return channel -> topic, type, definition and count."""
+        counts = self._index.counts or {}
+        return {
+            channel.id: TopicSource(
+                channel.topic,
+                normalise_msgtype(schema.name) if schema is not None else "unknown",
+                counts.get(channel.id, 0),
+                _definition(schema),
+                "ros1" if channel.message_encoding == "ros1" else "cdr",
+                None
+                if channel.message_encoding in {"ros1", "cdr"}
+                else f"its message encoding is '{channel.message_encoding}', not cdr or ros1",
+            )
+            for channel in self._index.channels.values()
+            for schema in (self._index.schemas.get(channel.schema_id),)
+        }
+
+    def messages(self, channels: Collection[int]) -> Iterator[tuple[int, int, bytes | memoryview]]:
+        """Yield channel, log time and payload in order of log time, then of place in the file."""
+        return self._in_chunks(channels) if self._index.chunks else self._loose(channels)
+
+    def _in_chunks(self, channels: Collection[int]) -> Iterator[tuple[int, int, bytes | memoryview]]:
+        chunks = LatestChunks(self._load, self._limits.chunk_bytes, self._sizes.unpacked_bytes, kept=64)
+        waiting = [c for c in self._index.chunks if c.channels is None or not c.channels.isdisjoint(channels)]
+        waiting.reverse()  # the next one last
+        open_chunks: list[tuple[int, int, _OpenChunk]] = []
+        number = 0
+        while waiting or open_chunks:
+            if waiting and (not open_chunks or waiting[-1].start_ns <= open_chunks[0][0]):
+                chunk = _OpenChunk(waiting.pop(), chunks, channels)
+                number += chunk.left
+                if number > _MOST_WAITING and open_chunks:
+                    raise DamageError("too many of its chunks overlap in time; run `mcap sort` on it")
+                if chunk.left:
+                    heapq.heappush(open_chunks, (chunk.time_ns, chunk.offset, chunk))
+                continue
+            log_time_ns, offset, chunk = open_chunks[0]
+            content = chunks.at(offset)
+            yield chunk.channel, log_time_ns, lasting(memoryview(content)[chunk.begin : chunk.end])
+            number -= 1
+            if chunk.advance():
+                heapq.heapreplace(open_chunks, (chunk.time_ns, offset, chunk))
+            else:
+                heapq.heappop(open_chunks)
+                chunks.drop(offset)
+
+    def _load(self, offset: int) -> bytes:
+        return load_chunk(self._file, self.path, offset, self._sizes, check=self.check)
+
+    def _loose(self, channels: Collection[int]) -> Iterator[tuple[int, int, bytes | memoryview]]:
+        """Read messages that stand in the file by themselves."""
+        places = MessagePlaces()
+        for opcode, begin, end in walk(self._file, self._size):
+            if opcode == Opcode.MESSAGE:
+                self._file.seek(begin)
+                header = self._file.read(min(MESSAGE_HEADER.size, end - begin))
+                channel, _, log_time_ns, _ = MESSAGE_HEADER.unpack(header)
+                if channel in channels:
+                    places.add(log_time_ns, channel, begin + MESSAGE_HEADER.size, end)
+        for log_time_ns, channel, begin, end in places.in_order():
+            self._file.seek(begin)
+            yield channel, log_time_ns, self._file.read(end - begin)
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+
+class _OpenChunk:
+    """A chunk with messages that were not handed out yet, of which it knows the next one."""
+
+    def __init__(self, place: ChunkPlace, chunks: LatestChunks, channels: Collection[int]) -> None:
+        self.offset = place.offset
+        places = MessagePlaces.of_chunk(chunks.at(place.offset), channels)
+        self.left = len(places)
+        self._places = places.in_order()
+        self.time_ns = self.channel = self.begin = self.end = 0
+        self._take()
+
+    def advance(self) -> bool:
+        """Go to the next message; return whether there is one."""
+        self.left -= 1
+        self._take()
+        return self.left > 0
+
+    def _take(self) -> None:
+        if self.left:
+            self.time_ns, self.channel, self.begin, self.end = next(self._places)
+
+
+class McapRecording(Recording):
+    """A bare `.mcap` file with CDR or ROS 1 messages; other encodings cost their topic."""
+
+    def __init__(self, path: Path, message_definitions: Sequence[Path], limits: Limits) -> None:
+        self._file = McapFile(path, limits)
+        try:
+            _require_summary(self._file)
+            sources = self._file.sources()
+            self._topics = {channel: source.topic for channel, source in sources.items()}
+            super().__init__(path, "mcap", merge_topics(path, sources.values(), message_definitions, limits))
+        except BaseException:
+            self._file.close()
+            raise
+
+    def _read(self, topics: Collection[str]) -> Iterator[RawMessage]:
+        wanted = {channel: topic for channel, topic in self._topics.items() if topic in topics}
+        for channel, log_time_ns, data in self._file.messages(wanted.keys()):
+            topic = wanted[channel]
+            yield RawMessage(topic, self.topics[topic].msgtype, log_time_ns, data)
+
+    def check_content(self) -> None:
+        """Check the checksum of every chunk that is read from now on."""
+        self._file.check = True
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+
+def _require_summary(file: McapFile) -> None:
+    if file.counts is None:
+        raise RecordingError(f"{file.path}: the MCAP has no summary; run `mcap recover` on it first.")
+
+
+def _definition(schema: Schema | None) -> Definition:
+    """Return the definition in a schema.
+
+    Bytes that are no UTF-8, as comments in other encodings are, are replaced: what they damage costs no more
+    than the topic.
+    """
+    if schema is None or schema.encoding not in _FORMATS or not schema.data:
+        return Definition("none", "")
+    text = schema.data.decode("utf-8", "replace")
+    return Definition("idl" if _FORMATS[schema.encoding] == "idl" else "msg", text)

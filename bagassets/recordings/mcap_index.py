@@ -1,0 +1,160 @@
+"""What is where in an MCAP file: channels, definitions and chunks, from its summary or by walking through it.
+
+The mcap library parses the records of the summary, and is never let near a chunk: it would unpack whatever
+size one has.
+"""
+
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from io import BytesIO
+from pathlib import Path
+from typing import BinaryIO
+
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+from mcap.records import Channel, ChunkIndex, Footer, McapRecord, Schema, Statistics
+from mcap.stream_reader import MAGIC_SIZE, StreamReader, read_magic
+
+from bagassets.recordings.damage import DamageError
+from bagassets.recordings.mcap_chunk import RECORD_HEADER, chunk_facts, load_chunk, records_in
+from bagassets.recordings.sizes import Sizes
+
+__all__ = ["ChunkPlace", "McapIndex", "read_index", "walk"]
+
+# Start of the summary, start of its offsets, checksum.
+_FOOTER_BYTES = RECORD_HEADER.size + 8 + 8 + 4
+
+
+@dataclass(frozen=True, slots=True)
+class ChunkPlace:
+    """Where a chunk is.
+
+    Attributes:
+        offset: of its record in the file.
+        start_ns: log time of its earliest message.
+        channels: those that it has messages of; None if that is not known.
+    """
+
+    offset: int
+    start_ns: int
+    channels: frozenset[int] | None
+
+
+@dataclass
+class McapIndex:
+    """What is where in a file.
+
+    Attributes:
+        channels: id -> channel.
+        schemas: id -> schema.
+        chunks: in order of start and offset; without any, messages stand in the file by themselves.
+        counts: channel -> messages; None if the file does not say.
+    """
+
+    channels: dict[int, Channel] = field(default_factory=dict)
+    schemas: dict[int, Schema] = field(default_factory=dict)
+    chunks: list[ChunkPlace] = field(default_factory=list)
+    counts: dict[int, int] | None = None
+
+
+def read_index(file: BinaryIO, path: Path, sizes: Sizes) -> McapIndex:
+    """Return what is where, from the summary; what that leaves out is searched for in the file.
+
+    Args:
+        file: the open file.
+        path: its path.
+        sizes: what the recording may hold; takes what the chunks announce.
+
+    Raises:
+        SizeLimitError: the file announces more than the recording may hold.
+        DamageError: the index contradicts itself. The library raises anything else on damaged bytes.
+    """
+    size = os.fstat(file.fileno()).st_size
+    index = McapIndex()
+    file.seek(0)
+    read_magic(ReadDataStream(file))
+    file.seek(-(_FOOTER_BYTES + MAGIC_SIZE), os.SEEK_END)
+    footer = next(_parsed(file, size))
+    if not isinstance(footer, Footer):
+        raise DamageError("it does not end as such a file does")
+    if footer.summary_start:
+        file.seek(footer.summary_start)
+        _take_summary(index, _parsed(file, size), size, sizes)
+    if not index.channels or not (index.chunks or index.counts):
+        _search(file, path, size, index, sizes)
+    index.chunks.sort(key=lambda chunk: (chunk.start_ns, chunk.offset))
+    return index
+
+
+def _parsed(file: BinaryIO, size: int) -> Iterator[McapRecord]:
+    return iter(StreamReader(file, skip_magic=True, emit_chunks=True, record_size_limit=size).records)
+
+
+def _take_summary(index: McapIndex, records: Iterator[McapRecord], size: int, sizes: Sizes) -> None:
+    offsets: set[int] = set()
+    for record in records:
+        if isinstance(record, Schema | Channel):
+            _take(index, record, sizes)
+        elif isinstance(record, Statistics):
+            index.counts = record.channel_message_counts
+        elif isinstance(record, ChunkIndex):
+            offset = record.chunk_start_offset
+            if offset in offsets or offset + record.compressed_size > size:
+                raise DamageError("its index names a chunk twice, or one beyond the end")
+            offsets.add(offset)
+            sizes.add_chunk(offset, record.uncompressed_size)
+            channels = frozenset(record.message_index_offsets) or None
+            index.chunks.append(ChunkPlace(offset, record.message_start_time, channels))
+
+
+def _take(index: McapIndex, record: Schema | Channel, sizes: Sizes) -> None:
+    if isinstance(record, Schema):
+        index.schemas[record.id] = record
+    else:
+        index.channels[record.id] = record
+        sizes.check_connections(len(index.channels))
+
+
+def _search(file: BinaryIO, path: Path, size: int, index: McapIndex, sizes: Sizes) -> None:
+    """Walk through the file for channels and chunks that no summary lists."""
+    known = {chunk.offset for chunk in index.chunks}
+    for opcode, begin, end in walk(file, size):
+        if opcode == Opcode.CHUNK:
+            offset = begin - RECORD_HEADER.size
+            start_ns, unpacked_bytes = chunk_facts(file, offset)
+            sizes.add_chunk(offset, unpacked_bytes)
+            if offset not in known:
+                index.chunks.append(ChunkPlace(offset, start_ns, None))
+            content = load_chunk(file, path, offset, sizes, check=False)
+            for inner, inner_begin, inner_end in records_in(content):
+                _take_bytes(index, inner, content[inner_begin:inner_end], sizes)
+        elif opcode in {Opcode.SCHEMA, Opcode.CHANNEL}:
+            file.seek(begin)
+            _take_bytes(index, opcode, file.read(end - begin), sizes)
+
+
+def _take_bytes(index: McapIndex, opcode: int, fields: bytes, sizes: Sizes) -> None:
+    if opcode == Opcode.SCHEMA:
+        _take(index, Schema.read(ReadDataStream(BytesIO(fields))), sizes)
+    elif opcode == Opcode.CHANNEL:
+        _take(index, Channel.read(ReadDataStream(BytesIO(fields))), sizes)
+
+
+def walk(file: BinaryIO, size: int) -> Iterator[tuple[int, int, int]]:
+    """Yield opcode, first byte and end of the fields of each record in the data section of a file.
+
+    Raises:
+        DamageError: a record is cut off.
+    """
+    begin = MAGIC_SIZE + RECORD_HEADER.size
+    while begin <= size:
+        file.seek(begin - RECORD_HEADER.size)
+        opcode, length = RECORD_HEADER.unpack(file.read(RECORD_HEADER.size))
+        if opcode in {Opcode.DATA_END, Opcode.FOOTER}:
+            return
+        if begin + length > size:
+            break
+        yield opcode, begin, begin + length
+        begin += length + RECORD_HEADER.size
+    raise DamageError("it ends too early, or is damaged")

@@ -1,0 +1,64 @@
+"""What recordings are made of: their files, messages and definitions of types."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+Format = Literal["ros1", "ros2", "mcap"]
+
+__all__ = ["Definition", "Format", "Found", "RawMessage", "SkimmedPacket"]
+
+
+@dataclass(frozen=True, slots=True)
+class Definition:
+    """The definition of a message type.
+
+    Attributes:
+        format: `msg` (ROS, with `MSG:` sections for nested types), `idl`, or `none` if there is none.
+        text: the definition.
+    """
+
+    format: Literal["msg", "idl", "none"]
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """A recording found below the bag root, not yet opened.
+
+    Attributes:
+        key: partition key, a readable slug of `relative`; unique below one root.
+        relative: path below the bag root, with `/`.
+        path: the bag file, or the folder of a ROS 2 bag.
+        format: ros1 (`.bag`), ros2 (folder with metadata.yaml, or a bare `.db3`), mcap (bare `.mcap`).
+        files: the files that make up the recording, sorted by name.
+        size: sum of their sizes in bytes.
+        mtime_ns: newest modification time of any of them.
+    """
+
+    key: str
+    relative: str
+    path: Path
+    format: Format
+    files: tuple[Path, ...]
+    size: int
+    mtime_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class RawMessage:
+    """A serialized message: ROS 1 serialization or CDR, as recorded."""
+
+    topic: str
+    msgtype: str
+    log_time_ns: int
+    data: bytes | memoryview
+
+
+@dataclass(slots=True)
+class SkimmedPacket:
+    """Stamp and frame id of the header of a packet message, and the bytes of the packet."""
+
+    stamp_ns: int
+    frame_id: str
+    payload: bytes

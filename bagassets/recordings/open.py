@@ -1,0 +1,50 @@
+"""Opening a recording, whatever its format."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from bagassets.errors import BagAssetsError, RecordingError
+from bagassets.recipe.model import Limits
+from bagassets.recordings.damage import advice_for, damaged, refuse_pointer
+from bagassets.recordings.database_file import DatabaseRecording
+from bagassets.recordings.mcap_file import McapRecording
+from bagassets.recordings.model import Found
+from bagassets.recordings.recording import Recording
+from bagassets.recordings.rosbag1 import Rosbag1Recording
+from bagassets.recordings.rosbag2 import Rosbag2Recording
+
+__all__ = ["open_recording"]
+
+
+def open_recording(
+    found: Found | Path, message_definitions: Sequence[Path] = (), limits: Limits | None = None
+) -> Recording:
+    """Open a recording.
+
+    Args:
+        found: the recording, or its path.
+        message_definitions: folders of `.msg` files for types without definition.
+        limits: what it may ask of the memory; those of an empty recipe by default.
+
+    Raises:
+        RecordingError: it is not a readable recording; the message says what to do.
+    """
+    path = found.path if isinstance(found, Found) else found
+    if not path.exists():
+        raise RecordingError(f"{path}: no such file; it was removed or renamed.")
+    if path.is_file() and path.stat().st_size == 0:
+        raise RecordingError(f"{path}: the file is empty; {advice_for(path)}.")
+    limits = limits or Limits()
+    try:
+        if path.is_dir():
+            return Rosbag2Recording(path, message_definitions, limits)
+        refuse_pointer(path)
+        if path.suffix == ".mcap":
+            return McapRecording(path, message_definitions, limits)
+        if path.suffix == ".db3":
+            return DatabaseRecording(path, message_definitions, limits)
+        return Rosbag1Recording(path, message_definitions, limits)
+    except BagAssetsError:
+        raise
+    except Exception as err:  # whatever the libraries raise: see `damaged`
+        raise damaged(path, err) from err

@@ -1,0 +1,67 @@
+"""The pack: small messages of a recording, kept so that later steps need not open it again."""
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from bagassets.recipe.model import Limits
+from bagassets.recordings.model import Definition, RawMessage
+from bagassets.recordings.recording import Recording
+from bagassets.recordings.topic import Serialization, TopicSource, merge_topics
+from bagassets.store.artifact import ArtifactWriter
+
+__all__ = ["PACK_FILE", "PackedRecording", "write_pack"]
+
+PACK_FILE = "messages.parquet"
+
+PACK_SCHEMA = pa.schema({"topic": pa.string(), "log_time_ns": pa.int64(), "data": pa.binary()})
+
+
+def write_pack(out: ArtifactWriter, messages: Sequence[RawMessage]) -> None:
+    """Write messages, which come in order of log time, into the pack of an artifact."""
+    columns = (
+        [message.topic for message in messages],
+        [message.log_time_ns for message in messages],
+        [message.data for message in messages],
+    )
+    arrays = [pa.array(column, field.type) for column, field in zip(columns, PACK_SCHEMA, strict=True)]
+    out.write_table(PACK_FILE, pa.Table.from_arrays(arrays, schema=PACK_SCHEMA))
+
+
+class PackedRecording(Recording):
+    """The packed topics of a recording, read from an inventory artifact.
+
+    Args:
+        inventory: content of `inventory.json`.
+        parquet: `messages.parquet` of the same artifact.
+        limits: what definitions and messages may ask of the memory; those of an empty recipe by default.
+    """
+
+    def __init__(self, inventory: Mapping[str, Any], parquet: Path, limits: Limits | None = None) -> None:
+        self._parquet = parquet
+        sources = []
+        for topic in inventory["topics"]:
+            if not topic["packed"]:
+                continue
+            definition = Definition(**topic["definition"])
+            serialization: Serialization = topic["serialization"]
+            sources.append(
+                TopicSource(
+                    topic["name"], topic["type"], topic["count"], definition, serialization, topic["problem"]
+                )
+            )
+        super().__init__(parquet, inventory["format"], merge_topics(parquet, sources, (), limits or Limits()))
+
+    def _read(self, topics: Collection[str]) -> Iterator[RawMessage]:
+        table = pq.read_table(self._parquet, filters=[("topic", "in", sorted(topics))])
+        for batch in table.to_batches(max_chunksize=4096):
+            names, stamps, payloads = (batch.column(name) for name in PACK_SCHEMA.names)
+            for name, log_time_ns, data in zip(names, stamps, payloads, strict=True):
+                topic = name.as_py()
+                yield RawMessage(topic, self.topics[topic].msgtype, log_time_ns.as_py(), data.as_py())
+
+    def close(self) -> None:
+        """Do nothing: the file is open during reads only."""

@@ -1,0 +1,113 @@
+"""An open recording, whatever the file format: its topics, its messages in order, and views of some topics."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Self
+
+from bagassets.errors import BagAssetsError
+from bagassets.recordings.damage import DamageError, damaged
+from bagassets.recordings.model import Format, RawMessage
+from bagassets.recordings.topic import RefusedBytes, Topic
+
+__all__ = ["Recording", "RestrictedRecording"]
+
+_BYTES = (bytes, memoryview, bytearray)
+_FIRST_NS, _LAST_NS = -(2**63), 2**63 - 1
+
+
+class Recording(ABC):
+    """An open recording, whose messages are read by a subclass. Close it, or use it as a context manager.
+
+    Args:
+        path: the bag file, or the folder of a ROS 2 bag.
+        file_format: what it is read as.
+        topics: its topics, sorted by name.
+    """
+
+    def __init__(self, path: Path, file_format: Format, topics: Mapping[str, Topic]) -> None:
+        self.path = path
+        self.format = file_format
+        self.topics = topics
+
+    @abstractmethod
+    def _read(self, topics: Collection[str]) -> Iterator[RawMessage]:
+        """Yield the messages of `topics`, all known, in order of log time."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Close the files."""
+
+    def check_content(self) -> None:  # noqa: B027  (most formats have no checksums, or are always checked)
+        """Check the checksums that the format has while messages are read, where that costs time."""
+
+    def messages(self, topics: Collection[str]) -> Iterator[RawMessage]:
+        """Yield the messages of `topics` in order of log time, in one pass over the file.
+
+        Raises:
+            KeyError: a topic is not in the recording.
+            RecordingError: the file turns out to be damaged.
+        """
+        unknown = sorted(set(topics) - self.topics.keys())
+        if unknown:
+            raise KeyError(f"topic {unknown[0]} is not in {self.path} or was not declared by the step")
+        return self._guarded(topics) if topics else iter(())
+
+    def decode(self, message: RawMessage) -> Any:
+        """Return a message of any topic as an object; see `Topic.decode`.
+
+        Raises:
+            DecodeError: as `Topic.decode`.
+        """
+        return self.topics[message.topic].decode(message.data)
+
+    def restrict(self, topics: Collection[str]) -> "Recording":
+        """Return a view that offers `topics` only: a step cannot read what it did not declare."""
+        return RestrictedRecording(self, topics)
+
+    def _guarded(self, topics: Collection[str]) -> Iterator[RawMessage]:
+        # Nothing but the reader runs in here: what a consumer raises does not enter a generator.
+        try:
+            large = {topic: self.topics[topic].large_bytes for topic in topics}
+            for message in self._read(topics):
+                yield self._checked(message, large[message.topic])
+        except BagAssetsError:
+            raise
+        except Exception as err:  # whatever the libraries raise: see `damaged`
+            raise damaged(self.path, err) from err
+
+    def _checked(self, message: RawMessage, large_bytes: int) -> RawMessage:
+        """Return a message, or its place holder if it exceeds the limits."""
+        # Databases give whatever type the damaged bytes have.
+        if not isinstance(message.log_time_ns, int) or not isinstance(message.data, _BYTES):
+            raise DamageError(f"a message of {message.topic} has no time or no bytes")
+        if not _FIRST_NS <= message.log_time_ns <= _LAST_NS:
+            raise DamageError(f"a message of {message.topic} has no possible time")
+        if len(message.data) <= large_bytes:
+            return message
+        reason = self.topics[message.topic].refusal(message.data)
+        return message if reason is None else replace(message, data=RefusedBytes(reason))
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.close()
+
+
+class RestrictedRecording(Recording):
+    """A view of a recording that offers the topics a step declared; closing it closes nothing."""
+
+    def __init__(self, inner: Recording, topics: Collection[str]) -> None:
+        wanted = set(topics)
+        super().__init__(
+            inner.path, inner.format, {name: topic for name, topic in inner.topics.items() if name in wanted}
+        )
+        self._inner = inner
+
+    def _read(self, topics: Collection[str]) -> Iterator[RawMessage]:
+        return self._inner.messages(topics)
+
+    def close(self) -> None:
+        """Do nothing: the recording belongs to whoever opened it."""

@@ -1,0 +1,222 @@
+"""ROS 1 bags: rosbags reads their index, and messages are taken out of the chunks here.
+
+rosbags makes a dictionary of the header of every message and copies its bytes a second time, which
+together takes longer than reading the file. Headers of one connection differ in nothing but the time
+(https://wiki.ros.org/Bags/Format/2.0, "Message data").
+"""
+
+import os
+from collections.abc import Collection, Iterator, Sequence
+from heapq import merge
+from io import BytesIO
+from itertools import repeat
+from pathlib import Path
+from struct import Struct
+
+from rosbags import rosbag1
+from rosbags.interfaces import Connection, ConnectionExtRosbag1, MessageDefinition, MessageDefinitionFormat
+from rosbags.rosbag1.reader import Chunk, ChunkInfo, Header, IndexData, RecordType
+from rosbags.rosbag1.reader import normalize as normalise_topic
+
+from bagassets.recipe.model import Limits
+from bagassets.recordings.chunks import LatestChunks, lasting
+from bagassets.recordings.damage import DamageError
+from bagassets.recordings.model import Definition, RawMessage
+from bagassets.recordings.recording import Recording
+from bagassets.recordings.sizes import Sizes
+from bagassets.recordings.topic import TopicSource, merge_topics, normalise_msgtype
+from bagassets.recordings.unpack import TooLargeError, unpack
+
+__all__ = ["Rosbag1Recording"]
+
+_SIZE = Struct("<I")
+_TIME = Struct("<II")
+
+
+class Rosbag1Recording(Recording):
+    """A ROS 1 bag, plain or compressed with lz4 or bz2."""
+
+    def __init__(self, path: Path, message_definitions: Sequence[Path], limits: Limits) -> None:
+        self._limits = limits
+        self._reader = _IndexReader(path, limits)
+        self._reader.open()
+        try:
+            sources = [
+                TopicSource(
+                    connection.topic,
+                    normalise_msgtype(connection.msgtype),
+                    connection.msgcount,
+                    Definition("msg", connection.msgdef.data),
+                    "ros1",
+                )
+                for connection in self._reader.connections
+            ]
+            super().__init__(path, "ros1", merge_topics(path, sources, message_definitions, limits))
+        except BaseException:
+            self._reader.close()
+            raise
+
+    def _read(self, topics: Collection[str]) -> Iterator[RawMessage]:
+        reader = self._reader
+        chunks = LatestChunks(reader.load, self._limits.chunk_bytes, reader.sizes.unpacked_bytes)
+        records = [
+            _Records(connection.id, connection.topic, self.topics[connection.topic].msgtype)
+            for connection in reader.connections
+            if connection.topic in topics
+        ]
+        indexes = [zip(reader.indexes[found.connection], repeat(found), strict=False) for found in records]
+        for entry, found in merge(*indexes, key=_time_ns):
+            data = lasting(found.data(chunks.at(entry.chunk_pos), entry))
+            yield RawMessage(found.topic, found.msgtype, entry.time, data)
+
+    def close(self) -> None:
+        """Close the file."""
+        self._reader.close()
+
+
+class _IndexReader(rosbag1.Reader):
+    """Reads the index of a bag, and no more of it than there is in the file."""
+
+    def __init__(self, path: Path, limits: Limits) -> None:
+        super().__init__(path)
+        self._size = path.stat().st_size
+        self.sizes = Sizes(path, self._size, limits)
+        self._packing: dict[int, tuple[str, int]] = {}
+        self._connections_read = 0
+        self._index_bytes = 0
+
+    def read_connection(self) -> Connection:
+        """Read one connection; text that is no UTF-8, most often in comments, has its bytes replaced."""
+        self._connections_read += 1
+        self.sizes.check_connections(self._connections_read)
+        if self.bio is None:
+            raise DamageError("the file was closed")
+        header = Header.read(self.bio, RecordType.CONNECTION)
+        topic = _text(header, "topic")
+        about = Header.read(self.bio)
+        return Connection(
+            header.get_uint32("conn"),
+            normalise_topic(topic) if topic else topic,
+            _text(about, "type"),
+            MessageDefinition(MessageDefinitionFormat.MSG, _text(about, "message_definition")),
+            "",
+            0,
+            ConnectionExtRosbag1(None, None),
+            self,
+        )
+
+    def read_chunk_info(self) -> ChunkInfo:
+        """Read where one chunk is."""
+        info = super().read_chunk_info()
+        if info.pos in self._packing:
+            raise DamageError("its index names a chunk twice")
+        self._packing[info.pos] = ("", 0)
+        return info
+
+    def read_chunk(self) -> Chunk:
+        """Read the header of a chunk, and hold what it announces against the limits."""
+        if self.bio is None:
+            raise DamageError("the file was closed")
+        position = self.bio.tell()
+        header = Header.read(self.bio, RecordType.CHUNK)
+        self.bio.seek(position)
+        compression, unpacked_bytes = _text(header, "compression"), header.get_uint32("size")
+        self.sizes.add_chunk(position, unpacked_bytes)
+        self._packing[position] = (compression, unpacked_bytes)
+        chunk = super().read_chunk()
+        if chunk.datapos + chunk.datasize > self._size:
+            raise DamageError(f"the chunk at byte {position} is cut off")
+        if compression == "none":
+            self.sizes.check_chunk(position, chunk.datasize)
+        return chunk
+
+    def read_index_data(self, pos: int, indexes: dict[int, list[IndexData]]) -> None:
+        """Read the index of one connection in a chunk; a made-up one could be read over and over."""
+        if self.bio is None:
+            raise DamageError("the file was closed")
+        begin = self.bio.tell()
+        super().read_index_data(pos, indexes)
+        self._index_bytes += self.bio.tell() - begin
+        if self._index_bytes > self._size:
+            raise DamageError("its index names messages twice")
+
+    def load(self, position: int) -> bytes:
+        """Return the content of the chunk at a position of the file.
+
+        Raises:
+            DamageError: it is cut off, or holds more than it announces.
+        """
+        if self.bio is None:
+            raise DamageError("the file was closed")
+        chunk, (compression, unpacked_bytes) = self.chunks[position], self._packing[position]
+        self.bio.seek(chunk.datapos)
+        packed = self.bio.read(chunk.datasize)
+        if compression == "none":
+            return packed
+        try:
+            return unpack(packed, compression, unpacked_bytes)
+        except TooLargeError:
+            raise DamageError(f"the chunk at byte {position} holds more than it announces") from None
+
+
+def _text(header: Header, name: str) -> str:
+    if name not in header:
+        raise DamageError(f"a connection or chunk of its index lacks its {name.replace('_', ' ')}")
+    return header[name].decode("utf-8", "replace")
+
+
+class _Records:
+    """Finds the message records of one connection in chunks.
+
+    The first header is parsed. The next ones are compared with what it would be at their time; one that
+    differs is parsed in its turn.
+    """
+
+    def __init__(self, connection: int, topic: str, msgtype: str) -> None:
+        self.connection = connection
+        self.topic = topic
+        self.msgtype = msgtype
+        self._around_time: tuple[bytes, bytes] | None = None
+
+    def data(self, chunk: bytes, entry: IndexData) -> memoryview:
+        """Return the bytes of the message that the index announces, as a view of the chunk.
+
+        Raises:
+            DamageError: it is not there.
+        """
+        begin = entry.offset
+        if self._around_time is not None:
+            before, after = self._around_time
+            header = before + _TIME.pack(*divmod(entry.time, 10**9)) + after
+            if chunk.startswith(header, begin):
+                return _sized(chunk, begin + len(header))
+        return _sized(chunk, self._parse(chunk, entry))
+
+    def _parse(self, chunk: bytes, entry: IndexData) -> int:
+        """Return where the header of a record ends."""
+        source = BytesIO(chunk)  # shares the bytes
+        source.seek(entry.offset)
+        begin = entry.offset
+        while (header := Header.read(source)).get_uint8("op") == RecordType.CONNECTION:
+            begin = source.seek(_SIZE.size + len(_sized(chunk, source.tell())), os.SEEK_CUR)
+        end = source.tell()
+        told = header.get_uint8("op"), header.get_uint32("conn"), header.get_time("time")
+        if told != (RecordType.MSGDATA, self.connection, entry.time):
+            raise DamageError(f"the index announces a message of {self.topic} where none is")
+        before, found, after = chunk[begin:end].partition(b"time=" + header["time"])
+        if found:
+            self._around_time = before + found[: -_TIME.size], after
+        return end
+
+
+def _sized(data: bytes, begin: int) -> memoryview:
+    """Return the bytes whose number stands at `begin`."""
+    (size,) = _SIZE.unpack_from(data, begin)
+    begin += _SIZE.size
+    if begin + size > len(data):
+        raise DamageError(f"a record of {size} bytes is cut off")
+    return memoryview(data)[begin : begin + size]
+
+
+def _time_ns(found: tuple[IndexData, _Records]) -> int:
+    return found[0].time

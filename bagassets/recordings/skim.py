@@ -1,0 +1,83 @@
+"""Taking out of a packet message what is asked of every packet, without building the message.
+
+Lidars that are recorded packet by packet bring thousands of messages a second. An object with arrays for
+addresses and ports costs several times as much as what is then done with the packet.
+"""
+
+from collections.abc import Callable, Sequence
+from struct import Struct
+from typing import Any
+
+from rosbags.interfaces import Nodetype
+
+from bagassets.recordings.layouts import Layout
+from bagassets.recordings.model import SkimmedPacket
+
+__all__ = ["HEADER", "Skimmer", "packet_skimmer"]
+
+HEADER = "std_msgs/msg/Header"
+_HEADER_FIELDS = ["seq", "stamp", "frame_id"]
+_SIZES = {
+    **dict.fromkeys(("bool", "byte", "char", "int8", "uint8"), 1),
+    **dict.fromkeys(("int16", "uint16"), 2),
+    **dict.fromkeys(("int32", "uint32", "float32"), 4),
+    **dict.fromkeys(("int64", "uint64", "float64"), 8),
+}
+
+_FIRST = Struct("<4xiII")  # after the sequence number: seconds, nanoseconds, length of the frame id
+_LENGTH = Struct("<I")
+
+
+Skimmer = Callable[[bytes | memoryview], SkimmedPacket | None]
+
+
+def packet_skimmer(layout: Layout, payloads: Sequence[str]) -> Skimmer | None:
+    """Return a function that reads packet messages of a type, or None if they are not laid out simply.
+
+    Simple is a ROS 1 message of a header, fields of fixed size, and last the bytes. The function returns
+    None for a message that is not as long as it says: decoding it tells what is wrong.
+
+    Args:
+        layout: of the type.
+        payloads: names that the field with the bytes may have, the likeliest first.
+    """
+    fields = dict(layout.types[layout.msgtype][1])
+    payload = next((name for name in payloads if name in fields), None)
+    kinds = list(fields.values())
+    if layout.serialization != "ros1" or len(kinds) < 2 or list(fields)[-1] != payload:
+        return None
+    if kinds[0] != (Nodetype.NAME, HEADER) or [n for n, _ in layout.types[HEADER][1]] != _HEADER_FIELDS:
+        return None
+    if kinds[-1][0] != Nodetype.SEQUENCE or _fixed_size(kinds[-1][1][0]) != 1:
+        return None
+    sizes = [_fixed_size(kind) for kind in kinds[1:-1]]
+    if None in sizes:
+        return None
+    between = sum(size or 0 for size in sizes)
+
+    def skim(data: bytes | memoryview) -> SkimmedPacket | None:
+        if len(data) < _FIRST.size:
+            return None
+        seconds, nanoseconds, length = _FIRST.unpack_from(data)
+        frame_end = _FIRST.size + length
+        begin = frame_end + between + _LENGTH.size
+        if begin > len(data) or _LENGTH.unpack_from(data, begin - _LENGTH.size)[0] != len(data) - begin:
+            return None
+        try:
+            frame = str(data[_FIRST.size : frame_end], "utf-8")
+        except UnicodeDecodeError:
+            return None
+        return SkimmedPacket(seconds * 1_000_000_000 + nanoseconds, frame, bytes(data[begin:]))
+
+    return skim
+
+
+def _fixed_size(kind: Any) -> int | None:
+    """Return the size of a field in bytes, None if it differs between messages."""
+    if kind[0] == Nodetype.BASE:
+        return _SIZES.get(kind[1][0])
+    if kind[0] == Nodetype.ARRAY:
+        inner, number = kind[1]
+        size = _fixed_size(inner)
+        return None if size is None else size * int(number)
+    return None

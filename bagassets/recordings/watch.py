@@ -1,0 +1,297 @@
+"""The digest service: follows a folder of recordings and keeps a true digest on record for each file.
+
+Notifications of the file system only wake it; what has changed is found by looking at all names,
+sizes and times. So nothing is missed, however many files come at once, whatever happened while it was
+down, and where the file system notifies nobody.
+"""
+
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from os import stat_result
+from pathlib import Path
+from typing import Literal
+
+from bagassets.errors import BagAssetsError, ChangedWhileReadError, RecordingError
+from bagassets.recipe.model import Bags
+from bagassets.recordings.digest import hash_file
+from bagassets.recordings.digest_check import Disagreement
+from bagassets.recordings.digest_record import DigestIndex, keep, kept_digest, read_attribute
+from bagassets.recordings.discover import discover
+from bagassets.recordings.model import Found
+from bagassets.recordings.notify import Notifications
+
+__all__ = ["WatchEvent", "Watcher"]
+
+# However often it is woken, looking takes at most this share of the time.
+_SCAN_SHARE = 0.1
+_SHORTEST_PAUSE_S = 0.5
+
+
+@dataclass(frozen=True)
+class WatchEvent:
+    """What the service has to tell.
+
+    Attributes:
+        kind: `hashed`; `wrong` (a record that claimed to hold did not, and was corrected); `problem`
+            (a file stays without digest until it is mended); `note`.
+        message: a sentence.
+        path: the file, if it is about one.
+        digest: of a hashed file.
+        size: of a hashed file, in bytes.
+        seconds: that hashing took.
+    """
+
+    kind: Literal["hashed", "wrong", "problem", "note"]
+    message: str
+    path: Path | None = None
+    digest: str | None = None
+    size: int = 0
+    seconds: float = 0.0
+
+
+@dataclass(frozen=True)
+class _State:
+    """All that shows on the outside that a file may have changed."""
+
+    size: int
+    mtime_ns: int
+    inode: int
+    ctime_ns: int
+
+    @classmethod
+    def of(cls, stat: stat_result) -> "_State":
+        return cls(stat.st_size, stat.st_mtime_ns, stat.st_ino, stat.st_ctime_ns)
+
+
+@dataclass
+class _File:
+    """What is remembered of a file.
+
+    Attributes:
+        state: as it was last seen.
+        since_s: since when it has been seen so, on the monotonic clock.
+        settled: for which state there is nothing left to do.
+        doubted: a record is not trusted, whatever it says; only hashing helps.
+        retry_at_s: when to try again what failed.
+    """
+
+    state: _State
+    since_s: float
+    settled: _State | None = None
+    doubted: bool = False
+    retry_at_s: float | None = None
+
+
+class _Stopped(Exception):  # noqa: N818  (no error: it was asked for)
+    """Hashing ended because the service is to stop."""
+
+
+class Watcher:
+    """Keeps digests of the recordings below a folder on record.
+
+    Args:
+        bags: where recordings are, which of them count, and how long one must be quiet to be finished.
+        index: takes digests of files that take no attributes.
+        tell: called with everything worth a line in a log.
+        rescan_s: how often to look without being woken.
+    """
+
+    def __init__(
+        self,
+        bags: Bags,
+        index: DigestIndex | None,
+        tell: Callable[[WatchEvent], None],
+        *,
+        rescan_s: float = 300.0,
+    ) -> None:
+        self._bags = bags
+        self._index = index
+        self._tell = tell
+        self._rescan_s = rescan_s
+        self._files: dict[Path, _File] = {}
+        self._told: set[str] = set()
+        self._wake = threading.Event()
+        self._stop = threading.Event()
+        self._doubt_all = False
+
+    def stop(self) -> None:
+        """Make `run` return soon; may be called from a signal handler or another thread."""
+        self._stop.set()
+        self._wake.set()
+
+    def run(self, *, verify: bool = False, once: bool = False) -> None:
+        """Catch up with what is there, then follow changes until `stop` is called.
+
+        Args:
+            verify: first hash everything, and tell of every record that does not agree with its file.
+            once: return when everything that is finished has its digest.
+
+        Raises:
+            RecordingError: the folder is not there when it starts.
+        """
+        self._doubt_all = verify
+        due, _ = self._look()
+        self._doubt_all = False
+        if once:
+            self._hash_all(due)
+            return
+        with Notifications(self._bags.root, self._wake.set, self._not_notified) as notifications:
+            while not self._stop.is_set():
+                notifications.follow()
+                looked_at_s = time.monotonic()
+                try:
+                    due, next_s = self._look()
+                except RecordingError as err:  # the folder is gone, perhaps unmounted: it may come back
+                    self._tell_once(WatchEvent("problem", str(err), self._bags.root))
+                    due, next_s = [], self._rescan_s
+                scan_s = time.monotonic() - looked_at_s
+                again_s = looked_at_s + max(_SHORTEST_PAUSE_S, scan_s / _SCAN_SHARE)
+                if self._hash_all(due, look_again_at_s=again_s):
+                    self._wake.wait(max(0.0, looked_at_s + next_s - time.monotonic()))
+                self._wake.clear()
+                self._stop.wait(max(0.0, again_s - time.monotonic()))
+
+    # --- looking -------------------------------------------------------------------------
+
+    def _look(self) -> tuple[list[Found], float]:
+        """Look at all files.
+
+        Returns:
+            recordings that are finished and lack a digest, those that wait longest first, and the
+            seconds until another may be finished.
+        """
+        now_s, wall_s = time.monotonic(), time.time()
+        discovery = discover(self._bags)
+        for sentence in discovery.unreadable.values():
+            self._tell_once(WatchEvent("problem", sentence))
+        due: list[tuple[float, str, Found]] = []
+        seen: dict[Path, _File] = {}
+        next_s = self._rescan_s
+        for found in discovery.found.values():
+            quiet_s, lacking = float("inf"), False
+            for path in found.files:
+                try:
+                    stat = path.stat()
+                except OSError:
+                    continue  # removed while we looked
+                file = seen[path] = self._seen(path, stat, now_s)
+                # A file that has not changed for long was not written just now: it need not be watched first.
+                quiet_s = min(quiet_s, max(now_s - file.since_s, wall_s - stat.st_ctime_ns / 1e9))
+                lacking = lacking or not self._is_settled(path, file, stat, now_s)
+            if lacking and quiet_s >= self._bags.settle_s:
+                due.append((-quiet_s, found.relative, found))
+            elif lacking:
+                next_s = min(next_s, self._bags.settle_s - quiet_s)
+        self._files = seen
+        return [found for _, _, found in sorted(due, key=lambda entry: entry[:2])], next_s
+
+    def _seen(self, path: Path, stat: stat_result, now_s: float) -> _File:
+        state, before = _State.of(stat), self._files.get(path)
+        if before is None:
+            return _File(state, now_s, doubted=self._doubt_all)
+        if before.state == state:
+            return before
+        # Changed without a new size or time, it may have been edited in place.
+        held = before.settled
+        in_place = held is not None and (held.size, held.mtime_ns) == (state.size, state.mtime_ns)
+        return _File(state, now_s, held, doubted=before.doubted or in_place)
+
+    def _is_settled(self, path: Path, file: _File, stat: stat_result, now_s: float) -> bool:
+        """Tell whether nothing needs to be done for a file; the record of one that is new to us is trusted."""
+        if file.retry_at_s is not None:
+            return now_s < file.retry_at_s
+        if file.settled == file.state:
+            return True
+        if file.doubted or kept_digest(path, stat, self._index) is None:
+            return False
+        file.settled = file.state
+        return True
+
+    # --- hashing -------------------------------------------------------------------------
+
+    def _hash_all(self, due: list[Found], look_again_at_s: float = float("inf")) -> bool:
+        """Hash recordings; return False if it was interrupted because there is something new to see."""
+        for found in due:
+            if self._stop.is_set():
+                return False
+            if self._wake.is_set() and time.monotonic() >= look_again_at_s:
+                return False
+            for path in found.files:
+                try:
+                    self._hash(path)
+                except _Stopped:
+                    return False
+        return True
+
+    def _hash(self, path: Path) -> None:
+        file = self._files.get(path)
+        if file is None:
+            return
+        started_s = time.monotonic()
+        try:
+            stat = path.stat()
+            if file.state != _State.of(stat) or self._is_settled(path, file, stat, started_s):
+                return  # done, or changed since we looked: then the next look sees it
+            digest = hash_file(path, stat, self._checkpoint)
+            self._report_wrong(path, stat, digest)
+            kept = keep(path, stat, digest, self._index)
+            after = path.stat()
+            if (after.st_size, after.st_mtime_ns, after.st_ino) != (
+                stat.st_size,
+                stat.st_mtime_ns,
+                stat.st_ino,
+            ):
+                return
+        except (ChangedWhileReadError, FileNotFoundError):
+            return  # the next look sees what it has become
+        except (BagAssetsError, OSError) as err:
+            file.retry_at_s = time.monotonic() + self._rescan_s
+            self._tell_once(WatchEvent("problem", str(err), path))
+            return
+        # Our own attribute changed its ctime.
+        file.state = file.settled = _State.of(after)
+        file.doubted, file.retry_at_s = False, None
+        self._told = {message for message in self._told if not message.startswith(f"{path}:")}
+        seconds = time.monotonic() - started_s
+        self._tell(
+            WatchEvent("hashed", f"{path}: {digest}", path, digest=digest, size=stat.st_size, seconds=seconds)
+        )
+        if kept == "nowhere":
+            self._tell_once(
+                WatchEvent(
+                    "problem",
+                    f"{self._bags.root}: digests cannot be stored, because files here take no extended attributes from "
+                    "this user; run as a user who may write them, or name a recipe, whose index takes them.",
+                )
+            )
+
+    def _report_wrong(self, path: Path, stat: stat_result, digest: str) -> None:
+        attribute = read_attribute(path, stat)
+        if attribute is not None and attribute != digest:
+            wrong = Disagreement(path, "attribute", attribute, digest)
+            self._tell(WatchEvent("wrong", str(wrong), path, digest=digest, size=stat.st_size))
+        noted = None if self._index is None else self._index.get(path, stat)
+        if noted is not None and noted != digest:
+            wrong = Disagreement(path, "index", noted, digest)
+            self._tell(WatchEvent("wrong", str(wrong), path, digest=digest, size=stat.st_size))
+
+    def _checkpoint(self) -> None:
+        if self._stop.is_set():
+            raise _Stopped
+
+    def _tell_once(self, event: WatchEvent) -> None:
+        if event.message not in self._told:
+            self._told.add(event.message)
+            self._tell(event)
+
+    def _not_notified(self, reason: str) -> None:
+        self._tell_once(
+            WatchEvent(
+                "note",
+                f"{self._bags.root}: the file system does not notify ({reason}), so it is looked at every "
+                f"{self._rescan_s:.0f} s; if there are too many folders, raise fs.inotify.max_user_watches.",
+                self._bags.root,
+            )
+        )

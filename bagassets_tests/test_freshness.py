@@ -1,0 +1,434 @@
+"""What freshness rests on: the cache file, marks, the memory of recordings, and where the state folder is."""
+
+import os
+import sqlite3
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from bagassets.build.plan_model import AssetState, BagPlan
+from bagassets.freshness import decide, marks
+from bagassets.freshness.artifacts import artifacts_mark, packed
+from bagassets.freshness.cache import NAME, Cache, Changes
+from bagassets.freshness.decide import Builds, state_folder
+from bagassets.freshness.marks import Doubt, project_mark, recipe_mark, signature
+from bagassets.freshness.recordings import Memory, recording_mark
+from bagassets.store.action import Action
+from bagassets.store.store import Store
+
+
+def changes(*put, drop=()):
+    made = Changes()
+    for kind, key, content in put:
+        made.put(kind, key, content)
+    for kind, key in drop:
+        made.drop(kind, key)
+    return made
+
+
+ONE, OTHER = ("letter", "a", b"content"), ("letter", "ünder/b", b"\0" * 5)
+
+
+class TestCache:
+    def test_what_is_kept_comes_back(self, tmp_path):
+        cache = Cache(tmp_path / "state")
+        assert cache.write(changes(ONE, OTHER, ("number", "a", b"1")))
+        assert cache.all("letter") == {"a": b"content", "ünder/b": b"\0" * 5}
+        assert cache.get("letter", "ünder/b", "a") == [b"\0" * 5, b"content"]
+        assert cache.get("letter") == []
+        assert cache.all("nothing") == {}
+
+    def test_it_is_its_owners_alone(self, tmp_path):
+        Cache(tmp_path).write(changes(ONE))
+        assert (tmp_path / NAME).stat().st_mode & 0o077 == 0, "the URL of a database may hold a password"
+
+    def test_the_newest_counts_and_what_is_dropped_is_gone(self, tmp_path):
+        cache = Cache(tmp_path)
+        cache.write(changes(ONE, OTHER))
+        cache.write(changes(("letter", "a", b"newer"), drop=[("letter", "ünder/b"), ("letter", "never")]))
+        assert cache.all("letter") == {"a": b"newer"}
+        below = Changes()
+        below.drop_below("letter", "x")
+        below.put("letter", "x/1", b"new")
+        cache.write(changes(*[("letter", key, b"") for key in ("x", "x/1", "x/2", "x0", "xy/1")]))
+        cache.write(below)
+        assert cache.all("letter") == {"a": b"newer", "x": b"", "x/1": b"new", "x0": b"", "xy/1": b""}
+
+    def test_with_nothing_to_change_nothing_is_written(self, tmp_path):
+        assert Cache(tmp_path / "state").write(Changes())
+        assert not (tmp_path / "state").exists()
+
+    def test_what_is_not_there_is_a_doubt(self, tmp_path):
+        with pytest.raises(Doubt):
+            Cache(tmp_path / "state").all("letter")
+        Cache(tmp_path).write(changes(ONE))
+        for keys in (("b",), ("a", "b"), ("b", "a")):
+            with pytest.raises(Doubt, match="there is no letter"):
+                Cache(tmp_path).get("letter", *keys)
+
+    @pytest.mark.parametrize(
+        "damage",
+        [b"", b"short", b"no database at all, but long enough to be one " * 300, "another format", "half"],
+    )
+    def test_a_damaged_one_is_a_doubt_and_made_again(self, tmp_path, damage):
+        cache, path = Cache(tmp_path), tmp_path / NAME
+        cache.write(changes(*[("letter", str(number), bytes(1000)) for number in range(20)]))
+        if damage == "another format":
+            with sqlite3.connect(path) as connection:
+                connection.execute("PRAGMA user_version = 99")
+            connection.close()
+        elif damage == "half":
+            path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+        else:
+            path.write_bytes(damage)
+        with pytest.raises(Doubt):
+            cache.all("letter")
+        assert cache.write(changes(*[("letter", str(number), b"new") for number in range(20)]))
+        assert set(cache.all("letter").values()) == {b"new"}
+
+    def test_one_that_a_power_loss_tore_is_forgotten_as_a_whole_and_a_whole_one_kept(self, tmp_path):
+        cache = Cache(tmp_path)
+        cache.mend()
+        cache.write(changes(*[("letter", str(number), bytes(1000)) for number in range(200)]))
+        whole = Path(cache.path).read_bytes()
+        cache.mend()
+        assert len(cache.all("letter")) == 200
+        for start in range(0, len(whole), 4096):
+            torn = bytearray(whole)
+            torn[start : start + 4096] = bytes(4096)
+            Path(cache.path).write_bytes(torn)
+            cache.mend()
+            assert not Path(cache.path).exists(), f"page {start // 4096}"
+
+    @pytest.mark.parametrize("column", ["content", "digest", "key", "kind"])
+    def test_an_entry_that_a_power_loss_tore_is_as_good_as_none(self, tmp_path, column):
+        cache = Cache(tmp_path)
+        cache.write(changes(ONE, OTHER))
+        torn = {"content": b"c0ntent", "digest": b"", "key": "c", "kind": "number"}[column]
+        with sqlite3.connect(cache.path) as connection:
+            connection.execute(f"UPDATE entries SET {column} = ? WHERE key = 'a'", (torn,))
+        connection.close()
+        assert cache.all("letter") == {OTHER[1]: OTHER[2]}
+        assert cache.all("number") == {}
+        with pytest.raises(Doubt):
+            cache.get("letter", "a")
+
+    def test_a_folder_that_cannot_be_written_is_no_error(self, tmp_path):
+        (tmp_path / "file").write_bytes(b"")
+        assert not Cache(tmp_path / "file" / "state").write(changes(ONE))
+
+    def test_a_full_disk_keeps_what_was_known(self, tmp_path, monkeypatch):
+        cache = Cache(tmp_path)
+        cache.write(changes(ONE))
+
+        def full(_self, connection):
+            connection.execute("DELETE FROM entries")
+            raise sqlite3.OperationalError("database or disk is full")
+
+        monkeypatch.setattr(Changes, "apply", full)
+        assert not cache.write(changes(OTHER))
+        assert cache.all("letter") == {"a": b"content"}
+
+
+class TestMarkOfARecording:
+    @pytest.fixture
+    def folder(self, tmp_path):
+        (tmp_path / "a.bag").write_bytes(b"content")
+        (tmp_path / "a.json").write_bytes(b"labels")
+        return tmp_path
+
+    def of(self, folder, project="p", relative="a.bag", beside=(), records=None):
+        records = {"inventory": 3} if records is None else records
+        return recording_mark(project, relative, (folder / "a.bag",), beside, records)
+
+    def test_all_that_counts_is_in_it(self, folder):
+        labels = (folder / "a.json",)
+        found = {
+            self.of(folder), self.of(folder, "q"), self.of(folder, relative="b.bag"), self.of(folder, beside=labels),
+            self.of(folder, records={"inventory": 4}), self.of(folder, records={"frames": 3}), self.of(folder, records={}),
+        }  # fmt: skip
+        assert len(found) == 7
+        before = self.of(folder, beside=labels)
+        (folder / "a.json").write_bytes(b"other labels")
+        assert self.of(folder, beside=labels) != before
+        assert self.of(folder) in found
+
+    def test_any_change_of_a_file_changes_it(self, folder):
+        path, found = folder / "a.bag", [self.of(folder)]
+        stat = path.stat()
+        path.write_bytes(b"longer content")
+        found.append(self.of(folder))
+        path.write_bytes(b"c0ntent")
+        os.utime(path, ns=(stat.st_atime_ns, stat.st_mtime_ns))
+        found.append(self.of(folder))  # size and time as before, another time of change
+        os.utime(path, ns=(1, 2))
+        found.append(self.of(folder))
+        path.rename(folder / "b.bag")
+        found.append(self.of(folder))
+        assert len(set(found)) == 5
+        assert self.of(folder) == found[-1]
+
+
+class TestMarkOfTheProject:
+    @pytest.fixture
+    def recipe(self, tmp_path):
+        (tmp_path / "definitions" / "pkg" / "msg").mkdir(parents=True)
+        (tmp_path / "recipe.yaml").write_text("name: x\n")
+        return tmp_path / "recipe.yaml"
+
+    def of(self, recipe, code="c"):
+        folder = recipe.parent
+        return project_mark(
+            code, recipe_mark(recipe), [str(folder / "car.urdf")], [str(folder / "definitions")]
+        )
+
+    def test_all_that_counts_is_in_it(self, recipe):
+        found = [self.of(recipe), self.of(recipe, "other")]
+        for path, text in (
+            ("recipe.yaml", "name: y\n"),
+            (".env", "A=1\n"),
+            ("car.urdf", "<robot/>"),
+            ("definitions/pkg/msg/New.msg", "int8 x"),
+            ("definitions/pkg/msg/.hidden.msg", "int8 x"),
+        ):
+            (recipe.parent / path).write_text(text)
+            found.append(self.of(recipe))
+        (recipe.parent / "definitions/pkg/msg/New.msg").unlink()
+        found.append(self.of(recipe))
+        assert len(set(found)) == len(found)
+        recipe.write_text("name: y\n")
+        assert self.of(recipe) == found[-1], "a recipe that was only written again"
+
+    def test_folders_that_cannot_be_read_are_a_doubt(self, recipe, tmp_path):
+        with pytest.raises(Doubt):
+            project_mark("c", str(recipe), [], [str(tmp_path / "nowhere")])
+
+
+class TestMarkOfCode:
+    def test_all_that_counts_is_in_it(self, tmp_path, monkeypatch):
+        package, site = tmp_path / "package", tmp_path / "site"
+        for folder in (package / "inner", site / "numpy-2.0.dist-info"):
+            folder.mkdir(parents=True)
+        (package / "one.py").write_text("1")
+        monkeypatch.setattr(marks, "site_folders", lambda: (str(site),))
+        monkeypatch.delenv("PYTHONPATH", raising=False)
+        found = [marks.code_mark((str(package),))]
+
+        def note():
+            found.append(marks.code_mark((str(package),)))
+
+        (package / "inner" / "two.so").write_text("2")
+        note()
+        (package / "one.py").write_text("11")
+        note()
+        os.utime(package / "one.py", (1, 1))
+        note()
+        (site / "numpy-2.0.dist-info").rename(site / "numpy-2.1.dist-info")
+        note()
+        os.utime(site / "numpy-2.1.dist-info", (1, 1))
+        note()
+        (tmp_path / "beside" / "plugin-1.egg-info").mkdir(parents=True)
+        monkeypatch.setenv("PYTHONPATH", str(tmp_path / "beside"))
+        note()
+        monkeypatch.setattr(sys, "version", "4.0")
+        note()
+        assert len(set(found)) == len(found)
+        for path in ("inner/notes.txt", ".hidden.py", "__pycache__/one.pyc"):
+            (package / path).parent.mkdir(exist_ok=True)
+            (package / path).write_text("")
+        assert marks.code_mark((str(package),)) == found[-1]
+
+    def test_what_a_process_decides_with_is_the_code_that_it_began_with(self, monkeypatch):
+        marks.loaded_code.cache_clear()
+        before = marks.loaded_code()
+        assert before == marks.code_mark()
+        monkeypatch.setattr(marks, "_source_lines", lambda _root: ["edited"])
+        assert marks.code_mark() != before
+        assert marks.loaded_code() == before
+        marks.loaded_code.cache_clear()
+
+    def test_a_single_module_is_looked_at_too(self, tmp_path):
+        module = tmp_path / "module.py"
+        module.write_text("1")
+        before = marks.code_mark((str(module),))
+        module.write_text("22")
+        assert marks.code_mark((str(module),)) != before
+
+
+def test_a_place_is_marked_by_where_it_leads(tmp_path):
+    for name in ("disk1", "disk2"):
+        (tmp_path / name).mkdir()
+    link, place = tmp_path / "data", [str(tmp_path / "data" / "bags")]
+    link.symlink_to(tmp_path / "disk1")
+    before = marks.places_mark(place)
+    link.unlink()
+    link.symlink_to(tmp_path / "disk2")
+    assert marks.places_mark(place) != before
+
+
+class TestArtifacts:
+    @pytest.fixture
+    def artifact(self, tmp_path):
+        return (
+            Store(tmp_path / "store")
+            .run(Action("a", 1), lambda out: (out.write("one", b"1"), out.write("two", b"2"), {})[2])
+            .artifact
+        )
+
+    def of(self, artifact):
+        return artifacts_mark(str(artifact.folder.parents[1]), packed([artifact.digest]))
+
+    def test_files_that_come_or_go_are_seen(self, artifact):
+        before = self.of(artifact)
+        assert self.of(artifact) == before
+        artifact.path("one").unlink()
+        without = self.of(artifact)
+        artifact.path("one").write_bytes(b"1")
+        assert len({before, without, self.of(artifact)}) == 3
+
+    def test_another_manifest_is_seen(self, artifact):
+        before = self.of(artifact)
+        (artifact.folder / "manifest.json").write_bytes(b"{}")
+        assert self.of(artifact) != before
+        (artifact.folder / "manifest.json").unlink()
+        with pytest.raises(Doubt):
+            self.of(artifact)
+
+
+def plan_of(key, **states):
+    assets = {"bag": AssetState("fresh", "as it was", "b" * 64)}
+    assets |= {
+        name: AssetState(state, f"why {name}", "ab" * 32 if state == "fresh" else None)
+        for name, state in states.items()
+    }
+    recorded, channels = {"inventory": "i" * 64}, ("c1" * 32, "c2" * 32)
+    return BagPlan(key, assets, "ros2", recorded, channels, frozenset({"preview"}))
+
+
+PLAN = plan_of("a.bag", inventory="fresh", frames="skipped")
+
+
+def test_a_recording_rests_on_its_assets_and_the_channels():
+    assert PLAN.artifacts == ("ab" * 32, "c1" * 32, "c2" * 32)
+
+
+class TestMemory:
+    @pytest.fixture
+    def store(self, tmp_path):
+        """A store with the artifacts of `PLAN`."""
+        for digest in PLAN.artifacts:
+            folder = tmp_path / "artifacts" / digest[:2] / digest
+            (folder / "files").mkdir(parents=True)
+            (folder / "manifest.json").write_text("{}")
+        return tmp_path / "artifacts"
+
+    def save(self, memory, *plans, gone=()):
+        memory.save({plan.key: ("mark", plan.as_row(), plan.artifacts) for plan in plans}, gone)
+
+    def test_what_is_remembered_comes_back(self, tmp_path, store):
+        other = replace(PLAN, key="ünder/b.bag", format="mcap")
+        memory = Memory(tmp_path / "state", store)
+        self.save(memory, PLAN, other)
+        found = Memory(tmp_path / "state", store).load()
+        assert {key: BagPlan.from_row(key, entry.plan) for key, entry in found.items()} == {
+            "a.bag": PLAN,
+            "ünder/b.bag": other,
+        }
+        assert {entry.mark for entry in found.values()} == {"mark"}
+        assert memory.holds(found["a.bag"], PLAN.artifacts)
+        self.save(memory, gone=["a.bag"])
+        assert memory.load().keys() == {"ünder/b.bag"}
+
+    def test_it_does_not_hold_once_an_artifact_changed(self, tmp_path, store):
+        memory = Memory(tmp_path / "state", store)
+        self.save(memory, PLAN)
+        (entry,) = memory.load().values()
+        path = store / "c1" / ("c1" * 32) / "files" / "new"
+        path.write_text("")
+        assert not memory.holds(entry, PLAN.artifacts)
+        path.parents[1].joinpath("manifest.json").unlink()
+        assert not memory.holds(entry, PLAN.artifacts)
+
+    def test_what_rests_on_an_artifact_that_is_gone_is_forgotten(self, tmp_path, store):
+        memory = Memory(tmp_path / "state", store)
+        self.save(memory, PLAN)
+        self.save(memory, replace(PLAN, channels=("0" * 64,)))
+        assert memory.load() == {}
+
+    def test_nothing_is_remembered_where_there_is_no_file(self, tmp_path, store):
+        assert Memory(tmp_path / "state", store).load() == {}
+
+
+class TestStateFolder:
+    def recipe(self, folder, text):
+        folder.mkdir(exist_ok=True)
+        (folder / "recipe.yaml").write_text(text)
+        return str(folder / "recipe.yaml")
+
+    @pytest.mark.parametrize(
+        ("text", "state"),
+        [
+            ("name: x\n", ".bagassets"),
+            ("state: elsewhere\n", "elsewhere"),
+            ("state: 'two words'  # why\n", "two words"),
+            ('"state": >-\n  folded\n  text\n', "folded text"),
+            ("{name: x, state: /there/state}\n", "/there/state"),
+            ("note: |\n  state: no\nstate: 2024-05-01\n", "2024-05-01"),
+            ("rigs: [{state: no}]\n", ".bagassets"),
+        ],
+    )
+    def test_it_is_what_the_recipe_says(self, tmp_path, text, state):
+        assert state_folder(self.recipe(tmp_path, text)) == os.path.join(tmp_path, state)  # noqa: PTH118
+
+    @pytest.mark.parametrize("text", ["- a\n", "state: [a]\n", "state: {a: b}\n", "a: [\n", "\0", ""])
+    def test_what_the_recipe_does_not_say_is_a_doubt(self, tmp_path, text):
+        with pytest.raises(Doubt):
+            state_folder(self.recipe(tmp_path, text))
+
+    def test_one_that_was_built_there_is_known_without_reading_yaml(self, tmp_path, monkeypatch):
+        recipe = self.recipe(tmp_path, "name: x\n")
+        Builds(tmp_path / ".bagassets").begin("process", recipe)
+        monkeypatch.setattr(decide, "_named_state", pytest.fail)
+        assert state_folder(recipe) == str(tmp_path / ".bagassets")
+
+    def test_another_text_is_read(self, tmp_path):
+        recipe = self.recipe(tmp_path, "name: x\n")
+        Builds(tmp_path / ".bagassets").begin("process", recipe)
+        Path(recipe).write_text("state: elsewhere\n")
+        assert state_folder(recipe) == str(tmp_path / "elsewhere")
+
+
+class TestBuilds:
+    def test_one_at_work_is_unfinished_until_its_end(self, tmp_path):
+        builds = Builds(tmp_path)
+        with pytest.raises(Doubt):
+            builds.last_boot()
+        builds.begin("one", tmp_path / "recipe.yaml")
+        builds.begin("two", tmp_path / "recipe.yaml")
+        assert set(builds.unfinished()) == {"one", "two"}
+        assert builds.last_boot() == marks.boot()
+        builds.end("one")
+        assert builds.unfinished() == ["two"]
+        builds.begin("three", tmp_path / "recipe.yaml", over=["two"])
+        builds.end("three")
+        assert builds.unfinished() == []
+
+
+def test_nothing_but_the_standard_library_is_imported():
+    code = (
+        "import sys; before = set(sys.modules); import bagassets.freshness.decide, bagassets.freshness.recordings; "
+        "print(*{name.partition('.')[0] for name in set(sys.modules) - before} - set(sys.stdlib_module_names) - {'_sysconfigdata'}); "
+        "print(*[name for name in sys.modules if name.startswith('bagassets.') and 'freshness' not in name])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["bagassets"]
+
+
+def test_a_file_that_is_not_there_has_no_signature(tmp_path):
+    assert signature(tmp_path / "nothing") == []
+    (tmp_path / "a").write_bytes(b"123")
+    stat = (tmp_path / "a").stat()
+    assert signature(tmp_path / "a") == [3, stat.st_mtime_ns, stat.st_ino, stat.st_ctime_ns]

@@ -1,0 +1,78 @@
+"""How often a build decides about a recording: once, and again what its runs have changed."""
+
+from collections import Counter
+
+import dagster as dg
+
+from bagassets.build.plan import Planner
+from bagassets.defs import planning, situation
+from bagassets_tests.in_process import QUICK, build, make_project
+from bagassets_tests.small_drive import write_drive
+
+KEY = "a.bag"
+
+
+def planned(recipe_file, monkeypatch):
+    """Build; return how often each recording was looked into, and how often everything was."""
+    keys, whole = Counter(), Counter()
+    plan, look = Planner.plan, planning.plan_now
+
+    def note(self, found, recorded):
+        keys[found.key] += 1
+        return plan(self, found, recorded)
+
+    def note_whole(*args, **options):
+        whole["all"] += 1
+        return look(*args, **options)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Planner, "plan", note)
+        for module in (planning, situation):
+            patch.setattr(module, "plan_now", note_whole)
+        report, _ = build(recipe_file, monkeypatch)
+    return report, keys, whole["all"]
+
+
+def test_a_build_plans_once_and_again_what_its_runs_have_changed(tmp_path, monkeypatch):
+    recipe = make_project(tmp_path, [KEY, "b.mcap"])
+    report, keys, whole = planned(recipe, monkeypatch)
+    assert report.succeeded
+    # Everything is looked at before and after the build, and by the run of the dataset.
+    assert (keys, whole) == ({KEY: 2, "b.mcap": 2}, 3)
+    write_drive(tmp_path / "bags" / "b.mcap", "mcap", duration_s=1.5)
+    report, keys, whole = planned(recipe, monkeypatch)
+    assert report.succeeded
+    # What both recordings have alike was put into the store once more, which is seen on the other one's artifact.
+    assert (keys["b.mcap"], whole) == (2, 3)
+    assert keys[KEY] <= 1
+    assert planned(recipe, monkeypatch)[1:] == ({}, 1)
+
+
+def test_all_datasets_of_a_run_are_made_from_one_plan(tmp_path, monkeypatch):
+    recipe = make_project(tmp_path, [KEY], text=QUICK + "vision: {{}}\n")
+    report, keys, whole = planned(recipe, monkeypatch)
+    assert report.succeeded
+    assert (keys, whole) == ({KEY: 2}, 3)
+
+
+def test_a_recording_that_failed_is_not_planned_for_each_dataset_again(tmp_path, monkeypatch):
+    recipe = make_project(tmp_path, [KEY])
+    (tmp_path / "bags" / "broken.mcap").write_bytes(b"no recording")
+    report, keys, _ = planned(recipe, monkeypatch)
+    assert report.outcomes["broken.mcap"].result == "failed"
+    assert keys == {KEY: 2, "broken.mcap": 3}
+
+
+def test_what_another_run_recorded_meanwhile_is_planned_again(tmp_path, monkeypatch):
+    recipe = make_project(tmp_path, [KEY, "b.mcap"])
+    build(recipe, monkeypatch)
+    with situation.opened(recipe) as (instance, workspace):
+        before = planning.plan_now(instance, workspace)
+        unchanged = planning.plan_again(instance, workspace, before, [])
+        assert unchanged.plan == before.plan
+        instance.report_runless_asset_event(
+            dg.AssetMaterialization("inventory", partition=KEY, tags={"dagster/data_version": "0" * 64})
+        )
+        now = planning.plan_again(instance, workspace, before, [])
+        assert now.plan.bags[KEY].assets["inventory"].state == "record-only"
+        assert now.plan.bags["b.mcap"] is before.plan.bags["b.mcap"]
