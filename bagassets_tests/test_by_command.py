@@ -79,9 +79,9 @@ def test_the_devkit_loads_and_walks_what_the_command_built(built):
     recipe, _ = built
     assert check_dataset(recipe.nuscenes.output, VERSION) == []
     walked = run_devkit("devkit_walk.py", recipe.nuscenes.output, VERSION)
-    lock = read_lock(recipe.nuscenes.output / VERSION).value
-    assert walked["tables"]["scene"] == sum(bag["scenes"] for bag in lock["bags"]) == len(NAMES)
-    assert walked["tables"]["sample"] == sum(bag["samples"] for bag in lock["bags"])
+    counts = [bag.counts for bag in read_lock(recipe.nuscenes.output / VERSION).bags.values()]
+    assert walked["tables"]["scene"] == sum(one["scenes"] for one in counts) == len(NAMES)
+    assert walked["tables"]["sample"] == sum(one["samples"] for one in counts)
     assert sum(walked["readings"].values()) == walked["tables"]["sample_data"]
 
 

@@ -46,7 +46,7 @@ def kept_errors(recipe):
 def told_by_plan(recipe, key):
     """Return what is told of a failure on record, without trying again."""
     (err,) = failure_of(recipe, key, dry=True).errors.values()
-    return err.failure
+    return str(err)
 
 
 def test_a_failure_on_record_is_told_of_the_recording_at_hand(project):
