@@ -32,6 +32,8 @@ from bagassets.store.action import Action, Step
 from bagassets.store.artifact import Artifact, ArtifactWriter
 
 __all__ = [
+    "AnyAsset",
+    "AnyUse",
     "Asset",
     "Facts",
     "Inputs",
@@ -134,6 +136,10 @@ class Use(Generic[U_co]):
     params: U_co
     topics: tuple[str, ...] = ()
     inputs: Mapping[str, str] = field(default_factory=dict)
+
+
+AnyUse = Use[Any]
+"""A use, whatever its parameters are."""
 
 
 def uses_of(
@@ -276,7 +282,7 @@ class Asset(Generic[P, U]):
     make: "Callable[[Use[U], Inputs, ArtifactWriter], Summary] | None" = None
     extract: "Callable[[Use[U], Inputs, Recording, ArtifactWriter, Executor | None], ChannelExtractor] | None" = None
     description: str = ""
-    reads: "tuple[Asset[Any, Any], ...]" = ()
+    reads: "tuple[AnyAsset, ...]" = ()
     waits_for: Callable[[P], frozenset[str]] | None = None
     libraries: tuple[str, ...] = ()
     families: tuple[Family, ...] = ()
@@ -284,7 +290,7 @@ class Asset(Generic[P, U]):
     optional: bool = False
     checks: tuple[RecordingCheck, ...] = ()
     distribution: str = ""
-    along: "tuple[Asset[Any, Any], ...]" = ()
+    along: "tuple[AnyAsset, ...]" = ()
 
     @property
     def step(self) -> Step:
@@ -320,3 +326,7 @@ class Asset(Generic[P, U]):
         topics = {} if inventory is None else inventory.digests(use.topics)
         inputs = {f"topic:{name}": digest for name, digest in topics.items()}
         return self.step.action(as_json(use.params), {**inputs, **use.inputs})
+
+
+AnyAsset = Asset[Any, Any]
+"""An asset, whatever its parameters are: what lists of assets hold."""

@@ -4,9 +4,7 @@ Dagster cannot see parameters; through this string a changed recipe shows in its
 changed code version.
 """
 
-from typing import Any
-
-from bagassets.assets.asset import Asset, as_json
+from bagassets.assets.asset import AnyAsset, as_json
 from bagassets.plugins import installed_decoders
 from bagassets.recipe.model import Recipe
 from bagassets.store.canonical import digest_json
@@ -14,7 +12,7 @@ from bagassets.store.canonical import digest_json
 __all__ = ["code_version"]
 
 
-def code_version(recipe: Recipe, asset: Asset[Any, Any]) -> str:
+def code_version(recipe: Recipe, asset: AnyAsset) -> str:
     """Return `<version>-<digest>` of an asset of recordings: of what it may know of every rig.
 
     Which rig a recording belongs to is decided by `match`, in order: that counts where rigs differ.

@@ -9,9 +9,9 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
-from bagassets.assets.asset import Asset, Inputs, Summary
+from bagassets.assets.asset import AnyAsset, Inputs, Summary
 from bagassets.assets.channel import ChannelExtractor
 from bagassets.build.graph import SELECTION, Graph, Node
 from bagassets.build.process import encoder_threads, encoders, keep_freed_memory
@@ -121,7 +121,7 @@ def _results(graph: Graph, threads: int) -> Iterator[AssetResult | Skipped]:
         raise BuildFailure(failed, graph.found.path)
 
 
-def _batches(graph: Graph) -> Iterator[Sequence[Asset[Any, Any]]]:
+def _batches(graph: Graph) -> Iterator[Sequence[AnyAsset]]:
     """Yield assets that are made together, when what they depend on has been made or given up.
 
     A pass over the recording comes when nothing else can be made that others of the same pass may depend on.
@@ -136,7 +136,7 @@ def _batches(graph: Graph) -> Iterator[Sequence[Asset[Any, Any]]]:
         yield batch
 
 
-def _made(graph: Graph, batch: Sequence[Asset[Any, Any]], threads: int) -> list[Node]:
+def _made(graph: Graph, batch: Sequence[AnyAsset], threads: int) -> list[Node]:
     """Return the nodes of assets after they were made, as far as they can be."""
     if batch[0].extract is None:
         (asset,) = batch

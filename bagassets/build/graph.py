@@ -13,9 +13,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
 from hashlib import sha256
-from typing import Any
 
-from bagassets.assets.asset import Asset, Use
+from bagassets.assets.asset import AnyAsset, AnyUse
 from bagassets.assets.selection import choose_rig, skip_reason
 from bagassets.build.differences import changes, in_words
 from bagassets.build.inputs import RecordingInputs
@@ -61,7 +60,7 @@ class Node:
     name: str
     asset: str
     channel: str = ""
-    use: Use[Any] | None = None
+    use: AnyUse | None = None
     action: Action | None = None
     outcome: Outcome | None = None
     artifact: Artifact | None = None
@@ -153,7 +152,7 @@ class Graph:
             for hidden in asset.along:
                 yield self.node(hidden.name)
 
-    def above(self, asset: Asset[Any, Any]) -> list[str]:
+    def above(self, asset: AnyAsset) -> list[str]:
         """Return the names of the nodes that an asset depends on under the parameters of this recording."""
         if not asset.reads:
             return [BAG]
@@ -206,7 +205,7 @@ class Graph:
         with _noted(node, self.found):
             node.skipped = skip_reason(self.assets.recipe, self.rig, self.inputs.inventory)
 
-    def _expand(self, node: Node, asset: Asset[Any, Any]) -> None:
+    def _expand(self, node: Node, asset: AnyAsset) -> None:
         for name in self.above(asset):
             above = self.node(name)
             if above.skipped is not None:
@@ -230,7 +229,7 @@ class Graph:
                         self._expand_action(part, asset, uses[part.channel])
                 self._expand_index(node)
 
-    def _expand_action(self, node: Node, asset: Asset[Any, Any], use: Use[Any] | BagAssetsError) -> None:
+    def _expand_action(self, node: Node, asset: AnyAsset, use: AnyUse | BagAssetsError) -> None:
         if isinstance(use, BagAssetsError):
             node.error = use
             return

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator
 from functools import cached_property
 from typing import Any
 
-from bagassets.assets.asset import Asset
+from bagassets.assets.asset import AnyAsset
 from bagassets.build.code_version import code_version
 from bagassets.errors import PluginError
 from bagassets.recipe.model import Recipe, Rig
@@ -24,12 +24,12 @@ class RecordingAssets:
         PluginError: an asset stands before one that it reads, or two have the same name.
     """
 
-    def __init__(self, recipe: Recipe, known: Iterable[Asset[Any, Any]]) -> None:
+    def __init__(self, recipe: Recipe, known: Iterable[AnyAsset]) -> None:
         self.recipe = recipe
-        self._by_name: dict[str, Asset[Any, Any]] = {}
+        self._by_name: dict[str, AnyAsset] = {}
         self._params: dict[tuple[str, str], Any] = {}
         seen: set[str] = {"bag"}
-        enabled: list[Asset[Any, Any]] = []
+        enabled: list[AnyAsset] = []
         for asset in known:
             missing = [one.name for one in asset.reads if one.name not in seen]
             if asset.name in seen or missing:
@@ -44,11 +44,11 @@ class RecordingAssets:
         self.hidden = frozenset(along)
         self._by_name |= along
 
-    def __iter__(self) -> Iterator[Asset[Any, Any]]:
+    def __iter__(self) -> Iterator[AnyAsset]:
         """Yield them in the order in which they are made; not those that are only made along with others."""
         return iter(self._enabled)
 
-    def __getitem__(self, name: str) -> Asset[Any, Any]:
+    def __getitem__(self, name: str) -> AnyAsset:
         """Return an asset, or what is made along with one, by name."""
         return self._by_name[name]
 
@@ -86,7 +86,7 @@ class RecordingAssets:
         """Return the names of the assets that an asset reads."""
         return tuple(asset.name for asset in self[name].reads)
 
-    def params(self, asset: Asset[Any, Any], rig: Rig) -> Any:
+    def params(self, asset: AnyAsset, rig: Rig) -> Any:
         """Return what an asset may know of the recipe for recordings of a rig."""
         key = asset.name, rig.name
         if key not in self._params:

@@ -1,14 +1,14 @@
 """`bagassets docs`: the references in `docs/`, generated from the recipe's model, the assets and the commands' own help."""
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
 from bagassets.cli.terminal import echo_lines
 
 if TYPE_CHECKING:
-    from bagassets.assets.asset import Asset
+    from bagassets.assets.asset import AnyAsset
 
 __all__ = ["all_commands", "asset_reference", "command_reference", "docs"]
 
@@ -135,7 +135,7 @@ def asset_reference() -> str:
     return _ASSETS_INTRODUCTION + "".join(_section(asset, assets) for asset in assets)
 
 
-def _section(asset: "Asset[Any, Any]", assets: "tuple[Asset[Any, Any], ...]") -> str:
+def _section(asset: "AnyAsset", assets: "tuple[AnyAsset, ...]") -> str:
     from bagassets.formats.catalogue import formats
 
     readers = [other.name for other in assets if asset.name in {one.name for one in other.reads}]

@@ -2,11 +2,10 @@
 
 import json
 from collections.abc import Iterator
-from typing import Any
 
 import dagster as dg
 
-from bagassets.assets.asset import Asset
+from bagassets.assets.asset import AnyAsset
 from bagassets.build.execute import Skipped, execute
 from bagassets.build.graph import SELECTION, Graph
 from bagassets.build.recording_assets import RecordingAssets
@@ -88,7 +87,7 @@ def recording_definitions(recipe: Recipe) -> list[dg.AssetsDefinition]:
     ]
 
 
-def _definition(assets: RecordingAssets, asset: Asset[Any, Any]) -> dg.AssetsDefinition:
+def _definition(assets: RecordingAssets, asset: AnyAsset) -> dg.AssetsDefinition:
     """Return an asset with an operation of its own."""
 
     @dg.multi_asset(
@@ -105,7 +104,7 @@ def _definition(assets: RecordingAssets, asset: Asset[Any, Any]) -> dg.AssetsDef
     return make
 
 
-def _spec(assets: RecordingAssets, asset: Asset[Any, Any]) -> dg.AssetSpec:
+def _spec(assets: RecordingAssets, asset: AnyAsset) -> dg.AssetSpec:
     return dg.AssetSpec(
         asset.name,
         # The rest follows the recording through its inventory, which has a digest of each topic: so a

@@ -11,7 +11,7 @@ from functools import cache, wraps
 from typing import Any, TypeVar
 
 from bagassets.assets.annotations import ANNOTATIONS
-from bagassets.assets.asset import Asset, as_json
+from bagassets.assets.asset import AnyAsset, Asset, as_json
 from bagassets.assets.calibration import CALIBRATION
 from bagassets.assets.ego_poses import EGO_POSES
 from bagassets.assets.frames import FRAMES
@@ -22,7 +22,7 @@ from bagassets.build.recording_assets import RecordingAssets
 from bagassets.errors import BagAssetsError, DatasetError, PluginError
 from bagassets.extensions import ASSETS, FORMATS, Extension, installed_extensions
 from bagassets.formats.dataset_lock import DatasetLock
-from bagassets.formats.format import DatasetCheck, Format
+from bagassets.formats.format import AnyFormat, DatasetCheck, Format
 from bagassets.formats.nuscenes.format import NUSCENES
 from bagassets.formats.vision.format import VISION
 from bagassets.quality.check import RecordingCheck
@@ -45,8 +45,8 @@ __all__ = [
 MAIN = NUSCENES
 """The format of the dataset that every recipe has: what enters it is reported, and its splits are those of all."""
 
-OURS: tuple[Format[Any], ...] = (NUSCENES, VISION)
-OUR_ASSETS: tuple[Asset[Any, Any], ...] = (
+OURS: tuple[AnyFormat, ...] = (NUSCENES, VISION)
+OUR_ASSETS: tuple[AnyAsset, ...] = (
     INVENTORY,
     CALIBRATION,
     EGO_POSES,
@@ -74,8 +74,8 @@ class Catalogue:
         problems: what cannot be used, a sentence each.
     """
 
-    formats: tuple[Format[Any], ...]
-    assets: Mapping[str, Asset[Any, Any]]
+    formats: tuple[AnyFormat, ...]
+    assets: Mapping[str, AnyAsset]
     problems: tuple[str, ...]
 
 
@@ -84,7 +84,7 @@ def catalogue() -> Catalogue:
     """Return what was installed when this process first asked."""
     problems: list[str] = []
     formats = list(OURS)
-    assets: dict[str, Asset[Any, Any]] = {}
+    assets: dict[str, AnyAsset] = {}
 
     def add(asset: Any, extension: Extension) -> None:
         """Take an asset, or refuse it."""
@@ -118,9 +118,9 @@ def catalogue() -> Catalogue:
     return Catalogue(tuple(formats), assets, tuple(problems))
 
 
-def _in_order(assets: Mapping[str, Asset[Any, Any]], problems: list[str]) -> dict[str, Asset[Any, Any]]:
+def _in_order(assets: Mapping[str, AnyAsset], problems: list[str]) -> dict[str, AnyAsset]:
     """Return assets of packages, each after those that it reads, without those that read what is not there."""
-    ordered: dict[str, Asset[Any, Any]] = {}
+    ordered: dict[str, AnyAsset] = {}
     waiting = dict(assets)
     while waiting:
         there = _OUR_NAMES | ordered.keys()
@@ -138,7 +138,7 @@ def _in_order(assets: Mapping[str, Asset[Any, Any]], problems: list[str]) -> dic
     return ordered
 
 
-def known_assets() -> tuple[Asset[Any, Any], ...]:
+def known_assets() -> tuple[AnyAsset, ...]:
     """Return all assets that recordings may have, each after those that it reads; `bag` is none of them."""
     return (*OUR_ASSETS, *catalogue().assets.values())
 
@@ -148,17 +148,17 @@ def recording_assets(recipe: Recipe) -> RecordingAssets:
     return RecordingAssets(recipe, known_assets())
 
 
-def formats() -> tuple[Format[Any], ...]:
+def formats() -> tuple[AnyFormat, ...]:
     """Return all formats, the main one first."""
     return catalogue().formats
 
 
-def installed_format(name: str) -> Format[Any] | None:
+def installed_format(name: str) -> AnyFormat | None:
     """Return the format of a name, or None if there is none."""
     return next((kind for kind in formats() if kind.name == name), None)
 
 
-def format_of(lock: DatasetLock) -> Format[Any]:
+def format_of(lock: DatasetLock) -> AnyFormat:
     """Return the format of a dataset.
 
     Raises:
@@ -203,7 +203,7 @@ def _single(group: str, problems: list[str]) -> Iterator[Extension]:
             yield found[0]
 
 
-def _checked_format(found: Any, extension: Extension) -> Format[Any]:
+def _checked_format(found: Any, extension: Extension) -> AnyFormat:
     """Return a format that a package adds.
 
     Raises:
@@ -267,7 +267,7 @@ def _check_asset(asset: Any, extension: Extension) -> None:
         _check_section(check, extension)
 
 
-def _guarded(asset: Asset[Any, Any], extension: Extension) -> Asset[Any, Any]:
+def _guarded(asset: AnyAsset, extension: Extension) -> AnyAsset:
     """Return an asset of a package whose surprises cost just itself, and whose package's version shapes its bytes."""
     guard = _Guard(asset.name, extension)
 

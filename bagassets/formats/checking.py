@@ -12,7 +12,7 @@ from bagassets.errors import PluginError, StoreError
 from bagassets.formats.catalogue import known_assets, recording_assets
 from bagassets.formats.dataset_build import Dataset, datasets_of, in_words_of
 from bagassets.formats.dataset_lock import read_lock
-from bagassets.formats.format import Format
+from bagassets.formats.format import AnyFormat
 from bagassets.quality.check import Evidence, severity_of
 from bagassets.quality.finding import Finding
 from bagassets.recipe.model import Recipe
@@ -155,7 +155,7 @@ def check_datasets(recipe: Recipe) -> Iterator[Verdict]:
                 yield Verdict(None, dataset.asset, name, severity, findings.get(name))
 
 
-def dataset_checks(recipe: Recipe, kind: Format[Any]) -> dict[str, Severity]:
+def dataset_checks(recipe: Recipe, kind: AnyFormat) -> dict[str, Severity]:
     """Return the checks of a format that the recipe does not skip -> how much a finding weighs."""
     weights = {check.name: severity_of(recipe.checks, check.section) for check in kind.checks}
     return {name: severity for name, severity in weights.items() if severity != "skip"}

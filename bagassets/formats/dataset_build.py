@@ -13,7 +13,7 @@ from bagassets.errors import BagAssetsError, DatasetError
 from bagassets.formats.assembly import DatasetSummary, assemble
 from bagassets.formats.catalogue import MAIN, formats
 from bagassets.formats.dataset_lock import DatasetLock, read_lock
-from bagassets.formats.format import FACTS, Format, Part, Selection
+from bagassets.formats.format import FACTS, AnyFormat, Part, Selection
 from bagassets.freshness.published import Publication
 from bagassets.recipe.model import Recipe
 from bagassets.recipe.model_base import DatasetSettings
@@ -54,7 +54,7 @@ class Dataset:
     """
 
     asset: str
-    kind: Format[Any]
+    kind: AnyFormat
     settings: DatasetSettings
     selection: NamedDataset | None = None
 
@@ -261,7 +261,7 @@ def build_dataset(
 
 
 @contextmanager
-def in_words_of(kind: Format[Any], what: str) -> Iterator[None]:
+def in_words_of(kind: AnyFormat, what: str) -> Iterator[None]:
     """Turn whatever a function of a package's format raises into a sentence that names the package.
 
     Raises:

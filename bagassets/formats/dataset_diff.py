@@ -7,7 +7,7 @@ from typing import Any, Literal
 from bagassets.errors import DatasetError, StoreError
 from bagassets.formats.catalogue import installed_format
 from bagassets.formats.dataset_lock import DatasetLock, LockedBag
-from bagassets.formats.format import Format
+from bagassets.formats.format import AnyFormat
 from bagassets.store.store import Store
 
 __all__ = ["BagDiff", "DatasetDiff", "SceneDiff", "diff_datasets"]
@@ -104,7 +104,7 @@ def diff_datasets(before: DatasetLock, after: DatasetLock, store: Store) -> Data
     )
 
 
-def _bags(before: DatasetLock, after: DatasetLock, store: Store, kind: Format[Any] | None) -> list[BagDiff]:
+def _bags(before: DatasetLock, after: DatasetLock, store: Store, kind: AnyFormat | None) -> list[BagDiff]:
     gone = {bag.content: bag for key, bag in before.bags.items() if key not in after.bags}
     found, renamed = [], set()
     for key, bag in after.bags.items():
@@ -124,7 +124,7 @@ def _bags(before: DatasetLock, after: DatasetLock, store: Store, kind: Format[An
 
 
 def _scenes(
-    before: LockedBag | None, after: LockedBag | None, store: Store, kind: Format[Any] | None
+    before: LockedBag | None, after: LockedBag | None, store: Store, kind: AnyFormat | None
 ) -> tuple[SceneDiff, ...] | None:
     if kind is None or kind.samples is None:
         return None

@@ -17,7 +17,7 @@ from bagassets.errors import DatasetError, StoreError
 from bagassets.formats.catalogue import format_of
 from bagassets.formats.dataset_build import dataset_folders
 from bagassets.formats.dataset_lock import LOCK, DatasetLock, load_lock
-from bagassets.formats.format import Entry, Format, Part, UnitFolders
+from bagassets.formats.format import AnyFormat, Entry, Part, UnitFolders
 from bagassets.freshness.published import Publication
 from bagassets.recipe.model import Recipe
 from bagassets.store.artifact import Artifact, FileEntry
@@ -107,7 +107,7 @@ class _Linked:
     unit: Path
 
 
-def _links(check: "_Check", lock: DatasetLock, output: Path, kind: Format[Any]) -> Iterator[_Linked]:
+def _links(check: "_Check", lock: DatasetLock, output: Path, kind: AnyFormat) -> Iterator[_Linked]:
     """Yield the files that a dataset consists of, as far as what says so is not damaged itself."""
     for number, bag in enumerate(lock.bags.values()):
         with suppress(StoreError, KeyError, TypeError):  # of a manifest that is damaged itself

@@ -1,7 +1,6 @@
 """Making a dataset again from its lock file and the store, byte for byte."""
 
 from pathlib import Path
-from typing import Any
 
 from pydantic import ValidationError
 
@@ -9,7 +8,7 @@ from bagassets.errors import DatasetError, StoreError
 from bagassets.formats.assembly import assemble
 from bagassets.formats.catalogue import format_of
 from bagassets.formats.dataset_lock import LOCK, DatasetLock, LockedBag
-from bagassets.formats.format import Entry, Format, Part
+from bagassets.formats.format import AnyFormat, Entry, Part
 from bagassets.recipe.model import Recipe
 from bagassets.recipe.model_splits import Splits
 from bagassets.store.canonical import digest_bytes
@@ -83,7 +82,7 @@ def restore_dataset(lock: DatasetLock, store: Store, output: Path) -> Path:
     return made.folder
 
 
-def _is_there(bag: LockedBag, number: int, store: Store, kind: Format[Any]) -> bool:
+def _is_there(bag: LockedBag, number: int, store: Store, kind: AnyFormat) -> bool:
     needs = bag.needs
     if needs is None:
         try:

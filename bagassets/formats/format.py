@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Generic, NamedTuple, TypeVar
 
-from bagassets.assets.asset import Asset
+from bagassets.assets.asset import AnyAsset
 from bagassets.build.plan_model import Plan
 from bagassets.quality.finding import Finding
 from bagassets.recipe.model import Recipe
@@ -30,6 +30,7 @@ from bagassets.store.store import Store
 
 __all__ = [
     "FACTS",
+    "AnyFormat",
     "Entry",
     "Format",
     "Joined",
@@ -238,7 +239,7 @@ class Format(Generic[S]):
     folders: Sequence[str] = ()
     samples: Callable[[Artifact], Samples] | None = None
     select: Callable[[Recipe, Store, Plan, Sequence[Part], NamedDataset], Selection] | None = None
-    assets: Sequence[Asset[Any, Any]] = ()
+    assets: Sequence[AnyAsset] = ()
     checks: Sequence[DatasetCheck] = ()
     check: Callable[[S, AbstractSet[str]], Mapping[str, Finding]] | None = None
     distribution: str = ""
@@ -262,3 +263,7 @@ class Format(Generic[S]):
             link: one of `links`.
         """
         return (folder if self.places is None else output) / link.name
+
+
+AnyFormat = Format[Any]
+"""A format, whatever the model of its section is."""
