@@ -20,9 +20,9 @@ from bagassets_tests.recording_build import RecordingBuild
 
 def make_dataset(recipe):
     store, parts = Store(recipe.store_path), []
-    for key, found in discover(recipe.bags).found.items():
-        digest = recording_digest(found).digest
-        build = RecordingBuild(recipe, store, found, digest, recording_stat(found))
+    for key, recording in discover(recipe.bags).recordings.items():
+        digest = recording_digest(recording).digest
+        build = RecordingBuild(recipe, store, recording, digest, recording_stat(recording))
         made = {result.asset: result.artifact.digest for result in build.build()}
         parts.append(Part(key, key, made["nuscenes_tables"]))
     assemble(NUSCENES, parts, recipe.nuscenes, store, recipe.nuscenes.output)

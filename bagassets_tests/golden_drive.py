@@ -220,9 +220,11 @@ def made_digests(folder: Path) -> dict[str, str]:
     Bag().write(folder / "bags" / "drive.bag")
     (folder / "recipe.yaml").write_text(RECIPE)
     recipe = load_recipe(folder / "recipe.yaml")
-    (found,) = discover(recipe.bags).found.values()
+    (recording,) = discover(recipe.bags).recordings.values()
     store = Store(recipe.store_path)
-    build = RecordingBuild(recipe, store, found, recording_digest(found).digest, recording_stat(found))
+    build = RecordingBuild(
+        recipe, store, recording, recording_digest(recording).digest, recording_stat(recording)
+    )
     digests = {}
     for result in build.build():
         if result.asset not in ("frames", "sweeps"):

@@ -19,9 +19,9 @@ def project(folder, recording, text=RECIPE):
 
 def build(recipe, *, dry=False):
     """Return asset -> result, and asset -> error."""
-    (found,) = discover(recipe.bags).found.values()
-    digest, stat = recording_digest(found).digest, recording_stat(found)
-    results = RecordingBuild(recipe, Store(recipe.store_path), found, digest, stat, dry=dry).build()
+    (recording,) = discover(recipe.bags).recordings.values()
+    digest, stat = recording_digest(recording).digest, recording_stat(recording)
+    results = RecordingBuild(recipe, Store(recipe.store_path), recording, digest, stat, dry=dry).build()
     made = {}
     try:
         for result in results:

@@ -12,9 +12,9 @@ RECORDING_ASSETS = ("bag", *(asset.name for asset in known_assets() if not asset
 class RecordingBuild:
     """The assets of one recording under a recipe; with `dry`, those that are known, and nothing runs."""
 
-    def __init__(self, recipe, store, found, digest, stat, given=None, *, workers=None, dry=False):
+    def __init__(self, recipe, store, recording, digest, stat, given=None, *, workers=None, dry=False):
         self.assets = recording_assets(recipe)
-        self.facts = (store, found, digest, stat)
+        self.facts = (store, recording, digest, stat)
         self.given = given or {}
         self.workers = workers
         self.dry = dry
@@ -41,4 +41,4 @@ class RecordingBuild:
             if graph.makes(name) and states[name].state in {"failed", "missing"}
         }
         if errors:
-            raise BuildFailure(errors, graph.found.path)
+            raise BuildFailure(errors, graph.recording.path)

@@ -44,9 +44,9 @@ class Built:
 def build_recordings(recipe):
     """Build every recording of a recipe without Dagster: key -> asset -> what was made."""
     made = {}
-    for key, found in discover(recipe.bags).found.items():
-        digest = recording_digest(found).digest
-        build = RecordingBuild(recipe, Store(recipe.store_path), found, digest, recording_stat(found))
+    for key, recording in discover(recipe.bags).recordings.items():
+        digest = recording_digest(recording).digest
+        build = RecordingBuild(recipe, Store(recipe.store_path), recording, digest, recording_stat(recording))
         made[key] = {result.asset: result for result in build.build()}
     return made
 

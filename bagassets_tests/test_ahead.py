@@ -39,8 +39,8 @@ def steps_in_store(recipe_file):
 def test_inventories_are_made_and_digests_kept(project):
     assert make_inventories(asked(project)) == 3
     assert steps_in_store(project) == ["inventory"] * 3
-    found = discover(load_recipe(project).bags).found
-    assert [recording_digest(recording).hashed_bytes for recording in found.values()] == [0, 0, 0]
+    recordings = discover(load_recipe(project).bags).recordings
+    assert [recording_digest(recording).hashed_bytes for recording in recordings.values()] == [0, 0, 0]
 
 
 def test_those_that_are_asked_for(project):

@@ -56,10 +56,10 @@ def load(bags, *sources):
 
 
 def build(recipe, wanted=BOXES, key="a.mcap", **options):
-    found = discover(recipe.bags).found[key]
-    digest = recording_digest(found).digest
+    recording = discover(recipe.bags).recordings[key]
+    digest = recording_digest(recording).digest
     store = Store(recipe.store_path)
-    made = RecordingBuild(recipe, store, found, digest, recording_stat(found), **options)
+    made = RecordingBuild(recipe, store, recording, digest, recording_stat(recording), **options)
     return {result.asset: result for result in made.build(wanted)}
 
 

@@ -113,7 +113,7 @@ class TestFiles:
         root = project.bags.root
         self.bad_files(root, drives)
         outcomes = {}
-        for key in discover(project.bags).found:
+        for key in discover(project.bags).recordings:
             try:
                 outcomes[key] = [made.asset for made in build_of(project, key).build()][-1]
             except BagAssetsError as err:
@@ -163,7 +163,7 @@ class TestFiles:
         with pytest.raises(
             RecordingError, match=r"bad\.bag: cannot be read \(Input/output error\).*permissions"
         ):
-            recording_digest(discover(project.bags).found["bad.bag"])
+            recording_digest(discover(project.bags).recordings["bad.bag"])
 
     def test_a_file_without_permission(self, project, monkeypatch):
         path = project.bags.root / "good.mcap"
@@ -359,7 +359,7 @@ class TestChanges:
     @pytest.mark.parametrize("how", ["grows", "shrinks", "is replaced", "vanishes"])
     def test_while_it_is_hashed(self, project, monkeypatch, how):
         path = project.bags.root / "good.mcap"
-        found, content, real = find_one(path), path.read_bytes(), digest.digest_file
+        recording, content, real = find_one(path), path.read_bytes(), digest.digest_file
 
         def change(*args):
             made = real(*args)
@@ -368,7 +368,7 @@ class TestChanges:
 
         monkeypatch.setattr(digest, "digest_file", change)
         with pytest.raises(RecordingError, match=r"good\.mcap.*(changed while it was hashed|cannot be read)"):
-            recording_digest(found)
+            recording_digest(recording)
         if path.exists():
             assert stored_digest(find_one(path)) is None
 
@@ -380,15 +380,15 @@ class TestChanges:
         self.check_nothing_recorded(project)
 
     def test_an_unreadable_attribute_is_as_good_as_none(self, project, monkeypatch):
-        found = find_one(project.bags.root / "good.mcap")
-        truth = recording_digest(found).digest
+        recording = find_one(project.bags.root / "good.mcap")
+        truth = recording_digest(recording).digest
 
         def refuse(*args):
             raise OSError(5, "Input/output error")
 
         monkeypatch.setattr(os, "getxattr", refuse)
-        again = recording_digest(found, DigestIndex(project.state))
-        assert (again.digest, again.hashed_bytes) == (truth, found.size)
+        again = recording_digest(recording, DigestIndex(project.state))
+        assert (again.digest, again.hashed_bytes) == (truth, recording.size)
 
 
 def spoil(path, content, how):
@@ -515,10 +515,10 @@ class TestReadOnlyRoot:
         with mounted(tmp_path / "mounted", "--bind", str(three.bags.root)):
             subprocess.run(["mount", "-o", "remount,bind,ro", str(tmp_path / "mounted")], check=True)
             recipe = load_recipe(tmp_path / "recipe.yaml")
-            found = find_one(recipe.bags.root / "good.mcap")
+            recording = find_one(recipe.bags.root / "good.mcap")
             index = DigestIndex(recipe.state)
-            assert set(recording_digest(found, index).kept.values()) == {"index"}
-            assert recording_digest(found, index).hashed_bytes == 0
+            assert set(recording_digest(recording, index).kept.values()) == {"index"}
+            assert recording_digest(recording, index).hashed_bytes == 0
             make_dataset(recipe)
         assert everything(recipe.nuscenes.output) == reference
 

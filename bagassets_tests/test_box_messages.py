@@ -150,12 +150,12 @@ def build(folder, source, kind="annotations"):
     data["rigs"][0][kind] = [source]
     (folder / "recipe.yaml").write_text(yaml.safe_dump(data))
     recipe = load_recipe(folder / "recipe.yaml")
-    ((_, found),) = discover(recipe.bags).found.items()
+    ((_, recording),) = discover(recipe.bags).recordings.items()
     store = Store(recipe.store_path)
-    digest = recording_digest(found).digest
+    digest = recording_digest(recording).digest
     made = {
         result.asset: result
-        for result in RecordingBuild(recipe, store, found, digest, recording_stat(found)).build()
+        for result in RecordingBuild(recipe, store, recording, digest, recording_stat(recording)).build()
     }
     boxes = made["annotations"].artifact
     counts = boxes.read_json("annotations.json")["counts"]

@@ -19,30 +19,32 @@ def touch(root, *names):
 
 
 def relatives(root, **options):
-    return sorted(found.relative for found in discover(Bags(root=root, **options)).found.values())
+    return sorted(
+        recording.relative for recording in discover(Bags(root=root, **options)).recordings.values()
+    )
 
 
 def test_formats(tmp_path):
     touch(tmp_path, "a.bag", "b.mcap", "c.db3", "d/metadata.yaml", "d/d_0.mcap", "d/d_1.mcap", "notes.txt")
-    found = {f.relative: f for f in discover(Bags(root=tmp_path)).found.values()}
-    assert {name: f.format for name, f in found.items()} == {
+    recordings = {f.relative: f for f in discover(Bags(root=tmp_path)).recordings.values()}
+    assert {name: f.format for name, f in recordings.items()} == {
         "a.bag": "ros1", "b.mcap": "mcap", "c.db3": "ros2", "d": "ros2",
     }  # fmt: skip
-    assert [path.name for path in found["d"].files] == ["d_0.mcap", "d_1.mcap", "metadata.yaml"]
-    assert (found["d"].size, found["a.bag"].size) == (30, 10)
-    assert found["a.bag"].mtime_ns == (tmp_path / "a.bag").stat().st_mtime_ns
+    assert [path.name for path in recordings["d"].files] == ["d_0.mcap", "d_1.mcap", "metadata.yaml"]
+    assert (recordings["d"].size, recordings["a.bag"].size) == (30, 10)
+    assert recordings["a.bag"].mtime_ns == (tmp_path / "a.bag").stat().st_mtime_ns
 
 
 def test_compressed_and_foreign_files_of_a_ros2_folder(tmp_path):
     touch(tmp_path, "d/metadata.yaml", "d/d_0.db3.zstd", "d/._d_0.db3", "d/readme.md")
-    (found,) = discover(Bags(root=tmp_path)).found.values()
-    assert [path.name for path in found.files] == ["d_0.db3.zstd", "metadata.yaml"]
+    (recording,) = discover(Bags(root=tmp_path)).recordings.values()
+    assert [path.name for path in recording.files] == ["d_0.db3.zstd", "metadata.yaml"]
 
 
 def test_the_root_may_itself_be_a_ros2_folder(tmp_path):
     touch(tmp_path, "drive/metadata.yaml", "drive/x_0.db3")
-    (found,) = discover(Bags(root=tmp_path / "drive")).found.values()
-    assert (found.key, found.path) == ("drive", tmp_path / "drive")
+    (recording,) = discover(Bags(root=tmp_path / "drive")).recordings.values()
+    assert (recording.key, recording.path) == ("drive", tmp_path / "drive")
 
 
 def test_metadata_without_storage_is_a_plain_folder(tmp_path):
@@ -58,7 +60,7 @@ def test_hidden_and_unfinished_files_are_no_recordings(tmp_path):
 def test_globs_and_reasons(tmp_path):
     touch(tmp_path, "day1/a.bag", "day1/calib/b.bag", "day2/c.bag", "other.bag")
     discovery = discover(Bags(root=tmp_path, include=("day*/**",), exclude=("**/calib/**",)))
-    assert sorted(f.relative for f in discovery.found.values()) == ["day1/a.bag", "day2/c.bag"]
+    assert sorted(f.relative for f in discovery.recordings.values()) == ["day1/a.bag", "day2/c.bag"]
     assert discovery.excluded == [
         ("day1/calib/b.bag", "excluded by bags.exclude (**/calib/**)"),
         ("other.bag", "not matched by bags.include"),
@@ -122,7 +124,7 @@ def test_an_unreadable_folder_is_left_out_with_a_reason(tmp_path, monkeypatch):
     touch(tmp_path, "a.bag", "private/b.bag", "z/c.bag")
     forbid(monkeypatch, tmp_path / "private")
     discovery = discover(Bags(root=tmp_path))
-    assert list(discovery.found) == ["a.bag", "z__c.bag"]
+    assert list(discovery.recordings) == ["a.bag", "z__c.bag"]
     reason = "cannot be read: permissions; correct that, or name it in bags.exclude"
     assert discovery.excluded == [("private", reason)]
     assert discovery.unreadable == {"private": f"{tmp_path / 'private'}: {reason}."}
@@ -132,7 +134,7 @@ def test_an_unreadable_folder_may_be_excluded_by_name(tmp_path, monkeypatch):
     touch(tmp_path, "a.bag", "private/b.bag")
     forbid(monkeypatch, tmp_path / "private")
     discovery = discover(Bags(root=tmp_path, exclude=("private/**",)))
-    assert list(discovery.found) == ["a.bag"]
+    assert list(discovery.recordings) == ["a.bag"]
     assert discovery.excluded == [("private", "cannot be read, and excluded by bags.exclude (private/**)")]
     assert discovery.unreadable == {}
     assert discovery.removed(["private__b.bag"]) == ("private__b.bag",)
@@ -151,18 +153,18 @@ def test_recordings_in_an_unreadable_folder_are_not_removed(tmp_path, monkeypatc
     names = ["b.bag", "sub/c.bag", "my drive.mcap", last]
     touch(tmp_path / folder, *names)
     touch(tmp_path, "other/d.bag")
-    before = discover(Bags(root=tmp_path)).found
+    before = discover(Bags(root=tmp_path)).recordings
     assert len(before) == 5
     forbid(monkeypatch, tmp_path / folder)
     discovery = discover(Bags(root=tmp_path))
-    assert list(discovery.found) == ["other__d.bag"]
+    assert list(discovery.recordings) == ["other__d.bag"]
     assert discovery.unseen(before) == before.keys() - {"other__d.bag"}
     assert discovery.removed([*before, "other__e.bag"]) == ("other__e.bag",)
 
 
 def test_a_bag_folder_that_cannot_be_read_is_not_removed(tmp_path, monkeypatch):
     touch(tmp_path, "my d/metadata.yaml", "my d/d.mcap")
-    (key,) = discover(Bags(root=tmp_path)).found
+    (key,) = discover(Bags(root=tmp_path)).recordings
     forbid(monkeypatch, tmp_path / "my d")
     assert discover(Bags(root=tmp_path)).unseen([key, "my-dog.bag"]) == {key}
 
@@ -170,7 +172,7 @@ def test_a_bag_folder_that_cannot_be_read_is_not_removed(tmp_path, monkeypatch):
 def test_a_name_that_is_no_utf8_is_reported(tmp_path):
     Path(os.fsdecode(os.fsencode(tmp_path) + b"/caf\xe9.bag")).write_bytes(b"")
     discovery = discover(Bags(root=tmp_path))
-    assert discovery.found == {}
+    assert discovery.recordings == {}
     assert discovery.excluded == [("caf\\udce9.bag", "its name is not UTF-8; rename it")]
 
 
@@ -208,9 +210,9 @@ def test_keys_are_unique_and_fit_for_dagster(names):
 
 def test_a_key_does_not_hang_on_neighbours(tmp_path):
     touch(tmp_path, "a/b c.bag")
-    before = set(discover(Bags(root=tmp_path)).found)
+    before = set(discover(Bags(root=tmp_path)).recordings)
     touch(tmp_path, "a/b-c.bag", "a__b c.bag", "a/b c.mcap", "a/b c/metadata.yaml", "a/b c/x.db3")
-    after = discover(Bags(root=tmp_path)).found
+    after = discover(Bags(root=tmp_path)).recordings
     assert before < set(after)
     assert len(after) == 5
     assert list(after) == sorted(after)
@@ -237,5 +239,5 @@ def test_thousands_of_files_take_no_time(tmp_path):
         for number in range(100):
             (tmp_path / str(day) / f"{number}.bag").touch()
     start = time.process_time()
-    assert len(discover(Bags(root=tmp_path)).found) == 2000
+    assert len(discover(Bags(root=tmp_path)).recordings) == 2000
     assert time.process_time() - start < 0.5

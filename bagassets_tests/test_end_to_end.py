@@ -32,17 +32,17 @@ def make_project(folder, *, text=RECIPE, **drives):
 
 
 def build_of(recipe, key, **options):
-    found = discover(recipe.bags).found[key]
-    digest = recording_digest(found)
+    recording = discover(recipe.bags).recordings[key]
+    digest = recording_digest(recording)
     return RecordingBuild(
-        recipe, Store(recipe.store_path), found, digest.digest, recording_stat(found), **options
+        recipe, Store(recipe.store_path), recording, digest.digest, recording_stat(recording), **options
     )
 
 
 def build_all(recipe, **options):
     return {
         key: {made.asset: made for made in build_of(recipe, key, **options).build()}
-        for key in discover(recipe.bags).found
+        for key in discover(recipe.bags).recordings
     }
 
 

@@ -108,10 +108,10 @@ def project(bags, tmp_path):
         text = RECIPE.format(name="test", root=bags).replace("settle_s: 0", f"settle_s: 0{fields}")
         (tmp_path / "recipe.yaml").write_text(text)
         recipe = load_recipe(tmp_path / "recipe.yaml")
-        (found,) = discover(recipe.bags).found.values()
-        digest, stat = recording_digest(found).digest, recording_stat(found)
+        (recording,) = discover(recipe.bags).recordings.values()
+        digest, stat = recording_digest(recording).digest, recording_stat(recording)
         known = RecordingAssets(recipe, (INVENTORY, *assets))
-        return Graph(known, Store(tmp_path / "store"), found, digest, stat, **options)
+        return Graph(known, Store(tmp_path / "store"), recording, digest, stat, **options)
 
     return graph
 
@@ -336,7 +336,7 @@ def test_a_recording_that_changes_fails_all_of_the_pass_and_leaves_no_record(pro
     clouds = channels("clouds", ran, {"LIDAR": TOPICS["LIDAR"]}, INVENTORY)
     executed(project(wanted={"inventory"}))
     graph = project(images, clouds)
-    path = graph.found.path
+    path = graph.recording.path
     finish = Extractor.finish
 
     def change(self):
@@ -416,7 +416,7 @@ def test_a_plan_names_the_artifacts_of_channels(project, ran):
     images = channels("images", ran, {"CAM": TOPICS["CAM"]}, INVENTORY, optional=True)
     graph = project(images)
     executed(graph)
-    plan = Planner(graph.assets, graph.store).plan(graph.found, {})
+    plan = Planner(graph.assets, graph.store).plan(graph.recording, {})
     assert plan.assets.keys() == {"bag", "inventory", "images"}
     assert plan.optional == {"images"}
     assert plan.channels == (graph.node("images").parts[0].artifact.digest,)

@@ -268,9 +268,9 @@ class TestSpecialFiles:
     def test_below_the_bag_root_it_is_left_out_and_named(self, tmp_path, make, what):
         write_drive(tmp_path / "a.bag", "ros1", duration_s=0.5)
         make(tmp_path / "x.mcap")
-        found = discover(Bags(root=tmp_path))
-        assert list(found.found) == ["a.bag"]
-        assert found.excluded == [("x.mcap", f"this is {what}, no file")]
+        discovery = discover(Bags(root=tmp_path))
+        assert list(discovery.recordings) == ["a.bag"]
+        assert discovery.excluded == [("x.mcap", f"this is {what}, no file")]
 
     @pytest.mark.parametrize("name", ["metadata.yaml", "part_1.mcap"])
     def test_so_is_a_bag_folder_with_one(self, tmp_path, make, what, name):
@@ -280,8 +280,11 @@ class TestSpecialFiles:
             (folder / other).touch()
         (folder / name).unlink(missing_ok=True)
         make(folder / name)
-        found = discover(Bags(root=tmp_path / "bags"))
-        assert (found.found, found.excluded) == ({}, [("drive", f"{name} in it is {what}, no file")])
+        discovery = discover(Bags(root=tmp_path / "bags"))
+        assert (discovery.recordings, discovery.excluded) == (
+            {},
+            [("drive", f"{name} in it is {what}, no file")],
+        )
         with pytest.raises(RecordingError, match=f"{name} in it is {what}"):
             find_one(folder)
 

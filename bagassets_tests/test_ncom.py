@@ -23,7 +23,7 @@ from bagassets.recipe.model import Limits
 from bagassets.recordings.digest import recording_digest, recording_stat
 from bagassets.recordings.discover import discover
 from bagassets.recordings.inventory import Inventory
-from bagassets.recordings.model import Found
+from bagassets.recordings.model import RecordingFiles
 from bagassets.recordings.open import open_recording
 from bagassets.store.store import Store
 from bagassets_tests import recorded_bags
@@ -338,9 +338,9 @@ class TestRecordings:
         )
         (tmp_path / "recipe.yaml").write_text(RECIPE)
         recipe = load_recipe(tmp_path / "recipe.yaml")
-        (found,) = discover(recipe.bags).found.values()
+        (files,) = discover(recipe.bags).recordings.values()
         build = RecordingBuild(
-            recipe, Store(recipe.store_path), found, recording_digest(found).digest, recording_stat(found)
+            recipe, Store(recipe.store_path), files, recording_digest(files).digest, recording_stat(files)
         )
         made = {result.asset: result.artifact for result in build.build(["inventory", "ego_poses"])}
         inventory = Inventory.from_json(made["inventory"].read_json("inventory.json"))
@@ -356,13 +356,17 @@ class TestRecordings:
             if ETHERNET not in store.types:
                 store.register(get_types_from_msg(DEFINITION, ETHERNET))
         path = write_ros1(tmp_path / "a.bag", [self.message(t, packet_of(t)) for t in TIMES])
-        found = Found("a", "a.bag", path, "ros1", (path,), path.stat().st_size, path.stat().st_mtime_ns)
-        with open_recording(found, ()) as recording:
+        files = RecordingFiles(
+            "a", "a.bag", path, "ros1", (path,), path.stat().st_size, path.stat().st_mtime_ns
+        )
+        with open_recording(files, ()) as recording:
             seen = glance(recording)
         assert seen.topics["/ncom"].ncom_sender == "10.1.1.20"
         path = write_ros1(tmp_path / "b.bag", [self.message(t, bytes(1206)) for t in TIMES])
-        found = Found("b", "b.bag", path, "ros1", (path,), path.stat().st_size, path.stat().st_mtime_ns)
-        with open_recording(found, ()) as recording:
+        files = RecordingFiles(
+            "b", "b.bag", path, "ros1", (path,), path.stat().st_size, path.stat().st_mtime_ns
+        )
+        with open_recording(files, ()) as recording:
             assert glance(recording).topics["/ncom"].ncom_sender is None
 
     def test_large_packets_are_not_kept_aside(self, tmp_path):
@@ -370,8 +374,10 @@ class TestRecordings:
             if ETHERNET not in store.types:
                 store.register(get_types_from_msg(DEFINITION, ETHERNET))
         path = write_mcap(tmp_path / "a.mcap", [self.message(t, bytes(1206)) for t in (0.0, 0.1)])
-        found = Found("a", "a.mcap", path, "mcap", (path,), path.stat().st_size, path.stat().st_mtime_ns)
-        with open_recording(found, ()) as recording:
+        files = RecordingFiles(
+            "a", "a.mcap", path, "mcap", (path,), path.stat().st_size, path.stat().st_mtime_ns
+        )
+        with open_recording(files, ()) as recording:
             made = Written(tmp_path / "out", lambda out: make_inventory(recording, out, size=1))
         inventory = Inventory.from_json(made.artifact.read_json("inventory.json"))
         assert not inventory.topic("/ncom").packed

@@ -83,10 +83,10 @@ from bagassets.recipe import load_recipe
 from bagassets.store.store import Store
 
 recipe = load_recipe(Path(sys.argv[1]))
-(found,) = discover(recipe.bags).found.values()
+(recording,) = discover(recipe.bags).recordings.values()
 with tempfile.TemporaryDirectory(dir=Path(sys.argv[1]).parent) as store:
     build = RecordingBuild(
-        recipe, Store(Path(store)), found, recording_digest(found).digest, recording_stat(found), workers=2
+        recipe, Store(Path(store)), recording, recording_digest(recording).digest, recording_stat(recording), workers=2
     )
     assert len(list(build.build())) > 6
 print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024)

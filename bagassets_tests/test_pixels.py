@@ -78,9 +78,11 @@ def frames_of(folder, messages, rules, write=write_ros1):
     write(folder / "bags" / ("a.mcap" if write is write_mcap else "a.bag"), messages)
     (folder / "recipe.yaml").write_text(RECIPE.replace("RULES", rules))
     recipe = load_recipe(folder / "recipe.yaml")
-    (found,) = discover(recipe.bags).found.values()
+    (recording,) = discover(recipe.bags).recordings.values()
     store = Store(recipe.store_path)
-    build = RecordingBuild(recipe, store, found, recording_digest(found).digest, recording_stat(found))
+    build = RecordingBuild(
+        recipe, store, recording, recording_digest(recording).digest, recording_stat(recording)
+    )
     *_, frames = build.build(["inventory", "calibration", "frames"])
     return store.artifact(frames.channels["CAM_FRONT"])
 

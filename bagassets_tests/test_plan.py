@@ -20,7 +20,7 @@ from bagassets.freshness.cache import NAME
 from bagassets.freshness.recordings import Memory
 from bagassets.recipe import load_recipe
 from bagassets.recipe.model import Recipe
-from bagassets.recordings.model import Found
+from bagassets.recordings.model import RecordingFiles
 from bagassets_tests.in_process import build, make_project, survey
 from bagassets_tests.recording_build import RECORDING_ASSETS
 
@@ -129,9 +129,9 @@ def test_selected_assets_bring_what_they_read():
 
 
 @pytest.fixture
-def found(tmp_path):
+def recordings(tmp_path):
     names = {"monday.bag": "monday.bag", "runs__tuesday": "runs/tuesday"}
-    return {k: Found(k, r, tmp_path / r, "ros1", (tmp_path / r,), 1, 1) for k, r in names.items()}
+    return {k: RecordingFiles(k, r, tmp_path / r, "ros1", (tmp_path / r,), 1, 1) for k, r in names.items()}
 
 
 @pytest.mark.parametrize(
@@ -143,17 +143,17 @@ def found(tmp_path):
         (["*", "monday.bag"], {"monday.bag", "runs__tuesday"}),
     ],
 )
-def test_recordings_are_meant_by_key_path_or_glob(found, wanted, keys):
-    assert choose_recordings(found, wanted) == keys
+def test_recordings_are_meant_by_key_path_or_glob(recordings, wanted, keys):
+    assert choose_recordings(recordings, wanted) == keys
 
 
-def test_a_path_means_the_recording_there(found, tmp_path):
-    assert choose_recordings(found, [str(tmp_path / "runs" / "tuesday")]) == {"runs__tuesday"}
+def test_a_path_means_the_recording_there(recordings, tmp_path):
+    assert choose_recordings(recordings, [str(tmp_path / "runs" / "tuesday")]) == {"runs__tuesday"}
 
 
-def test_what_means_nothing_is_refused_with_the_nearest(found):
+def test_what_means_nothing_is_refused_with_the_nearest(recordings):
     with pytest.raises(SelectionError, match=r"did you mean monday\.bag"):
-        choose_recordings(found, ["munday.bag"])
+        choose_recordings(recordings, ["munday.bag"])
     with pytest.raises(SelectionError, match="frames"):
         choose_assets(["frames", "sweeps"], ["sweeps,frame"])
     assert choose_assets(["frames", "sweeps"], ["sweeps, frames"]) == {"frames", "sweeps"}
@@ -180,9 +180,9 @@ def looked_into(recipe_file, monkeypatch):
     keys = []
     plan = Planner.plan
 
-    def note(self, found, recorded):
-        keys.append(found.key)
-        return plan(self, found, recorded)
+    def note(self, recording, recorded):
+        keys.append(recording.key)
+        return plan(self, recording, recorded)
 
     with monkeypatch.context() as patch:
         patch.setattr(Planner, "plan", note)
@@ -278,7 +278,7 @@ def test_a_missing_bag_root_is_told_with_the_line_of_the_recipe(built):
 
 def test_a_plan_of_dagsters_empty_log_is_all_records(built, monkeypatch):
     with situation.opened(built) as (instance, workspace):
-        live = frozenset(workspace.discover().found)
+        live = frozenset(workspace.discover().recordings)
         for key in live:
             instance.delete_dynamic_partition(f"{workspace.recipe.name}_recordings", key)
     states = {s.state for b in survey(built).plan.bags.values() for n, s in b.assets.items() if n != "bag"}

@@ -51,9 +51,9 @@ def build(recipe_file, key, **options):
     recipe = load_recipe(recipe_file)
     store = Store(recipe.state / "store")
     before = actions(store)
-    found = discover(recipe.bags).found[key]
-    digest = recording_digest(found).digest
-    made = RecordingBuild(recipe, store, found, digest, recording_stat(found), **options)
+    recording = discover(recipe.bags).recordings[key]
+    digest = recording_digest(recording).digest
+    made = RecordingBuild(recipe, store, recording, digest, recording_stat(recording), **options)
     assert {result.asset for result in made.build()} == set(UPSTREAM)
     ran = [action for digest, action in actions(store).items() if digest not in before]
     # The index of an asset's channels is bookkeeping: it reads nothing but which channels there are.
@@ -304,15 +304,15 @@ def remake(folder, asset):
     """Make an asset again, whatever is on record of it; return its digest, and the one it had before."""
     recipe = load_recipe(folder / "recipe.yaml")
     store = Store(recipe.state / "store")
-    found = discover(recipe.bags).found[KEY]
-    digest, stat = recording_digest(found).digest, recording_stat(found)
-    made = {r.asset: r for r in RecordingBuild(recipe, store, found, digest, stat, dry=True).build()}
+    recording = discover(recipe.bags).recordings[KEY]
+    digest, stat = recording_digest(recording).digest, recording_stat(recording)
+    made = {r.asset: r for r in RecordingBuild(recipe, store, recording, digest, stat, dry=True).build()}
     for action_digest, action in actions(store).items():
         if label(action).split(":")[0].removesuffix("_index") == asset:
             store.forget(action_digest)
     upstream = {name: made[name].artifact for name in UPSTREAM[asset]}
-    again = RecordingBuild(recipe, store, found, digest, stat, upstream)
-    with confined(made["inventory"].artifact.digest, found.path, [folder / "recipe.yaml"]):
+    again = RecordingBuild(recipe, store, recording, digest, stat, upstream)
+    with confined(made["inventory"].artifact.digest, recording.path, [folder / "recipe.yaml"]):
         (result,) = again.build([asset])
     assert not result.cached
     return result.artifact.digest, made[asset].artifact.digest

@@ -28,13 +28,13 @@ def build_of(folder, fields="", **options):
     text = RECIPE.format(name="test", root="bags").replace("  - name: car\n", f"  - name: car\n{fields}")
     (folder / "recipe.yaml").write_text(text)
     recipe = load_recipe(folder / "recipe.yaml")
-    (found,) = discover(recipe.bags).found.values()
+    (recording,) = discover(recipe.bags).recordings.values()
     return RecordingBuild(
         recipe,
         Store(recipe.store_path),
-        found,
-        recording_digest(found).digest,
-        recording_stat(found),
+        recording,
+        recording_digest(recording).digest,
+        recording_stat(recording),
         **options,
     )
 

@@ -147,14 +147,14 @@ def _convert(made: Project, command: list[str]) -> Used:
 def _convert_each(made: Project, converter: str) -> Used:
     out, sum_ = made.recipe.parent / "out", Used()
     shutil.rmtree(out, ignore_errors=True)
-    for found in discover(load_recipe(made.recipe).bags).found.values():
-        target = out / found.key
+    for recording in discover(load_recipe(made.recipe).bags).recordings.values():
+        target = out / recording.key
         target.mkdir(parents=True)
-        command = [part.format(bag=found.path, out=target) for part in shlex.split(converter)]
+        command = [part.format(bag=recording.path, out=target) for part in shlex.split(converter)]
         used = run_watched(command, cwd=ROOT)
         failed = bool(used.code) or not count_files(target)
         if failed:
-            print(f"  the converter FAILED on {found.key}", flush=True)
+            print(f"  the converter FAILED on {recording.key}", flush=True)
         sum_ = Used(
             sum_.seconds + used.seconds,
             sum_.cpu_s + used.cpu_s,

@@ -92,8 +92,8 @@ class Project(Bench):
 
     def store_digests(self) -> None:
         """Have digests stored, as `bagassets watch` does on the machine that has the disks."""
-        for found in discover(load_recipe(self.recipe).bags).found.values():
-            recording_digest(found)
+        for recording in discover(load_recipe(self.recipe).bags).recordings.values():
+            recording_digest(recording)
 
     def touch(self) -> None:
         """Give one recording another date; its content stays."""
@@ -114,8 +114,8 @@ class Project(Bench):
 
     def files(self) -> list[Path]:
         """Return all files of all recordings."""
-        found = discover(load_recipe(self.recipe).bags).found.values()
-        return [file for recording in found for file in recording.files]
+        recordings = discover(load_recipe(self.recipe).bags).recordings.values()
+        return [file for recording in recordings for file in recording.files]
 
     @property
     def size_gb(self) -> float:
@@ -142,15 +142,15 @@ class Project(Bench):
         out = self._empty_output()
         self.settle()
         seconds, failed = 0.0, []
-        for found in discover(load_recipe(self.recipe).bags).found.values():
-            target = out / found.key
+        for recording in discover(load_recipe(self.recipe).bags).recordings.values():
+            target = out / recording.key
             target.mkdir()
-            command = [part.format(bag=found.path, out=target) for part in shlex.split(converter)]
+            command = [part.format(bag=recording.path, out=target) for part in shlex.split(converter)]
             began = time.perf_counter()
             done = subprocess.run(command, check=False, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
             seconds += time.perf_counter() - began
             if done.returncode or not count_files(target):
-                failed.append(found.key)
+                failed.append(recording.key)
         return Converted(seconds, count_files(out), tuple(failed))
 
     def _environment(self) -> dict[str, str]:

@@ -150,10 +150,10 @@ def _outputs(recipe: Recipe, drive: Path) -> Outputs:
     problem = None
     store = Store(recipe.store_path)
     try:
-        found = find_one(drive)
+        recording = find_one(drive)
         graph = Graph(
-            recording_assets(recipe), store, replace(found, key="drive", relative=drive.name),
-            recording_digest(found, rehash=True).digest, recording_stat(found),
+            recording_assets(recipe), store, replace(recording, key="drive", relative=drive.name),
+            recording_digest(recording, rehash=True).digest, recording_stat(recording),
         )  # fmt: skip
         for result in execute(graph):
             if not isinstance(result, AssetResult):

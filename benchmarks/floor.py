@@ -62,21 +62,21 @@ def _added(seconds: dict[str, float], name: str) -> Iterator[None]:
 def floor(options: Options) -> None:
     """Measure, and write `floor.json` and `floor.md`."""
     made = project(options.folder / "cold-one", [_BAG_GB * options.size_gb * 1e9], options.trials)
-    (found,) = discover(load_recipe(made.recipe).bags).found.values()
+    (files,) = discover(load_recipe(made.recipe).bags).recordings.values()
     cv2.setNumThreads(1)
     keep_freed_memory()
     made.settle()
     stages, out = _Stages(), options.folder / "floor"
     out.mkdir(exist_ok=True)
     with stages.stage("hash the file"):
-        digest_file(found.path)
-    with open_recording(found) as recording:
+        digest_file(files.path)
+    with open_recording(files) as recording:
         for name in ("read (inventory)", "read (frames and sweeps)"):
             with stages.stage(name):
                 for _ in recording.messages(list(recording.topics)):
                     pass
         with stages.stage("hash the topics"):
-            digest_file(found.path)
+            digest_file(files.path)
         cameras = [topic for topic in recording.topics if topic.endswith("/image_raw")]
         for topic in cameras:
             _images(recording, topic, stages, out)

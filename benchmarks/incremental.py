@@ -289,8 +289,8 @@ def convert_plainly(bags: Path, out: Path) -> None:
     assets, parts = recording_assets(recipe), []
     with tempfile.TemporaryDirectory(dir=out.parent) as folder:
         store = Store(Path(folder))
-        found = discover(recipe.bags.model_copy(update={"root": bags})).found
-        for key, recording in found.items():
+        recordings = discover(recipe.bags.model_copy(update={"root": bags})).recordings
+        for key, recording in recordings.items():
             # The key of an action, not a digest of content: a plain converter hashes nothing.
             graph = Graph(assets, store, recording, key, recording_stat(recording))
             made = {result.asset: result for result in execute(graph)}
@@ -304,14 +304,14 @@ def digests(bench: Bench) -> None:
     for number in (1, 2, 8):
         folder = bench.recipe.parent / f"split{number}"
         folder.mkdir()
-        found = [find_one(path) for path in split(data, number, folder)]
+        recordings = [find_one(path) for path in split(data, number, folder)]
         hashed, stored = [], []
         for _ in range(bench.times):
-            for recording in found:
+            for recording in recordings:
                 os.removexattr(recording.files[0], ATTRIBUTE) if has_attribute(recording.files[0]) else None
             for seconds in (hashed, stored):
                 began = time.perf_counter()
-                for recording in found:
+                for recording in recordings:
                     recording_digest(recording)
                 seconds.append(time.perf_counter() - began)
         bench.note(f"digest of {number} file(s), hashed", hashed)

@@ -104,13 +104,13 @@ def prepare(recipe_file: Path, number: int) -> None:
             stream.truncate(SIZE)
     with opened(recipe_file) as (instance, workspace):
         recipe = workspace.recipe
-        found = workspace.discover().found
-        add_partitions(instance, recipe, list(found))
+        recordings = workspace.discover().recordings
+        add_partitions(instance, recipe, list(recordings))
         assets = ("bag", *recording_assets(recipe).names)
-        record(instance, assets, list(found))
+        record(instance, assets, list(recordings))
         ids, project = latest_ids(instance), str(project_of(workspace))
         remembered = {}
-        for key, recording in found.items():
+        for key, recording in recordings.items():
             states = {}
             for asset in assets:
                 digest = digest_bytes(f"{key} {asset}".encode())
@@ -159,7 +159,7 @@ def datasets(instance: dg.DagsterInstance, workspace: Workspace) -> None:
     """Make datasets on disk of which only the lock files matter, and record them."""
     recipe = workspace.recipe
     inputs = plan_now(instance, workspace).inputs
-    if len(inputs.parts["nuscenes"]) != len(workspace.discover().found):
+    if len(inputs.parts["nuscenes"]) != len(workspace.discover().recordings):
         sys.exit("the benchmark is out of date: the plan does not take its recordings for fresh")
     for name in ("samples", "sweeps", "maps", recipe.nuscenes.version):
         (recipe.nuscenes.output / name).mkdir(parents=True)
@@ -194,16 +194,16 @@ def walk(recipe_file: Path) -> float:
     write_project(recipe_file.parent, RECIPE)
     timed(["build", "--recipe", str(recipe_file)], "built in")
     with opened(recipe_file) as (instance, workspace):
-        found = workspace.discover().found
-        recorded = fetch_recorded(instance, latest_ids(instance), found)
+        recordings = workspace.discover().recordings
+        recorded = fetch_recorded(instance, latest_ids(instance), recordings)
         planner = Planner(workspace.assets, workspace.store, workspace.index)
-        if not all(planner.plan(recording, recorded[key]).settled for key, recording in found.items()):
+        if not all(planner.plan(recording, recorded[key]).settled for key, recording in recordings.items()):
             sys.exit("the recordings should be fresh after a build")
         began = time.perf_counter()
         for _ in range(TIMES):
-            for key, recording in found.items():
+            for key, recording in recordings.items():
                 planner.plan(recording, recorded[key])
-        return (time.perf_counter() - began) / TIMES / len(found)
+        return (time.perf_counter() - began) / TIMES / len(recordings)
 
 
 if __name__ == "__main__":

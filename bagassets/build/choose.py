@@ -6,7 +6,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 
 from bagassets.errors import BagAssetsError
-from bagassets.recordings.model import Found
+from bagassets.recordings.model import RecordingFiles
 
 __all__ = ["SelectionError", "choose_assets", "choose_recordings"]
 
@@ -15,11 +15,11 @@ class SelectionError(BagAssetsError):
     """A recording or asset was asked for that does not exist."""
 
 
-def choose_recordings(found: Mapping[str, Found], wanted: Sequence[str]) -> frozenset[str]:
+def choose_recordings(recordings: Mapping[str, RecordingFiles], wanted: Sequence[str]) -> frozenset[str]:
     """Return the partition keys of the recordings that are asked for.
 
     Args:
-        found: partition key -> recording.
+        recordings: partition key -> recording.
         wanted: partition keys, globs of them, paths below the bag root, or paths of files.
 
     Raises:
@@ -27,9 +27,9 @@ def choose_recordings(found: Mapping[str, Found], wanted: Sequence[str]) -> froz
     """
     chosen: set[str] = set()
     for text in wanted:
-        keys = {text} & found.keys() or _by_path(found, text) or _by_glob(found, text)
+        keys = {text} & recordings.keys() or _by_path(recordings, text) or _by_glob(recordings, text)
         if not keys:
-            near = get_close_matches(text, found, n=3)
+            near = get_close_matches(text, recordings, n=3)
             hint = (
                 f"did you mean {' or '.join(near)}?" if near else "`bagassets status` lists all recordings."
             )
@@ -57,12 +57,14 @@ def choose_assets(known: Collection[str], wanted: Sequence[str]) -> frozenset[st
     return frozenset(names) or None
 
 
-def _by_path(found: Mapping[str, Found], text: str) -> set[str]:
+def _by_path(recordings: Mapping[str, RecordingFiles], text: str) -> set[str]:
     path = Path(text).absolute()
-    return {key for key, recording in found.items() if recording.relative == text or recording.path == path}
+    return {
+        key for key, recording in recordings.items() if recording.relative == text or recording.path == path
+    }
 
 
-def _by_glob(found: Mapping[str, Found], text: str) -> set[str]:
+def _by_glob(recordings: Mapping[str, RecordingFiles], text: str) -> set[str]:
     if not any(character in text for character in "*?["):
         return set()
-    return {key for key in found if fnmatchcase(key, text)}
+    return {key for key in recordings if fnmatchcase(key, text)}

@@ -118,7 +118,7 @@ def _results(graph: Graph, threads: int) -> Iterator[AssetResult | Skipped]:
     elif selection.error is not None:
         raise selection.error
     if failed:
-        raise BuildFailure(failed, graph.found.path)
+        raise BuildFailure(failed, graph.recording.path)
 
 
 def _batches(graph: Graph) -> Iterator[Sequence[AnyAsset]]:
@@ -206,7 +206,7 @@ def _make(graph: Graph, node: Node) -> None:
 
 
 def _ran(graph: Graph, node: Node, inputs: Inputs, target: Target) -> Outcome | BagAssetsError:
-    path = graph.found.path
+    path = graph.recording.path
 
     def make(out: ArtifactWriter) -> Summary:
         try:
@@ -257,7 +257,7 @@ def _filled(
         with graph.inputs.whole() as recording:
             return run_pass(graph, recording.restrict(topics), nodes, target, threads)
     except Exception as err:  # noqa: BLE001  (the recording itself: nothing of it is on record)
-        told = in_words(err, graph.found.path, "the pass over the recording")
+        told = in_words(err, graph.recording.path, "the pass over the recording")
         return {node.name: told for node in nodes}
 
 

@@ -9,7 +9,7 @@ from bagassets.build.differences import Change, changes
 from bagassets.build.graph import Node
 from bagassets.build.plan import Planner
 from bagassets.build.plan_model import AssetState, Recorded
-from bagassets.recordings.model import Found
+from bagassets.recordings.model import RecordingFiles
 from bagassets.store.canonical import digest_json
 from bagassets.store.store import Store
 
@@ -88,17 +88,17 @@ class Explanation:
 
 
 def explain_asset(
-    planner: Planner, found: Found, recorded: Mapping[str, Recorded], asset: str
+    planner: Planner, recording: RecordingFiles, recorded: Mapping[str, Recorded], asset: str
 ) -> Explanation:
     """Return why an asset of a recording is in its state.
 
     Args:
         planner: decides.
-        found: the recording.
+        recording: its files.
         recorded: asset -> what Dagster recorded last.
         asset: one of the recording's assets.
     """
-    graph = planner.graph(found, recorded)
+    graph = planner.graph(recording, recorded)
     state = graph.states()[asset]
     last = recorded.get(asset)
     pairs: tuple[ActionPair, ...] = ()
@@ -109,7 +109,7 @@ def explain_asset(
         if names != [""]:
             names = [name for name in names if name]  # the index of channels says nothing of its own
         pairs = tuple(ActionPair(name, now.get(name), before.get(name)) for name in names)
-    return Explanation(found.key, asset, state, last, planner.assets.versions.get(asset), pairs)
+    return Explanation(recording.key, asset, state, last, planner.assets.versions.get(asset), pairs)
 
 
 def _actions_now(node: Node) -> dict[str, Mapping[str, Any]]:

@@ -25,7 +25,7 @@ from bagassets.build.unexpected import in_words as error_in_words
 from bagassets.errors import BagAssetsError, StoreError
 from bagassets.recipe.model import Rig
 from bagassets.recordings.digest import RecordingStat
-from bagassets.recordings.model import Found
+from bagassets.recordings.model import RecordingFiles
 from bagassets.store.action import Action, Step
 from bagassets.store.artifact import Artifact
 from bagassets.store.store import Outcome, Store
@@ -99,7 +99,7 @@ class Graph:
     Attributes:
         assets: what recordings have under the recipe.
         store: where artifacts are.
-        found: the recording.
+        recording: its files.
         digest: its content digest; None if it is not known, and then nothing else is.
         stat: sizes and times of its files that the digest holds for.
         wanted: names of the assets that are made here; default: all. Others are as given.
@@ -111,7 +111,7 @@ class Graph:
 
     assets: RecordingAssets
     store: Store
-    found: Found
+    recording: RecordingFiles
     digest: str | None
     stat: RecordingStat
     wanted: Collection[str] | None = None
@@ -124,8 +124,8 @@ class Graph:
     def __post_init__(self) -> None:
         given = {name: artifact for name, artifact in self.given.items() if not self.makes(name)}
         recipe = self.assets.recipe
-        self.source = MessageSource(self.found, self.stat, recipe.bags.message_definitions, recipe.limits)
-        self.inputs = RecordingInputs(self.store, self.found, self.digest or "", self.source, given)
+        self.source = MessageSource(self.recording, self.stat, recipe.bags.message_definitions, recipe.limits)
+        self.inputs = RecordingInputs(self.store, self.recording, self.digest or "", self.source, given)
 
     # --- nodes ---------------------------------------------------------------------------
 
@@ -162,13 +162,13 @@ class Graph:
     @cached_property
     def rig(self) -> Rig | None:
         """The rig that made the recording."""
-        return choose_rig(self.assets.recipe, self.found.relative)
+        return choose_rig(self.assets.recipe, self.recording.relative)
 
     def inputs_above(self, node: Node) -> RecordingInputs:
         """Return what is known of the nodes that one depends on, and nothing else."""
         names = [asset.name for asset in self.assets[node.asset].reads]
         artifacts = {name: above for name in names if (above := self.node(name).artifact) is not None}
-        return RecordingInputs(self.store, self.found, self.digest or "", self.source, artifacts)
+        return RecordingInputs(self.store, self.recording, self.digest or "", self.source, artifacts)
 
     def settle(self, node: Node, came_to: Outcome | BagAssetsError) -> None:
         """Take what the action of a node came to."""
@@ -193,7 +193,7 @@ class Graph:
         elif name in self.given:
             node.artifact = self.given[name]
         else:
-            node.error = _absent(self.found.key, name)
+            node.error = _absent(self.recording.key, name)
         return node
 
     def _expand_selection(self, node: Node) -> None:
@@ -202,7 +202,7 @@ class Graph:
             is_here = self.makes("inventory")
             node.waits_for, node.error = ("inventory", None) if is_here else (None, inventory.error)
             return
-        with _noted(node, self.found):
+        with _noted(node, self.recording):
             node.skipped = skip_reason(self.assets.recipe, self.rig, self.inputs.inventory)
 
     def _expand(self, node: Node, asset: AnyAsset) -> None:
@@ -216,7 +216,7 @@ class Graph:
                 node.waits_for = "inventory" if name == SELECTION else name
             if node.skipped or node.error or node.waits_for:
                 return
-        with _noted(node, self.found):
+        with _noted(node, self.recording):
             uses = asset.use(self.assets.params(asset, self.rig or self.assets.recipe.rigs[0]), self.inputs)
             if asset.extract is None:
                 self._expand_action(node, asset, uses[""])
@@ -225,7 +225,7 @@ class Graph:
                     Node(f"{asset.name} {channel}", asset.name, channel) for channel in sorted(uses)
                 )
                 for part in node.parts:
-                    with _noted(part, self.found):
+                    with _noted(part, self.recording):
                         self._expand_action(part, asset, uses[part.channel])
                 self._expand_index(node)
 
@@ -249,7 +249,7 @@ class Graph:
         digests = {f"channel:{name}": outcome.artifact.digest for name, outcome in outcomes.items()}
         actions = {name: outcome.action_digest for name, outcome in outcomes.items()}
         node.action = Step(f"{node.asset}_index", _INDEX_VERSION).action({"actions": actions}, digests)
-        with _noted(node, self.found):
+        with _noted(node, self.recording):
             self._look_up(node)
 
     def _look_up(self, node: Node) -> None:
@@ -284,7 +284,7 @@ class Graph:
             return next((why for part in node.parts if (why := self.failure(part)) is not None), None)
         if node.action is None or not node.is_open:
             return None
-        return self.store.failure(node.action.digest, self.found.path)
+        return self.store.failure(node.action.digest, self.recording.path)
 
     def _state(self, node: Node, current: Mapping[str, str], states: Mapping[str, AssetState]) -> AssetState:
         recorded = self.recorded.get(node.name)
@@ -345,12 +345,12 @@ class Graph:
 
 
 @contextmanager
-def _noted(node: Node, found: Found) -> Iterator[None]:
+def _noted(node: Node, recording: RecordingFiles) -> Iterator[None]:
     """Keep what is raised inside with the node that it concerns."""
     try:
         yield
     except Exception as err:  # noqa: BLE001  (whatever it is, it costs no more than this node)
-        node.error = error_in_words(err, found.path, node.channel or node.name)
+        node.error = error_in_words(err, recording.path, node.channel or node.name)
 
 
 def _absent(key: str, asset: str) -> StoreError:

@@ -13,7 +13,7 @@ from bagassets.errors import StoreError
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.recipe.model_annotations import AnnotationFiles
 from bagassets.recordings.inventory import Inventory
-from bagassets.recordings.model import Format, Found
+from bagassets.recordings.model import Format, RecordingFiles
 from bagassets.recordings.recording import Recording
 from bagassets.store.artifact import Artifact
 from bagassets.store.canonical import digest_file
@@ -27,7 +27,7 @@ class RecordingInputs:
 
     Args:
         store: where artifacts are.
-        found: the recording.
+        recording: its files.
         digest: its content digest.
         source: opens its topics.
         recorded: asset -> artifact that is current, for assets that are not made here.
@@ -36,14 +36,14 @@ class RecordingInputs:
     def __init__(
         self,
         store: Store,
-        found: Found,
+        recording: RecordingFiles,
         digest: str,
         source: MessageSource,
         recorded: Mapping[str, Artifact] | None = None,
     ) -> None:
         self.digest = digest
         self._store = store
-        self._found = found
+        self._recording = recording
         self._source = source
         self._artifacts = dict(recorded or {})
         self._channels: dict[str, dict[str, Artifact]] = {}
@@ -56,17 +56,17 @@ class RecordingInputs:
     @property
     def key(self) -> str:
         """Partition key."""
-        return self._found.key
+        return self._recording.key
 
     @property
     def format(self) -> Format:
         """What the recording is read as."""
-        return self._found.format
+        return self._recording.format
 
     @property
     def size(self) -> int:
         """Bytes of its files."""
-        return self._found.size
+        return self._recording.size
 
     @cached_property
     def inventory(self) -> Inventory:
@@ -108,7 +108,7 @@ class RecordingInputs:
 
     def labels(self, sources: Iterable[AnnotationFiles]) -> dict[str, LabelSet]:
         """Return source -> label files that lie beside the recording."""
-        return find_labels(sources, self._found)
+        return find_labels(sources, self._recording)
 
     def definitions(self, folders: Iterable[Path]) -> dict[str, str]:
         """Return `msg:<name below its folder>` -> digest, of the files of message definitions in `folders`."""

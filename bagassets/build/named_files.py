@@ -5,7 +5,7 @@ from pathlib import Path
 from bagassets.annotations.files.find import label_paths
 from bagassets.assets.selection import choose_rig
 from bagassets.recipe.model import Recipe
-from bagassets.recordings.model import Found
+from bagassets.recordings.model import RecordingFiles
 
 __all__ = ["files_beside", "named_files"]
 
@@ -15,9 +15,9 @@ def named_files(recipe: Recipe) -> tuple[list[Path], list[Path]]:
     return [rig.urdf for rig in recipe.rigs if rig.urdf is not None], list(recipe.bags.message_definitions)
 
 
-def files_beside(recipe: Recipe, found: Found) -> list[Path]:
+def files_beside(recipe: Recipe, recording: RecordingFiles) -> list[Path]:
     """Return the label files of a recording and the places where they might be; whatever is there or not."""
     if not any(rig.annotation_files for rig in recipe.rigs):
         return []
-    rig = choose_rig(recipe, found.relative)
-    return [] if rig is None else label_paths(rig, found)
+    rig = choose_rig(recipe, recording.relative)
+    return [] if rig is None else label_paths(rig, recording)

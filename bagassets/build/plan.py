@@ -11,7 +11,7 @@ from bagassets.build.graph import Graph
 from bagassets.build.plan_model import AssetState, BagPlan, Recorded
 from bagassets.build.recording_assets import RecordingAssets
 from bagassets.recordings.digest import DigestIndex, RecordingStat, stat_files, stored_digest
-from bagassets.recordings.model import Found
+from bagassets.recordings.model import RecordingFiles
 from bagassets.store.store import Store
 
 __all__ = ["Planner"]
@@ -31,14 +31,14 @@ class Planner:
     store: Store
     index: DigestIndex | None = None
 
-    def plan(self, found: Found, recorded: Mapping[str, Recorded]) -> BagPlan:
+    def plan(self, recording: RecordingFiles, recorded: Mapping[str, Recorded]) -> BagPlan:
         """Return the states of one recording.
 
         Args:
-            found: the recording.
+            recording: its files.
             recorded: asset -> what Dagster recorded last; nothing if its partition is not alive.
         """
-        graph = self.graph(found, recorded)
+        graph = self.graph(recording, recorded)
         states = graph.states()
         channels = tuple(
             part.artifact.digest
@@ -48,18 +48,18 @@ class Planner:
             if part.artifact is not None
         )
         on_record = {asset: record.data_version for asset, record in recorded.items()}
-        return BagPlan(found.key, states, found.format, on_record, channels, self.assets.optional)
+        return BagPlan(recording.key, states, recording.format, on_record, channels, self.assets.optional)
 
-    def graph(self, found: Found, recorded: Mapping[str, Recorded]) -> Graph:
+    def graph(self, recording: RecordingFiles, recorded: Mapping[str, Recorded]) -> Graph:
         """Return the graph of one recording; see `plan`."""
-        digest, stat, bag = _bag_state(found, recorded.get("bag"), self.index)
-        return Graph(self.assets, self.store, found, digest, stat, bag=bag, recorded=recorded)
+        digest, stat, bag = _bag_state(recording, recorded.get("bag"), self.index)
+        return Graph(self.assets, self.store, recording, digest, stat, bag=bag, recorded=recorded)
 
 
 def _bag_state(
-    found: Found, recorded: Recorded | None, index: DigestIndex | None
+    recording: RecordingFiles, recorded: Recorded | None, index: DigestIndex | None
 ) -> tuple[str | None, RecordingStat, AssetState]:
-    stats = stat_files(found)
+    stats = stat_files(recording)
     stat = RecordingStat(tuple((path.name, s.st_size, s.st_mtime_ns) for path, s in stats))
     if recorded is not None and recorded.stat == stat:
         if index is None or not any(index.doubts(path, s) for path, s in stats):
@@ -68,7 +68,7 @@ def _bag_state(
         why = "size and time unchanged, but the file was touched since"
     else:
         why = "size or time changed"
-    digest = stored_digest(found, index)
+    digest = stored_digest(recording, index)
     if recorded is None:
         return digest, stat, AssetState("missing", "new recording", digest)
     if digest == recorded.data_version:

@@ -48,7 +48,7 @@ def plan_in_bulk(
     before = memory.load()
     marks: dict[str, str] = {}
     bags: dict[str, BagPlan] = dict(kept or {})
-    for key, found in discovery.found.items():
+    for key, recording in discovery.recordings.items():
         if project is None:
             break
         if key in bags:
@@ -56,9 +56,9 @@ def plan_in_bulk(
         ids = {asset: keys[key] for asset, keys in storage_ids.items() if key in keys}
         marks[key] = recording_mark(
             project,
-            found.relative,
-            found.files,
-            files_beside(assets.recipe, found),
+            recording.relative,
+            recording.files,
+            files_beside(assets.recipe, recording),
             ids if key in registered else {},
         )
         entry = before.get(key)
@@ -69,16 +69,16 @@ def plan_in_bulk(
             else:
                 _take_out_damaged(store, plan)
     as_they_were = frozenset(bags)
-    others = [key for key in discovery.found if key not in bags]
+    others = [key for key in discovery.recordings if key not in bags]
     recorded = fetch(key for key in others if key in registered)
     planner = Planner(assets, store, index)
-    bags |= {key: planner.plan(discovery.found[key], recorded.get(key, {})) for key in others}
+    bags |= {key: planner.plan(discovery.recordings[key], recorded.get(key, {})) for key in others}
     settled = {key: bags[key] for key in others if key in marks and bags[key].settled}
     memory.save(
         {key: (marks[key], plan.as_row(), plan.artifacts) for key, plan in settled.items()},
         before.keys() - as_they_were - settled.keys(),
     )
-    ordered = {key: bags[key] for key in discovery.found}
+    ordered = {key: bags[key] for key in discovery.recordings}
     return Plan(ordered, dict(discovery.excluded), discovery.removed(registered)), dict(recorded)
 
 

@@ -76,11 +76,11 @@ def known_actions(assets: RecordingAssets, store: Store) -> Iterator[KnownAction
     """Yield the actions of all recordings whose digest is on record and that the store knows."""
     recipe = assets.recipe
     index = DigestIndex(recipe.state)
-    for key, found in discover(recipe.bags).found.items():
-        digest = stored_digest(found, index)
+    for key, recording in discover(recipe.bags).recordings.items():
+        digest = stored_digest(recording, index)
         if digest is None:
             continue
-        for node in Graph(assets, store, found, digest, recording_stat(found)).nodes():
+        for node in Graph(assets, store, recording, digest, recording_stat(recording)).nodes():
             outcome = node.outcome
             if outcome is not None:
                 step, artifact = node.known_action.step, outcome.artifact.digest
@@ -104,12 +104,12 @@ def rebuild(
         BagAssetsError: the recording is not there any more.
     """
     recipe = assets.recipe
-    found = discover(recipe.bags).found.get(key)
-    if found is None:
+    recording = discover(recipe.bags).recordings.get(key)
+    if recording is None:
         raise BagAssetsError(f"{key}: no such recording below {recipe.bags.root}; it was removed meanwhile.")
-    stat = recording_stat(found)
-    digest = recording_digest(found, DigestIndex(recipe.state)).digest
-    graph = Graph(assets, store, found, digest, stat)
+    stat = recording_stat(recording)
+    digest = recording_digest(recording, DigestIndex(recipe.state)).digest
+    graph = Graph(assets, store, recording, digest, stat)
     known = {
         node.outcome.action_digest: node
         for node in graph.nodes()

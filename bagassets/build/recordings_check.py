@@ -14,7 +14,7 @@ from bagassets.errors import BagAssetsError
 from bagassets.recordings.digest import DigestIndex, combined_digest, hash_file, recording_stat, stat_files
 from bagassets.recordings.digest_record import read_attribute
 from bagassets.recordings.discover import discover
-from bagassets.recordings.model import Found
+from bagassets.recordings.model import RecordingFiles
 from bagassets.store.artifact import Artifact
 from bagassets.store.store import Store
 
@@ -123,9 +123,9 @@ def check_recordings(
     """
     recipe = assets.recipe
     index = DigestIndex(recipe.state)
-    for key, found in sorted(discover(recipe.bags).found.items()):
+    for key, recording in sorted(discover(recipe.bags).recordings.items()):
         try:
-            yield _checked(assets, store, index, key, found, between)
+            yield _checked(assets, store, index, key, recording, between)
         except BagAssetsError as err:
             yield CheckedRecording(key, 0, problem=str(err))
 
@@ -135,14 +135,14 @@ def _checked(
     store: Store,
     index: DigestIndex,
     key: str,
-    found: Found,
+    recording: RecordingFiles,
     between: Callable[[], None] | None,
 ) -> CheckedRecording:
     recorded: dict[str, str] = {}
     changed: list[ChangedFile] = []
     unrecorded: list[Path] = []
     size = 0
-    for path, stat in stat_files(found):
+    for path, stat in stat_files(recording):
         size += stat.st_size
         actual = hash_file(path, stat, between)
         row = index.row(path)
@@ -156,7 +156,7 @@ def _checked(
     if not changed:
         return CheckedRecording(key, size, tuple(unrecorded))
     try:
-        topics = _changed_topics(assets, store, found, combined_digest(recorded))
+        topics = _changed_topics(assets, store, recording, combined_digest(recorded))
         problem = None
     except BagAssetsError as err:
         topics, problem = (), f"its topics cannot be compared: {err}"
@@ -164,10 +164,10 @@ def _checked(
 
 
 def _changed_topics(
-    assets: RecordingAssets, store: Store, found: Found, recorded_digest: str
+    assets: RecordingAssets, store: Store, recording: RecordingFiles, recorded_digest: str
 ) -> tuple[ChangedTopic, ...]:
     """Return the topics whose digest is not that of the inventory that was made of the recorded content."""
-    graph = Graph(assets, store, found, recorded_digest, recording_stat(found))
+    graph = Graph(assets, store, recording, recorded_digest, recording_stat(recording))
     inventory = graph.node("inventory")
     if inventory.artifact is None:
         raise BagAssetsError(

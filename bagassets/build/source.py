@@ -8,7 +8,7 @@ from bagassets.errors import BagAssetsError
 from bagassets.recipe.model import Limits
 from bagassets.recordings.digest import RecordingStat, assert_unchanged
 from bagassets.recordings.inventory import Inventory
-from bagassets.recordings.model import Found
+from bagassets.recordings.model import RecordingFiles
 from bagassets.recordings.open import open_recording
 from bagassets.recordings.pack import PackedRecording
 from bagassets.recordings.recording import Recording
@@ -21,16 +21,16 @@ class MessageSource:
     """Opens just the topics that a step declared, at the cheapest place that has them.
 
     Args:
-        found: the recording.
+        files: those of the recording.
         stat: sizes and times of its files when its digest was taken.
         message_definitions: folders of `.msg` files.
         limits: what the recording may ask of the memory.
     """
 
     def __init__(
-        self, found: Found, stat: RecordingStat, message_definitions: Sequence[Path], limits: Limits
+        self, files: RecordingFiles, stat: RecordingStat, message_definitions: Sequence[Path], limits: Limits
     ) -> None:
-        self.found = found
+        self.files = files
         self._stat = stat
         self._message_definitions = tuple(message_definitions)
         self._limits = limits
@@ -41,7 +41,7 @@ class MessageSource:
         Raises:
             ChangedWhileReadError: it is not; whatever was read from it must not be recorded.
         """
-        assert_unchanged(self.found, self._stat)
+        assert_unchanged(self.files, self._stat)
 
     @contextmanager
     def whole(self, inventory: Inventory | None = None) -> Iterator[Recording]:
@@ -52,7 +52,7 @@ class MessageSource:
         """
         self.verify_unchanged()
         try:
-            with open_recording(self.found, self._message_definitions, self._limits) as recording:
+            with open_recording(self.files, self._message_definitions, self._limits) as recording:
                 if inventory is not None:
                     for name, topic in recording.topics.items():
                         if name in inventory.topics:

@@ -14,7 +14,7 @@ from bagassets.errors import BagAssetsError, RecordingError
 
 if TYPE_CHECKING:
     from bagassets.recordings.digest_record import DigestIndex
-    from bagassets.recordings.model import Found
+    from bagassets.recordings.model import RecordingFiles
 
 __all__ = ["digest"]
 
@@ -62,9 +62,9 @@ def digest(bags: tuple[Path, ...], recipe: Path | None, rehash: bool, verify: bo
     roots = bags or ((loaded.bags.root,) if loaded is not None else ())
     done: list[dict[str, Any]] = []
     errors: list[str] = []
-    for found in _recordings(roots, None if bags or loaded is None else loaded.bags, errors):
+    for recording in _recordings(roots, None if bags or loaded is None else loaded.bags, errors):
         try:
-            entry = _verified(found, index) if verify else _digested(found, index, rehash=rehash)
+            entry = _verified(recording, index) if verify else _digested(recording, index, rehash=rehash)
         except BagAssetsError as err:
             errors.append(str(err))
             continue
@@ -81,7 +81,7 @@ def digest(bags: tuple[Path, ...], recipe: Path | None, rehash: bool, verify: bo
     return 1 if errors else EXIT_FOUND if wrong else 0
 
 
-def _recordings(roots: tuple[Path, ...], bags: Any, errors: list[str]) -> Iterator["Found"]:
+def _recordings(roots: tuple[Path, ...], bags: Any, errors: list[str]) -> Iterator["RecordingFiles"]:
     """Yield the recordings at or below `roots`; what is none becomes an error and others go on."""
     from bagassets.recipe.model import Bags
     from bagassets.recordings.discover import discover, find_one
@@ -96,22 +96,22 @@ def _recordings(roots: tuple[Path, ...], bags: Any, errors: list[str]) -> Iterat
                 yield find_one(root)
                 continue
             errors += discovery.unreadable.values()
-            if not discovery.found and not discovery.unreadable:
+            if not discovery.recordings and not discovery.unreadable:
                 raise RecordingError(
                     f"{root}: no recording found; expected .bag, .mcap or .db3 files, or ROS 2 bag folders."
                 )
         except BagAssetsError as err:
             errors.append(str(err))
             continue
-        yield from discovery.found.values()
+        yield from discovery.recordings.values()
 
 
-def _digested(found: "Found", index: "DigestIndex | None", *, rehash: bool) -> dict[str, Any]:
+def _digested(recording: "RecordingFiles", index: "DigestIndex | None", *, rehash: bool) -> dict[str, Any]:
     from bagassets.recordings.digest import recording_digest
 
-    made = recording_digest(found, index, rehash=rehash)
+    made = recording_digest(recording, index, rehash=rehash)
     return {
-        "path": str(found.path),
+        "path": str(recording.path),
         "digest": made.digest,
         "size": made.size,
         "hashed_bytes": made.hashed_bytes,
@@ -121,13 +121,13 @@ def _digested(found: "Found", index: "DigestIndex | None", *, rehash: bool) -> d
     }
 
 
-def _verified(found: "Found", index: "DigestIndex | None") -> dict[str, Any]:
+def _verified(recording: "RecordingFiles", index: "DigestIndex | None") -> dict[str, Any]:
     from bagassets.recordings.digest_check import check_digests
 
-    wrong = list(check_digests(found, index))
+    wrong = list(check_digests(recording, index))
     return {
-        "path": str(found.path),
-        "size": found.size,
+        "path": str(recording.path),
+        "size": recording.size,
         "disagreements": [
             {
                 "path": str(w.path),

@@ -45,10 +45,10 @@ def explain(bag: str, asset: str, recipe: Path, as_json: bool) -> None:
     from bagassets.defs.situation import opened
 
     with opened(recipe) as (instance, workspace):
-        found = workspace.discover().found
+        recordings = workspace.discover().recordings
         planner = Planner(workspace.assets, workspace.store, workspace.index)
         try:
-            keys = sorted(choose_recordings(found, [bag]))
+            keys = sorted(choose_recordings(recordings, [bag]))
             choose_assets(("bag", *planner.assets.names), [asset])
         except SelectionError as err:
             raise click.UsageError(str(err)) from err
@@ -57,7 +57,7 @@ def explain(bag: str, asset: str, recipe: Path, as_json: bool) -> None:
                 f"{bag}: means {len(keys)} recordings ({', '.join(keys[:3])}, …); name one."
             )
         recorded = recorded_of(instance, workspace.recipe, keys[0])
-        explanation = explain_asset(planner, found[keys[0]], recorded, asset)
+        explanation = explain_asset(planner, recordings[keys[0]], recorded, asset)
     if as_json:
         echo_lines(json.dumps(explanation.as_json(), indent=1))
         return

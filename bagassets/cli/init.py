@@ -84,12 +84,12 @@ def _propose(project: Path, root: Path, look_at: int) -> str:
     discovery = discover(Bags(root=root))
     for sentence in discovery.unreadable.values():
         echo(f"left out: {sentence}", err=True)
-    found = sorted(discovery.found.values(), key=lambda recording: recording.relative)
-    if not found:
+    recordings = sorted(discovery.recordings.values(), key=lambda recording: recording.relative)
+    if not recordings:
         raise RecipeError(
             f"{root}: no recording found; expected .bag, .mcap or .db3 files, or ROS 2 bag folders."
         )
-    chosen = _spread(found, look_at)
+    chosen = _spread(recordings, look_at)
     glances: dict[str, Glance] = {}
     unreadable: dict[str, str] = {}
     with click.progressbar(
@@ -107,7 +107,9 @@ def _propose(project: Path, root: Path, look_at: int) -> str:
                 unreadable[recording.relative] = str(err).removeprefix(f"{recording.path}: ")
     inside = root.is_relative_to(project)
     written_root = os.path.relpath(root, project) if inside else root
-    return propose(glances, name=project.name, root=written_root, unreadable=unreadable, found=len(found))
+    return propose(
+        glances, name=project.name, root=written_root, unreadable=unreadable, found=len(recordings)
+    )
 
 
 def _spread(items: Sequence[T], number: int) -> Sequence[T]:

@@ -21,7 +21,7 @@ from bagassets.formats.catalogue import recording_assets
 from bagassets.recipe import load_recipe
 from bagassets.recordings.digest import DigestIndex, recording_digest, recording_stat
 from bagassets.recordings.discover import discover
-from bagassets.recordings.model import Found
+from bagassets.recordings.model import RecordingFiles
 from bagassets.store.store import Store
 
 __all__ = ["make_inventories"]
@@ -41,11 +41,13 @@ def make_inventories(args: dict[str, Any]) -> int:
     places = Places(Path(args["state"]), args["stamp"])
     recipe = load_recipe(Path(args["recipe"]))
     assets = recording_assets(recipe)
-    found = discover(recipe.bags).found
-    chosen = choose_recordings(found, args["bags"]) if args["bags"] else found.keys()
+    recordings = discover(recipe.bags).recordings
+    chosen = choose_recordings(recordings, args["bags"]) if args["bags"] else recordings.keys()
     looked_at = 0
     # As the driver goes about it: the largest first.
-    for recording in sorted((found[key] for key in found if key in chosen), key=lambda one: -one.size):
+    for recording in sorted(
+        (recordings[key] for key in recordings if key in chosen), key=lambda one: -one.size
+    ):
         if places.socket is not None:
             break
         if recording.size > _LARGEST_BYTES:
@@ -58,7 +60,7 @@ def make_inventories(args: dict[str, Any]) -> int:
     return looked_at
 
 
-def _make_inventory(assets: RecordingAssets, recording: Found) -> None:
+def _make_inventory(assets: RecordingAssets, recording: RecordingFiles) -> None:
     recipe, stat = assets.recipe, recording_stat(recording)
     digest = recording_digest(recording, DigestIndex(recipe.state)).digest
     store = Store(recipe.store_path)

@@ -50,17 +50,17 @@ def recording_definitions(recipe: Recipe) -> list[dg.AssetsDefinition]:
     ) -> dg.MaterializeResult[None]:
         with failures_in_words():
             recording_lock.take(context)
-            found = workspace.found(context.partition_key)
-            stat = recording_stat(found)
-            digest = recording_digest(found, workspace.index)
+            recording = workspace.recording(context.partition_key)
+            stat = recording_stat(recording)
+            digest = recording_digest(recording, workspace.index)
             return dg.MaterializeResult(
                 data_version=dg.DataVersion(digest.digest),
                 metadata={
-                    "path": dg.MetadataValue.path(str(found.path)),
-                    "format": found.format,
-                    "size": human_size(found.size),
-                    "size_bytes": found.size,
-                    "files": len(found.files),
+                    "path": dg.MetadataValue.path(str(recording.path)),
+                    "format": recording.format,
+                    "size": human_size(recording.size),
+                    "size_bytes": recording.size,
+                    "files": len(recording.files),
                     "digest": digest.digest,
                     "hashed_bytes": digest.hashed_bytes,
                     STAT: dg.MetadataValue.text(json.dumps(stat.as_json())),
@@ -136,7 +136,7 @@ def _build(
     graph = Graph(
         assets,
         workspace.store,
-        workspace.found(key),
+        workspace.recording(key),
         record.data_version,
         record.stat,
         wanted=wanted,

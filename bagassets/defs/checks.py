@@ -71,10 +71,10 @@ def _operation(
 
 
 def _evidence(context: dg.AssetCheckExecutionContext, workspace: Workspace) -> Evidence:
-    found = workspace.found(context.partition_key)
-    rig = choose_rig(workspace.recipe, found.relative)
+    recording = workspace.recording(context.partition_key)
+    rig = choose_rig(workspace.recipe, recording.relative)
     if rig is None:
-        raise RecipeError(f"{found.relative}: no rig of the recipe matches; correct rigs[].match.")
+        raise RecipeError(f"{recording.relative}: no rig of the recipe matches; correct rigs[].match.")
     return Evidence(workspace.recipe, rig, workspace.store, lambda asset: workspace.artifact(context, asset))
 
 

@@ -65,7 +65,7 @@ def bring_up_to_date(recipe_file: Path, options: BuildOptions, on_event: Listene
         if before.todo or (before.datasets and not before.dataset_is_current):
             log = Places(recipe.state, "").job_log("code-server")
             runs = stack.enter_context(Runs(instance, options.jobs, on_event, log))
-            sizes = {key: before.planned.discovery.found[key].size for key in before.todo}
+            sizes = {key: before.planned.discovery.recordings[key].size for key in before.todo}
             on_event(Event("planned", sizes=sizes))
             # The longest first: begun last, it would keep one worker busy after all others are done.
             runs.work({key: before.todo[key] for key in sorted(sizes, key=lambda key: -sizes[key])})
@@ -132,7 +132,7 @@ def _refuse_empty(recipe: Recipe, planned: Planned) -> None:
         RecordingError: all recordings are gone at once.
     """
     gone = len(planned.plan.removed)
-    if gone and not planned.discovery.found:
+    if gone and not planned.discovery.recordings:
         recordings = "the recording that was" if gone == 1 else f"all {gone} recordings that were"
         raise RecordingError(
             f"{recipe.bags.root}: {recordings} here before cannot be found; is the disk mounted, and do "
@@ -144,7 +144,7 @@ def _register(instance: dg.DagsterInstance, workspace: Workspace, planned: Plann
     """Make partitions of what is new, drop those of what is gone, and return the latter."""
     for key in planned.plan.removed:
         remove_partition(instance, workspace.recipe, key)
-    add_partitions(instance, workspace.recipe, sorted(planned.discovery.found.keys() - planned.live))
+    add_partitions(instance, workspace.recipe, sorted(planned.discovery.recordings.keys() - planned.live))
     return planned.plan.removed
 
 

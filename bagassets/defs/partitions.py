@@ -81,9 +81,9 @@ class RecordingPartitions(dg.DynamicPartitionsDefinition):
         if is_registered or self.bags is None or not isinstance(store, dg.DagsterInstance):
             super().validate_partition_key(partition_key, context)
             return
-        found = discover(self.bags).found
-        if partition_key not in found:
-            raise RecordingError(_no_such_recording(partition_key, self.bags, list(found)))
+        recordings = discover(self.bags).recordings
+        if partition_key not in recordings:
+            raise RecordingError(_no_such_recording(partition_key, self.bags, list(recordings)))
         store.add_dynamic_partitions(str(self.name), [partition_key])
 
 

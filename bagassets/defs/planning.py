@@ -86,11 +86,11 @@ def plan_again(
         if key not in worked_on and now.latest(key) == before.latest(key)
     }
     there = {
-        key: found
-        for key, found in before.discovery.found.items()
-        if key in kept or all(path.exists() for path in found.files)
+        key: recording
+        for key, recording in before.discovery.recordings.items()
+        if key in kept or all(path.exists() for path in recording.files)
     }
-    planned = _planned(instance, workspace, replace(before.discovery, found=there), live, ids, kept)
+    planned = _planned(instance, workspace, replace(before.discovery, recordings=there), live, ids, kept)
     return replace(planned, recorded={**before.recorded, **planned.recorded})
 
 

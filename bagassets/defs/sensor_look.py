@@ -19,7 +19,7 @@ from bagassets.freshness.recordings import recording_mark
 from bagassets.recipe.model import Recipe
 from bagassets.recordings.digest import RecordingStat, recording_stat
 from bagassets.recordings.discover import Discovery
-from bagassets.recordings.model import Found
+from bagassets.recordings.model import RecordingFiles
 from bagassets.store.canonical import digest_json
 
 __all__ = ["Look"]
@@ -68,7 +68,7 @@ class Look:
             [
                 records,
                 project,
-                {key: _mark(recipe, project, found) for key, found in discovery.found.items()},
+                {key: _mark(recipe, project, recording) for key, recording in discovery.recordings.items()},
                 discovery.unreadable,
                 sorted(live),
                 sorted(active),
@@ -209,7 +209,7 @@ def _why(stale: list[AssetState]) -> str:
 
 def _stats(discovery: Discovery) -> dict[str, RecordingStat]:
     stats = {}
-    for key, recording in discovery.found.items():
+    for key, recording in discovery.recordings.items():
         try:
             stats[key] = recording_stat(recording)
         except RecordingError:  # it went while we looked; the next look will not find it
@@ -217,9 +217,11 @@ def _stats(discovery: Discovery) -> dict[str, RecordingStat]:
     return stats
 
 
-def _mark(recipe: Recipe, project: str | None, found: Found) -> str:
+def _mark(recipe: Recipe, project: str | None, recording: RecordingFiles) -> str:
     """Return the mark of a recording and of its label files."""
-    return recording_mark(project or "", found.relative, found.files, files_beside(recipe, found), {})
+    return recording_mark(
+        project or "", recording.relative, recording.files, files_beside(recipe, recording), {}
+    )
 
 
 def _names(keys: list[str]) -> str:

@@ -96,8 +96,8 @@ def _situation(
     instance: dg.DagsterInstance, workspace: Workspace, planned: Planned, options: BuildOptions
 ) -> Situation:
     recipe = workspace.recipe
-    found = planned.discovery.found
-    chosen = choose_recordings(found, options.bags) if options.bags else frozenset(found)
+    recordings = planned.discovery.recordings
+    chosen = choose_recordings(recordings, options.bags) if options.bags else frozenset(recordings)
     datasets = tuple(dataset_code_versions(recipe))
     wanted = choose_assets(("bag", *workspace.assets.names, *datasets), options.select)
     made_from = {asset: dataset.kind.part for asset, dataset in datasets_of(recipe).items()}

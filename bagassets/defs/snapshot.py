@@ -40,8 +40,8 @@ class Snapshot:
         beside = [config, recipe_file.with_name(config.name)]
         if any(rig.annotation_files for rig in self._recipe.rigs):
             # Label files may lie outside the bag root.
-            recordings = workspace.discover().found.values()
-            beside += [path for found in recordings for path in files_beside(self._recipe, found)]
+            recordings = workspace.discover().recordings.values()
+            beside += [path for recording in recordings for path in files_beside(self._recipe, recording)]
         self._places = decide.Places(
             recipe=str(recipe_file),
             written=[str(path) for path in paths_written(recipe_file)],

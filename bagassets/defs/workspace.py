@@ -15,7 +15,7 @@ from bagassets.freshness.marks import recipe_mark
 from bagassets.recipe import Recipe, load_recipe, where_in
 from bagassets.recordings.digest import DigestIndex
 from bagassets.recordings.discover import Discovery, discover
-from bagassets.recordings.model import Found
+from bagassets.recordings.model import RecordingFiles
 from bagassets.store.artifact import Artifact
 from bagassets.store.store import Store
 from bagassets.store.users import note_user
@@ -96,14 +96,14 @@ class Workspace(dg.ConfigurableResource):  # type: ignore[type-arg]  # steps get
         found: T = self._found_in_run[1]
         return found
 
-    def found(self, key: str) -> Found:
+    def recording(self, key: str) -> RecordingFiles:
         """Return the recording of a partition.
 
         Raises:
             RecordingError: there is none (any more).
         """
         try:
-            return self.discover().found[key]
+            return self.discover().recordings[key]
         except KeyError:
             raise RecordingError(
                 f"{key}: no such recording below {self.recipe.bags.root}; it was removed or renamed, and its "

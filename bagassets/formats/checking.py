@@ -94,8 +94,8 @@ def check_bag(
         bag: the recording.
         quick: make those checks only that take no time.
     """
-    found = discovery.found.get(bag.key)
-    rig = None if found is None else choose_rig(recipe, found.relative)
+    recording = discovery.recordings.get(bag.key)
+    rig = None if recording is None else choose_rig(recipe, recording.relative)
     if rig is None or bag.skipped is not None:
         return
     evidence = Evidence(recipe, rig, store, _Current(bag.key, store, bag.recorded).artifact)

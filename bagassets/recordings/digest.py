@@ -9,7 +9,7 @@ from typing import Any, Self
 
 from bagassets.errors import ChangedWhileReadError, RecordingError
 from bagassets.recordings.digest_record import DigestIndex, Kept, keep, kept_digest
-from bagassets.recordings.model import Found
+from bagassets.recordings.model import RecordingFiles
 from bagassets.store.canonical import digest_file, digest_json
 from bagassets.trace import span
 
@@ -64,36 +64,36 @@ class RecordingDigest:
     kept: dict[str, Kept]
 
 
-def recording_stat(found: Found) -> RecordingStat:
+def recording_stat(recording: RecordingFiles) -> RecordingStat:
     """Return sizes and times of the files as they are now.
 
     Raises:
         RecordingError: a file is gone or cannot be read.
     """
-    return RecordingStat(tuple((path.name, s.st_size, s.st_mtime_ns) for path, s in stat_files(found)))
+    return RecordingStat(tuple((path.name, s.st_size, s.st_mtime_ns) for path, s in stat_files(recording)))
 
 
-def assert_unchanged(found: Found, before: RecordingStat) -> None:
+def assert_unchanged(recording: RecordingFiles, before: RecordingStat) -> None:
     """Check that sizes and times are those of `before`.
 
     Raises:
         ChangedWhileReadError: they are not.
     """
-    if recording_stat(found) != before:
+    if recording_stat(recording) != before:
         raise ChangedWhileReadError(
-            f"{found.path}: the recording changed while it was read, so nothing was recorded; build again when it is "
+            f"{recording.path}: the recording changed while it was read, so nothing was recorded; build again when it is "
             "complete."
         )
 
 
-def stored_digest(found: Found, index: DigestIndex | None = None) -> str | None:
+def stored_digest(recording: RecordingFiles, index: DigestIndex | None = None) -> str | None:
     """Return the digest if every file has a valid one on record; never reads content.
 
     Raises:
         RecordingError: a file is gone.
     """
     digests = {}
-    for path, stat in stat_files(found):
+    for path, stat in stat_files(recording):
         digest = kept_digest(path, stat, index)
         if digest is None:
             return None
@@ -102,12 +102,12 @@ def stored_digest(found: Found, index: DigestIndex | None = None) -> str | None:
 
 
 def recording_digest(
-    found: Found, index: DigestIndex | None = None, *, rehash: bool = False
+    recording: RecordingFiles, index: DigestIndex | None = None, *, rehash: bool = False
 ) -> RecordingDigest:
     """Return the digest of a recording, hashing the files that have no valid record.
 
     Args:
-        found: the recording.
+        recording: its files.
         index: where digests go that cannot be kept as attributes.
         rehash: hash every file, whatever is on record.
 
@@ -119,7 +119,7 @@ def recording_digest(
     digests: dict[str, str] = {}
     kept: dict[str, Kept] = {}
     hashed = size = 0
-    for path, stat in stat_files(found):
+    for path, stat in stat_files(recording):
         size += stat.st_size
         digest = None if rehash else kept_digest(path, stat, index)
         if digest is None:
@@ -134,14 +134,14 @@ def recording_digest(
     return RecordingDigest(combined_digest(digests), size, digests, hashed, kept)
 
 
-def stat_files(found: Found) -> list[tuple[Path, os.stat_result]]:
+def stat_files(recording: RecordingFiles) -> list[tuple[Path, os.stat_result]]:
     """Return the files of a recording as they are now.
 
     Raises:
         ChangedWhileReadError: a file is gone or cannot be read.
     """
     try:
-        return [(path, path.stat()) for path in found.files]
+        return [(path, path.stat()) for path in recording.files]
     except OSError as err:
         raise _gone(err.filename, err) from err
 

@@ -7,7 +7,7 @@ from typing import Literal
 
 from bagassets.recordings.digest import hash_file, stat_files
 from bagassets.recordings.digest_record import DigestIndex, read_attribute
-from bagassets.recordings.model import Found
+from bagassets.recordings.model import RecordingFiles
 
 __all__ = ["Disagreement", "check_digests"]
 
@@ -37,7 +37,7 @@ class Disagreement:
 
 
 def check_digests(
-    found: Found, index: DigestIndex | None = None, between: Callable[[], None] | None = None
+    recording: RecordingFiles, index: DigestIndex | None = None, between: Callable[[], None] | None = None
 ) -> Iterator[Disagreement]:
     """Hash all files of a recording and yield each record that claims to hold, but does not.
 
@@ -47,7 +47,7 @@ def check_digests(
         RecordingError: a file cannot be read.
         ChangedWhileReadError: a file changed while it was hashed.
     """
-    for path, stat in stat_files(found):
+    for path, stat in stat_files(recording):
         actual = hash_file(path, stat, between)
         attribute = read_attribute(path, stat)
         if attribute is not None and attribute != actual:

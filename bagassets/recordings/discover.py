@@ -13,7 +13,7 @@ from pathlib import Path
 from bagassets.errors import RecordingError
 from bagassets.recipe.model import Bags
 from bagassets.recordings.globs import matches
-from bagassets.recordings.model import Format, Found
+from bagassets.recordings.model import Format, RecordingFiles
 
 __all__ = ["Discovery", "discover", "find_one", "matches"]
 
@@ -43,14 +43,14 @@ class Discovery:
     """What lies below the bag root.
 
     Attributes:
-        found: partition key -> recording, sorted by key.
+        recordings: partition key -> recording, sorted by key.
         excluded: path below the root and reason of each recording that is left out, and of each
             folder that cannot be read.
         unreadable: path below the root of each folder or file that cannot be read -> a sentence; not
             of those that `bags.exclude` names.
     """
 
-    found: dict[str, Found]
+    recordings: dict[str, RecordingFiles]
     excluded: list[tuple[str, str]]
     unreadable: dict[str, str] = field(default_factory=dict)
 
@@ -62,12 +62,12 @@ class Discovery:
         heads = tuple(_start_of_keys(f"{relative}/") for relative in self.unreadable)
         same = {_key(relative) for relative in self.unreadable}
         return frozenset(
-            key for key in keys if key not in self.found and (key in same or key.startswith(heads))
+            key for key in keys if key not in self.recordings and (key in same or key.startswith(heads))
         )
 
     def removed(self, keys: Iterable[str]) -> tuple[str, ...]:
         """Return, sorted, those of `keys` whose recordings are gone for sure."""
-        missing = [key for key in keys if key not in self.found]
+        missing = [key for key in keys if key not in self.recordings]
         return tuple(sorted(set(missing) - self.unseen(missing)))
 
 
@@ -87,24 +87,24 @@ def discover(bags: Bags) -> Discovery:
         raise RecordingError(f"{bags.root}: no such folder; correct bags.root in the recipe.")
     walk = _Walk(bags)
     walk.folder(bags.root, "", ())
-    found: dict[str, Found] = {}
-    for recording in sorted(walk.found, key=lambda recording: recording.relative):
+    recordings: dict[str, RecordingFiles] = {}
+    for recording in sorted(walk.recordings, key=lambda recording: recording.relative):
         reason = _exclusion(bags, recording.relative)
         if reason is not None:
             walk.excluded.append((recording.relative, reason))
-        elif recording.key in found:
-            other = found[recording.key].relative
+        elif recording.key in recordings:
+            other = recordings[recording.key].relative
             walk.excluded.append(
                 (recording.relative, f"its key {recording.key} is that of {other}; rename one")
             )
         else:
-            found[recording.key] = recording
+            recordings[recording.key] = recording
     return Discovery(
-        dict(sorted(found.items())), sorted(walk.excluded), dict(sorted(walk.unreadable.items()))
+        dict(sorted(recordings.items())), sorted(walk.excluded), dict(sorted(walk.unreadable.items()))
     )
 
 
-def find_one(path: Path) -> Found:
+def find_one(path: Path) -> RecordingFiles:
     """Return the recording at a path given by a user.
 
     Raises:
@@ -121,20 +121,20 @@ def find_one(path: Path) -> Found:
                 entries = list(scan)
             if (reason := _special_within(entries)) is not None:
                 raise RecordingError(f"{path}: expected a ROS 2 bag folder, but {reason}.")
-            found = _folder_recording(path, path.name, entries)
+            recording = _folder_recording(path, path.name, entries)
         elif path.suffix in _BARE:
-            found = _found(path, path.name, _BARE[path.suffix], [(path, path.stat())])
+            recording = _found(path, path.name, _BARE[path.suffix], [(path, path.stat())])
         else:
             raise RecordingError(
                 f"{path}: expected a recording: a .bag, .mcap or .db3 file, or a ROS 2 bag folder."
             )
     except OSError as err:
         raise RecordingError(f"{path}: cannot be read ({err.strerror}).") from err
-    if found is None:
+    if recording is None:
         raise RecordingError(
             f"{path}: expected a bag; a ROS 2 bag folder holds metadata.yaml and .db3 or .mcap files."
         )
-    return found
+    return recording
 
 
 @dataclass
@@ -146,7 +146,7 @@ class _Walk:
     """
 
     bags: Bags
-    found: list[Found] = field(default_factory=list)
+    recordings: list[RecordingFiles] = field(default_factory=list)
     excluded: list[tuple[str, str]] = field(default_factory=list)
     unreadable: dict[str, str] = field(default_factory=dict)
 
@@ -194,9 +194,9 @@ class _Walk:
         elif entry.name not in _NOT_OURS and entry.is_dir():
             self.folder(entry.path, relative, ancestors)
 
-    def _take(self, recording: Found) -> None:
+    def _take(self, recording: RecordingFiles) -> None:
         if _decodable(recording.relative):
-            self.found.append(recording)
+            self.recordings.append(recording)
         else:
             self.excluded.append((ascii(recording.relative)[1:-1], "its name is not UTF-8; rename it"))
 
@@ -229,7 +229,7 @@ def _exclusion(bags: Bags, relative: str) -> str | None:
     return None
 
 
-def _folder_recording(folder: Path, relative: str, entries: list[os.DirEntry[str]]) -> Found | None:
+def _folder_recording(folder: Path, relative: str, entries: list[os.DirEntry[str]]) -> RecordingFiles | None:
     """Return the ROS 2 bag that a folder with these entries is, or None."""
     if not any(entry.name == METADATA for entry in entries):
         return None
@@ -273,10 +273,12 @@ def _lacks_storage(folder: Path, entries: list[os.DirEntry[str]]) -> bool:
         return False
 
 
-def _found(path: Path, relative: str, file_format: Format, files: list[tuple[Path, os.stat_result]]) -> Found:
+def _found(
+    path: Path, relative: str, file_format: Format, files: list[tuple[Path, os.stat_result]]
+) -> RecordingFiles:
     size, mtime_ns = sum(s.st_size for _, s in files), max(s.st_mtime_ns for _, s in files)
     names = tuple(name for name, _ in files)
-    return Found(_key(relative), relative, path, file_format, names, size, mtime_ns)
+    return RecordingFiles(_key(relative), relative, path, file_format, names, size, mtime_ns)
 
 
 def _decodable(name: str) -> bool:

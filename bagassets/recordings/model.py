@@ -6,7 +6,7 @@ from typing import Literal
 
 Format = Literal["ros1", "ros2", "mcap"]
 
-__all__ = ["Definition", "Format", "Found", "RawMessage", "SkimmedPacket"]
+__all__ = ["Definition", "Format", "RawMessage", "RecordingFiles", "SkimmedPacket"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,7 +23,7 @@ class Definition:
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class RecordingFiles:
     """A recording found below the bag root, not yet opened.
 
     Attributes:

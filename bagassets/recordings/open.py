@@ -8,7 +8,7 @@ from bagassets.recipe.model import Limits
 from bagassets.recordings.damage import advice_for, damaged, refuse_pointer
 from bagassets.recordings.database_file import DatabaseRecording
 from bagassets.recordings.mcap_file import McapRecording
-from bagassets.recordings.model import Found
+from bagassets.recordings.model import RecordingFiles
 from bagassets.recordings.recording import Recording
 from bagassets.recordings.rosbag1 import Rosbag1Recording
 from bagassets.recordings.rosbag2 import Rosbag2Recording
@@ -17,19 +17,19 @@ __all__ = ["open_recording"]
 
 
 def open_recording(
-    found: Found | Path, message_definitions: Sequence[Path] = (), limits: Limits | None = None
+    recording: RecordingFiles | Path, message_definitions: Sequence[Path] = (), limits: Limits | None = None
 ) -> Recording:
     """Open a recording.
 
     Args:
-        found: the recording, or its path.
+        recording: the recording, or its path.
         message_definitions: folders of `.msg` files for types without definition.
         limits: what it may ask of the memory; those of an empty recipe by default.
 
     Raises:
         RecordingError: it is not a readable recording; the message says what to do.
     """
-    path = found.path if isinstance(found, Found) else found
+    path = recording.path if isinstance(recording, RecordingFiles) else recording
     if not path.exists():
         raise RecordingError(f"{path}: no such file; it was removed or renamed.")
     if path.is_file() and path.stat().st_size == 0:

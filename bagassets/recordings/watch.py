@@ -19,7 +19,7 @@ from bagassets.recordings.digest import hash_file
 from bagassets.recordings.digest_check import Disagreement
 from bagassets.recordings.digest_record import DigestIndex, keep, kept_digest, read_attribute
 from bagassets.recordings.discover import discover
-from bagassets.recordings.model import Found
+from bagassets.recordings.model import RecordingFiles
 from bagassets.recordings.notify import Notifications
 
 __all__ = ["WatchEvent", "Watcher"]
@@ -155,7 +155,7 @@ class Watcher:
 
     # --- looking -------------------------------------------------------------------------
 
-    def _look(self) -> tuple[list[Found], float]:
+    def _look(self) -> tuple[list[RecordingFiles], float]:
         """Look at all files.
 
         Returns:
@@ -166,12 +166,12 @@ class Watcher:
         discovery = discover(self._bags)
         for sentence in discovery.unreadable.values():
             self._tell_once(WatchEvent("problem", sentence))
-        due: list[tuple[float, str, Found]] = []
+        due: list[tuple[float, str, RecordingFiles]] = []
         seen: dict[Path, _File] = {}
         next_s = self._rescan_s
-        for found in discovery.found.values():
+        for recording in discovery.recordings.values():
             quiet_s, lacking = float("inf"), False
-            for path in found.files:
+            for path in recording.files:
                 try:
                     stat = path.stat()
                 except OSError:
@@ -181,11 +181,11 @@ class Watcher:
                 quiet_s = min(quiet_s, max(now_s - file.since_s, wall_s - stat.st_ctime_ns / 1e9))
                 lacking = lacking or not self._is_settled(path, file, stat, now_s)
             if lacking and quiet_s >= self._bags.settle_s:
-                due.append((-quiet_s, found.relative, found))
+                due.append((-quiet_s, recording.relative, recording))
             elif lacking:
                 next_s = min(next_s, self._bags.settle_s - quiet_s)
         self._files = seen
-        return [found for _, _, found in sorted(due, key=lambda entry: entry[:2])], next_s
+        return [recording for _, _, recording in sorted(due, key=lambda entry: entry[:2])], next_s
 
     def _seen(self, path: Path, stat: stat_result, now_s: float) -> _File:
         state, before = _State.of(stat), self._files.get(path)
@@ -211,14 +211,14 @@ class Watcher:
 
     # --- hashing -------------------------------------------------------------------------
 
-    def _hash_all(self, due: list[Found], look_again_at_s: float = float("inf")) -> bool:
+    def _hash_all(self, due: list[RecordingFiles], look_again_at_s: float = float("inf")) -> bool:
         """Hash recordings; return False if it was interrupted because there is something new to see."""
-        for found in due:
+        for recording in due:
             if self._stop.is_set():
                 return False
             if self._wake.is_set() and time.monotonic() >= look_again_at_s:
                 return False
-            for path in found.files:
+            for path in recording.files:
                 try:
                     self._hash(path)
                 except _Stopped:

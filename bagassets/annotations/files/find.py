@@ -10,7 +10,7 @@ from bagassets.annotations.files.nuscenes_tables import TABLES
 from bagassets.freshness.marks import signature
 from bagassets.recipe.model import Rig
 from bagassets.recipe.model_annotations import AnnotationFiles, FileTimes, NuScenesTables
-from bagassets.recordings.model import Found
+from bagassets.recordings.model import RecordingFiles
 from bagassets.store.canonical import digest_bytes
 
 __all__ = ["TIMES", "LabelSet", "expand", "find_labels", "label_paths"]
@@ -57,40 +57,40 @@ class LabelSet:
         return inputs
 
 
-def find_labels(sources: Iterable[AnnotationFiles], found: Found) -> dict[str, LabelSet]:
+def find_labels(sources: Iterable[AnnotationFiles], recording: RecordingFiles) -> dict[str, LabelSet]:
     """Return source -> label files beside a recording, with their digests.
 
     A file is hashed once per process, as long as its signature stays.
     """
-    return {entry.path: _find(entry, found) for entry in sources}
+    return {entry.path: _find(entry, recording) for entry in sources}
 
 
-def label_paths(rig: Rig, found: Found) -> list[Path]:
+def label_paths(rig: Rig, recording: RecordingFiles) -> list[Path]:
     """Return the files that `find_labels` would read, and the places where they might be, without reading any."""
     paths = []
     for entry in rig.annotation_files:
-        place = found.path.parent / expand(entry.path, found)
+        place = recording.path.parent / expand(entry.path, recording)
         paths += [place, *(path for _, path in _files_at(place, entry))]
         times = getattr(entry, "times", None)
         if isinstance(times, FileTimes):
-            paths.append(found.path.parent / expand(times.path, found))
+            paths.append(recording.path.parent / expand(times.path, recording))
     return paths
 
 
-def expand(template: str, found: Found) -> str:
+def expand(template: str, recording: RecordingFiles) -> str:
     """Return a path or name of the recipe with the names of a recording filled in."""
-    name = found.path.name
+    name = recording.path.name
     # A folder, as of ROS 2, has no ending: `run.1` is all of its name.
-    stem = Path(name).stem if found.path in found.files else name
-    return template.replace("{stem}", stem).replace("{name}", name).replace("{key}", found.key)
+    stem = Path(name).stem if recording.path in recording.files else name
+    return template.replace("{stem}", stem).replace("{name}", name).replace("{key}", recording.key)
 
 
-def _find(entry: AnnotationFiles, found: Found) -> LabelSet:
-    place = found.path.parent / expand(entry.path, found)
+def _find(entry: AnnotationFiles, recording: RecordingFiles) -> LabelSet:
+    place = recording.path.parent / expand(entry.path, recording)
     rule = getattr(entry, "times", None)
     times = None
     if isinstance(rule, FileTimes):
-        path = found.path.parent / expand(rule.path, found)
+        path = recording.path.parent / expand(rule.path, recording)
         times = _file(TIMES, path) if path.is_file() else None
     logfile = getattr(entry, "logfile", None)
     return LabelSet(
@@ -99,7 +99,7 @@ def _find(entry: AnnotationFiles, found: Found) -> LabelSet:
         tuple(_file(name, path) for name, path in _files_at(place, entry)),
         place.is_dir(),
         times,
-        None if logfile is None else expand(logfile, found),
+        None if logfile is None else expand(logfile, recording),
     )
 
 
