@@ -12,11 +12,11 @@ import pytest
 
 from bagassets.defs.events import event_database
 from bagassets.defs.runs import open_instance
-from bagassets.freshness import artifacts, marks
+from bagassets.freshness import artifacts, fingerprints
 from bagassets.freshness.artifacts import check_groups, groups_of
 from bagassets.freshness.cache import NAME, Cache, Changes
 from bagassets.freshness.decide import nothing_to_do
-from bagassets.freshness.marks import Doubt
+from bagassets.freshness.fingerprints import PlanNeeded
 from bagassets.recipe import load_recipe
 from bagassets_tests.in_process import build, make_project, states, survey
 
@@ -136,7 +136,7 @@ def test_a_recording_that_comes_or_goes_is_seen(fresh):
     hidden = recording(fresh).rename(recording(fresh).with_name(".a.bag"))
     assert not is_quick(fresh)
     hidden.rename(recording(fresh))
-    assert not is_quick(fresh), "renaming changes ctime: a doubt, and no harm"
+    assert not is_quick(fresh), "renaming changes ctime: a needless plan, and no harm"
 
 
 def test_a_recipe_edited_and_reverted_is_as_before_unless_it_was_built_between(fresh, monkeypatch):
@@ -250,13 +250,13 @@ def test_a_fresh_database_is_seen(fresh, monkeypatch):
 def test_a_package_that_was_upgraded_is_seen(fresh, monkeypatch, tmp_path):
     folder = tmp_path / "site"
     (folder / "numpy-2.0.dist-info").mkdir(parents=True)
-    monkeypatch.setattr(marks, "site_folders", lambda: (str(folder),))
+    monkeypatch.setattr(fingerprints, "site_folders", lambda: (str(folder),))
     assert not is_quick(fresh)
 
 
 def test_code_that_was_edited_is_seen(fresh, monkeypatch):
-    lines = marks._source_lines
-    monkeypatch.setattr(marks, "_source_lines", lambda root: [*lines(root), "assets/frames.py 1 2"])
+    lines = fingerprints._source_lines
+    monkeypatch.setattr(fingerprints, "_source_lines", lambda root: [*lines(root), "assets/frames.py 1 2"])
     assert not is_quick(fresh)
 
 
@@ -282,7 +282,7 @@ def test_a_database_named_by_a_variable_leaves_no_snapshot(fresh, monkeypatch):
 
 
 @pytest.mark.parametrize("damage", [b"", b"{}\n", b"no database " * 1000, None])
-def test_a_damaged_cache_file_is_a_doubt_and_made_anew(fresh, monkeypatch, damage):
+def test_a_damaged_cache_file_needs_a_plan_and_is_replaced(fresh, monkeypatch, damage):
     path = load_recipe(fresh).state / NAME
     whole = path.read_bytes()
     path.write_bytes(whole[: len(whole) // 2] if damage is None else damage)
@@ -295,7 +295,7 @@ def test_a_damaged_cache_file_is_a_doubt_and_made_anew(fresh, monkeypatch, damag
 
 
 @pytest.mark.parametrize("kind", ["settled", "artifacts", "last", "published"])
-def test_what_is_missing_or_torn_in_the_cache_file_is_a_doubt(fresh, kind):
+def test_what_is_missing_or_torn_in_the_cache_file_needs_a_plan(fresh, kind):
     cache = Cache(load_recipe(fresh).state)
     path = load_recipe(fresh).state / NAME
     whole = path.read_bytes()
@@ -327,7 +327,7 @@ def test_a_failed_recording_takes_the_full_path(project, monkeypatch):
     broken.unlink()
 
 
-# --- marks --------------------------------------------------------------------------------
+# --- fingerprints -------------------------------------------------------------------------
 
 
 def test_a_look_at_a_tree_follows_links_and_stops_at_loops(tmp_path):
@@ -338,21 +338,21 @@ def test_a_look_at_a_tree_follows_links_and_stops_at_loops(tmp_path):
     (root / "link").symlink_to(tmp_path / "real")
     (root / "loop").symlink_to(root)
     (root / "broken").symlink_to(tmp_path / "nothing")
-    before = marks.tree_mark(str(root))
-    assert marks.tree_mark(str(root)) == before
+    before = fingerprints.tree_fingerprint(str(root))
+    assert fingerprints.tree_fingerprint(str(root)) == before
     (tmp_path / "real" / "a.bag").write_bytes(b"22")
-    assert marks.tree_mark(str(root)) != before
-    with pytest.raises(Doubt):
-        marks.tree_mark(str(tmp_path / "nothing"))
+    assert fingerprints.tree_fingerprint(str(root)) != before
+    with pytest.raises(PlanNeeded):
+        fingerprints.tree_fingerprint(str(tmp_path / "nothing"))
 
 
 @pytest.mark.parametrize("content", [None, b"", b"no database at all" * 100])
-def test_another_schema_is_a_doubt(tmp_path, content):
+def test_another_schema_needs_a_plan(tmp_path, content):
     path = tmp_path / "index.db"
     if content is not None:
         path.write_bytes(content)
-    with pytest.raises(Doubt):
-        marks.records_mark(str(path), "x")
+    with pytest.raises(PlanNeeded):
+        fingerprints.records_fingerprint(str(path), "x")
 
 
 def artifact(root, digest):
@@ -369,27 +369,27 @@ def test_of_a_large_store_only_changed_groups_and_some_others_are_looked_at(tmp_
     digests = b"".join(bytes.fromhex(name) for name in names)
     groups = groups_of(str(tmp_path), digests)
     check_groups(str(tmp_path), digests, groups)
-    monkeypatch.setattr(artifacts, "MOST_LOOKED_AT", 4)
+    monkeypatch.setattr(artifacts, "MOST_CHECKED", 4)
     monkeypatch.setattr(artifacts.random, "random", lambda: 1.0)
     (folders[names[0]] / "files" / "x").unlink()
     check_groups(str(tmp_path), digests, groups)  # inside an artifact: not seen at once
     monkeypatch.setattr(artifacts.random, "random", lambda: 0.0)
-    with pytest.raises(Doubt):
+    with pytest.raises(PlanNeeded):
         check_groups(str(tmp_path), digests, groups)
     monkeypatch.setattr(artifacts.random, "random", lambda: 1.0)
     shutil.rmtree(folders[names[9]])
-    with pytest.raises(Doubt):  # an artifact that went is seen at once
+    with pytest.raises(PlanNeeded):  # an artifact that went is seen at once
         check_groups(str(tmp_path), digests, groups)
     artifact(tmp_path, "07" + "f" * 62)
     artifact(tmp_path, names[9])
 
 
-def test_a_stranger_in_a_shared_store_is_no_doubt(tmp_path, monkeypatch):
+def test_a_stranger_in_a_shared_store_needs_no_plan(tmp_path, monkeypatch):
     names = ["aa" + "0" * 62, "bb" + "0" * 62]
     for name in names:
         artifact(tmp_path, name)
     digests = b"".join(bytes.fromhex(name) for name in names)
     groups = groups_of(str(tmp_path), digests)
-    monkeypatch.setattr(artifacts, "MOST_LOOKED_AT", 0)
+    monkeypatch.setattr(artifacts, "MOST_CHECKED", 0)
     artifact(tmp_path, "aa" + "1" * 62)
     check_groups(str(tmp_path), digests, groups)

@@ -1,4 +1,4 @@
-"""What freshness rests on: the cache file, marks, the memory of recordings, and where the state folder is."""
+"""What freshness rests on: the cache file, fingerprints, the cache of plans, and where the state folder is."""
 
 import os
 import sqlite3
@@ -10,12 +10,12 @@ from pathlib import Path
 import pytest
 
 from bagassets.build.plan_model import AssetState, BagPlan
-from bagassets.freshness import decide, marks
-from bagassets.freshness.artifacts import artifacts_mark, packed
+from bagassets.freshness import decide, fingerprints
+from bagassets.freshness.artifacts import artifacts_fingerprint, packed
 from bagassets.freshness.cache import NAME, Cache, Changes
-from bagassets.freshness.decide import Builds, state_folder
-from bagassets.freshness.marks import Doubt, project_mark, recipe_mark, signature
-from bagassets.freshness.recordings import Memory, recording_mark
+from bagassets.freshness.decide import BuildLog, state_folder
+from bagassets.freshness.fingerprints import PlanNeeded, project_fingerprint, recipe_fingerprint, signature
+from bagassets.freshness.plan_cache import PlanCache, recording_fingerprint
 from bagassets.store.action import Action
 from bagassets.store.store import Store
 
@@ -61,19 +61,19 @@ class TestCache:
         assert Cache(tmp_path / "state").write(Changes())
         assert not (tmp_path / "state").exists()
 
-    def test_what_is_not_there_is_a_doubt(self, tmp_path):
-        with pytest.raises(Doubt):
+    def test_what_is_not_there_needs_a_plan(self, tmp_path):
+        with pytest.raises(PlanNeeded):
             Cache(tmp_path / "state").all("letter")
         Cache(tmp_path).write(changes(ONE))
         for keys in (("b",), ("a", "b"), ("b", "a")):
-            with pytest.raises(Doubt, match="there is no letter"):
+            with pytest.raises(PlanNeeded, match="there is no letter"):
                 Cache(tmp_path).get("letter", *keys)
 
     @pytest.mark.parametrize(
         "damage",
         [b"", b"short", b"no database at all, but long enough to be one " * 300, "another format", "half"],
     )
-    def test_a_damaged_one_is_a_doubt_and_made_again(self, tmp_path, damage):
+    def test_a_damaged_one_raises_and_is_replaced(self, tmp_path, damage):
         cache, path = Cache(tmp_path), tmp_path / NAME
         cache.write(changes(*[("letter", str(number), bytes(1000)) for number in range(20)]))
         if damage == "another format":
@@ -84,23 +84,23 @@ class TestCache:
             path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
         else:
             path.write_bytes(damage)
-        with pytest.raises(Doubt):
+        with pytest.raises(PlanNeeded):
             cache.all("letter")
         assert cache.write(changes(*[("letter", str(number), b"new") for number in range(20)]))
         assert set(cache.all("letter").values()) == {b"new"}
 
-    def test_one_that_a_power_loss_tore_is_forgotten_as_a_whole_and_a_whole_one_kept(self, tmp_path):
+    def test_a_torn_file_is_removed_and_an_intact_one_kept(self, tmp_path):
         cache = Cache(tmp_path)
-        cache.mend()
+        cache.remove_if_damaged()
         cache.write(changes(*[("letter", str(number), bytes(1000)) for number in range(200)]))
         whole = Path(cache.path).read_bytes()
-        cache.mend()
+        cache.remove_if_damaged()
         assert len(cache.all("letter")) == 200
         for start in range(0, len(whole), 4096):
             torn = bytearray(whole)
             torn[start : start + 4096] = bytes(4096)
             Path(cache.path).write_bytes(torn)
-            cache.mend()
+            cache.remove_if_damaged()
             assert not Path(cache.path).exists(), f"page {start // 4096}"
 
     @pytest.mark.parametrize("column", ["content", "digest", "key", "kind"])
@@ -113,7 +113,7 @@ class TestCache:
         connection.close()
         assert cache.all("letter") == {OTHER[1]: OTHER[2]}
         assert cache.all("number") == {}
-        with pytest.raises(Doubt):
+        with pytest.raises(PlanNeeded):
             cache.get("letter", "a")
 
     def test_a_folder_that_cannot_be_written_is_no_error(self, tmp_path):
@@ -142,7 +142,7 @@ class TestMarkOfARecording:
 
     def of(self, folder, project="p", relative="a.bag", beside=(), records=None):
         records = {"inventory": 3} if records is None else records
-        return recording_mark(project, relative, (folder / "a.bag",), beside, records)
+        return recording_fingerprint(project, relative, (folder / "a.bag",), beside, records)
 
     def test_all_that_counts_is_in_it(self, folder):
         labels = (folder / "a.json",)
@@ -181,8 +181,8 @@ class TestMarkOfTheProject:
 
     def of(self, recipe, code="c"):
         folder = recipe.parent
-        return project_mark(
-            code, recipe_mark(recipe), [str(folder / "car.urdf")], [str(folder / "definitions")]
+        return project_fingerprint(
+            code, recipe_fingerprint(recipe), [str(folder / "car.urdf")], [str(folder / "definitions")]
         )
 
     def test_all_that_counts_is_in_it(self, recipe):
@@ -202,9 +202,9 @@ class TestMarkOfTheProject:
         recipe.write_text("name: y\n")
         assert self.of(recipe) == found[-1], "a recipe that was only written again"
 
-    def test_folders_that_cannot_be_read_are_a_doubt(self, recipe, tmp_path):
-        with pytest.raises(Doubt):
-            project_mark("c", str(recipe), [], [str(tmp_path / "nowhere")])
+    def test_folders_that_cannot_be_read_need_a_plan(self, recipe, tmp_path):
+        with pytest.raises(PlanNeeded):
+            project_fingerprint("c", str(recipe), [], [str(tmp_path / "nowhere")])
 
 
 class TestMarkOfCode:
@@ -213,12 +213,12 @@ class TestMarkOfCode:
         for folder in (package / "inner", site / "numpy-2.0.dist-info"):
             folder.mkdir(parents=True)
         (package / "one.py").write_text("1")
-        monkeypatch.setattr(marks, "site_folders", lambda: (str(site),))
+        monkeypatch.setattr(fingerprints, "site_folders", lambda: (str(site),))
         monkeypatch.delenv("PYTHONPATH", raising=False)
-        found = [marks.code_mark((str(package),))]
+        found = [fingerprints.code_fingerprint((str(package),))]
 
         def note():
-            found.append(marks.code_mark((str(package),)))
+            found.append(fingerprints.code_fingerprint((str(package),)))
 
         (package / "inner" / "two.so").write_text("2")
         note()
@@ -239,23 +239,23 @@ class TestMarkOfCode:
         for path in ("inner/notes.txt", ".hidden.py", "__pycache__/one.pyc"):
             (package / path).parent.mkdir(exist_ok=True)
             (package / path).write_text("")
-        assert marks.code_mark((str(package),)) == found[-1]
+        assert fingerprints.code_fingerprint((str(package),)) == found[-1]
 
     def test_what_a_process_decides_with_is_the_code_that_it_began_with(self, monkeypatch):
-        marks.loaded_code.cache_clear()
-        before = marks.loaded_code()
-        assert before == marks.code_mark()
-        monkeypatch.setattr(marks, "_source_lines", lambda _root: ["edited"])
-        assert marks.code_mark() != before
-        assert marks.loaded_code() == before
-        marks.loaded_code.cache_clear()
+        fingerprints.loaded_code_fingerprint.cache_clear()
+        before = fingerprints.loaded_code_fingerprint()
+        assert before == fingerprints.code_fingerprint()
+        monkeypatch.setattr(fingerprints, "_source_lines", lambda _root: ["edited"])
+        assert fingerprints.code_fingerprint() != before
+        assert fingerprints.loaded_code_fingerprint() == before
+        fingerprints.loaded_code_fingerprint.cache_clear()
 
     def test_a_single_module_is_looked_at_too(self, tmp_path):
         module = tmp_path / "module.py"
         module.write_text("1")
-        before = marks.code_mark((str(module),))
+        before = fingerprints.code_fingerprint((str(module),))
         module.write_text("22")
-        assert marks.code_mark((str(module),)) != before
+        assert fingerprints.code_fingerprint((str(module),)) != before
 
 
 def test_a_place_is_marked_by_where_it_leads(tmp_path):
@@ -263,10 +263,10 @@ def test_a_place_is_marked_by_where_it_leads(tmp_path):
         (tmp_path / name).mkdir()
     link, place = tmp_path / "data", [str(tmp_path / "data" / "bags")]
     link.symlink_to(tmp_path / "disk1")
-    before = marks.places_mark(place)
+    before = fingerprints.paths_fingerprint(place)
     link.unlink()
     link.symlink_to(tmp_path / "disk2")
-    assert marks.places_mark(place) != before
+    assert fingerprints.paths_fingerprint(place) != before
 
 
 class TestArtifacts:
@@ -279,7 +279,7 @@ class TestArtifacts:
         )
 
     def of(self, artifact):
-        return artifacts_mark(str(artifact.folder.parents[1]), packed([artifact.digest]))
+        return artifacts_fingerprint(str(artifact.folder.parents[1]), packed([artifact.digest]))
 
     def test_files_that_come_or_go_are_seen(self, artifact):
         before = self.of(artifact)
@@ -294,7 +294,7 @@ class TestArtifacts:
         (artifact.folder / "manifest.json").write_bytes(b"{}")
         assert self.of(artifact) != before
         (artifact.folder / "manifest.json").unlink()
-        with pytest.raises(Doubt):
+        with pytest.raises(PlanNeeded):
             self.of(artifact)
 
 
@@ -315,7 +315,7 @@ def test_a_recording_rests_on_its_assets_and_the_channels():
     assert PLAN.artifacts == ("ab" * 32, "c1" * 32, "c2" * 32)
 
 
-class TestMemory:
+class TestPlanCache:
     @pytest.fixture
     def store(self, tmp_path):
         """A store with the artifacts of `PLAN`."""
@@ -325,41 +325,41 @@ class TestMemory:
             (folder / "manifest.json").write_text("{}")
         return tmp_path / "artifacts"
 
-    def save(self, memory, *plans, gone=()):
-        memory.save({plan.key: ("mark", plan.as_row(), plan.artifacts) for plan in plans}, gone)
+    def save(self, cache, *plans, gone=()):
+        cache.save({plan.key: ("fingerprint", plan.as_row(), plan.artifacts) for plan in plans}, gone)
 
-    def test_what_is_remembered_comes_back(self, tmp_path, store):
+    def test_what_was_saved_is_loaded(self, tmp_path, store):
         other = replace(PLAN, key="ünder/b.bag", format="mcap")
-        memory = Memory(tmp_path / "state", store)
-        self.save(memory, PLAN, other)
-        found = Memory(tmp_path / "state", store).load()
+        cache = PlanCache(tmp_path / "state", store)
+        self.save(cache, PLAN, other)
+        found = PlanCache(tmp_path / "state", store).load()
         assert {key: BagPlan.from_row(key, entry.plan) for key, entry in found.items()} == {
             "a.bag": PLAN,
             "ünder/b.bag": other,
         }
-        assert {entry.mark for entry in found.values()} == {"mark"}
-        assert memory.holds(found["a.bag"], PLAN.artifacts)
-        self.save(memory, gone=["a.bag"])
-        assert memory.load().keys() == {"ünder/b.bag"}
+        assert {entry.recording_fingerprint for entry in found.values()} == {"fingerprint"}
+        assert cache.holds(found["a.bag"], PLAN.artifacts)
+        self.save(cache, gone=["a.bag"])
+        assert cache.load().keys() == {"ünder/b.bag"}
 
     def test_it_does_not_hold_once_an_artifact_changed(self, tmp_path, store):
-        memory = Memory(tmp_path / "state", store)
-        self.save(memory, PLAN)
-        (entry,) = memory.load().values()
+        cache = PlanCache(tmp_path / "state", store)
+        self.save(cache, PLAN)
+        (entry,) = cache.load().values()
         path = store / "c1" / ("c1" * 32) / "files" / "new"
         path.write_text("")
-        assert not memory.holds(entry, PLAN.artifacts)
+        assert not cache.holds(entry, PLAN.artifacts)
         path.parents[1].joinpath("manifest.json").unlink()
-        assert not memory.holds(entry, PLAN.artifacts)
+        assert not cache.holds(entry, PLAN.artifacts)
 
-    def test_what_rests_on_an_artifact_that_is_gone_is_forgotten(self, tmp_path, store):
-        memory = Memory(tmp_path / "state", store)
-        self.save(memory, PLAN)
-        self.save(memory, replace(PLAN, channels=("0" * 64,)))
-        assert memory.load() == {}
+    def test_what_rests_on_a_missing_artifact_is_dropped(self, tmp_path, store):
+        cache = PlanCache(tmp_path / "state", store)
+        self.save(cache, PLAN)
+        self.save(cache, replace(PLAN, channels=("0" * 64,)))
+        assert cache.load() == {}
 
-    def test_nothing_is_remembered_where_there_is_no_file(self, tmp_path, store):
-        assert Memory(tmp_path / "state", store).load() == {}
+    def test_nothing_is_loaded_where_there_is_no_file(self, tmp_path, store):
+        assert PlanCache(tmp_path / "state", store).load() == {}
 
 
 class TestStateFolder:
@@ -384,32 +384,32 @@ class TestStateFolder:
         assert state_folder(self.recipe(tmp_path, text)) == os.path.join(tmp_path, state)  # noqa: PTH118
 
     @pytest.mark.parametrize("text", ["- a\n", "state: [a]\n", "state: {a: b}\n", "a: [\n", "\0", ""])
-    def test_what_the_recipe_does_not_say_is_a_doubt(self, tmp_path, text):
-        with pytest.raises(Doubt):
+    def test_what_the_recipe_does_not_say_needs_a_plan(self, tmp_path, text):
+        with pytest.raises(PlanNeeded):
             state_folder(self.recipe(tmp_path, text))
 
     def test_one_that_was_built_there_is_known_without_reading_yaml(self, tmp_path, monkeypatch):
         recipe = self.recipe(tmp_path, "name: x\n")
-        Builds(tmp_path / ".bagassets").begin("process", recipe)
+        BuildLog(tmp_path / ".bagassets").begin("process", recipe)
         monkeypatch.setattr(decide, "_named_state", pytest.fail)
         assert state_folder(recipe) == str(tmp_path / ".bagassets")
 
     def test_another_text_is_read(self, tmp_path):
         recipe = self.recipe(tmp_path, "name: x\n")
-        Builds(tmp_path / ".bagassets").begin("process", recipe)
+        BuildLog(tmp_path / ".bagassets").begin("process", recipe)
         Path(recipe).write_text("state: elsewhere\n")
         assert state_folder(recipe) == str(tmp_path / "elsewhere")
 
 
-class TestBuilds:
+class TestBuildLog:
     def test_one_at_work_is_unfinished_until_its_end(self, tmp_path):
-        builds = Builds(tmp_path)
-        with pytest.raises(Doubt):
-            builds.last_boot()
+        builds = BuildLog(tmp_path)
+        with pytest.raises(PlanNeeded):
+            builds.last_boot_id()
         builds.begin("one", tmp_path / "recipe.yaml")
         builds.begin("two", tmp_path / "recipe.yaml")
         assert set(builds.unfinished()) == {"one", "two"}
-        assert builds.last_boot() == marks.boot()
+        assert builds.last_boot_id() == fingerprints.boot_id()
         builds.end("one")
         assert builds.unfinished() == ["two"]
         builds.begin("three", tmp_path / "recipe.yaml", over=["two"])
@@ -419,7 +419,7 @@ class TestBuilds:
 
 def test_nothing_but_the_standard_library_is_imported():
     code = (
-        "import sys; before = set(sys.modules); import bagassets.freshness.decide, bagassets.freshness.recordings; "
+        "import sys; before = set(sys.modules); import bagassets.freshness.decide, bagassets.freshness.plan_cache; "
         "print(*{name.partition('.')[0] for name in set(sys.modules) - before} - set(sys.stdlib_module_names) - {'_sysconfigdata'}); "
         "print(*[name for name in sys.modules if name.startswith('bagassets.') and 'freshness' not in name])"
     )

@@ -1,8 +1,8 @@
 """Over random sequences of changes, a build is never said to have nothing to do when the full plan finds something.
 
-One project is changed, asked and built again, round by round. What the full plan finds is the truth: made without its
-memory of earlier plans, and beside it the bytes of the datasets. A doubt without cause is allowed where it is known to
-arise, and nowhere else; and no doubt outlives the next build.
+One project is changed, asked and built again, round by round. The truth is the full plan, made without cached plans,
+together with the bytes of the datasets. A needless plan is allowed for the kinds of change known to cause one, and
+for no other; and after the next build none is needed any more.
 """
 
 import json
@@ -18,10 +18,10 @@ import pytest
 from bagassets.defs.partitions import partitions_name
 from bagassets.defs.runs import open_instance
 from bagassets.forkserver.process import ProcessId
-from bagassets.freshness import marks
+from bagassets.freshness import fingerprints
 from bagassets.freshness.cache import NAME, Cache, Changes
-from bagassets.freshness.decide import Builds, nothing_to_do
-from bagassets.freshness.recordings import Memory
+from bagassets.freshness.decide import BuildLog, nothing_to_do
+from bagassets.freshness.plan_cache import PlanCache
 from bagassets.propose.project import write_project
 from bagassets.recipe import load_recipe
 from bagassets_tests.in_process import QUICK, build, survey
@@ -200,7 +200,7 @@ class Project:
         child = subprocess.Popen(["true"])
         process = ProcessId.of(child.pid)
         child.wait()
-        Builds(self.state).begin(json.dumps(process.as_json()), self.recipe)
+        BuildLog(self.state).begin(json.dumps(process.as_json()), self.recipe)
 
     def machine_started_anew(self):
         changes = Changes()
@@ -223,11 +223,11 @@ KINDS = [
     and name not in {"__init__", "__getitem__", "new", "recording", "dataset_file", "published"}
 ]
 SEED = 1
-# Of its changes, those that are doubted without cause.
+# So many changes of this seed may cause a plan without need.
 MOST_NEEDLESS = 5
-# These are doubted for what they are, whatever the plan finds.
+# These always cause a plan, whatever it finds.
 SUSPICIOUS = {"code edit", "build killed", "machine started anew", "cache torn"}
-# These may be doubted though the full plan finds nothing: that costs one look. Nothing else may.
+# These may cause a plan that finds nothing, which costs some time. Nothing else may.
 COSTLY = {
     "artifact lost", "file of an artifact lost", "asset wiped", "run deleted", "event of others", "dataset file touched",
     "stranger in the dataset", "stranger among recordings", "definition added", "recipe comment", "recipe edit",
@@ -240,14 +240,14 @@ def ask(recipe):
 
 
 def full_plan(recipe):
-    """Return what the full path decides, and hold it against a plan without memory."""
+    """Return what the full path decides, and compare it with a plan made without cached ones."""
     found = survey(recipe)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Memory, "load", lambda _self: {})
-        patch.setattr(Memory, "save", lambda *_args: None)
+        patch.setattr(PlanCache, "load", lambda _self: {})
+        patch.setattr(PlanCache, "save", lambda *_args: None)
         anew = survey(recipe)
     assert found.plan == anew.plan, (
-        "what is remembered of recordings is what is found when they are looked into"
+        "cached plans of recordings are those found when they are examined"
     )
     return found
 
@@ -255,19 +255,19 @@ def full_plan(recipe):
 def test_no_sequence_of_changes_is_taken_for_nothing(tmp_path, monkeypatch):
     dice = random.Random(SEED)
     project = Project(tmp_path, dice)
-    recipe, lines = project.recipe, marks._source_lines
-    monkeypatch.setattr(marks, "_source_lines", lambda root: [*lines(root), *project.code])
+    recipe, lines = project.recipe, fingerprints._source_lines
+    monkeypatch.setattr(fingerprints, "_source_lines", lambda root: [*lines(root), *project.code])
     deck = dice.sample(KINDS, len(KINDS))
     unseen = ["recipe edit undone", "hidden file among recordings"]
     needless = []
     while True:
-        marks.loaded_code.cache_clear()
+        fingerprints.loaded_code_fingerprint.cache_clear()
         report, _ = build(recipe, monkeypatch)
         assert report.succeeded, report.as_json()
-        assert ask(recipe), "no doubt outlives a build"
+        assert ask(recipe), "after a build there is nothing to do"
         while unseen:
             project[unseen.pop()]()
-            assert ask(recipe), "what is undone, or none of our business, is no doubt"
+            assert ask(recipe), "a change that is undone, or none of our business, needs no plan"
         if not deck:
             break
         before, is_quick, found = project.published(), True, False
@@ -281,7 +281,7 @@ def test_no_sequence_of_changes_is_taken_for_nothing(tmp_path, monkeypatch):
                 assert not (is_quick and kind in SUSPICIOUS), kind
                 if not is_quick and not found:
                     needless.append(kind)
-                    assert kind in COSTLY, f"{kind} is doubted without cause"
-        assert is_quick or not ask(recipe), f"{kinds}: what was in doubt is not any more"
+                    assert kind in COSTLY, f"{kind} causes a plan without need"
+        assert is_quick or not ask(recipe), f"{kinds}: a plan was needed and is not any more"
     assert len(needless) <= MOST_NEEDLESS, needless
-    marks.loaded_code.cache_clear()
+    fingerprints.loaded_code_fingerprint.cache_clear()

@@ -17,7 +17,7 @@ from bagassets.defs import situation
 from bagassets.errors import RecordingError
 from bagassets.formats.catalogue import recording_assets
 from bagassets.freshness.cache import NAME
-from bagassets.freshness.recordings import Memory
+from bagassets.freshness.plan_cache import PlanCache
 from bagassets.recipe import load_recipe
 from bagassets.recipe.model import Recipe
 from bagassets.recordings.model import RecordingFiles
@@ -225,9 +225,9 @@ def test_a_damaged_memory_costs_time_only(built, monkeypatch, damage):
 
 def test_a_memory_that_cannot_be_written_is_no_error(tmp_path):
     (tmp_path / NAME).mkdir()
-    memory = Memory(tmp_path, tmp_path)
-    memory.save({}, ["gone"])
-    assert memory.load() == {}
+    cached = PlanCache(tmp_path, tmp_path)
+    cached.save({}, ["gone"])
+    assert cached.load() == {}
 
 
 def test_a_recording_that_comes_back_is_a_hit(built, monkeypatch):

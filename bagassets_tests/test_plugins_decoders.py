@@ -19,8 +19,8 @@ from bagassets.formats.catalogue import recording_assets
 from bagassets.formats.format import Part
 from bagassets.formats.nuscenes.check import check_dataset
 from bagassets.formats.nuscenes.format import NUSCENES
-from bagassets.freshness import marks
-from bagassets.freshness.marks import code_mark
+from bagassets.freshness import fingerprints
+from bagassets.freshness.fingerprints import code_fingerprint
 from bagassets.plugins import FAMILIES as FAMILY_NAMES
 from bagassets.plugins import installed_decoders
 from bagassets.store.store import Store
@@ -146,13 +146,13 @@ def test_a_build_that_seems_to_have_nothing_to_do_notices_an_upgrade(tmp_path, m
     if in_pythonpath:
         monkeypatch.setenv("PYTHONPATH", f"/nowhere:{folder}")
     else:
-        monkeypatch.setattr(marks, "site_folders", lambda: (str(folder),))
+        monkeypatch.setattr(fingerprints, "site_folders", lambda: (str(folder),))
     (tmp_path / "recipe.yaml").write_text(RECIPE)
     stamps = []
     for version in (None, "1.0", "1.1"):
         if version is not None:
             site.unpack(wheel_of(EXAMPLE, tmp_path / "wheels", version))
-        stamps += [code_mark() for _ in range(2)]
+        stamps += [code_fingerprint() for _ in range(2)]
     site.close()
     assert stamps[0::2] == stamps[1::2]
     assert len(set(stamps)) == 3

@@ -15,7 +15,7 @@ from bagassets.defs.runs import open_instance
 from bagassets.forkserver.client import Client
 from bagassets.freshness.cache import NAME
 from bagassets.freshness.decide import nothing_to_do
-from bagassets.freshness.marks import Doubt, records_mark
+from bagassets.freshness.fingerprints import PlanNeeded, records_fingerprint
 from bagassets.recipe import load_recipe
 from bagassets_tests.in_process import make_project
 
@@ -105,6 +105,6 @@ def test_what_happened_in_the_database_is_noticed(project, what):
     assert decide(project) is not None, "all is as it was"
 
 
-def test_a_database_that_is_not_there_is_a_doubt(url):
-    with pytest.raises(Doubt, match="PostgreSQL"):
-        records_mark(url.replace(f"port={PORT}", "port=5440"), "recordings")
+def test_a_database_that_is_not_there_needs_a_plan(url):
+    with pytest.raises(PlanNeeded, match="PostgreSQL"):
+        records_fingerprint(url.replace(f"port={PORT}", "port=5440"), "recordings")

@@ -14,8 +14,8 @@ from bagassets.forkserver.process import ProcessId
 from bagassets.formats import after_crash
 from bagassets.freshness import decide
 from bagassets.freshness.cache import Cache, Changes
-from bagassets.freshness.decide import Builds, nothing_to_do
-from bagassets.freshness.marks import Doubt, signature
+from bagassets.freshness.decide import BuildLog, nothing_to_do
+from bagassets.freshness.fingerprints import PlanNeeded, signature
 from bagassets.freshness.published import Publication
 from bagassets.recipe import load_recipe
 from bagassets_tests.in_process import build, make_project, survey
@@ -185,13 +185,13 @@ def test_without_the_record_the_datasets_are_put_together_once_more(fresh, monke
 
 
 @pytest.mark.parametrize("asset", ASSETS)
-def test_a_dataset_of_which_nothing_is_on_record_is_in_doubt(fresh, asset):
+def test_a_dataset_of_which_nothing_is_on_record_needs_a_plan(fresh, asset):
     forget(fresh, asset)
     assert not is_quick(fresh)
     assert not survey(fresh).dataset_is_current
 
 
-def test_a_list_of_links_that_is_torn_is_a_doubt(fresh):
+def test_a_list_of_links_that_is_torn_needs_a_plan(fresh):
     cache = Cache(load_recipe(fresh).state)
     changes = Changes()
     changes.drop_below("links", "nuscenes_dataset")
@@ -232,18 +232,18 @@ def kill_last_build(recipe_file):
     child = subprocess.Popen(["true"])
     process = ProcessId.of(child.pid)
     child.wait()
-    Builds(load_recipe(recipe_file).state).begin(json.dumps(process.as_json()), recipe_file)
+    BuildLog(load_recipe(recipe_file).state).begin(json.dumps(process.as_json()), recipe_file)
 
 
 @pytest.mark.parametrize("crash", [start_anew, kill_last_build])
-def test_a_crash_is_a_doubt(fresh, monkeypatch, crash):
+def test_a_crash_needs_a_plan(fresh, monkeypatch, crash):
     crash(fresh)
     assert not is_quick(fresh)
     assert build(fresh, monkeypatch)[1] == []
     assert is_quick(fresh)
 
 
-def test_a_build_that_is_at_work_is_a_doubt(fresh):
+def test_a_build_that_is_at_work_needs_a_plan(fresh):
     with after_crash.noted_build(load_recipe(fresh), fresh):
         assert not is_quick(fresh)
     assert is_quick(fresh)
@@ -309,13 +309,13 @@ def test_a_copy_that_a_crash_tore_is_mended_and_an_old_one_not_read(fresh, monke
     build(fresh, monkeypatch)
     text = Publication(recipe.state, "nuscenes_dataset")
     text.distrust(1e9 + 1, links=False)
-    assert f"samples/CAM_FRONT/{old.name}" not in text.differing(recipe.nuscenes.output)
+    assert f"samples/CAM_FRONT/{old.name}" not in text.changed_files(recipe.nuscenes.output)
     shutil.rmtree(recipe.nuscenes.output)
     monkeypatch.undo()
 
 
-def test_another_boot_is_a_doubt(fresh, monkeypatch):
-    monkeypatch.setattr(decide, "boot", lambda: "another one")
+def test_another_boot_needs_a_plan(fresh, monkeypatch):
+    monkeypatch.setattr(decide, "boot_id", lambda: "another one")
     assert not is_quick(fresh)
 
 
@@ -355,9 +355,9 @@ def test_of_many_links_a_look_costs_milliseconds_and_still_sees_one_that_went(ma
         best_s = min(best_s, time.perf_counter() - begun)
     assert best_s < 0.005, f"{best_s * 1e3:.1f} ms"
     (root / names[12_345]).unlink()
-    with pytest.raises(Doubt, match="changed"):
+    with pytest.raises(PlanNeeded, match="changed"):
         publication.check()
-    assert publication.differing(root) == {names[12_345]}
+    assert publication.changed_files(root) == {names[12_345]}
 
 
 def test_of_many_links_those_changed_in_place_are_found_within_some_looks(many, monkeypatch):
@@ -374,10 +374,10 @@ def test_of_many_links_those_changed_in_place_are_found_within_some_looks(many, 
         looks += 1
         try:
             publication.check()
-        except Doubt:
+        except PlanNeeded:
             break
         assert looks < 50
-    assert publication.differing(root)
+    assert publication.changed_files(root)
 
 
 def test_of_a_publication_only_new_and_suspicious_parts_are_looked_at_anew(many, tmp_path):

@@ -6,7 +6,7 @@ import pytest
 
 from bagassets.freshness import published
 from bagassets.freshness.cache import Cache, Changes
-from bagassets.freshness.marks import Doubt
+from bagassets.freshness.fingerprints import PlanNeeded
 from bagassets.freshness.published import Publication
 
 PARTS = ("a", "b", "c")
@@ -59,14 +59,14 @@ def test_no_more_is_read_than_asked_for(publication, monkeypatch, most, pieces):
     head, read = publication._head(), looked_at(monkeypatch)
     size = head["lists"]["a"][0]
     assert {one for sizes in head["lists"].values() for one in sizes} == {size}
-    assert publication._differing_links(head, None if most is None else int(most * size)) == set()
+    assert publication._changed_links(head, None if most is None else int(most * size)) == set()
     assert len(read) == len(set(read)) == pieces
 
 
 def test_another_time_it_reads_others(publication, monkeypatch):
     head, read = publication._head(), looked_at(monkeypatch)
     for _ in range(200):
-        publication._differing_links(head, 1)
+        publication._changed_links(head, 1)
     assert len(set(read)) == 9
 
 
@@ -74,18 +74,18 @@ def test_what_differs_is_named(publication, root):
     (root / "a1").unlink()
     (root / "b2").write_bytes(b"longer than before")
     os.utime(root / "c0", ns=(1, 1))
-    assert publication.differing(root) == {"a1", "b2", "c0"}
-    assert publication.differing(root.parent) is None
+    assert publication.changed_files(root) == {"a1", "b2", "c0"}
+    assert publication.changed_files(root.parent) is None
 
 
-def test_a_piece_that_is_lost_is_a_doubt(publication, root, tmp_path):
+def test_a_piece_that_is_lost_needs_a_plan(publication, root, tmp_path):
     changes = Changes()
     changes.drop("links", "dataset/b/1")
     Cache(tmp_path).write(changes)
-    with pytest.raises(Doubt, match="links"):
-        publication._differing_links(publication._head(), None)
+    with pytest.raises(PlanNeeded, match="links"):
+        publication._changed_links(publication._head(), None)
     (root / "mine").write_bytes(b"")  # a folder that changed has all links looked at
-    assert publication.differing(root) is None
+    assert publication.changed_files(root) is None
 
 
 def test_of_a_shorter_list_and_of_parts_that_went_nothing_is_left(publication, root, tmp_path):
@@ -118,7 +118,7 @@ def test_a_list_in_several_pieces_comes_back_whole(root, tmp_path, monkeypatch):
 def test_a_file_that_goes_meanwhile_leaves_nothing_on_record(publication, root):
     (root / "a1").unlink()
     publication.write(root, {}, links_of("a"), None)
-    with pytest.raises(Doubt, match="there is no published dataset"):
+    with pytest.raises(PlanNeeded, match="there is no published dataset"):
         publication.check()
 
 
@@ -128,15 +128,15 @@ def test_what_is_distrusted_does_not_hold_even_where_it_is_not_there(root, tmp_p
     made.check()
     (root / "a1").unlink()
     made.distrust(0.0, links=False)
-    assert made.differing(root) >= {"a0", "a1"}
+    assert made.changed_files(root) >= {"a0", "a1"}
     assert not made.is_as_published(
         root, lambda path: f"digest of {path.rpartition('/')[2]}" if "a0" in path else ""
     )
-    with pytest.raises(Doubt):
+    with pytest.raises(PlanNeeded):
         made.check()
 
 
 def test_a_file_that_is_gone_when_it_is_recorded_does_not_hold(root, tmp_path):
     made = Publication(tmp_path, "dataset")
     made.write(root, {"nothing": "digest"}, {}, None)
-    assert made.differing(root) == {"nothing"}
+    assert made.changed_files(root) == {"nothing"}

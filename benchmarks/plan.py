@@ -34,7 +34,7 @@ from bagassets.defs.workspace import Workspace
 from bagassets.formats.catalogue import recording_assets
 from bagassets.formats.dataset_build import dataset_code_versions
 from bagassets.formats.dataset_lock import LOCK
-from bagassets.freshness.recordings import Memory, recording_mark
+from bagassets.freshness.plan_cache import PlanCache, recording_fingerprint
 from bagassets.propose.project import write_project
 from bagassets.store.canonical import digest_bytes
 
@@ -123,9 +123,9 @@ def prepare(recipe_file: Path, number: int) -> None:
             recorded = {asset: str(state.data_version) for asset, state in states.items()}
             plan = BagPlan(key, states, "ros1", recorded, channels)
             records = {asset: ids[asset][key] for asset in assets}
-            mark = recording_mark(project, recording.relative, recording.files, (), records)
+            mark = recording_fingerprint(project, recording.relative, recording.files, (), records)
             remembered[key] = (mark, plan.as_row(), plan.artifacts)
-        Memory(recipe.state, recipe.store_path / "artifacts").save(remembered, [])
+        PlanCache(recipe.state, recipe.store_path / "artifacts").save(remembered, [])
         datasets(instance, workspace)
 
 

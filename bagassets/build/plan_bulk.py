@@ -6,7 +6,7 @@ from bagassets.build.named_files import files_beside
 from bagassets.build.plan import Planner
 from bagassets.build.plan_model import BagPlan, Plan, Recorded
 from bagassets.build.recording_assets import RecordingAssets
-from bagassets.freshness.recordings import Memory, recording_mark
+from bagassets.freshness.plan_cache import PlanCache, recording_fingerprint
 from bagassets.recordings.digest import DigestIndex
 from bagassets.recordings.discover import Discovery
 from bagassets.store.store import Store
@@ -36,7 +36,7 @@ def plan_in_bulk(
         discovery: the recordings on disk.
         registered: the live partition keys.
         index: our own index of digests of files.
-        project: mark of code, recipe and the files that it names; None has all recordings looked into.
+        project: fingerprint of the code, the recipe and the files that it names; None has all recordings examined.
         storage_ids: asset -> partition key -> id of what Dagster recorded last.
         fetch: given partition keys, returns for each what Dagster recorded last, by asset.
         kept: states of recordings that are taken as they are.
@@ -44,9 +44,9 @@ def plan_in_bulk(
     Returns:
         The plan, and what Dagster recorded of those recordings that had to be looked into.
     """
-    memory = Memory(assets.recipe.state, store.root / "artifacts")
-    before = memory.load()
-    marks: dict[str, str] = {}
+    cache = PlanCache(assets.recipe.state, store.root / "artifacts")
+    before = cache.load()
+    fingerprints: dict[str, str] = {}
     bags: dict[str, BagPlan] = dict(kept or {})
     for key, recording in discovery.recordings.items():
         if project is None:
@@ -54,7 +54,7 @@ def plan_in_bulk(
         if key in bags:
             continue
         ids = {asset: keys[key] for asset, keys in storage_ids.items() if key in keys}
-        marks[key] = recording_mark(
+        fingerprints[key] = recording_fingerprint(
             project,
             recording.relative,
             recording.files,
@@ -62,9 +62,9 @@ def plan_in_bulk(
             ids if key in registered else {},
         )
         entry = before.get(key)
-        if entry is not None and entry.mark == marks[key]:
+        if entry is not None and entry.recording_fingerprint == fingerprints[key]:
             plan = BagPlan.from_row(key, entry.plan)
-            if memory.holds(entry, plan.artifacts):
+            if cache.holds(entry, plan.artifacts):
                 bags[key] = plan
             else:
                 _take_out_damaged(store, plan)
@@ -73,9 +73,9 @@ def plan_in_bulk(
     recorded = fetch(key for key in others if key in registered)
     planner = Planner(assets, store, index)
     bags |= {key: planner.plan(discovery.recordings[key], recorded.get(key, {})) for key in others}
-    settled = {key: bags[key] for key in others if key in marks and bags[key].settled}
-    memory.save(
-        {key: (marks[key], plan.as_row(), plan.artifacts) for key, plan in settled.items()},
+    settled = {key: bags[key] for key in others if key in fingerprints and bags[key].settled}
+    cache.save(
+        {key: (fingerprints[key], plan.as_row(), plan.artifacts) for key, plan in settled.items()},
         before.keys() - as_they_were - settled.keys(),
     )
     ordered = {key: bags[key] for key in discovery.recordings}

@@ -35,14 +35,14 @@ def find_server(recipe: Path) -> Client | None:
     The recipe is not read: a server with its stamp has read this very text.
     """
     from bagassets.freshness.decide import state_folder
-    from bagassets.freshness.marks import Doubt
+    from bagassets.freshness.fingerprints import PlanNeeded
 
     try:
         spec = server_spec(Path(state_folder(str(recipe))), recipe)
         return Client.connect(
             Places(spec.state_folder, spec.stamp()), {"BAGASSETS_RECIPE": os.fspath(recipe)}
         )
-    except (Doubt, OSError, BagAssetsError):
+    except (PlanNeeded, OSError, BagAssetsError):
         return None
 
 

@@ -13,7 +13,7 @@ from bagassets.build.plan_model import BagPlan, Plan, Recorded
 from bagassets.defs.events import fetch_recorded, latest_ids, live_partitions
 from bagassets.defs.workspace import Workspace
 from bagassets.formats.dataset_build import DatasetInputs, select_inputs
-from bagassets.freshness.marks import Doubt, loaded_code, project_mark
+from bagassets.freshness.fingerprints import PlanNeeded, loaded_code_fingerprint, project_fingerprint
 from bagassets.recipe.model import Recipe
 from bagassets.recordings.discover import Discovery
 
@@ -147,9 +147,11 @@ def recorded_of(instance: dg.DagsterInstance, recipe: Recipe, key: str) -> Mappi
 
 
 def project_of(workspace: Workspace) -> str | None:
-    """Return the mark of code, recipe and the files that it names; None if something cannot be seen."""
+    """Return the fingerprint of the code, the recipe and the files that it names; None if something cannot be read."""
     files, folders = named_files(workspace.recipe)
     try:
-        return project_mark(loaded_code(), workspace.recipe_mark, [*map(str, files)], [*map(str, folders)])
-    except Doubt:
+        return project_fingerprint(
+            loaded_code_fingerprint(), workspace.recipe_fingerprint, [*map(str, files)], [*map(str, folders)]
+        )
+    except PlanNeeded:
         return None

@@ -15,7 +15,7 @@ from bagassets.defs.sensor_cursor import Cursor
 from bagassets.defs.workspace import Workspace
 from bagassets.errors import RecordingError
 from bagassets.formats.dataset_build import DatasetInputs, dataset_code_versions
-from bagassets.freshness.recordings import recording_mark
+from bagassets.freshness.plan_cache import recording_fingerprint
 from bagassets.recipe.model import Recipe
 from bagassets.recordings.digest import RecordingStat, recording_stat
 from bagassets.recordings.discover import Discovery
@@ -218,8 +218,8 @@ def _stats(discovery: Discovery) -> dict[str, RecordingStat]:
 
 
 def _mark(recipe: Recipe, project: str | None, recording: RecordingFiles) -> str:
-    """Return the mark of a recording and of its label files."""
-    return recording_mark(
+    """Return the fingerprint of a recording and of its label files."""
+    return recording_fingerprint(
         project or "", recording.relative, recording.files, files_beside(recipe, recording), {}
     )
 

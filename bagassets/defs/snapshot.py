@@ -13,7 +13,7 @@ from bagassets.defs.planning import project_of
 from bagassets.defs.workspace import Workspace
 from bagassets.formats.dataset_build import dataset_code_versions, dataset_folders
 from bagassets.freshness import decide
-from bagassets.freshness.marks import Doubt
+from bagassets.freshness.fingerprints import PlanNeeded
 from bagassets.propose.project import dagster_home
 from bagassets.recipe.load import paths_written
 
@@ -28,7 +28,7 @@ class Snapshot:
 
     def __init__(self, instance: dg.DagsterInstance, workspace: Workspace) -> None:
         self._recipe = workspace.recipe
-        self._marks: list[str] | None = None
+        self._fingerprints: list[str] | None = None
         recipe_file = Path(workspace.recipe_file).absolute()
         database = database_place(instance)
         config = dagster_home(recipe_file, self._recipe) / "dagster.yaml"
@@ -55,21 +55,21 @@ class Snapshot:
         )
         project = project_of(workspace)
         if project is not None:
-            with suppress(Doubt):
-                self._marks = decide.look(self._places, project)
+            with suppress(PlanNeeded):
+                self._fingerprints = decide.current_fingerprints(self._places, project)
 
     def leave(self, plan: Plan) -> None:
         """Leave it, if the plan has nothing to do; where that is not possible, leave none."""
         bags = plan.bags.values()
-        if self._marks is None or not all(bag.settled for bag in bags):
-            decide.forget(self._recipe.state)
+        if self._fingerprints is None or not all(bag.settled for bag in bags):
+            decide.forget_note(self._recipe.state)
             return
         skipped = sum(bag.skipped is not None for bag in bags)
         counts = f"{len(plan.bags) - skipped} fresh" + (f", {skipped} skipped" if skipped else "")
-        decide.leave(
+        decide.note_nothing_to_do(
             self._recipe.state,
             self._places,
-            self._marks,
+            self._fingerprints,
             artifacts={digest for bag in bags for digest in bag.artifacts},
             published=[*dataset_code_versions(self._recipe)],
             lines=[

@@ -11,7 +11,7 @@ from bagassets.build.recording_assets import RecordingAssets
 from bagassets.defs.events import recorded_artifact
 from bagassets.errors import RecordingError
 from bagassets.formats.catalogue import recording_assets
-from bagassets.freshness.marks import recipe_mark
+from bagassets.freshness.fingerprints import recipe_fingerprint
 from bagassets.recipe import Recipe, load_recipe, where_in
 from bagassets.recordings.digest import DigestIndex
 from bagassets.recordings.discover import Discovery, discover
@@ -39,14 +39,14 @@ class Workspace(dg.ConfigurableResource):  # type: ignore[type-arg]  # steps get
     recipe_file: str
     _recipe: Recipe | None = PrivateAttr(default=None)
     _assets: RecordingAssets | None = PrivateAttr(default=None)
-    _recipe_mark: str = PrivateAttr(default="")
+    _recipe_fingerprint: str = PrivateAttr(default="")
     _found_in_run: tuple[str, Any] | None = PrivateAttr(default=None)
 
     @property
     def recipe(self) -> Recipe:
         """The recipe, read once per process."""
         if self._recipe is None:
-            self._recipe_mark = recipe_mark(self.recipe_file)
+            self._recipe_fingerprint = recipe_fingerprint(self.recipe_file)
             self._recipe = load_recipe(Path(self.recipe_file))
         return self._recipe
 
@@ -58,9 +58,9 @@ class Workspace(dg.ConfigurableResource):  # type: ignore[type-arg]  # steps get
         return self._assets
 
     @property
-    def recipe_mark(self) -> str:
-        """The mark of the recipe as it was when it was read."""
-        return self._recipe_mark if self.recipe else ""
+    def recipe_fingerprint(self) -> str:
+        """The fingerprint of the recipe as it was when it was read."""
+        return self._recipe_fingerprint if self.recipe else ""
 
     @property
     def store(self) -> Store:

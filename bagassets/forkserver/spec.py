@@ -17,7 +17,7 @@ from typing import Any, Self
 
 import bagassets
 from bagassets.errors import BagAssetsError
-from bagassets.freshness.marks import code_mark, digest, recipe_mark, site_folders
+from bagassets.freshness.fingerprints import code_fingerprint, digest_lines, recipe_fingerprint, site_folders
 
 __all__ = ["IDLE_TIMEOUT_S", "SOURCE_CHANGED", "ServerSpec"]
 
@@ -109,9 +109,9 @@ class ServerSpec:
 
     def stamp(self) -> str:
         """Return the digest of everything that shapes what a worker of this server would do now."""
-        recipe = "" if self.recipe is None else recipe_mark(self.recipe)
+        recipe = "" if self.recipe is None else recipe_fingerprint(self.recipe)
         asked = [list(self.modules), list(self.paths), self.preload, sorted(self.environment.items())]
-        return digest([code_mark(self.sources), recipe, repr(asked)])
+        return digest_lines([code_fingerprint(self.sources), recipe, repr(asked)])
 
 
 def _locate(modules: tuple[str, ...], paths: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:

@@ -17,8 +17,8 @@ from pathlib import Path
 from bagassets.forkserver.process import ProcessId
 from bagassets.formats.dataset_build import dataset_code_versions
 from bagassets.freshness.cache import Cache
-from bagassets.freshness.decide import Builds
-from bagassets.freshness.marks import Doubt, boot
+from bagassets.freshness.decide import BuildLog
+from bagassets.freshness.fingerprints import PlanNeeded, boot_id
 from bagassets.freshness.published import Publication
 from bagassets.recipe.model import Recipe
 from bagassets.store.artifact import MANIFEST, Artifact
@@ -42,11 +42,11 @@ def noted_build(recipe: Recipe, recipe_file: Path) -> Iterator[list[str]]:
         What was taken out, in words.
     """
     _remove_old_caches(recipe.state)
-    builds = Builds(recipe.state)
+    builds = BuildLog(recipe.state)
     crashed = _crashed(builds)
     mended = []
     if crashed is not None:
-        Cache(recipe.state).mend()
+        Cache(recipe.state).remove_if_damaged()
         mended = mend_last_writes(recipe)
     process = json.dumps(ProcessId.current().as_json())
     builds.begin(process, recipe_file, over=crashed or ())
@@ -84,14 +84,14 @@ def _newest(store: Store) -> tuple[list[Artifact], float]:
     return [Artifact(digest, store.artifact_folder(digest)) for digest in digests], since_s
 
 
-def _crashed(builds: Builds) -> list[str] | None:
+def _crashed(builds: BuildLog) -> list[str] | None:
     """Return the builds that were killed; None if none was, and the machine runs since before the last one."""
     try:
         killed = [
             text for text in builds.unfinished() if not ProcessId.from_json(json.loads(text)).is_alive()
         ]
-        is_same_boot = builds.last_boot() == boot()
-    except Doubt:
+        is_same_boot = builds.last_boot_id() == boot_id()
+    except PlanNeeded:
         return []  # the first build of this project, or what was on record is lost
     return killed if killed or not is_same_boot else None
 

@@ -239,7 +239,7 @@ def build_dataset(
         chosen = Selection(inputs.parts.get(kind.name, ()))
         if dataset.selection is not None and kind.select is not None:
             chosen = kind.select(recipe, store, plan, chosen.parts, dataset.selection)
-        suspects = publication.differing(output)
+        suspects = publication.changed_files(output)
         made = assemble(
             kind,
             chosen.parts,

@@ -76,7 +76,7 @@ def take_out_changed_sources(recipe: Recipe, store: Store) -> list[str]:
     reasons: dict[str, str] = {}
     check = _Check(store, frozenset())
     for asset, folder in dataset_folders(recipe).items():
-        differing = Publication(recipe.state, asset).differing(folder) or ()
+        differing = Publication(recipe.state, asset).changed_files(folder) or ()
         suspects = {folder / name for name in differing if _has_other_names(folder / name)}
         for path in sorted(folder.glob(f"*/{LOCK}")) if suspects else ():
             with suppress(DatasetError):  # a torn lock is mended with the tables

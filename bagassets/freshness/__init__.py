@@ -1,11 +1,11 @@
-"""Whether anything changed: the one place that knows what is looked at, in which order, and what counts as doubt.
+"""Whether anything changed: the one package that knows what to check, in which order, and when to plan in full.
 
-A *mark* is a text that changes whenever something does: code, files, recordings, records of the database, artifacts,
-datasets. Marks are noted, in one cache file in the state folder, when a plan finds nothing to do; whatever has another
-mark later, is missing or cannot be read is a doubt, and who doubts looks closer. Two ask: the command that may have
-nothing to do, about everything at once (`decide`), and the planner about each recording (`recordings`). So a mark that
-changes without cause costs time, and nothing is wrong.
+A *fingerprint* is a text that changes whenever what it stands for does: code, files, recordings, records of the database,
+artifacts, datasets. When a plan finds nothing to do, the fingerprints are noted in one cache file in the state folder.
+If one differs later, is missing or cannot be read, `PlanNeeded` is raised, and the full plan decides. There are two
+users: the command, which may have nothing to do at all (`decide`), and the planner, for each recording (`plan_cache`).
+So a fingerprint that changes without cause costs time and is never wrong.
 
-Nothing here reads or hashes content, and no module imports more than the standard library, little of it: the whole
+Nothing here reads or hashes content, and no module imports more than a little of the standard library: the whole
 decision has to be made in the time that Dagster needs to begin importing.
 """

@@ -1,7 +1,7 @@
-"""The cache file: all that freshness is decided from, in one SQLite file in the state folder.
+"""The cache file: everything that decides about freshness, in one SQLite file in the state folder.
 
-Whatever is in it may be lost: what is missing, damaged or written by another version is a doubt, and costs time. Nothing
-waits for the disk, so each entry carries a digest: one that a power loss tore is as good as none.
+Any of it may be lost: an entry that is missing, damaged or written by another version raises `PlanNeeded`, which only
+costs time. Nothing is synced to disk, so each entry carries a digest: one torn by a power loss counts as missing.
 """
 
 import os
@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import closing, suppress
 from hashlib import blake2b
 
-from bagassets.freshness.marks import Doubt, open_read_only
+from bagassets.freshness.fingerprints import PlanNeeded, open_read_only
 
 __all__ = ["NAME", "Cache", "Changes"]
 
@@ -25,7 +25,7 @@ _Row = tuple[object, object, object]
 
 
 class Changes:
-    """What is to be changed in the cache file, all at once or not at all."""
+    """Changes to the cache file, made all at once or not at all."""
 
     def __init__(self) -> None:
         self._put: list[tuple[str, str, bytes, bytes]] = []
@@ -36,26 +36,26 @@ class Changes:
         return bool(self._put or self._drop)
 
     def put(self, kind: str, key: str, content: bytes) -> None:
-        """Have an entry written."""
+        """Write an entry."""
         self._put.append((kind, key, content, _check(kind, key, content)))
         self.size += len(content)
 
     def drop(self, kind: str, key: str) -> None:
-        """Have an entry removed."""
+        """Remove an entry."""
         self._drop.append((kind, key, key))
 
     def drop_below(self, kind: str, key: str) -> None:
-        """Have the entries removed whose keys begin with this one and a slash."""
+        """Remove the entries whose keys begin with this one and a slash."""
         self._drop.append((kind, f"{key}/", f"{key}/\U0010ffff"))
 
     def apply(self, connection: sqlite3.Connection) -> None:
-        """Change an open database."""
+        """Apply the changes to an open database."""
         connection.executemany("DELETE FROM entries WHERE kind = ? AND key BETWEEN ? AND ?", self._drop)
         connection.executemany("INSERT OR REPLACE INTO entries VALUES (?, ?, ?, ?)", self._put)
 
 
 class Cache:
-    """The cache file of a state folder: entries of some kind by key.
+    """The cache file of a state folder: entries by kind and key.
 
     Attributes:
         path: the file.
@@ -68,27 +68,27 @@ class Cache:
         """Return entries.
 
         Raises:
-            Doubt: one is not there, or damaged.
+            PlanNeeded: one is missing or damaged.
         """
         queries = [(_ONE, (kind, key)) for key in keys]
-        found = [content for rows in self._rows(queries) for _, content in _whole(kind, rows)]
-        if len(found) != len(keys):
-            raise Doubt(f"{self.path}: there is no {kind} {', '.join(keys)}, or it is damaged")
-        return found
+        contents = [content for rows in self._rows(queries) for _, content in _intact(kind, rows)]
+        if len(contents) != len(keys):
+            raise PlanNeeded(f"{self.path}: there is no {kind} {', '.join(keys)}, or it is damaged")
+        return contents
 
     def all(self, kind: str) -> dict[str, bytes]:
         """Return key -> content of the entries of a kind; damaged ones are left out.
 
         Raises:
-            Doubt: the file cannot be read.
+            PlanNeeded: the file cannot be read.
         """
-        return dict(_whole(kind, self._rows([(_ALL, (kind,))])[0]))
+        return dict(_intact(kind, self._rows([(_ALL, (kind,))])[0]))
 
     def write(self, changes: Changes) -> bool:
-        """Change entries; a damaged file is made anew.
+        """Change entries; a damaged file is replaced.
 
         Returns:
-            False if that is not possible: the disk is full, or somebody else's.
+            False if that is not possible: the disk is full, or the file belongs to somebody else.
         """
         if not changes:
             return True
@@ -106,12 +106,12 @@ class Cache:
                 return True
         return False
 
-    def mend(self) -> None:
-        """Forget everything if a power loss tore the file; the digests of entries do not tell of those that are lost."""
+    def remove_if_damaged(self) -> None:
+        """Remove the file if a power loss tore it; the digests of entries do not reveal entries that were lost."""
         try:
             with closing(open_read_only(self.path)) as connection:
                 is_whole = connection.execute("PRAGMA integrity_check(1)").fetchone() == ("ok",)
-        except sqlite3.OperationalError:  # not there, or in use
+        except sqlite3.OperationalError:  # missing, or in use
             return
         except sqlite3.DatabaseError:
             is_whole = False
@@ -119,31 +119,33 @@ class Cache:
             self.remove()
 
     def remove(self) -> None:
-        """Forget everything."""
+        """Remove the file."""
         for suffix in ("", "-journal"):
             with suppress(OSError):
                 os.unlink(self.path + suffix)
 
     def _rows(self, queries: Sequence[tuple[str, tuple[str, ...]]]) -> list[list[_Row]]:
-        """Return what each query gives.
+        """Return the rows of each query.
 
         Raises:
-            Doubt: the file cannot be read, or was written by another version.
+            PlanNeeded: the file cannot be read, or was written by another version.
         """
         try:
             with closing(open_read_only(self.path)) as connection:
                 if connection.execute(_VERSION).fetchone() != (_FORMAT,):
-                    raise Doubt(f"{self.path}: written by another version")
+                    raise PlanNeeded(f"{self.path}: written by another version")
                 return [connection.execute(query, values).fetchall() for query, values in queries]
         except sqlite3.Error as err:
-            raise Doubt(f"{self.path}: {err}") from err
+            raise PlanNeeded(f"{self.path}: {err}") from err
 
     def _opened(self) -> sqlite3.Connection:
-        """Open the file for writing, made if need be; it is its owner's alone, as locations of databases may hold passwords.
+        """Open the file for writing, and create it if it is missing.
+
+        Only its owner may read it, since URLs of databases may hold passwords.
 
         Raises:
-            OSError: that is not possible.
-            sqlite3.Error: the same, or the file is damaged.
+            OSError: it cannot be opened or created.
+            sqlite3.Error: the same, or it is damaged.
         """
         os.makedirs(os.path.dirname(self.path), exist_ok=True)
         os.close(os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600))
@@ -157,10 +159,10 @@ class Cache:
 
 
 def _prepare(connection: sqlite3.Connection) -> None:
-    """Make the table of an open database that is new.
+    """Create the table if the open database is new.
 
     Raises:
-        sqlite3.Error: that is not possible, or it is not such a database.
+        sqlite3.Error: the table cannot be created, or the database is of another format.
     """
     connection.execute("PRAGMA synchronous = OFF")
     (version,) = connection.execute(_VERSION).fetchone()
@@ -180,8 +182,8 @@ def _check(kind: str, key: str, content: bytes) -> bytes:
     return hasher.digest()
 
 
-def _whole(kind: str, rows: Iterable[_Row]) -> Iterator[tuple[str, bytes]]:
-    """Yield key and content of those entries that are as they were written."""
+def _intact(kind: str, rows: Iterable[_Row]) -> Iterator[tuple[str, bytes]]:
+    """Yield key and content of the entries that match their digests."""
     for key, content, check in rows:
         if isinstance(key, str) and isinstance(content, bytes) and _check(kind, key, content) == check:
             yield key, content

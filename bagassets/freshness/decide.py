@@ -1,10 +1,10 @@
-"""Whether `bagassets build` has anything to do, decided from marks alone.
+"""Whether `bagassets build` has anything to do, decided from fingerprints alone.
 
-A build that finds nothing to do leaves what it decided from: the marks taken before it looked, the artifacts and
-datasets that it rests on, and what to print. The next one compares, in this order: the last build got to its end, in
-this boot of the machine; code, recipe and the files that it names; where its paths lead; other files; Dagster's records;
-everything below the bag root; the datasets; the artifacts. Whatever differs is a doubt, and a doubt takes the full
-path, which decides anew. So this can be slow, but not wrong.
+A build that finds nothing to do notes the fingerprints taken before it planned, the artifacts and datasets that it
+rests on, and what to print. The next one checks, in this order: the last build ran to its end, in this boot of the
+machine; code, recipe and the files that it names; what its paths resolve to; other files; Dagster's records; everything
+below the bag root; the datasets; the artifacts. If anything differs, the build plans in full. So this can be slow,
+but not wrong.
 """
 
 import json
@@ -14,37 +14,45 @@ from typing import TypedDict
 
 from bagassets.freshness.artifacts import Group, check_groups, groups_of, packed
 from bagassets.freshness.cache import Cache, Changes
-from bagassets.freshness.marks import (
-    Doubt,
-    boot,
-    code_mark,
-    files_mark,
-    places_mark,
-    project_mark,
-    recipe_mark,
-    records_mark,
-    texts_mark,
-    tree_mark,
+from bagassets.freshness.fingerprints import (
+    PlanNeeded,
+    boot_id,
+    code_fingerprint,
+    contents_fingerprint,
+    files_fingerprint,
+    paths_fingerprint,
+    project_fingerprint,
+    recipe_fingerprint,
+    records_fingerprint,
+    tree_fingerprint,
 )
 from bagassets.freshness.published import Publication
 
-__all__ = ["Builds", "Places", "forget", "leave", "look", "nothing_to_do", "state_folder"]
+__all__ = [
+    "BuildLog",
+    "Places",
+    "current_fingerprints",
+    "forget_note",
+    "note_nothing_to_do",
+    "nothing_to_do",
+    "state_folder",
+]
 
 _STATE = ".bagassets"
 _SETTLED, _ARTIFACTS, _BUILD, _LAST = "settled", "artifacts", "build", "last"
 
 
 class Places(TypedDict):
-    """Where to look.
+    """The files, folders and the database that a plan depends on.
 
     Attributes:
         recipe: the recipe file.
         written: paths as the recipe writes them, made absolute; links on the way are not followed.
         files: files that the recipe names.
-        folders: folders that it names, for all that is in them.
-        beside: label files of recordings, places where they might be, and Dagster's configuration.
+        folders: folders that it names; everything in them counts.
+        beside: label files of recordings, paths where they might be, and Dagster's configuration.
         bag_root: folder of the recordings.
-        database: the database of Dagster's event log, a file of SQLite or a URL of PostgreSQL.
+        database: the database of Dagster's event log, an SQLite file or the URL of a PostgreSQL database.
         partitions: name of the dynamic partitions.
         artifacts: folder of the artifacts in the store.
     """
@@ -61,7 +69,15 @@ class Places(TypedDict):
 
 
 class _Settled(TypedDict):
-    """What a build with nothing to do left: marks in order, groups of artifacts, names of datasets, lines to print."""
+    """The note of a build with nothing to do.
+
+    Attributes:
+        places: what the plan depended on.
+        marks: fingerprints, in the order of `_fingerprints`.
+        groups: groups of artifacts in the store.
+        published: names of the datasets.
+        lines: what to print.
+    """
 
     places: Places
     marks: list[str]
@@ -74,17 +90,17 @@ class _Settled(TypedDict):
 
 
 def nothing_to_do(arguments: list[str]) -> list[str] | None:
-    """Return what to print if a build has nothing to do, or None if that is in doubt.
+    """Return what to print if a build has nothing to do, or None if only a full plan can tell.
 
     Args:
-        arguments: of the command line, without the program.
+        arguments: arguments of the command line, without the program.
     """
     recipe = _recipe_of(arguments)
     if recipe is None:
         return None
     try:
         return _decide(os.path.abspath(recipe))
-    except (Doubt, OSError):
+    except (PlanNeeded, OSError):
         return None
 
 
@@ -110,71 +126,73 @@ def _recipe_of(arguments: list[str]) -> str | None:
 def _decide(recipe: str) -> list[str]:
     state = state_folder(recipe)
     cache = Cache(state)
-    builds = Builds(state)
-    if builds.last_boot() != boot() or builds.unfinished():
-        raise Doubt("the last build did not get to its end, or the machine was started anew")
+    builds = BuildLog(state)
+    if builds.last_boot_id() != boot_id() or builds.unfinished():
+        raise PlanNeeded("the last build did not finish, or the machine was restarted")
     settled: _Settled = json.loads(cache.get(_SETTLED, "")[0])
     places = settled["places"]
     if places["recipe"] != recipe:
-        raise Doubt("another recipe was built last")
-    project = project_mark(code_mark(), recipe_mark(recipe), places["files"], places["folders"])
-    for before, (name, mark) in zip(settled["marks"], _marks(places, project), strict=True):
-        if before != mark:
-            raise Doubt(f"{name} changed")
+        raise PlanNeeded("another recipe was built last")
+    project = project_fingerprint(
+        code_fingerprint(), recipe_fingerprint(recipe), places["files"], places["folders"]
+    )
+    for before, (name, now) in zip(settled["marks"], _fingerprints(places, project), strict=True):
+        if before != now:
+            raise PlanNeeded(f"{name} changed")
     for dataset in settled["published"]:
         Publication(state, dataset).check()
     check_groups(places["artifacts"], cache.get(_ARTIFACTS, "")[0], settled["groups"])
     return settled["lines"]
 
 
-def _marks(places: Places, project: str) -> Iterator[tuple[str, str]]:
-    """Yield name and mark of everything that a plan is decided from, but store and datasets; the cheap ones first.
+def _fingerprints(places: Places, project: str) -> Iterator[tuple[str, str]]:
+    """Yield name and fingerprint of everything that a plan depends on, except store and datasets; cheap ones first.
 
     Raises:
-        Doubt: something cannot be seen.
+        PlanNeeded: something cannot be read.
     """
     yield "the project", project
-    yield "a link", places_mark(places["written"])
-    yield "a file", files_mark(places["beside"])
-    yield "a record", records_mark(places["database"], places["partitions"])
-    yield "a recording", tree_mark(places["bag_root"])
+    yield "a link", paths_fingerprint(places["written"])
+    yield "a file", files_fingerprint(places["beside"])
+    yield "a record", records_fingerprint(places["database"], places["partitions"])
+    yield "a recording", tree_fingerprint(places["bag_root"])
 
 
 # --- the build that found nothing to do --------------------------------------------------
 
 
-def look(places: Places, project: str) -> list[str]:
-    """Return the marks of everything that a plan is decided from; to be taken before it is made.
+def current_fingerprints(places: Places, project: str) -> list[str]:
+    """Return the fingerprints of everything that a plan depends on, to be taken before the plan is made.
 
-    What changes while the plan is made then differs from them, and the next build looks closer.
+    A change made during planning then differs from them, and the next build plans in full.
 
     Args:
-        places: where to look.
-        project: mark of code, recipe and the files that it names.
+        places: what the plan depends on.
+        project: fingerprint of the code, the recipe and the files that it names.
 
     Raises:
-        Doubt: something cannot be seen.
+        PlanNeeded: something cannot be read.
     """
-    return [mark for _, mark in _marks(places, project)]
+    return [fingerprint for _, fingerprint in _fingerprints(places, project)]
 
 
-def leave(
+def note_nothing_to_do(
     state: str | os.PathLike[str],
     places: Places,
-    marks: list[str],
+    fingerprints: list[str],
     *,
     artifacts: Iterable[str],
     published: list[str],
     lines: list[str],
 ) -> None:
-    """Leave a note for the next build that there is nothing to do; where that cannot be, leave none.
+    """Note for the next build that there is nothing to do; if something changed meanwhile, remove the note.
 
     Args:
         state: the state folder.
-        places: where `look` looked.
-        marks: what it saw before the plan was made.
+        places: what the plan depends on.
+        fingerprints: from `current_fingerprints`, taken before the plan was made.
         artifacts: digests of the artifacts that the plan rests on.
-        published: datasets that are as they should be.
+        published: names of the datasets, which are up to date.
         lines: what a build with nothing to do prints.
     """
     digests = packed(sorted(artifacts))
@@ -184,21 +202,21 @@ def leave(
             Publication(state, dataset).check()
         settled = _Settled(
             places=places,
-            marks=marks,
+            marks=fingerprints,
             groups=groups_of(places["artifacts"], digests),
             published=published,
             lines=lines,
         )
-    except Doubt:
-        forget(state)
+    except PlanNeeded:
+        forget_note(state)
         return
     changes.put(_SETTLED, "", json.dumps(settled).encode())
     changes.put(_ARTIFACTS, "", digests)
     Cache(state).write(changes)
 
 
-def forget(state: str | os.PathLike[str]) -> None:
-    """Leave no note, and remove one that is there."""
+def forget_note(state: str | os.PathLike[str]) -> None:
+    """Remove the note of an earlier build, if there is one."""
     changes = Changes()
     changes.drop(_SETTLED, "")
     changes.drop(_ARTIFACTS, "")
@@ -208,8 +226,8 @@ def forget(state: str | os.PathLike[str]) -> None:
 # --- builds ------------------------------------------------------------------------------
 
 
-class Builds:
-    """What is on record of the builds of a state folder: the boot that the last one began in, and those without an end.
+class BuildLog:
+    """The record of a state folder's builds: the boot in which the last one began, and those that did not finish.
 
     Args:
         state: the state folder.
@@ -218,48 +236,50 @@ class Builds:
     def __init__(self, state: str | os.PathLike[str]) -> None:
         self._cache = Cache(state)
 
-    def last_boot(self) -> str:
-        """Return the boot of the machine that the last build began in.
+    def last_boot_id(self) -> str:
+        """Return the id of the boot in which the last build began.
 
         Raises:
-            Doubt: there was none yet, or its note is lost.
+            PlanNeeded: there was no build yet, or its record is lost.
         """
         return str(self._last()[0])
 
     def unfinished(self) -> list[str]:
-        """Return the processes of builds that are at work, or were killed.
+        """Return the processes of builds that are running or were killed.
 
         Raises:
-            Doubt: nothing is on record.
+            PlanNeeded: nothing is on record.
         """
         return list(self._cache.all(_BUILD))
 
     def begin(self, process: str, recipe: str | os.PathLike[str], *, over: Iterable[str] = ()) -> None:
-        """Note that a build is at work.
+        """Record that a build is running.
 
         Args:
-            process: what tells its process from all others.
+            process: unique text for its process.
             recipe: its recipe file.
-            over: processes of builds that are not at work any more.
+            over: processes of builds that have ended.
         """
         changes = Changes()
         for other in over:
             changes.drop(_BUILD, other)
         changes.put(_BUILD, process, b"")
-        changes.put(_LAST, "", json.dumps([boot(), texts_mark([os.path.abspath(recipe)])]).encode())
+        changes.put(
+            _LAST, "", json.dumps([boot_id(), contents_fingerprint([os.path.abspath(recipe)])]).encode()
+        )
         self._cache.write(changes)
 
     def end(self, process: str) -> None:
-        """Note that a build is over."""
+        """Record that a build has ended."""
         changes = Changes()
         changes.drop(_BUILD, process)
         self._cache.write(changes)
 
-    def knows(self, recipe: str) -> bool:
-        """Tell whether the last build was of just this recipe file with just this text."""
+    def is_last_recipe(self, recipe: str) -> bool:
+        """Return whether the last build used a recipe with this very text."""
         try:
-            return bool(self._last()[1] == texts_mark([recipe]))
-        except Doubt:
+            return bool(self._last()[1] == contents_fingerprint([recipe]))
+        except PlanNeeded:
             return False
 
     def _last(self) -> list[str]:
@@ -268,18 +288,20 @@ class Builds:
 
 
 def state_folder(recipe: str) -> str:
-    """Return the state folder that a recipe names; YAML, which takes long to import, is only read where it is another one.
+    """Return the state folder that a recipe names.
+
+    YAML, which takes long to import, is parsed only if the last build in the default folder had another recipe.
 
     Args:
         recipe: the recipe file, absolute.
 
     Raises:
-        Doubt: the recipe does not say.
+        PlanNeeded: the recipe cannot be parsed.
         OSError: the recipe cannot be read.
     """
     folder = os.path.dirname(recipe)
     usual = os.path.join(folder, _STATE)
-    return usual if Builds(usual).knows(recipe) else os.path.join(folder, _named_state(recipe))
+    return usual if BuildLog(usual).is_last_recipe(recipe) else os.path.join(folder, _named_state(recipe))
 
 
 def _named_state(recipe: str) -> str:
@@ -290,10 +312,10 @@ def _named_state(recipe: str) -> str:
         try:
             root = yaml.compose(stream, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
         except (yaml.YAMLError, ValueError) as err:
-            raise Doubt(f"{recipe}: {err}") from err
+            raise PlanNeeded(f"{recipe}: {err}") from err
     if not isinstance(root, yaml.MappingNode):
-        raise Doubt(f"{recipe}: no mapping")
+        raise PlanNeeded(f"{recipe}: not a mapping")
     values = [value for key, value in root.value if key.value == "state"]
     if not all(isinstance(value, yaml.ScalarNode) for value in values):
-        raise Doubt(f"{recipe}: its state is no text")
+        raise PlanNeeded(f"{recipe}: state is not text")
     return str(values[0].value) if values else _STATE

@@ -1,12 +1,12 @@
 """Whether the files of a dataset are as they were published.
 
-On record are size, times and inode of every file that was put together (tables, splits, lock, pages), and size and
-time of every file that was linked. Those that were put together are all looked at. Links may be millions (a stat
-costs 2 µs): one that is replaced or removed shows in the time of its folder, so that, where no folder changed, as many
-are looked at as cost nothing, others each time. Files of others beside ours do not count.
+On record are size, times and inode of every file that was written for the dataset (tables, splits, lock, pages), and
+size and modification time of every file that was linked. The written ones are all checked. There may be millions of
+links (a stat costs 2 µs): one that is replaced or removed changes the time of its folder, so as long as no folder has
+changed only a random sample is checked, small enough to cost nothing. Other people's files beside ours do not count.
 
-Of a link only size and time of writing hold: its inode is that of the store, whose time of change moves whenever
-the file gets or loses another name.
+For a link, only size and modification time count: its inode is shared with the store, and the change time moves whenever
+the file gains or loses a name.
 """
 
 import json
@@ -16,27 +16,27 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import TypedDict
 
 from bagassets.freshness.cache import Cache, Changes
-from bagassets.freshness.marks import Doubt, Signature, signature
+from bagassets.freshness.fingerprints import PlanNeeded, Signature, signature
 
 __all__ = ["Publication"]
 
 _HEAD, _LINKS = "published", "links"
-# Lists of links are kept in pieces of about this size: some six hundred of them, which are looked at in a millisecond.
+# Lists of links are stored in pieces of about this size, some six hundred links, which are checked in a millisecond.
 _PIECE_BYTES = 1 << 16
-# So much is written at once.
+# Changes are written whenever they exceed this size.
 _BATCH_BYTES = 1 << 20
-# The signature of nothing, not even of a file that is not there: that one is to be looked at.
+# A signature that matches nothing, not even a missing file: the file has to be checked.
 _NEVER = [-1]
 
 
 class _Head(TypedDict):
-    """What is on record of one dataset, but for its links.
+    """The record of one dataset, except for its links.
 
     Attributes:
         root: folder that names are relative to.
-        files: name -> signature of a file that was put together.
+        files: name -> signature of a file that was written.
         digests: name -> digest of its content.
-        folders: name -> time of writing (ns) and inode of a folder with links.
+        folders: name -> modification time (ns) and inode of a folder with links.
         lists: part of a recording -> bytes of each piece of the list of its links.
     """
 
@@ -48,7 +48,7 @@ class _Head(TypedDict):
 
 
 class Publication:
-    """What is on record of one dataset.
+    """The record of one dataset's files.
 
     Args:
         state: the state folder.
@@ -63,34 +63,34 @@ class Publication:
         """Check that the dataset is as it was published.
 
         Raises:
-            Doubt: it is not, or nothing is on record.
+            PlanNeeded: it has changed, or nothing is on record.
         """
         head = self._head()
         root = head["root"]
         for name, written in head["files"].items():
             if signature(f"{root}/{name}") != written:
-                raise Doubt(f"{root}/{name} changed")
+                raise PlanNeeded(f"{root}/{name} changed")
         for name, written in head["folders"].items():
             if _folder_signature(f"{root}/{name}") != written:
-                raise Doubt(f"{root}/{name} changed")
-        for name in self._differing_links(head, _PIECE_BYTES):
-            raise Doubt(f"{root}/{name} changed")
+                raise PlanNeeded(f"{root}/{name} changed")
+        for name in self._changed_links(head, _PIECE_BYTES):
+            raise PlanNeeded(f"{root}/{name} changed")
 
-    def differing(self, root: str | os.PathLike[str]) -> frozenset[str] | None:
-        """Return the files below `root` that are not as they were published; None if nothing is on record of them.
+    def changed_files(self, root: str | os.PathLike[str]) -> frozenset[str] | None:
+        """Return the files below `root` that are not as they were published; None if none are on record.
 
-        All links are looked at if a folder of theirs changed.
+        All links are checked if one of their folders changed.
         """
         try:
             head = self._head()
-            return self._differing(head) if head["root"] == os.fspath(root) else None
-        except Doubt:
+            return self._changed_files(head) if head["root"] == os.fspath(root) else None
+        except PlanNeeded:
             return None
 
     def is_as_published(self, root: str | os.PathLike[str], digest_of: Callable[[str], str]) -> bool:
-        """Tell whether the dataset is as it was published.
+        """Return whether the dataset is as it was published.
 
-        What was put together and has other times is read: if its bytes are the same, that is noted. So are other
+        Written files with other times are read; if their bytes are the same, the new times are recorded. So are new
         times of folders whose links are all there.
 
         Args:
@@ -100,18 +100,18 @@ class Publication:
         root = os.fspath(root)
         try:
             head = self._head()
-            # Before anything is looked at: what comes or goes meanwhile shows next time.
+            # Before anything is checked: a file added or removed meanwhile then shows next time.
             folders = {name: _folder_signature(f"{root}/{name}") for name in head["folders"]}
-            found = self._differing(head)
-            files = head["files"] | {name: signature(f"{root}/{name}") or _NEVER for name in found}
+            changed = self._changed_files(head)
+            files = head["files"] | {name: signature(f"{root}/{name}") or _NEVER for name in changed}
             digests = head["digests"]
             if head["root"] != root or any(
-                name not in digests or digest_of(f"{root}/{name}") != digests[name] for name in found
+                name not in digests or digest_of(f"{root}/{name}") != digests[name] for name in changed
             ):
                 return False
-        except (Doubt, OSError):
+        except (PlanNeeded, OSError):
             return False
-        if found or folders != head["folders"]:
+        if changed or folders != head["folders"]:
             self._put_head({**head, "files": files, "folders": folders})
         return True
 
@@ -122,22 +122,22 @@ class Publication:
         links: Mapping[str, Callable[[], Iterable[str]]],
         suspects: frozenset[str] | None,
     ) -> None:
-        """Record a dataset that was just put together; where that cannot be, the next build looks closer.
+        """Record a dataset that was just published; if that fails, the next build checks it in full.
 
         Args:
             root: its folder.
-            files: name -> digest of what was put together.
-            links: name of a recording's part -> gives its links; called only if they are not on record.
-            suspects: what `differing` said before; None has all links looked at anew.
+            files: name -> digest of each written file.
+            links: name of a recording's part -> function that returns its links, called only if they are not on record.
+            suspects: result of an earlier `changed_files`; None has all links checked again.
         """
         root = os.fspath(root)
         changes = Changes()
         try:
             before = self._head()["lists"]
-        except Doubt:
+        except PlanNeeded:
             before = {}
             changes.drop_below(_LINKS, self._asset)
-        # Killed from here on, nothing is on record.
+        # If the process is killed from here on, nothing is on record.
         changes.drop(_HEAD, self._asset)
         if not self._cache.write(changes):
             return
@@ -146,7 +146,7 @@ class Publication:
         folders: set[bytes] = set()
         try:
             for part, names in links.items():
-                lines = None if suspects is None else self._kept(part, before.get(part), suspects)
+                lines = None if suspects is None else self._trusted_lines(part, before.get(part), suspects)
                 if lines is None:
                     lines = [_line_of(root, name) for name in sorted(names())]
                     lists[part] = self._put_list(changes, part, lines)
@@ -159,7 +159,7 @@ class Publication:
                 if changes.size > _BATCH_BYTES:
                     self._cache.write(changes)
                     changes = Changes()
-        except OSError:  # somebody takes files away
+        except OSError:  # somebody is removing files
             return
         for part in before.keys() - lists.keys():
             self._drop_pieces(changes, part, before[part])
@@ -178,10 +178,10 @@ class Publication:
         )
 
     def distrust(self, since_s: float, *, links: bool) -> None:
-        """Have the next look read what was put together, and links that were written lately.
+        """Have the next check read all written files, and links that were made recently.
 
         Args:
-            since_s: what counts as lately, in Unix seconds.
+            since_s: links made since this time (Unix seconds) are read.
             links: hard links as well, since files of the store were damaged; else copies only.
         """
         changes = Changes()
@@ -190,13 +190,13 @@ class Publication:
             root = os.fsencode(head["root"])
             for part, sizes in head["lists"].items():
                 lines = self._lines(part, sizes)
-                doubted = [_distrusted(root, line, since_s, links) for line in lines]
-                if doubted != lines:
-                    head["lists"][part] = self._put_list(changes, part, doubted)
+                distrusted = [_distrusted(root, line, since_s, links) for line in lines]
+                if distrusted != lines:
+                    head["lists"][part] = self._put_list(changes, part, distrusted)
                     self._drop_pieces(
                         changes, part, sizes[len(head["lists"][part]) :], len(head["lists"][part])
                     )
-        except Doubt:
+        except PlanNeeded:
             changes = Changes()
             changes.drop(_HEAD, self._asset)
             self._cache.write(changes)
@@ -205,13 +205,13 @@ class Publication:
         folders = dict.fromkeys(head["folders"], _NEVER)
         self._put_head({**head, "files": files, "folders": folders}, changes)
 
-    # --- what is on record ---------------------------------------------------------------
+    # --- the record ----------------------------------------------------------------------
 
     def _head(self) -> _Head:
-        """Return what is on record.
+        """Return the record, without links.
 
         Raises:
-            Doubt: nothing is.
+            PlanNeeded: there is none.
         """
         (content,) = self._cache.get(_HEAD, self._asset)
         head: _Head = json.loads(content)
@@ -226,7 +226,7 @@ class Publication:
         return f"{self._asset}/{part}/{number}"
 
     def _put_list(self, changes: Changes, part: str, lines: list[bytes]) -> list[int]:
-        """Have a list written, and return the bytes of its pieces."""
+        """Write a list, and return the size of each piece in bytes."""
         sizes: list[int] = []
         for piece in _pieces(lines):
             changes.put(_LINKS, self._piece(part, len(sizes)), piece)
@@ -238,38 +238,40 @@ class Publication:
             changes.drop(_LINKS, self._piece(part, number))
 
     def _lines(self, part: str, sizes: list[int]) -> list[bytes]:
-        """Return a list.
+        """Return the list of a part.
 
         Raises:
-            Doubt: it is not there, or damaged.
+            PlanNeeded: it is missing or damaged.
         """
         pieces = self._cache.get(_LINKS, *(self._piece(part, number) for number in range(len(sizes))))
         return [line for piece in pieces for line in piece.splitlines(keepends=True)]
 
-    def _kept(self, part: str, sizes: list[int] | None, suspects: frozenset[str]) -> list[bytes] | None:
-        """Return a list that holds still; None if there is none, or a link in it was looked at anew."""
+    def _trusted_lines(
+        self, part: str, sizes: list[int] | None, suspects: frozenset[str]
+    ) -> list[bytes] | None:
+        """Return the list of a part if it is still valid; None if there is none, or it names a suspect."""
         if sizes is None:
             return None
         try:
             lines = self._lines(part, sizes)
-        except Doubt:
+        except PlanNeeded:
             return None
         has_suspect = suspects and any(_name_in(line) in suspects for line in lines)
         return None if has_suspect else lines
 
-    # --- looking -------------------------------------------------------------------------
+    # --- checks --------------------------------------------------------------------------
 
-    def _differing(self, head: _Head) -> frozenset[str]:
+    def _changed_files(self, head: _Head) -> frozenset[str]:
         root = head["root"]
-        found = {name for name, written in head["files"].items() if signature(f"{root}/{name}") != written}
+        changed = {name for name, written in head["files"].items() if signature(f"{root}/{name}") != written}
         is_same = all(
             _folder_signature(f"{root}/{name}") == written for name, written in head["folders"].items()
         )
-        found.update(self._differing_links(head, _PIECE_BYTES * 16 if is_same else None))
-        return frozenset(found)
+        changed.update(self._changed_links(head, _PIECE_BYTES * 16 if is_same else None))
+        return frozenset(changed)
 
-    def _differing_links(self, head: _Head, most_bytes: int | None) -> set[str]:
-        """Return links that differ among so many bytes of the lists, taken at random, or among all."""
+    def _changed_links(self, head: _Head, most_bytes: int | None) -> set[str]:
+        """Return the links that changed, among all or in a random sample of `most_bytes` of the lists."""
         pieces = [
             (self._piece(part, number), size)
             for part, sizes in head["lists"].items()
@@ -282,29 +284,28 @@ class Publication:
                 break
             chosen.append(piece)
             left -= size
-        found: set[str] = set()
-        root, look = os.fsencode(head["root"]) + b"/", os.stat
+        changed: set[str] = set()
+        root, stat_of = os.fsencode(head["root"]) + b"/", os.stat
         for links in self._cache.get(_LINKS, *chosen):
             for line in links.splitlines():
-                number, time_ns, link = line.split(b" ", 2)
+                size_bytes, time_ns, link = line.split(b" ", 2)
                 try:
-                    stat = look(root + link)
+                    stat = stat_of(root + link)
                 except OSError:
-                    found.add(os.fsdecode(link))
+                    changed.add(os.fsdecode(link))
                     continue
-                if stat.st_mtime_ns != int(time_ns) or stat.st_size != int(number):
-                    found.add(os.fsdecode(link))
-        return found
+                if stat.st_mtime_ns != int(time_ns) or stat.st_size != int(size_bytes):
+                    changed.add(os.fsdecode(link))
+        return changed
 
 
 def _folder_signature(path: str) -> list[int]:
-    """Return what tells whether entries of a folder came or went; empty if it is not there."""
-    found = signature(path)
-    return found[1:3]
+    """Return what changes when entries of a folder are added or removed; empty if it does not exist."""
+    return signature(path)[1:3]
 
 
 def _line_of(root: str, name: str) -> bytes:
-    """Return the entry of a link in a list: size, time of writing (ns), name."""
+    """Return the line of a link in a list: size, modification time (ns), name."""
     stat = os.stat(f"{root}/{name}")
     return b"%d %d %s\n" % (stat.st_size, stat.st_mtime_ns, os.fsencode(name))
 
@@ -326,11 +327,11 @@ def _pieces(lines: list[bytes]) -> Iterator[bytes]:
 
 
 def _distrusted(root: bytes, line: bytes, since_s: float, hard_links: bool) -> bytes:
-    """Return the entry of a link, or one that never holds if it is to be looked at."""
+    """Return the line of a link, or one that never matches if the link has to be checked."""
     _, _, name = line.rstrip(b"\n").split(b" ", 2)
     try:
         stat = os.stat(root + b"/" + name)
     except OSError:
         return line
-    is_doubtful = stat.st_mtime >= since_s and (hard_links or stat.st_nlink == 1)
-    return b"-1 -1 %s\n" % name if is_doubtful else line
+    is_recent = stat.st_mtime >= since_s and (hard_links or stat.st_nlink == 1)
+    return b"-1 -1 %s\n" % name if is_recent else line

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from bagassets.annotations.files.label import LabelFile
 from bagassets.annotations.files.nuscenes_tables import TABLES
-from bagassets.freshness.marks import signature
+from bagassets.freshness.fingerprints import signature
 from bagassets.recipe.model import Rig
 from bagassets.recipe.model_annotations import AnnotationFiles, FileTimes, NuScenesTables
 from bagassets.recordings.model import RecordingFiles

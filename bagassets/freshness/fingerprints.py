@@ -1,4 +1,4 @@
-"""Marks: texts that change whenever files, code or records of a database do."""
+"""Fingerprints: texts that change whenever files, code or records of a database do."""
 
 import os
 import site
@@ -11,22 +11,22 @@ from hashlib import blake2b
 from typing import Any
 
 __all__ = [
-    "Doubt",
+    "PlanNeeded",
     "Signature",
-    "boot",
-    "code_mark",
-    "digest",
-    "files_mark",
-    "loaded_code",
-    "places_mark",
-    "project_mark",
-    "recipe_mark",
-    "records_mark",
+    "boot_id",
+    "code_fingerprint",
+    "contents_fingerprint",
+    "digest_lines",
+    "files_fingerprint",
+    "loaded_code_fingerprint",
+    "paths_fingerprint",
+    "project_fingerprint",
+    "recipe_fingerprint",
+    "records_fingerprint",
     "signature",
     "signature_of",
     "site_folders",
-    "texts_mark",
-    "tree_mark",
+    "tree_fingerprint",
 ]
 
 _PACKAGE = os.path.dirname(os.path.dirname(os.path.realpath(__file__)))
@@ -37,13 +37,13 @@ Signature = list[int]
 """Size, time of writing (ns), inode and time of change (ns) of a file; empty if it is not there."""
 
 
-class Doubt(Exception):  # noqa: N818  (a reason to look closer, not an error)
-    """Something differs, or cannot be seen; its text says what."""
+class PlanNeeded(Exception):  # noqa: N818  (a reason to plan in full, not an error)
+    """Something differs or cannot be read, so only a full plan can decide; the message names it."""
 
 
-def digest(lines: list[str]) -> str:
+def digest_lines(lines: list[str]) -> str:
     """Return the digest of lines of text."""
-    # Names that are no UTF-8 come as lone surrogates.
+    # Names that are not UTF-8 come as lone surrogates.
     return blake2b("\n".join(lines).encode("utf-8", "surrogateescape"), digest_size=32).hexdigest()
 
 
@@ -51,9 +51,9 @@ def digest(lines: list[str]) -> str:
 
 
 def signature(path: str | os.PathLike[str]) -> Signature:
-    """Return what tells whether a file, or the entries of a folder, changed; empty if it is not there.
+    """Return what changes when a file or the entries of a folder do; empty if the path does not exist.
 
-    Inode and time of change (ctime) cannot be put back by whoever edits a file in place.
+    Whoever edits a file in place cannot reset its inode and change time (ctime).
     """
     try:
         return signature_of(os.stat(path))
@@ -62,12 +62,12 @@ def signature(path: str | os.PathLike[str]) -> Signature:
 
 
 def signature_of(stat: os.stat_result) -> Signature:
-    """Return the signature of a file that was looked at."""
+    """Return the signature of a file from its `os.stat`."""
     return [stat.st_size, stat.st_mtime_ns, stat.st_ino, stat.st_ctime_ns]
 
 
-def boot() -> str:
-    """Return the name of this boot of the machine; empty where it has none."""
+def boot_id() -> str:
+    """Return the id of the current boot of the machine; empty where the system has none."""
     try:
         with open("/proc/sys/kernel/random/boot_id", encoding="ascii") as stream:
             return stream.read().strip()
@@ -75,13 +75,13 @@ def boot() -> str:
         return ""
 
 
-def files_mark(paths: list[str]) -> str:
-    """Return the mark of files, whether they are there or not."""
-    return digest([f"{path}\0{signature(path)}" for path in paths])
+def files_fingerprint(paths: list[str]) -> str:
+    """Return the fingerprint of files, whether they exist or not."""
+    return digest_lines([f"{path}\0{signature(path)}" for path in paths])
 
 
-def texts_mark(paths: list[str]) -> str:
-    """Return the mark of what small files say, in order: one that is written again, or moved, has not changed."""
+def contents_fingerprint(paths: list[str]) -> str:
+    """Return the fingerprint of the contents of small files, in order: rewriting or moving one changes nothing."""
     texts = []
     for path in paths:
         try:
@@ -89,30 +89,30 @@ def texts_mark(paths: list[str]) -> str:
                 texts.append(blake2b(stream.read()).hexdigest())
         except OSError:
             texts.append("")
-    return digest(texts)
+    return digest_lines(texts)
 
 
-def places_mark(paths: list[str]) -> str:
-    """Return the mark of where paths lead to: that changes when a link on the way to one is made or replaced."""
-    return digest([f"{path}\0{os.path.realpath(path)}" for path in paths])
+def paths_fingerprint(paths: list[str]) -> str:
+    """Return the fingerprint of what paths resolve to: it changes when a link on the way is made or replaced."""
+    return digest_lines([f"{path}\0{os.path.realpath(path)}" for path in paths])
 
 
-def tree_mark(root: str, *, hidden: bool = False) -> str:
-    """Return the mark of everything below a folder.
+def tree_fingerprint(root: str, *, hidden: bool = False) -> str:
+    """Return the fingerprint of everything below a folder.
 
-    Links are followed as finding recordings does, and noted themselves.
+    Links are followed, as in the search for recordings, and their targets count, too.
 
     Args:
         root: the folder.
-        hidden: look at what is hidden, too.
+        hidden: include hidden files and folders.
 
     Raises:
-        Doubt: a folder cannot be read.
+        PlanNeeded: a folder cannot be read.
     """
     lines: list[str] = []
     _walk(root, (), lines, hidden=hidden)
     lines.sort()
-    return digest(lines)
+    return digest_lines(lines)
 
 
 def _walk(folder: str, ancestors: tuple[tuple[int, int], ...], lines: list[str], *, hidden: bool) -> None:
@@ -129,7 +129,7 @@ def _walk(folder: str, ancestors: tuple[tuple[int, int], ...], lines: list[str],
                     lines.append(f"{entry.path}\0link\0{os.readlink(entry.path)}")
                 try:
                     stat = entry.stat()
-                except FileNotFoundError:  # a link that leads nowhere, or removed just now
+                except FileNotFoundError:  # a dangling link, or removed just now
                     lines.append(f"{entry.path}\0gone")
                     continue
                 if entry.is_dir():
@@ -140,48 +140,55 @@ def _walk(folder: str, ancestors: tuple[tuple[int, int], ...], lines: list[str],
                         f"{entry.path}\0{stat.st_size}\0{stat.st_mtime_ns}\0{stat.st_ino}\0{stat.st_ctime_ns}"
                     )
     except OSError as err:
-        raise Doubt(f"{folder}: {err}") from err
+        raise PlanNeeded(f"{folder}: {err}") from err
 
 
 # --- code and recipe ---------------------------------------------------------------------
 
 
-def recipe_mark(recipe: str | os.PathLike[str]) -> str:
-    """Return the mark of a recipe's text and of the `.env` beside it."""
-    return texts_mark([os.fspath(recipe), os.path.join(os.path.dirname(recipe), ".env")])
+def recipe_fingerprint(recipe: str | os.PathLike[str]) -> str:
+    """Return the fingerprint of a recipe's text and of the `.env` beside it."""
+    return contents_fingerprint([os.fspath(recipe), os.path.join(os.path.dirname(recipe), ".env")])
 
 
-def project_mark(code: str, recipe: str, files: list[str], folders: list[str]) -> str:
-    """Return the mark of all that every recording is decided from: code, recipe and the files that it names.
+def project_fingerprint(code: str, recipe: str, files: list[str], folders: list[str]) -> str:
+    """Return the fingerprint of what every plan depends on: the code, the recipe and the files that it names.
 
     The environment does not count: no result depends on it.
 
     Args:
-        code: what `code_mark` gives, or `loaded_code` of a process that has imported it.
-        recipe: what `recipe_mark` gave before the recipe was read.
-        files: files that the recipe names, there or not.
-        folders: folders that it names, for all that is in them.
+        code: from `code_fingerprint`, or `loaded_code_fingerprint` in a process that has imported the code.
+        recipe: from `recipe_fingerprint`, taken before the recipe was read.
+        files: files that the recipe names, whether they exist or not.
+        folders: folders that it names; everything in them counts.
 
     Raises:
-        Doubt: a folder cannot be read.
+        PlanNeeded: a folder cannot be read.
     """
-    return digest([code, recipe, files_mark(files), *(tree_mark(folder, hidden=True) for folder in folders)])
+    return digest_lines(
+        [
+            code,
+            recipe,
+            files_fingerprint(files),
+            *(tree_fingerprint(folder, hidden=True) for folder in folders),
+        ]
+    )
 
 
 @cache
-def loaded_code() -> str:
-    """Return the mark of the code that this process decides with: as it was when first asked for.
+def loaded_code_fingerprint() -> str:
+    """Return the fingerprint of the code that this process runs, as it was at the first call.
 
-    A process that lives long, as Dagster's daemon does, must not note what it decides under the mark of newer code.
+    A long-lived process such as Dagster's daemon must not note its decisions under the fingerprint of newer code.
     """
-    return code_mark()
+    return code_fingerprint()
 
 
-def code_mark(sources: tuple[str, ...] = (_PACKAGE,)) -> str:
-    """Return the mark of the interpreter, the installed distributions and our code as they are now.
+def code_fingerprint(sources: tuple[str, ...] = (_PACKAGE,)) -> str:
+    """Return the fingerprint of the interpreter, the installed distributions and our code as they are now.
 
-    Of code it is size and time of writing, not inode and time of change: installers link one file into many
-    environments, and each of them would change the others.
+    For code, size and modification time count, not inode and change time: installers link one file into many
+    environments, and each installation would change the fingerprints of the others.
 
     Args:
         sources: files and folders of source code.
@@ -189,12 +196,12 @@ def code_mark(sources: tuple[str, ...] = (_PACKAGE,)) -> str:
     lines = [sys.executable, sys.version, *_distributions()]
     for root in sources:
         lines += [root, *sorted(_source_lines(root))]
-    return digest(lines)
+    return digest_lines(lines)
 
 
 @cache
 def site_folders() -> tuple[str, ...]:
-    """Return the folders that this interpreter installs packages into, whatever the current folder is."""
+    """Return the folders into which packages are installed for this interpreter."""
     names = site.getsitepackages()
     if site.ENABLE_USER_SITE:
         names.append(site.getusersitepackages())
@@ -202,9 +209,9 @@ def site_folders() -> tuple[str, ...]:
 
 
 def _distributions() -> list[str]:
-    """Return name and time of each installed distribution; an upgrade changes one or the other.
+    """Return name and modification time of each installed distribution; an upgrade changes one or the other.
 
-    Those in PYTHONPATH count too: a decoder plug-in may be among them.
+    Those in PYTHONPATH count, too: a plug-in may be among them.
     """
     lines = []
     beside = [name for name in os.environ.get("PYTHONPATH", "").split(os.pathsep) if name]
@@ -222,7 +229,7 @@ def _distributions() -> list[str]:
 
 
 def _source_lines(root: str) -> Iterator[str]:
-    """Yield path, size and time of writing of the source files at or below `root`, in no order."""
+    """Yield path, size and modification time of the source files at or below `root`, in no order."""
     if os.path.isfile(root):
         stat = os.stat(root)
         yield f"{root}\0{stat.st_size}\0{stat.st_mtime_ns}"
@@ -237,78 +244,81 @@ def _source_lines(root: str) -> Iterator[str]:
                 elif entry.name.endswith(_SOURCES):
                     stat = entry.stat()
                     yield f"{entry.path}\0{stat.st_size}\0{stat.st_mtime_ns}"
-    except FileNotFoundError:  # an editor's passing file
+    except FileNotFoundError:  # a temporary file of an editor
         return
 
 
 # --- records -----------------------------------------------------------------------------
 
-# The schema that these were written for: `alembic_version` of Dagster 1.13. PostgreSQL keeps the events of runs in the
-# table of those about assets, which alone count.
+# Written for the schema of Dagster 1.13, which `alembic_version` names. PostgreSQL keeps events of runs and events of
+# assets in one table; only the latter count.
 _QUERIES = (
     "SELECT version_num FROM alembic_version",
     "SELECT max(id), count(*) FROM event_logs {chosen}",
     "SELECT id, run_id, timestamp FROM event_logs {chosen} ORDER BY id DESC LIMIT 1",
     "SELECT asset_key, last_run_id, last_materialization_timestamp, wipe_timestamp FROM asset_keys ORDER BY asset_key",
 )
-_PARTITIONS = "SELECT partition FROM dynamic_partitions WHERE partitions_def_name = {mark} ORDER BY partition"
+_PARTITIONS = (
+    "SELECT partition FROM dynamic_partitions WHERE partitions_def_name = {placeholder} ORDER BY partition"
+)
 
 
-def records_mark(place: str, partitions: str) -> str:
-    """Return a mark that changes with every event about an asset, wipe, deleted run or partition.
+def records_fingerprint(place: str, partitions: str) -> str:
+    """Return a fingerprint that changes with every asset event, wipe, deleted run or partition.
 
-    Ids alone would not do: SQLite gives those of deleted events away again.
+    Ids alone would not do: SQLite reuses those of deleted events.
 
     Args:
-        place: the database of Dagster's event log: a file of SQLite, or the URL of a PostgreSQL database.
+        place: the database of Dagster's event log: an SQLite file, or the URL of a PostgreSQL database.
         partitions: name of the dynamic partitions.
 
     Raises:
-        Doubt: it cannot be read, or has another schema.
+        PlanNeeded: the database cannot be read, or has another schema.
     """
     adapter = _postgres if "://" in place else _sqlite
-    return digest([repr(rows) for rows in adapter(place, partitions)])
+    return digest_lines([repr(rows) for rows in adapter(place, partitions)])
 
 
 def _sqlite(path: str, partitions: str) -> list[Any]:
     try:
         with closing(open_read_only(path)) as connection:
-            return _rows(connection.cursor(), partitions, mark="?")
+            return _rows(connection.cursor(), partitions, placeholder="?")
     except sqlite3.Error as err:
-        raise Doubt(f"{path}: {err}") from err
+        raise PlanNeeded(f"{path}: {err}") from err
 
 
 def _postgres(url: str, partitions: str) -> list[Any]:
     try:
         import psycopg2
     except ImportError as err:
-        raise Doubt("psycopg2 is not installed") from err
+        raise PlanNeeded("psycopg2 is not installed") from err
     scheme, _, rest = url.partition("://")
     try:
         with closing(
             psycopg2.connect(f"{scheme.partition('+')[0]}://{rest}", connect_timeout=2)
         ) as connection:
-            return _rows(connection.cursor(), partitions, mark="%s", chosen="WHERE asset_key IS NOT NULL")
+            cursor = connection.cursor()
+            return _rows(cursor, partitions, placeholder="%s", chosen="WHERE asset_key IS NOT NULL")
     except psycopg2.Error as err:
-        raise Doubt(f"PostgreSQL: {err}") from err
+        raise PlanNeeded(f"PostgreSQL: {err}") from err
 
 
 def open_read_only(path: str) -> sqlite3.Connection:
-    """Open a database of SQLite without ever making or changing one.
+    """Open an SQLite database without ever creating or changing it.
 
     Raises:
-        sqlite3.Error: that is not possible.
+        sqlite3.Error: it does not exist, or cannot be opened.
     """
     quoted = path.replace("%", "%25").replace("?", "%3f").replace("#", "%23")
     return sqlite3.connect(f"file:{quoted}?mode=ro", timeout=1.0, uri=True)
 
 
-def _rows(cursor: Any, partitions: str, *, mark: str, chosen: str = "") -> list[Any]:
-    """Return what each query gives; `mark` stands for a value, `chosen` picks the events that count."""
+def _rows(cursor: Any, partitions: str, *, placeholder: str, chosen: str = "") -> list[Any]:
+    """Return the rows of each query; `placeholder` stands for a value, `chosen` selects the events that count."""
     rows: list[Any] = []
     for query in _QUERIES:
         cursor.execute(query.format(chosen=chosen))
         rows.append(cursor.fetchall())
-    cursor.execute(_PARTITIONS.format(mark=mark), (partitions,))
+    cursor.execute(_PARTITIONS.format(placeholder=placeholder), (partitions,))
     rows.append(cursor.fetchall())
     return rows
