@@ -17,9 +17,7 @@ import numpy as np
 from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from bagassets.assets import annotations, calibration, ego_poses, frames, inventory, preview, sweeps
-from bagassets.formats.nuscenes.tables import NUSCENES_TABLES
-from bagassets.formats.vision.recording_part import VISION_SEQUENCES
+from bagassets.formats.catalogue import OUR_ASSETS
 from bagassets.geometry.se3 import SE3
 from bagassets.recipe import load_recipe
 from bagassets.recordings.digest import recording_digest, recording_stat
@@ -31,20 +29,7 @@ from bagassets_tests.posed import Posed
 from bagassets_tests.recording_build import UPSTREAM, RecordingBuild
 
 GOLDEN = Path(__file__).with_name("golden.json")
-STEPS = {
-    step.name: step
-    for step in (
-        inventory.INVENTORY.step,
-        calibration.CALIBRATION.step,
-        ego_poses.EGO_POSES.step,
-        annotations.ANNOTATIONS.step,
-        frames.FRAMES.step,
-        sweeps.SWEEPS.step,
-        NUSCENES_TABLES.step,
-        VISION_SEQUENCES.step,
-        preview.PREVIEW.step,
-    )
-}
+STEPS = {asset.name: asset.step for asset in OUR_ASSETS}
 START_NS = 1_700_000_000_000_000_000
 MS = 1_000_000
 WIDTH, HEIGHT = 48, 32

@@ -7,8 +7,9 @@ from click.testing import CliRunner
 
 from bagassets.cli.main import root
 from bagassets.defs.checks import recording_checks
-from bagassets.errors import PluginError, RecipeError
+from bagassets.errors import DatasetError, PluginError, RecipeError
 from bagassets.extensions import ASSETS, FORMATS
+from bagassets.formats.assembly import assemble
 from bagassets.formats.catalogue import (
     MAIN,
     catalogue,
@@ -21,7 +22,10 @@ from bagassets.formats.catalogue import (
 from bagassets.formats.checking import render_checks
 from bagassets.formats.dataset_build import datasets_of
 from bagassets.formats.dataset_lock import read_lock
+from bagassets.formats.format import Part
 from bagassets.recipe import load_recipe
+from bagassets.store.action import Step
+from bagassets.store.store import Store
 from bagassets_tests import in_process
 from bagassets_tests.plugin_install import Site
 
@@ -287,7 +291,6 @@ class TestBad:
         assert not catalogue().assets["acme_part"].enabled(found)
 
     def test_a_lock_of_a_format_that_is_not_there_says_so(self, tmp_path):
-        from bagassets.errors import DatasetError
         from bagassets.formats.dataset_lock import load_lock
 
         value = {"format": 2, "dataset": "acme", "acme": {}, "files": {}, "bags": []}
@@ -296,6 +299,95 @@ class TestBad:
             DatasetError, match=r"x\.json: this dataset has the format acme, which is not installed"
         ):
             format_of(load_lock(tmp_path / "x.json"))
+
+
+BROKEN = "lambda *args: {}['nothing']"
+
+
+class TestAtWork:
+    """Whatever a function of a format raises becomes a sentence that names the package, whoever calls it."""
+
+    @pytest.fixture
+    def lock(self, site, tmp_path):
+        """The lock of a dataset that was put together while the format was sound."""
+        self.install(site, "")
+        loaded = recipe(tmp_path)
+        outcome = Store(loaded.store_path).run(Step("acme_part", 1).action({}, {}), made_part)
+        output, settings = loaded.formats["acme"].output, loaded.formats["acme"]
+        part = Part("a.bag", "content", outcome.artifact.digest)
+        assemble(installed_format("acme"), [part], settings, Store(loaded.store_path), output)
+        return output / "data" / "dataset.lock.json"
+
+    @staticmethod
+    def install(site, fields):
+        code = HEAD + f"ACME = Format(**FIELDS | {{{fields}}})\n"
+        site.install("acme_package", "1.2", code, group=FORMATS, acme="ACME")
+        assert catalogue().problems == ()
+
+    @pytest.mark.parametrize(
+        "name", ["join", "links", "counts", "duration_s", "folder", "row", "fills_split", "samples", "select"]
+    )
+    def test_every_function(self, site, name):
+        self.install(site, f"'{name}': {BROKEN}")
+        with pytest.raises(
+            DatasetError, match=rf"{name} of the format acme of acme_package 1\.2 raised KeyError"
+        ):
+            list(getattr(installed_format("acme"), name)(None))
+
+    def test_what_is_raised_on_the_way_through_its_links(self, site):
+        self.install(site, "'links': lambda entry: (1 / number for number in (1, 0))")
+        links = installed_format("acme").links(None)
+        assert next(links) == 1
+        with pytest.raises(DatasetError, match="links of the format acme of acme_package"):
+            next(links)
+
+    @pytest.mark.parametrize(
+        ("places", "what", "call"),
+        [
+            (f"UnitFolders('runs', {BROKEN})", "places.name", lambda places: places.unit(None)),
+            (f"LooseFiles({BROKEN}, print)", "places.named_in", lambda places: list(places.named_in(None))),
+            (f"LooseFiles(print, {BROKEN})", "places.recording_of", lambda places: places.recording_of("x")),
+        ],
+    )
+    def test_where_its_links_lie(self, site, places, what, call):
+        code = HEAD + f"from bagassets.formats.format import LooseFiles, UnitFolders\nPLACES = {places}\n"
+        code += "ACME = Format(**FIELDS | {'places': PLACES})\n"
+        site.install("acme_package", "1.2", code, group=FORMATS, acme="ACME")
+        with pytest.raises(
+            DatasetError, match=f"{what} of the format acme of acme_package 1.2 raised KeyError"
+        ):
+            call(installed_format("acme").places)
+
+    def test_verify_tells_of_it_and_goes_on(self, site, lock, tmp_path):
+        self.install(site, f"'links': {BROKEN}")
+        result = CliRunner().invoke(root, ["verify", "--recipe", str(tmp_path / "recipe.yaml"), "--json"])
+        (damage,) = json.loads(result.stdout)["datasets"]
+        assert damage["path"] == str(lock)
+        assert "links of the format acme of acme_package 1.2 raised KeyError" in damage["reason"]
+        assert lock.exists()
+
+    def test_restore_leaves_what_is_there(self, site, lock, tmp_path):
+        before = lock.read_bytes()
+        self.install(site, f"'join': {BROKEN}")
+        command = ["dataset", "restore", "--recipe", str(tmp_path / "recipe.yaml"), str(lock)]
+        result = CliRunner().invoke(root, command)
+        assert isinstance(result.exception, DatasetError)
+        assert "join of the format acme of acme_package 1.2 raised KeyError" in str(result.exception)
+        assert lock.read_bytes() == before
+
+    def test_diff(self, site, lock, tmp_path):
+        self.install(site, f"'samples': {BROKEN}")
+        empty = tmp_path / "empty.json"
+        empty.write_text(json.dumps(json.loads(lock.read_text()) | {"bags": []}))
+        command = ["dataset", "diff", "--recipe", str(tmp_path / "recipe.yaml"), str(lock), str(empty)]
+        result = CliRunner().invoke(root, command)
+        assert isinstance(result.exception, DatasetError)
+        assert "samples of the format acme of acme_package 1.2 raised KeyError" in str(result.exception)
+
+
+def made_part(out):
+    out.write_json("facts.json", {})
+    return {}
 
 
 ALONE = HEAD.split("FIELDS = dict(", maxsplit=1)[0].replace('"acme" in recipe.formats', "True")
@@ -329,6 +421,17 @@ class TestAssets:
         assert "acme_package 1.2" in sentence
         assert words in sentence
         assert recording_assets(recipe(tmp_path, "{}")).names[-1] != "acme_part"
+
+
+def test_what_its_channels_raise_while_they_are_planned_names_the_package(site):
+    code = ALONE.replace("import Asset, Use", "import Asset, Use, uses_of").replace(
+        '{"": Use({})}', 'uses_of({"CAM": 0, "TOP": 1}, lambda name, one: Use(1 // one))'
+    )
+    site.install("acme_package", "1.2", code, group=ASSETS, acme_part="PART")
+    uses = catalogue().assets["acme_part"].use({}, None)
+    assert uses["TOP"].params == 1
+    assert isinstance(uses["CAM"], PluginError)
+    assert "acme_package 1.2 cannot be used: use of its asset acme_part raised ZeroDiv" in str(uses["CAM"])
 
 
 def test_what_a_package_raises_at_work_costs_its_own_asset_and_dataset(site, tmp_path, monkeypatch):

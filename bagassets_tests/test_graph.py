@@ -77,13 +77,13 @@ class Extractor:
         return {"counts": {"written": self.number}, "bytes": 1}
 
 
-def channels(name, ran, topics, *reads, refused=(), **fields):
+def channels(name, ran, topics, *reads, refused=(), error=RecipeError, **fields):
     """An asset with a channel for each topic."""
 
     def use(params, facts):
         def one(channel, topic):
             if channel in refused:
-                raise RecipeError(f"{channel} cannot be")
+                raise error(f"{channel} cannot be")
             return Use(Text(channel), topics=(topic,))
 
         return uses_of(topics, one)
@@ -329,6 +329,18 @@ def test_a_channel_that_cannot_be_as_the_recipe_asks_does_not_stop_the_others(pr
     assert "ODOM cannot be" in failed["images"]
     assert ran == {"CAM": 1}
     assert states(graph)["images"] == ("failed", "ODOM cannot be")
+
+
+def test_whatever_is_raised_while_a_channel_is_planned_costs_that_channel_alone(project, ran):
+    topics = {name: TOPICS[name] for name in ("CAM", "ODOM")}
+    images = channels("images", ran, topics, INVENTORY, refused=["ODOM"], error=ValueError)
+    graph = project(images)
+    made, failed = executed(graph)
+    assert made == ["inventory"]
+    assert ran == {"CAM": 1}
+    assert "a.bag: ODOM met something in this recording" in failed["images"]
+    assert "(ValueError: ODOM cannot be; " in failed["images"]
+    assert states(graph)["images"] == ("failed", failed["images"])
 
 
 def test_a_recording_that_changes_fails_all_of_the_pass_and_leaves_no_record(project, ran):

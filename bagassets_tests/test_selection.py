@@ -4,21 +4,10 @@ from dataclasses import replace
 
 import pytest
 
-from bagassets.assets import (
-    annotations,
-    calibration,
-    ego_poses,
-    frames,
-    preview,
-    sweeps,
-    track,
-    trajectory_map,
-)
-from bagassets.assets import inventory as inventory_step
+from bagassets.assets import trajectory_map
 from bagassets.assets.selection import choose_rig, present_channels, skip_reason
+from bagassets.formats.catalogue import OUR_ASSETS
 from bagassets.formats.nuscenes import scene_selection
-from bagassets.formats.nuscenes.tables import NUSCENES_TABLES
-from bagassets.formats.vision.recording_part import VISION_SEQUENCES
 from bagassets.recipe.model import Recipe
 from bagassets_tests.pose_data import CLOUD, IMAGE, T0, Msg, Recorded, S, header
 
@@ -111,16 +100,8 @@ def test_one_that_lacks_required_channels_does_not_and_all_are_named():
 def test_steps_keep_their_names_for_ever():
     """A store knows actions by the names of steps: under another name everything would be made again."""
     steps = [
-        inventory_step.INVENTORY.step,
-        calibration.CALIBRATION.step,
-        ego_poses.EGO_POSES.step,
-        annotations.ANNOTATIONS.step,
-        frames.FRAMES.step,
-        sweeps.SWEEPS.step,
-        NUSCENES_TABLES.step,
-        VISION_SEQUENCES.step,
-        preview.PREVIEW.step,
-        track.TRACK.step,
+        *(asset.step for asset in OUR_ASSETS),
+        *(hidden.step for asset in OUR_ASSETS for hidden in asset.along),
         trajectory_map.STEP,
         trajectory_map.SHELL_STEP,
         scene_selection.FACTS_STEP,

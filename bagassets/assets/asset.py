@@ -19,7 +19,6 @@ from pydantic import BaseModel
 
 from bagassets.annotations.files.find import LabelSet
 from bagassets.assets.channel import ChannelExtractor
-from bagassets.errors import BagAssetsError
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.plugins import Family
 from bagassets.quality.check import RecordingCheck
@@ -142,20 +141,18 @@ AnyUse = Use[Any]
 """A use, whatever its parameters are."""
 
 
-def uses_of(
-    channels: Mapping[str, C], use_of: Callable[[str, C], Use[U]]
-) -> dict[str, Use[U] | BagAssetsError]:
+def uses_of(channels: Mapping[str, C], use_of: Callable[[str, C], Use[U]]) -> dict[str, Use[U] | Exception]:
     """Return channel -> what its action reads, or why it cannot be made, which costs that channel alone.
 
     Args:
         channels: channel -> what the recipe asks of it.
         use_of: says of one channel what its action reads.
     """
-    uses: dict[str, Use[U] | BagAssetsError] = {}
+    uses: dict[str, Use[U] | Exception] = {}
     for name, settings in channels.items():
         try:
             uses[name] = use_of(name, settings)
-        except BagAssetsError as err:
+        except Exception as err:  # noqa: BLE001  (whatever it is, it costs no more than this channel)
             uses[name] = err
     return uses
 
@@ -278,7 +275,7 @@ class Asset(Generic[P, U]):
     title: str
     kinds: frozenset[str]
     params: Callable[[Recipe, Rig], P]
-    use: Callable[[P, Facts], Mapping[str, Use[U] | BagAssetsError]]
+    use: Callable[[P, Facts], Mapping[str, Use[U] | Exception]]
     make: "Callable[[Use[U], Inputs, ArtifactWriter], Summary] | None" = None
     extract: "Callable[[Use[U], Inputs, Recording, ArtifactWriter, Executor | None], ChannelExtractor] | None" = None
     description: str = ""

@@ -85,7 +85,7 @@ class FramesParams:
         return cls(channels)
 
 
-def use(params: FramesParams, facts: Facts) -> dict[str, Use[CameraUse] | BagAssetsError]:
+def use(params: FramesParams, facts: Facts) -> dict[str, Use[CameraUse] | Exception]:
     """Return what the images of each camera in a recording depend on."""
     present = {
         name: settings

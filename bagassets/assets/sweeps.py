@@ -18,6 +18,7 @@ from bagassets.assets.lidar_sweeps import (
     CloudSweeps,
     CloudUse,
     LidarSettings,
+    LidarUse,
     LidarWriter,
     PacketSweeps,
     PacketUse,
@@ -28,7 +29,7 @@ from bagassets.assets.topic_types import require_decoder
 from bagassets.decode.fields import check_points, stamp_ns
 from bagassets.decode.packets import PAYLOADS
 from bagassets.decode.point_times import Moment
-from bagassets.errors import BagAssetsError, DecodeError, LossLimitError, RecipeError
+from bagassets.errors import DecodeError, LossLimitError, RecipeError
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.tf_tree import normalise_frame
 from bagassets.geometry.trajectory import Trajectory
@@ -111,7 +112,7 @@ def _settings_of_lidar(recipe: Recipe, channel: LidarChannel) -> LidarChannelSet
     )
 
 
-def use(params: SweepsParams, facts: Facts) -> dict[str, Use[SweepUse] | BagAssetsError]:
+def use(params: SweepsParams, facts: Facts) -> dict[str, Use[SweepUse] | Exception]:
     """Return what the sweeps of each lidar and radar in a recording depend on."""
     has = facts.inventory.has_readable
     lidars = {name: settings for name, settings in params.lidars.items() if has(settings.common.topic)}
@@ -136,16 +137,11 @@ def _use_of_lidar(facts: Facts, name: str, settings: LidarChannelSettings) -> Us
     decoder = require_decoder(name, topic.name, topic.msgtype, "cloud", "packets")
     mount = _mount(facts, name) if common.deskew else None
     inputs = {EGO_POSES.name: facts.artifact(EGO_POSES.name).digest} if common.deskew else {}
+    lidar = LidarUse(
+        channel=name, settings=common, msgtype=topic.msgtype, decoder=decoder.key, ego_SE3_sensor=mount
+    )
     if decoder.family == "packets":
-        packets = PacketUse(
-            channel=name,
-            settings=common,
-            msgtype=topic.msgtype,
-            decoder=decoder.key,
-            ego_SE3_sensor=mount,
-            model=settings.model,
-            cut_angle_deg=settings.cut_angle_deg,
-        )
+        packets = PacketUse(**vars(lidar), model=settings.model, cut_angle_deg=settings.cut_angle_deg)
         return Use(packets, (topic.name,), inputs)
     given = [field for field in ("model", "cut_angle_deg") if getattr(settings, field) is not None]
     if given:
@@ -154,11 +150,7 @@ def _use_of_lidar(facts: Facts, name: str, settings: LidarChannelSettings) -> Us
             f"{topic.msgtype}; remove it from the recipe."
         )
     clouds = CloudUse(
-        channel=name,
-        settings=common,
-        msgtype=topic.msgtype,
-        decoder=decoder.key,
-        ego_SE3_sensor=mount,
+        **vars(lidar),
         header_stamp_is=settings.header_stamp_is,
         # Only what the header is said to mean asks for the length of a revolution.
         period_ns=None if settings.header_stamp_is is None else topic.period_ns,

@@ -229,10 +229,9 @@ class Graph:
                         self._expand_action(part, asset, uses[part.channel])
                 self._expand_index(node)
 
-    def _expand_action(self, node: Node, asset: AnyAsset, use: AnyUse | BagAssetsError) -> None:
-        if isinstance(use, BagAssetsError):
-            node.error = use
-            return
+    def _expand_action(self, node: Node, asset: AnyAsset, use: AnyUse | Exception) -> None:
+        if isinstance(use, Exception):
+            raise use
         node.use = use
         node.action = asset.action(use, self.inputs.inventory if use.topics else None)
         self._look_up(node)

@@ -5,13 +5,14 @@ everything else goes on.
 """
 
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cache, wraps
-from typing import Any, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
 from bagassets.assets.annotations import ANNOTATIONS
-from bagassets.assets.asset import AnyAsset, Asset, as_json
+from bagassets.assets.asset import AnyAsset, AnyUse, Asset, Facts, as_json
 from bagassets.assets.calibration import CALIBRATION
 from bagassets.assets.ego_poses import EGO_POSES
 from bagassets.assets.frames import FRAMES
@@ -22,7 +23,7 @@ from bagassets.build.recording_assets import RecordingAssets
 from bagassets.errors import BagAssetsError, DatasetError, PluginError
 from bagassets.extensions import ASSETS, FORMATS, Extension, installed_extensions
 from bagassets.formats.dataset_lock import DatasetLock
-from bagassets.formats.format import AnyFormat, DatasetCheck, Format
+from bagassets.formats.format import AnyFormat, DatasetCheck, Format, LooseFiles, UnitFolders
 from bagassets.formats.nuscenes.format import NUSCENES
 from bagassets.formats.vision.format import VISION
 from bagassets.quality.check import RecordingCheck
@@ -61,6 +62,7 @@ _CALLABLE = ("join", "links", "counts", "duration_s", "folder", "row")
 _CALLABLE_OR_NONE = ("fills_split", "samples", "select", "check")
 # Names that assets of Dagster have which are none of a recording.
 _TAKEN = {"bag", "dataset_inputs", "trajectory_map"}
+_A = ParamSpec("_A")
 _R = TypeVar("_R")
 
 
@@ -233,7 +235,7 @@ def _checked_format(found: Any, extension: Extension) -> AnyFormat:
         _check_section(check, extension)
     if bool(found.checks) != (found.check is not None):
         raise extension.problem("checks and check go together")
-    return replace(found, distribution=extension.distribution)
+    return _guarded_format(replace(found, distribution=extension.distribution))
 
 
 def _check_section(check: DatasetCheck | RecordingCheck, extension: Extension) -> None:
@@ -267,21 +269,65 @@ def _check_asset(asset: Any, extension: Extension) -> None:
         _check_section(check, extension)
 
 
+def _guarded_format(kind: AnyFormat) -> AnyFormat:
+    """Return a format of a package whose surprises cost just its own datasets."""
+
+    def raised(what: str, said: str) -> DatasetError:
+        return DatasetError(
+            f"{what} of the format {kind.name} of {kind.distribution} raised {said}; mend, upgrade or uninstall that "
+            "package."
+        )
+
+    guard = _Guard(raised)
+    places = kind.places
+    if isinstance(places, UnitFolders):
+        places = replace(places, name=guard(places.name, "places.name"))
+    elif isinstance(places, LooseFiles):
+        places = LooseFiles(
+            guard.each(places.named_in, "places.named_in"), guard(places.recording_of, "places.recording_of")
+        )
+    return replace(
+        kind,
+        join=guard(kind.join, "join"),
+        links=guard.each(kind.links, "links"),
+        counts=guard(kind.counts, "counts"),
+        duration_s=guard(kind.duration_s, "duration_s"),
+        folder=guard(kind.folder, "folder"),
+        row=guard(kind.row, "row"),
+        fills_split=None if kind.fills_split is None else guard(kind.fills_split, "fills_split"),
+        samples=None if kind.samples is None else guard(kind.samples, "samples"),
+        select=None if kind.select is None else guard(kind.select, "select"),
+        check=None if kind.check is None else guard(kind.check, "check"),
+        places=places,
+    )
+
+
 def _guarded(asset: AnyAsset, extension: Extension) -> AnyAsset:
     """Return an asset of a package whose surprises cost just itself, and whose package's version shapes its bytes."""
-    guard = _Guard(asset.name, extension)
+
+    def raised(what: str, said: str) -> PluginError:
+        return extension.problem(f"{what} of its asset {asset.name} raised {said}")
+
+    guard = _Guard(raised)
 
     def params(recipe: Recipe, rig: Rig) -> Any:
         found = asset.params(recipe, rig)
         as_json(found)  # raises if it has no normal form
         return found
 
+    def use(params: Any, facts: Facts) -> Mapping[str, AnyUse | Exception]:
+        uses = asset.use(params, facts)
+        return {
+            channel: guard.explained(one, "use") if isinstance(one, Exception) else one
+            for channel, one in uses.items()
+        }
+
     safe = guard(params, "params")
     return replace(
         asset,
         enabled=_Enabled(guard(asset.enabled, "enabled"), safe),
         params=safe,
-        use=guard(asset.use, "use"),
+        use=guard(use, "use"),
         make=None if asset.make is None else guard(asset.make, "make"),
         extract=None if asset.extract is None else guard(asset.extract, "extract"),
         checks=tuple(
@@ -315,21 +361,48 @@ class _Enabled:
 
 
 class _Guard:
-    """Turns whatever a function of a package raises into a sentence that names the package."""
+    """Turns whatever a function of a package raises into a sentence that names the package.
 
-    def __init__(self, asset: str, extension: Extension) -> None:
-        self._asset = asset
-        self._extension = extension
+    Args:
+        raised: returns the error for a function's name, and for what it raised.
+    """
 
-    def __call__(self, function: Callable[..., _R], what: str) -> Callable[..., _R]:
+    def __init__(self, raised: Callable[[str, str], BagAssetsError]) -> None:
+        self._raised = raised
+
+    def __call__(self, function: Callable[_A, _R], what: str) -> Callable[_A, _R]:
+        """Return the function, guarded."""
+
         @wraps(function)
-        def guarded(*args: Any, **options: Any) -> _R:
-            try:
+        def guarded(*args: _A.args, **options: _A.kwargs) -> _R:
+            with self._guard(what):
                 return function(*args, **options)
-            except BagAssetsError:
-                raise
-            except Exception as err:
-                said = f"{type(err).__name__}: {err}"
-                raise self._extension.problem(f"{what} of its asset {self._asset} raised {said}") from err
 
         return guarded
+
+    def each(self, function: Callable[_A, Iterable[_R]], what: str) -> Callable[_A, Iterator[_R]]:
+        """Return a function whose result is made while it is walked through, guarded all the way."""
+
+        @wraps(function)
+        def guarded(*args: _A.args, **options: _A.kwargs) -> Iterator[_R]:
+            with self._guard(what):
+                yield from function(*args, **options)
+
+        return guarded
+
+    def explained(self, err: Exception, what: str) -> BagAssetsError:
+        """Return an error of ours as it is, and any other as one that names the package."""
+        if isinstance(err, BagAssetsError):
+            return err
+        explained = self._raised(what, f"{type(err).__name__}: {err}")
+        explained.__cause__ = err
+        return explained
+
+    @contextmanager
+    def _guard(self, what: str) -> Iterator[None]:
+        try:
+            yield
+        except BagAssetsError:
+            raise
+        except Exception as err:
+            raise self.explained(err, what) from err

@@ -10,7 +10,7 @@ from bagassets.build.build_report import Remark
 from bagassets.build.plan_model import BagPlan
 from bagassets.errors import PluginError, StoreError
 from bagassets.formats.catalogue import known_assets, recording_assets
-from bagassets.formats.dataset_build import Dataset, datasets_of, in_words_of
+from bagassets.formats.dataset_build import Dataset, datasets_of
 from bagassets.formats.dataset_lock import read_lock
 from bagassets.formats.format import AnyFormat
 from bagassets.quality.check import Evidence, severity_of
@@ -168,8 +168,7 @@ def check_dataset(dataset: Dataset, names: AbstractSet[str]) -> Mapping[str, Fin
         DatasetError: a file of it cannot be read.
     """
     kind = dataset.kind
-    with in_words_of(kind, "check"):
-        return {} if kind.check is None else kind.check(dataset.settings, names)
+    return {} if kind.check is None else kind.check(dataset.settings, names)
 
 
 @dataclass(frozen=True)

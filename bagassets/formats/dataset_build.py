@@ -1,8 +1,8 @@
 """The datasets of a recipe: what enters them now, and putting them together."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from collections.abc import Set as AbstractSet
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -33,7 +33,6 @@ __all__ = [
     "dataset_folders",
     "datasets_of",
     "deal_contents",
-    "in_words_of",
     "is_on_disk",
     "main_lock",
     "select_inputs",
@@ -139,7 +138,7 @@ def without_scenes(store: Store, made: Mapping[str, Mapping[str, str]]) -> froze
         if kind.fills_split is None:
             continue
         for key, digest in made.get(kind.name, {}).items():
-            with suppress(BagAssetsError), in_words_of(kind, "fills_split"):
+            with suppress(BagAssetsError):
                 if not kind.fills_split(store.artifact(digest).read_json(FACTS)):
                     found.add(key)
     return frozenset(found)
@@ -235,7 +234,7 @@ def build_dataset(
         Publication(recipe.state, dataset.asset),
         dataset.settings.output,
     )
-    with span(dataset.asset), in_use(store.root), in_words_of(kind, "join"):
+    with span(dataset.asset), in_use(store.root):
         chosen = Selection(inputs.parts.get(kind.name, ()))
         if dataset.selection is not None and kind.select is not None:
             chosen = kind.select(recipe, store, plan, chosen.parts, dataset.selection)
@@ -258,26 +257,6 @@ def build_dataset(
         if dataset.selection is None
         else replace(made, facts={**made.facts, "scenes_left_out": chosen.left_out})
     )
-
-
-@contextmanager
-def in_words_of(kind: AnyFormat, what: str) -> Iterator[None]:
-    """Turn whatever a function of a package's format raises into a sentence that names the package.
-
-    Raises:
-        DatasetError: it did.
-    """
-    try:
-        yield
-    except BagAssetsError:
-        raise
-    except Exception as err:
-        if not kind.distribution:
-            raise
-        raise DatasetError(
-            f"{what} of the format {kind.name} of {kind.distribution} raised {type(err).__name__}: {err}; mend, upgrade or "
-            "uninstall that package."
-        ) from err
 
 
 def dataset_code_versions(recipe: Recipe) -> dict[str, str]:

@@ -62,8 +62,11 @@ def check_datasets(recipe: Recipe, store: Store, damaged: Collection[str] = ()) 
         for path in sorted(folder.glob(f"*/{LOCK}")):
             lock = load_lock(path)
             yield from check.tables(path.parent, lock.files)
-            for link in _links(check, lock, folder, format_of(lock)):
-                yield from check.file(link)
+            try:
+                for link in _links(check, lock, folder, format_of(lock)):
+                    yield from check.file(link)
+            except DatasetError as err:  # of a package whose format cannot say which files these are
+                yield DatasetDamage(path, f"its files cannot be checked: {err}", None)
             yield from check.unchecked(path.parent)
 
 
