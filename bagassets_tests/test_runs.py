@@ -218,14 +218,16 @@ def test_dotenv_is_read_as_dagster_does(tmp_path):
     assert dotenv_variables(tmp_path) == {"A": "1", "B": "two words"}
 
 
-def test_preloading_starts_no_thread_and_opens_no_database():
+def test_preloading_starts_no_thread_and_opens_no_database_and_spares_workers_imports():
     code = (
         "import sys, threading\n"
+        "from importlib.util import find_spec\n"
         "from pathlib import Path\n"
         "from bagassets.defs.run_worker import preload\n"
-        "preload(['small_definitions'])\n"
+        "list(preload(['small_definitions']))\n"
         "databases = [file for file in Path('/proc/self/fd').glob('*') if '.db' in str(file.resolve())]\n"
-        "print(threading.active_count(), databases, 'small_definitions' in sys.modules)"
+        "spared = ['small_definitions', *(['pandas'] if find_spec('pandas') else [])]\n"
+        "print(threading.active_count(), databases, all(name in sys.modules for name in spared))"
     )
     done = subprocess.run(
         [sys.executable, "-c", code],
