@@ -17,11 +17,14 @@ from pathlib import Path
 from typing import Any, cast
 
 import dagster as dg
-from dagster._core.errors import DagsterUserCodeUnreachableError
-from dagster._core.workspace.context import BaseWorkspaceRequestContext, WorkspaceProcessContext
-from dagster._core.workspace.load_target import GrpcServerTarget
-from dagster._grpc.client import DagsterGrpcClient
 
+from bagassets.defs.dagster_private import (
+    BaseWorkspaceRequestContext,
+    DagsterGrpcClient,
+    DagsterUserCodeUnreachableError,
+    GrpcServerTarget,
+    WorkspaceProcessContext,
+)
 from bagassets.defs.runs import CodeLocation, pack_instance
 from bagassets.errors import BagAssetsError
 from bagassets.forkserver.places import last_lines

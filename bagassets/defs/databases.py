@@ -14,13 +14,15 @@ from pathlib import Path
 from uuid import uuid4
 
 import yaml
-from dagster._core.storage.event_log.schema import SqlEventLogStorageMetadata
-from dagster._core.storage.runs.schema import RunStorageSqlMetadata
-from dagster._core.storage.schedules.schema import ScheduleStorageSqlMetadata
-from dagster._core.storage.sqlite_storage import DagsterSqliteStorage
 from sqlalchemy import MetaData
 from sqlalchemy.exc import DatabaseError, OperationalError
 
+from bagassets.defs.dagster_private import (
+    DagsterSqliteStorage,
+    RunStorageSqlMetadata,
+    ScheduleStorageSqlMetadata,
+    SqlEventLogStorageMetadata,
+)
 from bagassets.errors import StoreError
 from bagassets.lock_files import LockFile
 

@@ -18,15 +18,18 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import yaml
-from dagster import DagsterInstance
-from dagster._cli.proxy_server_manager import ProxyServerManager
-from dagster._cli.utils import get_possibly_temporary_instance_for_cli
-from dagster._core.workspace.load_target import WorkspaceFileTarget
-from dagster._serdes import serialize_value
-from dagster._utils.interrupts import setup_interrupt_handlers
-from dagster._utils.log import configure_loggers
-from dagster_shared.ipc import get_ipc_shutdown_pipe, open_ipc_subprocess, send_ipc_shutdown_message
+from dagster import DagsterInstance, serialize_value
 
+from bagassets.defs.dagster_private import (
+    ProxyServerManager,
+    WorkspaceFileTarget,
+    configure_loggers,
+    get_ipc_shutdown_pipe,
+    get_possibly_temporary_instance_for_cli,
+    open_ipc_subprocess,
+    send_ipc_shutdown_message,
+    setup_interrupt_handlers,
+)
 from bagassets.defs.ports import listening_arguments, listening_options
 
 __all__ = ["main"]

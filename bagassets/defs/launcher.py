@@ -36,13 +36,18 @@ from pathlib import Path
 from typing import Any, Self
 
 import dagster as dg
-from dagster._config import Field, IntSource, StringSource
-from dagster._core.code_pointer import ModuleCodePointer
-from dagster._core.instance import T_DagsterInstance
-from dagster._core.launcher import CheckRunHealthResult, LaunchRunContext, RunLauncher, WorkerStatus
-from dagster._core.storage.tags import GRPC_INFO_TAG
-from dagster._serdes import ConfigurableClass, ConfigurableClassData
 
+from bagassets.defs.dagster_private import (
+    GRPC_INFO_TAG,
+    CheckRunHealthResult,
+    ConfigurableClass,
+    ConfigurableClassData,
+    LaunchRunContext,
+    ModuleCodePointer,
+    RunLauncher,
+    T_DagsterInstance,
+    WorkerStatus,
+)
 from bagassets.defs.ports import ANY_HOST
 from bagassets.defs.run_worker import end_worker
 from bagassets.defs.runs import pack_instance
@@ -102,13 +107,13 @@ class BagAssetsRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
         return self._inst_data
 
     @classmethod
-    def config_type(cls) -> dict[str, Field]:
+    def config_type(cls) -> dict[str, dg.Field]:
         """Return the fields of `config` in `dagster.yaml`."""
         return {
-            "recipe": Field(StringSource, is_required=False),
-            "state_folder": Field(StringSource, is_required=False),
-            "idle_timeout_s": Field(IntSource, is_required=False),
-            "grace_s": Field(IntSource, is_required=False),
+            "recipe": dg.Field(dg.StringSource, is_required=False),
+            "state_folder": dg.Field(dg.StringSource, is_required=False),
+            "idle_timeout_s": dg.Field(dg.IntSource, is_required=False),
+            "grace_s": dg.Field(dg.IntSource, is_required=False),
         }
 
     @classmethod

@@ -14,8 +14,8 @@ import socket
 import time
 
 import dagster as dg
-from dagster._core.storage.tags import GRPC_INFO_TAG
 
+from bagassets.defs.dagster_private import GRPC_INFO_TAG
 from bagassets.defs.worker_tag import RunWorker
 
 __all__ = ["UNTAKEN_S", "end_left_behind", "report_ended"]

@@ -8,8 +8,8 @@ from difflib import get_close_matches
 
 import dagster as dg
 from dagster import partition_loading_context
-from dagster._core.definitions.partitions.context import PartitionLoadingContext
 
+from bagassets.defs.dagster_private import PartitionLoadingContext
 from bagassets.errors import RecordingError
 from bagassets.recipe.model import Bags, Recipe
 from bagassets.recordings.discover import discover

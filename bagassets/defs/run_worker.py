@@ -19,6 +19,7 @@ import numpy as np
 import pyarrow as pa
 
 from bagassets.decode.loading import load_built_in
+from bagassets.defs.dagster_private import RUN_MODULES
 from bagassets.defs.databases import database_in_words
 from bagassets.defs.exclusive import exclusive
 from bagassets.defs.leftovers import end_left_behind, report_ended
@@ -50,23 +51,7 @@ _AHEAD = (
     "alembic.command",
     "alembic.runtime.migration",
     "bagassets.defs.driver",
-    "dagster._core.execution.plan.active",
-    "dagster._core.execution.plan.execute_plan",
-    "dagster._core.executor.in_process",
-    "dagster._core.instance.factory",
-    "dagster._core.instance.runs.run_domain",
-    "dagster._core.launcher",
-    "dagster._core.run_coordinator",
-    "dagster._core.scheduler",
-    "dagster._core.secrets.env_file",
-    "dagster._core.storage.local_compute_log_manager",
-    "dagster._core.storage.migration.utils",
-    "dagster._core.storage.root",
-    "dagster._core.storage.sqlite_storage",
-    "dagster._core.system_config.composite_descent",
-    "dagster._core.utility_ops",
-    "dagster._core.workspace.autodiscovery",
-    "dagster._utils.test.definitions",
+    *RUN_MODULES,
     "dateutil.relativedelta",
     "numpy.ma",
     "pyarrow.compute",

@@ -1,10 +1,10 @@
-"""Creating and executing runs: the one module that uses Dagster's private API.
+"""Creating and executing runs, which takes more of Dagster than its documented API has.
 
 `dagster.materialize` and its kin leave runs without a code location, which the web UI can
 neither execute again nor trace (design, trap 12). Here a run gets the origins that the web
 server would give it, never enters a queue, and is executed in this process.
 
-Each private use has a test in `test_runs.py`; the package pins Dagster's minor version.
+Each use of `dagster_private` has a test in `test_runs.py`.
 """
 
 import sys
@@ -16,23 +16,27 @@ from pathlib import Path
 from typing import Any
 
 import dagster as dg
-from dagster._core.code_pointer import CodePointer
-from dagster._core.errors import DagsterExecutionInterruptedError, DagsterUnknownPartitionError
-from dagster._core.events import DagsterEvent, DagsterEventType
-from dagster._core.execution import compute_logs
-from dagster._core.execution.plan.objects import ErrorSource
-from dagster._core.instance.ref import InstanceRef
-from dagster._core.launcher import WorkerStatus
-from dagster._core.origin import DEFAULT_DAGSTER_ENTRY_POINT, JobPythonOrigin, RepositoryPythonOrigin
-from dagster._core.remote_origin import ManagedGrpcPythonEnvCodeLocationOrigin, RemoteRepositoryOrigin
-from dagster._core.secrets.env_file import get_env_var_dict
-from dagster._core.types.loadable_target_origin import LoadableTargetOrigin
-from dagster._grpc.impl import core_execute_run
-from dagster._serdes import deserialize_value, serialize_value
-from dagster._utils.hosted_user_process import recon_job_from_origin, recon_repository_from_origin
-from dagster._utils.interrupts import capture_interrupts, check_captured_interrupt
-from dagster_shared.error import SerializableErrorInfo
 
+from bagassets.defs.dagster_private import (
+    DEFAULT_DAGSTER_ENTRY_POINT,
+    CodePointer,
+    ErrorSource,
+    InstanceRef,
+    JobPythonOrigin,
+    LoadableTargetOrigin,
+    ManagedGrpcPythonEnvCodeLocationOrigin,
+    RemoteRepositoryOrigin,
+    RepositoryPythonOrigin,
+    SerializableErrorInfo,
+    WorkerStatus,
+    capture_interrupts,
+    check_captured_interrupt,
+    compute_logs,
+    core_execute_run,
+    get_env_var_dict,
+    recon_job_from_origin,
+    recon_repository_from_origin,
+)
 from bagassets.defs.databases import ready_to_open
 from bagassets.errors import BagAssetsError
 
@@ -54,9 +58,9 @@ __all__ = [
 
 _TAIL = "tail_to_stream"  # what `compute_logs` starts the processes with
 _WRAPPERS = ("Dagster", "RetryRequested")
-_ENDS = {DagsterEventType.PIPELINE_FAILURE, DagsterEventType.PIPELINE_CANCELED}
+_ENDS = {dg.DagsterEventType.PIPELINE_FAILURE, dg.DagsterEventType.PIPELINE_CANCELED}
 _FAILED_FROM_OUTSIDE = "This run has been marked as failed from outside the execution context."
-_INTERRUPTS = {DagsterExecutionInterruptedError.__name__, KeyboardInterrupt.__name__}
+_INTERRUPTS = {dg.DagsterExecutionInterruptedError.__name__, KeyboardInterrupt.__name__}
 
 
 @dataclass(frozen=True)
@@ -130,20 +134,20 @@ class RunOutcome:
 
 def pack_instance(instance: dg.DagsterInstance) -> str:
     """Return text from which another process opens the same instance."""
-    return serialize_value(instance.get_ref())
+    return dg.serialize_value(instance.get_ref())
 
 
 def open_instance(place: str) -> dg.DagsterInstance:
     """Open the instance in a Dagster home folder, or one that `pack_instance` wrote down."""
     if place.startswith("{"):
-        return dg.DagsterInstance.from_ref(deserialize_value(place, InstanceRef))
+        return dg.DagsterInstance.from_ref(dg.deserialize_value(place, InstanceRef))
     with ready_to_open(Path(place)):
         return dg.DagsterInstance.from_config(place)
 
 
 def failure_of(instance: dg.DagsterInstance, run: dg.DagsterRun) -> str | None:
     """Return why a run that ended did not end well: what its first failed step raised, or who ended it."""
-    for entry in instance.all_logs(run.run_id, of_type=DagsterEventType.STEP_FAILURE):
+    for entry in instance.all_logs(run.run_id, of_type=dg.DagsterEventType.STEP_FAILURE):
         event = entry.get_dagster_event()
         data = event.step_failure_data
         if data.error_source != ErrorSource.INTERRUPT:
@@ -152,7 +156,7 @@ def failure_of(instance: dg.DagsterInstance, run: dg.DagsterRun) -> str | None:
     for entry in instance.all_logs(run.run_id, of_type=_ENDS):
         message = entry.get_dagster_event().message
     if message in {None, "", _FAILED_FROM_OUTSIDE}:  # whoever did so told in an engine event
-        for entry in instance.all_logs(run.run_id, of_type=DagsterEventType.ENGINE_EVENT):
+        for entry in instance.all_logs(run.run_id, of_type=dg.DagsterEventType.ENGINE_EVENT):
             message = entry.get_dagster_event().message or message
     return message
 
@@ -231,7 +235,7 @@ def create_run(
         with dg.partition_loading_context(dynamic_partitions_store=instance) as context:
             try:
                 job.validate_partition_key(partition_key, selected_asset_keys=keys, context=context)
-            except DagsterUnknownPartitionError as err:
+            except dg.DagsterUnknownPartitionError as err:
                 raise BagAssetsError(
                     f"{partition_key}: no such partition; it was removed, or never registered."
                 ) from err
@@ -252,7 +256,7 @@ def execute_run(
     run_id: str,
     *,
     cancel_requested: Callable[[], bool] = lambda: False,
-    on_event: Callable[[DagsterEvent], None] = lambda _event: None,
+    on_event: Callable[[dg.DagsterEvent], None] = lambda _event: None,
 ) -> RunOutcome:
     """Execute a run in this process and return how it ended; a failed step is no error here.
 
@@ -310,28 +314,28 @@ class _Follower:
         return (
             (run is not None and run.status == dg.DagsterRunStatus.CANCELING)
             or self._cancel_requested()
-            or bool(self._instance.all_logs(self._run_id, of_type=DagsterEventType.RUN_CANCELING))
+            or bool(self._instance.all_logs(self._run_id, of_type=dg.DagsterEventType.RUN_CANCELING))
         )
 
-    def follow(self, events: Generator[DagsterEvent, None, None]) -> Iterator[DagsterEvent]:
+    def follow(self, events: Generator[dg.DagsterEvent, None, None]) -> Iterator[dg.DagsterEvent]:
         """Yield the events, steering the generator on the way."""
         has_started = False
         # Dagster has recorded the interrupt by the time it raises it.
-        with suppress(DagsterExecutionInterruptedError, KeyboardInterrupt):
+        with suppress(dg.DagsterExecutionInterruptedError, KeyboardInterrupt):
             event = next(events, None)
             while event is not None:
                 yield event
                 kind = event.event_type
-                has_started = has_started or kind == DagsterEventType.PIPELINE_START
+                has_started = has_started or kind == dg.DagsterEventType.PIPELINE_START
                 if not has_started and self.is_cancel_wanted():
                     # Dagster would take the state CANCELING for a second start, and fail the run.
                     events.close()
                     break
-                if kind == DagsterEventType.STEP_FAILURE:
+                if kind == dg.DagsterEventType.STEP_FAILURE:
                     self._note_failure(event)
                 if self._is_retry_of_interrupt(event):
                     self._mark_cancelling()
-                    event = events.throw(DagsterExecutionInterruptedError("The run was interrupted."))
+                    event = events.throw(dg.DagsterExecutionInterruptedError("The run was interrupted."))
                 else:
                     event = next(events, None)
 
@@ -342,7 +346,7 @@ class _Follower:
         if run is not None and run.status not in good and self.is_cancel_wanted():
             self._instance.report_run_canceled(run, "The run was cancelled.")
 
-    def _note_failure(self, event: DagsterEvent) -> None:
+    def _note_failure(self, event: dg.DagsterEvent) -> None:
         data = event.step_failure_data
         if data.error_source == ErrorSource.INTERRUPT:
             self._mark_cancelling()
@@ -355,8 +359,8 @@ class _Follower:
         if run is not None and run.status == dg.DagsterRunStatus.STARTED and self.is_cancel_wanted():
             self._instance.report_run_canceling(run)
 
-    def _is_retry_of_interrupt(self, event: DagsterEvent) -> bool:
-        if event.event_type != DagsterEventType.STEP_UP_FOR_RETRY:
+    def _is_retry_of_interrupt(self, event: dg.DagsterEvent) -> bool:
+        if event.event_type != dg.DagsterEventType.STEP_UP_FOR_RETRY:
             return False
         error: SerializableErrorInfo | None = event.step_retry_data.error
         while error is not None:

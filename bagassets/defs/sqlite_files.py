@@ -18,13 +18,11 @@ from typing import Any
 import dagster as dg
 from alembic.config import Config
 from alembic.script import ScriptDirectory
-from dagster._core.storage.event_log.sqlite import sqlite_event_log
-from dagster._core.storage.runs.sqlite import sqlite_run_storage
-from dagster._core.storage.sql import get_alembic_config
 from sqlalchemy import create_engine, event, make_url
 from sqlalchemy.engine import Engine
 from sqlalchemy.pool import NullPool, Pool, QueuePool
 
+from bagassets.defs.dagster_private import get_alembic_config, sqlite_event_log, sqlite_run_storage
 from bagassets.defs.events import event_database
 
 __all__ = ["kept_open", "share_migrations"]

@@ -7,18 +7,19 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
 
 import uvicorn
-from dagster import DagsterInstance
-from dagster._cli.utils import get_possibly_temporary_instance_for_cli
-from dagster._core.instance import InstanceRef
-from dagster._core.workspace.context import WorkspaceProcessContext
-from dagster._core.workspace.load_target import WorkspaceFileTarget
-from dagster._serdes import deserialize_value
-from dagster._utils.log import configure_loggers
-from dagster_shared.ipc import interrupt_on_ipc_shutdown_message
-from dagster_webserver.app import create_app_from_workspace_process_context
+from dagster import DagsterInstance, deserialize_value
 from dagster_webserver.version import __version__
 from starlette.applications import Starlette
 
+from bagassets.defs.dagster_private import (
+    InstanceRef,
+    WorkspaceFileTarget,
+    WorkspaceProcessContext,
+    configure_loggers,
+    create_app_from_workspace_process_context,
+    get_possibly_temporary_instance_for_cli,
+    interrupt_on_ipc_shutdown_message,
+)
 from bagassets.defs.guard import Guard, own_names
 from bagassets.defs.ports import listening_options
 

@@ -1,0 +1,206 @@
+"""All of Dagster that is used and is not its documented API: what it is, what for, and since which minor version it is there.
+
+Dagster may change these with any minor version, so `pyproject.toml` pins one; CONTRIBUTING.md says what a new one needs.
+No other module imports from `dagster._…`, `dagster_shared` or `dagster_webserver.app`. Names are imported when they are asked for: a code
+server needs few of them, and all together take a second.
+
+Dagster's inner workings are relied upon in these places, too:
+
+- `sqlite_files` replaces `create_engine` in Dagster's two SQLite storages, and does nothing if its options have changed;
+- `runs` replaces `tail_to_stream` in `compute_logs` while a run is executed;
+- `databases` knows the files and the tables in which Dagster keeps its records, and `bagassets.freshness` reads four of the tables;
+- `code_server` starts `dagster api grpc`, `dev` the daemon by its module, with the variables that `dagster dev` sets;
+- the project's `dagster.yaml` names classes by the modules that Dagster's documentation gives.
+"""
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from dagster._cli.proxy_server_manager import ProxyServerManager
+    from dagster._cli.utils import get_possibly_temporary_instance_for_cli
+    from dagster._core.code_pointer import CodePointer, ModuleCodePointer
+    from dagster._core.definitions.partitions.context import PartitionLoadingContext
+    from dagster._core.errors import DagsterUserCodeUnreachableError
+    from dagster._core.execution import compute_logs
+    from dagster._core.execution.plan.objects import ErrorSource
+    from dagster._core.instance import InstanceRef, T_DagsterInstance
+    from dagster._core.launcher import CheckRunHealthResult, LaunchRunContext, RunLauncher, WorkerStatus
+    from dagster._core.origin import (
+        DEFAULT_DAGSTER_ENTRY_POINT,
+        JobPythonOrigin,
+        RepositoryPythonOrigin,
+    )
+    from dagster._core.remote_origin import ManagedGrpcPythonEnvCodeLocationOrigin, RemoteRepositoryOrigin
+    from dagster._core.secrets.env_file import get_env_var_dict
+    from dagster._core.storage.event_log.schema import SqlEventLogStorageMetadata
+    from dagster._core.storage.event_log.sqlite import sqlite_event_log
+    from dagster._core.storage.runs.schema import RunStorageSqlMetadata
+    from dagster._core.storage.runs.sqlite import sqlite_run_storage
+    from dagster._core.storage.schedules.schema import ScheduleStorageSqlMetadata
+    from dagster._core.storage.sql import get_alembic_config
+    from dagster._core.storage.sqlite_storage import DagsterSqliteStorage
+    from dagster._core.storage.tags import GRPC_INFO_TAG
+    from dagster._core.types.loadable_target_origin import LoadableTargetOrigin
+    from dagster._core.workspace.context import BaseWorkspaceRequestContext, WorkspaceProcessContext
+    from dagster._core.workspace.load_target import GrpcServerTarget, WorkspaceFileTarget
+    from dagster._grpc.client import DagsterGrpcClient
+    from dagster._grpc.impl import core_execute_run
+    from dagster._serdes import ConfigurableClass, ConfigurableClassData
+    from dagster._utils.hosted_user_process import recon_job_from_origin, recon_repository_from_origin
+    from dagster._utils.interrupts import (
+        capture_interrupts,
+        check_captured_interrupt,
+        setup_interrupt_handlers,
+    )
+    from dagster._utils.log import configure_loggers
+    from dagster_shared.error import SerializableErrorInfo
+    from dagster_shared.ipc import (
+        get_ipc_shutdown_pipe,
+        interrupt_on_ipc_shutdown_message,
+        open_ipc_subprocess,
+        send_ipc_shutdown_message,
+    )
+    from dagster_webserver.app import create_app_from_workspace_process_context
+
+__all__ = [
+    "DEFAULT_DAGSTER_ENTRY_POINT",
+    "GRPC_INFO_TAG",
+    "RUN_MODULES",
+    "BaseWorkspaceRequestContext",
+    "CheckRunHealthResult",
+    "CodePointer",
+    "ConfigurableClass",
+    "ConfigurableClassData",
+    "DagsterGrpcClient",
+    "DagsterSqliteStorage",
+    "DagsterUserCodeUnreachableError",
+    "ErrorSource",
+    "GrpcServerTarget",
+    "InstanceRef",
+    "JobPythonOrigin",
+    "LaunchRunContext",
+    "LoadableTargetOrigin",
+    "ManagedGrpcPythonEnvCodeLocationOrigin",
+    "ModuleCodePointer",
+    "PartitionLoadingContext",
+    "ProxyServerManager",
+    "RemoteRepositoryOrigin",
+    "RepositoryPythonOrigin",
+    "RunLauncher",
+    "RunStorageSqlMetadata",
+    "ScheduleStorageSqlMetadata",
+    "SerializableErrorInfo",
+    "SqlEventLogStorageMetadata",
+    "T_DagsterInstance",
+    "WorkerStatus",
+    "WorkspaceFileTarget",
+    "WorkspaceProcessContext",
+    "capture_interrupts",
+    "check_captured_interrupt",
+    "compute_logs",
+    "configure_loggers",
+    "core_execute_run",
+    "create_app_from_workspace_process_context",
+    "get_alembic_config",
+    "get_env_var_dict",
+    "get_ipc_shutdown_pipe",
+    "get_possibly_temporary_instance_for_cli",
+    "interrupt_on_ipc_shutdown_message",
+    "open_ipc_subprocess",
+    "recon_job_from_origin",
+    "recon_repository_from_origin",
+    "send_ipc_shutdown_message",
+    "setup_interrupt_handlers",
+    "sqlite_event_log",
+    "sqlite_run_storage",
+]
+
+# Where each lies; the version of Dagster is the first that has it there ("1.7": or one before it).
+_PLACES = {
+    # Runs with the origins that the web server would give them: `runs`, `launcher`.
+    "CodePointer": "dagster._core.code_pointer",  # 1.7
+    "ModuleCodePointer": "dagster._core.code_pointer",  # 1.7
+    "DEFAULT_DAGSTER_ENTRY_POINT": "dagster._core.origin",  # 1.7
+    "JobPythonOrigin": "dagster._core.origin",  # 1.7
+    "RepositoryPythonOrigin": "dagster._core.origin",  # 1.7
+    "LoadableTargetOrigin": "dagster._core.types.loadable_target_origin",  # 1.7
+    "ManagedGrpcPythonEnvCodeLocationOrigin": "dagster._core.remote_origin",  # 1.12
+    "RemoteRepositoryOrigin": "dagster._core.remote_origin",  # 1.12
+    "recon_job_from_origin": "dagster._utils.hosted_user_process",  # 1.7
+    "recon_repository_from_origin": "dagster._utils.hosted_user_process",  # 1.7
+    # Executing them in this process, and what they report: `runs`.
+    "core_execute_run": "dagster._grpc.impl",  # 1.7
+    "compute_logs": "dagster._core.execution",  # 1.7
+    "ErrorSource": "dagster._core.execution.plan.objects",  # 1.7
+    "SerializableErrorInfo": "dagster_shared.error",  # 1.11
+    "capture_interrupts": "dagster._utils.interrupts",  # 1.7
+    "check_captured_interrupt": "dagster._utils.interrupts",  # 1.7
+    "get_env_var_dict": "dagster._core.secrets.env_file",  # 1.7; what Dagster reads from `.env`
+    "InstanceRef": "dagster._core.instance",  # 1.7; the instance, handed to another process
+    # The run launcher: `launcher`, and `leftovers`, which asks whose a run is.
+    "RunLauncher": "dagster._core.launcher",  # 1.7
+    "LaunchRunContext": "dagster._core.launcher",  # 1.7
+    "CheckRunHealthResult": "dagster._core.launcher",  # 1.7
+    "WorkerStatus": "dagster._core.launcher",  # 1.7
+    "T_DagsterInstance": "dagster._core.instance",  # 1.7
+    "ConfigurableClass": "dagster._serdes",  # 1.7
+    "ConfigurableClassData": "dagster._serdes",  # 1.7
+    "GRPC_INFO_TAG": "dagster._core.storage.tags",  # 1.7
+    # A partition that registers itself when it is asked for: `partitions`.
+    "PartitionLoadingContext": "dagster._core.definitions.partitions.context",  # 1.12
+    # SQLite databases made whole or not at all, and kept open while a run writes: `databases`, `sqlite_files`.
+    "DagsterSqliteStorage": "dagster._core.storage.sqlite_storage",  # 1.7
+    "RunStorageSqlMetadata": "dagster._core.storage.runs.schema",  # 1.7
+    "ScheduleStorageSqlMetadata": "dagster._core.storage.schedules.schema",  # 1.7
+    "SqlEventLogStorageMetadata": "dagster._core.storage.event_log.schema",  # 1.7
+    "get_alembic_config": "dagster._core.storage.sql",  # 1.7
+    "sqlite_event_log": "dagster._core.storage.event_log.sqlite",  # 1.7
+    "sqlite_run_storage": "dagster._core.storage.runs.sqlite",  # 1.7
+    # A code server for launchers that ask for one: `code_server`.
+    "BaseWorkspaceRequestContext": "dagster._core.workspace.context",  # 1.7
+    "WorkspaceProcessContext": "dagster._core.workspace.context",  # 1.7; of `webserver` as well
+    "GrpcServerTarget": "dagster._core.workspace.load_target",  # 1.7
+    "DagsterGrpcClient": "dagster._grpc.client",  # 1.7
+    "DagsterUserCodeUnreachableError": "dagster._core.errors",  # 1.7
+    # `bagassets ui`, which does what `dagster dev` does: `dev`, `webserver`.
+    "ProxyServerManager": "dagster._cli.proxy_server_manager",  # 1.11
+    "WorkspaceFileTarget": "dagster._core.workspace.load_target",  # 1.7
+    "configure_loggers": "dagster._utils.log",  # 1.7
+    "create_app_from_workspace_process_context": "dagster_webserver.app",  # 1.11 or before
+    "get_ipc_shutdown_pipe": "dagster_shared.ipc",  # 1.11
+    "get_possibly_temporary_instance_for_cli": "dagster._cli.utils",  # 1.7
+    "interrupt_on_ipc_shutdown_message": "dagster_shared.ipc",  # 1.11
+    "open_ipc_subprocess": "dagster_shared.ipc",  # 1.11
+    "send_ipc_shutdown_message": "dagster_shared.ipc",  # 1.11
+    "setup_interrupt_handlers": "dagster._utils.interrupts",  # 1.7
+}
+
+RUN_MODULES = (
+    "dagster._core.execution.plan.active",
+    "dagster._core.execution.plan.execute_plan",
+    "dagster._core.executor.in_process",
+    "dagster._core.instance.factory",
+    "dagster._core.instance.runs.run_domain",
+    "dagster._core.launcher",
+    "dagster._core.run_coordinator",
+    "dagster._core.scheduler",
+    "dagster._core.secrets.env_file",
+    "dagster._core.storage.local_compute_log_manager",
+    "dagster._core.storage.migration.utils",
+    "dagster._core.storage.root",
+    "dagster._core.storage.sqlite_storage",
+    "dagster._core.system_config.composite_descent",
+    "dagster._core.utility_ops",
+    "dagster._core.workspace.autodiscovery",
+    "dagster._utils.test.definitions",
+)
+"""What Dagster imports while it opens an instance and executes a run; the fork server imports it before it forks."""
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _PLACES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    place = __import__(
+        _PLACES[name], fromlist=[name]
+    )  # as `from … import` does: some names are modules themselves
+    return getattr(place, name)

@@ -1,0 +1,68 @@
+"""Dagster's private API: it is there, imported by one module alone, and each name when it is asked for."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import bagassets
+from bagassets.defs import dagster_private
+from bagassets_tests.test_layers import imports_of
+
+PACKAGE = Path(bagassets.__file__).parent
+MODULE = Path(dagster_private.__file__)
+PRIVATE = ("dagster._", "dagster_shared", "dagster_webserver.app", "dagster_graphql")
+
+
+def typed_places():
+    """What the type checker reads: where each name comes from."""
+    [block] = [node for node in ast.parse(MODULE.read_text("utf-8")).body if isinstance(node, ast.If)]
+    return {alias.name: node.module for node in block.body for alias in node.names}
+
+
+def test_no_other_module_imports_it():
+    others = {
+        str(path.relative_to(PACKAGE))
+        for path in PACKAGE.rglob("*.py")
+        if path != MODULE and any(name.startswith(PRIVATE) for name in imports_of(path))
+    }
+    assert others == set()
+
+
+@pytest.mark.parametrize("name", sorted(dagster_private._PLACES))
+def test_this_dagster_has_each_name(name):
+    """A new minor version of Dagster that moves one fails here, and names it."""
+    assert getattr(dagster_private, name) is not None
+
+
+def test_types_and_imports_name_the_same_places():
+    assert typed_places() == dagster_private._PLACES
+    assert sorted([*dagster_private._PLACES, "RUN_MODULES"]) == sorted(dagster_private.__all__)
+
+
+def test_each_name_is_used():
+    used = {
+        alias.name
+        for path in PACKAGE.rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text("utf-8")))
+        if isinstance(node, ast.ImportFrom) and node.module == "bagassets.defs.dagster_private"
+        for alias in node.names
+    }
+    assert used == set(dagster_private.__all__)
+
+
+def test_a_process_that_needs_one_name_imports_no_other():
+    code = (
+        "import sys\n"
+        "from bagassets.defs.dagster_private import PartitionLoadingContext\n"
+        "print('dagster._core.workspace.context' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "False\n"
+
+
+def test_what_is_not_there_is_an_attribute_error():
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        _ = dagster_private.nothing
