@@ -15,8 +15,6 @@ from pathlib import Path
 from typing import Any
 
 import dagster as dg
-import numpy as np
-import pyarrow as pa
 
 from bagassets.decode.loading import load_built_in
 from bagassets.defs.dagster_private import RUN_MODULES
@@ -77,13 +75,7 @@ def preload(modules: list[str]) -> Iterator[None]:
         preload_definitions(module)
     load_built_in()
     load_standard_types()
-    return chain(_find_pandas(), compile_all(), compile_common_types())
-
-
-def _find_pandas() -> Iterator[None]:
-    """Have pyarrow import pandas, if it is installed, as it does when it first converts an array: 0.3 s for every worker."""
-    pa.array(np.zeros(1))
-    yield
+    return chain(compile_all(), compile_common_types())
 
 
 def execute(args: dict[str, Any]) -> dict[str, Any]:
