@@ -449,7 +449,7 @@ class TestFullDisk:
         told = build.communicate(timeout=60)[1].strip()
         assert build.returncode == 1
         assert f": {three.store_path}" in told
-        assert "cannot be written (File too large); free space or mend the folder" in told
+        assert "cannot be written (File too large); free disk space, or make the folder writable" in told
         store = Store(three.store_path)
         assert list(check_store(store)) == []
         assert failed_actions(three) == []  # the disk failed, not the action

@@ -8,7 +8,7 @@ import pytest
 from rosbags.rosbag1 import Writer as Rosbag1Writer
 
 from bagassets.errors import BagAssetsError, RecordingError
-from bagassets.recordings.damage import damaged
+from bagassets.recordings.damage import unreadable
 from bagassets.recordings.layouts import choice_of
 from bagassets.recordings.model import Definition
 from bagassets.recordings.open import open_recording
@@ -232,7 +232,7 @@ class TestSentences:
         ids=lambda err: type(err).__name__,
     )  # fmt: skip
     def test_what_libraries_raise_becomes_a_clause(self, tmp_path, err):
-        told = str(damaged(tmp_path / "a.bag", err))
+        told = str(unreadable(tmp_path / "a.bag", err))
         clause = told[told.index("(") + 1 : told.index(");")]
         assert re.fullmatch(r"[A-Za-z][A-Za-z ,/']+", clause), clause
         assert "delete" not in told

@@ -1,6 +1,6 @@
 import pytest
 
-from bagassets.recordings.describe import describe_text
+from bagassets.recordings.describe import describe_inventory
 
 
 def topic(name="/imu", **changes):
@@ -20,7 +20,7 @@ def inventory(topics, **changes):
 
 
 def test_header_and_table():
-    text = describe_text(
+    text = describe_inventory(
         inventory(
             [topic(), topic("/lidar/points", rate_hz=None, max_gap_s=None, header_offset_s=None, count=1)],
             gnss={
@@ -49,14 +49,14 @@ def test_header_and_table():
 
 
 def test_problems_get_a_column_only_if_there_are_any():
-    assert "problem" not in describe_text(inventory([topic()]))
-    lines = describe_text(inventory([topic(), topic("/x", problem="no definition")])).splitlines()
+    assert "problem" not in describe_inventory(inventory([topic()]))
+    lines = describe_inventory(inventory([topic(), topic("/x", problem="no definition")])).splitlines()
     assert lines[-3].endswith("problem")
     assert lines[-1].endswith("no definition")
 
 
 def test_empty_recording():
-    text = describe_text(inventory([], start_ns=None, end_ns=None, duration_s=0.0))
+    text = describe_inventory(inventory([], start_ns=None, end_ns=None, duration_s=0.0))
     assert "span      no messages" in text
     assert "duration" not in text
     assert "messages  0 on 0 topics" in text
@@ -67,14 +67,14 @@ def test_empty_recording():
     [(0, "0 B"), (999, "999 B"), (1000, "1.0 kB"), (999_999, "1.0 MB"), (5 * 10**12, "5.0 TB")],
 )
 def test_sizes(size, shown):
-    assert f"size      {shown}\n" in describe_text(inventory([], size=size))
+    assert f"size      {shown}\n" in describe_inventory(inventory([], size=size))
 
 
 def test_a_time_out_of_range_stays_a_number():
-    assert f"to {2**62 * 256} ns" in describe_text(inventory([topic()], end_ns=2**62 * 256))
+    assert f"to {2**62 * 256} ns" in describe_inventory(inventory([topic()], end_ns=2**62 * 256))
 
 
 def test_escape_sequences_of_a_recording_do_not_reach_the_terminal():
-    text = describe_text(inventory([topic(frame_ids=["\x1b[31mred\nline"])]))
+    text = describe_inventory(inventory([topic(frame_ids=["\x1b[31mred\nline"])]))
     assert "\x1b" not in text
     assert "line\n" in text.split("red")[1]

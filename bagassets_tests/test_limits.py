@@ -23,11 +23,11 @@ from bagassets.recipe import load_recipe
 from bagassets.recipe.model import READING_LIMITS, Limits
 from bagassets.recordings.chunks import LatestChunks
 from bagassets.recordings.damage import DamageError
+from bagassets.recordings.decompress import _DECOMPRESSORS, TooLargeError, decompress
 from bagassets.recordings.elements import announced_elements, check_elements, fewest_bytes_of
 from bagassets.recordings.layouts import choice_of
 from bagassets.recordings.model import Definition
 from bagassets.recordings.open import open_recording
-from bagassets.recordings.unpack import _UNPACKERS, TooLargeError, unpack
 from bagassets_tests import hostile
 from bagassets_tests.facts import MadeUpFacts
 from bagassets_tests.hostile import RULE, cdr, image_message
@@ -317,11 +317,11 @@ class TestRecordings:
         packed = {"none": bytes, "lz4": lz4.frame.compress, "bz2": bz2.compress, "zstd": zstandard.compress}[
             compression
         ](data)
-        assert unpack(packed, compression, len(data)) == data
+        assert decompress(packed, compression, len(data)) == data
         with pytest.raises(TooLargeError):
-            unpack(packed, compression, len(data) - 1)
+            decompress(packed, compression, len(data) - 1)
         if compression in {"bz2", "lz4"}:
-            assert len(_UNPACKERS[compression](packed, 10)) == 11  # one more tells that there are more
+            assert len(_DECOMPRESSORS[compression](packed, 10)) == 11  # one more tells that there are more
 
     @pytest.mark.parametrize(
         ("name", "limits"),

@@ -12,7 +12,7 @@ from rosbags.typesys import Stores, get_typestore
 from sample_drives import build_recordings
 
 from bagassets.recipe import load_recipe
-from bagassets.recordings import unpack
+from bagassets.recordings import decompress
 from bagassets.recordings.open import open_recording
 from bagassets.sample.drive import Target, write_recordings
 from bagassets.sample.recipe import sample_recipe
@@ -21,14 +21,14 @@ ROOT = Path(__file__).parents[1]
 
 
 def counted(monkeypatch, compression):
-    """Count what is unpacked."""
-    real, given = unpack._UNPACKERS[compression], Counter()
+    """Count what is decompressed."""
+    real, given = decompress._DECOMPRESSORS[compression], Counter()
 
-    def unpacker(data, most_bytes):
+    def decompressor(data, most_bytes):
         given[bytes(data)] += 1
         return real(data, most_bytes)
 
-    monkeypatch.setitem(unpack._UNPACKERS, compression, unpacker)
+    monkeypatch.setitem(decompress._DECOMPRESSORS, compression, decompressor)
     return given
 
 

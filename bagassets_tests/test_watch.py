@@ -236,7 +236,7 @@ class TestFollowing:
             assert events.of("wrong")
 
     def test_what_comes_before_the_first_notification_is_not_missed(self, root, index, monkeypatch):
-        real, looked = module.Watcher._look, []
+        real, looked = module.Watcher._scan, []
 
         def look(self):
             found = real(self)
@@ -253,7 +253,7 @@ class TestFollowing:
             else:
                 threading.Timer(0.5, follow, [self]).start()
 
-        monkeypatch.setattr(module.Watcher, "_look", look)
+        monkeypatch.setattr(module.Watcher, "_scan", look)
         monkeypatch.setattr(module.Notifications, "follow", late)
         with watching(root, index, ready=False) as events:
             eventually(lambda: events.hashed() == ["a.bag"])

@@ -43,7 +43,7 @@ def inspect(bag: Path, as_json: bool, definitions: tuple[Path, ...], recipe: Pat
     import tempfile
 
     from bagassets.assets.inventory import make_inventory
-    from bagassets.recordings.describe import describe_text
+    from bagassets.recordings.describe import describe_inventory
     from bagassets.recordings.discover import find_one
     from bagassets.recordings.open import open_recording
     from bagassets.store.artifact import ArtifactWriter
@@ -66,4 +66,4 @@ def inspect(bag: Path, as_json: bool, definitions: tuple[Path, ...], recipe: Pat
         return
     import json
 
-    echo_lines(f"{visible(str(bag))}\n\n{describe_text(json.loads(text))}", nl=False)
+    echo_lines(f"{visible(str(bag))}\n\n{describe_inventory(json.loads(text))}", nl=False)

@@ -1,1 +1,1 @@
-"""Recordings: finding, opening, indexing and digesting ROS 1 bags, ROS 2 bags and MCAP files."""
+"""Finding, opening, reading and digesting ROS 1 bags, ROS 2 bags and MCAP files."""

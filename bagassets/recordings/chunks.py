@@ -1,31 +1,31 @@
-"""The chunks of a recording that were unpacked last, so that none is unpacked for every message."""
+"""A cache of the chunks decompressed last, so that no chunk is decompressed once per message."""
 
 from collections.abc import Callable
 
 from bagassets.recordings.damage import DamageError
 from bagassets.recordings.sizes import GIGABYTE
 
-__all__ = ["LatestChunks", "lasting"]
+__all__ = ["LatestChunks", "detached"]
 
 # Chunks overlap with their neighbours; recorders fill them to a megabyte or a few.
 _KEPT_CHUNKS = 4
-# A pass unpacks each chunk once, some twice. A made-up index could have it done for every message.
+# A pass decompresses each chunk once, some twice. A forged index could demand it for every message.
 _MOST_REPEATS = 20
-# A message that is used later keeps its whole chunk in memory; of a large chunk it is better copied.
+# A message that outlives its chunk's turn keeps the whole chunk in memory; from a large chunk it is better copied.
 _LARGE_CHUNK_BYTES = 16 * 1024 * 1024
 
 
 class LatestChunks:
-    """The content of chunks, the last few of which are kept.
+    """The content of chunks; the last few are kept.
 
-    Messages come sorted by time. Where times of neighbouring chunks overlap, as those of many recorders
-    do, reading goes back and forth between them, and would unpack each again every time.
+    Messages are read in order of time. Where neighbouring chunks overlap in time, as with many recorders, reading goes
+    back and forth between them, and would decompress one each time.
 
     Args:
-        load: reads and unpacks the chunk at a position of the file.
-        most_bytes: how much may be kept beside the newest chunk.
-        total_bytes: of all chunks of the recording, unpacked.
-        kept: how many chunks may be kept.
+        load: reads and decompresses the chunk at a position of the file.
+        most_bytes: how many bytes to keep besides the newest chunk.
+        total_bytes: uncompressed size of all chunks of the recording.
+        kept: how many chunks to keep.
     """
 
     def __init__(
@@ -40,7 +40,7 @@ class LatestChunks:
         self._newest = -1
 
     def at(self, position: int) -> bytes:
-        """Return what is in the chunk at a position of the file.
+        """Return the content of the chunk at a position of the file.
 
         Raises:
             DamageError: messages jump between chunks without end.
@@ -63,13 +63,13 @@ class LatestChunks:
         return content
 
     def drop(self, position: int) -> None:
-        """Keep a chunk no longer."""
+        """Forget a chunk."""
         self._kept_bytes -= len(self._kept.pop(position, b""))
         if position == self._newest:
             self._newest = -1
 
 
-def lasting(message: memoryview) -> bytes | memoryview:
-    """Return the bytes of a message so that they keep no more memory in use than a few times their own."""
+def detached(message: memoryview) -> bytes | memoryview:
+    """Return a message as a view of its chunk, or as a copy if the view would keep a large chunk in memory."""
     chunk_bytes = len(message.obj) if isinstance(message.obj, bytes) else 0
     return bytes(message) if chunk_bytes > _LARGE_CHUNK_BYTES and chunk_bytes > 4 * len(message) else message

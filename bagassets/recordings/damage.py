@@ -1,4 +1,4 @@
-"""How users are told that a recording is damaged."""
+"""Errors for damaged recordings, in sentences for users."""
 
 import re
 import sqlite3
@@ -6,7 +6,7 @@ from pathlib import Path
 
 from bagassets.errors import RecordingError
 
-__all__ = ["DamageError", "advice_for", "damaged", "refuse_pointer"]
+__all__ = ["DamageError", "advice_for", "refuse_pointer", "unreadable"]
 
 _ADVICE = {
     ".bag": "expected a finished ROS 1 bag; try `rosbag reindex` on a copy, or copy it again from where it was recorded",
@@ -17,7 +17,7 @@ _ADVICE = {
 }
 _POINTER = b"version https://git-lfs.github.com/spec/"
 
-# What libraries say of damaged files, and how it is put to users.
+# Messages of libraries about damaged files, and the clause that users read instead.
 _REASONS = (
     (r"not indexed", "it has no index, as if the recorder had been stopped before it was done"),
     (r"index looks damaged", "its index is damaged"),
@@ -34,20 +34,19 @@ _CONTRADICTS = "its bytes contradict each other"
 
 
 class DamageError(Exception):
-    """What a reader of ours found wrong with a recording; its text is a clause for users."""
+    """A reader found a recording damaged; the text is a clause for users."""
 
 
 def advice_for(path: Path) -> str:
-    """Return what was expected of a recording and what to do about it."""
+    """Return what kind of file was expected at a path, and what to do about it."""
     return _ADVICE.get("" if path.is_dir() else path.suffix, _ADVICE[""])
 
 
-def damaged(path: Path, err: BaseException) -> RecordingError:
-    """Return the error for whatever was raised when a recording was read.
+def unreadable(path: Path, err: BaseException) -> RecordingError:
+    """Return the error to raise for any exception that reading a recording ended in.
 
     On damaged bytes libraries raise anything: errors of their own, of databases and decompressors, bare
-    assertions, lookups that fail. Their texts are for programmers; the error they come from is kept as the
-    cause.
+    assertions, failed lookups. Their texts are for programmers; raise this error from the original one.
     """
     return RecordingError(f"{path}: it cannot be read ({_reason(err)}); {advice_for(path)}.")
 
@@ -68,10 +67,10 @@ def _reason(err: BaseException) -> str:
 
 
 def refuse_pointer(path: Path) -> None:
-    """Refuse a file that Git LFS left in place of a recording.
+    """Refuse a Git LFS pointer that stands in place of a recording.
 
     Raises:
-        RecordingError: it is one.
+        RecordingError: the file is a pointer.
     """
     with path.open("rb") as file:
         if file.read(len(_POINTER)) == _POINTER:

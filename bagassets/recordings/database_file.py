@@ -1,4 +1,4 @@
-"""SQLite files of ROS 2: bare `.db3` files without their metadata.yaml, and those in bag folders."""
+"""SQLite files of ROS 2: bare `.db3` files without metadata.yaml, and those in bag folders."""
 
 import json
 import sqlite3
@@ -17,7 +17,7 @@ _GENERATED = (2, 3)  # `hidden` in `PRAGMA table_xinfo`
 
 
 def serialization_problem(name: object) -> str | None:
-    """Return why messages of a serialization cannot be decoded; an empty name stands for the usual one."""
+    """Return why messages in a serialization cannot be decoded; an empty name means cdr."""
     return None if name in {None, "", "cdr"} else f"its serialization is '{name}', not cdr"
 
 
@@ -32,7 +32,7 @@ class Database:
     def __init__(self, path: Path, limits: Limits) -> None:
         self._connection = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro&immutable=1", uri=True)
         try:
-            # Text in other encodings is damage of that text, not of the file.
+            # Text in another encoding damages that text, not the file.
             self._connection.text_factory = lambda data: data.decode("utf-8", "replace")
             self._connection.execute("PRAGMA trusted_schema = OFF")
             self._most_bytes = limits.message_bytes
@@ -42,7 +42,7 @@ class Database:
             raise
 
     def _require_tables(self) -> None:
-        """Refuse what only looks like a bag: a view or a generated column may compute without end."""
+        """Refuse databases that only look like a bag: a view or a generated column may compute for ever."""
         rows = self._connection.execute("SELECT name, type, sql FROM sqlite_master")
         objects = {name: (kind, sql) for name, kind, sql in rows}
         for name in ("topics", "messages"):
@@ -70,7 +70,7 @@ class Database:
         }
 
     def topics(self) -> dict[int, tuple[str, str, str | None]]:
-        """Return number -> name, type, and why its messages cannot be decoded."""
+        """Return topic id -> name, type, and why its messages cannot be decoded (or None)."""
         column = "serialization_format" if self._has_serialization else "'cdr'"
         rows = self._connection.execute(f"SELECT id, name, type, {column} FROM topics")  # noqa: S608  (one of two)
         return {
@@ -79,11 +79,11 @@ class Database:
         }
 
     def counts(self) -> dict[int, int]:
-        """Return number of a topic -> messages."""
+        """Return topic id -> number of messages."""
         return dict(self._connection.execute("SELECT topic_id, COUNT(*) FROM messages GROUP BY topic_id"))
 
     def messages(self, topics: Collection[int]) -> Iterator[tuple[int, int, bytes]]:
-        """Yield number of the topic, log time and payload in order of log time."""
+        """Yield topic id, log time and payload in order of log time."""
         query = (
             "SELECT topic_id, timestamp, length(data), CASE WHEN length(data) <= ? THEN data END FROM messages "
             "WHERE topic_id IN (SELECT value FROM json_each(?)) ORDER BY timestamp, id"

@@ -1,4 +1,4 @@
-"""A recording in words and a table, for `bagassets inspect`."""
+"""The text that `bagassets inspect` prints about a recording."""
 
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime, timedelta
@@ -6,7 +6,7 @@ from typing import Any
 
 from bagassets.escaping import visible
 
-__all__ = ["describe_text"]
+__all__ = ["describe_inventory"]
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _FORMATS = {"ros1": "ROS 1 bag", "ros2": "ROS 2 bag", "mcap": "MCAP"}
@@ -14,7 +14,7 @@ _COLUMNS = ("topic", "type", "count", "Hz", "max gap", "clock offset", "frames",
 _NUMBERS = frozenset({"count", "Hz", "max gap", "clock offset"})
 
 
-def describe_text(inventory: Mapping[str, Any]) -> str:
+def describe_inventory(inventory: Mapping[str, Any]) -> str:
     """Return the content of `inventory.json` as aligned plain text, ending in a newline.
 
     The clock offset is the median of log time minus header stamp.

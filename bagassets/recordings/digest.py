@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from bagassets.errors import ChangedWhileReadError, RecordingError
-from bagassets.recordings.digest_record import DigestIndex, Kept, keep, kept_digest
+from bagassets.recordings.digest_record import DigestIndex, Kept, digest_on_record, put_on_record
 from bagassets.recordings.model import RecordingFiles
 from bagassets.store.canonical import digest_file, digest_json
 from bagassets.trace import span
@@ -25,13 +25,13 @@ __all__ = [
     "stored_digest",
 ]
 
-# Two writes within one tick of the kernel's clock leave the same time of change.
+# Two writes within one tick of the kernel's clock leave the same mtime.
 _TICK_S = 0.02
 
 
 @dataclass(frozen=True)
 class RecordingStat:
-    """Sizes and times of the files of a recording: name -> (size, mtime_ns)."""
+    """Name, size and mtime (ns) of each file of a recording."""
 
     files: tuple[tuple[str, int, int], ...]
 
@@ -50,11 +50,11 @@ class RecordingDigest:
     """The content digest of a recording.
 
     Attributes:
-        digest: of a single file its BLAKE3 digest, else a digest over the sorted (name, digest).
+        digest: the BLAKE3 digest of a single file; of several, a digest of their sorted (name, digest).
         size: bytes of all files.
         files: name -> digest.
-        hashed_bytes: bytes that had to be read for it; 0 if all digests were on record.
-        kept: name -> where its digest is on record now.
+        hashed_bytes: how many bytes were read; 0 if all digests were on record.
+        kept: name -> where its digest is on record.
     """
 
     digest: str
@@ -65,7 +65,7 @@ class RecordingDigest:
 
 
 def recording_stat(recording: RecordingFiles) -> RecordingStat:
-    """Return sizes and times of the files as they are now.
+    """Return the current sizes and times of the files of a recording.
 
     Raises:
         RecordingError: a file is gone or cannot be read.
@@ -74,10 +74,10 @@ def recording_stat(recording: RecordingFiles) -> RecordingStat:
 
 
 def assert_unchanged(recording: RecordingFiles, before: RecordingStat) -> None:
-    """Check that sizes and times are those of `before`.
+    """Check that sizes and times are still those of `before`.
 
     Raises:
-        ChangedWhileReadError: they are not.
+        ChangedWhileReadError: one differs.
     """
     if recording_stat(recording) != before:
         raise ChangedWhileReadError(
@@ -87,14 +87,14 @@ def assert_unchanged(recording: RecordingFiles, before: RecordingStat) -> None:
 
 
 def stored_digest(recording: RecordingFiles, index: DigestIndex | None = None) -> str | None:
-    """Return the digest if every file has a valid one on record; never reads content.
+    """Return the digest of a recording if all its files have valid ones on record; no content is read.
 
     Raises:
         RecordingError: a file is gone.
     """
     digests = {}
     for path, stat in stat_files(recording):
-        digest = kept_digest(path, stat, index)
+        digest = digest_on_record(path, stat, index)
         if digest is None:
             return None
         digests[path.name] = digest
@@ -108,7 +108,7 @@ def recording_digest(
 
     Args:
         recording: its files.
-        index: where digests go that cannot be kept as attributes.
+        index: holds digests that cannot be stored as attributes.
         rehash: hash every file, whatever is on record.
 
     Raises:
@@ -121,13 +121,13 @@ def recording_digest(
     hashed = size = 0
     for path, stat in stat_files(recording):
         size += stat.st_size
-        digest = None if rehash else kept_digest(path, stat, index)
+        digest = None if rehash else digest_on_record(path, stat, index)
         if digest is None:
             with span("hash", file=path.name):
                 digest = hash_file(path, stat)
             hashed += stat.st_size
         try:
-            kept[path.name] = keep(path, stat, digest, index)
+            kept[path.name] = put_on_record(path, stat, digest, index)
         except OSError as err:
             raise _gone(path, err) from err
         digests[path.name] = digest
@@ -135,7 +135,7 @@ def recording_digest(
 
 
 def stat_files(recording: RecordingFiles) -> list[tuple[Path, os.stat_result]]:
-    """Return the files of a recording as they are now.
+    """Return the files of a recording with their current status.
 
     Raises:
         ChangedWhileReadError: a file is gone or cannot be read.
@@ -147,7 +147,7 @@ def stat_files(recording: RecordingFiles) -> list[tuple[Path, os.stat_result]]:
 
 
 def combined_digest(digests: dict[str, str]) -> str:
-    """Return the digest of a recording out of those of its files (name -> digest)."""
+    """Return the digest of a recording, given those of its files (name -> digest)."""
     if len(digests) == 1:
         return next(iter(digests.values()))
     return digest_json(sorted(digests.items()))
@@ -158,14 +158,14 @@ def hash_file(path: Path, before: os.stat_result, between: Callable[[], None] | 
 
     Args:
         path: the file.
-        before: the file as it is expected to stay meanwhile.
+        before: status of the file, which must stay the same meanwhile.
         between: called every few milliseconds; what it raises ends the hashing.
 
     Raises:
         RecordingError: the file cannot be read.
-        ChangedWhileReadError: it changed.
+        ChangedWhileReadError: the file changed meanwhile.
     """
-    # A file that was written just now may be written again without a sign of it in its time of change.
+    # A file written just now may be written again within the same tick, which its mtime would not show.
     age_s = time.time() - before.st_mtime_ns / 1e9
     if 0 <= age_s < _TICK_S:
         time.sleep(_TICK_S - age_s)

@@ -1,4 +1,4 @@
-"""Holding digests on record against the content of the files: each disagreement is named."""
+"""Comparing digests on record with the content of files."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ __all__ = ["Disagreement", "check_digests"]
 
 @dataclass(frozen=True)
 class Disagreement:
-    """A record that says of a file's content what is not so.
+    """A digest on record that does not match the content of its file.
 
     Attributes:
         path: the file.
@@ -39,9 +39,9 @@ class Disagreement:
 def check_digests(
     recording: RecordingFiles, index: DigestIndex | None = None, between: Callable[[], None] | None = None
 ) -> Iterator[Disagreement]:
-    """Hash all files of a recording and yield each record that claims to hold, but does not.
+    """Hash all files of a recording, and yield each digest on record that should match but does not.
 
-    Records of another size or time are no disagreement: nobody trusts them.
+    Records for another size or mtime are no disagreement: nobody trusts them.
 
     Raises:
         RecordingError: a file cannot be read.
@@ -52,6 +52,6 @@ def check_digests(
         attribute = read_attribute(path, stat)
         if attribute is not None and attribute != actual:
             yield Disagreement(path, "attribute", attribute, actual)
-        noted = None if index is None else index.get(path, stat)
-        if noted is not None and noted != actual:
-            yield Disagreement(path, "index", noted, actual)
+        indexed = None if index is None else index.get(path, stat)
+        if indexed is not None and indexed != actual:
+            yield Disagreement(path, "index", indexed, actual)

@@ -1,8 +1,8 @@
-"""Where digests of files are kept: beside the file as an extended attribute, and in an index of our own.
+"""Digests of files on record: in an extended attribute of the file, and in an index of the project.
 
-The attribute names the size and time of change that it holds for, and whoever reads the file may read
-it: a watcher on a file server puts it there for all. The index is ours alone and notes inode and change
-time (ctime) as well, so that a file that was edited in place, with its time put back, does not pass.
+The attribute names the size and mtime that it is valid for. Everybody who may read the file may read it, so a watcher on
+a file server serves all clients. The index belongs to one project and also holds inode and ctime, so that it notices a
+file that was edited in place and had its mtime restored.
 """
 
 import json
@@ -17,7 +17,7 @@ from typing import Literal
 
 from bagassets.errors import StoreError
 
-__all__ = ["ATTRIBUTE", "DigestIndex", "Kept", "keep", "kept_digest", "read_attribute"]
+__all__ = ["ATTRIBUTE", "DigestIndex", "Kept", "digest_on_record", "put_on_record", "read_attribute"]
 
 ATTRIBUTE = "user.bagassets.digest"
 _DIGEST = re.compile("[0-9a-f]{64}")
@@ -27,7 +27,7 @@ Kept = Literal["attribute", "index", "nowhere"]
 
 @dataclass(frozen=True, slots=True)
 class IndexRow:
-    """What the index notes of a file."""
+    """The index's entry for a file."""
 
     size: int
     mtime_ns: int
@@ -36,11 +36,11 @@ class IndexRow:
     digest: str
 
     def same_size_and_time(self, stat: os.stat_result) -> bool:
-        """Tell whether an attribute that holds for this row holds for `stat`."""
+        """Tell whether size and mtime are those of `stat`."""
         return (self.size, self.mtime_ns) == (stat.st_size, stat.st_mtime_ns)
 
     def same_file(self, stat: os.stat_result) -> bool:
-        """Tell whether nothing at all about the file differs."""
+        """Tell whether size, mtime, inode and ctime are those of `stat`."""
         return self.same_size_and_time(stat) and (self.inode, self.ctime_ns) == (
             stat.st_ino,
             stat.st_ctime_ns,
@@ -48,9 +48,9 @@ class IndexRow:
 
 
 class DigestIndex:
-    """Digests by path in one SQLite file; made when first written to, read once as long as it stays.
+    """Digests by path in one SQLite file, created by the first write and read again only after others wrote.
 
-    It is a cache: a damaged one is made anew.
+    It is a cache: a damaged one is replaced.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -59,34 +59,34 @@ class DigestIndex:
         self._read_at: tuple[int, int, int] | None = None
 
     def row(self, path: Path) -> IndexRow | None:
-        """Return what is noted of a file, whether it still holds or not."""
+        """Return the entry for a file, valid or not."""
         try:
             state = self._state()
             if state is None:
                 return None
             if state != self._read_at:
                 with self._open() as connection:
-                    found = connection.execute(
+                    rows = connection.execute(
                         "SELECT path, size, mtime_ns, inode, ctime_ns, digest FROM digests"
                     )
-                    self._rows = {row[0]: IndexRow(*row[1:]) for row in found}
+                    self._rows = {row[0]: IndexRow(*row[1:]) for row in rows}
                 self._read_at = state
         except sqlite3.Error:
-            return None  # no table yet, or the file is damaged: nothing is known
+            return None  # no table yet, or the file is damaged
         return self._rows.get(str(path))
 
     def get(self, path: Path, stat: os.stat_result) -> str | None:
-        """Return the digest on record if nothing about the file differs."""
+        """Return the digest of a file if its entry is valid."""
         row = self.row(path)
         return row.digest if row is not None and row.same_file(stat) else None
 
-    def doubts(self, path: Path, stat: os.stat_result) -> bool:
-        """Tell whether a file has the size and time on record but may have been edited in place."""
+    def suspects_edit(self, path: Path, stat: os.stat_result) -> bool:
+        """Tell whether a file has its recorded size and mtime, but may have been edited in place."""
         row = self.row(path)
         return row is not None and row.same_size_and_time(stat) and not row.same_file(stat)
 
     def put(self, path: Path, stat: os.stat_result, digest: str) -> None:
-        """Record a digest of the file as it was at `stat`.
+        """Record the digest of a file whose status is `stat`.
 
         Raises:
             StoreError: the index cannot be written.
@@ -96,13 +96,13 @@ class DigestIndex:
             try:
                 self._insert(path, row)
             except sqlite3.OperationalError:
-                raise  # locked, read-only or full: not a damage
+                raise  # locked, read-only or full, but not damaged
             except sqlite3.DatabaseError:
                 self._path.unlink(missing_ok=True)
                 self._insert(path, row)
         except (OSError, sqlite3.Error) as err:
             raise StoreError(
-                f"{self._path}: the index of digests cannot be written ({err}); free space or mend the folder."
+                f"{self._path}: the index of digests cannot be written ({err}); free disk space, or make the folder writable."
             ) from err
 
     def _insert(self, path: Path, row: IndexRow) -> None:
@@ -117,7 +117,7 @@ class DigestIndex:
                 "INSERT OR REPLACE INTO digests VALUES (?, ?, ?, ?, ?, ?)",
                 (str(path), row.size, row.mtime_ns, row.inode, row.ctime_ns, row.digest),
             )
-        # What was read stays valid but for the new row, unless another process wrote meanwhile.
+        # The rows read before stay valid, unless another process wrote meanwhile.
         self._rows[str(path)] = row
         self._read_at = self._state() if current else None
 
@@ -125,22 +125,22 @@ class DigestIndex:
         try:
             stat = self._path.stat()
         except OSError:
-            return None  # not made yet, or not reachable: writing to it tells
+            return None  # not created yet, or unreachable: then writing raises
         return stat.st_ino, stat.st_size, stat.st_mtime_ns
 
     @contextmanager
     def _open(self) -> Iterator[sqlite3.Connection]:
         with closing(sqlite3.connect(self._path, timeout=30)) as connection, connection:
-            # Waiting for the disk takes longer than hashing most files; what a power loss tears is made anew.
+            # Waiting for the disk takes longer than hashing most files; an index torn by a power loss is replaced.
             connection.execute("PRAGMA synchronous = OFF")
             yield connection
 
 
-def kept_digest(path: Path, stat: os.stat_result, index: DigestIndex | None) -> str | None:
-    """Return the digest on record for a file as it is at `stat`, or None if it has to be hashed.
+def digest_on_record(path: Path, stat: os.stat_result, index: DigestIndex | None) -> str | None:
+    """Return the digest on record for a file whose status is `stat`, or None if it has to be hashed.
 
-    A file that the index knows with this size and time, but as another inode or with another change
-    time, may have been edited in place: then the attribute is not trusted either.
+    A file whose entry in the index has this size and mtime, but another inode or ctime, may have been edited in place:
+    then the attribute is not trusted either.
     """
     row = None if index is None else index.row(path)
     if row is not None and row.same_size_and_time(stat):
@@ -148,14 +148,14 @@ def kept_digest(path: Path, stat: os.stat_result, index: DigestIndex | None) -> 
     return read_attribute(path, stat)
 
 
-def keep(path: Path, stat: os.stat_result, digest: str, index: DigestIndex | None) -> Kept:
-    """Put the digest of a file on record, as an attribute if that is possible, and in the index if there is one.
+def put_on_record(path: Path, stat: os.stat_result, digest: str, index: DigestIndex | None) -> Kept:
+    """Store the digest of a file as an attribute if possible, and in the index if there is one.
 
     Args:
         path: the file.
-        stat: the file as it was hashed.
+        stat: status of the file when it was hashed.
         digest: its digest.
-        index: our own index, if there is one.
+        index: the project's index, if there is one.
 
     Raises:
         StoreError: the index cannot be written.
@@ -164,7 +164,7 @@ def keep(path: Path, stat: os.stat_result, digest: str, index: DigestIndex | Non
     if index is None:
         return "attribute" if attribute else "nowhere"
     if attribute:
-        # Writing an attribute changes ctime, and nothing else if nobody else was at work.
+        # Writing an attribute changes ctime; any other change was made by somebody else.
         after = path.stat()
         if (after.st_ino, after.st_size, after.st_mtime_ns) != (stat.st_ino, stat.st_size, stat.st_mtime_ns):
             return "attribute"
@@ -175,14 +175,14 @@ def keep(path: Path, stat: os.stat_result, digest: str, index: DigestIndex | Non
 
 
 def read_attribute(path: Path, stat: os.stat_result | None = None) -> str | None:
-    """Return the digest in the attribute of a file, if it holds for `stat`; without `stat`, in any case."""
+    """Return the digest in the attribute of a file if it is valid for `stat`; without `stat`, in any case."""
     try:
         record = json.loads(os.getxattr(path, ATTRIBUTE))
-        digest, held_for = record["digest"], (record["size"], record["mtime_ns"])
-        valid = stat is None or held_for == (stat.st_size, stat.st_mtime_ns)
+        digest, valid_for = record["digest"], (record["size"], record["mtime_ns"])
+        valid = stat is None or valid_for == (stat.st_size, stat.st_mtime_ns)
         return str(digest) if valid and _DIGEST.fullmatch(digest) is not None else None
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
-        return None  # none, not supported here, or not ours: hash instead
+        return None  # missing, not supported here, or malformed: hash instead
 
 
 def _write_attribute(path: Path, stat: os.stat_result, digest: str) -> bool:

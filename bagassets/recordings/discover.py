@@ -20,7 +20,7 @@ __all__ = ["Discovery", "discover", "find_one", "matches"]
 METADATA = "metadata.yaml"
 _ROS2_KEY, _HEAD_BYTES = b"rosbag2_bagfile_information", 4096
 _NO_STORAGE = "there is no .db3 or .mcap file beside its metadata.yaml; it is still being copied, or damaged"
-# What may lie in a ROS 2 bag folder beside its metadata; zstd when compressed by file.
+# Storage files of a ROS 2 bag folder; zstd when compressed by file.
 _STORAGE = (".db3", ".mcap", ".db3.zstd", ".mcap.zstd")
 _BARE: dict[str, Format] = {".bag": "ros1", ".mcap": "mcap", ".db3": "ros2"}
 _SPECIAL = {
@@ -29,25 +29,24 @@ _SPECIAL = {
     stat.S_IFCHR: "a device",
     stat.S_IFBLK: "a device",
 }
-# What file systems keep for themselves, readable by root only.
-_NOT_OURS = frozenset({"lost+found", "System Volume Information", "$RECYCLE.BIN"})
-# Keys become parts of file names, which may have 255 bytes.
+# Folders of file systems themselves, readable by root only.
+_SYSTEM_FOLDERS = frozenset({"lost+found", "System Volume Information", "$RECYCLE.BIN"})
+# Keys become parts of file names, which are limited to 255 bytes.
 _LONGEST_SLUG = 100
-# Paths that are their own key but for the slashes; most are, and thousands must take no time.
+# Paths that are their own key but for the slashes. Most are, so that thousands of keys cost no time.
 _WORD = "[A-Za-z0-9]+(?:[._-][A-Za-z0-9]+)*"
 _PLAIN = re.compile(f"{_WORD}(?:/{_WORD})*")
 
 
 @dataclass(frozen=True)
 class Discovery:
-    """What lies below the bag root.
+    """The recordings below the bag root.
 
     Attributes:
         recordings: partition key -> recording, sorted by key.
-        excluded: path below the root and reason of each recording that is left out, and of each
-            folder that cannot be read.
-        unreadable: path below the root of each folder or file that cannot be read -> a sentence; not
-            of those that `bags.exclude` names.
+        excluded: path below the root and reason, for each recording left out and each folder that cannot be read.
+        unreadable: path below the root -> a sentence, for each folder or file that cannot be read and is not in
+            `bags.exclude`.
     """
 
     recordings: dict[str, RecordingFiles]
@@ -55,9 +54,9 @@ class Discovery:
     unreadable: dict[str, str] = field(default_factory=dict)
 
     def unseen(self, keys: Iterable[str]) -> frozenset[str]:
-        """Return those of `keys` that are not found, but may lie where nothing can be read.
+        """Return those of `keys` that were not found, but may lie in a folder that cannot be read.
 
-        A key does not tell its path exactly, so that this errs on the side of keeping one.
+        A key does not tell its path exactly, so this may keep too many.
         """
         heads = tuple(_start_of_keys(f"{relative}/") for relative in self.unreadable)
         same = {_key(relative) for relative in self.unreadable}
@@ -66,7 +65,7 @@ class Discovery:
         )
 
     def removed(self, keys: Iterable[str]) -> tuple[str, ...]:
-        """Return, sorted, those of `keys` whose recordings are gone for sure."""
+        """Return, sorted, those of `keys` whose recordings are certainly gone."""
         missing = [key for key in keys if key not in self.recordings]
         return tuple(sorted(set(missing) - self.unseen(missing)))
 
@@ -74,11 +73,11 @@ class Discovery:
 def discover(bags: Bags) -> Discovery:
     """Return the recordings that the recipe's `bags` select.
 
-    Hidden files and those of unfinished copies (`.active`, `.part`, `.tmp`) are no recordings. What
-    cannot be read below the root is left out; see `Discovery.unseen` before taking what it held for removed.
+    Hidden files and unfinished copies (`.active`, `.part`, `.tmp`) are no recordings. Folders and files that cannot be read
+    are left out; ask `Discovery.removed` before dropping the recordings in them.
 
     Args:
-        bags: where to look and what counts.
+        bags: where to look, and which recordings count.
 
     Raises:
         RecordingError: the root is missing or cannot be read.
@@ -105,16 +104,16 @@ def discover(bags: Bags) -> Discovery:
 
 
 def find_one(path: Path) -> RecordingFiles:
-    """Return the recording at a path given by a user.
+    """Return the files of the recording at a path.
 
     Raises:
-        RecordingError: there is nothing, or it is no recording.
+        RecordingError: nothing is there, or it is no recording.
     """
     path = path.absolute()
     if not path.exists():
         raise RecordingError(f"{path}: no such file or folder.")
     try:
-        if (what := _special(path.stat())) is not None:
+        if (what := _special_kind(path.stat())) is not None:
             raise RecordingError(f"{path}: expected a recording, but this is {what}; name a file or folder.")
         if path.is_dir():
             with os.scandir(path) as scan:
@@ -123,7 +122,7 @@ def find_one(path: Path) -> RecordingFiles:
                 raise RecordingError(f"{path}: expected a ROS 2 bag folder, but {reason}.")
             recording = _folder_recording(path, path.name, entries)
         elif path.suffix in _BARE:
-            recording = _found(path, path.name, _BARE[path.suffix], [(path, path.stat())])
+            recording = _recording_files(path, path.name, _BARE[path.suffix], [(path, path.stat())])
         else:
             raise RecordingError(
                 f"{path}: expected a recording: a .bag, .mcap or .db3 file, or a ROS 2 bag folder."
@@ -141,8 +140,8 @@ def find_one(path: Path) -> RecordingFiles:
 class _Walk:
     """A walk below the bag root that collects recordings in no particular order.
 
-    Links are followed like `find -L` does: a folder linked twice is there twice, so that what is
-    found does not hang on the order in which the disk lists names; a folder within itself is not.
+    Links are followed as by `find -L`: a folder linked twice is walked twice, so that the result does not depend on the
+    order in which the disk lists names; a folder linked within itself is not.
     """
 
     bags: Bags
@@ -160,16 +159,16 @@ class _Walk:
             with os.scandir(path) as scan:
                 entries = [entry for entry in scan if not entry.name.startswith(".")]
         except FileNotFoundError:
-            return  # removed while we looked
+            return  # removed during the walk
         except OSError as err:
             self._unreadable(relative, err)
             return
         if (reason := _special_within(entries)) is not None:
             self._leave_out(relative or Path(path).name, reason)
             return
-        whole = _folder_recording(Path(path), relative or Path(path).name, entries)
-        if whole is not None:
-            self._take(whole)
+        recording = _folder_recording(Path(path), relative or Path(path).name, entries)
+        if recording is not None:
+            self._take(recording)
             return
         if _lacks_storage(Path(path), entries):
             self.excluded.append((relative or Path(path).name, _NO_STORAGE))
@@ -178,20 +177,20 @@ class _Walk:
             try:
                 self._entry(entry, within, (*ancestors, identity))
             except FileNotFoundError:
-                continue  # removed while we looked
+                continue  # removed during the walk
             except OSError as err:
-                if err.errno != errno.ELOOP:  # a link to itself leads nowhere, like a broken one
+                if err.errno != errno.ELOOP:  # a link to itself is like a broken one
                     self._unreadable(within, err)
 
     def _entry(self, entry: os.DirEntry[str], relative: str, ancestors: tuple[tuple[int, int], ...]) -> None:
         suffix = os.path.splitext(entry.name)[1]  # noqa: PTH122  (a Path per file is slow)
         if suffix in _BARE and not entry.is_dir():
             path, status = Path(entry.path), entry.stat()
-            if (what := _special(status)) is not None:
+            if (what := _special_kind(status)) is not None:
                 self._leave_out(relative, f"this is {what}, no file")
             else:
-                self._take(_found(path, relative, _BARE[suffix], [(path, status)]))
-        elif entry.name not in _NOT_OURS and entry.is_dir():
+                self._take(_recording_files(path, relative, _BARE[suffix], [(path, status)]))
+        elif entry.name not in _SYSTEM_FOLDERS and entry.is_dir():
             self.folder(entry.path, relative, ancestors)
 
     def _take(self, recording: RecordingFiles) -> None:
@@ -230,7 +229,7 @@ def _exclusion(bags: Bags, relative: str) -> str | None:
 
 
 def _folder_recording(folder: Path, relative: str, entries: list[os.DirEntry[str]]) -> RecordingFiles | None:
-    """Return the ROS 2 bag that a folder with these entries is, or None."""
+    """Return the files of a ROS 2 bag folder, or None if the folder is none."""
     if not any(entry.name == METADATA for entry in entries):
         return None
     files = [
@@ -238,32 +237,32 @@ def _folder_recording(folder: Path, relative: str, entries: list[os.DirEntry[str
         for entry in entries
         if entry.name == METADATA or (entry.name.endswith(_STORAGE) and not entry.name.startswith("."))
     ]
-    return _found(folder, relative, "ros2", sorted(files)) if len(files) > 1 else None
+    return _recording_files(folder, relative, "ros2", sorted(files)) if len(files) > 1 else None
 
 
-def _special(status: os.stat_result) -> str | None:
-    """Return what is neither a file nor a folder, in words: whoever opens it may wait for ever, or read without end."""
+def _special_kind(status: os.stat_result) -> str | None:
+    """Return the name of a kind of file that must not be opened: reading a pipe or a device may never end."""
     return _SPECIAL.get(stat.S_IFMT(status.st_mode))
 
 
 def _special_within(entries: Iterable[os.DirEntry[str]]) -> str | None:
-    """Return why a folder with these entries cannot be looked into as a ROS 2 bag, or None."""
+    """Return why a folder with these entries cannot be opened as a ROS 2 bag, or None."""
     entries = list(entries)
     if not any(entry.name == METADATA for entry in entries):
         return None
     for entry in entries:
         if entry.name == METADATA or entry.name.endswith(_STORAGE):
             try:
-                what = _special(entry.stat())
+                what = _special_kind(entry.stat())
             except OSError:
-                continue  # told by whoever needs it
+                continue  # whoever opens it reports that
             if what is not None:
                 return f"{entry.name} in it is {what}, no file"
     return None
 
 
 def _lacks_storage(folder: Path, entries: list[os.DirEntry[str]]) -> bool:
-    """Tell whether this is the folder of a ROS 2 bag whose files are not there; other metadata.yaml are common."""
+    """Tell whether a folder is a ROS 2 bag without its storage files; other metadata.yaml are common."""
     if not any(entry.name == METADATA for entry in entries):
         return False
     try:
@@ -273,7 +272,7 @@ def _lacks_storage(folder: Path, entries: list[os.DirEntry[str]]) -> bool:
         return False
 
 
-def _found(
+def _recording_files(
     path: Path, relative: str, file_format: Format, files: list[tuple[Path, os.stat_result]]
 ) -> RecordingFiles:
     size, mtime_ns = sum(s.st_size for _, s in files), max(s.st_mtime_ns for _, s in files)
@@ -292,9 +291,8 @@ def _decodable(name: str) -> bool:
 def _key(relative: str) -> str:
     """Return a readable partition key that depends on the path alone.
 
-    The suffix stays: a recording is often converted next to itself, and a key must not change
-    when that happens. Where the readable form could be that of another path too, a short digest
-    tells them apart.
+    The suffix stays, because recordings are often converted next to the original, and that must not change a key. Where
+    another path could have the same readable form, a short digest tells them apart.
     """
     plain = relative.replace("/", "__")
     if len(plain) <= _LONGEST_SLUG and _PLAIN.fullmatch(relative):
@@ -314,5 +312,5 @@ def _slug(plain: str) -> str:
 
 
 def _start_of_keys(prefix: str) -> str:
-    """Return what the keys of all paths that start with `prefix`, which ends with a slash, start with."""
+    """Return the common start of the keys of all paths below `prefix`, which ends with a slash."""
     return _slug(prefix.replace("/", "__"))[:_LONGEST_SLUG].rstrip(".-")

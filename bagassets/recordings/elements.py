@@ -1,21 +1,20 @@
-"""How many strings and nested messages a message holds, told from its bytes before an object is made of each.
+"""Counting the strings and nested messages ("elements") in a message's bytes, before objects are made of them.
 
-A message of some megabytes may announce millions of objects, a hundred times its size; one whose elements
-have no fields announces billions in four bytes.
+A message of a few megabytes may announce millions of objects, a hundred times its size; a list whose elements have no
+fields announces billions in four bytes.
 """
 
 from collections.abc import Iterator
 from struct import Struct, error
-from typing import Any, Literal
+from typing import Any
 
 from rosbags.interfaces import Nodetype
 
 from bagassets.errors import DecodeError
 from bagassets.recordings.known_types import Types
+from bagassets.recordings.model import Serialization
 
 __all__ = ["announced_elements", "check_elements", "fewest_bytes_of"]
-
-Serialization = Literal["ros1", "cdr"]
 
 _SIZES = {
     **dict.fromkeys(("bool", "byte", "char", "octet", "int8", "uint8"), 1),
@@ -25,15 +24,15 @@ _SIZES = {
     "float128": 16,
 }
 _COUNT = {"<": Struct("<I"), ">": Struct(">I")}
-# rosbags' name of the field that C++ gives to messages without any; ROS 1 serializes nothing for it.
+# rosbags' name for the field that C++ adds to empty messages; ROS 1 does not serialize it.
 _FILLER = "structure_needs_at_least_one_member"
 
 
 def announced_elements(types: Types, msgtype: str) -> int:
-    """Return how many strings and messages a type has without those in lists of any length.
+    """Return how many strings and messages every message of a type has, those in variable-length lists aside.
 
     Raises:
-        ValueError: it contains itself, or an array has no possible length.
+        ValueError: the type contains itself, or an array has a negative length.
     """
     return _Elements(types, "cdr").fixed(msgtype)
 
@@ -41,7 +40,7 @@ def announced_elements(types: Types, msgtype: str) -> int:
 def fewest_bytes_of(
     types: Types, msgtype: str, serialization: Serialization, most_elements: int
 ) -> int | None:
-    """Return how large a message must be to hold more than so many elements; None if none can.
+    """Return the smallest size at which a message can hold more than `most_elements`; None if none can.
 
     Raises:
         ValueError: as for `announced_elements`.
@@ -57,7 +56,7 @@ def fewest_bytes_of(
 def check_elements(
     types: Types, msgtype: str, serialization: Serialization, data: bytes | memoryview, most_elements: int
 ) -> None:
-    """Check how many elements a message holds.
+    """Check the number of elements in a message.
 
     Raises:
         DecodeError: there are more than `most_elements`, or its bytes do not fit the type.
@@ -73,7 +72,7 @@ def _density(elements: int, size: int) -> float:
 
 
 class _Elements:
-    """What the types of a definition take, at least."""
+    """The least number of elements and bytes of each type in a definition."""
 
     def __init__(self, types: Types, serialization: Serialization) -> None:
         self._types = types
@@ -82,11 +81,11 @@ class _Elements:
         self._open: list[str] = []
 
     def fixed(self, msgtype: str) -> int:
-        """Return the strings and messages of a type, those in lists left out."""
+        """Return the number of strings and messages in a type, those in lists aside."""
         return self._of_type(msgtype)[0]
 
     def of_item(self, description: Any) -> tuple[int, int]:
-        """Return how many elements a field or item is at least, and how many bytes."""
+        """Return the least number of elements and of bytes of a field or list item."""
         kind, inner = description
         if kind == Nodetype.BASE:
             return (1, 4) if inner[0] == "string" else (0, _SIZES.get(inner[0], 1))
@@ -95,7 +94,7 @@ class _Elements:
             return elements + 1, size
         item, length = inner
         if kind == Nodetype.SEQUENCE:
-            self.of_item(item)  # what it refers to must be sound, too
+            self.of_item(item)  # raises if the item's type is impossible
             return 0, 4
         if length < 0:
             msg = f"an array of {length} elements"
@@ -135,7 +134,7 @@ class _Elements:
 
 
 class _Walk:
-    """Goes over the bytes of one message and counts."""
+    """Walks the bytes of one message and counts its elements."""
 
     def __init__(
         self, types: Types, serialization: Serialization, data: bytes | memoryview, most_elements: int

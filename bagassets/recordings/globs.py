@@ -1,4 +1,4 @@
-"""Globs on paths below the bag root, with `**` for any number of folders."""
+"""Globs over paths below the bag root, with `**` for any number of folders."""
 
 import re
 from functools import cache
@@ -9,8 +9,8 @@ __all__ = ["matches"]
 def matches(pattern: str, relative: str) -> bool:
     """Tell whether a glob matches a path with `/`.
 
-    `*` and `?` stay within one folder name, `**` spans folders (also none), `[…]` is a set.
-    `drives/**` matches the folder `drives` too, which may be a ROS 2 bag.
+    `*` and `?` match within one name, `**` spans any number of folders, `[…]` is a set. `drives/**` also matches the
+    folder `drives` itself, which may be a ROS 2 bag.
     """
     return _compiled(pattern).fullmatch(relative) is not None
 
@@ -37,7 +37,9 @@ def _compiled(pattern: str) -> re.Pattern[str]:
             at += 1
         elif pattern[at] == "[" and "]" in pattern[at + 2 :]:
             end = pattern.index("]", at + 2)
-            inside = re.sub(r"[\\\[&~|]", r"\\\g<0>", pattern[at + 1 : end])  # no operators of sets
+            inside = re.sub(
+                r"[\\\[&~|]", r"\\\g<0>", pattern[at + 1 : end]
+            )  # Python's set operators mean nothing in a glob
             parts.append(f"[{'^' + inside[1:] if inside.startswith('!') else inside}]")
             at = end + 1
         else:

@@ -1,6 +1,6 @@
 """A typed view of `inventory.json`: what one recording holds, topic by topic.
 
-Steps plan from this view and never open the recording to do so. It is made by
+Steps plan from this view without opening the recording. It is made by
 `bagassets.assets.inventory` and read back with `Inventory.from_json`.
 """
 
@@ -58,7 +58,7 @@ class TopicRecord:
         name: topic as recorded.
         msgtype: normalised type, `pkg/msg/Type`.
         count: number of messages.
-        bytes: their serialized size together.
+        bytes: their total serialized size.
         digest: BLAKE3 of the type and of (log time, payload) of each message in order.
         first_ns: log time of the first message; None if there are none.
         last_ns: log time of the last message; None if there are none.
@@ -66,7 +66,7 @@ class TopicRecord:
         last_stamp_ns: largest header stamp; None if the type has no header.
         rate_hz: messages per second of log time; None for fewer than two.
         max_gap_s: longest time between two messages; None for fewer than two.
-        gaps: the first pauses that are longer than five median periods.
+        gaps: the first few pauses longer than five median periods.
         gap_count: number of such pauses.
         header_offset_s: log time minus header stamp; None without header.
         unordered_stamps: messages whose header stamp is smaller than the one before.
@@ -133,8 +133,8 @@ class Inventory:
         end_ns: largest log time; None if the recording is empty.
         topics: name -> record, sorted by name.
         gnss: first and last valid fix of the recording; None without GNSS.
-        daylight: from the elevation of the sun at the first fix; None without GNSS.
-        notes: sentences for people about what is unusual.
+        daylight: by the elevation of the sun at the first fix; None without GNSS.
+        notes: sentences about what is unusual, for people.
     """
 
     format: Format
@@ -176,7 +176,7 @@ class Inventory:
         """Return one topic.
 
         Raises:
-            RecordingError: the recording has no such topic; the message lists topics that are alike.
+            RecordingError: the recording has no such topic; the message names similar ones.
         """
         try:
             return self.topics[name]
@@ -188,7 +188,7 @@ class Inventory:
         return name in self.topics and self.topics[name].count > 0
 
     def has_readable(self, name: str) -> bool:
-        """Tell whether the recording has at least one message on a topic, of a type that can be decoded."""
+        """Tell whether the recording has at least one message on a topic, and can decode it."""
         return self.has(name) and self.topics[name].problem is None
 
     def digests(self, topics: Collection[str]) -> dict[str, str]:

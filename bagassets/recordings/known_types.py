@@ -1,10 +1,9 @@
 """Message definitions of common drivers, for recordings that lack them.
 
-ROS 2 wrote none into SQLite bags before Iron. The files in `definitions/` list the fields of
-the interfaces that sensors and labels come in, a package per file. Where a package changed
-its types over time without renaming them, sections `=== version` follow each other, newest first;
-what a section does not list is as in the one above it. Which one a recording was made with is told
-from its messages (`bagassets.recordings.layouts`).
+Before Iron, ROS 2 wrote no definitions into SQLite bags. The files in `definitions/`, one per package, list the fields of
+message types for sensors and labels. Where a package changed its types without renaming them, sections `=== version`
+follow one another, newest first; a type that a section does not list is as in the section above. The messages of a
+recording show which version it was made with (`bagassets.recordings.layouts`).
 """
 
 import re
@@ -25,7 +24,7 @@ _FOLDER = Path(__file__).parent / "definitions"
 
 @cache
 def known_versions(package: str) -> tuple[Types, ...]:
-    """Return the types of a package, one mapping per version of it, newest first; none if it is not known."""
+    """Return the types of a package, one mapping per version, newest first; empty if the package is unknown."""
     path = _FOLDER / f"{package}.msg"
     if not path.is_file():
         return ()

@@ -1,8 +1,8 @@
-"""How the bytes of a message type may be laid out: the type and all that it refers to.
+"""Layouts of message types: a type with all types that it refers to.
 
-A definition that came with the recording is the only layout of its type. Without one, a folder
-of the user's wins; then come the versions of known packages (`bagassets.recordings.known_types`) and
-the standard types, newest first. Several may be possible: `Choice` goes by what fits the bytes.
+A definition recorded with the messages is the only layout of its type. Without one, the user's folders of `.msg` files
+come first, then the known versions of packages (`bagassets.recordings.known_types`) and the standard types, newest
+first. Where several layouts are possible, `Choice` picks the one that fits the bytes.
 """
 
 import re
@@ -21,30 +21,26 @@ from bagassets.errors import BagAssetsError, DecodeError, RecordingError
 from bagassets.recipe.model import Limits
 from bagassets.recordings.elements import announced_elements, check_elements, fewest_bytes_of
 from bagassets.recordings.known_types import Types, known_versions
-from bagassets.recordings.model import Definition
+from bagassets.recordings.model import Definition, Serialization
 from bagassets.store.canonical import digest_json
 
 __all__ = [
     "Choice",
     "Layout",
-    "Serialization",
     "choice_of",
     "compile_common_types",
     "load_standard_types",
 ]
 
-Serialization = Literal["ros1", "cdr"]
-
-
-# In no store of ROS 1, but in most ROS 1 bags: `tf/tfMessage` is the older name.
+# Missing from the ROS 1 type store, yet in most ROS 1 bags; `tf/tfMessage` is the older name.
 _TF = "geometry_msgs/TransformStamped[] transforms\n"
 _TF_NAMES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 # Standard types that had other fields before Humble, when bags had no definitions yet.
 CHANGED_IN_HUMBLE = frozenset({"shape_msgs/msg/SolidPrimitive", "visualization_msgs/msg/Marker"})
 
-# A type and those that it includes follow each other like this in bags.
 _IDL_TEXT = re.compile(r"//[^\n]*|/\*.*?\*/|\"(?:\\\\.|[^\"\\\\])*\"", re.DOTALL)
 _OPERATOR = re.compile(r"<<|\*")
+# Bags list a type and the types that it includes in sections headed like this.
 _IDL_SECTION = re.compile(r"^=+\r?\nIDL: .*$", re.MULTILINE)
 
 _COMMON = (
@@ -60,8 +56,8 @@ _COMMON = (
 )
 
 Lookup = Callable[[str], Any | None]
-# The `.msg` files of a folder with size and time, by which a process notices that one was edited.
-Listed = tuple[tuple[Path, int, int], ...]
+# The `.msg` files of a folder with size and mtime, so that a process notices an edit.
+FolderListing = tuple[tuple[Path, int, int], ...]
 
 
 @dataclass(frozen=True)
@@ -80,12 +76,12 @@ class Layout:
 
     @cached_property
     def store(self) -> Typestore:
-        """A type store that has these types, and others that agree with them."""
+        """A type store with these types, and with others that agree with them."""
         return _compiled(self.msgtype, self.types)
 
     @cached_property
     def digest(self) -> str:
-        """Digest of everything that decides what a payload decodes to; comments do not."""
+        """Digest of everything that decides what a payload decodes to; comments do not count."""
         types = {
             name: {
                 "constants": [[str(part) for part in constant] for constant in constants],
@@ -118,11 +114,11 @@ class Layout:
             raise DecodeError(f"its bytes do not fit {self.msgtype}") from err
 
     def large_bytes(self, most_elements: int) -> int | None:
-        """Return how large a message must be to hold more than so many strings and messages; None if none can."""
+        """Return the smallest size at which a message can hold more than `most_elements`; None if none can."""
         return fewest_bytes_of(self.types, self.msgtype, self.serialization, most_elements)
 
     def check_elements(self, data: bytes | memoryview, most_elements: int) -> None:
-        """Check how many strings and nested messages a message holds.
+        """Check the number of strings and nested messages in a message.
 
         Raises:
             DecodeError: there are more than `most_elements`, or its bytes do not fit.
@@ -137,7 +133,7 @@ _STORES_LOCK = Lock()
 def _compiled(msgtype: str, types: Types) -> Typestore:
     """Return a type store with all of these types, ready to read and write messages of one of them.
 
-    Messages of a rig have most of their parts in common: each part is compiled (5 ms) once, for all of them.
+    Message types of one rig share most of their parts; each part (5 ms) is compiled once for all of them.
     """
     with _STORES_LOCK:
         for store in _STORES:
@@ -147,13 +143,13 @@ def _compiled(msgtype: str, types: Types) -> Typestore:
             store = get_typestore(Stores.EMPTY)
             _STORES.append(store)
         store.register({name: fields for name, fields in types.items() if name not in store.fielddefs})
-        # Compiles the (de)serializer, which finds fields that no message can have.
+        # Compiles the (de)serializer, which refuses impossible fields.
         store.get_msgdef(msgtype)
         return store
 
 
 class Choice:
-    """The layouts that a type may have, and how many messages did not fit each.
+    """The possible layouts of a type, and how many messages did not fit each.
 
     Args:
         layouts: at least one, the likeliest first.
@@ -165,11 +161,11 @@ class Choice:
 
     @property
     def best(self) -> Layout:
-        """The layout that the fewest messages did not fit; the likeliest of equals."""
+        """The layout that most messages fitted; on a tie, the likeliest one."""
         return self.layouts[self._misfits.index(min(self._misfits))]
 
     def decode(self, data: bytes | memoryview) -> Any:
-        """Return the message object, by the best layout that fits.
+        """Return the message object, decoded by the best layout that fits.
 
         Raises:
             DecodeError: no layout fits.
@@ -193,55 +189,55 @@ def choice_of(
     folders: Sequence[Path],
     limits: Limits | None = None,
 ) -> Choice | str:
-    """Return the layouts of a type, or why there are none.
+    """Return the layouts of a type, or the reason why it has none.
 
     Args:
         msgtype: `pkg/msg/Type`.
         serialization: how its messages are serialized.
-        definition: what came with the recording, if anything.
+        definition: the one in the recording, if any.
         folders: of `.msg` files, laid out as `pkg/msg/Type.msg` or `pkg/Type.msg`.
-        limits: how large the definition and its arrays may be; those of an empty recipe by default.
+        limits: bounds on the definition and its arrays; by default those of an empty recipe.
 
     Raises:
-        RecordingError: a folder does not exist or holds something else.
+        RecordingError: a folder does not exist, or a file in it is no message definition.
     """
     limits = limits or Limits()
     if definition is not None and len(definition.text) > limits.definition_bytes:
         return f"the definition of {msgtype} is longer than limits.definition_bytes in the recipe allows"
-    listed = tuple(_listed(folder) for folder in folders)
-    layouts = _layouts(msgtype, serialization, definition, listed, limits.array_length)
+    listings = tuple(_list_folder(folder) for folder in folders)
+    layouts = _layouts(msgtype, serialization, definition, listings, limits.array_length)
     return layouts if isinstance(layouts, str) else Choice(layouts)
 
 
-@lru_cache(maxsize=512)  # compiling takes 10 ms a layout, and recordings of one rig have the same types
+@lru_cache(maxsize=512)  # compiling a layout takes 10 ms, and recordings of one rig share their types
 def _layouts(
     msgtype: str,
     serialization: Serialization,
     definition: Definition | None,
-    folders: tuple[Listed, ...],
+    folders: tuple[FolderListing, ...],
     array_length: int,
 ) -> tuple[Layout, ...] | str:
     given = definition is not None and definition.format != "none" and bool(definition.text)
     try:
         own = _parsed(definition, msgtype) if definition is not None and given else {}
-        found: list[Types] = []
-        for lookups in _stacks(msgtype, own, folders, serialization):
+        candidates: list[Types] = []
+        for lookups in _lookup_orders(msgtype, own, folders, serialization):
             types = _closure(msgtype, lookups)
-            if types is not None and types not in found:
+            if types is not None and types not in candidates:
                 if announced_elements(types, msgtype) > array_length:
                     return (
                         f"the definition of {msgtype} announces more strings and messages in arrays than "
                         "limits.array_length in the recipe allows"
                     )
-                found.append(types)
-        layouts = tuple(Layout(msgtype, serialization, types) for types in found)
+                candidates.append(types)
+        layouts = tuple(Layout(msgtype, serialization, types) for types in candidates)
         for layout in layouts[:1]:
             _ = layout.store  # the others are compiled only if this one does not fit
             _ = layout.digest
     except (MemoryError, BagAssetsError):
         raise
-    except Exception as err:  # noqa: BLE001  (whatever it is, it costs no more than the topic)
-        return f"the definition of {msgtype} cannot be used ({_flaw(err)})"
+    except Exception as err:  # noqa: BLE001  (a bad definition costs its topic, nothing more)
+        return f"the definition of {msgtype} cannot be used ({_definition_problem(err)})"
     if layouts:
         return layouts
     if given:
@@ -249,8 +245,8 @@ def _layouts(
     return f"there is no definition of {msgtype}; name a folder of .msg files in bags.message_definitions"
 
 
-def _flaw(err: Exception) -> str:
-    """Return what is wrong with a definition; what libraries say of it is for programmers."""
+def _definition_problem(err: Exception) -> str:
+    """Return what is wrong with a definition, since messages of libraries are for programmers."""
     if isinstance(err, RecursionError):
         return "its types contain each other without end"
     if isinstance(err, ValueError) and not isinstance(err, UnicodeError):
@@ -266,16 +262,16 @@ def _flaw(err: Exception) -> str:
     return "it does not parse, or names what Python cannot"
 
 
-def _stacks(
-    msgtype: str, own: Types, folders: Sequence[Listed], serialization: Serialization
+def _lookup_orders(
+    msgtype: str, own: Types, folders: Sequence[FolderListing], serialization: Serialization
 ) -> Iterator[Sequence[Lookup]]:
-    """Yield the ways to look up types, the likeliest first."""
+    """Yield sequences of lookups to try in turn for each type, the likeliest sequence first."""
     package = msgtype.partition("/")[0]
     by_hand: dict[str, Any] = {}
     for folder in folders:
         by_hand |= {name: fields for name, fields in _message_files(folder).items() if name not in by_hand}
     settled = msgtype in own or msgtype in by_hand
-    # Of a type that is given, only what it refers to is looked up, and only as it is today.
+    # If the type itself is given, only the types that it refers to are looked up, in their newest version.
     versions = known_versions(package)[: 1 if settled else None] or ({},)
     standards = (
         ("ros1",) if serialization == "ros1" else ("humble",) if msgtype in own else ("humble", "galactic")
@@ -292,7 +288,7 @@ def _newest_known(name: str) -> Any | None:
 
 def _standard(name: str) -> Lookup:
     def look_up(msgtype: str) -> Any | None:
-        # Only what differs is looked up in the older one, which takes 60 ms to load.
+        # The older store takes 60 ms to load, so only types that differ there are looked up in it.
         old = name == "galactic" and msgtype in CHANGED_IN_HUMBLE
         stores = {"ros1": Stores.ROS1_NOETIC, "humble": Stores.ROS2_HUMBLE, "galactic": Stores.ROS2_GALACTIC}
         return _standard_types(stores[name if name == "ros1" or old else "humble"]).get(msgtype)
@@ -301,13 +297,13 @@ def _standard(name: str) -> Lookup:
 
 
 def load_standard_types() -> None:
-    """Load the types of today's ROS versions ahead, 60 ms each, for processes that are forked from this one."""
+    """Load the types of current ROS versions (60 ms each) before processes are forked from this one."""
     for store in (Stores.ROS1_NOETIC, Stores.ROS2_HUMBLE):
         _standard_types(store)
 
 
 def compile_common_types() -> Iterator[None]:
-    """Compile what most recordings hold, one type a step (5 ms), for processes that are forked from this one."""
+    """Compile the types of most recordings, one per step (5 ms), before processes are forked from this one."""
     for standard in ("ros1", "humble"):
         for msgtype in _COMMON:
             types = _closure(msgtype, (_standard(standard),))
@@ -325,7 +321,7 @@ def _standard_types(store: Stores) -> Types:
 
 
 def _closure(msgtype: str, lookups: Iterable[Lookup]) -> dict[str, Any] | None:
-    """Return a type and all that it refers to; None if one of them is nowhere."""
+    """Return a type and all types that it refers to; None if one of them is unknown."""
     types: dict[str, Any] = {}
     missing = [msgtype]
     while missing:
@@ -362,21 +358,21 @@ def _parsed(definition: Definition, msgtype: str) -> Types:
         raise ValueError("it computes")
     types: dict[str, Any] = {}
     for section in _IDL_SECTION.split(definition.text):
-        # The parser knows no preprocessor, and needs none: what is included is a section of its own.
+        # The parser has no preprocessor and needs none: each included file is a section of its own.
         text = "\n".join(line for line in section.splitlines() if not line.lstrip().startswith("#"))
         types |= get_types_from_idl(text) if text.strip() else {}
     return types
 
 
-def _listed(folder: Path) -> Listed:
+def _list_folder(folder: Path) -> FolderListing:
     if not folder.is_dir():
         raise RecordingError(f"{folder}: no such folder; correct bags.message_definitions in the recipe.")
-    found = [(path, path.stat()) for path in sorted(folder.rglob("*.msg"))]
-    return tuple((path, stat.st_size, stat.st_mtime_ns) for path, stat in found)
+    files = [(path, path.stat()) for path in sorted(folder.rglob("*.msg"))]
+    return tuple((path, stat.st_size, stat.st_mtime_ns) for path, stat in files)
 
 
 @cache
-def _message_files(files: Listed) -> Mapping[str, Any]:
+def _message_files(files: FolderListing) -> Mapping[str, Any]:
     """Return the types defined in `.msg` files."""
     types: dict[str, Any] = {}
     for path, _, _ in files:
@@ -385,6 +381,6 @@ def _message_files(files: Listed) -> Mapping[str, Any]:
             types |= get_types_from_msg(path.read_text(encoding="utf-8"), f"{package}/msg/{path.stem}")
         except Exception as err:  # as in `_layouts`
             raise RecordingError(
-                f"{path}: expected a message definition, but {_flaw(err)}; mend it."
+                f"{path}: expected a message definition, but {_definition_problem(err)}; correct the file."
             ) from err
     return types

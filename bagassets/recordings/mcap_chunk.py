@@ -1,4 +1,4 @@
-"""The chunks of an MCAP file: reading one, and where the messages in it are (https://mcap.dev/spec)."""
+"""The chunks of an MCAP file: reading one, and finding the messages in it (https://mcap.dev/spec)."""
 
 from array import array
 from collections.abc import Collection, Iterator
@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from bagassets.errors import RecordingError
 from bagassets.recordings.damage import DamageError
+from bagassets.recordings.decompress import TooLargeError, decompress
 from bagassets.recordings.sizes import Sizes
-from bagassets.recordings.unpack import TooLargeError, unpack
 
 __all__ = [
     "MESSAGE_HEADER",
@@ -30,37 +30,37 @@ __all__ = [
 RECORD_HEADER = Struct("<BQ")
 # Channel, sequence number, log time and publish time before the payload of a message.
 MESSAGE_HEADER = Struct("<HIQQ")
-# Start, end, unpacked size, checksum, and length of the name of the compression.
+# Start, end, uncompressed size, checksum, and length of the compression's name.
 _CHUNK_HEADER = Struct("<QQQII")
 _SIZE = Struct("<Q")
 _LONGEST_NAME = 64
 
 
 class ChecksumError(RecordingError):
-    """A chunk does not hold what its checksum says."""
+    """The content of a chunk does not match its checksum."""
 
 
 def chunk_facts(file: BinaryIO, offset: int) -> tuple[int, int]:
-    """Return the log time of the earliest message of a chunk, and the size that it announces to unpack to."""
+    """Return the log time of the earliest message in a chunk, and its announced uncompressed size in bytes."""
     file.seek(offset + RECORD_HEADER.size)
     start_ns, _, unpacked_bytes, _, _ = _CHUNK_HEADER.unpack(file.read(_CHUNK_HEADER.size))
     return start_ns, unpacked_bytes
 
 
 def load_chunk(file: BinaryIO, path: Path, offset: int, sizes: Sizes, *, check: bool) -> bytes:
-    """Return the content of a chunk.
+    """Return the uncompressed content of a chunk.
 
     Args:
         file: the open file.
         path: its path.
-        offset: of the chunk's record.
-        sizes: what a chunk may hold.
-        check: compare the content with its checksum, if it has one.
+        offset: of the chunk's record in the file.
+        sizes: bounds on a chunk.
+        check: verify the checksum, if there is one.
 
     Raises:
-        SizeLimitError: it announces more than a chunk may hold.
-        DamageError: it holds more than it announces, or is none.
-        ChecksumError: it holds something else than was recorded.
+        SizeLimitError: the chunk announces more than it may hold.
+        DamageError: it holds more than it announces, is cut off, or is no chunk.
+        ChecksumError: the content does not match the checksum.
     """
     file.seek(offset)
     opcode, length = RECORD_HEADER.unpack(file.read(RECORD_HEADER.size))
@@ -74,7 +74,7 @@ def load_chunk(file: BinaryIO, path: Path, offset: int, sizes: Sizes, *, check: 
     if len(packed) < packed_bytes:
         raise DamageError(f"the chunk at byte {offset} is cut off")
     try:
-        content = unpack(packed, compression, unpacked_bytes)
+        content = decompress(packed, compression, unpacked_bytes)
     except TooLargeError:
         raise DamageError(f"the chunk at byte {offset} holds more than it announces") from None
     if check and checksum and crc32(content) != checksum:
@@ -86,7 +86,7 @@ def load_chunk(file: BinaryIO, path: Path, offset: int, sizes: Sizes, *, check: 
 
 
 def records_in(content: bytes) -> Iterator[tuple[int, int, int]]:
-    """Yield opcode, first byte and end of the fields of each record in a chunk."""
+    """Yield the opcode of each record in a chunk, and where its fields begin and end."""
     at, size = 0, len(content)
     while at < size:
         opcode, length = RECORD_HEADER.unpack_from(content, at)
@@ -98,7 +98,7 @@ def records_in(content: bytes) -> Iterator[tuple[int, int, int]]:
 
 
 class MessagePlaces:
-    """Where the messages of some channels are, in order of log time: a few bytes for each, however small it is."""
+    """Places of messages in a chunk or file, in a few bytes each, however small the message."""
 
     def __init__(self) -> None:
         self._times = array("Q")
@@ -110,7 +110,7 @@ class MessagePlaces:
         return len(self._times)
 
     def add(self, log_time_ns: int, channel: int, begin: int, end: int) -> None:
-        """Take one message, whose payload is from `begin` to `end`."""
+        """Add a message whose payload lies between `begin` and `end`."""
         self._times.append(log_time_ns)
         self._channels.append(channel)
         self._begins.append(begin)
@@ -118,7 +118,7 @@ class MessagePlaces:
 
     @classmethod
     def of_chunk(cls, content: bytes, channels: Collection[int]) -> "MessagePlaces":
-        """Return where the messages of some channels are in a chunk.
+        """Return the places of the messages of some channels in a chunk.
 
         Raises:
             DamageError: a record is cut off.
@@ -135,7 +135,7 @@ class MessagePlaces:
         return places
 
     def in_order(self) -> Iterator[tuple[int, int, int, int]]:
-        """Yield log time, channel, begin and end in order of log time; those of equal time stay as they are."""
+        """Yield log time, channel, begin and end in order of log time; messages of equal time keep their order."""
         times: NDArray[np.uint64] = (
             np.frombuffer(self._times, np.uint64) if self._times else np.zeros(0, np.uint64)
         )

@@ -1,8 +1,7 @@
-"""MCAP files: bare ones of any profile, also an empty one, and those in ROS 2 bag folders.
+"""MCAP files: bare ones of any profile or none, and those in ROS 2 bag folders.
 
-The mcap library unpacks chunks of any size and makes an object of every record, in all chunks whose times
-overlap at once. Here a chunk is held against the recipe's limits before it is unpacked, and messages are
-views of it.
+The mcap library decompresses chunks of any size and makes an object of every record, for all chunks that overlap in
+time at once. Here the size of a chunk is checked against the recipe's limits first, and messages are views of it.
 """
 
 import heapq
@@ -15,7 +14,7 @@ from mcap.records import Schema
 
 from bagassets.errors import RecordingError
 from bagassets.recipe.model import Limits
-from bagassets.recordings.chunks import LatestChunks, lasting
+from bagassets.recordings.chunks import LatestChunks, detached
 from bagassets.recordings.damage import DamageError
 from bagassets.recordings.mcap_chunk import MESSAGE_HEADER, MessagePlaces, load_chunk
 from bagassets.recordings.mcap_index import ChunkPlace, read_index, walk
@@ -27,7 +26,7 @@ from bagassets.recordings.topic import TopicSource, merge_topics, normalise_msgt
 __all__ = ["McapFile", "McapRecording"]
 
 _FORMATS = {"ros1msg": "msg", "ros2msg": "msg", "ros2idl": "idl", "omgidl": "idl"}
-# Places of messages in chunks that overlap in time: some hundred megabytes.
+# Waiting messages in chunks that overlap in time; their places take a few hundred megabytes.
 _MOST_WAITING = 10_000_000
 
 
@@ -54,7 +53,7 @@ class McapFile:
 
     @property
     def counts(self) -> dict[int, int] | None:
-        """Channel -> messages, if the summary has them."""
+        """Channel -> number of messages; None if the summary does not say."""
         return self._index.counts
 
     def sources(self) -> dict[int, TopicSource]:
@@ -76,8 +75,8 @@ class McapFile:
         }
 
     def messages(self, channels: Collection[int]) -> Iterator[tuple[int, int, bytes | memoryview]]:
-        """Yield channel, log time and payload in order of log time, then of place in the file."""
-        return self._in_chunks(channels) if self._index.chunks else self._loose(channels)
+        """Yield channel, log time and payload in order of log time, then of position in the file."""
+        return self._in_chunks(channels) if self._index.chunks else self._outside_chunks(channels)
 
     def _in_chunks(self, channels: Collection[int]) -> Iterator[tuple[int, int, bytes | memoryview]]:
         chunks = LatestChunks(self._load, self._limits.chunk_bytes, self._sizes.unpacked_bytes, kept=64)
@@ -96,7 +95,7 @@ class McapFile:
                 continue
             log_time_ns, offset, chunk = open_chunks[0]
             content = chunks.at(offset)
-            yield chunk.channel, log_time_ns, lasting(memoryview(content)[chunk.begin : chunk.end])
+            yield chunk.channel, log_time_ns, detached(memoryview(content)[chunk.begin : chunk.end])
             number -= 1
             if chunk.advance():
                 heapq.heapreplace(open_chunks, (chunk.time_ns, offset, chunk))
@@ -107,8 +106,8 @@ class McapFile:
     def _load(self, offset: int) -> bytes:
         return load_chunk(self._file, self.path, offset, self._sizes, check=self.check)
 
-    def _loose(self, channels: Collection[int]) -> Iterator[tuple[int, int, bytes | memoryview]]:
-        """Read messages that stand in the file by themselves."""
+    def _outside_chunks(self, channels: Collection[int]) -> Iterator[tuple[int, int, bytes | memoryview]]:
+        """Read messages that are in no chunk."""
         places = MessagePlaces()
         for opcode, begin, end in walk(self._file, self._size):
             if opcode == Opcode.MESSAGE:
@@ -127,7 +126,7 @@ class McapFile:
 
 
 class _OpenChunk:
-    """A chunk with messages that were not handed out yet, of which it knows the next one."""
+    """A chunk with messages still to be read; its attributes describe the next one."""
 
     def __init__(self, place: ChunkPlace, chunks: LatestChunks, channels: Collection[int]) -> None:
         self.offset = place.offset
@@ -169,7 +168,7 @@ class McapRecording(Recording):
             yield RawMessage(topic, self.topics[topic].msgtype, log_time_ns, data)
 
     def check_content(self) -> None:
-        """Check the checksum of every chunk that is read from now on."""
+        """Verify the checksum of every chunk that is read from now on."""
         self._file.check = True
 
     def close(self) -> None:
@@ -185,8 +184,7 @@ def _require_summary(file: McapFile) -> None:
 def _definition(schema: Schema | None) -> Definition:
     """Return the definition in a schema.
 
-    Bytes that are no UTF-8, as comments in other encodings are, are replaced: what they damage costs no more
-    than the topic.
+    Bytes that are not UTF-8 are replaced: most are comments in another encoding, and at worst the topic is lost.
     """
     if schema is None or schema.encoding not in _FORMATS or not schema.data:
         return Definition("none", "")

@@ -1,7 +1,6 @@
-"""What is where in an MCAP file: channels, definitions and chunks, from its summary or by walking through it.
+"""The index of an MCAP file: channels, schemas and chunks, read from its summary or found by walking its records.
 
-The mcap library parses the records of the summary, and is never let near a chunk: it would unpack whatever
-size one has.
+The mcap library parses the records of the summary only: it would decompress a chunk of any size.
 """
 
 import os
@@ -28,12 +27,12 @@ _FOOTER_BYTES = RECORD_HEADER.size + 8 + 8 + 4
 
 @dataclass(frozen=True, slots=True)
 class ChunkPlace:
-    """Where a chunk is.
+    """The place of a chunk.
 
     Attributes:
         offset: of its record in the file.
         start_ns: log time of its earliest message.
-        channels: those that it has messages of; None if that is not known.
+        channels: those with messages in it; None if unknown.
     """
 
     offset: int
@@ -43,13 +42,13 @@ class ChunkPlace:
 
 @dataclass
 class McapIndex:
-    """What is where in a file.
+    """Channels, schemas and chunks of a file.
 
     Attributes:
         channels: id -> channel.
         schemas: id -> schema.
-        chunks: in order of start and offset; without any, messages stand in the file by themselves.
-        counts: channel -> messages; None if the file does not say.
+        chunks: in order of start and offset; without any, messages are in no chunk.
+        counts: channel -> number of messages; None if the file does not say.
     """
 
     channels: dict[int, Channel] = field(default_factory=dict)
@@ -59,16 +58,16 @@ class McapIndex:
 
 
 def read_index(file: BinaryIO, path: Path, sizes: Sizes) -> McapIndex:
-    """Return what is where, from the summary; what that leaves out is searched for in the file.
+    """Read the index from the summary, and search the file for what the summary lacks.
 
     Args:
         file: the open file.
         path: its path.
-        sizes: what the recording may hold; takes what the chunks announce.
+        sizes: bounds on the recording; counts the sizes that its chunks announce.
 
     Raises:
         SizeLimitError: the file announces more than the recording may hold.
-        DamageError: the index contradicts itself. The library raises anything else on damaged bytes.
+        DamageError: the index contradicts itself. On damaged bytes the library raises anything else.
     """
     size = os.fstat(file.fileno()).st_size
     index = McapIndex()
@@ -77,10 +76,10 @@ def read_index(file: BinaryIO, path: Path, sizes: Sizes) -> McapIndex:
     file.seek(-(_FOOTER_BYTES + MAGIC_SIZE), os.SEEK_END)
     footer = next(_parsed(file, size))
     if not isinstance(footer, Footer):
-        raise DamageError("it does not end as such a file does")
+        raise DamageError("it does not end with a footer")
     if footer.summary_start:
         file.seek(footer.summary_start)
-        _take_summary(index, _parsed(file, size), size, sizes)
+        _add_summary(index, _parsed(file, size), size, sizes)
     if not index.channels or not (index.chunks or index.counts):
         _search(file, path, size, index, sizes)
     index.chunks.sort(key=lambda chunk: (chunk.start_ns, chunk.offset))
@@ -91,11 +90,11 @@ def _parsed(file: BinaryIO, size: int) -> Iterator[McapRecord]:
     return iter(StreamReader(file, skip_magic=True, emit_chunks=True, record_size_limit=size).records)
 
 
-def _take_summary(index: McapIndex, records: Iterator[McapRecord], size: int, sizes: Sizes) -> None:
+def _add_summary(index: McapIndex, records: Iterator[McapRecord], size: int, sizes: Sizes) -> None:
     offsets: set[int] = set()
     for record in records:
         if isinstance(record, Schema | Channel):
-            _take(index, record, sizes)
+            _add_record(index, record, sizes)
         elif isinstance(record, Statistics):
             index.counts = record.channel_message_counts
         elif isinstance(record, ChunkIndex):
@@ -108,7 +107,7 @@ def _take_summary(index: McapIndex, records: Iterator[McapRecord], size: int, si
             index.chunks.append(ChunkPlace(offset, record.message_start_time, channels))
 
 
-def _take(index: McapIndex, record: Schema | Channel, sizes: Sizes) -> None:
+def _add_record(index: McapIndex, record: Schema | Channel, sizes: Sizes) -> None:
     if isinstance(record, Schema):
         index.schemas[record.id] = record
     else:
@@ -117,7 +116,7 @@ def _take(index: McapIndex, record: Schema | Channel, sizes: Sizes) -> None:
 
 
 def _search(file: BinaryIO, path: Path, size: int, index: McapIndex, sizes: Sizes) -> None:
-    """Walk through the file for channels and chunks that no summary lists."""
+    """Walk the file for channels and chunks that the summary does not list."""
     known = {chunk.offset for chunk in index.chunks}
     for opcode, begin, end in walk(file, size):
         if opcode == Opcode.CHUNK:
@@ -128,21 +127,21 @@ def _search(file: BinaryIO, path: Path, size: int, index: McapIndex, sizes: Size
                 index.chunks.append(ChunkPlace(offset, start_ns, None))
             content = load_chunk(file, path, offset, sizes, check=False)
             for inner, inner_begin, inner_end in records_in(content):
-                _take_bytes(index, inner, content[inner_begin:inner_end], sizes)
+                _add_bytes(index, inner, content[inner_begin:inner_end], sizes)
         elif opcode in {Opcode.SCHEMA, Opcode.CHANNEL}:
             file.seek(begin)
-            _take_bytes(index, opcode, file.read(end - begin), sizes)
+            _add_bytes(index, opcode, file.read(end - begin), sizes)
 
 
-def _take_bytes(index: McapIndex, opcode: int, fields: bytes, sizes: Sizes) -> None:
+def _add_bytes(index: McapIndex, opcode: int, fields: bytes, sizes: Sizes) -> None:
     if opcode == Opcode.SCHEMA:
-        _take(index, Schema.read(ReadDataStream(BytesIO(fields))), sizes)
+        _add_record(index, Schema.read(ReadDataStream(BytesIO(fields))), sizes)
     elif opcode == Opcode.CHANNEL:
-        _take(index, Channel.read(ReadDataStream(BytesIO(fields))), sizes)
+        _add_record(index, Channel.read(ReadDataStream(BytesIO(fields))), sizes)
 
 
 def walk(file: BinaryIO, size: int) -> Iterator[tuple[int, int, int]]:
-    """Yield opcode, first byte and end of the fields of each record in the data section of a file.
+    """Yield the opcode of each record in the data section, and where its fields begin and end.
 
     Raises:
         DamageError: a record is cut off.

@@ -1,12 +1,13 @@
-"""What recordings are made of: their files, messages and definitions of types."""
+"""What recordings consist of: files, messages, and definitions of message types."""
 
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 Format = Literal["ros1", "ros2", "mcap"]
+Serialization = Literal["ros1", "cdr"]
 
-__all__ = ["Definition", "Format", "RawMessage", "RecordingFiles", "SkimmedPacket"]
+__all__ = ["Definition", "Format", "RawMessage", "RecordingFiles", "Serialization", "SkimmedPacket"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,7 +25,7 @@ class Definition:
 
 @dataclass(frozen=True, slots=True)
 class RecordingFiles:
-    """A recording found below the bag root, not yet opened.
+    """The files of one recording below the bag root, not opened yet.
 
     Attributes:
         key: partition key, a readable slug of `relative`; unique below one root.

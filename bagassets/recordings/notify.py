@@ -1,4 +1,4 @@
-"""Being woken when something changes below a folder, where the file system tells."""
+"""Change notifications for a folder, where the file system supports them."""
 
 import threading
 from collections.abc import Callable
@@ -8,7 +8,7 @@ from typing import Self
 
 __all__ = ["Notifications"]
 
-# How soon the first answer comes, changes or none: from then on nothing is missed.
+# The first answer comes after this time even without a change; from then on no change is missed.
 _FIRST_MS = 500
 
 
@@ -17,8 +17,8 @@ class Notifications:
 
     Args:
         root: the folder.
-        wake: called after changes; many at once make few calls.
-        failed: called with the reason if the file system does not notify.
+        wake: called after changes; many changes at once cause few calls.
+        failed: called with the reason if the file system sends no notifications.
     """
 
     def __init__(self, root: Path, wake: Callable[[], None], failed: Callable[[str], None]) -> None:
@@ -30,11 +30,11 @@ class Notifications:
         self._identity: tuple[int, int] | None = None
 
     def follow(self) -> None:
-        """Begin, or begin anew if the folder has become another one: exchanged, or mounted over."""
+        """Start, or start anew if the path leads to another folder by now: replaced, or mounted over."""
         try:
             stat = self._root.stat()
         except OSError:
-            return  # gone; asked again, it may be back
+            return  # gone for now; the next call may find it again
         identity = (stat.st_dev, stat.st_ino)
         if self._identity == identity:
             return
@@ -46,7 +46,7 @@ class Notifications:
         self._thread.start()
 
     def close(self) -> None:
-        """Stop and wait for the thread to end."""
+        """Stop, and wait for the thread to end."""
         self._stop.set()
         if self._thread is not None:
             self._thread.join()
@@ -74,9 +74,9 @@ class Notifications:
                 yield_on_timeout=True,
             )
             established = False
-            for found in changes:
-                # What came between the last look and the first notification is told by nobody: look once more.
-                if found or not established:
+            for batch in changes:
+                # Nobody reports changes between the last scan and the first notification: scan once more.
+                if batch or not established:
                     self._wake()
                 established = True
         except (OSError, RuntimeError) as err:  # the latter from watchfiles, also for too many watches

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from bagassets.errors import BagAssetsError, RecordingError
 from bagassets.recipe.model import Limits
-from bagassets.recordings.damage import advice_for, damaged, refuse_pointer
+from bagassets.recordings.damage import advice_for, refuse_pointer, unreadable
 from bagassets.recordings.database_file import DatabaseRecording
 from bagassets.recordings.mcap_file import McapRecording
 from bagassets.recordings.model import RecordingFiles
@@ -22,9 +22,9 @@ def open_recording(
     """Open a recording.
 
     Args:
-        recording: the recording, or its path.
-        message_definitions: folders of `.msg` files for types without definition.
-        limits: what it may ask of the memory; those of an empty recipe by default.
+        recording: its files, or its path.
+        message_definitions: folders of `.msg` files for types that the recording does not define.
+        limits: bounds on sizes; by default those of an empty recipe.
 
     Raises:
         RecordingError: it is not a readable recording; the message says what to do.
@@ -46,5 +46,5 @@ def open_recording(
         return Rosbag1Recording(path, message_definitions, limits)
     except BagAssetsError:
         raise
-    except Exception as err:  # whatever the libraries raise: see `damaged`
-        raise damaged(path, err) from err
+    except Exception as err:  # whatever the libraries raise: see `unreadable`
+        raise unreadable(path, err) from err

@@ -1,4 +1,4 @@
-"""The pack: small messages of a recording, kept so that later steps need not open it again."""
+"""The pack: small messages of a recording, kept in its inventory so that later steps need not open it again."""
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -8,9 +8,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from bagassets.recipe.model import Limits
-from bagassets.recordings.model import Definition, RawMessage
+from bagassets.recordings.model import Definition, RawMessage, Serialization
 from bagassets.recordings.recording import Recording
-from bagassets.recordings.topic import Serialization, TopicSource, merge_topics
+from bagassets.recordings.topic import TopicSource, merge_topics
 from bagassets.store.artifact import ArtifactWriter
 
 __all__ = ["PACK_FILE", "PackedRecording", "write_pack"]
@@ -21,7 +21,7 @@ PACK_SCHEMA = pa.schema({"topic": pa.string(), "log_time_ns": pa.int64(), "data"
 
 
 def write_pack(out: ArtifactWriter, messages: Sequence[RawMessage]) -> None:
-    """Write messages, which come in order of log time, into the pack of an artifact."""
+    """Write messages, which must be in order of log time, as the pack of an artifact."""
     columns = (
         [message.topic for message in messages],
         [message.log_time_ns for message in messages],
@@ -37,7 +37,7 @@ class PackedRecording(Recording):
     Args:
         inventory: content of `inventory.json`.
         parquet: `messages.parquet` of the same artifact.
-        limits: what definitions and messages may ask of the memory; those of an empty recipe by default.
+        limits: bounds on definitions and messages; by default those of an empty recipe.
     """
 
     def __init__(self, inventory: Mapping[str, Any], parquet: Path, limits: Limits | None = None) -> None:

@@ -1,4 +1,4 @@
-"""An open recording, whatever the file format: its topics, its messages in order, and views of some topics."""
+"""An open recording of any file format: its topics, its messages in order, and views of some of its topics."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterator, Mapping
@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from bagassets.errors import BagAssetsError
-from bagassets.recordings.damage import DamageError, damaged
+from bagassets.recordings.damage import DamageError, unreadable
 from bagassets.recordings.model import Format, RawMessage
 from bagassets.recordings.topic import RefusedBytes, Topic
 
@@ -18,11 +18,11 @@ _FIRST_NS, _LAST_NS = -(2**63), 2**63 - 1
 
 
 class Recording(ABC):
-    """An open recording, whose messages are read by a subclass. Close it, or use it as a context manager.
+    """An open recording; subclasses read one file format each. Close it, or use it as a context manager.
 
     Args:
         path: the bag file, or the folder of a ROS 2 bag.
-        file_format: what it is read as.
+        file_format: the format of its files.
         topics: its topics, sorted by name.
     """
 
@@ -33,14 +33,14 @@ class Recording(ABC):
 
     @abstractmethod
     def _read(self, topics: Collection[str]) -> Iterator[RawMessage]:
-        """Yield the messages of `topics`, all known, in order of log time."""
+        """Yield the messages of `topics`, all of them in the recording, in order of log time."""
 
     @abstractmethod
     def close(self) -> None:
         """Close the files."""
 
-    def check_content(self) -> None:  # noqa: B027  (most formats have no checksums, or are always checked)
-        """Check the checksums that the format has while messages are read, where that costs time."""
+    def check_content(self) -> None:  # noqa: B027  (most formats have no checksums, or always verify them)
+        """Verify checksums while messages are read, if the format has any and verifying them costs time."""
 
     def messages(self, topics: Collection[str]) -> Iterator[RawMessage]:
         """Yield the messages of `topics` in order of log time, in one pass over the file.
@@ -63,23 +63,23 @@ class Recording(ABC):
         return self.topics[message.topic].decode(message.data)
 
     def restrict(self, topics: Collection[str]) -> "Recording":
-        """Return a view that offers `topics` only: a step cannot read what it did not declare."""
+        """Return a view of `topics` only, so that a step cannot read what it did not declare."""
         return RestrictedRecording(self, topics)
 
     def _guarded(self, topics: Collection[str]) -> Iterator[RawMessage]:
-        # Nothing but the reader runs in here: what a consumer raises does not enter a generator.
+        # Only the reader runs in here: exceptions of the consumer do not enter a generator.
         try:
             large = {topic: self.topics[topic].large_bytes for topic in topics}
             for message in self._read(topics):
                 yield self._checked(message, large[message.topic])
         except BagAssetsError:
             raise
-        except Exception as err:  # whatever the libraries raise: see `damaged`
-            raise damaged(self.path, err) from err
+        except Exception as err:  # whatever the libraries raise: see `unreadable`
+            raise unreadable(self.path, err) from err
 
     def _checked(self, message: RawMessage, large_bytes: int) -> RawMessage:
-        """Return a message, or its place holder if it exceeds the limits."""
-        # Databases give whatever type the damaged bytes have.
+        """Return a message, or a placeholder for one that exceeds the limits."""
+        # From damaged bytes SQLite may return values of any type.
         if not isinstance(message.log_time_ns, int) or not isinstance(message.data, _BYTES):
             raise DamageError(f"a message of {message.topic} has no time or no bytes")
         if not _FIRST_NS <= message.log_time_ns <= _LAST_NS:
@@ -97,7 +97,7 @@ class Recording(ABC):
 
 
 class RestrictedRecording(Recording):
-    """A view of a recording that offers the topics a step declared; closing it closes nothing."""
+    """A view of a recording with the topics that a step declared; closing it closes nothing."""
 
     def __init__(self, inner: Recording, topics: Collection[str]) -> None:
         wanted = set(topics)

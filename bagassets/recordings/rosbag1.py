@@ -1,8 +1,8 @@
-"""ROS 1 bags: rosbags reads their index, and messages are taken out of the chunks here.
+"""ROS 1 bags: rosbags reads the index, and this module takes the messages out of the chunks.
 
-rosbags makes a dictionary of the header of every message and copies its bytes a second time, which
-together takes longer than reading the file. Headers of one connection differ in nothing but the time
-(https://wiki.ros.org/Bags/Format/2.0, "Message data").
+rosbags parses the header of every message into a dictionary and copies its bytes once more, which together takes longer
+than reading the file. Headers of one connection differ in their time only (https://wiki.ros.org/Bags/Format/2.0,
+"Message data").
 """
 
 import os
@@ -19,13 +19,13 @@ from rosbags.rosbag1.reader import Chunk, ChunkInfo, Header, IndexData, RecordTy
 from rosbags.rosbag1.reader import normalize as normalise_topic
 
 from bagassets.recipe.model import Limits
-from bagassets.recordings.chunks import LatestChunks, lasting
+from bagassets.recordings.chunks import LatestChunks, detached
 from bagassets.recordings.damage import DamageError
+from bagassets.recordings.decompress import TooLargeError, decompress
 from bagassets.recordings.model import Definition, RawMessage
 from bagassets.recordings.recording import Recording
 from bagassets.recordings.sizes import Sizes
 from bagassets.recordings.topic import TopicSource, merge_topics, normalise_msgtype
-from bagassets.recordings.unpack import TooLargeError, unpack
 
 __all__ = ["Rosbag1Recording"]
 
@@ -64,10 +64,10 @@ class Rosbag1Recording(Recording):
             for connection in reader.connections
             if connection.topic in topics
         ]
-        indexes = [zip(reader.indexes[found.connection], repeat(found), strict=False) for found in records]
-        for entry, found in merge(*indexes, key=_time_ns):
-            data = lasting(found.data(chunks.at(entry.chunk_pos), entry))
-            yield RawMessage(found.topic, found.msgtype, entry.time, data)
+        indexes = [zip(reader.indexes[r.connection], repeat(r), strict=False) for r in records]
+        for entry, connection in merge(*indexes, key=_time_ns):
+            data = detached(connection.data(chunks.at(entry.chunk_pos), entry))
+            yield RawMessage(connection.topic, connection.msgtype, entry.time, data)
 
     def close(self) -> None:
         """Close the file."""
@@ -75,30 +75,30 @@ class Rosbag1Recording(Recording):
 
 
 class _IndexReader(rosbag1.Reader):
-    """Reads the index of a bag, and no more of it than there is in the file."""
+    """Reads the index of a bag, within the recipe's limits."""
 
     def __init__(self, path: Path, limits: Limits) -> None:
         super().__init__(path)
         self._size = path.stat().st_size
         self.sizes = Sizes(path, self._size, limits)
-        self._packing: dict[int, tuple[str, int]] = {}
+        self._compression: dict[int, tuple[str, int]] = {}
         self._connections_read = 0
         self._index_bytes = 0
 
     def read_connection(self) -> Connection:
-        """Read one connection; text that is no UTF-8, most often in comments, has its bytes replaced."""
+        """Read one connection; bytes that are not UTF-8, most often in comments, are replaced."""
         self._connections_read += 1
         self.sizes.check_connections(self._connections_read)
         if self.bio is None:
             raise DamageError("the file was closed")
         header = Header.read(self.bio, RecordType.CONNECTION)
         topic = _text(header, "topic")
-        about = Header.read(self.bio)
+        fields = Header.read(self.bio)
         return Connection(
             header.get_uint32("conn"),
             normalise_topic(topic) if topic else topic,
-            _text(about, "type"),
-            MessageDefinition(MessageDefinitionFormat.MSG, _text(about, "message_definition")),
+            _text(fields, "type"),
+            MessageDefinition(MessageDefinitionFormat.MSG, _text(fields, "message_definition")),
             "",
             0,
             ConnectionExtRosbag1(None, None),
@@ -106,15 +106,15 @@ class _IndexReader(rosbag1.Reader):
         )
 
     def read_chunk_info(self) -> ChunkInfo:
-        """Read where one chunk is."""
+        """Read the place of one chunk."""
         info = super().read_chunk_info()
-        if info.pos in self._packing:
+        if info.pos in self._compression:
             raise DamageError("its index names a chunk twice")
-        self._packing[info.pos] = ("", 0)
+        self._compression[info.pos] = ("", 0)
         return info
 
     def read_chunk(self) -> Chunk:
-        """Read the header of a chunk, and hold what it announces against the limits."""
+        """Read the header of a chunk, and check its announced size against the limits."""
         if self.bio is None:
             raise DamageError("the file was closed")
         position = self.bio.tell()
@@ -122,7 +122,7 @@ class _IndexReader(rosbag1.Reader):
         self.bio.seek(position)
         compression, unpacked_bytes = _text(header, "compression"), header.get_uint32("size")
         self.sizes.add_chunk(position, unpacked_bytes)
-        self._packing[position] = (compression, unpacked_bytes)
+        self._compression[position] = (compression, unpacked_bytes)
         chunk = super().read_chunk()
         if chunk.datapos + chunk.datasize > self._size:
             raise DamageError(f"the chunk at byte {position} is cut off")
@@ -131,7 +131,7 @@ class _IndexReader(rosbag1.Reader):
         return chunk
 
     def read_index_data(self, pos: int, indexes: dict[int, list[IndexData]]) -> None:
-        """Read the index of one connection in a chunk; a made-up one could be read over and over."""
+        """Read the index of one connection in a chunk; a forged one could make the same bytes count many times."""
         if self.bio is None:
             raise DamageError("the file was closed")
         begin = self.bio.tell()
@@ -141,20 +141,20 @@ class _IndexReader(rosbag1.Reader):
             raise DamageError("its index names messages twice")
 
     def load(self, position: int) -> bytes:
-        """Return the content of the chunk at a position of the file.
+        """Return the uncompressed content of the chunk at a position of the file.
 
         Raises:
             DamageError: it is cut off, or holds more than it announces.
         """
         if self.bio is None:
             raise DamageError("the file was closed")
-        chunk, (compression, unpacked_bytes) = self.chunks[position], self._packing[position]
+        chunk, (compression, unpacked_bytes) = self.chunks[position], self._compression[position]
         self.bio.seek(chunk.datapos)
         packed = self.bio.read(chunk.datasize)
         if compression == "none":
             return packed
         try:
-            return unpack(packed, compression, unpacked_bytes)
+            return decompress(packed, compression, unpacked_bytes)
         except TooLargeError:
             raise DamageError(f"the chunk at byte {position} holds more than it announces") from None
 
@@ -168,8 +168,8 @@ def _text(header: Header, name: str) -> str:
 class _Records:
     """Finds the message records of one connection in chunks.
 
-    The first header is parsed. The next ones are compared with what it would be at their time; one that
-    differs is parsed in its turn.
+    The first header is parsed. Each next one is compared with the same header at its own time, and parsed only if it
+    differs.
     """
 
     def __init__(self, connection: int, topic: str, msgtype: str) -> None:
@@ -182,7 +182,7 @@ class _Records:
         """Return the bytes of the message that the index announces, as a view of the chunk.
 
         Raises:
-            DamageError: it is not there.
+            DamageError: there is no such message.
         """
         begin = entry.offset
         if self._around_time is not None:
@@ -194,23 +194,23 @@ class _Records:
 
     def _parse(self, chunk: bytes, entry: IndexData) -> int:
         """Return where the header of a record ends."""
-        source = BytesIO(chunk)  # shares the bytes
+        source = BytesIO(chunk)  # shares the bytes of the chunk
         source.seek(entry.offset)
         begin = entry.offset
         while (header := Header.read(source)).get_uint8("op") == RecordType.CONNECTION:
             begin = source.seek(_SIZE.size + len(_sized(chunk, source.tell())), os.SEEK_CUR)
         end = source.tell()
-        told = header.get_uint8("op"), header.get_uint32("conn"), header.get_time("time")
-        if told != (RecordType.MSGDATA, self.connection, entry.time):
+        parsed = header.get_uint8("op"), header.get_uint32("conn"), header.get_time("time")
+        if parsed != (RecordType.MSGDATA, self.connection, entry.time):
             raise DamageError(f"the index announces a message of {self.topic} where none is")
-        before, found, after = chunk[begin:end].partition(b"time=" + header["time"])
-        if found:
-            self._around_time = before + found[: -_TIME.size], after
+        before, stamp, after = chunk[begin:end].partition(b"time=" + header["time"])
+        if stamp:
+            self._around_time = before + stamp[: -_TIME.size], after
         return end
 
 
 def _sized(data: bytes, begin: int) -> memoryview:
-    """Return the bytes whose number stands at `begin`."""
+    """Return the bytes whose length stands at `begin`."""
     (size,) = _SIZE.unpack_from(data, begin)
     begin += _SIZE.size
     if begin + size > len(data):
@@ -218,5 +218,5 @@ def _sized(data: bytes, begin: int) -> memoryview:
     return memoryview(data)[begin : begin + size]
 
 
-def _time_ns(found: tuple[IndexData, _Records]) -> int:
-    return found[0].time
+def _time_ns(indexed: tuple[IndexData, _Records]) -> int:
+    return indexed[0].time

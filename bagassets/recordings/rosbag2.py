@@ -1,6 +1,6 @@
 """ROS 2 bag folders: SQLite or MCAP, split, compressed by file or by message.
 
-What `metadata.yaml` says of topics counts, and the files are read in its order.
+Topics are those in `metadata.yaml`, and files are read in its order.
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -15,18 +15,18 @@ from bagassets.errors import RecordingError
 from bagassets.recipe.model import Limits
 from bagassets.recordings.damage import DamageError, refuse_pointer
 from bagassets.recordings.database_file import Database, serialization_problem
+from bagassets.recordings.decompress import TooLargeError, decompress, decompress_file
 from bagassets.recordings.mcap_file import McapFile
 from bagassets.recordings.model import Definition, RawMessage
 from bagassets.recordings.recording import Recording
 from bagassets.recordings.topic import RefusedBytes, TopicSource, merge_topics, normalise_msgtype
-from bagassets.recordings.unpack import TooLargeError, unpack, unpack_file
 
 __all__ = ["Rosbag2Recording"]
 
 METADATA = "metadata.yaml"
 _NEWEST_VERSION = 9
 _MOST_METADATA_BYTES = 16_000_000
-# The parser calls itself for what lies in what; files of recorders nest six levels.
+# The parser recurses into nested values; recorders write six levels.
 _DEEPEST = 50
 _ZSTD = ".zstd"
 
@@ -40,9 +40,9 @@ class Rosbag2Recording(Recording):
         try:
             facts = _metadata(path / METADATA)
             mode = _compression_mode(facts)
-            self._packed_messages = mode == "message"
+            self._compressed_messages = mode == "message"
             self._files = [
-                self._open(file, packed=mode == "file" or file.suffix == _ZSTD)
+                self._open(file, compressed=mode == "file" or file.suffix == _ZSTD)
                 for file in _storage_files(path, facts)
             ]
             super().__init__(
@@ -52,13 +52,13 @@ class Rosbag2Recording(Recording):
             self._stack.close()
             raise
 
-    def _open(self, file: Path, *, packed: bool) -> "Database | McapFile":
+    def _open(self, file: Path, *, compressed: bool) -> "Database | McapFile":
         refuse_pointer(file)
-        if packed:
+        if compressed:
             folder = Path(self._stack.enter_context(TemporaryDirectory(prefix="bagassets-")))
-            unpacked = folder / file.stem
-            unpack_file(file, unpacked, self._limits.compression_ratio)
-            file = unpacked
+            plain = folder / file.stem
+            decompress_file(file, plain, self._limits.compression_ratio)
+            file = plain
         if file.suffix == ".mcap":
             mcap = McapFile(file, self._limits)
             mcap.check = True
@@ -72,10 +72,10 @@ class Rosbag2Recording(Recording):
         definitions: dict[str, Definition] = {}
         for file in self._files:
             if isinstance(file, Database):
-                found = file.definitions()
+                in_file = file.definitions()
             else:
-                found = {s.msgtype: s.definition for s in file.sources().values() if s.definition.text}
-            definitions = found | definitions  # those of the first file count
+                in_file = {s.msgtype: s.definition for s in file.sources().values() if s.definition.text}
+            definitions = in_file | definitions  # the first file's definition of a type counts
         return [
             TopicSource(
                 str(topic["name"]),
@@ -102,13 +102,13 @@ class Rosbag2Recording(Recording):
             }
             for number, log_time_ns, data in file.messages(wanted.keys()) if wanted else ():
                 info = wanted[number]
-                yield RawMessage(info.name, info.msgtype, log_time_ns, self._unpacked(data))
+                yield RawMessage(info.name, info.msgtype, log_time_ns, self._decompressed(data))
 
-    def _unpacked(self, data: bytes | memoryview) -> bytes | memoryview:
-        if not self._packed_messages or isinstance(data, RefusedBytes):
+    def _decompressed(self, data: bytes | memoryview) -> bytes | memoryview:
+        if not self._compressed_messages or isinstance(data, RefusedBytes):
             return data
         try:
-            return unpack(bytes(data), "zstd", self._limits.message_bytes)
+            return decompress(bytes(data), "zstd", self._limits.message_bytes)
         except TooLargeError:
             return RefusedBytes()
 
@@ -118,10 +118,10 @@ class Rosbag2Recording(Recording):
 
 
 def _metadata(file: Path) -> dict[str, Any]:
-    """Return what a metadata file says of its bag.
+    """Return the facts in the metadata file of a bag.
 
     Raises:
-        DamageError: it is not one of a ROS 2 bag.
+        DamageError: it is not the metadata of a ROS 2 bag.
     """
     with file.open("rb") as stream:
         text = stream.read(_MOST_METADATA_BYTES + 1)
@@ -140,10 +140,10 @@ def _metadata(file: Path) -> dict[str, Any]:
     except yaml.YAMLError as err:
         mark = getattr(err, "problem_mark", None)
         line = "" if mark is None else f", line {mark.line + 1}"
-        raise DamageError(f"its {METADATA} is no YAML{line}") from err
+        raise DamageError(f"its {METADATA} is not YAML{line}") from err
     facts = facts.get("rosbag2_bagfile_information") if isinstance(facts, dict) else None
     if not isinstance(facts, dict):
-        raise DamageError(f"its {METADATA} says nothing of a ROS 2 bag")
+        raise DamageError(f"its {METADATA} does not describe a ROS 2 bag")
     missing = [name for name in ("topics_with_message_count", "relative_file_paths") if name not in facts]
     if missing:
         raise DamageError(f"its {METADATA} lacks {missing[0]}")
@@ -155,16 +155,16 @@ def _metadata(file: Path) -> dict[str, Any]:
 
 def _compression_mode(facts: Mapping[str, Any]) -> str:
     mode = str(facts.get("compression_mode") or "none").lower()
-    packing = str(facts.get("compression_format") or "")
-    if mode != "none" and packing != "zstd":
-        raise DamageError(f"its compression '{packing}' is not supported")
+    compression = str(facts.get("compression_format") or "")
+    if mode != "none" and compression != "zstd":
+        raise DamageError(f"its compression '{compression}' is not supported")
     return mode
 
 
 def _storage_files(path: Path, facts: Mapping[str, Any]) -> list[Path]:
     """Return the files of a bag in the order of its metadata.
 
-    They are told by their suffix: `storage_identifier` says the same, and some recorders leave it empty.
+    The suffix of a file tells its kind: `storage_identifier` says the same, but some recorders leave it empty.
     """
     files = [path / PurePosixPath(str(name)).name for name in facts["relative_file_paths"]]
     missing = [file.name for file in files if not file.exists()]

@@ -1,4 +1,4 @@
-"""Holding what a recording announces against the recipe's `limits`, before memory is taken."""
+"""Checking the sizes that a recording announces against the recipe's `limits`, before memory is allocated."""
 
 from pathlib import Path
 
@@ -11,7 +11,7 @@ GIGABYTE = 1_000_000_000
 
 
 class Sizes:
-    """What one recording may hold.
+    """The bounds on one recording.
 
     Args:
         path: the recording.
@@ -27,14 +27,14 @@ class Sizes:
         self.unpacked_bytes = 0
 
     def add_chunk(self, offset: int, unpacked_bytes: int) -> None:
-        """Take what a chunk announces to hold; one that was taken before counts once.
+        """Count the announced size of a chunk; a chunk counts once, however often it is added.
 
         Args:
             offset: of the chunk in the file.
-            unpacked_bytes: what it announces.
+            unpacked_bytes: its announced uncompressed size.
 
         Raises:
-            SizeLimitError: that is more than a chunk, or the recording, may hold.
+            SizeLimitError: the chunk, or the recording, may not hold that much.
         """
         self.check_chunk(offset, unpacked_bytes)
         if offset in self._offsets:
@@ -49,10 +49,10 @@ class Sizes:
             )
 
     def check_chunk(self, offset: int, unpacked_bytes: int) -> None:
-        """Check what one chunk announces to hold.
+        """Check the announced size of one chunk.
 
         Raises:
-            SizeLimitError: that is more than a chunk may hold.
+            SizeLimitError: no chunk may hold that much.
         """
         if unpacked_bytes > self._limits.chunk_bytes:
             raise SizeLimitError(
@@ -62,10 +62,10 @@ class Sizes:
             )
 
     def check_connections(self, number: int) -> None:
-        """Check a number of connections: publishers in ROS 1, channels in MCAP.
+        """Check the number of connections: publishers in ROS 1, channels in MCAP.
 
         Raises:
-            SizeLimitError: there are more than a recording may have.
+            SizeLimitError: a recording may not have that many.
         """
         if number > self._limits.connections:
             raise SizeLimitError(
@@ -75,7 +75,7 @@ class Sizes:
 
 
 def readable_bytes(size: int) -> str:
-    """Return a size as people say it."""
+    """Return a size with a fitting unit."""
     for unit, factor in (("GB", 10**9), ("MB", 10**6), ("kB", 10**3)):
         if size >= factor:
             return f"{size / factor:.4g} {unit}"

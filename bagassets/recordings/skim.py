@@ -1,7 +1,7 @@
-"""Taking out of a packet message what is asked of every packet, without building the message.
+"""Reading stamp, frame id and packet from a packet message without decoding it.
 
-Lidars that are recorded packet by packet bring thousands of messages a second. An object with arrays for
-addresses and ports costs several times as much as what is then done with the packet.
+A lidar recorded packet by packet sends thousands of messages a second. Decoding one into an object, with arrays for
+addresses and ports, costs several times as much as what is then done with the packet.
 """
 
 from collections.abc import Callable, Sequence
@@ -32,14 +32,14 @@ Skimmer = Callable[[bytes | memoryview], SkimmedPacket | None]
 
 
 def packet_skimmer(layout: Layout, payloads: Sequence[str]) -> Skimmer | None:
-    """Return a function that reads packet messages of a type, or None if they are not laid out simply.
+    """Return a function that reads packet messages of a type, or None if their layout is not simple.
 
-    Simple is a ROS 1 message of a header, fields of fixed size, and last the bytes. The function returns
-    None for a message that is not as long as it says: decoding it tells what is wrong.
+    A simple layout is that of a ROS 1 message with a header, then fields of fixed size, then the bytes. The function returns
+    None for a message whose length is wrong: decoding it raises the proper error.
 
     Args:
         layout: of the type.
-        payloads: names that the field with the bytes may have, the likeliest first.
+        payloads: possible names of the field with the bytes, the likeliest first.
     """
     fields = dict(layout.types[layout.msgtype][1])
     payload = next((name for name in payloads if name in fields), None)
@@ -73,7 +73,7 @@ def packet_skimmer(layout: Layout, payloads: Sequence[str]) -> Skimmer | None:
 
 
 def _fixed_size(kind: Any) -> int | None:
-    """Return the size of a field in bytes, None if it differs between messages."""
+    """Return the size of a field in bytes; None if it varies between messages."""
     if kind[0] == Nodetype.BASE:
         return _SIZES.get(kind[1][0])
     if kind[0] == Nodetype.ARRAY:

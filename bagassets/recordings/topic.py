@@ -1,8 +1,7 @@
-"""One topic of a recording: what it carries, and how its messages are decoded.
+"""One topic of a recording: its type, and how its messages are decoded.
 
-Messages are decoded with the definitions that came with them, or with what is known. Each topic has a type
-store of its own, made from its own definition: a definition that does not parse, or that contradicts another
-topic's, costs that topic only.
+Messages are decoded with the definition recorded with them or, without one, with a known definition of their type. Each
+topic has its own: a definition that does not parse, or that contradicts another topic's, costs that topic only.
 """
 
 import struct
@@ -16,11 +15,11 @@ from rosbags.interfaces import Nodetype
 
 from bagassets.errors import DecodeError, SizeLimitError
 from bagassets.recipe.model import Limits
-from bagassets.recordings.layouts import Choice, Layout, Serialization, choice_of
-from bagassets.recordings.model import Definition, SkimmedPacket
+from bagassets.recordings.layouts import Choice, Layout, choice_of
+from bagassets.recordings.model import Definition, Serialization, SkimmedPacket
 from bagassets.recordings.skim import HEADER, Skimmer, packet_skimmer
 
-__all__ = ["RefusedBytes", "Serialization", "Topic", "TopicSource", "merge_topics", "normalise_msgtype"]
+__all__ = ["RefusedBytes", "Topic", "TopicSource", "merge_topics", "normalise_msgtype"]
 
 
 def normalise_msgtype(name: str) -> str:
@@ -30,27 +29,27 @@ def normalise_msgtype(name: str) -> str:
 
 
 class RefusedBytes(bytes):
-    """Stands for the bytes of a message that exceeds the recipe's `limits`; they are not handed on.
+    """Placeholder for the bytes of a message that exceeds the recipe's `limits`.
 
-    The topic's digest is that of what a step can see: a limit that lets the message in makes stale what
-    reads the topic, and nothing else.
+    Topic digests cover what steps can see, so they cover this text, too: raising a limit makes stale what reads the
+    topic, and nothing else.
 
     Attributes:
-        reason: why decoding it fails.
+        reason: why the message is not decoded.
     """
 
     reason: str
 
     def __new__(cls, reason: str = "it is larger than limits.message_bytes in the recipe allows") -> Self:
-        """Make the place holder."""
-        made = super().__new__(cls, reason.encode())
-        made.reason = reason
-        return made
+        """Return a placeholder with this reason."""
+        placeholder = super().__new__(cls, reason.encode())
+        placeholder.reason = reason
+        return placeholder
 
 
 @dataclass(frozen=True)
 class TopicSource:
-    """One connection of a recording: a topic, its type, and the definition that came with it."""
+    """One connection of a recording: a topic, its type, and its recorded definition."""
 
     topic: str
     msgtype: str
@@ -64,16 +63,16 @@ class Topic:
     """One topic.
 
     Args:
-        source: what the recording says of it.
+        source: the topic as the recording announces it.
         message_definitions: folders of `.msg` files, laid out as `pkg/msg/Type.msg` or `pkg/Type.msg`.
-        limits: how large definitions may be, and what messages may hold; those of an empty recipe by default.
+        limits: bounds on definitions and messages; by default those of an empty recipe.
 
     Attributes:
         name: topic as recorded.
         msgtype: normalised type, `pkg/msg/Type`.
         count: number of messages that the recording announces.
         serialization: how its messages are serialized.
-        problem: why they cannot be decoded, in words; None if they can.
+        problem: a clause that says why its messages cannot be decoded; None if they can.
     """
 
     def __init__(
@@ -97,7 +96,7 @@ class Topic:
         Time fields have `sec` and `nanosec`, array fields are numpy arrays.
 
         Raises:
-            DecodeError: the bytes do not fit the type, the type is not known, or the message exceeds the limits.
+            DecodeError: the bytes do not fit the type, the type is unknown, or the message exceeds the limits.
         """
         if isinstance(data, RefusedBytes):
             raise DecodeError(data.reason)
@@ -107,10 +106,10 @@ class Topic:
         return layouts.decode(data)
 
     def header(self, data: bytes | memoryview) -> tuple[int, str] | None:
-        """Return stamp in nanoseconds and frame id (no leading slash) of a message, without decoding it.
+        """Return the stamp in nanoseconds and the frame id (no leading slash) of a message, without decoding it.
 
-        Known for types whose first field is a header, or a sequence of elements that begin with
-        one (TFMessage, MarkerArray), of which the first counts; else None.
+        None unless the first field of the type is a header, or a sequence whose elements begin with one (TFMessage,
+        MarkerArray), of which the first counts.
         """
         if self._header_at == "none" or isinstance(data, RefusedBytes):
             return None
@@ -120,11 +119,11 @@ class Topic:
             return None  # too short to hold a header
 
     def packet(self, data: bytes | memoryview, payloads: tuple[str, ...]) -> SkimmedPacket | None:
-        """Return header and bytes of a packet without decoding its message; None if only decoding tells.
+        """Return header and bytes of a packet without decoding its message; None if the message must be decoded.
 
         Args:
             data: the message.
-            payloads: names that the field with the packet may have.
+            payloads: possible names of the field that holds the packet.
         """
         if payloads not in self._skimmers:
             layout = None if self.is_ambiguous else self.layout
@@ -134,15 +133,15 @@ class Topic:
 
     @property
     def has_definition(self) -> bool:
-        """True if a definition came with the messages, or was assumed."""
+        """True if a definition was recorded with the messages, or assumed."""
         return self._own.format != "none" and bool(self._own.text)
 
     @property
     def definition(self) -> Definition:
-        """What messages are decoded with, wherever it came from.
+        """The definition that messages are decoded with, wherever it is from.
 
-        A recording's own definition as it is; any other as text that holds without what is
-        installed here. Where several layouts are possible it is the one that fitted best so far.
+        A recorded definition is returned unchanged; any other as text that does not depend on installed packages. Where
+        several layouts are possible, it is the one that fitted best so far.
         """
         layout = self.layout
         if self.has_definition or layout is None:
@@ -150,7 +149,7 @@ class Topic:
         return Definition("msg", layout.text)
 
     def assume(self, definition: Definition) -> None:
-        """Decode messages that came without definition as they were found to be laid out before."""
+        """Use the definition that an earlier pass found, unless one was recorded."""
         if not self.has_definition and definition.text:
             self._own = definition
             self._skimmers.clear()
@@ -159,22 +158,22 @@ class Topic:
 
     @property
     def layout(self) -> Layout | None:
-        """How messages are laid out, as far as those decoded so far tell; None if that is not known."""
+        """The layout that fitted the messages decoded so far best; None if there is none."""
         return None if isinstance(self._layouts, str) else self._layouts.best
 
     @property
     def layout_digest(self) -> str:
-        """Digest of how messages are laid out; empty if that is not known."""
+        """Digest of `layout`; empty without one."""
         return "" if self.layout is None else self.layout.digest
 
     @property
     def is_ambiguous(self) -> bool:
-        """True if messages may be laid out in several ways, which only their bytes tell apart."""
+        """True if several layouts are possible, which only the bytes of messages tell apart."""
         return isinstance(self._layouts, Choice) and len(self._layouts.layouts) > 1
 
     @property
     def large_bytes(self) -> int:
-        """From what size on messages are looked into by `refusal`."""
+        """The message size in bytes from which `refusal` has to be asked."""
         most_bytes = self._limits.message_bytes
         if isinstance(self._layouts, str):
             return most_bytes
@@ -182,7 +181,7 @@ class Topic:
         return min([most_bytes, *(size for size in large if size is not None)])
 
     def refusal(self, data: bytes | memoryview) -> str | None:
-        """Return why a message must not be decoded: it is too large, or holds too much; None if it may be."""
+        """Return why a message exceeds the limits and must not be decoded; None if it does not."""
         if len(data) > self._limits.message_bytes:
             return "it is larger than limits.message_bytes in the recipe allows"
         if isinstance(self._layouts, str):
@@ -196,12 +195,12 @@ class Topic:
 
     @cached_property
     def _layouts(self) -> Choice | str:
-        """The layouts that messages may have, or why there are none."""
+        """The possible layouts of messages, or the reason why there are none."""
         return choice_of(self.msgtype, self.serialization, self._own, self._folders, self._limits)
 
     @cached_property
     def _header_at(self) -> Literal["none", "begin", "begin of first element"]:
-        """Where the header of a message is."""
+        """Where the header is in a message."""
         layout = self.layout
         first = None if layout is None else _first_field(layout, self.msgtype)
         if layout is None or first is None:
@@ -221,9 +220,9 @@ def merge_topics(
     """Return the topics of a recording, sorted by name.
 
     Args:
-        path: the recording, for messages.
-        sources: its connections, several of which may be of one topic. A topic with two types, or two layouts of
-            one, cannot be decoded.
+        path: the recording, for error messages.
+        sources: its connections; several may carry one topic. A topic with two types, or with two layouts of its
+            type, cannot be decoded.
         message_definitions: as for `Topic`.
         limits: as for `Topic`.
 
@@ -238,7 +237,7 @@ def merge_topics(
         raise SizeLimitError(
             f"{path}: it has {len(merged)} topics; if you trust the recording, raise limits.topics in the recipe."
         )
-    # Topics of one type may have come with different definitions: each goes by its own.
+    # Topics of one type may be recorded with different definitions: each is decoded with its own.
     return {name: Topic(source, message_definitions, limits) for name, source in sorted(merged.items())}
 
 

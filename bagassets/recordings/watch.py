@@ -1,8 +1,8 @@
-"""The digest service: follows a folder of recordings and keeps a true digest on record for each file.
+"""The digest service: follows a folder of recordings and keeps a true digest of each file on record.
 
-Notifications of the file system only wake it; what has changed is found by looking at all names,
-sizes and times. So nothing is missed, however many files come at once, whatever happened while it was
-down, and where the file system notifies nobody.
+Notifications of the file system only wake it; changes are found by comparing all names, sizes and times. So nothing is
+missed: not among many files at once, not while the service was down, and not where the file system sends no
+notifications.
 """
 
 import threading
@@ -17,30 +17,30 @@ from bagassets.errors import BagAssetsError, ChangedWhileReadError, RecordingErr
 from bagassets.recipe.model import Bags
 from bagassets.recordings.digest import hash_file
 from bagassets.recordings.digest_check import Disagreement
-from bagassets.recordings.digest_record import DigestIndex, keep, kept_digest, read_attribute
+from bagassets.recordings.digest_record import DigestIndex, digest_on_record, put_on_record, read_attribute
 from bagassets.recordings.discover import discover
 from bagassets.recordings.model import RecordingFiles
 from bagassets.recordings.notify import Notifications
 
 __all__ = ["WatchEvent", "Watcher"]
 
-# However often it is woken, looking takes at most this share of the time.
+# However often it is woken, scanning takes at most this share of the time.
 _SCAN_SHARE = 0.1
 _SHORTEST_PAUSE_S = 0.5
 
 
 @dataclass(frozen=True)
 class WatchEvent:
-    """What the service has to tell.
+    """A report of the service.
 
     Attributes:
         kind: `hashed`; `wrong` (a record that claimed to hold did not, and was corrected); `problem`
-            (a file stays without digest until it is mended); `note`.
+            (a file has no digest until it is solved); `note`.
         message: a sentence.
-        path: the file, if it is about one.
+        path: the file, if the report is about one.
         digest: of a hashed file.
         size: of a hashed file, in bytes.
-        seconds: that hashing took.
+        seconds: time that hashing took.
     """
 
     kind: Literal["hashed", "wrong", "problem", "note"]
@@ -53,7 +53,7 @@ class WatchEvent:
 
 @dataclass(frozen=True)
 class _State:
-    """All that shows on the outside that a file may have changed."""
+    """Everything about a file that shows, without reading it, that it may have changed."""
 
     size: int
     mtime_ns: int
@@ -67,54 +67,54 @@ class _State:
 
 @dataclass
 class _File:
-    """What is remembered of a file.
+    """What the service remembers about a file.
 
     Attributes:
-        state: as it was last seen.
-        since_s: since when it has been seen so, on the monotonic clock.
-        settled: for which state there is nothing left to do.
-        doubted: a record is not trusted, whatever it says; only hashing helps.
+        state: as last seen.
+        since_s: when it was first seen in that state, on the monotonic clock.
+        settled: the state for which nothing is left to do.
+        suspect: no digest on record is trusted; the file must be hashed.
         retry_at_s: when to try again what failed.
     """
 
     state: _State
     since_s: float
     settled: _State | None = None
-    doubted: bool = False
+    suspect: bool = False
     retry_at_s: float | None = None
 
 
-class _Stopped(Exception):  # noqa: N818  (no error: it was asked for)
-    """Hashing ended because the service is to stop."""
+class _Stopped(Exception):  # noqa: N818  (no error: somebody asked for it)
+    """The service was asked to stop while it hashed a file."""
 
 
 class Watcher:
-    """Keeps digests of the recordings below a folder on record.
+    """Keeps the digests of all recordings below a folder on record.
 
     Args:
         bags: where recordings are, which of them count, and how long one must be quiet to be finished.
-        index: takes digests of files that take no attributes.
-        tell: called with everything worth a line in a log.
-        rescan_s: how often to look without being woken.
+        index: holds the digests of files that take no extended attributes.
+        report: called with everything worth a line in a log.
+        rescan_s: how often to scan without being woken.
     """
 
     def __init__(
         self,
         bags: Bags,
         index: DigestIndex | None,
-        tell: Callable[[WatchEvent], None],
+        report: Callable[[WatchEvent], None],
         *,
         rescan_s: float = 300.0,
     ) -> None:
         self._bags = bags
         self._index = index
-        self._tell = tell
+        self._report = report
         self._rescan_s = rescan_s
         self._files: dict[Path, _File] = {}
-        self._told: set[str] = set()
+        self._reported: set[str] = set()
         self._wake = threading.Event()
         self._stop = threading.Event()
-        self._doubt_all = False
+        self._suspect_all = False
 
     def stop(self) -> None:
         """Make `run` return soon; may be called from a signal handler or another thread."""
@@ -125,47 +125,47 @@ class Watcher:
         """Catch up with what is there, then follow changes until `stop` is called.
 
         Args:
-            verify: first hash everything, and tell of every record that does not agree with its file.
-            once: return when everything that is finished has its digest.
+            verify: first hash everything, and report every digest on record that does not match its file.
+            once: return when all finished recordings have their digests.
 
         Raises:
-            RecordingError: the folder is not there when it starts.
+            RecordingError: the folder is missing at the start.
         """
-        self._doubt_all = verify
-        due, _ = self._look()
-        self._doubt_all = False
+        self._suspect_all = verify
+        due, _ = self._scan()
+        self._suspect_all = False
         if once:
             self._hash_all(due)
             return
         with Notifications(self._bags.root, self._wake.set, self._not_notified) as notifications:
             while not self._stop.is_set():
                 notifications.follow()
-                looked_at_s = time.monotonic()
+                scanned_at_s = time.monotonic()
                 try:
-                    due, next_s = self._look()
+                    due, next_s = self._scan()
                 except RecordingError as err:  # the folder is gone, perhaps unmounted: it may come back
-                    self._tell_once(WatchEvent("problem", str(err), self._bags.root))
+                    self._report_once(WatchEvent("problem", str(err), self._bags.root))
                     due, next_s = [], self._rescan_s
-                scan_s = time.monotonic() - looked_at_s
-                again_s = looked_at_s + max(_SHORTEST_PAUSE_S, scan_s / _SCAN_SHARE)
-                if self._hash_all(due, look_again_at_s=again_s):
-                    self._wake.wait(max(0.0, looked_at_s + next_s - time.monotonic()))
+                scan_s = time.monotonic() - scanned_at_s
+                again_s = scanned_at_s + max(_SHORTEST_PAUSE_S, scan_s / _SCAN_SHARE)
+                if self._hash_all(due, scan_again_at_s=again_s):
+                    self._wake.wait(max(0.0, scanned_at_s + next_s - time.monotonic()))
                 self._wake.clear()
                 self._stop.wait(max(0.0, again_s - time.monotonic()))
 
-    # --- looking -------------------------------------------------------------------------
+    # --- scanning -------------------------------------------------------------------------
 
-    def _look(self) -> tuple[list[RecordingFiles], float]:
-        """Look at all files.
+    def _scan(self) -> tuple[list[RecordingFiles], float]:
+        """Scan all files.
 
         Returns:
-            recordings that are finished and lack a digest, those that wait longest first, and the
-            seconds until another may be finished.
+            finished recordings that lack a digest, those that have waited longest first, and the seconds until another
+            may be finished.
         """
         now_s, wall_s = time.monotonic(), time.time()
         discovery = discover(self._bags)
         for sentence in discovery.unreadable.values():
-            self._tell_once(WatchEvent("problem", sentence))
+            self._report_once(WatchEvent("problem", sentence))
         due: list[tuple[float, str, RecordingFiles]] = []
         seen: dict[Path, _File] = {}
         next_s = self._rescan_s
@@ -175,9 +175,9 @@ class Watcher:
                 try:
                     stat = path.stat()
                 except OSError:
-                    continue  # removed while we looked
+                    continue  # removed during the scan
                 file = seen[path] = self._seen(path, stat, now_s)
-                # A file that has not changed for long was not written just now: it need not be watched first.
+                # A file that has not changed for long is finished already, even if it is new to us.
                 quiet_s = min(quiet_s, max(now_s - file.since_s, wall_s - stat.st_ctime_ns / 1e9))
                 lacking = lacking or not self._is_settled(path, file, stat, now_s)
             if lacking and quiet_s >= self._bags.settle_s:
@@ -190,33 +190,33 @@ class Watcher:
     def _seen(self, path: Path, stat: stat_result, now_s: float) -> _File:
         state, before = _State.of(stat), self._files.get(path)
         if before is None:
-            return _File(state, now_s, doubted=self._doubt_all)
+            return _File(state, now_s, suspect=self._suspect_all)
         if before.state == state:
             return before
-        # Changed without a new size or time, it may have been edited in place.
+        # If it changed without a new size or mtime, it may have been edited in place.
         held = before.settled
         in_place = held is not None and (held.size, held.mtime_ns) == (state.size, state.mtime_ns)
-        return _File(state, now_s, held, doubted=before.doubted or in_place)
+        return _File(state, now_s, held, suspect=before.suspect or in_place)
 
     def _is_settled(self, path: Path, file: _File, stat: stat_result, now_s: float) -> bool:
-        """Tell whether nothing needs to be done for a file; the record of one that is new to us is trusted."""
+        """Tell whether nothing is left to do for a file; the digest on record of one new to us is trusted."""
         if file.retry_at_s is not None:
             return now_s < file.retry_at_s
         if file.settled == file.state:
             return True
-        if file.doubted or kept_digest(path, stat, self._index) is None:
+        if file.suspect or digest_on_record(path, stat, self._index) is None:
             return False
         file.settled = file.state
         return True
 
     # --- hashing -------------------------------------------------------------------------
 
-    def _hash_all(self, due: list[RecordingFiles], look_again_at_s: float = float("inf")) -> bool:
-        """Hash recordings; return False if it was interrupted because there is something new to see."""
+    def _hash_all(self, due: list[RecordingFiles], scan_again_at_s: float = float("inf")) -> bool:
+        """Hash recordings; return False if a stop or news from the file system interrupted it."""
         for recording in due:
             if self._stop.is_set():
                 return False
-            if self._wake.is_set() and time.monotonic() >= look_again_at_s:
+            if self._wake.is_set() and time.monotonic() >= scan_again_at_s:
                 return False
             for path in recording.files:
                 try:
@@ -233,10 +233,10 @@ class Watcher:
         try:
             stat = path.stat()
             if file.state != _State.of(stat) or self._is_settled(path, file, stat, started_s):
-                return  # done, or changed since we looked: then the next look sees it
+                return  # done, or changed since the scan: then the next scan sees it
             digest = hash_file(path, stat, self._checkpoint)
             self._report_wrong(path, stat, digest)
-            kept = keep(path, stat, digest, self._index)
+            kept = put_on_record(path, stat, digest, self._index)
             after = path.stat()
             if (after.st_size, after.st_mtime_ns, after.st_ino) != (
                 stat.st_size,
@@ -245,25 +245,25 @@ class Watcher:
             ):
                 return
         except (ChangedWhileReadError, FileNotFoundError):
-            return  # the next look sees what it has become
+            return  # the next scan sees what it has become
         except (BagAssetsError, OSError) as err:
             file.retry_at_s = time.monotonic() + self._rescan_s
-            self._tell_once(WatchEvent("problem", str(err), path))
+            self._report_once(WatchEvent("problem", str(err), path))
             return
-        # Our own attribute changed its ctime.
+        # Writing our attribute changed its ctime.
         file.state = file.settled = _State.of(after)
-        file.doubted, file.retry_at_s = False, None
-        self._told = {message for message in self._told if not message.startswith(f"{path}:")}
+        file.suspect, file.retry_at_s = False, None
+        self._reported = {message for message in self._reported if not message.startswith(f"{path}:")}
         seconds = time.monotonic() - started_s
-        self._tell(
+        self._report(
             WatchEvent("hashed", f"{path}: {digest}", path, digest=digest, size=stat.st_size, seconds=seconds)
         )
         if kept == "nowhere":
-            self._tell_once(
+            self._report_once(
                 WatchEvent(
                     "problem",
-                    f"{self._bags.root}: digests cannot be stored, because files here take no extended attributes from "
-                    "this user; run as a user who may write them, or name a recipe, whose index takes them.",
+                    f"{self._bags.root}: digests cannot be stored, because this user cannot write extended attributes "
+                    "here; run as a user who may, or name a recipe, whose index takes the digests.",
                 )
             )
 
@@ -271,26 +271,26 @@ class Watcher:
         attribute = read_attribute(path, stat)
         if attribute is not None and attribute != digest:
             wrong = Disagreement(path, "attribute", attribute, digest)
-            self._tell(WatchEvent("wrong", str(wrong), path, digest=digest, size=stat.st_size))
-        noted = None if self._index is None else self._index.get(path, stat)
-        if noted is not None and noted != digest:
-            wrong = Disagreement(path, "index", noted, digest)
-            self._tell(WatchEvent("wrong", str(wrong), path, digest=digest, size=stat.st_size))
+            self._report(WatchEvent("wrong", str(wrong), path, digest=digest, size=stat.st_size))
+        indexed = None if self._index is None else self._index.get(path, stat)
+        if indexed is not None and indexed != digest:
+            wrong = Disagreement(path, "index", indexed, digest)
+            self._report(WatchEvent("wrong", str(wrong), path, digest=digest, size=stat.st_size))
 
     def _checkpoint(self) -> None:
         if self._stop.is_set():
             raise _Stopped
 
-    def _tell_once(self, event: WatchEvent) -> None:
-        if event.message not in self._told:
-            self._told.add(event.message)
-            self._tell(event)
+    def _report_once(self, event: WatchEvent) -> None:
+        if event.message not in self._reported:
+            self._reported.add(event.message)
+            self._report(event)
 
     def _not_notified(self, reason: str) -> None:
-        self._tell_once(
+        self._report_once(
             WatchEvent(
                 "note",
-                f"{self._bags.root}: the file system does not notify ({reason}), so it is looked at every "
+                f"{self._bags.root}: the file system sends no notifications ({reason}), so it is scanned every "
                 f"{self._rescan_s:.0f} s; if there are too many folders, raise fs.inotify.max_user_watches.",
                 self._bags.root,
             )

@@ -1,0 +1,109 @@
+"""Decompressing parts of recordings, never to more bytes than a bound set beforehand."""
+
+import bz2
+from collections.abc import Callable
+from pathlib import Path
+
+import lz4.frame
+import zstandard
+
+from bagassets.errors import SizeLimitError
+from bagassets.recordings.damage import DamageError
+from bagassets.recordings.sizes import GIGABYTE, readable_bytes
+
+__all__ = ["TooLargeError", "decompress", "decompress_file"]
+
+_PIECE_BYTES = 1024 * 1024
+
+
+class TooLargeError(Exception):
+    """Compressed data exceeds its bound when decompressed."""
+
+
+def decompress(packed: bytes, compression: str, most_bytes: int) -> bytes:
+    """Return decompressed bytes.
+
+    Args:
+        packed: the compressed bytes.
+        compression: `none` or empty, `lz4`, `bz2`, `zstd`.
+        most_bytes: how many bytes they may decompress to; no more are ever produced.
+
+    Raises:
+        TooLargeError: they decompress to more.
+        DamageError: the compression is unknown, or the data is cut off.
+    """
+    if compression in {"", "none"}:
+        unpacked = packed
+    elif compression in _DECOMPRESSORS:
+        unpacked = _DECOMPRESSORS[compression](packed, most_bytes)
+    else:
+        raise DamageError(f"its compression '{compression}' is not supported")
+    if len(unpacked) > most_bytes:
+        raise TooLargeError
+    return unpacked
+
+
+def _decompress_bz2(packed: bytes, most_bytes: int) -> bytes:
+    decompressor = bz2.BZ2Decompressor()
+    unpacked = decompressor.decompress(packed, most_bytes + 1)
+    while decompressor.unused_data and len(unpacked) <= most_bytes:  # several streams may follow one another
+        packed, decompressor = decompressor.unused_data, bz2.BZ2Decompressor()
+        unpacked += decompressor.decompress(packed, most_bytes + 1 - len(unpacked))
+    if not decompressor.eof and len(unpacked) <= most_bytes:
+        raise DamageError("a compressed chunk is cut off")
+    return unpacked
+
+
+def _decompress_lz4(packed: bytes, most_bytes: int) -> bytes:
+    decompressor = lz4.frame.LZ4FrameDecompressor()
+    unpacked: bytes = decompressor.decompress(packed, max_length=most_bytes + 1)
+    if not decompressor.eof and len(unpacked) <= most_bytes:
+        raise DamageError("a compressed chunk is cut off")
+    return unpacked
+
+
+def _decompress_zstd(packed: bytes, most_bytes: int) -> bytes:
+    announced = zstandard.frame_content_size(packed)
+    if announced > most_bytes:
+        raise TooLargeError
+    # Without an announced size the decompressor allocates the largest size it may return.
+    decompressor = zstandard.ZstdDecompressor()
+    if announced >= 0:
+        return decompressor.decompress(packed)
+    pieces, size = [], 0
+    for piece in decompressor.read_to_iter(packed):
+        size += len(piece)
+        if size > most_bytes:
+            raise TooLargeError
+        pieces.append(piece)
+    return b"".join(pieces)
+
+
+_DECOMPRESSORS: dict[str, Callable[[bytes, int], bytes]] = {
+    "bz2": _decompress_bz2,
+    "lz4": _decompress_lz4,
+    "zstd": _decompress_zstd,
+}
+
+
+def decompress_file(source: Path, target: Path, ratio: int) -> None:
+    """Decompress a zstd file into another one.
+
+    Raises:
+        SizeLimitError: it decompresses to more than a gigabyte and more than `ratio` times its size.
+    """
+    most_bytes = max(GIGABYTE, ratio * source.stat().st_size)
+    written = 0
+    with (
+        source.open("rb") as packed,
+        zstandard.ZstdDecompressor().stream_reader(packed, read_across_frames=True) as unpacked,
+        target.open("wb") as out,
+    ):
+        while piece := unpacked.read(_PIECE_BYTES):
+            written += len(piece)
+            if written > most_bytes:
+                raise SizeLimitError(
+                    f"{source}: it unpacks to more than {readable_bytes(most_bytes)}; if you trust it, raise "
+                    "limits.compression_ratio in the recipe."
+                )
+            out.write(piece)
