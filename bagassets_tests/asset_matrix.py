@@ -8,7 +8,7 @@ from bagassets.annotations.files.label import LabelFile
 from bagassets.recipe.model import Recipe
 from bagassets.recordings.inventory import Inventory
 from bagassets.store.canonical import digest_json
-from bagassets_tests.facts import MadeUpArtifact, MadeUpFacts
+from bagassets_tests.facts import MadeUpArtifact, MadeUpFacts, calibrated
 from bagassets_tests.recipe_changes import OTHER
 
 # --- recipes ------------------------------------------------------------------------------
@@ -211,11 +211,8 @@ def _recording(path, topics, *, origin=None, labelled=True, boxes_in=None, undis
     facts = _Facts(Inventory.from_json(inventory), key=path, digest=digest_json(path))
     facts.labelled = labelled
     names = [*CHANNELS, *(f"{name}{OTHER.upper()}" for name in CHANNELS)]
-    facts.calibration = {
-        "ego_frame": "base_link",
-        "channels": {name: _calibrated(number, name, undistorted) for number, name in enumerate(names)},
-        "notes": [],
-    }
+    channels = {name: _calibrated(number, name, undistorted) for number, name in enumerate(names)}
+    facts.calibration = calibrated(**channels)
     poses = {"global_frame": "odom", "origin": origin, "fixed": False, "max_gap_s": 0.5, "extrapolate_s": 0.1}
     facts.artifacts = {
         name: MadeUpArtifact(digest_json([path, name]), {"ego_poses.json": poses})
@@ -272,7 +269,9 @@ def _calibrated(number, name, undistorted):
         "k": [300.0 + number, 0.0, 320.0, 0.0, 300.0, 240.0, 0.0, 0.0, 1.0],
         "d": [] if undistorted else [0.1, 0.2, 0.0, 0.0, 0.0],
         "binning": [1, 1],
-        "roi": None,
+        "roi": {"x_offset": 0, "y_offset": 0, "width": 640, "height": 480, "do_rectify": False},
+        "r": [],
+        "p": [],
     }
     return {
         "frame": name.lower(),

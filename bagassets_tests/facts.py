@@ -4,6 +4,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 from bagassets.errors import BagAssetsError
+from bagassets.geometry.calibration import Calibration
 from bagassets.recipe.model import Recipe
 
 
@@ -18,10 +19,18 @@ class MadeUpArtifact:
         return self.files[name]
 
 
+def calibrated(**channels):
+    """Return a calibration; what is not given of a channel is nothing."""
+    identity = {"translation": [0.0, 0.0, 0.0], "rotation": [1.0, 0.0, 0.0, 0.0]}
+    blank = {"frame": "", "ego_SE3_sensor": identity, "source": "tf_static", "camera": None}
+    known = {name: {**blank, **channel} for name, channel in channels.items()}
+    return Calibration.from_json({"ego_frame": "base_link", "channels": known, "notes": []})
+
+
 @dataclass
 class MadeUpFacts:
     inventory: object = None
-    calibration: dict = field(default_factory=dict)
+    calibration: Calibration = field(default_factory=calibrated)
     artifacts: dict = field(default_factory=dict)  # asset -> artifact
     parts: dict = field(default_factory=dict)  # asset -> channel -> artifact
     label_sets: dict = field(default_factory=dict)

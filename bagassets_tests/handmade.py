@@ -21,7 +21,7 @@ from bagassets.recipe.model import AttributesByMotion, Recipe, Rig, Scenes
 from bagassets.store.action import Step
 from bagassets.store.canonical import digest_bytes
 from bagassets.store.store import Store
-from bagassets_tests.facts import MadeUpInputs
+from bagassets_tests.facts import MadeUpInputs, calibrated
 
 S = 1_000_000_000
 T0 = 1_700_000_000 * S + 123_456_789
@@ -272,7 +272,7 @@ def make_tables(
     )
     inputs = MadeUpInputs(
         key=key,
-        calibration={"channels": {name: {"ego_SE3_sensor": EXTRINSICS[name]} for name in drive.channels}},
+        calibration=calibrated(**{name: {"ego_SE3_sensor": EXTRINSICS[name]} for name in drive.channels}),
         artifacts={"ego_poses": ego_poses, "annotations": boxes},
         parts={"frames": channels},
         trajectory=poses or trajectory(drive),

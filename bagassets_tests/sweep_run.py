@@ -14,7 +14,7 @@ from bagassets.recipe.model import LidarChannel, Rig
 from bagassets.recordings.inventory import Inventory, TopicRecord
 from bagassets.recordings.model import Definition
 from bagassets.store.artifact import ArtifactWriter
-from bagassets_tests.facts import MadeUpFacts, use_of
+from bagassets_tests.facts import MadeUpFacts, calibrated, use_of
 from bagassets_tests.sweep_data import (
     VLP16_PACKET_NS,
     EthernetPacket,
@@ -57,7 +57,7 @@ def request(channel, msgtype, clock="header", *, limit=0.01, mount=MOUNT, poses=
     rig = Rig(name="car", channels={name: channel}, ego_pose={"source": "fixed"})
     facts = MadeUpFacts(
         inventory(msgtype, **options),
-        calibration={"channels": {name: {"ego_SE3_sensor": mount}}},
+        calibration=calibrated(**{name: {"ego_SE3_sensor": mount}}),
         artifacts={"ego_poses": SimpleNamespace(digest=poses)},
     )
     return use_of(SWEEPS, rig, facts, name, clock=clock, limits={"lost_messages": limit})

@@ -17,7 +17,7 @@ from bagassets.geometry.tf_tree import Edge, TfTree
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.recipe.model import Rig
 from bagassets.store.store import Store
-from bagassets_tests.facts import MadeUpFacts, use_of
+from bagassets_tests.facts import MadeUpFacts, calibrated, use_of
 
 BOX = SE3((1.0, 0.0, 0.0, 0.0), (5.0, 1.0, 0.5))
 STAMPS = T0 + np.arange(0, 21, dtype=np.int64) * S // 10
@@ -188,7 +188,7 @@ RIG = Rig.model_validate(
         "annotations": [{"topic": "/boxes"}],
     }
 )
-CALIBRATION = {"channels": {"LIDAR_TOP": {"frame": "lidar", "ego_SE3_sensor": {"translation": [0, 0, 0], "rotation": [1, 0, 0, 0]}}}}  # fmt: skip
+CALIBRATION = calibrated(LIDAR_TOP={"frame": "lidar"})
 
 
 def annotate(tmp_path, recorded):

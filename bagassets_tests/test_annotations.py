@@ -21,7 +21,7 @@ from bagassets.geometry.trajectory import Trajectory
 from bagassets.recipe.model import Limits, Rig
 from bagassets.recordings.model import RawMessage
 from bagassets.store.store import Store
-from bagassets_tests.facts import MadeUpFacts, use_of
+from bagassets_tests.facts import MadeUpFacts, calibrated, use_of
 
 S = 1_000_000_000
 T0 = 1_700_000_000 * S
@@ -329,15 +329,12 @@ def rig(**annotation):
     )
 
 
-CALIBRATION = {
-    "ego_frame": "base_link",
-    "channels": {
-        "LIDAR_TOP": {
-            "frame": "lidar",
-            "ego_SE3_sensor": {"translation": [1, 0, 2], "rotation": list(YAW_90)},
-        }
-    },
-}
+CALIBRATION = calibrated(
+    LIDAR_TOP={
+        "frame": "lidar",
+        "ego_SE3_sensor": {"translation": [1, 0, 2], "rotation": list(YAW_90)},
+    }
+)
 
 
 @pytest.fixture

@@ -13,7 +13,7 @@ import pytest
 from bagassets.assets.annotations import ANNOTATIONS, make_annotations
 from bagassets.geometry.se3 import SE3
 from bagassets.recipe.model import Rig
-from bagassets_tests.facts import MadeUpFacts, use_of
+from bagassets_tests.facts import MadeUpFacts, calibrated, use_of
 from bagassets_tests.pose_data import (
     ODOMETRY,
     T0,
@@ -31,14 +31,12 @@ from bagassets_tests.posed import Posed, at, truth
 DETECTIONS = "vision_msgs/msg/Detection3DArray"
 CAR = SE3.create(about_z(0.7), (12.0, 5.0, 0.8))
 MOUNT = SE3.create(about_z(1.1), (0.9, 0.0, 1.8))
-CALIBRATION = {
-    "channels": {
-        "LIDAR_TOP": {
-            "frame": "lidar",
-            "ego_SE3_sensor": {"translation": list(MOUNT.translation), "rotation": list(MOUNT.rotation)},
-        }
+CALIBRATION = calibrated(
+    LIDAR_TOP={
+        "frame": "lidar",
+        "ego_SE3_sensor": {"translation": list(MOUNT.translation), "rotation": list(MOUNT.rotation)},
     }
-}
+)
 # Where the map's zero is, seen from the drive.
 PLACES = {
     "utm": (448_251.8, 5_411_932.7, 35.2),

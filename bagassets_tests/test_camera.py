@@ -18,6 +18,7 @@ from bagassets.assets.image_output import ImageOutput, intrinsic_matrix
 from bagassets.decode.camera_info import decode_camera_info
 from bagassets.decode.model import ImageReading
 from bagassets.errors import CalibrationError
+from bagassets.geometry.calibration import CameraLens
 from bagassets.geometry.camera import CameraModel
 from bagassets.geometry.undistortion import undistort
 from bagassets.recipe.model import PinholeIntrinsics
@@ -83,13 +84,11 @@ def photograph(model, d, point, *, crop=(0, 0, WIDTH, HEIGHT), binning=(1, 1)):
 
 
 def calibration(message):
-    """Part of `calibration.json` that the step `frames` is handed."""
+    """What of a calibration the step `frames` is handed."""
     lens = decode_camera_info(message).calibration
-    roi = {name: getattr(lens.roi, name) for name in ("x_offset", "y_offset", "width", "height")}
-    return {
-        "model": lens.model, "width": lens.width, "height": lens.height, "k": list(lens.k), "d": list(lens.d),
-        "binning": list(lens.binning), "roi": roi,
-    }  # fmt: skip
+    return CameraLens(
+        model=lens.model, width=lens.width, height=lens.height, k=lens.k, d=lens.d, binning=lens.binning, roi=lens.roi,
+    )  # fmt: skip
 
 
 def output(message, *, target=None, undistort=True):

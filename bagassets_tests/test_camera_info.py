@@ -5,8 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from bagassets.decode.camera_info import RegionOfInterest, decode_camera_info
+from bagassets.decode.camera_info import decode_camera_info
 from bagassets.errors import DecodeError
+from bagassets.geometry.calibration import RegionOfInterest
 from bagassets_tests.pose_data import T0, camera_info, region
 
 FIVE = (-0.2, 0.05, 0.001, -0.002, 0.01)

@@ -10,6 +10,7 @@ from bagassets.assets.image_output import ImageOutput
 from bagassets.decode.compressed_image import checked_size, decode_compressed_image, unpack
 from bagassets.decode.image import decode_image, demosaic, to_bgr_or_grey
 from bagassets.errors import DecodeError
+from bagassets.geometry.calibration import CameraLens, RegionOfInterest
 from bagassets.geometry.camera import CameraModel
 from bagassets_tests.cameras import camera_use
 
@@ -285,10 +286,10 @@ def test_undistortion_moves_points_to_where_a_pinhole_sees_them(model):
 
 
 def test_region_and_binning_shift_and_scale_the_matrix():
-    camera = {
-        "model": "none", "width": 800, "height": 600, "k": [500.0, 0, 400, 0, 500, 300, 0, 0, 1], "d": [],
-        "binning": [2, 2], "roi": {"x_offset": 100, "y_offset": 50, "width": 600, "height": 400, "do_rectify": False},
-    }  # fmt: skip
+    camera = CameraLens(
+        model="none", width=800, height=600, k=(500.0, 0, 400, 0, 500, 300, 0, 0, 1), d=(), binning=(2, 2),
+        roi=RegionOfInterest(100, 50, 600, 400, do_rectify=False),
+    )  # fmt: skip
     model = CameraModel.from_calibration(camera)
     assert (model.width, model.height) == (300, 200)
     assert (model.fx, model.fy) == (250.0, 250.0)

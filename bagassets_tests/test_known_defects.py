@@ -51,6 +51,7 @@ from bagassets.formats.assembly import assemble
 from bagassets.formats.format import Part
 from bagassets.formats.nuscenes.format import NUSCENES
 from bagassets.formats.nuscenes.tables import NUSCENES_TABLES
+from bagassets.geometry.calibration import Calibration
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.recipe.model import NuScenes, Rig
@@ -289,10 +290,12 @@ def test_rectification_rotates_neither_images_nor_sensors(tmp_path):
         car = Rig.model_validate({"name": "car", "channels": channel, "ego_pose": {"source": "fixed"}})
         asked = use_of(CALIBRATION, car, MadeUpFacts(recorded.inventory()))
         written = Written(tmp_path / str(number), partial(make_calibration, asked.params, recorded))
-        calibrated = written.artifact.read_json("calibration.json")["channels"]["CAM_FRONT"]
-        facts = MadeUpFacts(recorded.inventory(), calibration={"channels": {"CAM_FRONT": calibrated}})
+        calibration = Calibration.from_json(written.artifact.read_json("calibration.json"))
+        facts = MadeUpFacts(recorded.inventory(), calibration=calibration)
         output = ImageOutput(use_of(FRAMES, car, facts, "CAM_FRONT").params, None)
         data = bytes(output.make(ImageReading(1, "cam", image, None, "mono8")).data)
-        made.append((calibrated["ego_SE3_sensor"], data, intrinsic_matrix(output.written)))
+        made.append(
+            (calibration.channels["CAM_FRONT"].ego_SE3_sensor, data, intrinsic_matrix(output.written))
+        )
     assert made[0] == made[1]
     assert made[0][2] == [[400.0, 0.0, 320.0], [0.0, 410.0, 240.0], [0.0, 0.0, 1.0]]

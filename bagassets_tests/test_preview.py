@@ -9,6 +9,7 @@ from bagassets.assets.ego_poses import load_trajectory
 from bagassets.assets.lidar_file import read_lidar_file
 from bagassets.defs.pictures import picture_metadata
 from bagassets.errors import RecipeError
+from bagassets.geometry.calibration import Calibration
 from bagassets.geometry.camera import CameraModel
 from bagassets.geometry.se3 import SE3
 from bagassets.preview.birds_eye import BoxAt, birds_eye
@@ -300,7 +301,8 @@ class TestStep:
         """Poses, extrinsics, intrinsics and clocks have to be right for this, all of them."""
         recipe, truth, made = built
         store = Store(recipe.store_path)
-        calibration = made["calibration"].artifact.read_json("calibration.json")["channels"]
+        written = made["calibration"].artifact.read_json("calibration.json")
+        calibration = Calibration.from_json(written).channels
 
         def channel(asset, name):
             entry = made[asset].artifact.read_json("channels.json")[name]
@@ -308,12 +310,12 @@ class TestStep:
 
         trajectory = load_trajectory(made["ego_poses"].artifact)
         camera = CameraImages.of(
-            "CAM_FRONT", channel("frames", "CAM_FRONT"), calibration["CAM_FRONT"]["ego_SE3_sensor"], None
+            "CAM_FRONT", channel("frames", "CAM_FRONT"), calibration["CAM_FRONT"].ego_SE3_sensor, None
         )
         clouds = Clouds.of(
             "LIDAR_TOP",
             channel("sweeps", "LIDAR_TOP"),
-            calibration["LIDAR_TOP"]["ego_SE3_sensor"],
+            calibration["LIDAR_TOP"].ego_SE3_sensor,
             read_lidar_file,
         )
         image = 12

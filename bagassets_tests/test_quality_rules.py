@@ -15,6 +15,7 @@ from bagassets.formats.nuscenes.dataset_rows import DatasetRows, read_dataset
 from bagassets.formats.nuscenes.devkit_rules import devkit_ready
 from bagassets.formats.nuscenes.format import NUSCENES
 from bagassets.formats.nuscenes.schema import RECORDING_TABLES
+from bagassets.geometry.calibration import Calibration
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.quality.box_rules import boxes_plausible
 from bagassets.quality.calibration_rules import calibration_plausible
@@ -334,22 +335,28 @@ def calibration(**changes):
         "rotation": changes.pop("rotation", FORWARD),
     }
     channels = {
-        "CAM_FRONT": {"frame": "cam", "ego_SE3_sensor": pose, "camera": {**camera, **changes}},
+        "CAM_FRONT": {
+            "frame": "cam",
+            "ego_SE3_sensor": pose,
+            "source": "tf",
+            "camera": {**camera, **changes},
+        },
         "LIDAR_TOP": {
             "frame": "lidar",
             "ego_SE3_sensor": {"translation": [0, 0, 1.8], "rotation": [1, 0, 0, 0]},
+            "source": "tf",
             "camera": None,
         },
     }
-    return {"ego_frame": "base_link", "channels": channels}
+    return {"ego_frame": "base_link", "channels": channels, "notes": []}
 
 
 class TestCalibration:
     def find(self, content):
-        return calibration_plausible(content, RIG, CalibrationCheck()).problems
+        return calibration_plausible(Calibration.from_json(content), RIG, CalibrationCheck()).problems
 
     def test_a_sound_calibration_passes(self):
-        finding = calibration_plausible(calibration(), RIG, CalibrationCheck())
+        finding = calibration_plausible(Calibration.from_json(calibration()), RIG, CalibrationCheck())
         assert finding.problems == []
         assert finding.facts["cameras"]["CAM_FRONT"]["view_deg"] == pytest.approx(77.3, abs=0.1)
 
@@ -370,7 +377,7 @@ class TestCalibration:
     )
     def test_what_no_vehicle_has_is_named(self, changes, words):
         check = CalibrationCheck(max_view_deg=170.0)
-        problems = calibration_plausible(calibration(**changes), RIG, check).problems
+        problems = calibration_plausible(Calibration.from_json(calibration(**changes)), RIG, check).problems
         assert problems
         assert problems[0].startswith("CAM_FRONT: ")
         assert any(words in problem for problem in problems)

@@ -4,6 +4,7 @@ import pytest
 
 from bagassets.build.execute import BuildFailure
 from bagassets.errors import CalibrationError, StoreError
+from bagassets.geometry.se3 import SE3
 from bagassets.recipe import load_recipe
 from bagassets.recordings.digest import recording_digest, recording_stat
 from bagassets.recordings.discover import discover
@@ -43,11 +44,9 @@ def test_the_urdf_of_the_recipe_reaches_the_calibration(bags):
     (bags / "car.urdf").write_text(URDF)
     build = build_of(bags, "    urdf: car.urdf\n    tf_static: [/none]\n")
     list(build.build(["inventory", "calibration"]))
-    mounts = {
-        name: entry["ego_SE3_sensor"] for name, entry in build.last.inputs.calibration["channels"].items()
-    }
-    assert mounts["LIDAR_TOP"] == {"translation": [0.25, 0.5, 1.5], "rotation": [1.0, 0.0, 0.0, 0.0]}
-    assert mounts["CAM_FRONT"]["translation"] == [1.0, 2.0, 3.0]
+    channels = build.last.inputs.calibration.channels
+    assert channels["LIDAR_TOP"].ego_SE3_sensor == SE3((1.0, 0.0, 0.0, 0.0), (0.25, 0.5, 1.5))
+    assert channels["CAM_FRONT"].ego_SE3_sensor.translation == (1.0, 2.0, 3.0)
 
 
 def test_what_was_made_before_has_to_be_there(bags):

@@ -7,7 +7,7 @@ import pytest
 from bagassets.assets.frames import FRAMES
 from bagassets.errors import DecodeError
 from bagassets.recipe.model import CameraChannel, RadarChannel, Recipe, Rig
-from bagassets_tests.facts import MadeUpFacts, use_of
+from bagassets_tests.facts import MadeUpFacts, calibrated, use_of
 from bagassets_tests.sweep_run import inventory, lidar, request
 
 EXPECTED = {
@@ -22,7 +22,7 @@ def ask(modality, msgtype):
     if modality == "camera":
         channels = {"CAM_FRONT": CameraChannel(topic="/sensor", undistort=False)}
         rig = Rig(name="car", channels=channels, ego_pose={"source": "fixed"})
-        facts = MadeUpFacts(inventory(msgtype), calibration={"channels": {"CAM_FRONT": {"camera": None}}})
+        facts = MadeUpFacts(inventory(msgtype), calibration=calibrated(CAM_FRONT={}))
         return use_of(FRAMES, rig, facts, "CAM_FRONT")
     return request(lidar() if modality == "lidar" else RadarChannel(topic="/sensor"), msgtype)
 
@@ -55,7 +55,7 @@ def test_a_channel_of_the_wrong_type_leaves_the_others_alone():
     cloud = replace(known.topics["/sensor"], name="/cloud", msgtype="sensor_msgs/msg/PointCloud2")
     facts = MadeUpFacts(
         replace(known, topics={"/cloud": cloud, **known.topics}),
-        calibration={"channels": {"CAM_BACK": {"camera": None}, "CAM_FRONT": {"camera": None}}},
+        calibration=calibrated(CAM_BACK={}, CAM_FRONT={}),
     )
     channels = {
         "CAM_BACK": CameraChannel(topic="/cloud", undistort=False),

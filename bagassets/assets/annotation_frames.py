@@ -21,14 +21,6 @@ _MOST_FRAMES = 5
 
 
 @dataclass(frozen=True)
-class Mount:
-    """`ego_SE3_frame` of a sensor's frame, as calibrated."""
-
-    translation: tuple[float, ...]
-    rotation: tuple[float, ...]
-
-
-@dataclass(frozen=True)
 class BoxPlaces:
     """What places the boxes of a recording.
 
@@ -44,7 +36,7 @@ class BoxPlaces:
     global_frame: str
     origin_m: Vector3
     ego_frame: str
-    ego_SE3_frame: Mapping[str, Mount]
+    ego_SE3_frame: Mapping[str, SE3]
     tf_static: tuple[str, ...]
     tf: tuple[str, ...]
 
@@ -70,12 +62,7 @@ def box_places(
         tf: topics with transforms, likewise.
     """
     poses = facts.artifact("ego_poses").read_json("ego_poses.json")
-    mounts = {
-        entry["frame"]: Mount(
-            tuple(entry["ego_SE3_sensor"]["translation"]), tuple(entry["ego_SE3_sensor"]["rotation"])
-        )
-        for entry in facts.calibration["channels"].values()
-    }
+    mounts = {sensor.frame: sensor.ego_SE3_sensor for sensor in facts.calibration.channels.values()}
     known = {poses["global_frame"], DATASET_FRAME, ego_frame, *mounts}
     needed = any(frame not in known for frame in frames)
     return BoxPlaces(
@@ -99,9 +86,7 @@ def frames_of_topic(topic: str, frame: str | None, inventory: Inventory) -> tupl
 
 def box_frames(places: BoxPlaces, clock: Clock, recording: Recording, trajectory: Trajectory) -> BoxFrames:
     """Return the frames of boxes, with the transforms read."""
-    extrinsics = {
-        frame: SE3.create(mount.rotation, mount.translation) for frame, mount in places.ego_SE3_frame.items()
-    }
+    extrinsics = {frame: ego_SE3_frame.normalised() for frame, ego_SE3_frame in places.ego_SE3_frame.items()}
     tree = None
     if places.tf_static or places.tf:
         tree = TfTree(

@@ -19,6 +19,7 @@ from pydantic import BaseModel
 
 from bagassets.annotations.files.find import LabelSet
 from bagassets.assets.channel import ChannelExtractor
+from bagassets.geometry.calibration import Calibration
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.plugins import Family
 from bagassets.quality.check import RecordingCheck
@@ -184,7 +185,7 @@ class Facts(Protocol):
         ...
 
     @property
-    def calibration(self) -> Mapping[str, Any]:
+    def calibration(self) -> Calibration:
         """Content of `calibration.json`."""
         ...
 

@@ -9,12 +9,13 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from bagassets.assets.asset import Asset, Facts, Inputs, Summary, Use, by_digest
+from bagassets.assets.asset import Asset, Facts, Inputs, Summary, Use, as_json, by_digest
 from bagassets.assets.intrinsics import camera_intrinsics, rounded
 from bagassets.assets.inventory import INVENTORY
 from bagassets.assets.rig_frames import RigFrames
 from bagassets.assets.sensors import RecordedSensor, Sensor
 from bagassets.errors import CalibrationError
+from bagassets.geometry.calibration import CalibratedSensor, Calibration
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.urdf import urdf_edges
 from bagassets.quality.calibration_rules import calibration_plausible
@@ -130,7 +131,7 @@ def make_calibration(use: CalibrationUse, recording: Recording, out: ArtifactWri
     joints = [] if use.urdf is None else urdf_edges(use.urdf)
     frames = RigFrames(recording, use.tf_static, use.tf, joints)
     notes: list[str] = []
-    channels = {}
+    channels: dict[str, CalibratedSensor] = {}
     sources: dict[str, int] = {}
     for name, sensor in use.channels.items():
         ego_SE3_sensor, source = _extrinsics(name, sensor, use.ego_frame, frames, notes)
@@ -139,17 +140,9 @@ def make_calibration(use: CalibrationUse, recording: Recording, out: ArtifactWri
             camera, frame_SE3_image = camera_intrinsics(name, sensor, sensor.sensor.lens, recording, notes)
             ego_SE3_sensor = ego_SE3_sensor @ frame_SE3_image
         sources[source] = sources.get(source, 0) + 1
-        channels[name] = {
-            "frame": sensor.frame,
-            "ego_SE3_sensor": {
-                "translation": [rounded(v) for v in ego_SE3_sensor.translation],
-                "rotation": [rounded(v) for v in ego_SE3_sensor.rotation],
-            },
-            "source": source,
-            "camera": camera,
-        }
-    out.write_json("calibration.json", {"ego_frame": use.ego_frame, "channels": channels, "notes": notes})
-    cameras = sum(channel["camera"] is not None for channel in channels.values())
+        channels[name] = CalibratedSensor(sensor.frame, _rounded(ego_SE3_sensor), source, camera)
+    out.write_json("calibration.json", as_json(Calibration(use.ego_frame, channels, tuple(notes))))
+    cameras = sum(channel.camera is not None for channel in channels.values())
     return {
         "sensors": len(channels),
         "cameras": cameras,
@@ -157,6 +150,11 @@ def make_calibration(use: CalibrationUse, recording: Recording, out: ArtifactWri
         "transforms": frames.counts.as_json(),
         "notes": notes,
     }
+
+
+def _rounded(transform: SE3) -> SE3:
+    (w, x, y, z), (tx, ty, tz) = transform.rotation, transform.translation
+    return SE3((rounded(w), rounded(x), rounded(y), rounded(z)), (rounded(tx), rounded(ty), rounded(tz)))
 
 
 def _extrinsics(

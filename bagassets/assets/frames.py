@@ -53,10 +53,6 @@ _SCHEMA = pa.schema(
 )
 
 
-# What of a camera in `calibration.json` shapes its images.
-_LENS = ("model", "width", "height", "k", "d", "binning", "roi")
-
-
 @dataclass(frozen=True)
 class FramesParams:
     """What `frames` may know of the recipe: camera -> its settings."""
@@ -105,8 +101,8 @@ def _use_of_camera(facts: Facts, name: str, settings: CameraSettings) -> Use[Cam
     """
     msgtype = facts.inventory.topic(settings.topic).msgtype
     decoder = require_decoder(name, settings.topic, msgtype, "image")
-    camera = facts.calibration["channels"][name]["camera"]
-    lens = None if camera is None else {key: camera[key] for key in _LENS}
+    camera = facts.calibration.channels[name].camera
+    lens = None if camera is None else camera.lens
     use = CameraUse(channel=name, settings=settings, msgtype=msgtype, decoder=decoder.key, camera=lens)
     require_calibration(use)
     return Use(use, (settings.topic,))

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from threading import Condition
-from typing import Any, Literal
+from typing import Literal
 
 import cv2
 import numpy as np
@@ -17,6 +17,7 @@ from bagassets.decode.compressed_image import checked_size, unpack_checked
 from bagassets.decode.image import Pixels, bayer_to_bgra, check_pixels, to_bgr_or_grey
 from bagassets.decode.model import ImageReading
 from bagassets.errors import CalibrationError, DecodeError, RecipeError
+from bagassets.geometry.calibration import CameraLens
 from bagassets.geometry.camera import CameraModel
 from bagassets.geometry.undistortion import Undistortion
 from bagassets.recipe.model import GreyRange, Limits, PinholeIntrinsics
@@ -69,14 +70,14 @@ class CameraUse:
         settings: what the recipe says of it.
         msgtype: the type of the messages, `pkg/msg/Type`.
         decoder: the plug-in that decodes them; None if they need none.
-        camera: the lens as `calibration.json` has it; None for a camera without.
+        camera: the lens as calibrated; None for a camera without.
     """
 
     channel: str
     settings: CameraSettings = inlined()
     msgtype: str
     decoder: Mapping[str, str] | None = omitted()
-    camera: Mapping[str, Any] | None
+    camera: CameraLens | None
 
     def __str__(self) -> str:
         return f"{self.channel} ({self.settings.topic})"
@@ -271,9 +272,9 @@ def require_calibration(use: CameraUse) -> None:
         CalibrationError: it has none, or they are of a larger image than `limits` allow.
     """
     camera = use.camera
-    if camera is not None and camera["width"] * camera["height"] > use.settings.image_pixels:
+    if camera is not None and camera.width * camera.height > use.settings.image_pixels:
         raise CalibrationError(
-            f"{use}: its intrinsics are of an image of {camera['width']} x {camera['height']} pixels; correct them, or "
+            f"{use}: its intrinsics are of an image of {camera.width} x {camera.height} pixels; correct them, or "
             "raise limits.image_pixels in the recipe."
         )
     if use.settings.undistort and camera is None:

@@ -7,10 +7,9 @@ of its own centre, with the baseline in TF. So the baseline is added to the extr
 another camera, whose Tx is 0, is in the same frame: two cameras are not in one place.
 """
 
-from collections.abc import Mapping
-from dataclasses import asdict
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from math import acos, degrees, hypot
-from typing import Any
 
 import numpy as np
 
@@ -19,6 +18,7 @@ from bagassets.assets.sensors import CameraInfo, Lens, RecordedSensor
 from bagassets.decode.camera_info import CameraCalibration, CameraInfoReading, check_lens
 from bagassets.decode.loading import own_decoder
 from bagassets.errors import CalibrationError, DecodeError
+from bagassets.geometry.calibration import CalibratedCamera, RegionOfInterest
 from bagassets.geometry.se3 import SE3, quaternion_from_rotation
 from bagassets.recipe.model import Intrinsics
 from bagassets.recordings.recording import Recording
@@ -33,7 +33,7 @@ LEAST_BASELINE_M = 1e-5
 
 def camera_intrinsics(
     name: str, camera: RecordedSensor, lens: Lens, recording: Recording, notes: list[str]
-) -> tuple[dict[str, Any] | None, SE3]:
+) -> tuple[CalibratedCamera | None, SE3]:
     """Return `camera` of a channel in `calibration.json`, and `frame_SE3_image`.
 
     The latter leads from the camera's frame to the centre and the axes of the image: identity, but for images
@@ -65,7 +65,7 @@ def _from_messages(
     notes: list[str],
     *,
     needed: bool,
-) -> tuple[dict[str, Any] | None, SE3]:
+) -> tuple[CalibratedCamera | None, SE3]:
     topic = info.camera_info
     if topic not in recording.topics:
         if not needed:
@@ -84,26 +84,26 @@ def _from_messages(
     if lost:
         notes.append(f"{name}: {sum(lost.values())} messages on {topic} cannot be used{_reasons(lost)}.")
     calibration = reading.calibration
-    known = {
-        "model": calibration.model,
-        "width": calibration.width,
-        "height": calibration.height,
-        "k": [rounded(v) for v in calibration.k],
-        "d": [rounded(v) for v in calibration.d],
-        "r": [rounded(v) for v in calibration.r],
-        "p": [rounded(v) for v in calibration.p],
-        "binning": list(calibration.binning),
-        "roi": asdict(calibration.roi),
-        "source": "camera_info",
-    }
+    known = CalibratedCamera(
+        model=calibration.model,
+        width=calibration.width,
+        height=calibration.height,
+        k=_all_rounded(calibration.k),
+        d=_all_rounded(calibration.d),
+        r=_all_rounded(calibration.r),
+        p=_all_rounded(calibration.p),
+        binning=calibration.binning,
+        roi=calibration.roi,
+        source="camera_info",
+    )
     first = _first_of_pair(name, camera, calibration, recording, notes, rectified=info.rectified)
     if not info.rectified:
         return known, SE3()
     if first is None:
-        return known | _of_rectified(name, topic, calibration), _turn(name, calibration, notes)
+        return _of_rectified(name, topic, known, calibration), _turn(name, calibration, notes)
     # The frame is that of the first camera, and so is the turn from it to the axes that both images share.
     frame_SE3_image = _turn(name, first, notes) @ SE3.create((1.0, 0.0, 0.0, 0.0), _beside_m(calibration))
-    return known | _of_rectified(name, topic, calibration), frame_SE3_image
+    return _of_rectified(name, topic, known, calibration), frame_SE3_image
 
 
 def _beside_m(calibration: CameraCalibration) -> tuple[float, float, float]:
@@ -151,16 +151,18 @@ def _first_of_pair(
     return None
 
 
-def _of_rectified(name: str, topic: str, calibration: CameraCalibration) -> dict[str, Any]:
-    """Return what differs for images that were rectified: P holds instead of K and D."""
+def _of_rectified(
+    name: str, topic: str, camera: CalibratedCamera, calibration: CameraCalibration
+) -> CalibratedCamera:
+    """Return the camera of images that were rectified: P holds instead of K and D."""
     p = calibration.p
     if not (p[0] > 0 and p[5] > 0):
         raise CalibrationError(
             f"{name}: its images are rectified, but P in the CameraInfo on {topic} has no focal length; give "
             "`intrinsics`, or say `rectified: false` in the recipe if they are not."
         )
-    k = [rounded(v) for v in (p[0], 0.0, p[2], 0.0, p[5], p[6], 0.0, 0.0, 1.0)]
-    return {"model": "none", "k": k, "d": []}
+    k = _all_rounded((p[0], 0.0, p[2], 0.0, p[5], p[6], 0.0, 0.0, 1.0))
+    return replace(camera, model="none", k=k, d=())
 
 
 def _turn(name: str, calibration: CameraCalibration, notes: list[str]) -> SE3:
@@ -206,29 +208,33 @@ def _reasons(lost: Mapping[str, int]) -> str:
     return ": " + "; ".join(lost) if lost else ""
 
 
-def _by_hand(name: str, given: Intrinsics) -> dict[str, Any]:
-    k = [given.fx, 0.0, given.cx, 0.0, given.fy, given.cy, 0.0, 0.0, 1.0]
+def _by_hand(name: str, given: Intrinsics) -> CalibratedCamera:
+    k = (given.fx, 0.0, given.cx, 0.0, given.fy, given.cy, 0.0, 0.0, 1.0)
     model: str = given.model
-    d = list(given.distortion)
+    d = tuple(given.distortion)
     if not d:  # an equidistant lens is none by its coefficients alone
-        model, d = ("equidistant", [0.0] * 4) if model == "equidistant" else ("none", [])
+        model, d = ("equidistant", (0.0,) * 4) if model == "equidistant" else ("none", ())
     width, height = given.width, given.height
     try:
         check_lens(model, width, height, k, d)
     except DecodeError as err:
         raise CalibrationError(f"{name}: intrinsics in the recipe: {err}.") from err
-    return {
-        "model": model,
-        "width": width,
-        "height": height,
-        "k": k,
-        "d": d,
-        "r": [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
-        "p": [*k[:3], 0.0, *k[3:6], 0.0, *k[6:], 0.0],
-        "binning": [1, 1],
-        "roi": {"x_offset": 0, "y_offset": 0, "width": width, "height": height, "do_rectify": False},
-        "source": "recipe",
-    }
+    return CalibratedCamera(
+        model=model,
+        width=width,
+        height=height,
+        k=k,
+        d=d,
+        r=(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),
+        p=(*k[:3], 0.0, *k[3:6], 0.0, *k[6:], 0.0),
+        binning=(1, 1),
+        roi=RegionOfInterest(0, 0, width, height, do_rectify=False),
+        source="recipe",
+    )
+
+
+def _all_rounded(values: Iterable[float]) -> tuple[float, ...]:
+    return tuple(rounded(value) for value in values)
 
 
 def rounded(value: float) -> float:

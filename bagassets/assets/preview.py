@@ -8,7 +8,6 @@ nothing but itself.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 from bagassets.annotations.table import BoxTable
 from bagassets.assets.annotations import ANNOTATIONS
@@ -20,6 +19,8 @@ from bagassets.assets.inventory import INVENTORY
 from bagassets.assets.lidar_file import read_lidar_file
 from bagassets.assets.sweeps import SWEEPS
 from bagassets.assets.track import TRACK
+from bagassets.geometry.calibration import CalibratedCamera
+from bagassets.geometry.se3 import SE3
 from bagassets.preview.canvas import Image, jpeg, jpeg_within
 from bagassets.preview.channels import CameraImages, Clouds
 from bagassets.preview.pictures import TITLES, CannotDrawError, Pictures
@@ -91,18 +92,17 @@ class PreviewUse:
     """What shapes the pictures of a recording besides its artifacts.
 
     Attributes:
-        cameras: camera -> the lens that its images were written with, `camera` of `calibration.json`; None if they
-            are free of distortion.
+        cameras: camera -> the lens that its images were written with; None if they are free of distortion.
         order: the cameras, the one of the single pictures first.
         lidar: the lidar that is drawn.
-        extrinsics: channel -> `ego_SE3_sensor` of `calibration.json`.
+        extrinsics: channel -> `ego_SE3_sensor`.
         style: how pictures are drawn.
     """
 
-    cameras: Mapping[str, Mapping[str, Any] | None]
+    cameras: Mapping[str, CalibratedCamera | None]
     order: tuple[str, ...]
     lidar: str | None
-    extrinsics: Mapping[str, Mapping[str, Any]]
+    extrinsics: Mapping[str, SE3]
     style: Style = inlined()
 
 
@@ -112,12 +112,12 @@ def use(params: PreviewParams, facts: Facts) -> dict[str, Use[PreviewUse]]:
     cameras = tuple(name for name in params.cameras if name in images)
     lidar = next((name for name in params.lidars if name in clouds), None)
     shown = {name: images[name] for name in cameras} | ({} if lidar is None else {lidar: clouds[lidar]})
-    calibrated = facts.calibration["channels"]
+    calibrated = facts.calibration.channels
     read = PreviewUse(
-        cameras={name: calibrated[name]["camera"] if name in params.distorted else None for name in cameras},
+        cameras={name: calibrated[name].camera if name in params.distorted else None for name in cameras},
         order=cameras,
         lidar=lidar,
-        extrinsics={name: calibrated[name]["ego_SE3_sensor"] for name in shown},
+        extrinsics={name: calibrated[name].ego_SE3_sensor for name in shown},
         style=params.style,
     )
     inputs = {f"channel:{name}": artifact.digest for name, artifact in shown.items()}

@@ -30,7 +30,6 @@ from bagassets.decode.fields import check_points, stamp_ns
 from bagassets.decode.packets import PAYLOADS
 from bagassets.decode.point_times import Moment
 from bagassets.errors import DecodeError, LossLimitError, RecipeError
-from bagassets.geometry.se3 import SE3
 from bagassets.geometry.tf_tree import normalise_frame
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.quality.channel_rules import channels_complete
@@ -135,7 +134,7 @@ def _use_of_lidar(facts: Facts, name: str, settings: LidarChannelSettings) -> Us
     common = settings.common
     topic = facts.inventory.topic(common.topic)
     decoder = require_decoder(name, topic.name, topic.msgtype, "cloud", "packets")
-    mount = _mount(facts, name) if common.deskew else None
+    mount = facts.calibration.channels[name].ego_SE3_sensor if common.deskew else None
     inputs = {EGO_POSES.name: facts.artifact(EGO_POSES.name).digest} if common.deskew else {}
     lidar = LidarUse(
         channel=name, settings=common, msgtype=topic.msgtype, decoder=decoder.key, ego_SE3_sensor=mount
@@ -156,13 +155,6 @@ def _use_of_lidar(facts: Facts, name: str, settings: LidarChannelSettings) -> Us
         period_ns=None if settings.header_stamp_is is None else topic.period_ns,
     )
     return Use(clouds, (topic.name,), inputs)
-
-
-def _mount(facts: Facts, name: str) -> SE3:
-    """Return where a sensor is mounted, number by number as `calibration.json` has it."""
-    pose = facts.calibration["channels"][name]["ego_SE3_sensor"]
-    (w, x, y, z), (tx, ty, tz) = pose["rotation"], pose["translation"]
-    return SE3((w, x, y, z), (tx, ty, tz))
 
 
 def _use_of_radar(facts: Facts, name: str, settings: RadarSettings) -> Use[SweepUse]:

@@ -4,12 +4,12 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 from bagassets.annotations.files.find import LabelSet, find_labels
 from bagassets.assets.ego_poses import load_trajectory
 from bagassets.build.source import MessageSource
 from bagassets.errors import StoreError
+from bagassets.geometry.calibration import Calibration
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.recipe.model_annotations import AnnotationFiles
 from bagassets.recordings.inventory import Inventory
@@ -74,10 +74,9 @@ class RecordingInputs:
         return Inventory.from_json(self.artifact("inventory").read_json("inventory.json"))
 
     @cached_property
-    def calibration(self) -> dict[str, Any]:
+    def calibration(self) -> Calibration:
         """Content of `calibration.json`."""
-        calibrated: dict[str, Any] = self.artifact("calibration").read_json("calibration.json")
-        return calibrated
+        return Calibration.from_json(self.artifact("calibration").read_json("calibration.json"))
 
     @cached_property
     def trajectory(self) -> Trajectory:

@@ -7,8 +7,9 @@ from typing import Any
 
 from bagassets.decode.fields import stamp_and_frame
 from bagassets.errors import DecodeError
+from bagassets.geometry.calibration import RegionOfInterest
 
-__all__ = ["CameraCalibration", "CameraInfoReading", "RegionOfInterest", "check_lens", "decode_camera_info"]
+__all__ = ["CameraCalibration", "CameraInfoReading", "check_lens", "decode_camera_info"]
 
 IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 
@@ -29,17 +30,6 @@ COEFFICIENTS: Mapping[str, tuple[int, ...]] = {
     "rational_polynomial": (8, 12, 14),
     "equidistant": (4,),
 }
-
-
-@dataclass(frozen=True, slots=True)
-class RegionOfInterest:
-    """The part of the full-resolution image that is sent, in unbinned pixels."""
-
-    x_offset: int
-    y_offset: int
-    width: int
-    height: int
-    do_rectify: bool
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from bagassets.escaping import markdown
+from bagassets.geometry.calibration import Calibration
 from bagassets.store.artifact import Artifact
 
 __all__ = ["calibration_table", "counts_table", "human_size", "record_table", "table", "topics_table"]
@@ -51,11 +52,12 @@ def topics_table(inventory: Artifact) -> str:
 def calibration_table(calibration: Artifact) -> str:
     """Return where each sensor sits on the vehicle and which lens it has, from a calibration."""
     rows = []
-    for name, entry in sorted(calibration.read_json("calibration.json")["channels"].items()):
-        x_m, y_m, z_m = (f"{value:.3f}" for value in entry["ego_SE3_sensor"]["translation"])
-        camera = entry["camera"]
-        lens = "" if camera is None else f"{camera['width']} x {camera['height']}, {camera['model']}"
-        rows.append((name, entry["frame"], f"{x_m}, {y_m}, {z_m}", entry["source"], lens))
+    channels = Calibration.from_json(calibration.read_json("calibration.json")).channels
+    for name, sensor in sorted(channels.items()):
+        x_m, y_m, z_m = (f"{value:.3f}" for value in sensor.ego_SE3_sensor.translation)
+        camera = sensor.camera
+        lens = "" if camera is None else f"{camera.width} x {camera.height}, {camera.model}"
+        rows.append((name, sensor.frame, f"{x_m}, {y_m}, {z_m}", sensor.source, lens))
     return table(("channel", "frame", "x, y, z in the ego frame (m)", "from", "camera"), rows)
 
 

@@ -4,7 +4,6 @@ Distortion models are those of sensor_msgs/CameraInfo; K and D there describe th
 full-resolution image, of which the recorded one is a region of interest, then binned.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import cos, sin
@@ -15,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bagassets.errors import CalibrationError
+from bagassets.geometry.calibration import CameraLens
 from bagassets.geometry.se3 import Floats
 
 __all__ = ["CameraModel"]
@@ -42,24 +42,24 @@ class CameraModel:
     distortion: tuple[float, ...] = ()
 
     @classmethod
-    def from_calibration(cls, camera: Mapping[str, Any]) -> "CameraModel":
-        """Return the model of the recorded image from `camera` of `calibration.json`.
+    def from_calibration(cls, camera: CameraLens) -> "CameraModel":
+        """Return the model of the recorded image.
 
         ROI and binning as sensor_msgs/CameraInfo defines them: the region is cut out of the
         full image first, then `binning` pixels become one.
         """
-        roi, (bx, by) = camera["roi"], camera["binning"]
-        fx, _, cx, _, fy, cy = camera["k"][:6]
+        roi, (bx, by) = camera.roi, camera.binning
+        fx, _, cx, _, fy, cy = camera.k[:6]
         # The centre of the first binned pixel lies (b - 1) / 2 into the unbinned ones.
         return cls(
-            model=camera["model"],
-            width=roi["width"] // bx,
-            height=roi["height"] // by,
+            model=camera.model,
+            width=roi.width // bx,
+            height=roi.height // by,
             fx=fx / bx,
             fy=fy / by,
-            cx=(cx - roi["x_offset"] - (bx - 1) / 2) / bx,
-            cy=(cy - roi["y_offset"] - (by - 1) / 2) / by,
-            distortion=tuple(camera["d"]),
+            cx=(cx - roi.x_offset - (bx - 1) / 2) / bx,
+            cy=(cy - roi.y_offset - (by - 1) / 2) / by,
+            distortion=camera.d,
         )
 
     @property

@@ -51,6 +51,10 @@ class SE3:
         w, x, y, z = (v / norm for v in q)
         return cls((w, x, y, z), (t[0], t[1], t[2]))
 
+    def normalised(self) -> "SE3":
+        """Return it with a quaternion of unit length, which one that was rounded is not."""
+        return SE3.create(self.rotation, self.translation)
+
     @property
     def rotation_matrix(self) -> Floats:
         """Rotation as (3, 3) matrix."""

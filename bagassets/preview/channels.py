@@ -1,13 +1,13 @@
 """Images and clouds of a recording as pictures need them: by time, and where the sensor was."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bagassets.geometry.calibration import CameraLens
 from bagassets.geometry.camera import CameraModel
 from bagassets.geometry.se3 import SE3, Floats
 from bagassets.geometry.trajectory import Trajectory
@@ -39,15 +39,15 @@ class CameraImages:
 
     @classmethod
     def of(
-        cls, channel: str, artifact: Artifact, extrinsics: Mapping[str, Any], lens: Mapping[str, Any] | None
+        cls, channel: str, artifact: Artifact, ego_SE3_cam: SE3, lens: CameraLens | None
     ) -> "CameraImages":
         """Return the images in an artifact.
 
         Args:
             channel: its name.
             artifact: of the channel.
-            extrinsics: `ego_SE3_sensor` of `calibration.json`.
-            lens: `camera` of `calibration.json` if images were written with their distortion, else None.
+            ego_SE3_cam: extrinsics as calibrated.
+            lens: that of the images, if they were written with their distortion, else None.
         """
         index = artifact.read_table("index.parquet", ["stamp_ns", "file", "width", "height"])
         intrinsic = artifact.read_json("channel.json")["camera_intrinsic"]
@@ -64,7 +64,7 @@ class CameraImages:
             index.column("stamp_ns").to_numpy(),
             index.column("file").to_pylist(),
             camera,
-            SE3.create(extrinsics["rotation"], extrinsics["translation"]),
+            ego_SE3_cam.normalised(),
         )
 
     def path(self, image: int) -> Path:
@@ -104,17 +104,17 @@ class Clouds:
         cls,
         channel: str,
         artifact: Artifact,
-        extrinsics: Mapping[str, Any],
+        ego_SE3_lidar: SE3,
         read: Callable[[Path], NDArray[np.float32]],
     ) -> "Clouds":
-        """Return the revolutions in an artifact, whose extrinsics are `ego_SE3_sensor` of `calibration.json`."""
+        """Return the revolutions in an artifact, of a lidar with these extrinsics."""
         index = artifact.read_table("index.parquet", ["stamp_ns", "file"])
         return cls(
             channel,
             artifact,
             index.column("stamp_ns").to_numpy(),
             index.column("file").to_pylist(),
-            SE3.create(extrinsics["rotation"], extrinsics["translation"]),
+            ego_SE3_lidar.normalised(),
             read,
         )
 

@@ -1,9 +1,10 @@
 """Rules about calibration: sensors sit on the vehicle, cameras look out of it through real lenses."""
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from math import asin, atan, degrees, isfinite, sqrt
-from typing import Any
 
+from bagassets.geometry.calibration import CalibratedSensor, Calibration, CameraLens, RegionOfInterest
 from bagassets.geometry.camera import CameraModel
 from bagassets.geometry.se3 import SE3
 from bagassets.quality.finding import Finding
@@ -15,7 +16,7 @@ __all__ = ["calibration_plausible"]
 STEPS = 200
 
 
-def calibration_plausible(calibration: Mapping[str, Any], rig: Rig, check: CalibrationCheck) -> Finding:
+def calibration_plausible(calibration: Calibration, rig: Rig, check: CalibrationCheck) -> Finding:
     """Check extrinsics and intrinsics.
 
     Args:
@@ -25,24 +26,22 @@ def calibration_plausible(calibration: Mapping[str, Any], rig: Rig, check: Calib
     """
     problems = []
     facts = {}
-    channels: Mapping[str, Any] = dict(sorted(calibration["channels"].items()))
-    for name, entry in channels.items():
-        ego_SE3_sensor = SE3.create(
-            entry["ego_SE3_sensor"]["rotation"], entry["ego_SE3_sensor"]["translation"]
-        )
+    channels = dict(sorted(calibration.channels.items()))
+    for name, sensor in channels.items():
+        ego_SE3_sensor = sensor.ego_SE3_sensor.normalised()
         is_camera = name in rig.channels and rig.channels[name].modality == "camera"
         problems += [f"{name}: {text}" for text in _extrinsics(ego_SE3_sensor, is_camera, check)]
-        if entry["camera"] is not None:
-            camera = _full_image(entry["camera"])
+        if sensor.camera is not None:
+            camera = _full_image(sensor.camera)
             problems += [f"{name}: {text}" for text in _intrinsics(camera, check)]
             facts[name] = {"view_deg": round(_view_deg(camera), 1)}
     return Finding([*problems, *_copies(channels, rig)], {"sensors": len(channels), "cameras": facts})
 
 
-def _full_image(camera: Mapping[str, Any]) -> CameraModel:
+def _full_image(camera: CameraLens) -> CameraModel:
     """Return the model of the whole image: a region of interest is rightly off centre."""
-    whole = {"x_offset": 0, "y_offset": 0, "width": camera["width"], "height": camera["height"]}
-    return CameraModel.from_calibration({**camera, "roi": whole, "binning": (1, 1)})
+    whole = RegionOfInterest(0, 0, camera.width, camera.height, do_rectify=False)
+    return CameraModel.from_calibration(replace(camera, roi=whole, binning=(1, 1)))
 
 
 def _extrinsics(ego_SE3_sensor: SE3, is_camera: bool, check: CalibrationCheck) -> Iterator[str]:
@@ -136,14 +135,12 @@ def _distorted(camera: CameraModel, radius: float) -> float:
     return radius * (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / max(1 + r2 * (k4 + r2 * (k5 + r2 * k6)), 1e-9)
 
 
-def _copies(channels: Mapping[str, Any], rig: Rig) -> Iterator[str]:
+def _copies(channels: Mapping[str, CalibratedSensor], rig: Rig) -> Iterator[str]:
     """Sensors of one kind in different frames cannot be at the same place, looking the same way."""
-    seen: dict[Any, str] = {}
-    for name, entry in channels.items():
+    seen: dict[tuple[str, SE3], str] = {}
+    for name, sensor in channels.items():
         if name not in rig.channels:
             continue
-        pose = entry["ego_SE3_sensor"]
-        key = (rig.channels[name].modality, *pose["translation"], *pose["rotation"])
-        first = seen.setdefault(key, name)
-        if first != name and channels[first]["frame"] != entry["frame"]:
+        first = seen.setdefault((rig.channels[name].modality, sensor.ego_SE3_sensor), name)
+        if first != name and channels[first].frame != sensor.frame:
             yield f"{name}: has the same extrinsics as {first}; one of them was probably copied"

@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from bagassets.geometry.calibration import Calibration
 from bagassets.quality.finding import Finding
 from bagassets.recipe.model import Recipe, Rig
 from bagassets.recipe.model_base import Clock
@@ -71,10 +72,9 @@ class Evidence:
         return Inventory.from_json(self.artifact("inventory").read_json("inventory.json"))
 
     @cached_property
-    def calibration(self) -> dict[str, Any]:
+    def calibration(self) -> Calibration:
         """Content of `calibration.json`."""
-        content: dict[str, Any] = self.artifact("calibration").read_json("calibration.json")
-        return content
+        return Calibration.from_json(self.artifact("calibration").read_json("calibration.json"))
 
     def channels(self, asset: str) -> dict[str, Any]:
         """Return the content of `channels.json` of `frames` or `sweeps`."""

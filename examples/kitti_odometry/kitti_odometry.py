@@ -13,7 +13,7 @@ A recording is a sequence; sequences are numbered in the order of the recordings
 sweep near it in time, and an ego pose. The rig has one colour camera here, so that P0 to P3 are all its own.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,7 +28,7 @@ from bagassets.assets.ego_poses import EGO_POSES
 from bagassets.assets.frames import FRAMES
 from bagassets.assets.lidar_file import read_lidar_file
 from bagassets.assets.sweeps import SWEEPS
-from bagassets.errors import BagAssetsError, DatasetError
+from bagassets.errors import DatasetError
 from bagassets.formats.format import FACTS, DatasetCheck, Entry, Format, Joined, Link, Member, Samples
 from bagassets.formats.json_files import json_bytes, write_hashed
 from bagassets.geometry.se3 import SE3, Floats
@@ -92,11 +92,11 @@ class SequenceUse:
     camera: str
     lidar: str
     tolerance_s: float
-    ego_SE3_camera: Mapping[str, Any]
-    ego_SE3_lidar: Mapping[str, Any]
+    ego_SE3_camera: SE3
+    ego_SE3_lidar: SE3
 
 
-def use(params: SequenceParams, facts: Facts) -> dict[str, Use[SequenceUse] | BagAssetsError]:
+def use(params: SequenceParams, facts: Facts) -> dict[str, Use[SequenceUse] | Exception]:
     """Return what the sequence of a recording reads."""
     channels = {**facts.channels("frames"), **facts.channels("sweeps")}
     missing = [name or "no such sensor" for name in (params.camera, params.lidar) if name not in channels]
@@ -107,9 +107,7 @@ def use(params: SequenceParams, facts: Facts) -> dict[str, Use[SequenceUse] | Ba
                 "set formats.kitti.camera and .lidar."
             )
         }
-    poses = {
-        name: facts.calibration["channels"][name]["ego_SE3_sensor"] for name in (params.camera, params.lidar)
-    }
+    poses = {name: facts.calibration.channels[name].ego_SE3_sensor for name in (params.camera, params.lidar)}
     return {
         "": Use(
             SequenceUse(
@@ -137,7 +135,7 @@ def make(use: Use[SequenceUse], inputs: Inputs, out: ArtifactWriter) -> Summary:
     matrix = images.read_json("channel.json")["camera_intrinsic"]
     if not matrix:
         raise DatasetError(f"{params.key}: {params.camera} has no intrinsics, which a KITTI sequence needs.")
-    ego_SE3_camera, ego_SE3_lidar = _transform(params.ego_SE3_camera), _transform(params.ego_SE3_lidar)
+    ego_SE3_camera, ego_SE3_lidar = params.ego_SE3_camera.normalised(), params.ego_SE3_lidar.normalised()
     shots, sweeps = images.read_table("index.parquet"), clouds.read_table("index.parquet")
     stamps_ns = shots.column("stamp_ns").to_numpy()
     nearest, gap_ns = _nearest(stamps_ns, sweeps.column("stamp_ns").to_numpy())
@@ -172,10 +170,6 @@ def make(use: Use[SequenceUse], inputs: Inputs, out: ArtifactWriter) -> Summary:
     }
     out.write_json(FACTS, facts)
     return facts
-
-
-def _transform(pose: Mapping[str, Any]) -> SE3:
-    return SE3.create(pose["rotation"], pose["translation"])
 
 
 def _nearest(stamps_ns: Any, others_ns: Any) -> tuple[Any, Any]:

@@ -49,8 +49,7 @@ def _sweeps_of_lidars(evidence: Evidence) -> dict[str, Sweeps]:
     sweeps = {}
     for name, entry in sorted(evidence.channels("sweeps").items()):
         if isinstance(evidence.rig.channels.get(name), LidarChannel):
-            pose = evidence.calibration["channels"][name]["ego_SE3_sensor"]
-            ego_SE3_sensor = SE3.create(pose["rotation"], pose["translation"])
+            ego_SE3_sensor = evidence.calibration.channels[name].ego_SE3_sensor.normalised()
             sweeps[name] = _sweeps(evidence.store.artifact(entry["artifact"]), ego_SE3_sensor)
     return sweeps
 

@@ -1,6 +1,6 @@
 """The readings of one channel with the ego pose of each: what rows are made from."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ from bagassets.geometry.trajectory import Trajectory
 from bagassets.store.artifact import Artifact
 from bagassets.timeline.keyframes import Stamps
 
-__all__ = ["ChannelReadings", "load_readings", "transform_columns"]
+__all__ = ["ChannelReadings", "load_readings"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,13 +68,8 @@ class ChannelReadings:
         return np.array(self.intrinsic, dtype=np.float64)
 
 
-def transform_columns(transform: Mapping[str, Sequence[float]]) -> dict[str, list[float]]:
-    """Return the columns `translation` and `rotation` of a transform, rounded."""
-    return {"translation": rounded(transform["translation"]), "rotation": quaternion(transform["rotation"])}
-
-
 def load_readings(
-    channel: str, artifact: Artifact, extrinsics: Mapping[str, Sequence[float]], trajectory: Trajectory
+    channel: str, artifact: Artifact, ego_SE3_sensor: SE3, trajectory: Trajectory
 ) -> ChannelReadings:
     """Read the index of a channel's artifact and interpolate the ego pose at each reading's own time."""
     facts: dict[str, Any] = artifact.read_json("channel.json")
@@ -87,13 +82,12 @@ def load_readings(
         sizes = list(zip(index.column("width").to_pylist(), index.column("height").to_pylist(), strict=True))
     else:
         sizes = [(0, 0)] * len(stamps)
-    written = transform_columns(extrinsics)
     return ChannelReadings(
         channel=channel,
         modality=facts["modality"],
         fileformat=facts["fileformat"],
         intrinsic=[rounded(row) for row in facts["camera_intrinsic"]],
-        ego_SE3_sensor=SE3.create(written["rotation"], written["translation"]),
+        ego_SE3_sensor=SE3.create(quaternion(ego_SE3_sensor.rotation), rounded(ego_SE3_sensor.translation)),
         stamps_ns=stamps[valid],
         files=[files[i] for i in kept],
         digests=[digests[i] for i in kept],

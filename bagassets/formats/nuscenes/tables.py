@@ -11,7 +11,7 @@ last. Of the boxes it counts `observations` (rows of
 `attributes_undetermined`, and none for `attributes_none`.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from typing import Any
@@ -35,6 +35,8 @@ from bagassets.formats.nuscenes.schema import RECORDING_TABLES
 from bagassets.formats.nuscenes.sensor_rows import Identity, SensorRows, sensor_rows
 from bagassets.formats.nuscenes.table_file import table_bytes
 from bagassets.formats.nuscenes.tokens import RecordingTokens
+from bagassets.geometry.calibration import Calibration
+from bagassets.geometry.se3 import SE3
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.recipe.model import AttributesByMotion, CameraChannel, Recipe, Rig, Scenes
 from bagassets.store.artifact import Artifact, ArtifactWriter
@@ -42,9 +44,6 @@ from bagassets.store.artifact import Artifact, ArtifactWriter
 __all__ = ["FILES", "NUSCENES_TABLES"]
 
 FILES = "files.json"
-
-Extrinsics = Mapping[str, Sequence[float]]
-"""`ego_SE3_sensor`: `translation` in metres, `rotation` as w, x, y, z."""
 
 
 @dataclass(frozen=True)
@@ -133,7 +132,7 @@ class TablesUse:
     vehicle: str
     location: str
     scenes: SceneParams
-    extrinsics: Mapping[str, Extrinsics]
+    extrinsics: Mapping[str, SE3]
     attributes_by_motion: MotionLimits | None
 
 
@@ -163,14 +162,12 @@ def _channels(facts: Facts) -> dict[str, Artifact]:
     return {**facts.channels("frames"), **facts.channels("sweeps")}
 
 
-def _extrinsics(calibration: Mapping[str, Any], channel: str) -> Extrinsics:
-    try:
-        transform = calibration["channels"][channel]["ego_SE3_sensor"]
-    except KeyError:
+def _extrinsics(calibration: Calibration, channel: str) -> SE3:
+    if channel not in calibration.channels:
         raise CalibrationError(
             f"channel {channel} has no extrinsics in calibration.json; materialize calibration again."
-        ) from None
-    return {"translation": list(transform["translation"]), "rotation": list(transform["rotation"])}
+        )
+    return calibration.channels[channel].ego_SE3_sensor
 
 
 def _reference(params: TablesParams, present: Mapping[str, Artifact]) -> str:

@@ -3,6 +3,8 @@
 from collections.abc import Mapping
 from typing import Any
 
+from bagassets.assets.asset import as_json
+from bagassets.geometry.calibration import Mounts
 from bagassets.geometry.sun import sun_elevation_deg
 from bagassets.recordings.inventory import GnssFix, Inventory
 
@@ -41,24 +43,21 @@ def recording_metadata(key: str, rig: str, inventory: Inventory) -> dict[str, An
     }
 
 
-def transforms_json(
-    calibration: Mapping[str, Any], cameras: Mapping[str, Mapping[str, Any]]
-) -> dict[str, Any]:
+def transforms_json(mounts: Mounts, cameras: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
     """Return extrinsics of all sensors, and intrinsics of the images as they are written.
 
     Args:
-        calibration: content of `calibration.json`.
+        mounts: where the sensors sit.
         cameras: channel -> content of `channel.json` of its images.
     """
     return {
-        "ego_frame": calibration["ego_frame"],
+        "ego_frame": mounts.ego_frame,
         "sensors": {
             name: {
-                "frame": channel["frame"],
-                "ego_SE3_sensor": channel["ego_SE3_sensor"],
+                **as_json(mount),
                 **({"intrinsics": cameras[name]["camera_intrinsic"]} if name in cameras else {}),
             }
-            for name, channel in sorted(calibration["channels"].items())
+            for name, mount in sorted(mounts.channels.items())
         },
     }
 

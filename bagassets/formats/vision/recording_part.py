@@ -24,6 +24,7 @@ from bagassets.formats.vision.metadata import recording_metadata, transforms_jso
 from bagassets.formats.vision.relative import relative_poses
 from bagassets.formats.vision.sequences import cut_sequences
 from bagassets.formats.vision.trajectories import Bodies, csv_bytes, tf_poses, trajectory_table
+from bagassets.geometry.calibration import Mounts
 from bagassets.geometry.tf_tree import TfTree
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.recipe.model import CameraChannel, Recipe, Rig
@@ -113,7 +114,7 @@ class VisionUse:
         tf_static: topics of static transforms that are read.
         tf_clock: time of transforms; None if none are read.
         tf_max_gap_s: as of `VisionParams`.
-        calibration: `ego_frame`, and of each channel `frame` and `ego_SE3_sensor`.
+        calibration: where the sensors sit.
         metadata: content of `metadata.json`.
         cuts: how sequences are cut.
     """
@@ -126,17 +127,17 @@ class VisionUse:
     tf_static: tuple[str, ...]
     tf_clock: Clock | None
     tf_max_gap_s: float
-    calibration: Mapping[str, Any]
+    calibration: Mounts
     metadata: Mapping[str, Any]
     cuts: Cuts = inlined()
 
 
 def use(params: VisionParams, facts: Facts) -> dict[str, Use[VisionUse]]:
     """Return what a recording's part depends on: images, poses, extrinsics, what it holds, and perhaps transforms."""
-    calibration, images = facts.calibration, facts.channels("frames")
+    mounts, images = facts.calibration.mounts, facts.channels("frames")
     cameras = {name: images[name] for name in params.cameras if name in images}
     poses = facts.artifact("ego_poses")
-    bodies = Bodies.of(calibration, poses.read_json("ego_poses.json")["global_frame"])
+    bodies = Bodies.of(mounts, poses.read_json("ego_poses.json")["global_frame"])
     through_tf = not all(bodies.know(*pair.split(":")) for pair in params.trajectories)
     tf, tf_static = (
         tuple(topic for topic in topics if through_tf and facts.inventory.has(topic))
@@ -152,13 +153,7 @@ def use(params: VisionParams, facts: Facts) -> dict[str, Use[VisionUse]]:
         tf_static=tf_static,
         tf_clock=params.tf_clock if tf else None,
         tf_max_gap_s=params.tf_max_gap_s,
-        calibration={
-            "ego_frame": calibration["ego_frame"],
-            "channels": {
-                name: {"frame": channel["frame"], "ego_SE3_sensor": channel["ego_SE3_sensor"]}
-                for name, channel in calibration["channels"].items()
-            },
-        },
+        calibration=mounts,
         metadata=recording_metadata(facts.key, params.rig, facts.inventory),
     )
     inputs = {f"channel:{name}": artifact.digest for name, artifact in cameras.items()}
@@ -256,7 +251,7 @@ def _cut_camera(
                 "width": widths[first],
                 "height": heights[first],
                 "intrinsics": camera["camera_intrinsic"],
-                "ego_SE3_sensor": params.calibration["channels"][name]["ego_SE3_sensor"],
+                "ego_SE3_sensor": as_json(params.calibration.channels[name].ego_SE3_sensor),
                 "frames": shown,
             }
         )

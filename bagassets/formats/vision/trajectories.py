@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from bagassets.errors import CalibrationError
 from bagassets.formats.vision.relative import roll_pitch_yaw
+from bagassets.geometry.calibration import Mounts
 from bagassets.geometry.se3 import SE3, Floats, quaternion_multiply, rotate
 from bagassets.geometry.tf_tree import TfTree
 from bagassets.geometry.trajectory import Trajectory
@@ -59,17 +60,16 @@ class Bodies:
     global_frame: str
 
     @classmethod
-    def of(cls, calibration: Mapping[str, Any], global_frame: str) -> "Bodies":
-        """Return the frames of a `calibration.json` and of the ego poses."""
-        ego_SE3 = {"ego": SE3(), calibration["ego_frame"]: SE3()}
-        for name, channel in sorted(calibration["channels"].items()):
-            transform = channel["ego_SE3_sensor"]
-            ego_SE3_sensor = SE3.create(transform["rotation"], transform["translation"])
+    def of(cls, mounts: Mounts, global_frame: str) -> "Bodies":
+        """Return the frames of the sensors and of the ego poses."""
+        ego_SE3 = {"ego": SE3(), mounts.ego_frame: SE3()}
+        for name, mount in sorted(mounts.channels.items()):
+            ego_SE3_sensor = mount.ego_SE3_sensor.normalised()
             ego_SE3[name] = ego_SE3_sensor
-            if channel["frame"]:
-                ego_SE3.setdefault(channel["frame"], ego_SE3_sensor)
+            if mount.frame:
+                ego_SE3.setdefault(mount.frame, ego_SE3_sensor)
         names = frozenset({"global", global_frame}) - ego_SE3.keys()
-        return cls(ego_SE3, names, calibration["ego_frame"], global_frame)
+        return cls(ego_SE3, names, mounts.ego_frame, global_frame)
 
     def in_tf(self, frame: str) -> tuple[str, SE3]:
         """Return the frame of TF that a frame hangs on, and `tf_SE3_frame`.
