@@ -246,9 +246,7 @@ def full_plan(recipe):
         patch.setattr(PlanCache, "load", lambda _self: {})
         patch.setattr(PlanCache, "save", lambda *_args: None)
         anew = survey(recipe)
-    assert found.plan == anew.plan, (
-        "cached plans of recordings are those found when they are examined"
-    )
+    assert found.plan == anew.plan, "cached plans of recordings are those found when they are examined"
     return found
 
 

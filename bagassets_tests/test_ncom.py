@@ -17,7 +17,7 @@ from bagassets.errors import DecodeError, LossLimitError, PoseError
 from bagassets.geometry.euler import quaternion_from_rpy
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.wgs84 import LocalFrame
-from bagassets.propose.glance import glance
+from bagassets.propose.scan import scan_recording
 from bagassets.recipe import load_recipe
 from bagassets.recipe.model import Limits
 from bagassets.recordings.digest import recording_digest, recording_stat
@@ -360,14 +360,14 @@ class TestRecordings:
             "a", "a.bag", path, "ros1", (path,), path.stat().st_size, path.stat().st_mtime_ns
         )
         with open_recording(files, ()) as recording:
-            seen = glance(recording)
+            seen = scan_recording(recording)
         assert seen.topics["/ncom"].ncom_sender == "10.1.1.20"
         path = write_ros1(tmp_path / "b.bag", [self.message(t, bytes(1206)) for t in TIMES])
         files = RecordingFiles(
             "b", "b.bag", path, "ros1", (path,), path.stat().st_size, path.stat().st_mtime_ns
         )
         with open_recording(files, ()) as recording:
-            assert glance(recording).topics["/ncom"].ncom_sender is None
+            assert scan_recording(recording).topics["/ncom"].ncom_sender is None
 
     def test_large_packets_are_not_kept_aside(self, tmp_path):
         for store in (recorded_bags.ROS1, recorded_bags.ROS2):

@@ -200,21 +200,21 @@ def test_readings_of_every_family_are_checked(tmp_path, site, family_recording, 
 
 
 def test_a_proposed_recipe_takes_topics_that_plugins_decode(tmp_path, site, family_recording):
-    from bagassets.propose.glance import glance
     from bagassets.propose.poses import propose_pose
-    from bagassets.propose.propose_rig import _annotations
+    from bagassets.propose.rigs import boxes_in
+    from bagassets.propose.scan import scan_recording
     from bagassets.propose.sensors import modality_of
     from bagassets.recordings.open import open_recording
 
     with open_recording(family_recording) as recording:
-        seen = glance(recording)
+        seen = scan_recording(recording)
     topics = {name: topic for name, topic in seen.topics.items() if name != "/odom"}
     assert modality_of(topics["/scan"]) is None
     site.install("families", "1.0", FAMILIES, **POINTS)
     assert modality_of(topics["/scan"]) == "lidar"
     assert modality_of(topics["/targets"]) == "radar"
-    assert _annotations(seen) == ["/things"]
-    without_odometry = type(seen)(topics, seen.edges, seen.moving)
+    assert boxes_in(seen) == ["/things"]
+    without_odometry = type(seen)(topics, seen.transforms, seen.moving)
     assert propose_pose(without_odometry, "base_link").fields == {"source": "pose", "topic": "/fix"}
     assert "families" not in sys.modules
 
@@ -232,19 +232,19 @@ def blind(message):
 
 
 def test_proposals_look_through_plugins(tmp_path, site):
-    from bagassets.propose.glance import glance
+    from bagassets.propose.scan import scan_recording
     from bagassets.recordings.open import open_recording
 
     recording = write_recording(tmp_path / "drive")
     site.install("deep", "1.0", DEEP, image__acme_msgs__RawFrame="deep")
     with open_recording(recording) as opened:
-        seen = glance(opened).topics["/acme"]
+        seen = scan_recording(opened).topics["/acme"]
     assert (seen.is_16_bit, seen.encoding, seen.refusal) == (True, "mono16", None)
     assert "behind" in seen.frames
     site.install("deep", "1.1", DEEP, image__acme_msgs__RawFrame="blind")
     with open_recording(recording) as opened:
-        refusal = glance(opened).topics["/acme"].refusal
+        refusal = scan_recording(opened).topics["/acme"].refusal
     assert refusal.startswith("decoder image.acme_msgs.RawFrame of deep 1.1 raised AttributeError at deep.py")
     site.install("deep", "1.2", "import nothing_of_this_name", image__acme_msgs__RawFrame="deep")
     with open_recording(recording) as opened:
-        assert "deep:deep cannot be loaded" in glance(opened).topics["/acme"].refusal
+        assert "deep:deep cannot be loaded" in scan_recording(opened).topics["/acme"].refusal

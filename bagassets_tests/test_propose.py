@@ -2,13 +2,15 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from bagassets.errors import RecipeError
 from bagassets.escaping import yaml_scalar
-from bagassets.propose.glance import Glance, TopicGlance
+from bagassets.geometry.se3 import SE3
 from bagassets.propose.grouping import match_globs
-from bagassets.propose.propose import propose
+from bagassets.propose.proposal import propose_recipe
+from bagassets.propose.summary import RecordingSummary, TopicSummary
 from bagassets.recipe import parse_recipe
 from bagassets.recipe.yaml_text import read_yaml
 from bagassets.recordings.globs import matches
@@ -18,7 +20,7 @@ CLOUD, INFO, ODOMETRY = "sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/CameraIn
 
 
 def topic(name, msgtype, count=100, frame=None, **fields):
-    return TopicGlance(
+    return TopicSummary(
         name, msgtype, count, frames=() if frame is None else (frame,), offset_s=0.01, **fields
     )
 
@@ -31,8 +33,10 @@ def info(name, frame, calibrated=True):
     return topic(name, INFO, 100, frame, calibrated=calibrated)
 
 
-def glance(*topics, edges=(), moving=()):
-    return Glance({t.name: t for t in topics}, frozenset(edges), frozenset(moving))
+def summary(*topics, edges=(), moving=(), **fields):
+    return RecordingSummary(
+        {t.name: t for t in topics}, dict.fromkeys(edges, SE3()), frozenset(moving), **fields
+    )
 
 
 def car(*more, edges=(), without=()):
@@ -44,17 +48,17 @@ def car(*more, edges=(), without=()):
         *more,
     ]
     tree = {("odom", "base_link"), ("base_link", "cam_front"), ("base_link", "velodyne"), *edges}
-    return glance(*(t for t in topics if t.name not in without), edges=tree, moving={("odom", "base_link")})
+    return summary(*(t for t in topics if t.name not in without), edges=tree, moving={("odom", "base_link")})
 
 
-def text_of(glances, **fields):
-    if isinstance(glances, Glance):
-        glances = {"a.bag": glances}
-    return propose(glances, name="yard", root="/bags", **fields)
+def text_of(summaries, **fields):
+    if isinstance(summaries, RecordingSummary):
+        summaries = {"a.bag": summaries}
+    return propose_recipe(summaries, name="yard", root="/bags", **fields).text
 
 
-def proposed(glances, tmp_path, **fields):
-    return parse_recipe(text_of(glances, **fields), tmp_path / "recipe.yaml")
+def proposed(summaries, tmp_path, **fields):
+    return parse_recipe(text_of(summaries, **fields), tmp_path / "recipe.yaml")
 
 
 def channels_of(one, tmp_path):
@@ -76,7 +80,7 @@ def test_everything_guessable_loads_as_it_stands(tmp_path):
     assert rig.channels["CAM_FRONT"].undistort
     assert rig.channels["LIDAR_TOP"].topic == "/velodyne_points"
     text = text_of(car())
-    assert "not guessed" not in text.split("\n\n", 1)[1]
+    assert "to be decided" not in text.split("\n\n", 1)[1]
     assert "# guess:" in text
 
 
@@ -102,12 +106,12 @@ def test_same_recordings_in_any_order_give_the_same_text():
     ],
 )
 def test_cameras_are_named_by_where_they_look(topics, expected, tmp_path):
-    one = glance(*(topic(name, IMAGE, frame=f"f{n}") for n, name in enumerate(topics)))
+    one = summary(*(topic(name, IMAGE, frame=f"f{n}") for n, name in enumerate(topics)))
     assert sorted(channels_of(one, tmp_path)) == sorted(expected)
 
 
 def test_frames_tell_the_direction_if_topics_do_not(tmp_path):
-    one = glance(
+    one = summary(
         topic("/cam0/image_raw", IMAGE, frame="camera_front_optical"),
         topic("/cam1/image_raw", IMAGE, frame="camera_back_optical"),
     )
@@ -115,7 +119,7 @@ def test_frames_tell_the_direction_if_topics_do_not(tmp_path):
 
 
 def test_lidars_the_one_on_top_first_and_flat_ones_last(tmp_path):
-    one = glance(
+    one = summary(
         topic("/front/scan", "sensor_msgs/msg/LaserScan", 900, "laser"),
         topic("/lidar_left/points", CLOUD, frame="lidar_left"),
         topic("/lidar_roof/points", CLOUD, frame="lidar_roof"),
@@ -128,7 +132,7 @@ def test_lidars_the_one_on_top_first_and_flat_ones_last(tmp_path):
 
 
 def test_radars(tmp_path):
-    one = glance(
+    one = summary(
         topic("/radar_front/points", CLOUD, frame="radar_front"),
         topic("/radar_rear_left/scan", "radar_msgs/msg/RadarScan", frame="r2"),
         topic("/esr/track", "delphi_esr_msgs/msg/EsrTrack", 6400, "esr"),
@@ -146,7 +150,7 @@ def test_radars(tmp_path):
     [((100, 100), "/cam/image_raw"), ((99, 100), "/cam/image_raw"), ((10, 100), "/cam/image_raw/compressed")],
 )
 def test_of_one_camera_the_topic_with_more_messages_then_the_raw_one(counts, chosen, tmp_path):
-    one = glance(
+    one = summary(
         topic("/cam/image_raw", IMAGE, counts[0], "cam"),
         topic("/cam/image_raw/compressed", COMPRESSED, counts[1], "cam"),
         topic("/cam/image_rect_color", IMAGE, counts[0], "cam"),
@@ -156,7 +160,7 @@ def test_of_one_camera_the_topic_with_more_messages_then_the_raw_one(counts, cho
 
 
 def test_packets_before_points_of_the_same_lidar(tmp_path):
-    one = glance(
+    one = summary(
         topic("/velodyne_packets", "velodyne_msgs/msg/VelodyneScan", 100, "velodyne", velodyne=True),
         topic("/velodyne_points", CLOUD, 100, "velodyne"),
     )
@@ -166,7 +170,7 @@ def test_packets_before_points_of_the_same_lidar(tmp_path):
 def test_lidar_packets_are_told_by_their_bytes(tmp_path):
     packets = topic("/eth/lidar", "ethernet_msgs/msg/Packet", frame="v", velodyne=True)
     other = topic("/eth/ptp", "ethernet_msgs/msg/Packet", frame="e", velodyne=False)
-    assert channels_of(glance(packets, other), tmp_path) == {"LIDAR_TOP": "/eth/lidar"}
+    assert channels_of(summary(packets, other), tmp_path) == {"LIDAR_TOP": "/eth/lidar"}
 
 
 @pytest.mark.parametrize(
@@ -209,14 +213,14 @@ def test_camera_info_elsewhere_is_found_by_its_frame(tmp_path):
 
 
 def test_compressed_without_undistortion_passes_through(tmp_path):
-    one = glance(topic("/cam/image_raw/compressed", COMPRESSED, frame="cam", encoding="jpeg"), odometry())
+    one = summary(topic("/cam/image_raw/compressed", COMPRESSED, frame="cam", encoding="jpeg"), odometry())
     assert proposed(one, tmp_path).rigs[0].channels["CAM_FRONT"].output == "as_recorded"
-    calibrated = glance(*one.topics.values(), info("/cam/camera_info", "cam"))
+    calibrated = summary(*one.topics.values(), info("/cam/camera_info", "cam"))
     assert proposed(calibrated, tmp_path).rigs[0].channels["CAM_FRONT"].output == "jpeg"
 
 
 def test_sixteen_bit_grey_gets_a_rule(tmp_path):
-    one = glance(
+    one = summary(
         topic("/thermal/image_raw", IMAGE, frame="cam", encoding="mono16", is_16_bit=True), odometry()
     )
     assert proposed(one, tmp_path).rigs[0].channels["CAM_FRONT"].to_8bit.percentiles == (1, 99)
@@ -224,7 +228,7 @@ def test_sixteen_bit_grey_gets_a_rule(tmp_path):
 
 def test_clouds_without_point_times_ask_what_their_header_means(tmp_path):
     def lidars(timed):
-        return glance(topic("/points", CLOUD, frame="lidar", timed=timed), odometry())
+        return summary(topic("/points", CLOUD, frame="lidar", timed=timed), odometry())
 
     text = text_of(lidars(False))
     assert "guess: stamps stay as recorded, as the points have no times." in text
@@ -243,20 +247,23 @@ def test_clouds_without_point_times_ask_what_their_header_means(tmp_path):
 
 
 def test_missing_transform_is_said_and_loads(tmp_path):
-    one = glance(topic("/cam/image_raw", IMAGE, frame="cam"), odometry())
+    one = summary(topic("/cam/image_raw", IMAGE, frame="cam"), odometry())
     assert proposed(one, tmp_path).rigs[0].channels["CAM_FRONT"].extrinsics is None
     text = text_of(one)
-    assert "not guessed: no transform from base_link to cam was seen" in text
+    assert "to be decided: no transform from base_link to cam was seen" in text
     given = text.replace("# extrinsics:", "extrinsics:")
     assert parse_recipe(given, tmp_path / "r.yaml").rigs[0].channels["CAM_FRONT"].extrinsics is not None
 
 
 def test_sensor_without_frame_and_cameras_that_share_one(tmp_path):
-    one = glance(topic("/points", CLOUD), odometry())
+    one = summary(topic("/points", CLOUD), odometry())
     text = text_of(one).replace("# frame:", "frame:")
     assert parse_recipe(text, tmp_path / "r.yaml").rigs[0].channels["LIDAR_TOP"].frame == "base_link"
-    two = glance(
-        topic("/cam/left/image", IMAGE, frame="x"), topic("/cam/right/image", IMAGE, frame="x"), odometry()
+    two = summary(
+        topic("/cam/left/image", IMAGE, frame="x"),
+        topic("/cam/right/image", IMAGE, frame="x"),
+        odometry(),
+        edges=[("base_link", "x")],
     )
     assert "CAM_LEFT, CAM_RIGHT all name the frame x" in " ".join(text_of(two).replace("#", "").split())
 
@@ -288,7 +295,7 @@ POSE, PACKETS = "geometry_msgs/msg/PoseStamped", "ethernet_msgs/msg/Packet"
     ],
 )  # fmt: skip
 def test_pose_source(topics, tree, expected, tmp_path):
-    one = glance(topic("/points", CLOUD, frame="lidar"), *topics, edges=[("base_link", "lidar"), *tree])
+    one = summary(topic("/points", CLOUD, frame="lidar"), *topics, edges=[("base_link", "lidar"), *tree])
     pose = proposed(one, tmp_path).rigs[0].ego_pose
     assert {name: getattr(pose, name) for name in expected} == expected
 
@@ -305,7 +312,7 @@ def test_pose_source(topics, tree, expected, tmp_path):
     ],
 )
 def test_without_poses_the_user_decides_at_a_named_line(topics, tree, tmp_path):
-    one = glance(topic("/points", CLOUD, frame="lidar"), *topics, edges=[("base_link", "lidar"), *tree])
+    one = summary(topic("/points", CLOUD, frame="lidar"), *topics, edges=[("base_link", "lidar"), *tree])
     text = text_of(one)
     with pytest.raises(RecipeError) as caught:
         parse_recipe(text, tmp_path / "recipe.yaml")
@@ -320,12 +327,15 @@ def test_without_poses_the_user_decides_at_a_named_line(topics, tree, tmp_path):
 @pytest.mark.parametrize(
     ("one", "expected"),
     [
-        (glance(odometry(child="base_footprint"), edges=[("base_footprint", "base_link")]), "base_footprint"),
-        (glance(odometry(child="odometer"), edges=[("base_link", "lidar")]), "base_link"),
-        (glance(odometry(child="imu_link")), "imu_link"),
-        (glance(edges=[("map", "base_footprint"), ("base_footprint", "lidar")]), "base_footprint"),
-        (glance(edges=[("odom", "trunk"), ("trunk", "lidar"), ("trunk", "cam")]), "trunk"),
-        (glance(), "lidar"),
+        (
+            summary(odometry(child="base_footprint"), edges=[("base_footprint", "base_link")]),
+            "base_footprint",
+        ),
+        (summary(odometry(child="odometer"), edges=[("base_link", "lidar")]), "base_link"),
+        (summary(odometry(child="imu_link")), "imu_link"),
+        (summary(edges=[("map", "base_footprint"), ("base_footprint", "lidar")]), "base_footprint"),
+        (summary(edges=[("odom", "trunk"), ("trunk", "lidar"), ("trunk", "cam")]), "trunk"),
+        (summary(), "lidar"),
     ],
 )
 def test_ego_frame(one, expected):
@@ -370,9 +380,9 @@ def test_boxes_truth_first_and_the_others_commented_out(tmp_path):
 
 
 def test_recordings_of_two_rigs_and_of_none(tmp_path):
-    van, drone = car(), glance(topic("/drone/image_raw", IMAGE, frame="d"), odometry("/vio", "drone"))
+    van, drone = car(), summary(topic("/drone/image_raw", IMAGE, frame="d"), odometry("/vio", "drone"))
     degraded = car(without={"/cam_front/image_raw", "/cam_front/camera_info"})
-    bare = glance(topic("/rosout", "rosgraph_msgs/msg/Log"))
+    bare = summary(topic("/rosout", "rosgraph_msgs/msg/Log"))
     text = text_of(
         {"van/1.bag": van, "van/2/b.bag": degraded, "drone/1.bag": drone, "misc.bag": bare},
         unreadable={"torn.bag": "it is cut off; reindex it."},
@@ -381,18 +391,237 @@ def test_recordings_of_two_rigs_and_of_none(tmp_path):
     recipe = parse_recipe(text, tmp_path / "recipe.yaml")
     assert [(rig.name, rig.match) for rig in recipe.rigs] == [("van", ("van/**",)), ("drone", ("drone/**",))]
     assert set(recipe.rigs[0].channels) == {"CAM_FRONT", "LIDAR_TOP"}
-    assert "not guessed: misc.bag has no camera, lidar or radar" in text
-    assert "not guessed: torn.bag could not be read: it is cut off; reindex it." in text
+    assert "left out: misc.bag (nothing to convert: it has no camera, lidar or radar)" in text
+    assert "left out: torn.bag could not be read: it is cut off; reindex it." in text
     assert "5 recordings out of 50" in text
 
 
+CAMERA_IN = "camera_optical_frame"
+
+
+def questions_of(summaries, **fields):
+    if isinstance(summaries, RecordingSummary):
+        summaries = {"a.bag": summaries}
+    proposal = propose_recipe(summaries, name="yard", root="/bags", **fields)
+    lines = proposal.text.splitlines()
+    for question in proposal.questions:
+        assert lines[question.line - 1].lstrip().startswith("# to be decided: "), question
+    return [(question.rig, question.subject) for question in proposal.questions]
+
+
+def test_what_blocks_the_build_is_a_question():
+    assert questions_of(car()) == []
+    still = summary(topic("/points", CLOUD, frame="lidar"), edges=[("base_link", "lidar")])
+    assert questions_of(still) == [("rig", "ego_pose")]
+    far = summary(topic("/cam/image_raw", IMAGE, frame="cam"), odometry())
+    assert questions_of(far) == [("rig", "CAM_FRONT")]
+    glued = replace(far, transforms={("base_link", "cam"): SE3()})
+    assert questions_of(glued) == []
+    nowhere = summary(topic("/points", CLOUD), odometry())
+    assert questions_of(nowhere) == [("rig", "LIDAR_TOP")]
+    two_frames = replace(car().topics["/velodyne_points"], frames=("velodyne", "laser"))
+    assert questions_of(replace(car(), topics={**car().topics, two_frames.name: two_frames})) == [
+        ("rig", "LIDAR_TOP")
+    ]
+    elsewhere = replace(car().topics["/odom"], child_frames=("odometer",))
+    assert questions_of(replace(car(), topics={**car().topics, "/odom": elsewhere})) == [("rig", "ego_pose")]
+    assert questions_of(summary(topic("/rosout", "rosgraph_msgs/msg/Log"))) == [("", "rigs")]
+
+
+def test_what_is_left_out_beside_a_rig_blocks_nothing():
+    bare = summary(topic("/rosout", "rosgraph_msgs/msg/Log"))
+    packets = topic(
+        "/pandar_packets", "pandar_msgs/msg/PandarScan", 50, problem="there is no definition of it"
+    )
+    assert questions_of({"a.bag": car(packets), "b.bag": bare}, unreadable={"c.bag": "it is cut off."}) == []
+
+
+@pytest.mark.parametrize(
+    "msgtype",
+    [
+        "pandar_msgs/msg/PandarScan",
+        "livox_ros_driver2/msg/CustomMsg",
+        "ouster_ros/msg/PacketMsg",
+        "rslidar_msgs/msg/rslidarScan",
+        "sensor_msgs/msg/MultiEchoLaserScan",
+        "theora_image_transport/msg/Packet",
+        "foxglove_msgs/msg/CompressedVideo",
+    ],
+)
+def test_a_sensor_that_nothing_decodes_is_named_with_its_type(msgtype):
+    one = summary(topic("/sensor", msgtype, 7, problem="there is no definition of it; name one"))
+    proposal = propose_recipe({"a.bag": one}, name="yard", root="/bags")
+    (bare,) = proposal.bare
+    assert bare.reason == "no camera, lidar or radar that can be used"
+    (use,) = bare.topic_uses
+    shown = msgtype.replace("/msg/", "/")
+    assert (use.status, use.topic.name) == ("not decodable", "/sensor")
+    assert use.text.startswith(f"no decoder for {shown}; ")
+    assert [question.subject for question in proposal.questions] == ["rigs"]
+    assert f"/sensor: no decoder for {shown}" in proposal.questions[0].text
+
+
+@pytest.mark.parametrize(
+    "msgtype",
+    ["ouster_msgs/msg/Metadata", "sensor_msgs/msg/CameraInfo", "std_msgs/msg/String", "a/msg/ImageArray"],
+)
+def test_what_only_goes_with_sensors_is_no_sensor(msgtype):
+    proposal = propose_recipe({"a.bag": summary(topic("/x", msgtype, 7))}, name="yard", root="/bags")
+    (bare,) = proposal.bare
+    assert bare.reason == "nothing to convert: it has no camera, lidar or radar"
+
+
+def test_poses_alone_are_nothing_to_convert():
+    proposal = propose_recipe({"a.bag": summary(odometry())}, name="yard", root="/bags")
+    (bare,) = proposal.bare
+    assert bare.reason == "nothing to convert: it has poses or transforms, but no camera, lidar or radar"
+    assert [(use.topic.name, use.status, use.text) for use in bare.topic_uses] == [("/odom", "used", "poses")]
+
+
+def test_what_becomes_of_each_topic():
+    one = car(
+        topic("/cam_front/image_rect", IMAGE, frame="cam_front"),
+        topic("/pandar_packets", "pandar_msgs/msg/PandarScan", 50),
+        topic("/tf", "tf2_msgs/msg/TFMessage"),
+        topic("/truth/boxes", "vision_msgs/msg/Detection3DArray"),
+        topic("/boxes", "vision_msgs/msg/Detection3DArray"),
+        topic("/rosout", "rosgraph_msgs/msg/Log"),
+    )
+    (rig,) = propose_recipe({"a.bag": one}, name="yard", root="/bags").rigs
+    uses = {use.topic.name: (use.status, use.text) for use in rig.topic_uses}
+    assert next(iter(uses)) == "/cam_front/image_raw"
+    assert list(uses)[-1] == "/rosout"
+    assert set(uses) == set(one.topics)
+    undecodable, reason = uses.pop("/pandar_packets")
+    assert undecodable == "not decodable"
+    assert reason.startswith("no decoder for pandar_msgs/PandarScan")
+    assert uses == {
+        "/cam_front/image_raw": ("used", "CAM_FRONT"),
+        "/cam_front/camera_info": ("used", "calibration of CAM_FRONT"),
+        "/velodyne_points": ("used", "LIDAR_TOP"),
+        "/odom": ("used", "poses"),
+        "/tf": ("used", "transforms"),
+        "/truth/boxes": ("used", "boxes"),
+        "/boxes": ("left out", "boxes, too; the recipe has it as a comment"),
+        "/cam_front/image_rect": ("left out", "the same sensor as /cam_front/image_raw"),
+        "/rosout": ("not needed", ""),
+    }
+
+
+@pytest.mark.parametrize(
+    ("frame", "says"), [(CAMERA_IN, "is an optical frame"), ("cam", "is taken to be optical")]
+)
+def test_a_camera_alone_is_no_ego_frame(frame, says, tmp_path):
+    one = summary(topic("/cam/image_raw", IMAGE, frame=frame))
+    (question,) = propose_recipe({"a.bag": one}, name="yard", root="/bags").questions
+    assert question.subject == "ego_pose"
+    text = text_of(one)
+    assert f"{frame}, the only sensor frame, {says} (z ahead)" in " ".join(text.replace("#", "").split())
+    (rig,) = parse_recipe(text.replace("# source: fixed", "source: fixed"), tmp_path / "r.yaml").rigs
+    assert rig.ego_frame == "base_link"
+    assert rig.channels["CAM_FRONT"].extrinsics.rotation == (0.5, -0.5, 0.5, -0.5)
+
+
+def test_a_lidar_alone_is_the_ego_frame_unless_its_frame_is_optical(tmp_path):
+    for frame, ego_frame, rotation in (
+        ("lidar", "lidar", None),
+        (CAMERA_IN, "base_link", (0.5, -0.5, 0.5, -0.5)),
+    ):
+        text = text_of(summary(topic("/points", CLOUD, frame=frame), topic("/slam/pose", POSE)))
+        (rig,) = parse_recipe(text, tmp_path / "r.yaml").rigs
+        placed = rig.channels["LIDAR_TOP"].extrinsics
+        assert (rig.ego_frame, placed and placed.rotation) == (ego_frame, rotation)
+
+
+@pytest.mark.parametrize(
+    ("names", "directions"),
+    [
+        (["front", "left", "back", "right"], [(1, 0), (0, 1), (-1, 0), (0, -1)]),
+        (["left", "right"], [(1, 0), (1, 0)]),  # a stereo pair
+        (["fl", "fr"], [(1, 1), (1, -1)]),
+    ],
+)
+def test_templates_of_cameras_look_where_their_names_say(names, directions, tmp_path):
+    one = summary(
+        *(topic(f"/cam_{name}/image", IMAGE, frame=f"{name}_optical") for name in names), odometry()
+    )
+    text = text_of(one).replace("# extrinsics:", "extrinsics:")
+    (rig,) = parse_recipe(text, tmp_path / "r.yaml").rigs
+    by_topic = {channel.topic: channel.extrinsics for channel in rig.channels.values()}
+    for name, (x, y) in zip(names, directions, strict=True):
+        ego_SE3_sensor = SE3.create(by_topic[f"/cam_{name}/image"].rotation, (0, 0, 0))
+        ahead, down = ego_SE3_sensor.rotation_matrix[:, 2], ego_SE3_sensor.rotation_matrix[:, 1]
+        assert ahead == pytest.approx([x / np.hypot(x, y), y / np.hypot(x, y), 0], abs=1e-5)
+        assert down == pytest.approx([0, 0, -1], abs=1e-5)
+
+
+def robot(child, odom="/odom", frame="lidar"):
+    return summary(topic("/points", CLOUD, frame=frame), odometry(odom, child), edges=[(child, frame)])
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "rigs"),
+    [
+        (robot("base_link"), robot("base_link"), 1),
+        (robot("base_link"), robot("base_link", odom="/vio/odometry"), 2),
+        (robot("r1/base_link"), robot("r2/base_link"), 2),
+        (robot("base_link", frame="r1/lidar"), robot("base_link", frame="r2/lidar"), 2),
+        # What lacks something contradicts nothing.
+        (robot("base_link"), summary(topic("/points", CLOUD, frame="lidar")), 1),
+        (robot("base_link"), summary(topic("/points", CLOUD)), 1),
+    ],
+)
+def test_rigs_are_told_apart_by_poses_and_frames(one, other, rigs, tmp_path):
+    proposal = propose_recipe({"a.bag": one, "b.bag": other}, name="yard", root="/bags")
+    assert len(proposal.rigs) == rigs
+    for rig in proposal.rigs:
+        assert rig.pose.fields["topic"] in rig.summary.topics
+        assert rig.ego.name in {"base_link", "r1/base_link", "r2/base_link"}
+    assert len({rig.name for rig in parse_recipe(proposal.text, tmp_path / "r.yaml").rigs}) == rigs
+
+
+def test_of_several_pose_sources_the_one_that_all_recordings_have(tmp_path):
+    both = robot("base_link")
+    both = replace(both, topics={**both.topics, "/ekf/odom": odometry("/ekf/odom", count=900)})
+    assert proposed(both, tmp_path).rigs[0].ego_pose.topic == "/ekf/odom"
+    (rig,) = proposed({"a.bag": both, "b.bag": robot("base_link")}, tmp_path).rigs
+    assert rig.ego_pose.topic == "/odom"
+
+
+def test_transforms_of_other_topics_are_named(tmp_path):
+    tf = "tf2_msgs/msg/TFMessage"
+    one = car(topic("/robot1/tf", tf), topic("/robot1/tf_static", tf))
+    (rig,) = proposed(one, tmp_path).rigs
+    assert (rig.tf, rig.tf_static) == (("/robot1/tf",), ("/robot1/tf_static",))
+    (rig,) = proposed(car(topic("/tf", tf)), tmp_path).rigs
+    assert (rig.tf, rig.tf_static) == (("/tf",), ("/tf_static",))
+
+
+def test_each_rig_has_its_clock(tmp_path):
+    unset = replace(robot("base_link").topics["/points"], unstamped=True, offset_s=None)
+    second = replace(robot("base_link", "/vio"), topics={"/points": unset, "/vio": odometry("/vio")})
+    recipe = proposed({"a.bag": car(), "b.bag": second}, tmp_path)
+    assert recipe.clock == "header"
+    assert {rig.name: recipe.clock_of(rig) for rig in recipe.rigs} == {"a": "header", "b": "log"}
+    (alone,) = proposed(second, tmp_path).rigs
+    assert alone.clock is None
+
+
+@pytest.mark.parametrize(
+    ("lengths_s", "least_s"), [([0.07, 0.5], 0.0), ([0.07, None], 1.0), ([None], 1.0), ([0.0], 0.0)]
+)
+def test_short_recordings_get_scenes(lengths_s, least_s, tmp_path):
+    recordings = {f"{n}.bag": replace(car(), short_s=length_s) for n, length_s in enumerate(lengths_s)}
+    assert proposed(recordings, tmp_path).scenes.min_length_s == least_s
+
+
 def test_same_topic_of_another_type_is_another_rig(tmp_path):
-    other = glance(topic("/velodyne_points", "sensor_msgs/msg/LaserScan", frame="velodyne"), odometry())
+    other = summary(topic("/velodyne_points", "sensor_msgs/msg/LaserScan", frame="velodyne"), odometry())
     assert len(proposed({"a.bag": car(), "b.bag": other}, tmp_path).rigs) == 2
 
 
 def test_nothing_usable_still_tells_what_a_rig_looks_like(tmp_path):
-    text = text_of(glance(topic("/rosout", "rosgraph_msgs/msg/Log")))
+    text = text_of(summary(topic("/rosout", "rosgraph_msgs/msg/Log")))
     with pytest.raises(RecipeError, match=r"recipe.yaml:\d+: rigs: needs a value"):
         parse_recipe(text, tmp_path / "recipe.yaml")
     lines = text.splitlines()
@@ -416,7 +645,7 @@ def test_undefined_message_type_asks_for_its_definition(tmp_path):
 
 
 def test_radar_alone_gets_a_reference_channel(tmp_path):
-    one = glance(topic("/radar/points", CLOUD, frame="radar"), odometry())
+    one = summary(topic("/radar/points", CLOUD, frame="radar"), odometry())
     assert proposed(one, tmp_path).scenes.reference == "RADAR_FRONT"
 
 
@@ -429,7 +658,7 @@ def test_any_text_survives_as_a_scalar(name, tmp_path):
 
 @pytest.mark.parametrize("name", ["my yard!", "...", "ünï", "-x-"])
 def test_any_project_name_becomes_a_legal_one(name, tmp_path):
-    parse_recipe(propose({"a.bag": car()}, name=name, root="/bags"), tmp_path / "recipe.yaml")
+    parse_recipe(propose_recipe({"a.bag": car()}, name=name, root="/bags").text, tmp_path / "recipe.yaml")
 
 
 @pytest.mark.parametrize(

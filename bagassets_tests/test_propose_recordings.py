@@ -1,4 +1,4 @@
-"""Glances at written recordings, and the recipes proposed from them."""
+"""Scans of written recordings, and the recipes proposed from them."""
 
 import numpy as np
 import pytest
@@ -6,9 +6,10 @@ from rosbags.rosbag1 import Writer
 from small_drive import START_NS, STORE1, write_drive
 
 from bagassets.decode.point_times import TIME_NAMES
-from bagassets.propose.glance import glance, merge_glances
-from bagassets.propose.propose import propose
+from bagassets.propose.proposal import propose_recipe
+from bagassets.propose.scan import scan_recording
 from bagassets.propose.sensors import modality_of
+from bagassets.propose.summary import merge_recordings
 from bagassets.recipe import parse_recipe
 from bagassets.recordings.open import open_recording
 from bagassets_tests.ncom_data import ncom
@@ -17,9 +18,9 @@ from bagassets_tests.sweep_data import vlp16_packets
 SUFFIX = {"ros1": ".bag", "ros2": "", "mcap": ".mcap"}
 
 
-def look(path):
+def scan(path):
     with open_recording(path) as recording:
-        return glance(recording)
+        return scan_recording(recording)
 
 
 class Bag:
@@ -49,51 +50,55 @@ class Bag:
         header = self.header(seconds, "/cam", stamped)
         self.add(seconds, topic, "sensor_msgs/msg/Image", image(header, 2, 2, encoding, 0, 4, data))
 
-    def imu(self, seconds, topic, covariance):
+    def imu(self, seconds, topic, covariance, frame="imu", acceleration=(0.0, 0.0, 0.0)):
         vector = self.types["geometry_msgs/msg/Vector3"](0.0, 0.0, 0.0)
+        measured = self.types["geometry_msgs/msg/Vector3"](*acceleration)
         quaternion = self.types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
         first = np.array([covariance, *[0.0] * 8])
         zero = np.zeros(9)
         value = self.types["sensor_msgs/msg/Imu"](
-            self.header(seconds, "imu"), quaternion, first, vector, zero, vector, zero
+            self.header(seconds, frame), quaternion, first, vector, zero, measured, zero
         )
         self.add(seconds, topic, "sensor_msgs/msg/Imu", value)
 
     def add(self, seconds, topic, msgtype, message):
         self.messages.append((START_NS + int(seconds * 1e9) + 2_000_000, topic, msgtype, message))
 
-    def glance(self):
+    def scan(self):
         with Writer(self.path) as writer:
             connections = {}
             for time_ns, topic, msgtype, message in sorted(self.messages, key=lambda entry: entry[0]):
                 if topic not in connections:
                     connections[topic] = writer.add_connection(topic, msgtype, typestore=STORE1)
                 writer.write(connections[topic], time_ns, STORE1.serialize_ros1(message, msgtype))
-        return look(self.path)
+        return scan(self.path)
 
 
 @pytest.mark.parametrize("file_format", ["ros1", "ros2", "mcap"])
 def test_every_format_gives_the_same_recipe(file_format, tmp_path):
     path = write_drive(tmp_path / f"drive{SUFFIX[file_format]}", file_format)
-    seen = look(path)
+    seen = scan(path)
     assert seen.topics["/odom"].child_frames == ("base_link",)
     assert seen.topics["/cam/camera_info"].calibrated is True
     assert seen.topics["/cam/image_raw"].encoding == "rgb8"
     assert seen.topics["/points"].offset_s == pytest.approx(0.003)
     assert seen.edges == {("base_link", "cam"), ("base_link", "lidar")}
-    text = propose({"drive": seen}, name="drive", root=tmp_path)
+    text = propose_recipe({"drive": seen}, name="drive", root=tmp_path).text
     (rig,) = parse_recipe(text, tmp_path / "recipe.yaml").rigs
     assert {name: channel.topic for name, channel in rig.channels.items()} == {
         "CAM_FRONT": "/cam/image_raw",
         "LIDAR_TOP": "/points",
     }
     assert (rig.ego_frame, rig.ego_pose.source) == ("base_link", "odometry")
-    assert "not guessed" not in text.split("\n\n", 1)[1]
+    assert "to be decided" not in text.split("\n\n", 1)[1]
 
 
 def test_one_rig_whatever_the_format(tmp_path):
-    seen = {name: look(write_drive(tmp_path / f"drive{s}", name, 0.5)) for name, s in SUFFIX.items()}
-    assert len(parse_recipe(propose(seen, name="x", root=tmp_path), tmp_path / "recipe.yaml").rigs) == 1
+    seen = {name: scan(write_drive(tmp_path / f"drive{s}", name, 0.5)) for name, s in SUFFIX.items()}
+    assert (
+        len(parse_recipe(propose_recipe(seen, name="x", root=tmp_path).text, tmp_path / "recipe.yaml").rigs)
+        == 1
+    )
 
 
 def test_moving_edges_and_sign_of_quaternions(tmp_path):
@@ -101,7 +106,7 @@ def test_moving_edges_and_sign_of_quaternions(tmp_path):
     for n in range(5):
         bag.transform(n * 0.1, "/map", "/base_link", x=0.1 * n)
         bag.transform(n * 0.1, "base_link", "lidar", w=(-1.0) ** n)
-    seen = bag.glance()
+    seen = bag.scan()
     assert seen.edges == {("map", "base_link"), ("base_link", "lidar")}
     assert seen.moving == {("map", "base_link")}
 
@@ -111,7 +116,7 @@ def test_latched_transforms_that_come_late_are_seen(tmp_path):
     for n in range(40):
         bag.image(n)
     bag.transform(30, "base_link", "cam", topic="/tf_static")
-    assert bag.glance().edges == {("base_link", "cam")}
+    assert bag.scan().edges == {("base_link", "cam")}
 
 
 def test_only_the_first_seconds_are_decoded(tmp_path, monkeypatch):
@@ -119,7 +124,7 @@ def test_only_the_first_seconds_are_decoded(tmp_path, monkeypatch):
     for n in range(400):
         bag.transform(n * 0.1, "map", "base_link", x=n)
         bag.image(n * 0.1)
-    seen = bag.glance()
+    seen = bag.scan()
     assert seen.topics["/tf"].count == 400
     decoded = []
     with open_recording(bag.path) as recording:
@@ -127,7 +132,7 @@ def test_only_the_first_seconds_are_decoded(tmp_path, monkeypatch):
         monkeypatch.setattr(
             recording, "decode", lambda message: decoded.append(message.topic) or decode(message)
         )
-        glance(recording)
+        scan_recording(recording)
     assert decoded.count("/cam/image_raw") <= 3
     assert decoded.count("/tf") <= 20
 
@@ -138,7 +143,7 @@ def test_unset_stamps_frames_with_slash_and_orientation(tmp_path):
     bag.image(1, "/good/image_raw")
     bag.imu(0, "/imu/raw", -1.0)
     bag.imu(0, "/imu/data", 0.01)
-    topics = bag.glance().topics
+    topics = bag.scan().topics
     assert topics["/cam/image_raw"].unstamped
     assert topics["/cam/image_raw"].offset_s is None
     assert topics["/cam/image_raw"].frames == ("cam",)
@@ -147,22 +152,59 @@ def test_unset_stamps_frames_with_slash_and_orientation(tmp_path):
     assert (topics["/imu/raw"].oriented, topics["/imu/data"].oriented) == (False, True)
 
 
-def test_merged_glances_add_up(tmp_path):
+def test_merged_recordings_add_up(tmp_path):
     one, other = Bag(tmp_path / "a.bag"), Bag(tmp_path / "b.bag")
     one.image(0)
     one.transform(0, "map", "base_link")
     other.image(0)
     other.image(1, "/more/image_raw")
-    merged = merge_glances([one.glance(), other.glance()])
+    merged = merge_recordings([one.scan(), other.scan()])
     assert merged.topics["/cam/image_raw"].count == 2
     assert merged.topics["/more/image_raw"].count == 1
     assert merged.edges == {("map", "base_link")}
 
 
 def test_empty_recording(tmp_path):
-    seen = Bag(tmp_path / "a.bag").glance()
+    seen = Bag(tmp_path / "a.bag").scan()
     assert not seen.topics
-    assert "a.bag has no camera" in propose({"a.bag": seen}, name="x", root=tmp_path)
+    proposal = propose_recipe({"a.bag": seen}, name="x", root=tmp_path)
+    assert [(one.path, one.reason) for one in proposal.bare] == [
+        ("a.bag", "nothing to convert: it has no camera, lidar or radar")
+    ]
+
+
+@pytest.mark.parametrize(
+    ("acceleration", "ego_frame"),
+    [((0.3, -9.8, 0.2), "base_link"), ((0.1, 0.4, 9.7), "cam"), ((9.8, 0.0, 0.0), "base_link")],
+)
+def test_gravity_tells_whether_a_frame_is_optical(tmp_path, acceleration, ego_frame):
+    """A camera in a frame with z up, which some drivers name, still looks along that frame's x axis."""
+    bag = Bag(tmp_path / "a.bag")
+    bag.transform(0, "cam", "imu")
+    for number in range(5):
+        bag.image(number, encoding="mono8")
+        bag.imu(number, "/imu", -1.0, acceleration=acceleration)
+    text = propose_recipe({"a.bag": bag.scan()}, name="x", root=tmp_path).text
+    (rig,) = parse_recipe(text.replace("# source: fixed", "source: fixed"), tmp_path / "recipe.yaml").rigs
+    assert rig.ego_frame == ego_frame
+    assert rig.channels["CAM_FRONT"].extrinsics.rotation == (0.5, -0.5, 0.5, -0.5)
+
+
+def test_an_imu_that_measures_no_acceleration_tells_nothing(tmp_path):
+    bag = Bag(tmp_path / "a.bag")
+    bag.imu(0, "/imu", 0.01, acceleration=(0.0, 0.0, 9.8))
+    topic = bag.messages[-1]
+    topic[3].linear_acceleration_covariance[0] = -1.0
+    assert bag.scan().topics["/imu"].acceleration is None
+
+
+@pytest.mark.parametrize(("seconds", "short_s"), [(0, 0.0), (0.5, 0.5), (1.5, None)])
+def test_recordings_too_short_for_a_scene_say_how_short(tmp_path, seconds, short_s):
+    bag = Bag(tmp_path / "a.bag")
+    bag.image(0)
+    bag.image(seconds)
+    bag.imu(30, "/imu", 0.01)  # no sensor whose readings a scene is made of
+    assert bag.scan().short_s == (None if short_s is None else pytest.approx(short_s))
 
 
 def cloud_of_two(bag, name, last):
@@ -177,7 +219,7 @@ def cloud_of_two(bag, name, last):
         "sensor_msgs/msg/PointCloud2",
         cloud(bag.header(0, "lidar"), 1, 2, fields, True, 16, 32, data, True),
     )
-    return bag.glance().topics["/points"]
+    return bag.scan().topics["/points"]
 
 
 @pytest.mark.parametrize("name", [*TIME_NAMES, "intensity", "ring", "tone"])
@@ -197,7 +239,7 @@ def test_scans_say_whether_their_rays_have_times(tmp_path, increment_s):
         bag.header(0, "lidar"), 0.0, 1.0, 0.5, increment_s, 0.1, 0.1, 30.0, ranges, ranges
     )
     bag.add(0, "/scan", "sensor_msgs/msg/LaserScan", message)
-    assert bag.glance().topics["/scan"].timed == (increment_s > 0)
+    assert bag.scan().topics["/scan"].timed == (increment_s > 0)
 
 
 def camera_info(bag, cx):
@@ -212,25 +254,27 @@ def camera_info(bag, cx):
 def test_a_calibration_that_a_build_would_refuse_is_none(tmp_path, cx, calibrated):
     bag = Bag(tmp_path / "a.bag")
     bag.add(0, "/cam/camera_info", "sensor_msgs/msg/CameraInfo", camera_info(bag, cx))
-    assert bag.glance().topics["/cam/camera_info"].calibrated is calibrated
+    assert bag.scan().topics["/cam/camera_info"].calibrated is calibrated
 
 
 def test_images_that_no_decoder_reads_are_left_out_with_its_words(tmp_path):
     bag = Bag(tmp_path / "a.bag")
     for number in range(3):
         bag.image(number, "/flow/image", encoding="32FC2")
-    seen = bag.glance()
+    seen = bag.scan()
     assert seen.topics["/flow/image"].refusal == "image encoding '32FC2' is not supported"
-    assert "(/flow/image: image encoding '32FC2' is not supported)" in propose(
-        {"a.bag": seen}, name="x", root=tmp_path
-    )
+    (bare,) = propose_recipe({"a.bag": seen}, name="x", root=tmp_path).bare
+    assert bare.reason == "no camera, lidar or radar that can be used"
+    assert [(use.topic.name, use.status, use.text) for use in bare.topic_uses] == [
+        ("/flow/image", "not decodable", "image encoding '32FC2' is not supported")
+    ]
 
 
 def test_a_camera_that_takes_time_to_start_is_looked_at_longer(tmp_path):
     bag = Bag(tmp_path / "a.bag")
     for number in range(12):
         bag.image(number / 10, encoding="mono16" if number > 8 else "unset")
-    topic = bag.glance().topics["/cam/image_raw"]
+    topic = bag.scan().topics["/cam/image_raw"]
     assert (topic.refusal, topic.encoding, topic.is_16_bit) == (None, "mono16", True)
 
 
@@ -252,7 +296,7 @@ def test_packets_are_told_by_their_bytes_whatever_the_type_of_their_message(tmp_
     }
     for topic, data in sent.items():
         packet(bag, topic, bytes(data))
-    topics = bag.glance().topics
+    topics = bag.scan().topics
     assert {name for name, topic in topics.items() if topic.velodyne} == {"/lidar"}
     assert {name for name, topic in topics.items() if topic.ncom_sender is not None} == {"/oxts"}
     assert [name for name, topic in topics.items() if modality_of(topic) == "lidar"] == ["/lidar"]
@@ -262,4 +306,4 @@ def test_transforms_that_a_build_would_refuse_connect_nothing(tmp_path):
     bag = Bag(tmp_path / "a.bag")
     bag.transform(0, "base_link", "lidar", w=0.0)
     bag.transform(0, "base_link", "cam")
-    assert bag.glance().edges == {("base_link", "cam")}
+    assert bag.scan().edges == {("base_link", "cam")}

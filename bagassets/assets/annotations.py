@@ -83,7 +83,7 @@ class AnnotationParams:
         if not topics and not files:
             return cls((), (), None)
         reading = ReadingParams(
-            recipe.clock,
+            recipe.clock_of(rig),
             recipe.limits.lost_messages,
             rig.ego_frame,
             rig.tf_static,

@@ -71,7 +71,7 @@ def params(recipe: Recipe, rig: Rig) -> FixedPose | MovingRigParams:
         return rig.ego_pose
     return MovingRigParams(
         rig.ego_pose,
-        recipe.clock,
+        recipe.clock_of(rig),
         rig.ego_frame,
         recipe.limits.lost_messages,
         rig.tf_static,

@@ -66,7 +66,7 @@ class FramesParams:
         channels = {
             name: CameraSettings(
                 topic=channel.topic,
-                clock=recipe.clock_of(channel),
+                clock=recipe.clock_of(rig, channel),
                 output=channel.output,
                 quality=None if channel.output == "png" else channel.quality,
                 undistort=channel.undistort,

@@ -79,11 +79,11 @@ class SweepsParams:
         lidars, radars = {}, {}
         for name, channel in sorted(rig.channels.items()):
             if isinstance(channel, LidarChannel):
-                lidars[name] = _settings_of_lidar(recipe, channel)
+                lidars[name] = _settings_of_lidar(recipe, rig, channel)
             elif isinstance(channel, RadarChannel):
                 radars[name] = RadarSettings(
                     topic=channel.topic,
-                    clock=recipe.clock_of(channel),
+                    clock=recipe.clock_of(rig, channel),
                     lost_messages=recipe.limits.lost_messages,
                     cloud_points=recipe.limits.cloud_points,
                     azimuth_positive=channel.azimuth_positive,
@@ -91,10 +91,10 @@ class SweepsParams:
         return cls(lidars, radars)
 
 
-def _settings_of_lidar(recipe: Recipe, channel: LidarChannel) -> LidarChannelSettings:
+def _settings_of_lidar(recipe: Recipe, rig: Rig, channel: LidarChannel) -> LidarChannelSettings:
     common = LidarSettings(
         topic=channel.topic,
-        clock=recipe.clock_of(channel),
+        clock=recipe.clock_of(rig, channel),
         lost_messages=recipe.limits.lost_messages,
         cloud_points=recipe.limits.cloud_points,
         stamp=channel.stamp,

@@ -37,9 +37,9 @@ class TrackParams:
     clock: Clock
 
     @classmethod
-    def of(cls, recipe: Recipe, _: Rig) -> "TrackParams":
-        """Return those of a recipe."""
-        return cls(recipe.clock)
+    def of(cls, recipe: Recipe, rig: Rig) -> "TrackParams":
+        """Return those of a rig."""
+        return cls(recipe.clock_of(rig))
 
 
 @dataclass(frozen=True)

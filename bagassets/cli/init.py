@@ -4,7 +4,7 @@ import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import click
 
@@ -12,7 +12,13 @@ from bagassets.cli.terminal import echo
 from bagassets.errors import BagAssetsError, RecipeError
 from bagassets.escaping import visible
 
+if TYPE_CHECKING:
+    from bagassets.propose.proposal import Proposal
+    from bagassets.propose.summary import RecordingSummary
+
 __all__ = ["init"]
+
+EXIT_UNDECIDED = 2
 
 T = TypeVar("T")
 
@@ -22,7 +28,9 @@ T = TypeVar("T")
 Examples:
   bagassets init my-project --bags /data/recordings
   bagassets init my-project --bags /data/recordings --force   # propose anew
-  bagassets init my-project                                   # after moving the folder"""
+  bagassets init my-project                                   # after moving the folder
+
+Exit status: 0 success; 1 nothing to propose from; 2 wrong usage, or something is to be decided before the first build"""
 )
 @click.argument("project", type=click.Path(file_okay=False, path_type=Path))
 @click.option(
@@ -45,11 +53,12 @@ def init(project: Path, bags: Path | None, look_at: int, force: bool) -> None:
 
     Writes recipe.yaml, dagster.yaml, workspace.yaml and .env into PROJECT. The recipe is proposed
     from the first seconds of the recordings below DIR: rigs, channels, topics, frames, pose
-    source, with a comment for each guess and for what could not be guessed.
+    source, with a comment for each guess and for what is to be decided before a build can succeed.
 
     Without --bags, recipe.yaml and workspace.yaml of PROJECT are kept and the other files are
     written again, which a project needs after it was moved.
     """
+    from bagassets.cli.init_report import print_found, print_next_steps
     from bagassets.propose.project import FILES, write_project
     from bagassets.recipe import load_recipe
 
@@ -69,29 +78,35 @@ def init(project: Path, bags: Path | None, look_at: int, force: bool) -> None:
         raise RecipeError(
             f"{project}: {', '.join(present)} would be replaced; --force does that, another folder avoids it."
         )
-    write_project(project, _propose(project, bags.resolve(), look_at))
-    _tell_next(project, recipe_file)
+    proposal, unreadable = _propose(project, bags.resolve(), look_at)
+    write_project(project, proposal.text)
+    print_found(proposal, unreadable)
+    problems = [] if proposal.questions else _problems(recipe_file)
+    print_next_steps(project, proposal, problems)
+    if proposal.questions or problems:
+        click.get_current_context().exit(EXIT_UNDECIDED)
 
 
-def _propose(project: Path, root: Path, look_at: int) -> str:
-    """Look into the recordings below `root` and return a recipe."""
-    from bagassets.propose.glance import Glance, glance
-    from bagassets.propose.propose import propose
+def _propose(project: Path, root: Path, look_at: int) -> "tuple[Proposal, dict[str, str]]":
+    """Look into the recordings below `root`; return a recipe, and path -> reason of what could not be read."""
+    from bagassets.propose.proposal import propose_recipe
+    from bagassets.propose.scan import scan_recording
     from bagassets.recipe.model import Bags
     from bagassets.recordings.discover import discover
     from bagassets.recordings.open import open_recording
 
     discovery = discover(Bags(root=root))
-    for sentence in discovery.unreadable.values():
-        echo(f"left out: {sentence}", err=True)
+    unreadable = {
+        path: sentence.removeprefix(f"{root / path}: ") for path, sentence in discovery.unreadable.items()
+    }
     recordings = sorted(discovery.recordings.values(), key=lambda recording: recording.relative)
     if not recordings:
+        reasons = [f"{path}: {reason}." for path, reason in discovery.excluded]
         raise RecipeError(
-            f"{root}: no recording found; expected .bag, .mcap or .db3 files, or ROS 2 bag folders."
+            f"{root}: no recording found; expected .bag, .mcap or .db3 files, or ROS 2 bag folders.", *reasons
         )
     chosen = _spread(recordings, look_at)
-    glances: dict[str, Glance] = {}
-    unreadable: dict[str, str] = {}
+    summaries: dict[str, RecordingSummary] = {}
     with click.progressbar(
         chosen,
         label=f"Looking into {len(chosen)} recording{'' if len(chosen) == 1 else 's'}",
@@ -101,15 +116,16 @@ def _propose(project: Path, root: Path, look_at: int) -> str:
         for recording in shown:
             try:
                 with open_recording(recording) as opened:
-                    glances[recording.relative] = glance(opened)
+                    summaries[recording.relative] = scan_recording(opened)
             except BagAssetsError as err:
                 # The build will fail this recording's partition with the same words; others go on.
                 unreadable[recording.relative] = str(err).removeprefix(f"{recording.path}: ")
     inside = root.is_relative_to(project)
     written_root = os.path.relpath(root, project) if inside else root
-    return propose(
-        glances, name=project.name, root=written_root, unreadable=unreadable, found=len(recordings)
+    proposal = propose_recipe(
+        summaries, name=project.name, root=written_root, unreadable=unreadable, found=len(recordings)
     )
+    return proposal, unreadable
 
 
 def _spread(items: Sequence[T], number: int) -> Sequence[T]:
@@ -119,24 +135,12 @@ def _spread(items: Sequence[T], number: int) -> Sequence[T]:
     return [items[i * (len(items) - 1) // max(1, number - 1)] for i in range(number)]
 
 
-def _tell_next(project: Path, recipe_file: Path) -> None:
-    """Print what was proposed, what is left to decide, and the next command."""
+def _problems(recipe_file: Path) -> list[str]:
+    """Return what is wrong with a recipe that asks nothing."""
     from bagassets.recipe import load_recipe
 
-    echo(f"Project {project}: recipe.yaml, dagster.yaml, workspace.yaml, .env")
-    text = recipe_file.read_text(encoding="utf-8")
-    echo(
-        f"{text.count('# guess:')} guesses and {text.count('# not guessed:')} open questions are marked in recipe.yaml; look at them first."
-    )
     try:
-        recipe = load_recipe(recipe_file)
+        load_recipe(recipe_file)
     except RecipeError as err:
-        echo("To be decided before the first build:")
-        for line in str(err).splitlines():
-            echo(f"  {line}")
-    else:
-        for rig in recipe.rigs:
-            echo(f"  rig {rig.name}: {', '.join(rig.channels)}; poses from {rig.ego_pose.source}")
-    echo("Then:")
-    echo(f"  cd {project}")
-    echo("  bagassets build")
+        return str(err).splitlines()
+    return []

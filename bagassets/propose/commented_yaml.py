@@ -1,22 +1,46 @@
-"""YAML with comments: fields one per line, each with the reason it has its value."""
+"""YAML with comments: fields one per line, each with the reason it has its value, and questions where it has none."""
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 from bagassets.escaping import visible
 
-__all__ = ["Sheet"]
+__all__ = ["Question", "Sheet"]
 
 _WIDTH = 110
+
+
+@dataclass(frozen=True)
+class Question:
+    """What only the user can decide, and the build needs.
+
+    Attributes:
+        line: line of the text that asks it, from 1.
+        rig: name of the rig that it is about; "" if it is about none.
+        subject: the field or channel.
+        text: what is missing, and what to do.
+    """
+
+    line: int
+    rig: str
+    subject: str
+    text: str
 
 
 class Sheet:
     """Lines of YAML in the making.
 
     Values are put in as `yaml_scalar`; comments may be any text, and stay comments.
+
+    Attributes:
+        guesses: number of values that are marked as guessed.
+        questions: what was asked.
     """
 
     def __init__(self) -> None:
         self._lines: list[str] = []
+        self.guesses = 0
+        self.questions: list[Question] = []
 
     def field(self, depth: int, text: str, comment: str = "") -> None:
         """Add a line, its comment behind it or, if that is too long, above it."""
@@ -29,6 +53,29 @@ class Sheet:
             # A list entry's comment belongs to the entry, above its dash.
             self.note(depth, comment)
         self._lines.append(line)
+
+    def guess(self, depth: int, text: str, reason: str) -> None:
+        """Add a line whose value is guessed for a reason."""
+        self.guesses += 1
+        self.field(depth, text, f"guess: {reason}")
+
+    def guess_note(self, depth: int, text: str) -> None:
+        """Add a comment on something that is guessed by leaving a field out, or beside one."""
+        self.guesses += 1
+        self.note(depth, f"guess: {text}")
+
+    def ask(self, depth: int, subject: str, text: str, more: str = "", *, rig: str = "") -> None:
+        """Add a question.
+
+        Args:
+            depth: depth of the comment.
+            subject: field or channel that it is about, for those who do not see where it stands.
+            text: what is missing, and what to do.
+            more: what only makes sense above the lines that follow.
+            rig: name of the rig that it is about.
+        """
+        self.questions.append(Question(len(self._lines) + 1, rig, subject, text))
+        self.note(depth, f"to be decided: {text}{more}")
 
     def note(self, depth: int, text: str) -> None:
         """Add a comment of its own, wrapped."""

@@ -1,12 +1,14 @@
-"""Which recordings one rig made: those whose sensor topics agree."""
+"""Which recordings one rig made: those whose sensors, frames and pose sources agree."""
 
 import os.path
 import re
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
-from bagassets.propose.glance import Glance, merge_glances
+from bagassets.propose.frames import propose_ego_frame
+from bagassets.propose.poses import SourceKey, odometry_of, pose_candidates
 from bagassets.propose.sensors import find_sensors, modality_of
+from bagassets.propose.summary import RecordingSummary, merge_recordings
 from bagassets.recordings.globs import matches
 
 __all__ = ["Group", "group_recordings", "match_globs"]
@@ -20,40 +22,109 @@ class Group:
 
     Attributes:
         recordings: their paths below the bag root, sorted.
-        glance: what is known of them together.
+        summary: what they hold together.
+        pose_sources: those that all of them have, but for recordings that have none.
     """
 
     recordings: tuple[str, ...]
-    glance: Glance
+    summary: RecordingSummary
+    pose_sources: frozenset[SourceKey] = frozenset()
 
 
-def group_recordings(glances: Mapping[str, Glance]) -> tuple[list[Group], list[str]]:
+@dataclass
+class _Traits:
+    """What must agree for recordings to be of one rig.
+
+    Attributes:
+        types: sensor topic -> type.
+        frames: sensor topic -> frames; topics without frames are left out.
+        ego_frame: the ego frame that would be proposed for them; "" if they tell nothing of frames but the sensors'.
+        pose_sources: what could be the pose source.
+    """
+
+    types: dict[str, str]
+    frames: dict[str, set[str]] = field(default_factory=dict)
+    ego_frame: str = ""
+    pose_sources: frozenset[SourceKey] = frozenset()
+
+    @classmethod
+    def of(cls, summary: RecordingSummary) -> "_Traits":
+        """Return the traits of one recording; without any if it has no usable sensor."""
+        sensors, _ = find_sensors(summary)
+        if not sensors:
+            return cls({})
+        topics = [t for t in summary.topics.values() if t.count > 0 and modality_of(t) is not None]
+        odometry = odometry_of(summary)
+        ego = propose_ego_frame(summary, sensors, odometry).name
+        return cls(
+            {topic.name: topic.msgtype for topic in topics},
+            {topic.name: set(topic.frames) for topic in topics if topic.frames},
+            ego if summary.transforms or (odometry and odometry.child_frames) else "",
+            frozenset(source.key for source in pose_candidates(summary, ego)),
+        )
+
+    def agree(self, other: "_Traits") -> bool:
+        """Tell whether another recording is of the same rig: a sensor or the poses may be missing in it."""
+        shared = other.types.keys() & self.types.keys()
+        if len(shared) < _ENOUGH_IN_COMMON * len(other.types):
+            return False
+        return (
+            all(other.types[topic] == self.types[topic] for topic in shared)
+            and all(
+                not other.frames[topic].isdisjoint(self.frames[topic])
+                for topic in other.frames.keys() & self.frames.keys()
+            )
+            and (not other.ego_frame or not self.ego_frame or other.ego_frame == self.ego_frame)
+            and (
+                not other.pose_sources
+                or not self.pose_sources
+                or not other.pose_sources.isdisjoint(self.pose_sources)
+            )
+        )
+
+    def add(self, other: "_Traits") -> None:
+        """Take another recording in."""
+        self.types |= other.types
+        for topic, frames in other.frames.items():
+            self.frames.setdefault(topic, set()).update(frames)
+        self.ego_frame = self.ego_frame or other.ego_frame
+        shared = self.pose_sources & other.pose_sources
+        self.pose_sources = shared or self.pose_sources or other.pose_sources
+
+
+def group_recordings(summaries: Mapping[str, RecordingSummary]) -> tuple[list[Group], list[str]]:
     """Return the groups, the one with the most recordings first, and the recordings without a usable sensor.
 
-    A recording joins a group if no sensor topic has another type there, and they share at least
-    half of its sensor topics: one sensor may be missing without making another rig.
+    A recording joins a group if it shares at least half of its sensor topics, with the same types and frames,
+    and a pose source and the ego frame: one sensor may be missing without making another rig.
 
     Args:
-        glances: path below the bag root -> what is known of the recording.
+        summaries: path below the bag root -> what the recording holds.
     """
-    topics = {name: _sensor_topics(glance) for name, glance in glances.items()}
-    bare = sorted(name for name, own in topics.items() if not own)
+    traits = {name: _Traits.of(summary) for name, summary in summaries.items()}
+    bare = sorted(name for name, own in traits.items() if not own.types)
     members: list[list[str]] = []
-    known: list[dict[str, str]] = []
-    for name in sorted((name for name, own in topics.items() if own), key=lambda n: (-len(topics[n]), n)):
-        own = topics[name]
-        for group, theirs in zip(members, known, strict=True):
-            shared = own.keys() & theirs.keys()
-            if len(shared) >= _ENOUGH_IN_COMMON * len(own) and all(own[t] == theirs[t] for t in shared):
-                group.append(name)
-                theirs.update(own)
-                break
-        else:
+    known: list[_Traits] = []
+    # Those that tell most come first: what lacks something can then be compared with what it lacks.
+    order = sorted(
+        (name for name, own in traits.items() if own.types),
+        key=lambda name: (-len(traits[name].types), not traits[name].pose_sources, name),
+    )
+    for name in order:
+        group = next((n for n, theirs in enumerate(known) if theirs.agree(traits[name])), None)
+        if group is None:
             members.append([name])
-            known.append(dict(own))
+            known.append(traits[name])
+        else:
+            members[group].append(name)
+            known[group].add(traits[name])
     groups = [
-        Group(tuple(sorted(group)), merge_glances(glances[name] for name in sorted(group)))
-        for group in members
+        Group(
+            tuple(sorted(group)),
+            merge_recordings(summaries[name] for name in sorted(group)),
+            theirs.pose_sources,
+        )
+        for group, theirs in zip(members, known, strict=True)
     ]
     return sorted(groups, key=lambda group: (-len(group.recordings), group.recordings)), bare
 
@@ -73,12 +144,6 @@ def match_globs(recordings: Collection[str], others: Collection[str]) -> list[st
         else:
             globs.append(f"{_literal(folder)}/**")
     return sorted(globs + _compact(rest, others))
-
-
-def _sensor_topics(glance: Glance) -> dict[str, str]:
-    if not find_sensors(glance)[0]:
-        return {}
-    return {t.name: t.msgtype for t in glance.topics.values() if t.count > 0 and modality_of(t) is not None}
 
 
 def _folders(name: str) -> list[str]:

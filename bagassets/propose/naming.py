@@ -4,7 +4,16 @@ import re
 from collections.abc import Collection, Iterable
 from typing import Literal
 
-__all__ = ["channel_name", "direction", "is_derived", "is_radar_list", "sensor_of", "tokens", "word_set"]
+__all__ = [
+    "channel_name",
+    "direction",
+    "is_derived",
+    "is_radar_list",
+    "is_sensor_type",
+    "sensor_of",
+    "tokens",
+    "word_set",
+]
 
 Modality = Literal["camera", "lidar", "radar"]
 
@@ -19,6 +28,15 @@ def word_set(text: str) -> frozenset[str]:
 RADAR_WORDS = word_set("ars esr lrr mrr radar radars srr")
 _RADAR_LISTS = word_set(
     "cluster clusters detection detections list object objects return returns scan scans target targets track tracks"
+)
+# Words in the types of drivers whose messages hold pictures, clouds or packets.
+_SENSOR_WORDS = word_set(
+    "aeva blickfeld cepton cloud ffmpeg h264 h265 hesai image innoviz laser lidar livox lslidar luminar nebula ouster "
+    "pandar pointcloud robosense rslidar theora velodyne video"
+)
+_NO_DATA = word_set(
+    "array command config configuration description diagnostics info marker markers metadata parameters state stats "
+    "status"
 )
 _SIDES = {
     "front": "FRONT",
@@ -162,6 +180,13 @@ def is_radar_list(msgtype: str) -> bool:
     package, _, name = msgtype.partition("/msg/")
     words = tokens(name)
     return not _RADAR_LISTS.isdisjoint(words[-1:]) and not RADAR_WORDS.isdisjoint((*tokens(package), *words))
+
+
+def is_sensor_type(msgtype: str) -> bool:
+    """Tell whether a message type is named like the data of a camera or lidar, whether or not anything decodes it."""
+    package, _, name = msgtype.partition("/msg/")
+    words = tokens(name)
+    return not _SENSOR_WORDS.isdisjoint((*tokens(package), *words)) and _NO_DATA.isdisjoint(words[-1:])
 
 
 def direction(*names: str) -> str:

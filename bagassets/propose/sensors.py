@@ -4,10 +4,18 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from bagassets.decode.registry import AnyFamily, families_of, own_types
-from bagassets.propose.glance import Glance, TopicGlance
-from bagassets.propose.naming import RADAR_WORDS, Modality, is_derived, is_radar_list, sensor_of, tokens
+from bagassets.propose.naming import (
+    RADAR_WORDS,
+    Modality,
+    is_derived,
+    is_radar_list,
+    is_sensor_type,
+    sensor_of,
+    tokens,
+)
+from bagassets.propose.summary import RecordingSummary, TopicSummary
 
-__all__ = ["Sensor", "find_sensors", "modality_of"]
+__all__ = ["LeftOut", "Sensor", "find_sensors", "lacks_definition", "modality_of", "shown_type"]
 
 _BY_FAMILY: dict[AnyFamily, Modality] = {"image": "camera", "cloud": "lidar", "radar": "radar"}
 # Carries packets of Velodyne lidars only; other types may carry any packets.
@@ -29,12 +37,27 @@ class Sensor:
     """
 
     modality: Modality
-    topic: TopicGlance
+    topic: TopicSummary
     others: tuple[str, ...] = ()
-    camera_info: TopicGlance | None = None
+    camera_info: TopicSummary | None = None
 
 
-def modality_of(topic: TopicGlance) -> Modality | None:
+@dataclass(frozen=True)
+class LeftOut:
+    """A topic that could be a sensor's, and is not proposed.
+
+    Attributes:
+        topic: the topic.
+        reason: why.
+        is_undecodable: no message of it could be decoded.
+    """
+
+    topic: TopicSummary
+    reason: str
+    is_undecodable: bool = False
+
+
+def modality_of(topic: TopicSummary) -> Modality | None:
     """Return the kind of sensor that a topic belongs to by type and name; None if to none."""
     modalities = {_BY_FAMILY[family] for family in families_of(topic.msgtype) if family in _BY_FAMILY}
     if modalities == {"lidar", "radar"}:
@@ -46,49 +69,74 @@ def modality_of(topic: TopicGlance) -> Modality | None:
     return "radar" if is_radar_list(topic.msgtype) else None
 
 
-def find_sensors(glance: Glance) -> tuple[list[Sensor], list[tuple[str, str]]]:
-    """Return the sensors of a recording, in order of kind and topic, and the topics left out with a reason."""
-    left_out: list[tuple[str, str]] = []
-    families: list[list[TopicGlance]] = []
-    for topic in glance.topics.values():
-        if modality_of(topic) is None:
-            continue
-        reason = _unusable(topic)
+def find_sensors(summary: RecordingSummary) -> tuple[list[Sensor], list[LeftOut]]:
+    """Return the sensors of a recording, in order of kind and topic, and what is left out, in order of topic."""
+    left_out: list[LeftOut] = []
+    families: list[list[TopicSummary]] = []
+    for topic in summary.topics.values():
+        reason, is_undecodable = _unusable(topic)
         if reason:
-            left_out.append((topic.name, reason))
-            continue
-        family = next((known for known in families if _same_sensor(known[0], topic)), None)
-        if family is None:
-            families.append([topic])
-        else:
-            family.append(topic)
-    sensors = [_sensor(family, glance) for family in families]
+            left_out.append(LeftOut(topic, reason, is_undecodable))
+        elif modality_of(topic) is not None:
+            family = next((known for known in families if _same_sensor(known[0], topic)), None)
+            if family is None:
+                families.append([topic])
+            else:
+                family.append(topic)
+    sensors = [_sensor(family, summary) for family in families]
     left_out += [
-        (other, f"the same sensor as {sensor.topic.name}") for sensor in sensors for other in sensor.others
+        LeftOut(summary.topics[other], f"the same sensor as {sensor.topic.name}")
+        for sensor in sensors
+        for other in sensor.others
     ]
     order = {"camera": 0, "lidar": 1, "radar": 2}
     sensors.sort(key=lambda sensor: (order[sensor.modality], _lidar_rank(sensor), sensor.topic.name))
-    return sensors, sorted(left_out)
+    return sensors, sorted(left_out, key=lambda left: left.topic.name)
 
 
-def _unusable(topic: TopicGlance) -> str:
-    """Return why a topic is no sensor to propose, though its type would do; "" if it is one."""
+def lacks_definition(topic: TopicSummary) -> bool:
+    """Tell whether a sensor's messages would be decoded if their type were defined."""
+    return topic.problem is not None and "definition" in topic.problem and modality_of(topic) is not None
+
+
+def shown_type(msgtype: str) -> str:
+    """Return a message type as people write it."""
+    return msgtype.replace("/msg/", "/")
+
+
+def _unusable(topic: TopicSummary) -> tuple[str, bool]:
+    """Return why a topic is no sensor to propose, though its type would do, and whether that is for its decoding.
+
+    "" if it is one, or is none by its type.
+    """
+    modality = modality_of(topic)
+    if modality is None:
+        if topic.count > 0 and not families_of(topic.msgtype) and is_sensor_type(topic.msgtype):
+            return _no_decoder(topic), True
+        return "", False
     if topic.count == 0:
-        return "no messages"
+        return "no messages", False
     if topic.problem is not None:
-        return topic.problem
+        return topic.problem, True
     if not _DEPTH_WORDS.isdisjoint(tokens(topic.name)):
-        return "depth, not a picture" if modality_of(topic) == "camera" else "the cloud of a depth camera"
+        return "depth, not a picture" if modality == "camera" else "the cloud of a depth camera", False
     if topic.velodyne is False:
-        return "none of its packets is of a Velodyne"
+        return "none of its packets is from a Velodyne", True
     if topic.refusal is not None:
-        return topic.refusal
+        return topic.refusal, True
     if is_derived(topic.name):
-        return "looks computed, not recorded by a sensor"
-    return ""
+        return "looks computed, not recorded by a sensor", False
+    return "", False
 
 
-def _same_sensor(one: TopicGlance, other: TopicGlance) -> bool:
+def _no_decoder(topic: TopicSummary) -> str:
+    return (
+        f"no decoder for {shown_type(topic.msgtype)}; record what its driver publishes (Image, PointCloud2), or "
+        "install a decoder (docs/decoders.md)"
+    )
+
+
+def _same_sensor(one: TopicSummary, other: TopicSummary) -> bool:
     if modality_of(one) != modality_of(other) or _is_flat(one) != _is_flat(other):
         return False
     # Drivers give all cameras one frame surprisingly often, so pictures go by the name of their topic.
@@ -97,18 +145,18 @@ def _same_sensor(one: TopicGlance, other: TopicGlance) -> bool:
     return sensor_of(one.name) == sensor_of(other.name)
 
 
-def _sensor(family: list[TopicGlance], glance: Glance) -> Sensor:
+def _sensor(family: list[TopicSummary], summary: RecordingSummary) -> Sensor:
     """Choose among topics of one sensor: the one with more messages, then the rawest."""
     most = max(topic.count for topic in family)
     complete = [topic for topic in family if topic.count >= _SIMILAR_COUNT * most]
     chosen = min(complete, key=lambda topic: (_processing(topic), -topic.count, topic.name))
     others = tuple(sorted(topic.name for topic in family if topic is not chosen))
     modality = modality_of(chosen) or "camera"
-    info = _camera_info(chosen, glance) if modality == "camera" else None
+    info = _camera_info(chosen, summary) if modality == "camera" else None
     return Sensor(modality, chosen, others, info)
 
 
-def _processing(topic: TopicGlance) -> int:
+def _processing(topic: TopicSummary) -> int:
     """Return how far a topic is from what the sensor measured; less is rawer."""
     words = set(tokens(topic.name))
     steps = 0
@@ -125,7 +173,7 @@ def _processing(topic: TopicGlance) -> int:
     return steps
 
 
-def _is_flat(topic: TopicGlance) -> bool:
+def _is_flat(topic: TopicSummary) -> bool:
     return topic.msgtype == "sensor_msgs/msg/LaserScan"
 
 
@@ -139,10 +187,10 @@ def _lidar_rank(sensor: Sensor) -> int:
     )
 
 
-def _camera_info(image: TopicGlance, glance: Glance) -> TopicGlance | None:
+def _camera_info(image: TopicSummary, summary: RecordingSummary) -> TopicSummary | None:
     infos = {
         topic.name: topic
-        for topic in glance.topics.values()
+        for topic in summary.topics.values()
         if topic.msgtype in own_types("camera_info") and topic.count > 0
     }
     for name in _beside(image.name):

@@ -63,8 +63,7 @@ class Evidence:
 
     def clock_of(self, channel: str) -> Clock:
         """Return which time of a channel's messages counts."""
-        own = self.rig.channels.get(channel)
-        return self.recipe.clock if own is None else self.recipe.clock_of(own)
+        return self.recipe.clock_of(self.rig, self.rig.channels.get(channel))
 
     @cached_property
     def inventory(self) -> Inventory:

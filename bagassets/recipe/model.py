@@ -89,7 +89,7 @@ class _Channel(Model):
     clock: Clock | None = Field(
         None,
         description="Time of this channel's messages: their header stamps, or when they were logged; default: the "
-        "recipe's `clock`. Other channels keep their stamps.",
+        "that of the rig. Other channels keep their stamps.",
     )
 
 
@@ -171,6 +171,11 @@ class Rig(Model):
         ("**",), description="Globs on the path below the bag root; the first rig that matches wins."
     )
     ego_frame: FrameName = Field("base_link", description="Frame that ego poses and extrinsics refer to.")
+    clock: Clock | None = Field(
+        None,
+        description="Time of this rig's messages: their header stamps, or when they were logged; default: the recipe's "
+        "`clock`. A channel may have a `clock` of its own.",
+    )
     channels: dict[ChannelName, Channel] = Field(min_length=1, description="Canonical channel -> sensor.")
     required: tuple[ChannelName, ...] = Field(
         (), description="Channels without which a recording is skipped."
@@ -387,7 +392,7 @@ class Recipe(Model):
     )
     clock: Clock = Field(
         "header",
-        description="Time of a message: its header stamp, or when it was logged; a channel may have a `clock` of its own.",
+        description="Time of a message: its header stamp, or when it was logged; a rig or a channel may have a `clock` of its own.",
     )
     rigs: tuple[Rig, ...] = Field(min_length=1, description="Sensor set-ups.")
     scenes: Scenes = Field(Scenes(), description="Scenes and keyframes.")
@@ -427,9 +432,10 @@ class Recipe(Model):
                 raise FieldValueError(("datasets", number, "rigs"), f"{unknown[0]} is no rig of this recipe")
         return self
 
-    def clock_of(self, channel: Channel) -> Clock:
-        """Return which time of a channel's messages counts."""
-        return channel.clock or self.clock
+    def clock_of(self, rig: Rig | None, channel: Channel | None = None) -> Clock:
+        """Return which time of the messages of a rig, or of one of its channels, counts."""
+        own = None if channel is None else channel.clock
+        return own or (None if rig is None else rig.clock) or self.clock
 
     @property
     def dataset_settings(self) -> Mapping[str, DatasetSettings]:

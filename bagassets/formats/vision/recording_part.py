@@ -96,7 +96,7 @@ class VisionParams:
             trajectories=tuple(sorted(set(vision.trajectories))),
             tf=rig.tf if through_tf else (),
             tf_static=rig.tf_static if through_tf else (),
-            tf_clock=recipe.clock if through_tf else None,
+            tf_clock=recipe.clock_of(rig) if through_tf else None,
             tf_max_gap_s=0.0 if isinstance(rig.ego_pose, FixedPose) else rig.ego_pose.max_gap_s,
         )
 

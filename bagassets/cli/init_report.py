@@ -1,0 +1,141 @@
+"""What `bagassets init` prints: the topics it found and what becomes of them, what is open, and what to do next."""
+
+import shutil
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import groupby
+from pathlib import Path
+from textwrap import wrap
+
+from bagassets.cli.terminal import echo
+from bagassets.escaping import visible
+from bagassets.propose.commented_yaml import Question
+from bagassets.propose.proposal import Proposal
+from bagassets.propose.sensors import shown_type
+from bagassets.propose.topic_uses import TopicUse
+
+__all__ = ["print_found", "print_next_steps"]
+
+_WIDEST = 110
+_LISTED = 20
+_LEFT_OUT_LISTED = 8
+
+
+def print_found(proposal: Proposal, unreadable: Mapping[str, str]) -> None:
+    """Print the rigs with their topics, and the recordings that are left out."""
+    for rig in proposal.rigs:
+        poses = f"poses from {rig.pose.fields['source']}" if rig.pose.fields else "no poses"
+        title = "One rig" if len(proposal.rigs) == 1 else f"Rig {rig.name}"
+        echo(f"{title} ({_count(len(rig.recordings), 'recording')}; {poses})")
+        _print_topics(rig.topic_uses)
+    for reason, together in groupby(
+        sorted(proposal.bare, key=lambda one: one.reason), key=lambda one: one.reason
+    ):
+        same = list(together)
+        echo(f"Left out: {_named([one.path for one in same])} ({reason})")
+        _print_topics(_merged(use for one in same for use in one.topic_uses))
+    for path, reason in list(unreadable.items())[:_LISTED]:
+        echo(f"Unreadable: {path}: {reason}")
+    if len(unreadable) > _LISTED:
+        echo(f"Unreadable: {len(unreadable) - _LISTED} more, named in recipe.yaml")
+    echo("")
+
+
+def print_next_steps(project: Path, proposal: Proposal, problems: Sequence[str]) -> None:
+    """Print what was written, what is to be decided, and the next commands.
+
+    Args:
+        project: the project folder.
+        proposal: what was written there as recipe.
+        problems: what is wrong with the recipe besides its questions.
+    """
+    echo(f"Project {project}: recipe.yaml, dagster.yaml, workspace.yaml, .env")
+    if proposal.guesses:
+        is_one = proposal.guesses == 1
+        echo(
+            f"{_count(proposal.guesses, 'guess', 'guesses')} {'is' if is_one else 'are'} marked in recipe.yaml; "
+            f"look at {'it' if is_one else 'them'} first."
+        )
+    if proposal.questions or problems:
+        echo("To be decided in recipe.yaml before the first build:")
+        _print_questions(proposal)
+        for problem in problems:
+            echo(f"  {problem}")
+    if proposal.rigs:
+        echo("When that is done:" if proposal.questions or problems else "Then:")
+        echo(f"  cd {project}")
+        echo("  bagassets build")
+
+
+def _print_questions(proposal: Proposal) -> None:
+    """Print the questions, those of one text together."""
+    together: dict[tuple[str, str], list[Question]] = {}
+    for question in proposal.questions:
+        together.setdefault((question.rig, question.text), []).append(question)
+    for (rig, text), same in together.items():
+        subjects = ", ".join(question.subject for question in same)
+        lines = ", ".join(str(question.line) for question in same)
+        whose = f"{rig}: " if rig and len(proposal.rigs) > 1 else ""
+        sentence = f"{whose}{subjects} (line{'s' if len(same) > 1 else ''} {lines}): {text}"
+        for line in wrap(
+            visible(sentence),
+            min(_columns(), _WIDEST),
+            initial_indent="  ",
+            subsequent_indent="    ",
+            break_long_words=False,
+            break_on_hyphens=False,
+        ):
+            echo(line)
+
+
+def _print_topics(uses: Sequence[TopicUse]) -> None:
+    """Print a table of topics; of those that nothing needs, only the first."""
+    shown = [use for use in uses if use.status != "not needed"]
+    unneeded = [use for use in uses if use.status == "not needed"]
+    shown += unneeded[:_LEFT_OUT_LISTED]
+    if not shown:
+        echo("  no topics")
+        return
+    rows = [("topic", "type", "messages", "becomes")]
+    rows += [
+        (visible(use.topic.name), shown_type(use.topic.msgtype), str(use.topic.count), _becomes(use))
+        for use in shown
+    ]
+    widths = [max(len(row[column]) for row in rows) for column in range(3)]
+    columns = _columns()
+    for name, msgtype, count, text in rows:
+        line = f"  {name:{widths[0]}}  {msgtype:{widths[1]}}  {count:>{widths[2]}}"
+        if len(line) + 2 + len(text) <= columns:
+            echo(f"{line}  {text}")
+        else:
+            echo(line)
+            echo(f"      {text}")
+    if len(unneeded) > _LEFT_OUT_LISTED:
+        echo(f"  and {len(unneeded) - _LEFT_OUT_LISTED} more that are not needed")
+
+
+def _becomes(use: TopicUse) -> str:
+    if use.status == "used":
+        return use.text
+    return f"{use.status}: {use.text}" if use.text else use.status
+
+
+def _merged(uses: Iterable[TopicUse]) -> list[TopicUse]:
+    """Return each topic once, with the first of its uses."""
+    by_name: dict[tuple[str, str], TopicUse] = {}
+    for use in uses:
+        by_name.setdefault((use.topic.name, use.topic.msgtype), use)
+    order = ("used", "not decodable", "left out", "not needed")
+    return sorted(by_name.values(), key=lambda use: order.index(use.status))
+
+
+def _named(paths: Sequence[str]) -> str:
+    more = f" and {len(paths) - 3} more" if len(paths) > 3 else ""
+    return ", ".join(paths[:3]) + more
+
+
+def _columns() -> int:
+    return shutil.get_terminal_size((120, 24)).columns
+
+
+def _count(number: int, singular: str, plural: str | None = None) -> str:
+    return f"{number} {singular if number == 1 else plural or f'{singular}s'}"

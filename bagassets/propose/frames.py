@@ -1,0 +1,177 @@
+"""The ego frame of a rig, and which frames are those of camera lenses, guessed from names, TF, odometry and gravity."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from math import cos, hypot, radians, sin
+
+from bagassets.decode.registry import types_of
+from bagassets.errors import CalibrationError
+from bagassets.geometry.se3 import SE3
+from bagassets.geometry.tf_tree import Edge as TfEdge
+from bagassets.geometry.tf_tree import TfTree
+from bagassets.propose.naming import tokens
+from bagassets.propose.sensors import Sensor
+from bagassets.propose.summary import Edge, RecordingSummary, TopicSummary
+
+__all__ = ["GLOBAL_FRAMES", "EgoFrame", "connected", "is_optical", "mounting", "propose_ego_frame"]
+
+GLOBAL_FRAMES = ("map", "world", "odom", "earth", "local", "global", "enu", "utm")
+_EGO_FRAMES = (
+    "base_link",
+    "base_footprint",
+    "ego_vehicle",
+    "ego",
+    "vehicle",
+    "vehicle_link",
+    "base",
+    "base_frame",
+    "base_stabilized",
+    "chassis",
+    "chassis_link",
+    "body",
+    "body_link",
+    "car",
+)
+_USUAL = _EGO_FRAMES[0]
+_OPTICAL_WORDS = frozenset({"optical"})
+# How much of the measured acceleration must point along one axis to call that axis vertical: tilts up to 45 degrees.
+_VERTICAL = 0.7
+_OPTICAL = SE3.create((0.5, -0.5, 0.5, -0.5), (0.0, 0.0, 0.0))
+"""x ahead, y left, z up <- x right, y down, z ahead (REP 103)."""
+_YAW_DEG = {
+    "FRONT": 0.0,
+    "FRONT_LEFT": 45.0,
+    "LEFT": 90.0,
+    "BACK_LEFT": 135.0,
+    "BACK": 180.0,
+    "BACK_RIGHT": -135.0,
+    "RIGHT": -90.0,
+    "FRONT_RIGHT": -45.0,
+}
+
+
+@dataclass(frozen=True)
+class EgoFrame:
+    """The proposed ego frame.
+
+    Attributes:
+        name: the frame.
+        reason: why; empty if nothing spoke for it.
+        is_sensor: it is put where the only sensor is, which so has no extrinsics to measure.
+    """
+
+    name: str
+    reason: str
+    is_sensor: bool = False
+
+
+def propose_ego_frame(
+    summary: RecordingSummary, sensors: Sequence[Sensor], odometry: TopicSummary | None
+) -> EgoFrame:
+    """Return the frame that poses and extrinsics should refer to.
+
+    Args:
+        summary: the recordings.
+        sensors: those that become channels.
+        odometry: the odometry topic to prefer, if there is one.
+    """
+    child = odometry.child_frames[0] if odometry and odometry.child_frames else ""
+    known = {frame for edge in summary.transforms for frame in edge} | {child}
+    if odometry is not None and child in _EGO_FRAMES:
+        return EgoFrame(child, f"child frame of {odometry.name}")
+    for name in _EGO_FRAMES:
+        if name in known:
+            return EgoFrame(name, "a frame of that name is in TF")
+    if odometry is not None and child:
+        return EgoFrame(child, f"child frame of {odometry.name}")
+    frames = list(dict.fromkeys(frame for sensor in sensors for frame in sensor.topic.frames))
+    root = _common_root(summary.edges, frames)
+    if root and not is_optical(summary, root) and (len(frames) > 1 or root not in frames):
+        return EgoFrame(root, "root of the sensors' TF tree")
+    if len(frames) != 1:
+        return EgoFrame(_USUAL, "")
+    (frame,) = frames
+    has_cameras = any(sensor.modality == "camera" for sensor in sensors)
+    optical = is_optical(summary, frame)
+    if optical or (optical is None and has_cameras):
+        why = "is an optical frame (z ahead)" if optical else "is taken to be optical (z ahead)"
+        return EgoFrame(
+            _USUAL, f"the usual name; {frame}, the only sensor frame, {why}", is_sensor=len(sensors) == 1
+        )
+    return EgoFrame(
+        frame, "the only sensor frame; without other frames the sensor itself is the ego", is_sensor=True
+    )
+
+
+def is_optical(summary: RecordingSummary, frame: str) -> bool | None:
+    """Tell whether a frame has its z axis ahead and its y axis down; None if neither its name nor gravity tells."""
+    if not _OPTICAL_WORDS.isdisjoint(tokens(frame)):
+        return True
+    imus = [
+        topic
+        for topic in summary.topics.values()
+        if topic.msgtype in types_of("imu") and topic.acceleration is not None and topic.frames
+    ]
+    for imu in imus:
+        frame_SE3_imu = _transform(summary, frame, imu.frames[0])
+        if frame_SE3_imu is None or imu.acceleration is None:
+            continue
+        # What stands still on the Earth is accelerated upwards, as an Imu sees it.
+        up = frame_SE3_imu.rotation_matrix @ imu.acceleration
+        length = hypot(*up)
+        if length > 0 and -up[1] / length > _VERTICAL:
+            return True
+        if length > 0 and up[2] / length > _VERTICAL:
+            return False
+    return None
+
+
+def mounting(modality: str, side: str) -> tuple[float, float, float, float]:
+    """Return the rotation (w, x, y, z) ego <- sensor of a level sensor that looks to a side, as in FRONT_LEFT."""
+    half = radians(_YAW_DEG.get(side, 0.0)) / 2
+    turn = SE3.create((cos(half), 0.0, 0.0, sin(half)), (0.0, 0.0, 0.0))
+    rotation = (turn @ _OPTICAL if modality == "camera" else turn).rotation
+    # Zero, not -0.0; the sign that reads best.
+    sign = -1.0 if rotation[0] < -1e-9 else 1.0
+    w, x, y, z = (round(sign * value, 6) + 0.0 for value in rotation)
+    return w, x, y, z
+
+
+def connected(edges: Iterable[Edge], one: str, other: str) -> bool:
+    """Tell whether TF leads from one frame to another, in either direction."""
+    reached, grown = {one}, True
+    edges = list(edges)
+    while grown and other not in reached:
+        grown = False
+        for parent, child in edges:
+            if (parent in reached) != (child in reached):
+                reached |= {parent, child}
+                grown = True
+    return other in reached
+
+
+def _transform(summary: RecordingSummary, dst: str, src: str) -> SE3 | None:
+    if dst == src:
+        return SE3()
+    edges = [
+        TfEdge.fixed(parent, child, "tf", value) for (parent, child), value in summary.transforms.items()
+    ]
+    try:
+        return TfTree(edges).fixed(dst, src)[0]
+    except CalibrationError:
+        return None
+
+
+def _common_root(edges: Iterable[Edge], sensors: list[str]) -> str:
+    """Return the topmost frame above all sensors, below any global frame; "" if they share none."""
+    parents = {child: parent for parent, child in sorted(edges)}
+    lines = []
+    for sensor in sensors:
+        line = [sensor]
+        while line[-1] in parents and parents[line[-1]] not in line:
+            line.append(parents[line[-1]])
+        lines.append([frame for frame in line if frame not in GLOBAL_FRAMES])
+    if not lines or len(parents) == 0:
+        return ""
+    shared = [frame for frame in lines[0] if all(frame in line for line in lines)]
+    return shared[-1] if shared else ""

@@ -1,0 +1,208 @@
+"""A proposed rig as YAML, with the reason of each value and a question where only the user knows."""
+
+from bagassets.escaping import yaml_scalar
+from bagassets.propose.commented_yaml import Sheet
+from bagassets.propose.frames import connected, is_optical, mounting
+from bagassets.propose.naming import PREFIX
+from bagassets.propose.rigs import RigProposal
+from bagassets.propose.sensors import Sensor
+from bagassets.propose.topic_uses import transform_topics
+from bagassets.recipe.model import Rig
+
+__all__ = ["write_rig"]
+
+_USUAL_TF = (*Rig.model_fields["tf"].default, *Rig.model_fields["tf_static"].default)
+
+
+def write_rig(sheet: Sheet, rig: RigProposal, *, clock: bool) -> None:
+    """Write a rig below `rigs:`.
+
+    Args:
+        sheet: what is written to.
+        rig: the rig.
+        clock: write its clock, which is not that of the recipe.
+    """
+    number = len(rig.recordings)
+    sheet.field(1, f"- name: {yaml_scalar(rig.name)}", f"{number} recording{'s' if number != 1 else ''}")
+    _write_match(sheet, rig)
+    reason = rig.ego.reason or "the usual name; the recordings suggest no other"
+    sheet.guess(2, f"ego_frame: {yaml_scalar(rig.ego.name)}", reason)
+    if clock:
+        sheet.guess(2, f"clock: {rig.clock.clock}", rig.clock.reason or "its header stamps can be used")
+    _write_transforms(sheet, rig)
+    _write_pose(sheet, rig)
+    sheet.field(2, "channels:")
+    for name, sensor in rig.channels.items():
+        _write_channel(sheet, rig, name, sensor)
+    if rig.annotations:
+        sheet.field(2, "annotations:")
+        sheet.guess(3, f"- topic: {yaml_scalar(rig.annotations[0])}", "boxes by its type and name")
+        for other in rig.annotations[1:]:
+            sheet.off(3, f"- topic: {yaml_scalar(other)}")
+    for frame, channels in _shared_frames(rig):
+        sheet.guess_note(
+            2,
+            f"{', '.join(channels)} all name the frame {frame}, so they get one pose; give each its own `frame` or "
+            "`extrinsics` if they are not at one place.",
+        )
+    for left in rig.left_out:
+        sheet.note(2, f"left out: {left.topic.name} ({left.reason})")
+    sheet.blank()
+
+
+def _write_match(sheet: Sheet, rig: RigProposal) -> None:
+    if rig.match == ["**"]:
+        return
+    if len(rig.match) == 1:
+        sheet.field(2, f"match: [{yaml_scalar(rig.match[0])}]")
+    else:
+        sheet.field(2, "match:")
+        for glob in rig.match:
+            sheet.field(3, f"- {yaml_scalar(glob)}")
+
+
+def _write_transforms(sheet: Sheet, rig: RigProposal) -> None:
+    topics = transform_topics(rig.summary)
+    if set(topics) <= set(_USUAL_TF):
+        return
+    static = [name for name in topics if "static" in name]
+    for field, names in (("tf", [name for name in topics if name not in static]), ("tf_static", static)):
+        if names:
+            sheet.field(2, f"{field}: [{', '.join(map(yaml_scalar, names))}]")
+
+
+def _write_pose(sheet: Sheet, rig: RigProposal) -> None:
+    sheet.field(2, "ego_pose:")
+    if not rig.pose.fields:
+        sheet.ask(
+            3,
+            "ego_pose",
+            "the recordings hold no odometry, pose, TF chain or GNSS fixes; name where poses come from, or if this rig "
+            "stands still, uncomment `source: fixed`",
+            rig=rig.name,
+        )
+        sheet.off(3, "source: fixed")
+        return
+    for field, value in rig.pose.fields.items():
+        reason = rig.pose.reasons.get(field, "")
+        if reason:
+            sheet.guess(3, f"{field}: {yaml_scalar(value)}", reason)
+        else:
+            sheet.field(3, f"{field}: {yaml_scalar(value)}")
+    for note in rig.pose.notes:
+        sheet.guess_note(3, note)
+    if rig.pose.gap:
+        sheet.ask(
+            3,
+            "ego_pose",
+            f"{rig.pose.gap}; correct ego_frame, name a `urdf` of the rig, or the frame whose pose it is in `frame`",
+            rig=rig.name,
+        )
+
+
+def _write_channel(sheet: Sheet, rig: RigProposal, name: str, sensor: Sensor) -> None:
+    topic = sensor.topic
+    sheet.guess(3, f"{name}:", rig.reasons[name])
+    sheet.field(4, f"modality: {sensor.modality}")
+    sheet.field(4, f"topic: {yaml_scalar(topic.name)}")
+    if sensor.modality == "camera":
+        _write_camera(sheet, sensor)
+    if sensor.modality == "lidar" and topic.timed is False:
+        sheet.guess_note(
+            4,
+            "stamps stay as recorded, as the points have no times. Some drivers stamp the start of a revolution, "
+            "others its end or middle, simulators the one instant of all points; docs/poses.md tells how to find "
+            "out, and a check does. If the header's stamp marks the start of a revolution, uncomment the next line; write "
+            "middle or end instead of start if it marks that.",
+        )
+        sheet.off(4, "header_stamp_is: start")
+    _write_place(sheet, rig, name, sensor)
+
+
+def _write_place(sheet: Sheet, rig: RigProposal, name: str, sensor: Sensor) -> None:
+    """Write where a sensor sits, if TF does not tell."""
+    frames = sensor.topic.frames
+    frame = frames[0] if frames else ""
+    optical = sensor.modality == "camera" or is_optical(rig.summary, frame) is True
+    side = "" if rig.ego.is_sensor else _side(rig, name)
+    rotation = list(mounting("camera" if optical else sensor.modality, side))
+    if len(frames) > 1:
+        sheet.ask(
+            4,
+            name,
+            f"its messages are in several frames ({', '.join(frames[:4])}); choose one in `frame`",
+            rig=rig.name,
+        )
+        sheet.off(4, f"frame: {yaml_scalar(frame)}")
+    if rig.ego.is_sensor and frame and (optical or frame != rig.ego.name):
+        sheet.guess(
+            4,
+            f"extrinsics: {{translation: [0, 0, 0], rotation: {_numbers(rotation)}}}",
+            "the ego frame is where this sensor is, x ahead and z up; measured ones are better",
+        )
+    elif not frame or not connected(rig.summary.edges, rig.ego.name, frame):
+        missing = (
+            f"no transform from {rig.ego.name} to {frame} was seen"
+            if frame
+            else "its headers name no frame; give `frame`"
+        )
+        looks = f"looks {side.replace('_', ' ').lower()}" if side else "looks ahead"
+        sheet.ask(
+            4,
+            name,
+            f"{missing}; name a `urdf` of the rig, or measure `extrinsics`",
+            f" (ego <- sensor, metres; quaternion w, x, y, z; this one {looks}):",
+            rig=rig.name,
+        )
+        if not frame:
+            sheet.off(4, f"frame: {yaml_scalar(rig.ego.name)}")
+        sheet.off(4, f"extrinsics: {{translation: [0, 0, 0], rotation: {_numbers(rotation)}}}")
+
+
+def _numbers(values: list[float]) -> str:
+    return f"[{', '.join(f'{value:g}' for value in values)}]"
+
+
+def _side(rig: RigProposal, name: str) -> str:
+    """Return where a sensor looks by the name of its channel; the two of a stereo pair look ahead."""
+    sensor = rig.channels[name]
+    prefix = f"{PREFIX[sensor.modality]}_"
+    sides = [
+        other.removeprefix(prefix) for other, one in rig.channels.items() if one.modality == sensor.modality
+    ]
+    own = name.removeprefix(prefix)
+    return "" if sensor.modality == "camera" and set(sides) <= {"LEFT", "RIGHT"} else _known_side(own)
+
+
+def _known_side(words: str) -> str:
+    return words if set(words.split("_")) <= {"FRONT", "BACK", "LEFT", "RIGHT"} and words != "FRONT" else ""
+
+
+def _shared_frames(rig: RigProposal) -> list[tuple[str, list[str]]]:
+    """Return frames that several cameras claim to be in, with the channels, as far as TF knows the frame."""
+    channels: dict[str, list[str]] = {}
+    for name, sensor in rig.channels.items():
+        if sensor.modality == "camera":
+            for frame in sensor.topic.frames[:1]:
+                if connected(rig.summary.edges, rig.ego.name, frame):
+                    channels.setdefault(frame, []).append(name)
+    return [(frame, names) for frame, names in channels.items() if len(names) > 1]
+
+
+def _write_camera(sheet: Sheet, sensor: Sensor) -> None:
+    info = sensor.camera_info
+    undistort = info is not None and info.calibrated is True
+    if info is not None:
+        sheet.field(4, f"camera_info: {yaml_scalar(info.name)}")
+    if not undistort:
+        why = "no CameraInfo topic" if info is None else "its CameraInfo is not calibrated"
+        sheet.guess(4, "undistort: false", f"{why}; `intrinsics` gives a calibration by hand")
+    if sensor.topic.msgtype.endswith("CompressedImage") and not undistort:
+        sheet.guess(4, "output: as_recorded", "already compressed; passed through byte for byte")
+    elif sensor.topic.is_16_bit:
+        encoding = (sensor.topic.encoding or "").replace("uc", "UC")
+        sheet.guess(
+            4,
+            "to_8bit: {percentiles: [1, 99]}",
+            f"{encoding} must become 8 bit for JPEG; `output: png` keeps 16 bit",
+        )

@@ -1,0 +1,145 @@
+"""One rig of a proposed recipe: its channels, frames, clock, poses and boxes."""
+
+import re
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from bagassets.decode.registry import types_of
+from bagassets.propose.frames import EgoFrame, propose_ego_frame
+from bagassets.propose.grouping import Group
+from bagassets.propose.naming import channel_name, tokens, word_set
+from bagassets.propose.poses import PoseProposal, odometry_of, propose_pose
+from bagassets.propose.sensors import LeftOut, Sensor, find_sensors
+from bagassets.propose.summary import RecordingSummary
+from bagassets.propose.topic_uses import TopicUse, uses_of
+
+__all__ = ["ClockProposal", "RigProposal", "boxes_in", "propose_rig"]
+
+_LARGE_OFFSET_S = 1.0
+_MARKERS = "visualization_msgs/"  # for whatever somebody wants to see in three dimensions, seldom for boxes
+_TRUTH = word_set("annotation annotations gt ground groundtruth label labels labelled truth")
+
+
+@dataclass(frozen=True)
+class ClockProposal:
+    """Which time of messages counts; `reason` is empty if nothing spoke against the usual one."""
+
+    clock: Literal["header", "log"]
+    reason: str = ""
+
+
+@dataclass(frozen=True)
+class RigProposal:
+    """A rig before it is written down.
+
+    Attributes:
+        name: rig name.
+        match: globs of its recordings.
+        recordings: the recordings looked into, paths below the bag root.
+        ego: the ego frame.
+        clock: which time of messages counts.
+        pose: the pose source.
+        channels: channel -> sensor.
+        reasons: channel -> how its name was found.
+        annotations: topics with boxes, the one to use first.
+        left_out: topics that could be a sensor's.
+        summary: what the recordings hold.
+    """
+
+    name: str
+    match: list[str]
+    recordings: tuple[str, ...]
+    ego: EgoFrame
+    clock: ClockProposal
+    pose: PoseProposal
+    channels: dict[str, Sensor]
+    reasons: dict[str, str]
+    annotations: list[str]
+    left_out: list[LeftOut]
+    summary: RecordingSummary
+
+    @property
+    def topic_uses(self) -> list[TopicUse]:
+        """What becomes of each topic."""
+        return uses_of(self.summary, self.channels, self.pose, self.annotations, self.left_out)
+
+
+def propose_rig(group: Group, match: list[str], taken: Collection[str]) -> RigProposal:
+    """Return the rig that made a group of recordings.
+
+    Args:
+        group: the recordings.
+        match: globs that match them.
+        taken: names of other rigs.
+    """
+    summary = group.summary
+    sensors, left_out = find_sensors(summary)
+    channels: dict[str, Sensor] = {}
+    reasons: dict[str, str] = {}
+    for sensor in sensors:
+        alone = sum(other.modality == sensor.modality for other in sensors) == 1
+        name, reason = channel_name(sensor.modality, sensor.topic.name, sensor.topic.frames, channels, alone)
+        channels[name], reasons[name] = sensor, reason
+    ego = propose_ego_frame(summary, sensors, odometry_of(summary))
+    return RigProposal(
+        name=_rig_name(match, taken),
+        match=match,
+        recordings=group.recordings,
+        ego=ego,
+        clock=_clock(sensors),
+        pose=propose_pose(summary, ego.name, group.pose_sources or None),
+        channels=channels,
+        reasons=reasons,
+        annotations=boxes_in(summary),
+        left_out=left_out,
+        summary=summary,
+    )
+
+
+def boxes_in(summary: RecordingSummary) -> list[str]:
+    """Return topics with boxes: those that look like truth first, then by number of messages."""
+    topics = [
+        topic
+        for topic in summary.topics.values()
+        if topic.count > 0
+        and topic.problem is None
+        and topic.msgtype in types_of("boxes")
+        and (not topic.msgtype.startswith(_MARKERS) or _TRUTH & set(tokens(topic.name)))
+    ]
+    topics.sort(key=lambda topic: (not _TRUTH & set(tokens(topic.name)), -topic.count, topic.name))
+    return [topic.name for topic in topics]
+
+
+def _clock(sensors: Sequence[Sensor]) -> ClockProposal:
+    topics = [sensor.topic for sensor in sensors]
+    unset = sorted(topic.name for topic in topics if topic.unstamped)
+    if unset:
+        return ClockProposal("log", f"header stamps of {', '.join(unset[:3])} are zero")
+    offsets = {topic.name: topic.offset_s for topic in topics if topic.offset_s is not None}
+    if not offsets:
+        return ClockProposal("header")
+    apart_s = max(offsets.values()) - min(offsets.values())
+    if apart_s > _LARGE_OFFSET_S:
+        return ClockProposal("log", f"header stamps of the sensors are up to {apart_s:.1f} s apart")
+    name, offset_s = max(offsets.items(), key=lambda entry: abs(entry[1]))
+    if abs(offset_s) <= _LARGE_OFFSET_S:
+        return ClockProposal("header")
+    side = "after" if offset_s > 0 else "before"
+    return ClockProposal(
+        "header",
+        f"the sensors' header stamps agree, though {name} was logged {abs(offset_s):.1f} s {side} its stamp; "
+        "`log` is the other choice",
+    )
+
+
+def _rig_name(match: list[str], taken: Collection[str]) -> str:
+    if match == ["**"]:
+        name = "rig"
+    else:
+        stem = match[0].removesuffix("/**").rsplit("/", 1)[-1]
+        stem = re.sub(r"\.(bag|mcap|db3)$", "", stem)
+        name = re.sub(r"[^A-Za-z0-9_.-]+", "-", stem).strip("-._") or "rig"
+    if name not in taken:
+        return name
+    return next(f"{name}-{n}" for n in range(2, len(taken) + 3) if f"{name}-{n}" not in taken)

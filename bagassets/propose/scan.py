@@ -1,0 +1,312 @@
+"""The first messages of each topic of a recording, decoded, and what they say.
+
+Proposing a recipe needs frames, encodings and the TF tree, but not every message. Reading the
+first seconds keeps `bagassets init` quick on terabytes; the inventory reads everything later.
+Messages are decoded as a build decodes them, by plug-ins, too: what a build would refuse is not proposed.
+"""
+
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import replace
+from math import isfinite
+from statistics import median
+from typing import Any
+
+import numpy as np
+
+from bagassets.decode.fields import check_points, stamp_and_frame
+from bagassets.decode.loading import load_decoder
+from bagassets.decode.model import CloudReading, ImageReading, PoseReading, RadarReading
+from bagassets.decode.ncom import holds_ncom
+from bagassets.decode.packets import is_velodyne_packet, sender
+from bagassets.decode.registry import AnyFamily, bulk_types, families_of, find_decoder
+from bagassets.decode.tf import decode_transform
+from bagassets.errors import DecodeError, PluginError
+from bagassets.geometry.se3 import SE3
+from bagassets.propose.naming import is_radar_list
+from bagassets.propose.sensors import modality_of
+from bagassets.propose.summary import Edge, RecordingSummary, TopicSummary, merge_topics
+from bagassets.recipe.model import Limits, Scenes
+from bagassets.recordings.model import RawMessage
+from bagassets.recordings.recording import Recording
+from bagassets.recordings.topic import Topic
+
+__all__ = ["scan_recording"]
+
+Decode = Callable[..., Any]
+Facts = dict[str, Any]
+"""Fields of a `TopicSummary` that one message gives."""
+
+_SECONDS = 5.0
+_MESSAGES = 20
+_BULK_MESSAGES = 3
+_LATE_MESSAGES = 3
+_PATIENCE = 5  # times as many, as long as none can be used: sensors and receivers take time to start
+_LIMITS = Limits()
+_SHORTEST_SCENE_S = Scenes().min_length_s
+_PNG_16_BIT = b"\x10"  # the bit depth of a PNG is its byte 24
+_STILL_M_RAD = 1e-4
+
+
+def scan_recording(recording: Recording) -> RecordingSummary:
+    """Read the first seconds of a recording, and of topics that start later the first messages if they are few.
+
+    Raises:
+        RecordingError: the recording turns out to be damaged.
+    """
+    scan = _Scan(recording)
+    readable = {name for name, topic in scan.topics.items() if topic.problem is None}
+    bulk = {name for name in readable if recording.topics[name].msgtype in scan.bulk}
+    for together in (bulk, readable - bulk):
+        scan.read(together, _SECONDS)
+    # Latched transforms may come late.
+    scan.read({name for name in readable if scan.topics[name].count == 0}, None)
+    topics = {
+        name: scan.topics[name].result() if name in scan.topics else _summary_of(topic)
+        for name, topic in recording.topics.items()
+    }
+    transforms = {edge: values[0] for edge, values in scan.transforms.items()}
+    moving = frozenset(edge for edge, values in scan.transforms.items() if _moves(values))
+    sensors = {topic.name for topic in topics.values() if topic.count > 0 and modality_of(topic) is not None}
+    return RecordingSummary(topics, transforms, moving, _short_s(recording, sensors))
+
+
+class _Scan:
+    """The messages of a recording that have been read so far.
+
+    Attributes:
+        topics: those that have messages.
+        transforms: edge -> the values that it had.
+        bulk: types of which few messages are read.
+    """
+
+    def __init__(self, recording: Recording) -> None:
+        self._recording = recording
+        self.transforms: dict[Edge, list[SE3]] = {}
+        self.bulk = bulk_types("yes")
+        self.topics = {
+            name: _TopicScan(topic, self.transforms)
+            for name, topic in recording.topics.items()
+            if topic.count > 0
+        }
+
+    def read(self, topics: Collection[str], seconds: float | None) -> None:
+        """Read until every topic gave enough messages, or `seconds` of log time have passed."""
+        waiting = set(topics)
+        until_ns: float | None = None
+        for message in self._recording.messages(sorted(waiting)) if waiting else ():
+            if until_ns is None and seconds is not None:
+                until_ns = message.log_time_ns + seconds * 1e9
+            if until_ns is not None and message.log_time_ns > until_ns:
+                return
+            topic = self.topics[message.topic]
+            if message.topic in waiting:
+                topic.take(message, self._recording)
+                most = _BULK_MESSAGES if message.msgtype in self.bulk else _MESSAGES
+                if topic.is_enough(most if seconds is not None else _LATE_MESSAGES):
+                    waiting.discard(message.topic)
+            if not waiting or (seconds is None and all(self.topics[name].count for name in waiting)):
+                return
+
+
+class _TopicScan:
+    """The messages of one topic that have been read so far.
+
+    Attributes:
+        problem: why messages cannot be decoded.
+        count: messages read.
+    """
+
+    def __init__(self, topic: Topic, transforms: dict[Edge, list[SE3]]) -> None:
+        self.problem = topic.problem
+        self.count = 0
+        self._summary = _summary_of(topic)
+        self._transforms = transforms
+        self._decoders: dict[AnyFamily, Decode] = {}
+        self._is_patient = (
+            False  # reads on if nothing can be used: the type itself says what its messages are
+        )
+        self._usable = 0
+        self._refusal: str | None = None
+        self._offsets_s: list[float] = []
+        self._has_unset_stamps = False
+
+    def is_enough(self, most: int) -> bool:
+        """Tell whether enough messages were read; more of them as long as none can be used."""
+        return self.count >= (_PATIENCE * most if self._is_patient and not self._usable else most)
+
+    def take(self, message: RawMessage, recording: Recording) -> None:
+        """Decode one message."""
+        if not self.count:
+            self._find_decoders(message.msgtype)
+        self.count += 1
+        try:
+            value = recording.decode(message)
+        except DecodeError as err:
+            self.problem = str(err)
+            return
+        if hasattr(value, "header"):
+            self._take_header(message, value.header)
+        reasons = []
+        for family, decode in self._decoders.items():
+            facts: Facts = {}
+            try:
+                if family == "transforms":
+                    self._take_transforms(facts, decode, value)
+                else:
+                    _FACTS[family](facts, decode, value, message.msgtype)
+            except DecodeError as err:
+                reasons.append(str(err))
+            self._add(facts)
+        if len(reasons) < len(self._decoders):
+            self._usable += 1
+        elif reasons:
+            self._refusal = self._refusal or reasons[0]
+
+    def result(self) -> TopicSummary:
+        """Return what the messages said."""
+        return replace(
+            self._summary,
+            problem=self.problem,
+            offset_s=median(self._offsets_s) if self._offsets_s else None,
+            unstamped=self._has_unset_stamps and not self._offsets_s,
+            refusal=None if self._usable else self._refusal,
+        )
+
+    def _find_decoders(self, msgtype: str) -> None:
+        """Import what reads a type; what goes by fields is tried on radar lists and on everything else."""
+        families = families_of(msgtype) or (("radar",) if is_radar_list(msgtype) else ("packets",))
+        for family in families:
+            try:
+                decoder = find_decoder(family, msgtype)
+                if decoder is not None and (family in _FACTS or family == "transforms"):
+                    self._decoders[family] = load_decoder(decoder)
+                    self._is_patient |= not decoder.by_fields
+            except PluginError as err:
+                self._refusal = str(err)
+
+    def _add(self, facts: Facts) -> None:
+        base = TopicSummary(self._summary.name, self._summary.msgtype, 0)
+        frames = tuple(frame for frame in facts.pop("frames", ()) if frame)
+        self._summary = merge_topics(self._summary, replace(base, frames=frames, **facts))
+
+    def _take_header(self, message: RawMessage, header: Any) -> None:
+        stamp_ns, frame = stamp_and_frame(header)
+        self._add({"frames": (frame,)})
+        if stamp_ns == 0:
+            self._has_unset_stamps = True
+        else:
+            self._offsets_s.append((message.log_time_ns - stamp_ns) / 1e9)
+
+    def _take_transforms(self, facts: Facts, decode: Decode, value: Any) -> None:
+        facts["frames"] = []
+        for stamped in decode(value):
+            try:
+                reading = decode_transform(stamped)
+            except DecodeError as err:
+                self._refusal = self._refusal or str(err)
+                continue
+            facts["frames"].append(reading.parent)
+            edge = (reading.parent, reading.child)
+            self._transforms.setdefault(edge, []).append(reading.parent_SE3_child)
+
+
+def _summary_of(topic: Topic) -> TopicSummary:
+    return TopicSummary(topic.name, topic.msgtype, topic.count, topic.problem)
+
+
+# Each of these puts into `facts` what a message says, those before the decoder refuses it, too.
+
+
+def _image(facts: Facts, decode: Decode, value: Any, _msgtype: str) -> None:
+    reading: ImageReading = decode(value)
+    if reading.pixels is not None:
+        is_16_bit = bool(reading.pixels.dtype == np.uint16)
+    else:
+        is_16_bit = reading.encoding == "png" and bytes((reading.encoded or b"")[24:25]) == _PNG_16_BIT
+    facts |= {"frames": (reading.frame_id,), "encoding": reading.encoding, "is_16_bit": is_16_bit}
+
+
+def _cloud(facts: Facts, decode: Decode, value: Any, _msgtype: str) -> None:
+    check_points(value, _LIMITS.cloud_points)
+    reading: CloudReading = decode(value, None, "end")
+    facts["frames"] = (reading.frame_id,)
+    if len(reading.points) > 1:  # times that do not differ are none
+        facts["timed"] = reading.times_ns is not None
+
+
+def _radar(facts: Facts, decode: Decode, value: Any, msgtype: str) -> None:
+    check_points(value, _LIMITS.cloud_points)
+    reading: RadarReading = decode(value, msgtype, None)
+    facts["frames"] = (reading.frame_id,)
+
+
+def _pose(facts: Facts, decode: Decode, value: Any, _msgtype: str) -> None:
+    reading: PoseReading = decode(value)
+    if reading.child:
+        facts["child_frames"] = (reading.child,)
+
+
+def _fix(_facts: Facts, decode: Decode, value: Any, _msgtype: str) -> None:
+    decode(value)
+
+
+def _imu(facts: Facts, decode: Decode, value: Any, _msgtype: str) -> None:
+    facts["oriented"] = False
+    measured = getattr(value, "linear_acceleration", None)
+    covariance = getattr(value, "linear_acceleration_covariance", (0.0,))
+    if measured is not None and covariance[0] != -1:  # REP 145: -1 where nothing is measured
+        acceleration = (float(measured.x), float(measured.y), float(measured.z))
+        if all(map(isfinite, acceleration)):
+            facts["acceleration"] = acceleration
+    decode(value)
+    facts["oriented"] = True
+
+
+def _camera_info(facts: Facts, decode: Decode, value: Any, _msgtype: str) -> None:
+    facts["calibrated"] = False
+    decode(value)
+    facts["calibrated"] = True
+
+
+def _packets(facts: Facts, decode: Decode, value: Any, _msgtype: str) -> None:
+    facts["velodyne"] = False
+    for _own_stamp, data in decode(value):
+        facts["velodyne"] |= is_velodyne_packet(data)
+        if holds_ncom(data):
+            facts["ncom_sender"] = facts.get("ncom_sender") or sender(value)[0]
+
+
+_FACTS: Mapping[AnyFamily, Callable[[Facts, Decode, Any, str], None]] = {
+    "image": _image,
+    "cloud": _cloud,
+    "radar": _radar,
+    "pose": _pose,
+    "fix": _fix,
+    "imu": _imu,
+    "camera_info": _camera_info,
+    "packets": _packets,
+}
+
+
+def _short_s(recording: Recording, topics: Collection[str]) -> float | None:
+    """Return the time between the first and the last message of `topics`, or None if it is long enough for a scene."""
+    first_ns: int | None = None
+    last_ns = 0
+    for message in recording.messages(sorted(topics)) if topics else ():
+        first_ns = message.log_time_ns if first_ns is None else first_ns
+        last_ns = message.log_time_ns
+        if last_ns - first_ns >= _SHORTEST_SCENE_S * 1e9:
+            return None
+    return None if first_ns is None else (last_ns - first_ns) / 1e9
+
+
+def _moves(values: list[SE3]) -> bool:
+    first = values[0]
+    for value in values[1:]:
+        # q and -q are the same rotation.
+        sign = 1.0 if sum(a * b for a, b in zip(first.rotation, value.rotation, strict=True)) >= 0.0 else -1.0
+        there = (*first.translation, *first.rotation)
+        here = (*value.translation, *(sign * q for q in value.rotation))
+        if max(abs(a - b) for a, b in zip(there, here, strict=True)) > _STILL_M_RAD:
+            return True
+    return False

@@ -1,0 +1,132 @@
+"""What the first messages of a recording say of its topics and frames, and that of several recordings together."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+
+from bagassets.geometry.se3 import SE3
+
+__all__ = ["Edge", "RecordingSummary", "TopicSummary", "merge_recordings", "merge_topics"]
+
+Edge = tuple[str, str]
+"""Parent and child frame, without leading slash."""
+
+Vector = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class TopicSummary:
+    """One topic.
+
+    Attributes:
+        name: topic as recorded.
+        msgtype: normalised type, `pkg/msg/Type`.
+        count: number of messages in the recording.
+        problem: why messages cannot be decoded; None if they can.
+        frames: frames in the headers seen, without leading slash; an empty frame is left out.
+        child_frames: `child_frame_id` of odometry messages seen.
+        offset_s: median of log time minus header stamp; None without header or with unset stamps.
+        unstamped: messages have a header, but its stamp is zero.
+        encoding: encoding of images, `jpeg` or `png` of compressed ones, as of `ImageReading`.
+        is_16_bit: images have more than 8 bit a channel; None for other types.
+        calibrated: a CameraInfo with usable numbers was seen; None for other types.
+        oriented: an Imu gives orientation; None for other types.
+        acceleration: sum of the accelerations that an Imu measured, m/s², in its frame; None if it measures none.
+        ncom_sender: IPv4 address that OxTS NCOM packets come from; "" if there are some but the
+            messages do not tell; None if there are none.
+        velodyne: data packets of a Velodyne were seen; None if the type holds no packets.
+        timed: the points of a cloud or the rays of a scan have times; None for other types.
+        refusal: why none of the messages seen is what its type is there for; None if one is, or nothing
+            is made of the type.
+    """
+
+    name: str
+    msgtype: str
+    count: int
+    problem: str | None = None
+    frames: tuple[str, ...] = ()
+    child_frames: tuple[str, ...] = ()
+    offset_s: float | None = None
+    unstamped: bool = False
+    encoding: str | None = None
+    is_16_bit: bool | None = None
+    calibrated: bool | None = None
+    oriented: bool | None = None
+    acceleration: Vector | None = None
+    ncom_sender: str | None = None
+    velodyne: bool | None = None
+    timed: bool | None = None
+    refusal: str | None = None
+
+
+@dataclass(frozen=True)
+class RecordingSummary:
+    """One recording, or several merged ones.
+
+    Attributes:
+        topics: name -> topic.
+        transforms: edge of the TF tree -> `parent_SE3_child` as first seen.
+        moving: edges whose transform changed in the messages seen.
+        short_s: time between the first and the last sensor message, of recordings that give no scene
+            by default; None for longer ones.
+    """
+
+    topics: Mapping[str, TopicSummary]
+    transforms: Mapping[Edge, SE3] = field(default_factory=dict)
+    moving: frozenset[Edge] = frozenset()
+    short_s: float | None = None
+
+    @property
+    def edges(self) -> frozenset[Edge]:
+        """Edges of the TF tree."""
+        return frozenset(self.transforms)
+
+
+def merge_recordings(summaries: Iterable[RecordingSummary]) -> RecordingSummary:
+    """Return several recordings as one: counts add up, and it is as long as the longest."""
+    topics: dict[str, TopicSummary] = {}
+    transforms: dict[Edge, SE3] = {}
+    moving: frozenset[Edge] = frozenset()
+    lengths_s = []
+    for one in summaries:
+        transforms = {**one.transforms, **transforms}
+        moving |= one.moving
+        lengths_s.append(one.short_s)
+        for name, topic in one.topics.items():
+            topics[name] = merge_topics(topics[name], topic) if name in topics else topic
+    known_s = [length_s for length_s in lengths_s if length_s is not None]
+    short_s = max(known_s) if known_s and len(known_s) == len(lengths_s) else None
+    return RecordingSummary(dict(sorted(topics.items())), transforms, moving, short_s)
+
+
+def merge_topics(one: TopicSummary, other: TopicSummary) -> TopicSummary:
+    """Return a topic from messages of two recordings, or from two messages."""
+    offsets = [value for value in (one.offset_s, other.offset_s) if value is not None]
+    return TopicSummary(
+        name=one.name,
+        msgtype=one.msgtype,
+        count=one.count + other.count,
+        problem=one.problem and other.problem,
+        frames=tuple(dict.fromkeys((*one.frames, *other.frames))),
+        child_frames=tuple(dict.fromkeys((*one.child_frames, *other.child_frames))),
+        offset_s=max(offsets, key=abs) if offsets else None,
+        unstamped=one.unstamped or other.unstamped,
+        encoding=one.encoding or other.encoding,
+        is_16_bit=_any(one.is_16_bit, other.is_16_bit),
+        calibrated=_any(one.calibrated, other.calibrated),
+        oriented=_any(one.oriented, other.oriented),
+        acceleration=_sum(one.acceleration, other.acceleration),
+        ncom_sender=one.ncom_sender or (one.ncom_sender if other.ncom_sender is None else other.ncom_sender),
+        velodyne=_any(one.velodyne, other.velodyne),
+        timed=_any(one.timed, other.timed),
+        refusal=one.refusal and other.refusal,
+    )
+
+
+def _any(one: bool | None, other: bool | None) -> bool | None:
+    return other if one is None else one or bool(other)
+
+
+def _sum(one: Vector | None, other: Vector | None) -> Vector | None:
+    if one is None or other is None:
+        return other if one is None else one
+    return one[0] + other[0], one[1] + other[1], one[2] + other[2]

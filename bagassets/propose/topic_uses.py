@@ -1,0 +1,80 @@
+"""What becomes of each topic of a rig's recordings: used as what, not decodable and why, or not needed."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from bagassets.decode.registry import types_of
+from bagassets.propose.poses import PoseProposal
+from bagassets.propose.sensors import LeftOut, Sensor
+from bagassets.propose.summary import RecordingSummary, TopicSummary
+
+__all__ = ["TopicUse", "transform_topics", "uses_of"]
+
+Status = Literal["used", "not decodable", "left out", "not needed"]
+_ORDER: tuple[Status, ...] = ("used", "not decodable", "left out", "not needed")
+
+
+@dataclass(frozen=True)
+class TopicUse:
+    """What becomes of a topic.
+
+    Attributes:
+        topic: the topic.
+        status: whether it is used, and if not, in which way.
+        text: as what it is used, or why it is not; "" for topics that are not needed.
+    """
+
+    topic: TopicSummary
+    status: Status
+    text: str = ""
+
+
+def uses_of(
+    summary: RecordingSummary,
+    channels: Mapping[str, Sensor],
+    pose: PoseProposal,
+    annotations: list[str],
+    left_out: list[LeftOut],
+) -> list[TopicUse]:
+    """Return what becomes of each topic, those that are used first.
+
+    Args:
+        summary: the recordings.
+        channels: channel -> sensor.
+        pose: where poses come from.
+        annotations: topics with boxes, the one that is used first.
+        left_out: topics that could be a sensor's.
+    """
+    used: dict[str, list[str]] = {}
+    for name, sensor in channels.items():
+        used.setdefault(sensor.topic.name, []).append(name)
+        if sensor.camera_info is not None:
+            used.setdefault(sensor.camera_info.name, []).append(f"calibration of {name}")
+    for field, what in (("topic", "poses"), ("imu", "orientation")):
+        if field in pose.fields:
+            used.setdefault(pose.fields[field], []).append(what)
+    for name in annotations[:1]:
+        used.setdefault(name, []).append("boxes")
+    for name in transform_topics(summary):
+        used.setdefault(name, []).append("transforms")
+    uses = [TopicUse(summary.topics[name], "used", ", ".join(what)) for name, what in used.items()]
+    known = set(used)
+    for left in left_out:
+        known.add(left.topic.name)
+        status: Status = "not decodable" if left.is_undecodable else "left out"
+        uses.append(TopicUse(left.topic, status, left.reason))
+    uses += [
+        TopicUse(topic, "left out", "boxes, too; the recipe has it as a comment")
+        for name, topic in summary.topics.items()
+        if name in annotations and name not in known
+    ]
+    known.update(annotations)
+    uses += [TopicUse(topic, "not needed") for name, topic in summary.topics.items() if name not in known]
+    return sorted(uses, key=lambda use: _ORDER.index(use.status))
+
+
+def transform_topics(summary: RecordingSummary) -> list[str]:
+    """Return the topics with transforms."""
+    types = set(types_of("transforms"))
+    return [topic.name for topic in summary.topics.values() if topic.msgtype in types and topic.count > 0]
