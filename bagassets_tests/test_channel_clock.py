@@ -1,4 +1,4 @@
-"""A channel may have a clock of its own; those of the other channels, and all that is made of them, stay as they are."""
+"""A rig or a channel may have a clock of its own; those of the other channels, and all that is made of them, stay as they are."""
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ preview: {enabled: false}
 limits: {lost_messages: 1.0}
 CLOCK
 rigs:
-  - name: car
+  - name: carRIG
     ego_pose: {source: odometry, topic: /odom}
     channels:
       CAM_FRONT: {modality: cameraCAMERA, topic: /cam/image_raw}
@@ -79,9 +79,10 @@ def made(tmp_path_factory):
                 connections[topic] = writer.add_connection(topic, msgtype, typestore=STORE2)
             writer.write(connections[topic], log_ns, STORE2.serialize_cdr(message, msgtype))
 
-    def build(top="", **clocks):
-        state = "-".join(["state", top, *(f"{name}_{value}" for name, value in sorted(clocks.items()))])
+    def build(top="", rig="", **clocks):
+        state = "-".join(["state", top, rig, *(f"{name}_{value}" for name, value in sorted(clocks.items()))])
         text = RECIPE.replace("STATE", state).replace("CLOCK", f"clock: {top}" if top else "")
+        text = text.replace("carRIG", f"car\n    clock: {rig}" if rig else "car")
         for word in ("CAMERA", "LIDAR", "RADAR"):
             clock = clocks.get(word.lower())
             text = text.replace(
@@ -127,6 +128,18 @@ def test_by_its_own_log_time_a_radar_loses_nothing_and_the_lidar_keeps_its_stamp
     # What the advice was before: the clock of the recipe moves the lidar by its latency.
     all_by_log = made("log")
     assert stamps_ns(all_by_log["LIDAR_TOP"])[0] - stamps_ns(before["LIDAR_TOP"])[0] == LIDAR_LATENCY_NS
+
+
+def test_the_clock_of_a_rig_is_that_of_all_its_channels_and_poses(made):
+    by_log, of_rig, back = made("log"), made(rig="log"), made("log", rig="header")
+    assert {name: one.digest for name, one in of_rig.items()} == {
+        name: one.digest for name, one in by_log.items()
+    }
+    assert {name: one.digest for name, one in back.items()} == {
+        name: one.digest for name, one in made().items()
+    }
+    mixed = made(rig="log", radar="header")
+    assert mixed["RADAR_FRONT"].digest == made()["RADAR_FRONT"].digest
 
 
 @pytest.mark.parametrize("modality", ["camera", "lidar", "radar"])

@@ -71,6 +71,8 @@ COMMON = {"ego_poses", "annotations", "frames", "sweeps"}
         ("rigs__channels__CAM_FRONT__undistort", False, {"calibration", "frames", "preview"}),
         ("rigs__channels__CAM_FRONT__rectified", True, {"calibration"}),
         ("rigs__channels__CAM_FRONT__quality", 50, {"frames"}),
+        ("rigs__clock", "log", COMMON),
+        ("rigs__clock", "header", set()),
         ("rigs__channels__CAM_FRONT__clock", "log", {"frames"}),
         ("rigs__channels__CAM_FRONT__clock", "header", set()),
         ("rigs__channels__LIDAR_TOP__clock", "log", {"sweeps"}),

@@ -305,7 +305,7 @@ def plan_of(key, **states):
         for name, state in states.items()
     }
     recorded, channels = {"inventory": "i" * 64}, ("c1" * 32, "c2" * 32)
-    return BagPlan(key, assets, "ros2", recorded, channels, frozenset({"preview"}))
+    return BagPlan(key, assets, "ros2", recorded, channels, frozenset({"preview"}), "car")
 
 
 PLAN = plan_of("a.bag", inventory="fresh", frames="skipped")

@@ -48,7 +48,10 @@ class Planner:
             if part.artifact is not None
         )
         on_record = {asset: record.data_version for asset, record in recorded.items()}
-        return BagPlan(recording.key, states, recording.format, on_record, channels, self.assets.optional)
+        rig = "" if graph.rig is None else graph.rig.name
+        return BagPlan(
+            recording.key, states, recording.format, on_record, channels, self.assets.optional, rig
+        )
 
     def graph(self, recording: RecordingFiles, recorded: Mapping[str, Recorded]) -> Graph:
         """Return the graph of one recording; see `plan`."""

@@ -64,6 +64,7 @@ class BagPlan:
         recorded: asset -> data version that Dagster has on record.
         channels: digests of the artifacts of single channels that frames and sweeps consist of.
         optional: assets that no dataset but their own depends on.
+        rig: name of the rig that made the recording; "" if none did.
     """
 
     key: str
@@ -72,6 +73,7 @@ class BagPlan:
     recorded: Mapping[str, str] = field(default_factory=dict)
     channels: tuple[str, ...] = ()
     optional: frozenset[str] = frozenset()
+    rig: str = ""
 
     @property
     def skipped(self) -> str | None:
@@ -128,14 +130,14 @@ class BagPlan:
 
     def as_row(self) -> list[Any]:
         """Return all but the key as short JSON: there may be 10,000 of them."""
-        return [self.assets, self.format, self.recorded, self.channels, sorted(self.optional)]
+        return [self.assets, self.format, self.recorded, self.channels, sorted(self.optional), self.rig]
 
     @classmethod
     def from_row(cls, key: str, row: list[Any]) -> Self:
         """Return what `as_row` gave, after a way through JSON."""
-        states, file_format, recorded, channels, optional = row
+        states, file_format, recorded, channels, optional, rig = row
         assets = {name: AssetState(*state) for name, state in states.items()}
-        return cls(key, assets, file_format, recorded, tuple(channels), frozenset(optional))
+        return cls(key, assets, file_format, recorded, tuple(channels), frozenset(optional), rig)
 
 
 @dataclass(frozen=True)

@@ -100,11 +100,14 @@ def _propose(project: Path, root: Path, look_at: int) -> "tuple[Proposal, dict[s
         path: sentence.removeprefix(f"{root / path}: ") for path, sentence in discovery.unreadable.items()
     }
     recordings = sorted(discovery.recordings.values(), key=lambda recording: recording.relative)
+    reasons = {path: reason for path, reason in discovery.excluded if path not in unreadable}
     if not recordings:
-        reasons = [f"{path}: {reason}." for path, reason in discovery.excluded]
+        reasons |= unreadable
         raise RecipeError(
-            f"{root}: no recording found; expected .bag, .mcap or .db3 files, or ROS 2 bag folders.", *reasons
+            f"{root}: no recording found; expected .bag, .mcap or .db3 files, or ROS 2 bag folders.",
+            *(f"{path}: {reason.removesuffix('.')}." for path, reason in sorted(reasons.items())),
         )
+    unreadable |= reasons
     chosen = _spread(recordings, look_at)
     summaries: dict[str, RecordingSummary] = {}
     with click.progressbar(

@@ -106,4 +106,5 @@ def _fixes(recipe: Path, key: str) -> list[tuple[int, float, float]]:
         poses = current_artifact(workspace.store, bag, "ego_poses")
         if inventory is None or poses is None:
             return []
-        return list(track_of(workspace.store, inventory, poses, workspace.recipe.clock).points)
+        clock = workspace.recipe.clock_of(workspace.recipe.rig_named(bag.rig))
+        return list(track_of(workspace.store, inventory, poses, clock).points)

@@ -93,7 +93,7 @@ def _tracks(recipe: Recipe, store: Store, plan: Plan) -> dict[str, Track]:
             current_artifact(store, bag, "ego_poses"),
         )
         if inventory is not None and poses is not None and bag.skipped is None:
-            found[key] = track_of(store, inventory, poses, recipe.clock)
+            found[key] = track_of(store, inventory, poses, recipe.clock_of(recipe.rig_named(bag.rig)))
     return found
 
 
@@ -127,7 +127,7 @@ def _facts(recipe: Recipe, store: Store, bag: BagPlan, split: str) -> RecordingF
     poses = current_artifact(store, bag, "ego_poses")
     track = None
     if poses is not None and state in {"ready", "stale"}:
-        track = track_of(store, inventory, poses, recipe.clock)
+        track = track_of(store, inventory, poses, recipe.clock_of(recipe.rig_named(bag.rig)))
     pictures = current_artifact(store, bag, "preview")
     return RecordingFacts(
         key=bag.key,

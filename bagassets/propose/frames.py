@@ -13,9 +13,9 @@ from bagassets.propose.naming import tokens
 from bagassets.propose.sensors import Sensor
 from bagassets.propose.summary import Edge, RecordingSummary, TopicSummary
 
-__all__ = ["GLOBAL_FRAMES", "EgoFrame", "connected", "is_optical", "mounting", "propose_ego_frame"]
+__all__ = ["EgoFrame", "connected", "global_frame_of", "is_optical", "mounting", "propose_ego_frame"]
 
-GLOBAL_FRAMES = ("map", "world", "odom", "earth", "local", "global", "enu", "utm")
+_GLOBAL_FRAMES = ("map", "world", "odom", "earth", "local", "global", "enu", "utm")
 _EGO_FRAMES = (
     "base_link",
     "base_footprint",
@@ -77,11 +77,14 @@ def propose_ego_frame(
     """
     child = odometry.child_frames[0] if odometry and odometry.child_frames else ""
     known = {frame for edge in summary.transforms for frame in edge} | {child}
-    if odometry is not None and child in _EGO_FRAMES:
+    if odometry is not None and _last_part(child) in _EGO_FRAMES:
         return EgoFrame(child, f"child frame of {odometry.name}")
     for name in _EGO_FRAMES:
         if name in known:
             return EgoFrame(name, "a frame of that name is in TF")
+        of_robots = [frame for frame in sorted(known) if _last_part(frame) == name]
+        if len(of_robots) == 1:
+            return EgoFrame(of_robots[0], "a frame of that name is in TF")
     if odometry is not None and child:
         return EgoFrame(child, f"child frame of {odometry.name}")
     frames = list(dict.fromkeys(frame for sensor in sensors for frame in sensor.topic.frames))
@@ -101,6 +104,20 @@ def propose_ego_frame(
     return EgoFrame(
         frame, "the only sensor frame; without other frames the sensor itself is the ego", is_sensor=True
     )
+
+
+def global_frame_of(summary: RecordingSummary, ego_frame: str) -> str:
+    """Return the frame in which TF tracks the ego frame; "" if there is none."""
+    parents = {child: parent for parent, child in sorted(summary.edges)}
+    chain = [ego_frame]
+    while chain[-1] in parents and parents[chain[-1]] not in chain:
+        chain.append(parents[chain[-1]])
+    links = set(zip(chain[1:], chain, strict=False))
+    ancestors = {_last_part(frame): frame for frame in reversed(chain[1:])}
+    # A frame called world is often the floor of a laboratory: only believe what moves, or what a mobile robot has.
+    if not ancestors or not (links & summary.moving or {"odom", "map"} & ancestors.keys()):
+        return ""
+    return next((ancestors[name] for name in _GLOBAL_FRAMES if name in ancestors), chain[-1])
 
 
 def is_optical(summary: RecordingSummary, frame: str) -> bool | None:
@@ -150,6 +167,11 @@ def connected(edges: Iterable[Edge], one: str, other: str) -> bool:
     return other in reached
 
 
+def _last_part(frame: str) -> str:
+    """Return a frame without the name of the robot before it, as in robot1/base_link."""
+    return frame.rpartition("/")[2]
+
+
 def _transform(summary: RecordingSummary, dst: str, src: str) -> SE3 | None:
     if dst == src:
         return SE3()
@@ -170,7 +192,7 @@ def _common_root(edges: Iterable[Edge], sensors: list[str]) -> str:
         line = [sensor]
         while line[-1] in parents and parents[line[-1]] not in line:
             line.append(parents[line[-1]])
-        lines.append([frame for frame in line if frame not in GLOBAL_FRAMES])
+        lines.append([frame for frame in line if _last_part(frame) not in _GLOBAL_FRAMES])
     if not lines or len(parents) == 0:
         return ""
     shared = [frame for frame in lines[0] if all(frame in line for line in lines)]

@@ -4,7 +4,7 @@ from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field
 
 from bagassets.decode.registry import types_of
-from bagassets.propose.frames import GLOBAL_FRAMES, connected, is_optical
+from bagassets.propose.frames import connected, global_frame_of, is_optical
 from bagassets.propose.naming import tokens, word_set
 from bagassets.propose.summary import RecordingSummary, TopicSummary
 
@@ -72,7 +72,7 @@ def pose_candidates(summary: RecordingSummary, ego_frame: str) -> list[PosePropo
     found += [_from_pose(topic, poses, ego_frame) for topic in poses]
     systems = _ranked(topic for topic in summary.topics.values() if topic.ncom_sender is not None)
     found += [_from_ncom(topic, systems, ego_frame) for topic in systems]
-    global_frame = _global_frame(summary, ego_frame)
+    global_frame = global_frame_of(summary, ego_frame)
     if global_frame:
         reasons = {"global_frame": f"ancestor of {ego_frame} in TF"}
         still = ("nothing in TF moved in the first seconds of the recordings",)
@@ -153,17 +153,3 @@ def _from_fixes(topic: TopicSummary, among: list[TopicSummary], imus: list[Topic
     fields["imu"] = imus[0].name
     reasons["imu"] = _choice(imus[0], imus, "Imu with orientation")
     return PoseProposal(fields, reasons, ("the Imu's orientation must be east-north-up (REP 103)",))
-
-
-def _global_frame(summary: RecordingSummary, ego_frame: str) -> str:
-    """Return the frame in which TF tracks the ego frame; "" if there is none."""
-    parents = {child: parent for parent, child in sorted(summary.edges)}
-    chain = [ego_frame]
-    while chain[-1] in parents and parents[chain[-1]] not in chain:
-        chain.append(parents[chain[-1]])
-    links = set(zip(chain[1:], chain, strict=False))
-    ancestors = chain[1:]
-    # A frame called world is often the floor of a laboratory: only believe what moves, or what a mobile robot has.
-    if not ancestors or not (links & summary.moving or {"odom", "map"} & set(ancestors)):
-        return ""
-    return next((name for name in GLOBAL_FRAMES if name in ancestors), ancestors[-1])

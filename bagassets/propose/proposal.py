@@ -98,7 +98,7 @@ def propose_recipe(
         sheet.field(0, f"clock: {usual}")
     sheet.blank()
     if not rigs:
-        _no_rig(sheet, bare)
+        _no_rig(sheet, bare, unreadable)
     sheet.field(0, "rigs:")
     for rig in rigs:
         write_rig(sheet, rig, clock=rig.clock.clock != usual)
@@ -174,7 +174,7 @@ def _definitions(
     sheet.off(1, "message_definitions: [msg]")
 
 
-def _no_rig(sheet: Sheet, bare: Sequence[Bare]) -> None:
+def _no_rig(sheet: Sheet, bare: Sequence[Bare], unreadable: Mapping[str, str]) -> None:
     undecodable = {
         use.topic.name: use.text for one in bare for use in one.topic_uses if use.status == "not decodable"
     }
@@ -182,6 +182,8 @@ def _no_rig(sheet: Sheet, bare: Sequence[Bare]) -> None:
         topic, why = next(iter(sorted(undecodable.items())))
         more = f" (and {len(undecodable) - 1} more topics)" if len(undecodable) > 1 else ""
         sheet.ask(0, "rigs", f"no sensor can be decoded. {topic}: {why}{more}")
+    elif unreadable and not bare:
+        sheet.ask(0, "rigs", "no recording could be read; mend them, or name another folder with --bags")
     else:
         sheet.ask(
             0,

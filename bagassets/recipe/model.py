@@ -432,6 +432,10 @@ class Recipe(Model):
                 raise FieldValueError(("datasets", number, "rigs"), f"{unknown[0]} is no rig of this recipe")
         return self
 
+    def rig_named(self, name: str) -> Rig | None:
+        """Return a rig by its name; None if there is none."""
+        return next((rig for rig in self.rigs if rig.name == name), None)
+
     def clock_of(self, rig: Rig | None, channel: Channel | None = None) -> Clock:
         """Return which time of the messages of a rig, or of one of its channels, counts."""
         own = None if channel is None else channel.clock

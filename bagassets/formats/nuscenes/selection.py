@@ -66,7 +66,7 @@ def _scene_facts(recipe: Recipe, store: Store, plan: Plan, part: Part, tables: A
             f"{part.key}: inventory or ego_poses are not in the store, which the scenes of a named dataset are chosen "
             "by; run `bagassets build`."
         )
-    track = track_of(store, inventory, poses, recipe.clock)
+    track = track_of(store, inventory, poses, recipe.clock_of(recipe.rig_named(bag.rig)))
     make = partial(scene_selection.make_facts, tables, load_trajectory(poses), track.points)
     outcome = store.run(scene_selection.facts_action(tables, poses, track.digest), make)
     facts: dict[str, Any] = outcome.artifact.read_json(scene_selection.SCENES)

@@ -1,0 +1,161 @@
+"""`bagassets init` as a new user meets it: what it lists, what it asks, how it ends."""
+
+import re
+from textwrap import dedent
+
+import numpy as np
+import pytest
+from rosbags.rosbag1 import Writer
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from bagassets.cli.main import main
+from bagassets.recipe import load_recipe
+from bagassets_tests.small_drive import START_NS, STORE1, messages, write_drive
+
+
+def write_bag(path, entries, store=STORE1):
+    """Write (topic, type, stamp, message) as a ROS 1 bag."""
+    with Writer(path) as writer:
+        connections = {}
+        for topic, msgtype, stamp_ns, message in entries:
+            if topic not in connections:
+                connections[topic] = writer.add_connection(topic, msgtype, typestore=store)
+            writer.write(connections[topic], stamp_ns, store.serialize_ros1(message, msgtype))
+
+
+def robot(number):
+    """Yield the messages of the small drive with the frames of one of several robots."""
+    for topic, msgtype, stamp_ns, message in messages(STORE1, 1.5, ros1=True):
+        for one in getattr(message, "transforms", [message]):
+            one.header.frame_id = f"r{number}/{one.header.frame_id}"
+            if hasattr(one, "child_frame_id"):
+                one.child_frame_id = f"r{number}/{one.child_frame_id}"
+        yield topic, msgtype, stamp_ns, message
+
+
+@pytest.fixture
+def init(tmp_path, capsys, monkeypatch):
+    """Run `bagassets init project --bags bags`; return its exit status and what it printed."""
+    monkeypatch.setenv("COLUMNS", "120")
+    (tmp_path / "bags").mkdir()
+
+    def run(*options):
+        status = main(["init", str(tmp_path / "project"), "--bags", str(tmp_path / "bags"), *options])
+        printed = capsys.readouterr()
+        return status, printed.out.replace(str(tmp_path), "/home/me"), printed.err
+
+    return run
+
+
+def test_everything_guessed(init, tmp_path):
+    write_drive(tmp_path / "bags" / "drive.bag", "ros1")
+    status, out, _ = init()
+    assert status == 0
+    assert out == dedent("""\
+        One rig (1 recording; poses from odometry)
+          topic             type                     messages  becomes
+          /cam/image_raw    sensor_msgs/Image              29  CAM_FRONT
+          /cam/camera_info  sensor_msgs/CameraInfo         29  calibration of CAM_FRONT
+          /points           sensor_msgs/PointCloud2        29  LIDAR_TOP
+          /odom             nav_msgs/Odometry             151  poses
+          /tf_static        tf2_msgs/TFMessage              1  transforms
+
+        Project /home/me/project: recipe.yaml, dagster.yaml, workspace.yaml, .env
+        5 guesses are marked in recipe.yaml; look at them first.
+        Then:
+          cd /home/me/project
+          bagassets build
+        """)
+    assert load_recipe(tmp_path / "project" / "recipe.yaml").rigs[0].name == "rig"
+
+
+def test_what_is_to_be_decided_has_its_line_and_ends_with_2(init, tmp_path):
+    write_drive(
+        tmp_path / "bags" / "drive.bag", "ros1", keep=lambda topic, _: topic not in {"/odom", "/tf_static"}
+    )
+    status, out, _ = init()
+    assert status == 2
+    asked = out.split("To be decided in recipe.yaml before the first build:\n")[1]
+    subjects = re.findall(r"^  (\S.*?) \(lines? ([\d, ]+)\): ", asked, re.MULTILINE)
+    assert [subject for subject, _ in subjects] == ["ego_pose", "CAM_FRONT", "LIDAR_TOP"]
+    text = (tmp_path / "project" / "recipe.yaml").read_text().splitlines()
+    for _, line in subjects:
+        assert text[int(line) - 1].lstrip().startswith("# to be decided: ")
+    assert asked.endswith("When that is done:\n  cd /home/me/project\n  bagassets build\n")
+    # Deciding is uncommenting.
+    decided = "\n".join(text).replace("# source:", "source:").replace("# extrinsics:", "extrinsics:")
+    (tmp_path / "project" / "recipe.yaml").write_text(decided)
+    (rig,) = load_recipe(tmp_path / "project" / "recipe.yaml").rigs
+    assert rig.channels["CAM_FRONT"].extrinsics.rotation == (0.5, -0.5, 0.5, -0.5)
+    assert rig.channels["LIDAR_TOP"].extrinsics.rotation == (1, 0, 0, 0)
+
+
+def test_recordings_without_sensors_are_told_to_have_nothing_to_convert(init, tmp_path):
+    write_drive(tmp_path / "bags" / "poses.bag", "ros1", keep=lambda topic, _: topic == "/odom")
+    status, out, _ = init()
+    assert status == 2
+    assert out.startswith(
+        "Left out: poses.bag (nothing to convert: it has poses or transforms, but no camera, lidar or radar)\n"
+    )
+    assert "so there is nothing to convert; name another" in " ".join(out.split())
+    assert "bagassets build" not in out
+    assert "guesses" not in out
+
+
+def test_what_cannot_be_read_is_named_with_its_reason_beside_what_can(init, tmp_path):
+    write_drive(tmp_path / "bags" / "drive.bag", "ros1")
+    (tmp_path / "bags" / "torn.bag").write_bytes(b"#ROSBAG V2.0\nnothing")
+    (tmp_path / "bags" / "lost").mkdir()
+    (tmp_path / "bags" / "lost" / "metadata.yaml").write_text("rosbag2_bagfile_information:\n")
+    status, out, _ = init()
+    assert status == 0
+    unreadable = [line for line in out.splitlines() if line.startswith("Unreadable: ")]
+    assert [line.split(": ")[1] for line in unreadable] == ["lost", "torn.bag"]
+    assert "there is no .db3 or .mcap file beside its metadata.yaml" in unreadable[0]
+    assert "torn.bag could not be read" in (tmp_path / "project" / "recipe.yaml").read_text()
+
+
+def test_nothing_but_unreadable_recordings(init, tmp_path):
+    (tmp_path / "bags" / "torn.bag").write_bytes(b"#ROSBAG V2.0\nnothing")
+    status, out, _ = init()
+    assert status == 2
+    assert "Unreadable: torn.bag: " in out
+    assert "rigs (line " in out
+    assert "no recording could be read" in out
+
+
+def test_a_sensor_without_decoder_is_named_with_its_type(init, tmp_path):
+    msgtype = "pandar_msgs/msg/PandarScan"
+    store = get_typestore(Stores.ROS1_NOETIC)
+    store.register(get_types_from_msg("uint8[] data\n", msgtype))
+    message = store.types[msgtype](np.zeros(9, np.uint8))
+    write_bag(tmp_path / "bags" / "packets.bag", [("/pandar_packets", msgtype, START_NS, message)], store)
+    status, out, _ = init()
+    assert status == 2
+    assert re.search(r"^  /pandar_packets  pandar_msgs/PandarScan +1$", out, re.MULTILINE)
+    assert "      not decodable: no decoder for pandar_msgs/PandarScan; " in out
+
+
+def test_of_topics_that_nothing_needs_a_few_are_shown(init, tmp_path):
+    text = STORE1.types["std_msgs/msg/String"]("word")
+    write_bag(
+        tmp_path / "bags" / "many.bag",
+        [(f"/text_{number:02d}", "std_msgs/msg/String", START_NS + number, text) for number in range(12)],
+    )
+    _, out, _ = init()
+    assert len(re.findall(r"^  /text_\d+ .* not needed$", out, re.MULTILINE)) == 8
+    assert "\n  and 4 more that are not needed\n" in out
+
+
+def test_three_robots_in_one_folder(init, tmp_path):
+    for number in range(3):
+        write_bag(tmp_path / "bags" / f"robot{number}.bag", robot(number))
+    status, out, _ = init()
+    assert status == 0
+    assert [line for line in out.splitlines() if line.startswith("Rig ")] == [
+        f"Rig robot{number} (1 recording; poses from odometry)" for number in range(3)
+    ]
+    recipe = load_recipe(tmp_path / "project" / "recipe.yaml")
+    assert [(rig.match, rig.ego_frame) for rig in recipe.rigs] == [
+        ((f"robot{number}.bag",), f"r{number}/base_link") for number in range(3)
+    ]
