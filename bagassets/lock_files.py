@@ -82,7 +82,7 @@ class LockFile:
 
     @property
     def is_in_place(self) -> bool:
-        """Tell whether the name of the file still leads to it: a holder may have removed it before we locked it."""
+        """Return whether the name of the file still leads to it: a holder may have removed it before we locked it."""
         with suppress(FileNotFoundError):
             return os.path.samestat(self._path.stat(), os.fstat(self._open_descriptor))
         return False
@@ -127,7 +127,7 @@ class LockFile:
 
 
 def is_locked(path: Path) -> bool:
-    """Tell whether a process holds the lock of a file, whoever made it.
+    """Return whether a process holds the lock of a file, whoever made it.
 
     Raises:
         OSError: that cannot be told: there is no such file, it may not be opened, its file system has no locks.

@@ -8,8 +8,7 @@ import dagster as dg
 from dagster._core.launcher import RunLauncher
 
 from bagassets.build.build_report import BuildOptions
-from bagassets.defs import driver, follow
-from bagassets.defs import situation as situations
+from bagassets.defs import pending_work, project_build, run_pool
 from bagassets.defs.runs import create_run, execute_run
 from bagassets.propose.project import write_project
 from bagassets_tests.small_drive import RECIPE, write_drive
@@ -61,20 +60,20 @@ def build(recipe_file, monkeypatch, **options):
         found.register_instance(instance)
         return found
 
-    monkeypatch.setattr(follow, "create_run", created)
+    monkeypatch.setattr(run_pool, "create_run", created)
     monkeypatch.setattr(dg.DagsterInstance, "run_launcher", property(launcher))
     monkeypatch.setenv("BAGASSETS_RECIPE", str(recipe_file))
     load_definitions(recipe_file)
-    report = driver.bring_up_to_date(recipe_file, BuildOptions(**options), lambda _event: None)
+    report = project_build.build_project(recipe_file, BuildOptions(**options), lambda _event: None)
     return report, runs
 
 
 def survey(recipe_file, **options):
     """Return the state of everything."""
-    with situations.opened(recipe_file) as (instance, workspace):
-        return situations.survey(instance, workspace, BuildOptions(**options))
+    with pending_work.open_project(recipe_file) as (instance, workspace):
+        return pending_work.find_pending_work(instance, workspace, BuildOptions(**options))
 
 
-def states(situation, key):
+def states(pending, key):
     """Return asset -> state of one recording."""
-    return {name: asset.state for name, asset in situation.plan.bags[key].assets.items()}
+    return {name: asset.state for name, asset in pending.plan.bags[key].assets.items()}

@@ -5,11 +5,11 @@ import pytest
 import yaml
 from label_files import box_json
 
+from bagassets.defs.instance_plan import plan_instance
 from bagassets.defs.location import build_definitions
 from bagassets.defs.partitions import add_partitions
-from bagassets.defs.planning import plan_now
 from bagassets.defs.sensor_cursor import Cursor
-from bagassets.defs.sensor_look import Look
+from bagassets.defs.sensor_scan import Scan
 from bagassets.defs.workspace import Workspace
 from bagassets.recipe import load_recipe
 from bagassets_tests.small_drive import RECIPE, write_drive
@@ -41,7 +41,7 @@ def execute(recipe_file, instance, assets):
 
 
 def plan(recipe_file, instance):
-    return plan_now(instance, Workspace(recipe_file=str(recipe_file))).plan.bags["a.mcap"]
+    return plan_instance(instance, Workspace(recipe_file=str(recipe_file))).plan.bags["a.mcap"]
 
 
 def not_fresh(bag):
@@ -69,7 +69,7 @@ def test_the_sensor_asks_for_the_recording_once_per_edit(project):
     def look():
         nonlocal cursor, now_s
         now_s += 1
-        requests = Look(instance, Workspace(recipe_file=str(recipe_file)), cursor).look(now_s)
+        requests = Scan(instance, Workspace(recipe_file=str(recipe_file)), cursor).scan(now_s)
         cursor = Cursor.parse(cursor.text())
         return [(request.partition_key, request.tags["why"]) for request in requests]
 

@@ -21,7 +21,7 @@ from bagassets.assets import calibration
 from bagassets.build import execute
 from bagassets.build.execute import BuildFailure
 from bagassets.build.unexpected import in_words
-from bagassets.defs import situation as situations
+from bagassets.defs.pending_work import open_project
 from bagassets.errors import (
     BagAssetsError,
     ChangedWhileReadError,
@@ -595,5 +595,5 @@ class TestInstance:
             file.write_text(text.format(name="test", root="bags"))
             (file.parent / "bags").mkdir()
             told = "Dagster's database cannot be used .*free space"
-            with pytest.raises(StoreError, match=told), situations.opened(file):
+            with pytest.raises(StoreError, match=told), open_project(file):
                 pass

@@ -18,7 +18,7 @@ from uuid import uuid4
 import dagster as dg
 import pytest
 
-from bagassets.defs.databases import database_in_words, ready_to_open
+from bagassets.defs.databases import database_errors_explained, ready_to_open
 from bagassets.defs.runs import open_instance
 from bagassets.errors import StoreError
 from bagassets.forkserver.client import Client
@@ -237,7 +237,7 @@ def test_damage_within_a_file_is_named_when_it_is_met(home):
 
 
 def _read_everything(home):
-    with database_in_words(str(home)), open_instance(str(home)) as instance:
+    with database_errors_explained(str(home)), open_instance(str(home)) as instance:
         instance.get_latest_materialization_event(dg.AssetKey("asset"))
         instance.event_log_storage.get_latest_storage_id_by_partition(
             dg.AssetKey("asset"), dg.DagsterEventType.ASSET_MATERIALIZATION
@@ -246,7 +246,7 @@ def _read_everything(home):
 
 def test_a_folder_that_cannot_be_made_is_told(home):
     (home / "state").write_text("a file")
-    with pytest.raises(StoreError, match="cannot be made"), ready_to_open(home):
+    with pytest.raises(StoreError, match="cannot be created"), ready_to_open(home):
         pass
 
 

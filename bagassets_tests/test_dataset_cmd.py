@@ -13,9 +13,9 @@ from handmade import Drive, make_tables, true_boxes
 from bagassets.cli.main import root
 from bagassets.defs.dataset import dataset_is_current, record_inputs
 from bagassets.defs.events import STAT
+from bagassets.defs.instance_plan import plan_instance
 from bagassets.defs.location import build_definitions
 from bagassets.defs.partitions import partitions_name
-from bagassets.defs.planning import plan_now
 from bagassets.defs.workspace import Workspace
 from bagassets.errors import DatasetError
 from bagassets.formats.assembly import assemble
@@ -416,7 +416,7 @@ class TestMoreThanAHundredRecordings:
 
     def update(self, instance, workspace):
         """Do what the build does at its end."""
-        inputs = plan_now(instance, workspace).inputs
+        inputs = plan_instance(instance, workspace).inputs
         record_inputs(instance, workspace.recipe, inputs)
         job = build_definitions(Path(workspace.recipe_file)).resolve_implicit_global_asset_job_def()
         result = job.execute_in_process(instance=instance, asset_selection=[dg.AssetKey("nuscenes_dataset")])
@@ -431,7 +431,7 @@ class TestMoreThanAHundredRecordings:
         }
 
     def is_current(self, instance, workspace):
-        return dataset_is_current(instance, workspace.recipe, plan_now(instance, workspace).inputs)
+        return dataset_is_current(instance, workspace.recipe, plan_instance(instance, workspace).inputs)
 
     def test_a_change_and_a_removal_are_noticed_and_only_they_cost_anything(self, project):
         instance, workspace = project

@@ -3,9 +3,9 @@
 import dagster as dg
 import pytest
 
+from bagassets.defs.instance_plan import plan_instance
 from bagassets.defs.location import build_definitions
 from bagassets.defs.partitions import add_partitions
-from bagassets.defs.planning import plan_now
 from bagassets.defs.workspace import Workspace
 from bagassets.formats.nuscenes.dataset_checks import CHECKS as DATASET_CHECKS
 from bagassets.recipe import load_recipe
@@ -31,7 +31,7 @@ def materialize(recipe_file, instance, key, assets=None):
 
 
 def plan_of(recipe_file, instance):
-    return plan_now(instance, Workspace(recipe_file=str(recipe_file))).plan
+    return plan_instance(instance, Workspace(recipe_file=str(recipe_file))).plan
 
 
 def states(plan, key):

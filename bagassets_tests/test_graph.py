@@ -388,7 +388,7 @@ def test_a_run_of_some_assets_goes_by_what_is_given(project, ran):
 # --- plan ---------------------------------------------------------------------------------
 
 
-def recorded_of(graph):
+def recorded_assets(graph):
     """What Dagster would have recorded of a graph that was executed."""
     return {
         name: Recorded(node.artifact.digest, graph.assets.versions[name], action=node.outcome.action_digest)
@@ -402,7 +402,7 @@ def test_a_plan_tells_what_changed_down_to_the_channel(project, ran):
     images = channels("images", ran, {"CAM": TOPICS["CAM"], "ODOM": TOPICS["ODOM"]}, INVENTORY)
     graph = project(poses, images)
     executed(graph)
-    recorded = recorded_of(graph)
+    recorded = recorded_assets(graph)
     assert {state for state, _ in states(project(poses, images, recorded=recorded)).values()} == {"fresh"}
 
     changed = step("poses", ran, INVENTORY, text="new")
@@ -418,7 +418,7 @@ def test_what_is_the_same_under_another_code_version_is_only_recorded(project, r
     poses = step("poses", ran, INVENTORY)
     graph = project(poses)
     executed(graph)
-    recorded = recorded_of(graph)
+    recorded = recorded_assets(graph)
     recorded["poses"] = replace(recorded["poses"], code_version="0")
     reason = "recipe or step version changed, the result did not"
     assert states(project(poses, recorded=recorded))["poses"] == ("record-only", reason)

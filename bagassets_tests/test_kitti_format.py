@@ -193,11 +193,11 @@ def test_explain_names_what_it_is_made_from(template):
 def test_a_changed_option_makes_stale_just_what_reads_it(project, monkeypatch):
     text = project.read_text()
     project.write_text(text.replace("dataset/kitti}", "dataset/kitti, tolerance_s: 0.001}"))
-    situation = in_process.survey(project)
-    states = in_process.states(situation, "a.bag")
+    pending = in_process.survey(project)
+    states = in_process.states(pending, "a.bag")
     assert states.pop("kitti_sequence") == "stale"
     assert set(states.values()) == {"fresh"}
-    assert "tolerance_s" in situation.plan.bags["a.bag"].assets["kitti_sequence"].reason
+    assert "tolerance_s" in pending.plan.bags["a.bag"].assets["kitti_sequence"].reason
     before = content(load_recipe(project).nuscenes.output)
     report, _ = in_process.build(project, monkeypatch)
     assert report.succeeded

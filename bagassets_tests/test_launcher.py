@@ -22,9 +22,9 @@ from dagster._core.workspace.load_target import ModuleTarget
 from dagster._daemon.run_coordinator.queued_run_coordinator_daemon import QueuedRunCoordinatorDaemon
 from dagster_graphql.test.utils import execute_dagster_graphql
 
-from bagassets.defs.follow import Runs
 from bagassets.defs.launcher import BagAssetsRunLauncher
-from bagassets.defs.leftovers import UNTAKEN_S, end_left_behind
+from bagassets.defs.orphaned_runs import UNTAKEN_S, end_orphaned_runs
+from bagassets.defs.run_pool import RunPool
 from bagassets.defs.runs import CodeLocation, create_run, open_instance
 from bagassets.defs.worker_tag import WORKER_TAG, RunWorker
 from bagassets.forkserver.client import Client
@@ -240,7 +240,7 @@ def test_a_tag_copied_from_the_parent_means_nothing(instance):
 
 
 def test_a_run_of_the_build_can_be_executed_again_in_the_web_ui(workspace, instance, place):
-    with Runs(instance, 1, lambda _event: None, place / "code-server.log", LOCATION) as runs:
+    with RunPool(instance, 1, lambda _event: None, place / "code-server.log", LOCATION) as runs:
         runs.work({"": ("whole",)})
     assert runs.ended[""].problem is None
     run_id = runs.ended[""].run_id
@@ -458,7 +458,7 @@ def test_a_run_that_nobody_launched_is_reported_after_a_while_and_not_before(ins
     begin_to_start(instance, young, waited_s=UNTAKEN_S - 60)
     begin_to_start(instance, old, waited_s=UNTAKEN_S + 1)
     age(instance, never, UNTAKEN_S + 1)
-    reported, watched_by_nobody = end_left_behind(instance)
+    reported, watched_by_nobody = end_orphaned_runs(instance)
     assert (set(reported), watched_by_nobody) == ({old, never}, 1)
     assert [status_of(instance, run_id) for run_id in (young, old, never)] == [
         "STARTING",
@@ -467,7 +467,7 @@ def test_a_run_that_nobody_launched_is_reported_after_a_while_and_not_before(ins
     ]
     assert "No worker took this run within 300 s" in messages(instance, old)
     age(instance, young, UNTAKEN_S + 1)
-    assert end_left_behind(instance) == ([young], 0)
+    assert end_orphaned_runs(instance) == ([young], 0)
 
 
 def test_a_run_that_was_never_handed_to_its_server_is_reported(instance, builder):
@@ -475,9 +475,9 @@ def test_a_run_that_was_never_handed_to_its_server_is_reported(instance, builder
     begin_to_start(instance, run_id, waited_s=0)
     instance.add_run_tags(run_id, RunWorker(run_id, builder.process).tags())
     age(instance, run_id, UNTAKEN_S - 60)
-    assert end_left_behind(instance) == ([], 1)
+    assert end_orphaned_runs(instance) == ([], 1)
     age(instance, run_id, UNTAKEN_S + 1)
-    assert end_left_behind(instance) == ([run_id], 0)
+    assert end_orphaned_runs(instance) == ([run_id], 0)
 
 
 def test_runs_of_others_are_not_taken_for_left_behind(instance, tmp_path, workspace, steering):
@@ -495,14 +495,14 @@ def test_runs_of_others_are_not_taken_for_left_behind(instance, tmp_path, worksp
         tag = {GRPC_INFO_TAG: json.dumps({"host": "localhost", "socket": place}), WORKER_TAG: ""}
         instance.add_run_tags(left_to_dagster, tag)
         age(instance, left_to_dagster, 2 * UNTAKEN_S)
-        assert end_left_behind(instance) == ([], 0)
+        assert end_orphaned_runs(instance) == ([], 0)
         Path(place).unlink()
-    assert end_left_behind(instance) == ([left_to_dagster], 0)
+    assert end_orphaned_runs(instance) == ([left_to_dagster], 0)
     instance.report_run_failed(instance.get_run_by_id(started))
     waits = click(workspace, "patient")
     wait_for_attempt(steering)
     age(instance, waits, 2 * UNTAKEN_S)
-    assert end_left_behind(instance) == ([], 0)
+    assert end_orphaned_runs(instance) == ([], 0)
     assert instance.run_launcher.terminate(waits)
     assert ended(instance, waits) == "CANCELED"
 

@@ -16,7 +16,7 @@ from bagassets import lock_files
 from bagassets.build.build_report import BagOutcome, BuildReport
 from bagassets.build.plan_model import Plan
 from bagassets.build.summary_rows import summary_rows
-from bagassets.defs import driver
+from bagassets.defs import project_build
 from bagassets.defs.exclusive import exclusive
 from bagassets.errors import RecipeError, RecordingError
 from bagassets.formats.guard import GUARD, guarded
@@ -306,7 +306,7 @@ def test_a_recording_removed_before_the_summary_has_a_row(tmp_path):
 
 def test_a_recording_removed_during_a_build_costs_nothing_but_itself(tmp_path, monkeypatch):
     recipe_file = make_project(tmp_path, ["a.bag", "b.mcap"])
-    original = driver.bring_up_to_date
+    original = project_build.build_project
 
     def build_and_remove(file, options, _on_event):
         def remove(event):
@@ -315,7 +315,7 @@ def test_a_recording_removed_during_a_build_costs_nothing_but_itself(tmp_path, m
 
         return original(file, options, remove)
 
-    monkeypatch.setattr(driver, "bring_up_to_date", build_and_remove)
+    monkeypatch.setattr(project_build, "build_project", build_and_remove)
     report, _ = build(recipe_file, monkeypatch)
     rows = {row.recording: row for row in summary_rows(report, Store(load_recipe(recipe_file).store_path))}
     assert rows["a.bag"].reason == "it was removed meanwhile, so the dataset is without it"

@@ -13,7 +13,7 @@ from bagassets.build.choose import SelectionError, choose_assets, choose_recordi
 from bagassets.build.differences import changes, flat, in_words
 from bagassets.build.plan import Planner
 from bagassets.build.plan_model import AssetState, BagPlan
-from bagassets.defs import situation
+from bagassets.defs.pending_work import open_project
 from bagassets.errors import RecordingError
 from bagassets.formats.catalogue import recording_assets
 from bagassets.freshness.cache import NAME
@@ -277,7 +277,7 @@ def test_a_missing_bag_root_is_told_with_the_line_of_the_recipe(built):
 
 
 def test_a_plan_of_dagsters_empty_log_is_all_records(built, monkeypatch):
-    with situation.opened(built) as (instance, workspace):
+    with open_project(built) as (instance, workspace):
         live = frozenset(workspace.discover().recordings)
         for key in live:
             instance.delete_dynamic_partition(f"{workspace.recipe.name}_recordings", key)

@@ -5,7 +5,7 @@ from collections import Counter
 import dagster as dg
 
 from bagassets.build.plan import Planner
-from bagassets.defs import planning, situation
+from bagassets.defs import instance_plan, pending_work
 from bagassets_tests.in_process import QUICK, build, make_project
 from bagassets_tests.small_drive import write_drive
 
@@ -15,7 +15,7 @@ KEY = "a.bag"
 def planned(recipe_file, monkeypatch):
     """Build; return how often each recording was looked into, and how often everything was."""
     keys, whole = Counter(), Counter()
-    plan, look = Planner.plan, planning.plan_now
+    plan, look = Planner.plan, instance_plan.plan_instance
 
     def note(self, found, recorded):
         keys[found.key] += 1
@@ -27,8 +27,8 @@ def planned(recipe_file, monkeypatch):
 
     with monkeypatch.context() as patch:
         patch.setattr(Planner, "plan", note)
-        for module in (planning, situation):
-            patch.setattr(module, "plan_now", note_whole)
+        for module in (instance_plan, pending_work):
+            patch.setattr(module, "plan_instance", note_whole)
         report, _ = build(recipe_file, monkeypatch)
     return report, keys, whole["all"]
 
@@ -66,13 +66,13 @@ def test_a_recording_that_failed_is_not_planned_for_each_dataset_again(tmp_path,
 def test_what_another_run_recorded_meanwhile_is_planned_again(tmp_path, monkeypatch):
     recipe = make_project(tmp_path, [KEY, "b.mcap"])
     build(recipe, monkeypatch)
-    with situation.opened(recipe) as (instance, workspace):
-        before = planning.plan_now(instance, workspace)
-        unchanged = planning.plan_again(instance, workspace, before, [])
+    with pending_work.open_project(recipe) as (instance, workspace):
+        before = instance_plan.plan_instance(instance, workspace)
+        unchanged = instance_plan.replan_instance(instance, workspace, before, [])
         assert unchanged.plan == before.plan
         instance.report_runless_asset_event(
             dg.AssetMaterialization("inventory", partition=KEY, tags={"dagster/data_version": "0" * 64})
         )
-        now = planning.plan_again(instance, workspace, before, [])
+        now = instance_plan.replan_instance(instance, workspace, before, [])
         assert now.plan.bags[KEY].assets["inventory"].state == "record-only"
         assert now.plan.bags["b.mcap"] is before.plan.bags["b.mcap"]

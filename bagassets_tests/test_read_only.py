@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from bagassets.cli.main import EXIT_ERROR, main
-from bagassets.defs.databases import database_in_words
+from bagassets.defs.databases import database_errors_explained
 from bagassets.errors import StoreError
 from bagassets.store.writable import require_writable
 from bagassets_tests.in_process import make_project
@@ -55,6 +55,6 @@ def test_a_database_of_our_own_that_cannot_be_opened_is_told_in_words(tmp_path):
         pytest.raises(
             StoreError, match=r"cannot be used \(unable to open database file\); free space, or mend"
         ),
-        database_in_words(str(tmp_path)),
+        database_errors_explained(str(tmp_path)),
     ):
         sqlite3.connect(tmp_path / "missing" / "digests.sqlite")

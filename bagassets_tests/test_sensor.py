@@ -1,4 +1,4 @@
-"""The sensor, look by look, in a real Dagster instance; and what it remembers in between."""
+"""The sensor, scan by scan, in a real Dagster instance; and what it remembers in between."""
 
 import datetime as dt
 import os
@@ -14,14 +14,14 @@ from dagster._core.events import DagsterEvent, DagsterEventType
 from dagster._core.loader import LoadingContextForTest
 from dagster._core.storage.tags import PARTITION_NAME_TAG
 
-from bagassets.defs import sensor, sensor_look
+from bagassets.defs import sensor, sensor_scan
 from bagassets.defs.events import event_database, live_partitions
-from bagassets.defs.leftovers import UNTAKEN_S
 from bagassets.defs.location import build_definitions
+from bagassets.defs.orphaned_runs import UNTAKEN_S
 from bagassets.defs.partitions import add_partitions
 from bagassets.defs.runs import create_run, open_instance
 from bagassets.defs.sensor_cursor import MOST_TRIES, RETRY_S, Cursor
-from bagassets.defs.sensor_look import Look
+from bagassets.defs.sensor_scan import Scan
 from bagassets.defs.workspace import Workspace
 from bagassets.errors import RecordingError
 from bagassets.formats.catalogue import recording_assets
@@ -101,7 +101,7 @@ def test_an_unreadable_cursor_is_as_good_as_none(text):
     assert Cursor.parse(text) == Cursor()
 
 
-# --- looks -------------------------------------------------------------------------------
+# --- scans -------------------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -132,11 +132,11 @@ class Project:
     def live(self):
         return live_partitions(self.instance, self.recipe)
 
-    def look(self, after_s=1.0):
-        """Look anew, as a tick does; return the runs asked for as key -> request."""
+    def scan(self, after_s=1.0):
+        """Scan anew, as a tick does; return the runs asked for as key -> request."""
         self.now_s += after_s
-        look = Look(self.instance, Workspace(recipe_file=str(self.recipe_file)), self.cursor)
-        requests = look.look(self.now_s)
+        scan = Scan(self.instance, Workspace(recipe_file=str(self.recipe_file)), self.cursor)
+        requests = scan.scan(self.now_s)
         self.cursor = Cursor.parse(self.cursor.text())
         return {request.partition_key or "": request for request in requests}
 
@@ -149,9 +149,9 @@ class Project:
             raise_on_error=False,
         )
 
-    def bring_up_to_date(self):
+    def build_project(self):
         for _ in range(5):
-            requests = self.look()
+            requests = self.scan()
             if not requests:
                 return
             for request in requests.values():
@@ -165,26 +165,26 @@ class Project:
 
 def test_a_new_recording_is_registered_and_asked_for_once_it_has_settled(project):
     project.settle_for(30)
-    assert project.look() == {}
+    assert project.scan() == {}
     assert project.live == frozenset()
     assert project.cursor.said == "1 recording; waiting for a.bag to settle."
-    (request,) = project.look(after_s=30).values()
+    (request,) = project.scan(after_s=30).values()
     assert request.partition_key == "a.bag"
     assert request.asset_selection == [
         dg.AssetKey(name) for name in ("bag", *recording_assets(project.recipe).names)
     ]
     assert request.tags["why"] == "new recording"
     assert project.live == {"a.bag"}
-    assert project.look() == {}  # asked for already
+    assert project.scan() == {}  # asked for already
 
 
 def test_the_dataset_is_asked_for_when_the_recordings_are_done_and_then_nothing(project):
-    (recording,) = project.look().values()
+    (recording,) = project.scan().values()
     assert project.execute(recording).success
-    (dataset,) = project.look().values()
+    (dataset,) = project.scan().values()
     assert dataset.asset_selection == project.datasets
     assert project.execute(dataset).success
-    assert project.look() == {}
+    assert project.scan() == {}
     assert project.cursor.said == "1 recording; up to date."
     assert (project.cursor.asked, project.cursor.watched) == ({}, {})
 
@@ -200,80 +200,80 @@ def stale(project):
 
 
 def test_the_markers_of_dagster_are_gone_when_the_sensor_has_nothing_to_do(project):
-    project.bring_up_to_date()
+    project.build_project()
     assert stale(project) == set()
     shutil.copy(project.bags / "a.bag", project.bags / "c.bag")
     (project.bags / "c.bag").open("ab").close()
-    project.bring_up_to_date()
+    project.build_project()
     assert stale(project) == set()
     (project.bags / "c.bag").unlink()
-    project.bring_up_to_date()
+    project.build_project()
     assert stale(project) == set()
 
 
 def test_nothing_is_planned_when_nothing_has_changed(project, monkeypatch):
-    project.bring_up_to_date()
+    project.build_project()
     assert project.cursor.quiet
 
     def planned(*_args):
         raise AssertionError("the plan was made again")
 
-    monkeypatch.setattr("bagassets.defs.sensor_look.plan_now", planned)
-    assert project.look() == {}
+    monkeypatch.setattr("bagassets.defs.sensor_scan.plan_instance", planned)
+    assert project.scan() == {}
     assert project.cursor.said == "1 recording; up to date."
     project.instance.wipe_assets([dg.AssetKey("frames")])
     with pytest.raises(AssertionError, match="the plan was made again"):
-        project.look()
+        project.scan()
 
 
 @pytest.mark.parametrize("change", ["recording", "recipe", "wipe"])
 def test_what_changes_is_asked_for_alone(project, change):
     write_drive(project.bags / "b.mcap", "mcap", duration_s=2.0)
-    project.bring_up_to_date()
+    project.build_project()
     if change == "recording":
         write_drive(project.bags / "b.mcap", "mcap", duration_s=2.5)
     elif change == "recipe":  # the code location still has the recipe of before
         project.recipe_file.write_text(project.recipe_file.read_text() + "scenes: {keyframe_hz: 1.0}\n")
     else:
         project.instance.wipe_assets([dg.AssetKey("nuscenes_tables")])
-    requests = project.look()
+    requests = project.scan()
     assert set(requests) == ({"b.mcap"} if change == "recording" else {"a.bag", "b.mcap"})
 
 
 def test_a_removed_recording_loses_its_partition_and_the_dataset_its_scenes(project):
     shutil.copy(project.bags / "a.bag", project.bags / "z.bag")
     write_drive(project.bags / "b.mcap", "mcap", duration_s=2.0)
-    project.bring_up_to_date()
+    project.build_project()
     assert project.live == {"a.bag", "b.mcap", "z.bag"}
     (project.bags / "b.mcap").unlink()
-    (request,) = project.look().values()
+    (request,) = project.scan().values()
     assert project.live == {"a.bag", "z.bag"}
     assert request.asset_selection == project.datasets
 
 
 def test_all_recordings_at_once_are_dropped_after_a_while_as_a_disk_may_come_back(project):
     write_drive(project.bags / "b.mcap", "mcap", duration_s=2.0)
-    project.bring_up_to_date()
+    project.build_project()
     away = project.bags.with_name("away")
     project.bags.rename(away)
     project.bags.mkdir()
-    assert project.look() == {}
+    assert project.scan() == {}
     assert "is its disk mounted?" in project.cursor.said
     assert project.live == {"a.bag", "b.mcap"}
     project.bags.rmdir()
     away.rename(project.bags)
-    assert project.look(after_s=50) == {}
+    assert project.scan(after_s=50) == {}
     project.bags.rename(away)
     project.bags.mkdir()
-    assert project.look(after_s=50) == {}
+    assert project.scan(after_s=50) == {}
     assert project.live == {"a.bag", "b.mcap"}
-    assert set(project.look(after_s=61)) == {""}
+    assert set(project.scan(after_s=61)) == {""}
     assert project.live == frozenset()
 
 
 def test_recordings_in_a_folder_that_cannot_be_read_stay_and_others_go_on(project, monkeypatch):
     write_drive(project.bags / "day" / "b.mcap", "mcap", duration_s=2.0)
-    project.bring_up_to_date()
+    project.build_project()
     scandir = os.scandir
 
     def refuse(path):
@@ -283,33 +283,33 @@ def test_recordings_in_a_folder_that_cannot_be_read_stay_and_others_go_on(projec
 
     monkeypatch.setattr(os, "scandir", refuse)
     shutil.copy(project.bags / "a.bag", project.bags / "z.bag")
-    project.bring_up_to_date()
+    project.build_project()
     assert project.live == {"a.bag", "day__b.mcap", "z.bag"}
     (project.bags / "a.bag").unlink()
     (project.bags / "z.bag").unlink()
-    project.look(after_s=100)
-    project.look(after_s=100)
+    project.scan(after_s=100)
+    project.scan(after_s=100)
     assert project.live == {"day__b.mcap"}
     monkeypatch.undo()
-    project.bring_up_to_date()
+    project.build_project()
     assert project.live == {"day__b.mcap"}
 
 
 def test_the_last_recording_goes_at_once(project):
-    project.bring_up_to_date()
+    project.build_project()
     (project.bags / "a.bag").unlink()
-    assert set(project.look()) == {""}
+    assert set(project.scan()) == {""}
     assert project.live == frozenset()
 
 
 def test_a_recording_that_comes_back_as_it_was_is_recorded_anew_without_work(project):
     write_drive(project.bags / "b.mcap", "mcap", duration_s=2.0)
-    project.bring_up_to_date()
+    project.build_project()
     away = project.bags.parent / "b.mcap"
     (project.bags / "b.mcap").rename(away)
-    project.bring_up_to_date()
+    project.build_project()
     away.rename(project.bags / "b.mcap")
-    (request,) = project.look().values()
+    (request,) = project.scan().values()
     assert project.live == {"a.bag", "b.mcap"}
     events = project.execute(request).all_events
     made = [e.event_specific_data.materialization for e in events if e.is_step_materialization]
@@ -318,15 +318,15 @@ def test_a_recording_that_comes_back_as_it_was_is_recorded_anew_without_work(pro
 
 def test_a_failure_on_record_is_told_and_not_tried_again(project):
     (project.bags / "broken.bag").write_bytes(b"#ROSBAG V2.0\n" + b"x" * 100)
-    for request in project.look().values():
+    for request in project.scan().values():
         assert project.execute(request).success == (request.partition_key == "a.bag")
-    (dataset,) = project.look().values()
+    (dataset,) = project.scan().values()
     assert dataset.asset_selection == project.datasets
     assert project.execute(dataset).success
-    assert project.look(after_s=1000) == {}
+    assert project.scan(after_s=1000) == {}
     assert project.cursor.said == "2 recordings; failed: broken.bag."
     shutil.copy(project.bags / "a.bag", project.bags / "broken.bag")
-    assert set(project.look()) == {"broken.bag"}
+    assert set(project.scan()) == {"broken.bag"}
 
 
 def make_run(project, key, status):
@@ -337,55 +337,55 @@ def make_run(project, key, status):
 
 
 def test_a_run_that_was_lost_is_asked_for_again_after_a_while(project):
-    assert set(project.look()) == {"a.bag"}
+    assert set(project.scan()) == {"a.bag"}
     make_run(project, "a.bag", dg.DagsterRunStatus.FAILURE)
-    assert project.look(after_s=RETRY_S - 2) == {}
-    assert set(project.look(after_s=3)) == {"a.bag"}
+    assert project.scan(after_s=RETRY_S - 2) == {}
+    assert set(project.scan(after_s=3)) == {"a.bag"}
 
 
 def test_a_run_that_somebody_cancelled_is_not_asked_for_again(project):
-    assert set(project.look()) == {"a.bag"}
+    assert set(project.scan()) == {"a.bag"}
     make_run(project, "a.bag", dg.DagsterRunStatus.CANCELED)
-    assert project.look(after_s=10 * RETRY_S) == {}
+    assert project.scan(after_s=10 * RETRY_S) == {}
     (project.bags / "a.bag").touch()
-    assert set(project.look()) == {"a.bag"}
+    assert set(project.scan()) == {"a.bag"}
 
 
 def test_a_recording_with_a_run_is_left_alone(project):
     make_run(project, "a.bag", dg.DagsterRunStatus.STARTED)
-    assert project.look() == {}
+    assert project.scan() == {}
     assert project.cursor.said == "1 recording; waiting for 1 run(s)."
 
 
 def test_no_more_runs_are_asked_for_than_are_worked_off(project, monkeypatch):
-    monkeypatch.setattr(sensor_look, "MOST_RUNS", 2)
+    monkeypatch.setattr(sensor_scan, "MOST_RUNS", 2)
     for name in ("b.bag", "c.bag", "d.bag"):
         shutil.copy(project.bags / "a.bag", project.bags / name)
     make_run(project, "a.bag", dg.DagsterRunStatus.STARTED)
-    assert set(project.look()) == {"b.bag"}
+    assert set(project.scan()) == {"b.bag"}
     make_run(project, "b.bag", dg.DagsterRunStatus.STARTED)
-    assert project.look() == {}
+    assert project.scan() == {}
     assert project.live == {"a.bag", "b.bag", "c.bag", "d.bag"}
 
 
 def test_the_dataset_waits_for_runs_but_not_for_ever(project):
-    project.bring_up_to_date()
+    project.build_project()
     shutil.copy(project.bags / "a.bag", project.bags / "b.bag")
-    (recording,) = project.look().values()
+    (recording,) = project.scan().values()
     assert project.execute(recording).success
     make_run(project, "long.bag", dg.DagsterRunStatus.STARTED)
-    assert project.look() == {}
-    assert project.look(after_s=30) == {}
-    (request,) = project.look(after_s=31).values()
+    assert project.scan() == {}
+    assert project.scan(after_s=30) == {}
+    (request,) = project.scan(after_s=31).values()
     assert request.asset_selection == project.datasets
 
 
 def test_a_second_run_of_the_dataset_waits_for_the_first(project):
-    for request in project.look().values():
+    for request in project.scan().values():
         assert project.execute(request).success
     make_run(project, "", dg.DagsterRunStatus.STARTED)
-    assert project.look() == {}
-    assert project.look(after_s=100) == {}
+    assert project.scan() == {}
+    assert project.scan(after_s=100) == {}
 
 
 # --- ticks -------------------------------------------------------------------------------
@@ -418,15 +418,15 @@ def test_a_tick_does_not_wait_for_one_that_takes_longer(project, monkeypatch):
 
 def test_a_recording_that_goes_during_a_look_is_no_failure(project, monkeypatch):
     monkeypatch.setattr(sensor, "PAUSE_S", 0.0)
-    plan_now, calls = sensor_look.plan_now, []
+    plan_instance, calls = sensor_scan.plan_instance, []
 
     def plan(*args):
         calls.append(args)
         if len(calls) == 1:
             raise RecordingError("a.bag: cannot be read (No such file or directory); was it removed?")
-        return plan_now(*args)
+        return plan_instance(*args)
 
-    monkeypatch.setattr(sensor_look, "plan_now", plan)
+    monkeypatch.setattr(sensor_scan, "plan_instance", plan)
     assert [request.partition_key for request in tick(project).run_requests] == ["a.bag"]
 
 
@@ -479,10 +479,10 @@ def make_old(instance, run_id):
 
 def test_a_run_left_behind_no_longer_keeps_the_sensor_from_asking(left_behind):
     recipe_file, instance, run_id = left_behind
-    look = Look(instance, Workspace(recipe_file=str(recipe_file)), Cursor())
-    assert [look.look(T0_S + second) for second in (0, 1)] == [[], []], "it may be starting"
+    scan = Scan(instance, Workspace(recipe_file=str(recipe_file)), Cursor())
+    assert [scan.scan(T0_S + second) for second in (0, 1)] == [[], []], "it may be starting"
     make_old(instance, run_id)
-    (request,) = look.look(T0_S + 2)
+    (request,) = scan.scan(T0_S + 2)
     assert request.partition_key == "a.bag"
     assert instance.get_run_by_id(run_id).status == dg.DagsterRunStatus.FAILURE
 

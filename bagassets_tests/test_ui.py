@@ -79,7 +79,7 @@ def test_it_shows_the_project_and_leaves_nothing_behind(project):
             timeout=60,
         )
         assert second.returncode == 1
-        assert f"is open already at {url}" in second.stderr
+        assert f"is running already at {url}" in second.stderr
 
         sessions = [process.pid, *child_sessions(process.pid)]
         process.send_signal(signal.SIGINT)

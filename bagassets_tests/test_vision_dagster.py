@@ -6,9 +6,9 @@ import dagster as dg
 import pytest
 
 from bagassets.defs.dataset import dataset_is_current
+from bagassets.defs.instance_plan import plan_instance
 from bagassets.defs.location import build_definitions
 from bagassets.defs.partitions import add_partitions
-from bagassets.defs.planning import plan_now
 from bagassets.defs.workspace import Workspace
 from bagassets.recipe import load_recipe
 from bagassets_tests.small_drive import RECIPE, write_drive
@@ -56,7 +56,7 @@ def test_all_of_them_are_made(project):
 def test_the_datasets_are_current_until_what_they_are_made_with_changes(project, tmp_path):
     recipe_file, instance, _ = project
     workspace = Workspace(recipe_file=str(recipe_file))
-    inputs = plan_now(instance, workspace).inputs
+    inputs = plan_instance(instance, workspace).inputs
     assert len(inputs.parts["vision"]) == 1
     assert dataset_is_current(instance, workspace.recipe, inputs)
     for change in ("frames: 4", "frames: 5, files: one"):
@@ -98,7 +98,7 @@ def test_a_recording_without_sequences_still_enters_the_nuscenes_dataset(project
     monkeypatch.setattr("bagassets.formats.vision.recording_part.cut_sequences", fail)
     result = materialize(other, instance, ["vision_sequences"])
     assert not result.success
-    inputs = plan_now(instance, Workspace(recipe_file=str(other))).inputs
+    inputs = plan_instance(instance, Workspace(recipe_file=str(other))).inputs
     assert [part.key for part in inputs.parts["nuscenes"]] == ["a.bag"]
     assert inputs.parts["vision"] == ()
     assert inputs.failed["vision"] == {"a.bag": "this is a test"}

@@ -27,9 +27,9 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from bagassets.build.plan import Planner
 from bagassets.build.plan_model import AssetState, BagPlan
 from bagassets.defs.events import event_database, fetch_recorded, latest_ids
+from bagassets.defs.instance_plan import plan_instance, workspace_fingerprint
 from bagassets.defs.partitions import add_partitions
-from bagassets.defs.planning import plan_now, project_of
-from bagassets.defs.situation import opened
+from bagassets.defs.pending_work import open_project
 from bagassets.defs.workspace import Workspace
 from bagassets.formats.catalogue import recording_assets
 from bagassets.formats.dataset_build import dataset_code_versions
@@ -102,13 +102,13 @@ def prepare(recipe_file: Path, number: int) -> None:
     for index in range(number):
         with (bags / f"r{index:06}.bag").open("wb") as stream:
             stream.truncate(SIZE)
-    with opened(recipe_file) as (instance, workspace):
+    with open_project(recipe_file) as (instance, workspace):
         recipe = workspace.recipe
         recordings = workspace.discover().recordings
         add_partitions(instance, recipe, list(recordings))
         assets = ("bag", *recording_assets(recipe).names)
         record(instance, assets, list(recordings))
-        ids, project = latest_ids(instance), str(project_of(workspace))
+        ids, project = latest_ids(instance), str(workspace_fingerprint(workspace))
         remembered = {}
         for key, recording in recordings.items():
             states = {}
@@ -158,7 +158,7 @@ def record(instance: dg.DagsterInstance, assets: tuple[str, ...], keys: list[str
 def datasets(instance: dg.DagsterInstance, workspace: Workspace) -> None:
     """Make datasets on disk of which only the lock files matter, and record them."""
     recipe = workspace.recipe
-    inputs = plan_now(instance, workspace).inputs
+    inputs = plan_instance(instance, workspace).inputs
     if len(inputs.parts["nuscenes"]) != len(workspace.discover().recordings):
         sys.exit("the benchmark is out of date: the plan does not take its recordings for fresh")
     for name in ("samples", "sweeps", "maps", recipe.nuscenes.version):
@@ -193,7 +193,7 @@ def walk(recipe_file: Path) -> float:
         write_drive(recipe_file.parent / "bags" / f"{number}.bag", "ros1", duration_s=2.0 + number)
     write_project(recipe_file.parent, RECIPE)
     timed(["build", "--recipe", str(recipe_file)], "built in")
-    with opened(recipe_file) as (instance, workspace):
+    with open_project(recipe_file) as (instance, workspace):
         recordings = workspace.discover().recordings
         recorded = fetch_recorded(instance, latest_ids(instance), recordings)
         planner = Planner(workspace.assets, workspace.store, workspace.index)

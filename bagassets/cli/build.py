@@ -104,7 +104,7 @@ def _build(recipe: Path, options: "BuildOptions", trace: Path | None, *, as_json
     from bagassets.build.build_report import BuildReport, SummaryRow
     from bagassets.cli.summary import MOST_ROWS, print_summary
 
-    told = _told_by_server(recipe, options, trace, None if as_json else MOST_ROWS)
+    told = _build_on_server(recipe, options, trace, None if as_json else MOST_ROWS)
     report = BuildReport.from_json(told)
     if as_json:
         echo_lines(json.dumps(told, indent=1))
@@ -115,7 +115,7 @@ def _build(recipe: Path, options: "BuildOptions", trace: Path | None, *, as_json
     return 0 if report.succeeded else EXIT_FAILED
 
 
-def _told_by_server(
+def _build_on_server(
     recipe: Path, options: "BuildOptions", trace: Path | None, most: int | None
 ) -> dict[str, Any]:
     """Have the build made, and show how it goes; return the report and the rows of its table as JSON."""
@@ -147,28 +147,26 @@ def _look(recipe: Path, options: "BuildOptions", *, check: bool, as_json: bool) 
     """Tell what a build would do; return the exit status of --check, or 0 of a dry run."""
     from bagassets.cli.dry_run import dry_run_json, dry_run_lines, verdict
     from bagassets.cli.summary import print_remarks, summary_console
-    from bagassets.defs.situation import opened, survey, would_move
+    from bagassets.defs.pending_work import expected_moves, find_pending_work, open_project
     from bagassets.formats.checking import remarks_on_record
 
-    with opened(recipe) as (instance, workspace):
-        situation = survey(instance, workspace, options)
-        moved = would_move(situation, workspace.recipe) if situation.datasets else {}
+    with open_project(recipe) as (instance, workspace):
+        pending = find_pending_work(instance, workspace, options)
+        moved = expected_moves(pending, workspace.recipe) if pending.datasets else {}
         # What is going to be built again is going to be checked again.
-        done = [situation.plan.bags[key] for key in sorted(situation.chosen - situation.todo.keys())]
-        remarks = tuple(
-            remarks_on_record(workspace.recipe, workspace.store, situation.planned.discovery, done)
-        )
+        done = [pending.plan.bags[key] for key in sorted(pending.chosen - pending.todo.keys())]
+        remarks = tuple(remarks_on_record(workspace.recipe, workspace.store, pending.planned.discovery, done))
     if as_json:
-        echo_lines(dry_run_json(situation, moved, remarks))
+        echo_lines(dry_run_json(pending, moved, remarks))
     else:
-        for line in dry_run_lines(situation) if not check else ():
+        for line in dry_run_lines(pending) if not check else ():
             echo_lines(line)
         print_remarks(remarks, summary_console())
         for key, (was, now) in moved.items():
             echo(f"{key} would move from {was} to {now}; `splits.pinned` keeps it where it is.")
-        echo(verdict(situation))
+        echo(verdict(pending))
     if not check:
         return 0
-    if not situation.is_settled:
+    if not pending.is_settled:
         return EXIT_STALE
-    return EXIT_FAILED if situation.failed else 0
+    return EXIT_FAILED if pending.failed else 0

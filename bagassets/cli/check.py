@@ -43,19 +43,19 @@ def check(recipe: Path, bags: tuple[str, ...], as_json: bool) -> int:
     """
     from bagassets.build.build_report import BuildOptions
     from bagassets.build.choose import SelectionError
-    from bagassets.defs.situation import opened, survey
+    from bagassets.defs.pending_work import find_pending_work, open_project
     from bagassets.formats.checking import check_bag, check_datasets
 
     try:
-        with opened(recipe) as (instance, workspace):
-            situation = survey(instance, workspace, BuildOptions(bags=bags))
+        with open_project(recipe) as (instance, workspace):
+            pending = find_pending_work(instance, workspace, BuildOptions(bags=bags))
     except SelectionError as err:
         raise click.UsageError(str(err)) from err
     loaded, store = workspace.recipe, workspace.store
     verdicts = [
         verdict
-        for key in sorted(situation.chosen)
-        for verdict in check_bag(loaded, store, situation.planned.discovery, situation.plan.bags[key])
+        for key in sorted(pending.chosen)
+        for verdict in check_bag(loaded, store, pending.planned.discovery, pending.plan.bags[key])
     ]
     if not bags:
         verdicts += check_datasets(loaded)

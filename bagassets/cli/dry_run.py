@@ -9,7 +9,7 @@ from bagassets.build.plan_model import State
 from bagassets.escaping import visible
 
 if TYPE_CHECKING:
-    from bagassets.defs.situation import Situation
+    from bagassets.defs.pending_work import PendingWork
 
 __all__ = ["dry_run_json", "dry_run_lines", "verdict"]
 
@@ -22,67 +22,65 @@ _WORDS: dict[State, str] = {
 }
 
 
-def dry_run_lines(situation: "Situation") -> Iterator[str]:
+def dry_run_lines(pending: "PendingWork") -> Iterator[str]:
     """Yield what a build would do to recordings and datasets, for people."""
-    for key, assets in situation.todo.items():
+    for key, assets in pending.todo.items():
         yield key
         for name in assets:
-            state = situation.plan.bags[key].assets[name]
+            state = pending.plan.bags[key].assets[name]
             if state.state in _WORDS:
                 yield f"  {_WORDS[state.state]:<8} {name:<17} {visible(state.reason)}"
-    for key, reason in situation.failed.items():
-        if key not in situation.todo:
+    for key, reason in pending.failed.items():
+        if key not in pending.todo:
             yield f"{key}\n  failed before and is not tried again without --retry-failed: {reason}"
-    for key in situation.plan.removed:
+    for key in pending.plan.removed:
         yield f"{key}\n  is gone: its partition and scenes would be removed"
-    if situation.datasets:
-        yield f"dataset\n  {_dataset(situation)}"
+    if pending.datasets:
+        yield f"dataset\n  {_dataset(pending)}"
 
 
-def verdict(situation: "Situation") -> str:
+def verdict(pending: "PendingWork") -> str:
     """Return one line on whether there is something to do."""
-    if situation.is_settled:
-        fresh = len(situation.chosen) - len(situation.failed)
-        failed = f", {len(situation.failed)} failed before" if situation.failed else ""
+    if pending.is_settled:
+        fresh = len(pending.chosen) - len(pending.failed)
+        failed = f", {len(pending.failed)} failed before" if pending.failed else ""
         return f"nothing to do: {_recordings(fresh)} up to date{failed}."
-    parts = [f"build {_recordings(len(situation.todo))}"] if situation.todo else []
-    parts += [f"remove {_recordings(len(situation.plan.removed))}"] if situation.plan.removed else []
-    parts += (
-        ["update the dataset"] if situation.datasets and (parts or not situation.dataset_is_current) else []
-    )
+    parts = [f"build {_recordings(len(pending.todo))}"] if pending.todo else []
+    parts += [f"remove {_recordings(len(pending.plan.removed))}"] if pending.plan.removed else []
+    parts += ["update the dataset"] if pending.datasets and (parts or not pending.dataset_is_current) else []
     return f"to do: {', '.join(parts)}."
 
 
 def dry_run_json(
-    situation: "Situation", moved: Mapping[str, tuple[str, str]], remarks: Sequence[Remark]
+    pending: "PendingWork", moved: Mapping[str, tuple[str, str]], remarks: Sequence[Remark]
 ) -> str:
     """Return what a build would do, as JSON.
 
     Args:
-        situation: how things are.
+        pending: how things are.
         moved: recording that would change its split -> the old one and the new one.
         remarks: losses and dropped keyframes of recordings that are built.
     """
     value = {
-        "settled": situation.is_settled,
+        "settled": pending.is_settled,
         "recordings": {
             key: {
                 "run": list(assets),
-                "assets": {name: situation.plan.bags[key].assets[name].as_json() for name in assets},
+                "assets": {name: pending.plan.bags[key].assets[name].as_json() for name in assets},
             }
-            for key, assets in situation.todo.items()
+            for key, assets in pending.todo.items()
         },
-        "failed": situation.failed,
-        "removed": list(situation.plan.removed),
+        "failed": pending.failed,
+        "removed": list(pending.plan.removed),
         "moved": {key: list(splits) for key, splits in moved.items()},
         "remarks": [remark.as_json() for remark in remarks],
-        "datasets": {name: _dataset_state(situation) for name in situation.datasets},
+        "datasets": {name: _dataset_state(pending) for name in pending.datasets},
     }
     return json.dumps(value, indent=1)
 
 
-def _dataset(situation: "Situation") -> str:
-    state = _dataset_state(situation)
+def _dataset(pending: "PendingWork") -> str:
+    state = _dataset_state(pending)
     if state == "fresh":
         return "up to date"
     if state == "unknown":
@@ -90,10 +88,10 @@ def _dataset(situation: "Situation") -> str:
     return "would be updated: it was made from other recordings, or by another recipe or version"
 
 
-def _dataset_state(situation: "Situation") -> str:
-    if situation.todo:
+def _dataset_state(pending: "PendingWork") -> str:
+    if pending.todo:
         return "unknown"
-    return "fresh" if situation.dataset_is_current and not situation.plan.removed else "stale"
+    return "fresh" if pending.dataset_is_current and not pending.plan.removed else "stale"
 
 
 def _recordings(number: int) -> str:

@@ -41,10 +41,10 @@ def explain(bag: str, asset: str, recipe: Path, as_json: bool) -> None:
     from bagassets.build.choose import SelectionError, choose_assets, choose_recordings
     from bagassets.build.explain import explain_asset
     from bagassets.build.plan import Planner
-    from bagassets.defs.planning import recorded_of
-    from bagassets.defs.situation import opened
+    from bagassets.defs.instance_plan import recorded_assets
+    from bagassets.defs.pending_work import open_project
 
-    with opened(recipe) as (instance, workspace):
+    with open_project(recipe) as (instance, workspace):
         recordings = workspace.discover().recordings
         planner = Planner(workspace.assets, workspace.store, workspace.index)
         try:
@@ -56,7 +56,7 @@ def explain(bag: str, asset: str, recipe: Path, as_json: bool) -> None:
             raise click.UsageError(
                 f"{bag}: means {len(keys)} recordings ({', '.join(keys[:3])}, …); name one."
             )
-        recorded = recorded_of(instance, workspace.recipe, keys[0])
+        recorded = recorded_assets(instance, workspace.recipe, keys[0])
         explanation = explain_asset(planner, recordings[keys[0]], recorded, asset)
     if as_json:
         echo_lines(json.dumps(explanation.as_json(), indent=1))

@@ -19,8 +19,8 @@ from bagassets.store.writable import require_writable
 
 __all__ = ["InterruptedBuildError", "build_on_server", "find_server", "server_for"]
 
-_JOB = "bagassets.defs.driver:bring_up_to_date_in_worker"
-_AHEAD = "bagassets.defs.ahead:make_inventories"
+_JOB = "bagassets.defs.project_build:build_project_in_worker"
+_AHEAD = "bagassets.defs.early_inventories:make_inventories"
 # A driver that was asked to stop waits this long for its runs; they have less.
 _GRACE_S = 40.0
 

@@ -33,14 +33,14 @@ def report(recipe: Path, output: Path | None, as_json: bool) -> None:
     """
     import json
 
-    from bagassets.defs.planning import plan_now
-    from bagassets.defs.situation import opened
+    from bagassets.defs.instance_plan import plan_instance
+    from bagassets.defs.pending_work import open_project
     from bagassets.formats.report_data import report_data
     from bagassets.report.page import report_json, report_page
     from bagassets.report.write import write_page
 
-    with opened(recipe) as (instance, workspace):
-        plan = plan_now(instance, workspace).plan
+    with open_project(recipe) as (instance, workspace):
+        plan = plan_instance(instance, workspace).plan
         data = report_data(workspace.recipe, workspace.store, plan)
     if as_json:
         echo_lines(json.dumps(report_json(data), indent=1))

@@ -14,7 +14,7 @@ from bagassets.cli.terminal import echo_lines, print_lines
 from bagassets.escaping import visible
 
 if TYPE_CHECKING:
-    from bagassets.defs.situation import Situation
+    from bagassets.defs.pending_work import PendingWork
 
 __all__ = ["status"]
 
@@ -69,54 +69,54 @@ def status(recipe: Path, bags: tuple[str, ...], show_all: bool, as_json: bool) -
     """
     from bagassets.build.build_report import BuildOptions
     from bagassets.build.choose import SelectionError
-    from bagassets.defs.situation import opened, survey
+    from bagassets.defs.pending_work import find_pending_work, open_project
     from bagassets.formats.catalogue import problems_of
 
     try:
-        with opened(recipe) as (instance, workspace):
-            situation = survey(instance, workspace, BuildOptions(bags=bags))
+        with open_project(recipe) as (instance, workspace):
+            pending = find_pending_work(instance, workspace, BuildOptions(bags=bags))
     except SelectionError as err:
         raise click.UsageError(str(err)) from err
     problems = list(problems_of(workspace.recipe))
     if as_json:
-        echo_lines(json.dumps(status_json(situation, problems), indent=1))
+        echo_lines(json.dumps(status_json(pending, problems), indent=1))
     else:
-        _print(situation, show_all=show_all or bool(bags))
+        _print(pending, show_all=show_all or bool(bags))
         for problem in problems:
             echo_lines(f"warning: {problem}", err=True)
-    if not situation.is_settled:
+    if not pending.is_settled:
         sys.exit(EXIT_STALE)
-    if situation.failed:
+    if pending.failed:
         sys.exit(EXIT_FAILED)
 
 
-def status_json(situation: "Situation", problems: Sequence[str] = ()) -> dict[str, Any]:
+def status_json(pending: "PendingWork", problems: Sequence[str] = ()) -> dict[str, Any]:
     """Return all states as JSON, and what of installed packages cannot be used."""
-    bags = {key: bag for key, bag in situation.plan.bags.items() if key in situation.chosen}
+    bags = {key: bag for key, bag in pending.plan.bags.items() if key in pending.chosen}
     return {
-        "settled": situation.is_settled,
+        "settled": pending.is_settled,
         "recordings": {
-            key: {"format": bag.format, "registered": key in situation.planned.live, "assets": bag.as_json()}
+            key: {"format": bag.format, "registered": key in pending.planned.live, "assets": bag.as_json()}
             for key, bag in bags.items()
         },
-        "datasets": {name: _dataset_state(situation) for name in situation.datasets},
-        "removed": list(situation.plan.removed),
-        "excluded": dict(situation.plan.excluded),
+        "datasets": {name: _dataset_state(pending) for name in pending.datasets},
+        "removed": list(pending.plan.removed),
+        "excluded": dict(pending.plan.excluded),
         **({"problems": list(problems)} if problems else {}),
     }
 
 
-def _dataset_state(situation: "Situation") -> str:
-    if situation.todo or situation.plan.removed:
+def _dataset_state(pending: "PendingWork") -> str:
+    if pending.todo or pending.plan.removed:
         return "unknown"
-    return "fresh" if situation.dataset_is_current else "stale"
+    return "fresh" if pending.dataset_is_current else "stale"
 
 
-def _print(situation: "Situation", *, show_all: bool) -> None:
+def _print(pending: "PendingWork", *, show_all: bool) -> None:
     from rich.console import Console
 
     console = Console(highlight=False, width=None if sys.stdout.isatty() else 140)
-    bags = {key: bag for key, bag in situation.plan.bags.items() if key in situation.chosen}
+    bags = {key: bag for key, bag in pending.plan.bags.items() if key in pending.chosen}
     listed = bags
     if len(bags) > MOST_ROWS and not show_all:
         listed = {key: bag for key, bag in bags.items() if not bag.settled}
@@ -125,10 +125,10 @@ def _print(situation: "Situation", *, show_all: bool) -> None:
         console.print(_table(states, short=console.width < _WIDE))
     if len(listed) < len(bags):
         console.print(f"{len(bags) - len(listed)} more recordings are fresh or skipped; --all lists them.")
-    for line in _reasons(situation, listed):
+    for line in _reasons(pending, listed):
         print_lines(console, line)
-    for name in situation.datasets:
-        console.print(f"{name}: {_dataset_state(situation)}")
+    for name in pending.datasets:
+        console.print(f"{name}: {_dataset_state(pending)}")
     counts = Counter[str](state.state for bag in bags.values() for state in bag.assets.values())
     told = ", ".join(f"{counts[state]} {state}" for state in _ORDER if counts[state])
     console.print(f"{len(bags)} recording{'' if len(bags) == 1 else 's'}: {told or 'nothing here'}.")
@@ -151,7 +151,7 @@ def _table(states: Mapping[str, Mapping[str, str]], *, short: bool) -> Any:
     return table
 
 
-def _reasons(situation: "Situation", listed: Mapping[str, Any]) -> Iterator[str]:
+def _reasons(pending: "PendingWork", listed: Mapping[str, Any]) -> Iterator[str]:
     """Yield the reasons of everything that is not fresh; assets with the same one share a line."""
     for key, bag in listed.items():
         by_reason: dict[tuple[str, str], list[str]] = {}
@@ -161,8 +161,8 @@ def _reasons(situation: "Situation", listed: Mapping[str, Any]) -> Iterator[str]
         for (state, reason), names in by_reason.items():
             told = "all but bag and inventory" if state == "skipped" else ", ".join(names)
             yield f"{key}: {told} {state}: {reason if state == 'failed' else visible(reason)}"
-    for key in situation.plan.removed:
+    for key in pending.plan.removed:
         yield f"{key}: the recording is gone; the next build removes its partition and its scenes"
-    for relative, reason in situation.plan.excluded.items():
+    for relative, reason in pending.plan.excluded.items():
         if not reason.startswith("not matched"):
             yield f"{visible(relative)}: left out: {visible(reason)}"

@@ -96,7 +96,7 @@ def _tell_waiting(runs: int) -> None:
 
 
 def _has_display() -> bool:
-    """Tell whether a browser could show a window, rather than take over the terminal."""
+    """Return whether a browser could show a window, rather than take over the terminal."""
     return sys.stdout.isatty() and (
         sys.platform in {"darwin", "win32"}
         or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))

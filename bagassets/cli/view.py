@@ -95,11 +95,11 @@ def _fixes(recipe: Path, key: str) -> list[tuple[int, float, float]]:
     """Return GNSS fixes of the recording, if the store has them."""
     from bagassets.build.current import current_artifact
     from bagassets.build.track import track_of
-    from bagassets.defs.planning import plan_now
-    from bagassets.defs.situation import opened
+    from bagassets.defs.instance_plan import plan_instance
+    from bagassets.defs.pending_work import open_project
 
-    with opened(recipe) as (instance, workspace):
-        bag = plan_now(instance, workspace).plan.bags.get(key)
+    with open_project(recipe) as (instance, workspace):
+        bag = plan_instance(instance, workspace).plan.bags.get(key)
         if bag is None:
             return []
         inventory = current_artifact(workspace.store, bag, "inventory")

@@ -1,11 +1,10 @@
 """The Dagster side: assets, checks, the sensor, runs and how they are launched.
 
-What steps of your own need is here::
+What steps of your own need::
 
     from bagassets.defs import Workspace, build_definitions, per_recording, publish
 
-Names are imported when they are asked for: the launcher is imported by processes that need no
-assets.
+Names are imported on first use: the launcher is imported by processes that need no assets.
 """
 
 from importlib import import_module
@@ -13,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from bagassets.defs.location import build_definitions
-    from bagassets.defs.reporting import failures_in_words
+    from bagassets.defs.reporting import errors_explained
     from bagassets.defs.steps import (
         all_recordings,
         channels,
@@ -29,7 +28,7 @@ __all__ = [
     "all_recordings",
     "build_definitions",
     "channels",
-    "failures_in_words",
+    "errors_explained",
     "follow_recordings",
     "per_recording",
     "publish",
@@ -41,7 +40,7 @@ _MODULES = {
     "all_recordings": "steps",
     "build_definitions": "location",
     "channels": "steps",
-    "failures_in_words": "reporting",
+    "errors_explained": "reporting",
     "follow_recordings": "steps",
     "per_recording": "steps",
     "publish": "steps",

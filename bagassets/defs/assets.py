@@ -1,4 +1,4 @@
-"""The assets of one recording: `bag`, the ones that read it, and its nuScenes tables."""
+"""The assets of a recording as Dagster assets: `bag`, those extracted from it, and those made from these."""
 
 import json
 from collections.abc import Iterator
@@ -11,24 +11,23 @@ from bagassets.build.graph import SELECTION, Graph
 from bagassets.build.recording_assets import RecordingAssets
 from bagassets.defs.events import STAT, recorded_artifact, recorded_partition
 from bagassets.defs.exclusive import RecordingLock
-from bagassets.defs.markdown import human_size
 from bagassets.defs.partitions import recording_partitions
-from bagassets.defs.pictures import picture_metadata
-from bagassets.defs.reporting import failures_in_words, result_metadata
+from bagassets.defs.reporting import errors_explained, result_metadata
 from bagassets.defs.workspace import Workspace
 from bagassets.errors import StoreError
 from bagassets.escaping import visible
 from bagassets.formats.catalogue import recording_assets
 from bagassets.recipe.model import Recipe
 from bagassets.recordings.digest import recording_digest, recording_stat
+from bagassets.recordings.sizes import readable_bytes
 
 __all__ = ["recording_definitions"]
 
 GROUP = "recording"
 _BAG = """A recording: a ROS 1 bag, a ROS 2 bag or an MCAP file.
 
-Its data version is the digest of its content, each file hashed once. One that was only touched stays what it was."""
-# What runs on record call the operation of an asset, where it is not `make_<asset>`.
+Its data version is the digest of its content; each file is hashed once. Touching a file does not change it."""
+# Operations of assets that are not called `make_<asset>` in the runs on record.
 _OPERATIONS = {"nuscenes_tables": "tables"}
 
 
@@ -48,7 +47,7 @@ def recording_definitions(recipe: Recipe) -> list[dg.AssetsDefinition]:
     def bag(
         context: dg.AssetExecutionContext, workspace: Workspace, recording_lock: RecordingLock
     ) -> dg.MaterializeResult[None]:
-        with failures_in_words():
+        with errors_explained():
             recording_lock.take(context)
             recording = workspace.recording(context.partition_key)
             stat = recording_stat(recording)
@@ -58,7 +57,7 @@ def recording_definitions(recipe: Recipe) -> list[dg.AssetsDefinition]:
                 metadata={
                     "path": dg.MetadataValue.path(str(recording.path)),
                     "format": recording.format,
-                    "size": human_size(recording.size),
+                    "size": readable_bytes(recording.size),
                     "size_bytes": recording.size,
                     "files": len(recording.files),
                     "digest": digest.digest,
@@ -77,7 +76,7 @@ def recording_definitions(recipe: Recipe) -> list[dg.AssetsDefinition]:
         context: dg.AssetExecutionContext, workspace: Workspace, recording_lock: RecordingLock
     ) -> Iterator[dg.MaterializeResult[None]]:
         wanted = {key.to_user_string() for key in context.selected_asset_keys}
-        with failures_in_words():
+        with errors_explained():
             yield from _build(context, workspace, recording_lock, wanted)
 
     return [
@@ -88,7 +87,7 @@ def recording_definitions(recipe: Recipe) -> list[dg.AssetsDefinition]:
 
 
 def _definition(assets: RecordingAssets, asset: AnyAsset) -> dg.AssetsDefinition:
-    """Return an asset with an operation of its own."""
+    """Return the definition of an asset that has an operation of its own."""
 
     @dg.multi_asset(
         name=_OPERATIONS.get(asset.name, f"make_{asset.name}"),
@@ -98,7 +97,7 @@ def _definition(assets: RecordingAssets, asset: AnyAsset) -> dg.AssetsDefinition
     def make(
         context: dg.AssetExecutionContext, workspace: Workspace, recording_lock: RecordingLock
     ) -> Iterator[dg.MaterializeResult[None]]:
-        with failures_in_words():
+        with errors_explained():
             yield from _build(context, workspace, recording_lock, {asset.name})
 
     return make
@@ -107,8 +106,8 @@ def _definition(assets: RecordingAssets, asset: AnyAsset) -> dg.AssetsDefinition
 def _spec(assets: RecordingAssets, asset: AnyAsset) -> dg.AssetSpec:
     return dg.AssetSpec(
         asset.name,
-        # The rest follows the recording through its inventory, which has a digest of each topic: so a
-        # recording that was only indexed or compressed anew leaves them fresh, for Dagster's markers too.
+        # All but the inventory depend on the recording through the inventory, which has a digest of each topic: so a
+        # recording that was only re-indexed or re-compressed leaves them fresh in Dagster's markers, too.
         deps=list(assets.upstream(asset.name)) or ["bag"],
         group_name=GROUP,
         kinds=set(asset.kinds),
@@ -126,7 +125,7 @@ def _build(
     record = recorded_partition(context.instance, "bag", key)
     if record is None or record.stat is None:
         raise StoreError(f"{key}: bag is not materialized for this recording; materialize bag first.")
-    # Whether the recording takes part is told by its inventory, which an asset of a package may not read.
+    # The inventory decides whether the recording takes part, even if the asset (of a package) does not read it.
     upstream = {"inventory", *(name for asset in wanted for name in assets.upstream(asset))} - wanted
     given = {
         name: recorded_artifact(context.instance, workspace.store, name, key)
@@ -142,13 +141,13 @@ def _build(
         wanted=wanted,
         given=given,
     )
-    for made in execute(graph):
-        if isinstance(made, Skipped):
-            context.log.info("%s is skipped: %s.", key, visible(made.reason))
+    for result in execute(graph):
+        if isinstance(result, Skipped):
+            context.log.info("%s is skipped: %s.", key, visible(result.reason))
             return
-        reason = graph.node(SELECTION).skipped if made.asset == "inventory" else None
+        reason = graph.node(SELECTION).skipped if result.asset == "inventory" else None
         yield dg.MaterializeResult(
-            asset_key=made.asset,
-            data_version=dg.DataVersion(made.artifact.digest),
-            metadata=result_metadata(made) | picture_metadata(made) | ({"skipped": reason} if reason else {}),
+            asset_key=result.asset,
+            data_version=dg.DataVersion(result.artifact.digest),
+            metadata=result_metadata(result) | ({"skipped": reason} if reason else {}),
         )

@@ -6,7 +6,7 @@ import dagster as dg
 
 from bagassets.assets.selection import choose_rig
 from bagassets.defs.partitions import recording_partitions
-from bagassets.defs.reporting import failures_in_words
+from bagassets.defs.reporting import errors_explained
 from bagassets.defs.workspace import Workspace
 from bagassets.errors import RecipeError
 from bagassets.escaping import markdown, visible
@@ -26,9 +26,9 @@ MOST_SENTENCES = 20
 def recording_checks(recipe: Recipe) -> list[dg.AssetChecksDefinition]:
     """Return the checks of a recording's assets.
 
-    They are partitioned, or one recording's pass would hide another's failure. The checks of
-    what is read from the recording are one operation, because each operation costs a run 0.1 s; those of other
-    assets are one each, as such an asset may fail where the rest did not.
+    They are partitioned, or one recording's pass would hide another's failure. The checks of the assets extracted from
+    the recording are one operation, because each operation costs a run 0.1 s; each other asset has an operation of
+    its own for its checks, since it may fail where the rest did not.
     """
     assets = recording_assets(recipe)
     wanted = {
@@ -44,8 +44,8 @@ def recording_checks(recipe: Recipe) -> list[dg.AssetChecksDefinition]:
 def _operation(
     recipe: Recipe, name: str, wanted: Mapping[str, Sequence[RecordingCheck]]
 ) -> dg.AssetChecksDefinition:
-    """Return the operation that makes the checks of these assets."""
-    checks = [(asset, check) for asset, found in wanted.items() for check in found]
+    """Return an operation that runs the checks of some assets."""
+    checks = [(asset, check) for asset, its_checks in wanted.items() for check in its_checks]
     partitions = recording_partitions(recipe)
 
     @dg.multi_asset_check(
@@ -60,7 +60,7 @@ def _operation(
     )
     def run(context: dg.AssetCheckExecutionContext, workspace: Workspace) -> Iterator[dg.AssetCheckResult]:
         selected = {(key.asset_key.to_user_string(), key.name) for key in context.selected_asset_check_keys}
-        with failures_in_words():
+        with errors_explained():
             evidence = _evidence(context, workspace)
             for asset, check in checks:
                 if (asset, check.name) in selected:
@@ -79,7 +79,7 @@ def _evidence(context: dg.AssetCheckExecutionContext, workspace: Workspace) -> E
 
 
 def dataset_checks(recipe: Recipe) -> list[dg.AssetChecksDefinition]:
-    """Return the checks of the datasets as they lie on disk, an operation for each."""
+    """Return the checks of the datasets on disk, one operation per dataset."""
     whole = (dataset for dataset in datasets_of(recipe).values() if dataset.selection is None)
     return [_dataset_operation(recipe, one) for one in whole if checking.dataset_checks(recipe, one.kind)]
 
@@ -97,7 +97,7 @@ def _dataset_operation(recipe: Recipe, dataset: Dataset) -> dg.AssetChecksDefini
         ],
     )
     def run(workspace: Workspace) -> Iterator[dg.AssetCheckResult]:
-        with failures_in_words():
+        with errors_explained():
             now = datasets_of(workspace.recipe)[asset]
             findings = checking.check_dataset(now, frozenset(wanted))
         for name in wanted:

@@ -1,8 +1,8 @@
-"""A code server for launchers that ask where the code is: Dagster's own one asks, most others do not.
+"""A code server for launchers that need one: Dagster's default launcher does, most others do not.
 
-The web server and the daemon have code servers of their own; a build has none, and starts one only
-when its launcher first asks. It runs in a session of its own, so that neither Ctrl-C nor a build that is
-killed takes it along: it then ends by itself, once nobody sends it a heartbeat and the runs that it executes are done.
+The web server and the daemon have code servers of their own; a build starts one only when its launcher first asks for
+it. It runs in a session of its own, so that it survives Ctrl-C and the death of the build: it then ends by itself, once
+heartbeats stay away and the runs that it executes are done.
 """
 
 import shutil
@@ -39,12 +39,12 @@ _STOP_S = 10.0
 
 
 class LaunchWorkspace:
-    """The workspace that a run launcher is handed; what it leads to is only started when it is asked for.
+    """The workspace that a run launcher is handed; its code server is started on first use.
 
     Args:
-        instance: whose runs are launched.
-        location: where their code is.
-        log: file that takes what the code server writes.
+        instance: instance whose runs are launched.
+        location: their code location.
+        log: log file of the code server.
     """
 
     def __init__(self, instance: dg.DagsterInstance, location: CodeLocation, log: Path) -> None:
@@ -60,7 +60,7 @@ class LaunchWorkspace:
         self._stack.close()
 
     def for_launcher(self) -> BaseWorkspaceRequestContext:
-        """Return what `DagsterInstance.launch_run` takes; it starts the code server when first used."""
+        """Return the workspace for `DagsterInstance.launch_run`; using it starts the code server."""
         return cast("BaseWorkspaceRequestContext", _Deferred(self._started))
 
     def _started(self) -> BaseWorkspaceRequestContext:
@@ -106,13 +106,13 @@ class LaunchWorkspace:
             if process.poll() is not None or time.monotonic() > deadline:
                 tail = "".join(f"\n  {line}" for line in last_lines(self._log)) or " it is empty"
                 raise BagAssetsError(
-                    f"the code server that this run launcher needs did not start; the end of {self._log}:{tail}"
+                    f"the code server that this run launcher needs did not start; the last lines of {self._log}:{tail}"
                 )
             time.sleep(_POLL_S)
 
 
 class _Deferred:
-    """Stands for an object that is made when one of its attributes is first asked for."""
+    """Stands for an object that is made when one of its attributes is first read."""
 
     def __init__(self, make: Callable[[], object]) -> None:
         self._make = make

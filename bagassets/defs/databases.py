@@ -1,8 +1,8 @@
-"""Dagster's SQLite databases: made whole or not at all, by one process, and damage told in words.
+"""Dagster's SQLite databases: created whole or not at all, by one process, and errors explained.
 
-Dagster makes a database where it belongs, table by table, and takes one without tables for finished: a process
-that is killed meanwhile leaves a project that no build can use. Here databases are made in a folder of their
-own and moved into place; one that was left unfinished, and holds nothing, is replaced.
+Dagster creates a database in place, table by table, and takes one without tables for finished: a process
+that is killed meanwhile leaves a project that no build can use. Here databases are created in a temporary folder and
+moved into place; one that was left unfinished and holds nothing is replaced.
 """
 
 import shlex
@@ -26,7 +26,7 @@ from bagassets.defs.dagster_private import (
 from bagassets.errors import StoreError
 from bagassets.lock_files import LockFile
 
-__all__ = ["database_in_words", "ready_to_open"]
+__all__ = ["database_errors_explained", "ready_to_open"]
 
 _LOCK = "opening.lock"
 _NEW = "new-"
@@ -36,30 +36,30 @@ _DATABASES: dict[str, MetaData] = {
     "history/runs/index.db": SqlEventLogStorageMetadata,
     "schedules/schedules.db": ScheduleStorageSqlMetadata,
 }
-# Tables that Dagster fills when it makes a database, or again whenever it likes.
+# Tables that Dagster fills when it creates a database, or fills anew at any time.
 _VERSION, _INDEXES = "alembic_version", "secondary_indexes"
-_WITHOUT_WORTH = frozenset({_VERSION, _INDEXES, "instance_info", "daemon_heartbeats"})
+_REPLACEABLE = frozenset({_VERSION, _INDEXES, "instance_info", "daemon_heartbeats"})
 _BUSY_S = 5.0
 
 
 @contextmanager
 def ready_to_open(home: Path) -> Iterator[None]:
-    """Have the databases of the instance in `home` whole before it is opened, and let nobody replace them meanwhile.
+    """Ensure that the databases of the instance in `home` are whole, and keep others from replacing them meanwhile.
 
-    Other databases than SQLite are left to their servers.
+    Databases other than SQLite are left to their servers.
 
     Raises:
-        StoreError: a database is damaged, or cannot be made.
+        StoreError: a database is damaged, or cannot be created.
     """
     folder = _storage(home)
     if folder is None:
         yield
         return
     with ExitStack() as stack:
-        with database_in_words(str(home)), _disk_in_words(folder):
+        with database_errors_explained(str(home)), _disk_errors_explained(folder):
             folder.mkdir(parents=True, exist_ok=True)
             file = stack.enter_context(LockFile.open(folder / _LOCK))
-            file.lock_shared()  # waits while somebody makes them
+            file.lock_shared()  # waits while another process creates them
             if _unfinished(folder):
                 file.lock()
                 _make(folder, _unfinished(folder))
@@ -67,21 +67,21 @@ def ready_to_open(home: Path) -> Iterator[None]:
 
 
 @contextmanager
-def _disk_in_words(folder: Path) -> Iterator[None]:
+def _disk_errors_explained(folder: Path) -> Iterator[None]:
     try:
         yield
     except OSError as err:
         raise StoreError(
-            f"{err.filename or folder}: Dagster's database cannot be made ({err.strerror}); free space, or mend the folder."
+            f"{err.filename or folder}: Dagster's database cannot be created ({err.strerror}); free space, or mend the folder."
         ) from err
 
 
 @contextmanager
-def database_in_words(place: str) -> Iterator[None]:
-    """Turn errors of the database into ours: a full disk, a folder without permission, a server that is down, damage.
+def database_errors_explained(place: str) -> Iterator[None]:
+    """Turn errors of the database into ours: a full disk, missing permission, a server that is down, damage.
 
     Args:
-        place: the Dagster home, for the sentence.
+        place: the Dagster home, for the message.
 
     Raises:
         StoreError: the database refused.
@@ -115,7 +115,7 @@ def _unfinished(folder: Path) -> list[str]:
 
 
 def _is_whole(path: Path, schema: MetaData) -> bool:
-    """Tell whether a database is finished, or holds something that nobody may throw away."""
+    """Return whether a database is finished, or holds something worth keeping."""
     if not path.exists():
         return False
     try:
@@ -126,9 +126,9 @@ def _is_whole(path: Path, schema: MetaData) -> bool:
                 _has_rows(connection, name) for name in (_VERSION, _INDEXES)
             ):
                 return True
-            return any(_has_rows(connection, name) for name in tables - _WITHOUT_WORTH)
+            return any(_has_rows(connection, name) for name in tables - _REPLACEABLE)
     except sqlite3.OperationalError:
-        return True  # in use, or not to be read: Dagster says so itself
+        return True  # in use or unreadable: Dagster will report that itself
     except sqlite3.DatabaseError as err:
         raise _damaged(path, str(err)) from err
 
@@ -144,7 +144,7 @@ def _has_rows(connection: sqlite3.Connection, table: str) -> bool:
 
 
 def _make(folder: Path, names: list[str]) -> None:
-    """Put new databases in place; whoever is killed meanwhile leaves those of old or new ones, each of them whole."""
+    """Put new databases in place; a process that is killed meanwhile leaves old or new ones, each of them whole."""
     for leftover in folder.glob(f"{_NEW}*"):
         shutil.rmtree(leftover, ignore_errors=True)
     if not names:
@@ -155,7 +155,7 @@ def _make(folder: Path, names: list[str]) -> None:
         for name in names:
             path = folder / name
             path.parent.mkdir(parents=True, exist_ok=True)
-            # First what belongs to the old one: a log of another database would spoil the new one.
+            # First the files beside the old one: a log of another database would spoil the new one.
             for kind in ("wal", "shm", "journal"):
                 path.with_name(f"{path.name}-{kind}").unlink(missing_ok=True)
             (new / name).replace(path)
@@ -181,8 +181,8 @@ def _first_damaged(home: Path) -> Path:
 def _damaged(path: Path, reason: str) -> StoreError:
     aside = f"mv {shlex.quote(str(path))} {shlex.quote(f'{path}.damaged')}"
     return StoreError(
-        f"{path}: this database of Dagster's is damaged ({reason}). Stop `bagassets ui`, then put a backup in its place or "
-        f"move it aside (`{aside}`), and build again: all artifacts in the store are safe and nothing is made anew, "
+        f"{path}: this database of Dagster is damaged ({reason}). Stop `bagassets ui`, then restore it from a backup or "
+        f"move it aside (`{aside}`), and build again: all artifacts in the store are safe and nothing is made anew; "
         "only the history of runs in this file is lost."
     )
 

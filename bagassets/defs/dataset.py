@@ -1,9 +1,9 @@
-"""The assets of the whole dataset: the small index of its inputs, and the dataset itself."""
+"""The assets that exist once: the index of inputs, the datasets made from it, and the map."""
 
 import dagster as dg
 
-from bagassets.defs.planning import plan_of_run
-from bagassets.defs.reporting import dataset_metadata, failures_in_words, inputs_metadata
+from bagassets.defs.instance_plan import plan_in_run
+from bagassets.defs.reporting import dataset_metadata, errors_explained, inputs_metadata
 from bagassets.defs.workspace import Workspace
 from bagassets.formats.catalogue import formats, recording_assets
 from bagassets.formats.dataset_build import (
@@ -14,6 +14,7 @@ from bagassets.formats.dataset_build import (
     datasets_of,
     is_on_disk,
 )
+from bagassets.formats.report_data import build_map, map_path
 from bagassets.recipe.model import Recipe
 
 __all__ = ["dataset_assets", "dataset_is_current", "record_inputs"]
@@ -23,13 +24,16 @@ INPUTS_CODE_VERSION = "1"
 
 _INPUTS = """Which recordings the datasets are made from, and why others are left out.
 
-Its data version is a digest over the partition keys and data versions of all recordings that take part. A change or a
-removal among any number of them shows here, where Dagster itself looks at no more than 100 partitions. The sensor and
-`bagassets build` record it without a run."""
+Its data version is a digest over the partition keys and data versions of all recordings that take part, so it changes
+with each of them and when one is removed, however many there are; Dagster itself compares at most 100 partitions. The
+sensor and `bagassets build` record it without a run."""
+_MAP = """Where all recordings were driven: an interactive map with a layer per split and a heat layer.
+
+Without network it shows the same routes on a plain grid."""
 
 
 def dataset_is_current(instance: dg.DagsterInstance, recipe: Recipe, inputs: DatasetInputs) -> bool:
-    """Tell whether all datasets on disk were made from `inputs` by this recipe and code."""
+    """Return whether all datasets on disk were made from `inputs` with this recipe and code."""
     return all(
         _is_current(instance, recipe, inputs, asset, version)
         for asset, version in dataset_code_versions(recipe).items()
@@ -40,10 +44,10 @@ def _is_current(
     instance: dg.DagsterInstance, recipe: Recipe, inputs: DatasetInputs, asset: str, version: str
 ) -> bool:
     latest = instance.get_latest_materialization_event(dg.AssetKey(asset))
-    made = latest.asset_materialization if latest is not None else None
-    if made is None:
+    materialization = latest.asset_materialization if latest is not None else None
+    if materialization is None:
         return not any(inputs.parts.values())
-    tags = made.tags or {}
+    tags = materialization.tags or {}
     return (
         tags.get("dagster/input_data_version/dataset_inputs") == inputs.digest
         and tags.get("dagster/code_version") == version
@@ -54,7 +58,7 @@ def _is_current(
 def record_inputs(instance: dg.DagsterInstance, recipe: Recipe, inputs: DatasetInputs) -> None:
     """Record `dataset_inputs` without a run (about 10 ms), if it changed.
 
-    Its tags say what it was made from, as those of a run would: else Dagster's markers call it stale.
+    Its tags name its inputs, as those of a run would: without them Dagster would mark it as stale.
     """
     latest = instance.get_latest_materialization_event(dg.AssetKey("dataset_inputs"))
     materialization = latest.asset_materialization if latest is not None else None
@@ -77,7 +81,7 @@ def record_inputs(instance: dg.DagsterInstance, recipe: Recipe, inputs: DatasetI
 
 
 def _provenance(instance: dg.DagsterInstance, recipe: Recipe, inputs: DatasetInputs) -> dict[str, str]:
-    """Return tags that name the newest record of all recordings; Dagster looks for newer ones."""
+    """Return tags that point to the newest record of all recordings, which Dagster compares with later ones."""
     tags = {}
     for asset in _read_of_recordings(recipe):
         ids = instance.event_log_storage.get_latest_storage_id_by_partition(
@@ -89,7 +93,7 @@ def _provenance(instance: dg.DagsterInstance, recipe: Recipe, inputs: DatasetInp
 
 
 def _read_of_recordings(recipe: Recipe) -> list[str]:
-    """Return the assets of a recording that the datasets are made from."""
+    """Return the assets of a recording that datasets are made from."""
     return [kind.part for kind in formats() if kind.part in recording_assets(recipe).names]
 
 
@@ -108,13 +112,15 @@ def dataset_assets(recipe: Recipe) -> list[dg.AssetsDefinition]:
         code_version=INPUTS_CODE_VERSION,
     )
     def dataset_inputs(context: dg.AssetExecutionContext, workspace: Workspace) -> dg.MaterializeResult[None]:
-        with failures_in_words():
-            inputs = plan_of_run(context, workspace).inputs
+        with errors_explained():
+            inputs = plan_in_run(context, workspace).inputs
             return dg.MaterializeResult(
                 data_version=dg.DataVersion(inputs.digest), metadata=inputs_metadata(inputs)
             )
 
-    return [dataset_inputs, *(_dataset_asset(recipe, dataset) for dataset in datasets_of(recipe).values())]
+    datasets = [_dataset_asset(recipe, dataset) for dataset in datasets_of(recipe).values()]
+    has_map = "trajectory_map" in dataset_code_versions(recipe)
+    return [dataset_inputs, *datasets, *([_map_asset(recipe)] if has_map else [])]
 
 
 def _dataset_asset(recipe: Recipe, dataset: Dataset) -> dg.AssetsDefinition:
@@ -126,15 +132,40 @@ def _dataset_asset(recipe: Recipe, dataset: Dataset) -> dg.AssetsDefinition:
         description=dataset.description,
         code_version=dataset_code_versions(recipe)[dataset.asset],
     )
-    def build(context: dg.AssetExecutionContext, workspace: Workspace) -> dg.MaterializeResult[None]:
-        with failures_in_words():
-            planned = plan_of_run(context, workspace)
+    def make(context: dg.AssetExecutionContext, workspace: Workspace) -> dg.MaterializeResult[None]:
+        with errors_explained():
+            planned = plan_in_run(context, workspace)
             # The recipe as it is now: this process may be older.
             now = datasets_of(workspace.recipe)[dataset.asset]
-            made = build_dataset(now, workspace.recipe, workspace.store, planned.plan, planned.inputs)
+            summary = build_dataset(now, workspace.recipe, workspace.store, planned.plan, planned.inputs)
             failed = planned.inputs.failed.get(dataset.kind.name, {})
             return dg.MaterializeResult(
-                data_version=dg.DataVersion(made.digest), metadata=dataset_metadata(made, failed)
+                data_version=dg.DataVersion(summary.digest), metadata=dataset_metadata(summary, failed)
             )
 
-    return build
+    return make
+
+
+def _map_asset(recipe: Recipe) -> dg.AssetsDefinition:
+    @dg.asset(
+        name="trajectory_map",
+        deps=["dataset_inputs"],
+        group_name=GROUP,
+        kinds={"html"},
+        description=_MAP,
+        code_version=dataset_code_versions(recipe)["trajectory_map"],
+    )
+    def trajectory_map(context: dg.AssetExecutionContext, workspace: Workspace) -> dg.MaterializeResult[None]:
+        with errors_explained():
+            plan = plan_in_run(context, workspace).plan
+            outcome = build_map(workspace.recipe, workspace.store, plan)
+            return dg.MaterializeResult(
+                data_version=dg.DataVersion(outcome.artifact.digest),
+                metadata={
+                    "map": dg.MetadataValue.path(str(map_path(workspace.recipe))),
+                    "cached": outcome.cached,
+                    **outcome.artifact.summary(),
+                },
+            )
+
+    return trajectory_map

@@ -1,7 +1,7 @@
-"""`python -m bagassets.defs.dev …`: web server, daemon and code servers, ended together with whoever started them.
+"""`python -m bagassets.defs.dev …`: web server, daemon and code servers, which end together with their parent process.
 
-It is `dagster dev` with a web server of ours, which refuses what other sites ask of it. Standard input
-is a pipe that the starter holds: when it is closed, or the starter dies, all are shut down as on Ctrl-C.
+It is `dagster dev` with our own web server, which refuses requests of other sites. Standard input is a pipe from the
+parent: when that closes the pipe, or dies, all are shut down as on Ctrl-C.
 """
 
 import argparse
@@ -37,20 +37,20 @@ __all__ = ["main"]
 _LOG = logging.getLogger("dagster")
 _STDIN = 0
 _OUR_LOCATION = "load_from: [{python_module: bagassets.definitions}]\n"
-_LOOK_S = 1.0
+_POLL_S = 1.0
 _STOP_S = 60.0
 
 
 def main() -> None:
     """Run the services of a project until standard input ends."""
     parser = argparse.ArgumentParser(parents=[listening_options()])
-    parser.add_argument("--workspace", help="a workspace.yaml; the project's own code location without it")
+    parser.add_argument("--workspace", help="a workspace.yaml; default: the code location of the project")
     options = parser.parse_args()
-    # As `dagster dev` does: code servers tell errors without the stack of Dagster itself.
+    # As `dagster dev` does: code servers report errors without the stack of Dagster itself.
     os.environ |= {"DAGSTER_IS_DEV_CLI": "1", "DAGSTER_verbose": ""}
     configure_loggers(formatter="colored", log_level=options.log_level.upper())
     setup_interrupt_handlers()
-    threading.Thread(target=_follow_starter, daemon=True).start()
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     with (
         suppress(KeyboardInterrupt),
         get_possibly_temporary_instance_for_cli("bagassets ui", logger=_LOG) as instance,
@@ -61,7 +61,7 @@ def main() -> None:
 
 @contextmanager
 def _code_servers(instance: DagsterInstance, workspace: str | None) -> Iterator[str]:
-    """Start the code servers that web server and daemon share; yield a workspace file that leads to them."""
+    """Start the code servers that web server and daemon share; yield the path of a workspace file that names them."""
     with tempfile.TemporaryDirectory() as folder:
         ours, shared = Path(folder) / "ours.yaml", Path(folder) / "workspace.yaml"
         ours.write_text(_OUR_LOCATION, encoding="utf-8")
@@ -72,7 +72,7 @@ def _code_servers(instance: DagsterInstance, workspace: str | None) -> Iterator[
 
 
 def _serve(instance: DagsterInstance, options: argparse.Namespace, workspace: str) -> None:
-    """Run web server and daemon; end both when one ends, or this process is interrupted."""
+    """Run web server and daemon; end both when one of them ends, or this process is interrupted."""
     common = [
         "--instance-ref", serialize_value(instance.get_ref()), "--workspace", workspace,
     ]  # fmt: skip
@@ -88,7 +88,7 @@ def _serve(instance: DagsterInstance, options: argparse.Namespace, workspace: st
             ],
         )
         while not (ended := [name for name, (process, _) in services.items() if process.poll() is not None]):
-            time.sleep(_LOOK_S)
+            time.sleep(_POLL_S)
         _LOG.error("The %s ended by itself.", ended[0])
     finally:
         for _, pipe in services.values():
@@ -99,7 +99,7 @@ def _serve(instance: DagsterInstance, options: argparse.Namespace, workspace: st
 
 
 def _start(module: str, arguments: list[str]) -> tuple[subprocess.Popen[bytes], int]:
-    """Start a module as a process of its own; return it, and the pipe through which it is asked to end."""
+    """Start a module as a process; return it, and the pipe for its shutdown message."""
     read_end, write_end = get_ipc_shutdown_pipe()
     command = [sys.executable, "-P", "-m", module, *arguments, "--shutdown-pipe", str(read_end)]
     return open_ipc_subprocess(command, pass_fds=[read_end]), write_end
@@ -113,7 +113,7 @@ def _wait(process: subprocess.Popen[bytes]) -> None:
         process.wait()
 
 
-def _follow_starter() -> None:
+def _end_with_parent() -> None:
     while os.read(_STDIN, 1):
         pass
     os.kill(os.getpid(), signal.SIGINT)

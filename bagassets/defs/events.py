@@ -1,6 +1,6 @@
-"""Reading Dagster's event log: what was recorded last for each asset partition.
+"""Reading Dagster's event log: the latest record of each asset partition.
 
-Which artifact is current is said only here.
+Only the event log says which artifact is current.
 """
 
 import json
@@ -34,12 +34,12 @@ CODE_VERSION = "dagster/code_version"
 INPUT_PREFIX = "dagster/input_data_version/"
 STAT = "file_stat"
 
-# Records are fetched by storage id; more ids at a time exceed SQLite's variables.
+# Records are fetched by storage id; more ids at a time would exceed SQLite's limit of variables.
 _BATCH = 500
 
 
 def all_assets() -> tuple[str, ...]:
-    """Return the assets that recordings may have; a recipe may ask again for those that it left out."""
+    """Return the assets that recordings may have, whether the recipe asks for them now or not."""
     return ("bag", *(asset.name for asset in known_assets()))
 
 
@@ -86,15 +86,15 @@ def recorded_artifact(instance: dg.DagsterInstance, store: Store, asset: str, pa
 
 
 def event_database(instance: dg.DagsterInstance) -> Path | None:
-    """Return the SQLite file that holds the events about assets; None if they are kept elsewhere."""
+    """Return the SQLite file with the events of assets; None if they are kept elsewhere."""
     path_for_shard = getattr(instance.event_log_storage, "path_for_shard", None)
     return None if path_for_shard is None else Path(path_for_shard("index"))
 
 
 def database_place(instance: dg.DagsterInstance) -> str | None:
-    """Return the file or, of PostgreSQL, the URL of the database that holds the events about assets.
+    """Return the database with the events of assets: the file of SQLite, or the URL of PostgreSQL.
 
-    None if they are kept in something else.
+    None if it is another database.
     """
     file = event_database(instance)
     if file is not None:

@@ -1,4 +1,4 @@
-"""At most one run per recording at a time, whoever asked for it."""
+"""Locks that keep runs of the same recording from working at the same time."""
 
 import hashlib
 from collections.abc import Callable, Iterator
@@ -14,23 +14,23 @@ from bagassets.lock_files import LockFile
 __all__ = ["RecordingLock", "exclusive"]
 
 _POLL_S = 0.2
-_HELD: set[Path] = set()  # by this process; `flock` would have it wait for itself
+_HELD: set[Path] = set()  # by this process, which would wait for itself otherwise (`flock`)
 
 
 @contextmanager
 def exclusive(folder: Path, key: str, *, keep_waiting: Callable[[int], bool]) -> Iterator[bool]:
     """Hold the lock `key` of `folder`; the system releases it if this process dies.
 
-    A process that holds it already goes on at once.
+    A process that holds it already continues at once.
 
     Args:
-        folder: where lock files are kept, on a local file system.
-        key: name of what must not be worked on twice, such as a partition key.
-        keep_waiting: asked five times a second while another process holds the lock, with the
-            number of times it was asked before; False gives up.
+        folder: folder of lock files, on a local file system.
+        key: what only one process may work on, such as a partition key.
+        keep_waiting: called five times a second while another process holds the lock, with the number of earlier calls;
+            False gives up.
 
     Yields:
-        True if the lock is held, False if waiting was given up.
+        True if the lock is held, False after giving up.
     """
     file = folder.resolve() / f"{hashlib.sha256(key.encode()).hexdigest()[:32]}.lock"
     if file in _HELD:
@@ -52,9 +52,9 @@ def exclusive(folder: Path, key: str, *, keep_waiting: Callable[[int], bool]) ->
 
 
 class RecordingLock(dg.ConfigurableResource):  # type: ignore[type-arg]  # steps get it itself, not a value
-    """Keeps runs of one recording from recording or publishing side by side, whoever launched them.
+    """Keeps runs of one recording from recording or publishing at the same time, whoever launched them.
 
-    A worker that was declared dead may still be at work when its successor begins, say.
+    For example, a worker that was declared dead may still be working when its successor begins.
     """
 
     folder: str

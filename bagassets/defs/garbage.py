@@ -1,4 +1,8 @@
-"""What must stay in a store: everything that Dagster instances and datasets of its projects refer to."""
+"""What `gc` must keep in a store: all that the Dagster instances and dataset locks of its projects refer to.
+
+Recordings are neither opened nor planned for this. The bag root may be a file server that is not mounted just now, and
+then a plan would find no recordings: all artifacts would be garbage.
+"""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,12 +25,12 @@ __all__ = ["Roots", "find_roots", "recorded_versions"]
 
 @dataclass
 class Roots:
-    """What must stay, and who says so.
+    """The artifacts to keep, and who refers to them.
 
     Attributes:
         artifacts: their digests.
         locks: dataset locks that were read.
-        projects: recipes of the projects whose instances were asked.
+        projects: recipes of the projects whose instances were read.
     """
 
     artifacts: set[str] = field(default_factory=set)
@@ -37,23 +41,23 @@ class Roots:
 def find_roots(
     store: Store, recipe_file: Path, more_locks: tuple[Path, ...] = (), forget: tuple[Path, ...] = ()
 ) -> Roots:
-    """Return what the projects that use a store need of it.
+    """Return the artifacts that the projects of a store need.
 
     Args:
         store: the store.
-        recipe_file: a project that is asked in any case.
+        recipe_file: the recipe of a project that counts even if it is not a known user of the store.
         more_locks: further lock files.
-        forget: recipe files of projects that are no more, though they cannot be reached.
+        forget: recipe files of projects that no longer exist, and so cannot be reached.
 
     Raises:
-        StoreError: a project cannot be asked, so that nothing may be removed.
+        StoreError: a project cannot be read, so nothing may be removed.
     """
     roots = Roots()
     for user in users_of(store.root):
         if user.recipe in forget or user.has_moved:
             forget_user(store.root, user)
         elif user.recipe != recipe_file:
-            _ask(store, user, roots)
+            _add_user(store, user, roots)
     _add_project(recipe_file, load_recipe(recipe_file), roots)
     for lock in more_locks:
         _add_lock(lock, roots)
@@ -61,9 +65,9 @@ def find_roots(
 
 
 def recorded_versions(instance: dg.DagsterInstance, live: frozenset[str]) -> set[str]:
-    """Return the data versions that are current in an instance, of assets that users added, too.
+    """Return the current data versions in an instance, those of users' own assets included.
 
-    Those of recordings that were removed do not count.
+    Those of removed recordings do not count.
     """
     versions: set[str] = set()
     storage, kind = instance.event_log_storage, dg.DagsterEventType.ASSET_MATERIALIZATION
@@ -76,18 +80,18 @@ def recorded_versions(instance: dg.DagsterInstance, live: frozenset[str]) -> set
             if partition in live or not (ours or partition in removed):
                 versions.add(tags[DATA_VERSION])
         latest = instance.get_latest_materialization_event(key)
-        made = None if latest is None else latest.asset_materialization
-        if made is not None and made.partition is None:
-            versions.add((made.tags or {}).get(DATA_VERSION, ""))
+        event = None if latest is None else latest.asset_materialization
+        if event is not None and event.partition is None:
+            versions.add((event.tags or {}).get(DATA_VERSION, ""))
     return versions
 
 
-def _ask(store: Store, user: User, roots: Roots) -> None:
+def _add_user(store: Store, user: User, roots: Roots) -> None:
     if not user.recipe.is_file():
         where = "" if user.is_here else f" on {user.host}"
         raise StoreError(
             f"{user.recipe}: this project{where} uses the store too, but cannot be reached from here, so nothing was removed; "
-            f"collect where it can be, or say that it is no more with --forget {user.recipe}."
+            f"run gc where it can be reached or, if it no longer exists, pass --forget {user.recipe}."
         )
     try:
         recipe = load_recipe(user.recipe)

@@ -1,9 +1,8 @@
-"""What the web UI refuses: requests that another site makes with the browser of whoever has it open.
+"""Protection of the web UI against requests that other sites make with the user's browser.
 
-There is no password, and a browser sends any page's requests to any address. So the host must be
-one that the UI goes by, or a foreign name could be made to mean this machine; what changes something
-must come from the UI's own pages; and what only reads must not change anything, as an image in a page
-is enough to have it read.
+There is no password, and a browser sends any page's requests to any address. So the `Host` must be a name of this UI,
+since a foreign name could be pointed at this machine; a request that changes something must come from the UI's own
+pages; and one that only reads must not change anything, since an image in any page can trigger it.
 """
 
 import re
@@ -26,7 +25,7 @@ _READING = frozenset({"GET", "HEAD", "OPTIONS"})
 
 
 def own_names(host: str, more: Iterable[str] = ()) -> frozenset[str]:
-    """Return the names that the UI goes by when it listens on `host`, lower case, addresses without brackets.
+    """Return the names of a UI that listens on `host`: lower case, addresses without brackets.
 
     Args:
         host: name or address that it listens on.
@@ -52,7 +51,7 @@ class Guard:
         self._names = names
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Hand a request on, or answer why not."""
+        """Pass a request on, or answer why it is refused."""
         refusal = self._refusal(scope) if scope["type"] in {"http", "websocket"} else None
         if refusal is None:
             await self._app(scope, receive, send)
@@ -65,16 +64,16 @@ class Guard:
         hosts = _values(scope, b"host")
         if len(hosts) != 1 or not self._is_own(hosts[0]):
             return 421, (
-                "This web UI does not go by that name. Open it by the address that `bagassets ui` printed, or start it "
-                "with --allow-host NAME."
+                "This web UI does not answer to that name. Open the address that `bagassets ui` printed, or start it with "
+                "--allow-host NAME."
             )
         if scope["type"] == "websocket" or scope["method"] not in _READING:
             # Programs other than browsers send no origin.
             origins = _values(scope, b"origin")
             if not all(_is_same(origin, hosts[0]) for origin in origins):
-                return 403, "This request comes from the page of another site."
+                return 403, "This request comes from a page of another site."
         elif scope["path"].rstrip("/") == "/graphql" and _changes_something(scope):
-            return 405, "What changes something is sent with POST."
+            return 405, "Requests that change something must be sent with POST."
         return None
 
     def _is_own(self, host: str) -> bool:
@@ -84,7 +83,7 @@ class Guard:
         name = (found["v6"] or found["name"]).lower()
         if name in self._names:
             return True
-        # An address cannot be made to mean another machine, as a name can.
+        # An address, unlike a name, cannot be pointed at another machine.
         return bool(ANY_HOST & self._names) and _is_address(name)
 
 
@@ -105,18 +104,18 @@ def _is_address(name: str) -> bool:
 def _is_same(origin: str, host: str) -> bool:
     found = _ORIGIN.fullmatch(origin)
     if found is None:
-        return False  # `null` is what a page in a sandbox says
+        return False  # a sandboxed page sends `null`
     port = _DEFAULT_PORTS[found["scheme"].lower()]
     return found["netloc"].lower().removesuffix(port) == host.lower().removesuffix(port)
 
 
 def _changes_something(scope: Scope) -> bool:
-    """Tell whether a request's address holds a GraphQL operation that is not a query."""
+    """Return whether the URL of a request holds a GraphQL operation other than a query."""
     for text in QueryParams(scope["query_string"]).getlist("query"):
         try:
             document = parse(text)
         except (GraphQLError, RecursionError):
-            continue  # the web server says what is wrong with it
+            continue  # the web server reports what is wrong with it
         for definition in document.definitions:
             if (
                 isinstance(definition, OperationDefinitionNode)

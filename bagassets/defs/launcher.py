@@ -1,4 +1,4 @@
-"""Launching runs of the web UI, the sensor and the daemon on the fork server.
+"""The run launcher of bagassets: executes runs in workers of the fork server.
 
 Set in `dagster.yaml`; all of `config` is optional, its paths absolute or relative to the folder
 that Dagster is started in::
@@ -9,12 +9,12 @@ that Dagster is started in::
       config:
         recipe: recipe.yaml       # default: BAGASSETS_RECIPE, else recipe.yaml if there is one
         state_folder: .bagassets  # default: the recipe's, else the folder of the instance
-        idle_timeout_s: 900       # the server ends when nobody used it for so long
+        idle_timeout_s: 900       # the server ends after so long without work
         grace_s: 30               # a cancelled worker is killed after that
 
-What goes well with it: a queue that is looked at every second and lets no two runs of one
-recording start (workers of one recording take turns anyway, but the second one would wait in
-memory), and monitoring, which notices workers that died with their machine or container::
+Recommended with it: a queue that is polled every second and starts one run per recording at a time (workers of one
+recording take turns anyway, but the second one would wait in memory), and run monitoring, which notices workers that
+died with their machine or container::
 
     run_coordinator:
       module: dagster._core.run_coordinator
@@ -68,14 +68,14 @@ _LOCAL_HOSTS = ANY_HOST | {"localhost", "127.0.0.1", "::1"}
 
 
 class BagAssetsRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
-    """Has runs executed by workers of the fork server; if there can be none, by Dagster's own launcher.
+    """Has runs executed by workers of the fork server; where that is not possible, by Dagster's own launcher.
 
-    It keeps no record of its runs: a tag on each names the worker, so that any process can
-    cancel it or tell whether it lives. As long as a launcher that launched something exists
-    (the web server's, the daemon's), the server stays up.
+    It keeps no record of its runs: a tag on each run names the worker, so that any process can cancel it or check
+    whether it is alive. The server stays up as long as a launcher exists that launched something (that of the web
+    server or the daemon).
 
     Attributes:
-        names_workers: a run that it launched and that names no worker has none (see `leftovers`).
+        names_workers: a run that it launched and that names no worker has none (see `orphaned_runs`).
     """
 
     names_workers = True
@@ -99,7 +99,7 @@ class BagAssetsRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
         self._mutex = threading.Lock()  # the web server launches from several threads
         super().__init__()  # type: ignore[no-untyped-call]  # Dagster's mixin has no annotations
 
-    # --- what Dagster configures it by -----------------------------------------------
+    # --- configuration ---------------------------------------------------------------
 
     @property
     def inst_data(self) -> ConfigurableClassData | None:
@@ -122,12 +122,12 @@ class BagAssetsRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
         return cls(inst_data, **config_value)
 
     def register_instance(self, instance: T_DagsterInstance) -> None:
-        """Take the instance whose runs are launched."""
+        """Set the instance whose runs are launched."""
         super().register_instance(instance)
         self._default.register_instance(instance)
 
     def dispose(self) -> None:
-        """Let go of the server."""
+        """Disconnect from the server."""
         with self._mutex:
             self._drop_client()
         self._default.dispose()
@@ -135,7 +135,7 @@ class BagAssetsRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
     # --- launching -------------------------------------------------------------------
 
     def launch_run(self, context: LaunchRunContext) -> None:
-        """Hand a run to the fork server, or to Dagster's own launcher, saying why."""
+        """Hand a run to the fork server, or to Dagster's own launcher, recording why."""
         run = context.dagster_run
         reason = _why_not_here(run)
         if reason is None:
@@ -146,7 +146,7 @@ class BagAssetsRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
         if reason is None:
             return
         self._instance.report_engine_event(
-            f"The run is left to Dagster's default launcher, which takes longer to start: {reason}",
+            f"The run is left to Dagster's default launcher, which takes longer to start it: {reason}",
             dagster_run=run,
             cls=self.__class__,
         )
@@ -162,7 +162,7 @@ class BagAssetsRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
                     self._hand_over(run.run_id, self._client_for(spec))
                 except ServerRefusedError:
                     self._drop_client()
-                    # Its successor would take the run for one that a dead server left behind.
+                    # Its successor would take the run for an orphan of a dead server.
                     self._instance.add_run_tags(run.run_id, {WORKER_TAG: ""})
                     if is_last:
                         raise
@@ -170,7 +170,7 @@ class BagAssetsRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
                     return
 
     def _hand_over(self, run_id: str, client: Client) -> None:
-        # Written before the worker exists, so that a run is never without anybody to ask for.
+        # Written before the worker exists, so that a launched run always names who is responsible for it.
         self._instance.add_run_tags(run_id, RunWorker(run_id, client.process).tags())
         submit_run(client, pack_instance(self._instance), run_id, detached=True)
 
@@ -213,7 +213,7 @@ class BagAssetsRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
     # --- ending ----------------------------------------------------------------------
 
     def terminate(self, run_id: str) -> bool:
-        """Cancel a run from any process of this machine; return False if it cannot be.
+        """Cancel a run from any process of this machine; return False if that is not possible.
 
         The run is marked CANCELING, its worker gets SIGTERM, and SIGKILL if it has not stopped
         after `grace_s` seconds.
@@ -226,7 +226,7 @@ class BagAssetsRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
             terminate: Callable[[str], bool] = self._default.terminate
             return terminate(run_id)
         if worker is None or not worker.is_on_this_host:
-            where = "another program executes it" if worker is None else f"it is executed by {worker}"
+            where = "another program executes it" if worker is None else f"{worker} executes it"
             self._instance.report_engine_event(
                 f"The run cannot be cancelled from here, because {where}.",
                 dagster_run=run,
@@ -243,18 +243,18 @@ class BagAssetsRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
         return True
 
     def _cancel_job(self, run_id: str) -> bool:
-        """Let the server cancel the run, if one that still answers has it."""
+        """Have the server cancel the run; return False if no server that answers has it."""
         try:
             for client in Client.all_of(self._folder(self._recipe_file())):
                 for job in client.status()["jobs"]:
                     if job["label"] == run_id and client.cancel(job["job"], grace_s=self._grace_s):
                         return True
         except BagAssetsError as err:
-            _LOG.warning("run %s: no fork server could be asked (%s)", run_id, err)
+            _LOG.warning("run %s: no fork server could be reached (%s)", run_id, err)
         return False
 
     def _end_later(self, run: dg.DagsterRun, process: ProcessId) -> None:
-        """See to the end of a worker that no server that answers knows."""
+        """Make sure that a worker without a server ends."""
         args = {
             "instance": pack_instance(self._instance),
             "run_id": run.run_id,
@@ -272,19 +272,18 @@ class BagAssetsRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
 
     @property
     def supports_check_run_worker_health(self) -> bool:
-        """True: the daemon's run monitoring may ask."""
+        """True: run monitoring of the daemon may check."""
         return True
 
     def check_run_worker_health(self, run: dg.DagsterRun) -> CheckRunHealthResult:
-        """Tell whether the worker of a run lives.
+        """Return whether the worker of a run is alive.
 
-        A run that this launcher knows nothing of counts as running: run monitoring fails
-        every run that is said to be anything else.
+        A run without a worker of ours counts as running, since run monitoring fails every run with another status.
         """
         worker = RunWorker.of(run)
         if worker is None:
             return CheckRunHealthResult(
-                WorkerStatus.RUNNING, "Executed by another program, which answers for it."
+                WorkerStatus.RUNNING, "Executed by another program, which monitors it."
             )
         if not worker.is_on_this_host or worker.is_alive():
             return CheckRunHealthResult(WorkerStatus.RUNNING, str(worker), run_worker_id=str(worker))
@@ -304,7 +303,7 @@ class BagAssetsRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
 
 
 def _why_not_here(run: dg.DagsterRun) -> str | None:
-    """Return why a run's code cannot be run by a server of this Python environment."""
+    """Return why a server of this Python environment cannot run the code of a run; None if it can."""
     if run.job_code_origin is None or run.remote_job_origin is None:
         return "it does not say where its code is."
     code = run.job_code_origin.repository_origin

@@ -1,4 +1,4 @@
-"""Everything of a code location, put together from one recipe."""
+"""The code location of a recipe: all assets, checks, sensors and resources."""
 
 import warnings
 from pathlib import Path
@@ -9,18 +9,16 @@ from bagassets.defs.assets import recording_definitions
 from bagassets.defs.checks import dataset_checks, recording_checks
 from bagassets.defs.dataset import dataset_assets
 from bagassets.defs.exclusive import RecordingLock
-from bagassets.defs.map import map_asset
 from bagassets.defs.sensor import recordings_sensor
 from bagassets.defs.workspace import Workspace
 from bagassets.forkserver.places import Places
-from bagassets.formats.dataset_build import dataset_code_versions
 from bagassets.recipe import load_recipe
 
 __all__ = ["build_definitions"]
 
 
 def build_definitions(recipe_file: Path) -> dg.Definitions:
-    """Return assets, checks and sensor for a recipe.
+    """Return the assets, checks and sensor of a recipe.
 
     Merge them with your own: `Definitions.merge(build_definitions(file), Definitions(assets=[…]))`.
 
@@ -30,19 +28,18 @@ def build_definitions(recipe_file: Path) -> dg.Definitions:
     recipe_file = recipe_file.absolute()
     recipe = load_recipe(recipe_file)
     with warnings.catch_warnings():
-        # Partitioned checks are a preview: without partitions one recording's pass would hide
-        # another's failure.
+        # Partitioned checks are a preview feature, but without partitions one recording's pass would hide another's
+        # failure.
         warnings.simplefilter("ignore", category=dg.PreviewWarning)
         checks = [*recording_checks(recipe), *dataset_checks(recipe)]
-    others = [map_asset(recipe)] if "trajectory_map" in dataset_code_versions(recipe) else []
     return dg.Definitions(
-        assets=[*recording_definitions(recipe), *dataset_assets(recipe), *others],
+        assets=[*recording_definitions(recipe), *dataset_assets(recipe)],
         asset_checks=checks,
         sensors=[recordings_sensor()],
         resources={
             "workspace": Workspace(recipe_file=str(recipe_file)),
             "recording_lock": RecordingLock(folder=str(Places(recipe.state, "").folder / "locks")),
         },
-        # Workers fork from a server: a run is one process, whatever launched it.
+        # A run is one process, whatever launched it: our workers are forked from a server.
         executor=dg.in_process_executor,
     )

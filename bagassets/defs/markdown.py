@@ -7,13 +7,13 @@ from bagassets.escaping import markdown
 from bagassets.geometry.calibration import Calibration
 from bagassets.store.artifact import Artifact
 
-__all__ = ["calibration_table", "counts_table", "human_size", "record_table", "table", "topics_table"]
+__all__ = ["calibration_table", "counts_table", "record_table", "table", "topics_table"]
 
 MOST_ROWS = 60
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
-    """Return a Markdown table; columns that hold numbers only are aligned to the right."""
+    """Return a Markdown table; columns of numbers are aligned to the right."""
     numeric = [
         bool(rows) and all(isinstance(row[column], int | float) for row in rows)
         for column in range(len(header))
@@ -31,7 +31,7 @@ def record_table(record: Mapping[str, Any], header: tuple[str, str]) -> str:
 
 
 def counts_table(counts: Mapping[str, Mapping[str, Any]], name: str = "channel") -> str:
-    """Return where the messages of each channel or topic went: written, merged, or lost and why."""
+    """Return a table of the messages of each channel or topic: read, written, merged, and lost with the reason."""
     rows = []
     for key, entry in sorted(counts.items()):
         lost = ", ".join(f"{number} {reason}" for reason, number in sorted(entry.get("lost", {}).items()))
@@ -40,7 +40,7 @@ def counts_table(counts: Mapping[str, Mapping[str, Any]], name: str = "channel")
 
 
 def topics_table(inventory: Artifact) -> str:
-    """Return the topics of a recording, from its inventory."""
+    """Return a table of the topics in an inventory."""
     topics = inventory.read_json("inventory.json")["topics"]
     rows = []
     for topic in topics:
@@ -50,7 +50,7 @@ def topics_table(inventory: Artifact) -> str:
 
 
 def calibration_table(calibration: Artifact) -> str:
-    """Return where each sensor sits on the vehicle and which lens it has, from a calibration."""
+    """Return a table of the sensors in a calibration: place on the vehicle, and lens."""
     rows = []
     channels = Calibration.from_json(calibration.read_json("calibration.json")).channels
     for name, sensor in sorted(channels.items()):
@@ -59,18 +59,6 @@ def calibration_table(calibration: Artifact) -> str:
         lens = "" if camera is None else f"{camera.width} x {camera.height}, {camera.model}"
         rows.append((name, sensor.frame, f"{x_m}, {y_m}, {z_m}", sensor.source, lens))
     return table(("channel", "frame", "x, y, z in the ego frame (m)", "from", "camera"), rows)
-
-
-def human_size(size: int) -> str:
-    """Return a number of bytes for people."""
-    if size < 1000:
-        return f"{size} B"
-    value = float(size)
-    for unit in ("kB", "MB", "GB"):
-        value /= 1000
-        if value < 1000:
-            return f"{value:.3g} {unit}"
-    return f"{value / 1000:.3g} TB"
 
 
 def _line(cells: Sequence[str]) -> str:

@@ -1,6 +1,6 @@
-"""Recordings as partitions: their definition, registering and removing them, and the runs that work on them.
+"""Recordings as dynamic partitions: registering them, removing them, and the active runs of each.
 
-A recording that lies on disk registers itself when somebody asks for its partition.
+A recording on disk that is not registered yet is registered when a run asks for its partition.
 """
 
 from collections.abc import Iterable, Sequence
@@ -41,21 +41,21 @@ _ACTIVE = [*_UNFINISHED, dg.DagsterRunStatus.CANCELING]
 
 
 def partitions_name(recipe: Recipe) -> str:
-    """Return the name of the recipe's dynamic partitions; such names are global to an instance."""
+    """Return the name of the recipe's dynamic partitions, which is global to the instance."""
     return f"{recipe.name}_recordings"
 
 
 def recording_partitions(recipe: Recipe) -> dg.DynamicPartitionsDefinition:
-    """Return the partitions of all assets per recording: one key per recording."""
+    """Return the partitions of the assets of a recording: one key per recording."""
     partitions = RecordingPartitions(name=partitions_name(recipe))
     partitions.bags = recipe.bags
     return partitions
 
 
 class RecordingPartitions(dg.DynamicPartitionsDefinition):
-    """Dynamic partitions for which a run may be asked for before a sensor or a build has registered them.
+    """Dynamic partitions that a run may ask for before the sensor or a build has registered them.
 
-    So `dagster asset materialize --partition KEY` works on a recording that was copied just now.
+    So `dagster asset materialize --partition KEY` works on a recording that was copied a moment ago.
 
     Attributes:
         bags: where recordings are found.
@@ -64,13 +64,13 @@ class RecordingPartitions(dg.DynamicPartitionsDefinition):
     bags: Bags | None = None
 
     def __hash__(self) -> int:
-        """Be the same as plain partitions of this name, to which these are equal."""
+        """Return the hash of plain dynamic partitions of this name, to which these are equal."""
         return hash(dg.DynamicPartitionsDefinition(name=self.name))
 
     __eq__ = dg.DynamicPartitionsDefinition.__eq__
 
     def validate_partition_key(self, partition_key: str, context: PartitionLoadingContext) -> None:
-        """Accept a registered key, and register one whose recording is there.
+        """Accept a registered key, and register one whose recording is on disk.
 
         Raises:
             RecordingError: there is no such recording.
@@ -100,7 +100,7 @@ def _no_such_recording(key: str, bags: Bags, known: list[str]) -> str:
 
 
 def active_runs(instance: dg.DagsterInstance, datasets: Iterable[str]) -> dict[str, str]:
-    """Return run id -> partition key, or `DATASET` if it makes one of `datasets`, of runs that have not ended."""
+    """Return run id -> partition key, or `DATASET` if it makes one of `datasets`, for runs that have not ended."""
     keys = {dg.AssetKey(name) for name in datasets}
     active = {}
     for run in instance.get_runs(filters=dg.RunsFilter(statuses=_ACTIVE)):
@@ -112,7 +112,7 @@ def active_runs(instance: dg.DagsterInstance, datasets: Iterable[str]) -> dict[s
 
 
 def add_partitions(instance: dg.DagsterInstance, recipe: Recipe, keys: Sequence[str]) -> None:
-    """Register recordings; those that are registered already stay."""
+    """Register recordings; keys that are registered already are kept."""
     for start in range(0, len(keys), _BATCH):
         instance.add_dynamic_partitions(partitions_name(recipe), list(keys[start : start + _BATCH]))
 

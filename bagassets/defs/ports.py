@@ -1,4 +1,4 @@
-"""Addresses of the web UI: where it listens, and whether it does."""
+"""The address of the web UI: options, free ports, and whether it answers."""
 
 import argparse
 import socket
@@ -19,11 +19,11 @@ __all__ = [
 ]
 
 ANY_HOST = frozenset({"0.0.0.0", "::"})  # noqa: S104  (compared with, not bound to)
-"""Who listens there listens at every address of this machine."""
+"""A server on such a host listens at every address of this machine."""
 
 
 def listening_options() -> argparse.ArgumentParser:
-    """Return a parser of what `listening_arguments` gave, for processes to take among their own options (`parents`)."""
+    """Return a parser of the options from `listening_arguments`, as a parent of the parsers of the two processes."""
     parser = argparse.ArgumentParser(add_help=False)
     parser.add_argument("--host", required=True)
     parser.add_argument("--port", required=True, type=int)
@@ -33,7 +33,7 @@ def listening_options() -> argparse.ArgumentParser:
 
 
 def listening_arguments(host: str, port: int, allow_hosts: Iterable[str], log_level: str) -> list[str]:
-    """Return the arguments that tell a process where the web UI listens, its further names, and how much to log."""
+    """Return the arguments for a process of the web UI: its address, its further names, and the log level."""
     names = [f"--allow-host={name}" for name in allow_hosts]
     return ["--host", host, "--port", str(port), "--log-level", log_level, *names]
 
@@ -62,14 +62,14 @@ def url_of(host: str, port: int) -> str:
 
 
 def refuse_taken_port(host: str, port: int) -> None:
-    """Raise if a program listens there, naming a port that is free.
+    """Raise if the port is taken, and name a free one.
 
     Raises:
         BagAssetsError: the port is taken, or the host is none of this machine's.
     """
     if _is_taken(host, port):
         raise BagAssetsError(
-            f"port {port} of {host} is taken, perhaps by another web UI; open {url_of(host, port)} to see, or choose "
+            f"port {port} of {host} is taken, perhaps by another web UI; see {url_of(host, port)}, or choose "
             f"another port: --port {free_port(host, port + 1)}."
         )
 
@@ -83,7 +83,7 @@ def _is_taken(host: str, port: int) -> bool:
             "--host 0.0.0.0 for all that reach it."
         ) from err
     with socket.socket(family, kind, protocol) as probe:
-        # As the web server does it, so that a port whose last connections are fading counts as free.
+        # As the web server does, so that a port in TIME_WAIT counts as free.
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             probe.bind(address)
@@ -93,7 +93,7 @@ def _is_taken(host: str, port: int) -> bool:
 
 
 def answers(host: str, port: int) -> bool:
-    """Tell whether Dagster's web server answers."""
+    """Return whether Dagster's web server answers."""
     connection = HTTPConnection(host, port, timeout=5.0)
     try:
         connection.request("GET", "/server_info")

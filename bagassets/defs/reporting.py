@@ -1,16 +1,17 @@
-"""From results to what people see in Dagster: metadata, and failures without tracebacks."""
+"""Results and errors as the web UI shows them: metadata with tables and pictures, failures of one sentence."""
 
+from base64 import b64encode
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
 import dagster as dg
 
+from bagassets.assets.preview import FACTS
 from bagassets.build.execute import AssetResult, BuildFailure
 from bagassets.defs.markdown import (
     calibration_table,
     counts_table,
-    human_size,
     record_table,
     table,
     topics_table,
@@ -20,11 +21,14 @@ from bagassets.escaping import visible
 from bagassets.formats.assembly import DatasetSummary
 from bagassets.formats.catalogue import MAIN
 from bagassets.formats.dataset_build import DatasetInputs
+from bagassets.preview.pictures import TITLES
+from bagassets.recordings.sizes import readable_bytes
 from bagassets.splits import SplitShare
+from bagassets.store.artifact import Artifact
 
 __all__ = [
     "dataset_metadata",
-    "failures_in_words",
+    "errors_explained",
     "inputs_metadata",
     "moved_table",
     "result_metadata",
@@ -36,7 +40,7 @@ _COUNTS = {"read", "written", "merged", "lost"}
 
 
 def result_metadata(result: AssetResult) -> dict[str, Any]:
-    """Return a result as Dagster metadata: what people look for first, digests and paths last."""
+    """Return a result as Dagster metadata: what people look for first, paths and digests last."""
     summary = dict(result.artifact.summary())
     metadata: dict[str, Any] = {}
     if result.asset == "inventory":
@@ -46,20 +50,33 @@ def result_metadata(result: AssetResult) -> dict[str, Any]:
     elif result.asset in CHANNEL_ASSETS:
         metadata["channels"] = dg.MetadataValue.md(counts_table(summary.pop("channels")))
     metadata |= {name: shown for name, value in summary.items() if (shown := _shown(value)) is not None}
-    # The artifact of frames or sweeps just names those of the channels.
+    # The artifact of frames or sweeps only names those of the channels.
     size = metadata.pop("bytes", None) or sum(entry.size for entry in result.artifact.entries())
-    return metadata | {
-        "size": human_size(size),
+    metadata |= {
+        "size": readable_bytes(size),
         "size_bytes": size,
         "seconds": round(result.seconds, 3),
         "cached": result.cached,
         "artifact": dg.MetadataValue.path(str(result.artifact.folder)),
         "action_digest": result.action_digest,
     }
+    return metadata | (_pictures(result.artifact) if result.asset == "preview" else {})
+
+
+def _pictures(preview: Artifact) -> dict[str, dg.MetadataValue[str]]:
+    """Return the small pictures of a preview inside Markdown.
+
+    They are data URIs: the web UI cannot read files of the store, which may be on another machine.
+    """
+    metadata: dict[str, dg.MetadataValue[str]] = {}
+    for name in preview.read_json(FACTS)["pictures"]:
+        data = b64encode(preview.path(f"inline/{name}.jpg").read_bytes()).decode()
+        metadata[f"picture_{name}"] = dg.MetadataValue.md(f"![{TITLES[name]}](data:image/jpeg;base64,{data})")
+    return metadata
 
 
 def _shown(value: Any) -> Any:
-    """Return a fact as people like to read it, or None if there is nothing to tell."""
+    """Return a fact in readable form, or None if it is empty."""
     if isinstance(value, str):
         return visible(value)
     if isinstance(value, bool | int | float):
@@ -77,7 +94,7 @@ def _shown(value: Any) -> Any:
 
 
 def inputs_metadata(inputs: DatasetInputs) -> dict[str, Any]:
-    """Return how many recordings enter the dataset, and why others do not."""
+    """Return the number of recordings that enter the dataset, and why others are left out."""
     metadata: dict[str, Any] = dict(inputs.as_json())
     failed = inputs.failed.get(MAIN.name, {})
     for name, reasons in (("why_failed", failed), ("why_skipped", inputs.skipped)):
@@ -86,30 +103,30 @@ def inputs_metadata(inputs: DatasetInputs) -> dict[str, Any]:
     return metadata
 
 
-def dataset_metadata(made: DatasetSummary, failed: Mapping[str, str]) -> dict[str, Any]:
-    """Return what a dataset came to as Dagster metadata.
+def dataset_metadata(summary: DatasetSummary, failed: Mapping[str, str]) -> dict[str, Any]:
+    """Return the summary of a dataset as Dagster metadata.
 
     Args:
-        made: the dataset.
-        failed: recordings that could not enter it -> why.
+        summary: of the dataset.
+        failed: recording that could not enter it -> why.
     """
     metadata: dict[str, Any] = {
-        "folder": dg.MetadataValue.path(str(made.folder)),
-        "recordings": sum(share.recordings for share in made.shares),
+        "folder": dg.MetadataValue.path(str(summary.folder)),
+        "recordings": sum(share.recordings for share in summary.shares),
         **{
             name: _shown(value) if value or not isinstance(value, Mapping) else dg.MetadataValue.json({})
-            for name, value in made.facts.items()
+            for name, value in summary.facts.items()
         },
-        "split_shares": dg.MetadataValue.md(split_table(made.shares)),
-        "changed": made.changed,
+        "split_shares": dg.MetadataValue.md(split_table(summary.shares)),
+        "changed": summary.changed,
     }
-    if made.files:
-        metadata["files"] = dg.MetadataValue.md(record_table(made.files, ("way", "files")))
-    if made.moved:
-        metadata["moved"] = dg.MetadataValue.md(moved_table(made.moved))
-    if made.duplicates:
+    if summary.files:
+        metadata["files"] = dg.MetadataValue.md(record_table(summary.files, ("way", "files")))
+    if summary.moved:
+        metadata["moved"] = dg.MetadataValue.md(moved_table(summary.moved))
+    if summary.duplicates:
         metadata["duplicates"] = dg.MetadataValue.md(
-            record_table(made.duplicates, ("left out", "same content as"))
+            record_table(summary.duplicates, ("left out", "same content as"))
         )
     if failed:
         metadata["failed"] = dg.MetadataValue.md(record_table(failed, ("recording", "reason")))
@@ -117,7 +134,7 @@ def dataset_metadata(made: DatasetSummary, failed: Mapping[str, str]) -> dict[st
 
 
 def split_table(shares: Sequence[SplitShare]) -> str:
-    """Return a Markdown table of what each split got, by time, against what was asked for."""
+    """Return a Markdown table with the share of each split by duration, beside the share asked for."""
     rows = [
         (
             share.name,
@@ -133,20 +150,20 @@ def split_table(shares: Sequence[SplitShare]) -> str:
 
 
 def moved_table(moved: Mapping[str, tuple[str, str]]) -> str:
-    """Return a Markdown table of the recordings that changed their split."""
+    """Return a Markdown table of the recordings that moved to another split."""
     return table(("recording", "was in", "is in"), [(key, *splits) for key, splits in moved.items()])
 
 
 @contextmanager
-def failures_in_words() -> Iterator[None]:
-    """Turn our errors into Dagster failures that show the sentence and are not retried."""
+def errors_explained() -> Iterator[None]:
+    """Turn errors of bagassets into Dagster failures that show their message and are not retried."""
     try:
         yield
     except BagAssetsError as err:
-        raise dg.Failure(description=str(err), allow_retries=False) from _surprise(err)
+        raise dg.Failure(description=str(err), allow_retries=False) from _unexpected_cause(err)
 
 
-def _surprise(err: BagAssetsError) -> BaseException | None:
-    """Return what nobody thought of, whose traceback is worth showing; None for errors that say it all."""
+def _unexpected_cause(err: BagAssetsError) -> BaseException | None:
+    """Return the cause of an unexpected error, whose traceback is worth showing; None for errors that say it all."""
     inner = err.errors.values() if isinstance(err, BuildFailure) else [err]
     return next((e.__cause__ for e in inner if isinstance(e, UnexpectedError)), None)

@@ -1,7 +1,7 @@
-"""What workers of the fork server do for Dagster: execute runs, and report those that were lost.
+"""The jobs that workers of the fork server do for Dagster: executing runs, and reporting those that were lost.
 
 Every function takes and returns JSON, is named in a job as `bagassets.defs.run_worker:name`,
-and opens the instance itself: database connections must not be made before a fork.
+and opens the instance itself: no database connection may be opened before a fork.
 """
 
 import os
@@ -18,9 +18,9 @@ import dagster as dg
 
 from bagassets.decode.loading import load_built_in
 from bagassets.defs.dagster_private import RUN_MODULES
-from bagassets.defs.databases import database_in_words
+from bagassets.defs.databases import database_errors_explained
 from bagassets.defs.exclusive import exclusive
-from bagassets.defs.leftovers import end_left_behind, report_ended
+from bagassets.defs.orphaned_runs import end_orphaned_runs, report_ended
 from bagassets.defs.runs import (
     capture_interrupts,
     dotenv_variables,
@@ -44,11 +44,11 @@ _PARTITION_TAG = "dagster/partition"
 _POLL_S = 0.5
 _ASKS_PER_LOOK = 5  # once a second
 
-# What opening a SQLite instance, executing a run and the steps import; 0.7 s that no worker has to pay.
+# What opening a SQLite instance, executing a run and the steps import; it saves each worker 0.7 s.
 _AHEAD = (
     "alembic.command",
     "alembic.runtime.migration",
-    "bagassets.defs.driver",
+    "bagassets.defs.project_build",
     *RUN_MODULES,
     "dateutil.relativedelta",
     "numpy.ma",
@@ -65,7 +65,7 @@ def preload(modules: list[str]) -> Iterator[None]:
     """Import what workers share, before the server forks; opens no instance and starts no thread.
 
     Returns:
-        Short steps that make workers faster yet, and can wait until the server is idle.
+        Short steps that make workers still faster, and can wait until the server is idle.
     """
     _apply_dotenv()
     for module in _AHEAD:
@@ -81,7 +81,7 @@ def preload(modules: list[str]) -> Iterator[None]:
 def execute(args: dict[str, Any]) -> dict[str, Any]:
     """Execute the run `run_id` of `instance`; return its outcome.
 
-    Runs of one partition take turns, by the lock files in the folder `locks`.
+    Runs of one partition take turns, by means of lock files in the folder `locks`.
     """
     with capture_interrupts(), ExitStack() as stack:
         instance = _open(args, stack)
@@ -99,8 +99,8 @@ def execute(args: dict[str, Any]) -> dict[str, Any]:
                 instance.report_engine_event(message, dagster_run=run)
             if asked % _ASKS_PER_LOOK:
                 return True
-            found = instance.get_run_by_id(run_id)  # the web UI cancels a run that starts without a signal
-            return found is not None and not found.is_finished
+            current = instance.get_run_by_id(run_id)  # the web UI cancels a starting run without a signal
+            return current is not None and not current.is_finished
 
         partition_key = run.tags.get(_PARTITION_TAG)
         name_process(f"worker: {partition_key or _assets_of(run)}")
@@ -117,9 +117,10 @@ def report_lost(args: dict[str, Any]) -> None:
 
 
 def recover(args: dict[str, Any]) -> list[str]:
-    """Report the runs that are left behind (see `leftovers`), and return their ids.
+    """Report orphaned runs (see `orphaned_runs`), and return their ids.
 
-    Stays as long as workers of former servers are at work, or runs wait for one, as nobody else would notice their end.
+    The job lasts as long as workers of former servers work, or runs wait for a worker: nobody else would notice if these
+    ended.
     """
     reported: list[str] = []
     server = os.getppid()
@@ -132,9 +133,9 @@ def recover(args: dict[str, Any]) -> list[str]:
             return reported
         instance = _open(args, stack)
         while True:
-            ended, watched_by_nobody = end_left_behind(instance)
+            ended, unwatched = end_orphaned_runs(instance)
             reported += ended
-            if not watched_by_nobody or not has_server():
+            if not unwatched or not has_server():
                 return reported
             time.sleep(_POLL_S)
 
@@ -142,7 +143,7 @@ def recover(args: dict[str, Any]) -> list[str]:
 def end_worker(args: dict[str, Any]) -> bool:
     """End the worker of the run `run_id`, which is marked CANCELING; return True if it was killed.
 
-    The worker got its SIGTERM already. After `grace_s` seconds it is killed, and the run reported
+    The worker has received SIGTERM already. After `grace_s` seconds it is killed, and the run reported
     unless its server does that.
     """
     process = ProcessId.from_json(args["process"])
@@ -163,14 +164,14 @@ def end_worker(args: dict[str, Any]) -> bool:
 def _open(args: dict[str, Any], stack: ExitStack) -> dg.DagsterInstance:
     _apply_dotenv()
     place = args["instance"] if args["instance"].startswith("/") else "this instance"
-    stack.enter_context(database_in_words(place))
+    stack.enter_context(database_errors_explained(place))
     instance = stack.enter_context(open_instance(args["instance"]))
     stack.enter_context(kept_open(instance))
     return instance
 
 
 def _apply_dotenv() -> None:
-    """Set what the `.env` beside the recipe says, as Dagster does for the folder it is started in."""
+    """Set the variables of the `.env` beside the recipe, as Dagster does for the folder it is started in."""
     recipe = os.environ.get("BAGASSETS_RECIPE")
     if recipe is not None:
         os.environ.update(dotenv_variables(Path(recipe).parent))
@@ -183,7 +184,7 @@ def _assets_of(run: dg.DagsterRun) -> str:
 def _take_turn(
     locks: str, partition_key: str | None, stack: ExitStack, is_wanted: Callable[[int], bool]
 ) -> bool:
-    """Wait until no other run works on the partition; return False if this one is to end."""
+    """Wait until no other run works on the partition; return False if this run is to end."""
     if partition_key is None:
         return True
 

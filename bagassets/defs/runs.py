@@ -1,8 +1,8 @@
 """Creating and executing runs, which takes more of Dagster than its documented API has.
 
-`dagster.materialize` and its kin leave runs without a code location, which the web UI can
-neither execute again nor trace (design, trap 12). Here a run gets the origins that the web
-server would give it, never enters a queue, and is executed in this process.
+`dagster.materialize` and its kin create runs without a code location, which the web UI can neither re-execute nor
+trace. Here a run gets the origins that the web server would give it, never enters a queue, and is executed in this
+process.
 
 Each use of `dagster_private` has a test in `test_runs.py`.
 """
@@ -88,7 +88,7 @@ class CodeLocation:
         )
 
     def remote_origin(self, repository_name: str) -> RemoteRepositoryOrigin:
-        """Return where the web UI finds the definitions: by the location's name."""
+        """Return how the web UI finds the definitions: by the name of the location."""
         target = LoadableTargetOrigin(
             executable_path=sys.executable,
             module_name=self.module,
@@ -138,7 +138,7 @@ def pack_instance(instance: dg.DagsterInstance) -> str:
 
 
 def open_instance(place: str) -> dg.DagsterInstance:
-    """Open the instance in a Dagster home folder, or one that `pack_instance` wrote down."""
+    """Open the instance of a Dagster home folder, or one packed by `pack_instance`."""
     if place.startswith("{"):
         return dg.DagsterInstance.from_ref(dg.deserialize_value(place, InstanceRef))
     with ready_to_open(Path(place)):
@@ -146,7 +146,7 @@ def open_instance(place: str) -> dg.DagsterInstance:
 
 
 def failure_of(instance: dg.DagsterInstance, run: dg.DagsterRun) -> str | None:
-    """Return why a run that ended did not end well: what its first failed step raised, or who ended it."""
+    """Return why a run failed or was cancelled: the error of its first failed step, or the reason why it was ended."""
     for entry in instance.all_logs(run.run_id, of_type=dg.DagsterEventType.STEP_FAILURE):
         event = entry.get_dagster_event()
         data = event.step_failure_data
@@ -155,29 +155,29 @@ def failure_of(instance: dg.DagsterInstance, run: dg.DagsterRun) -> str | None:
     message = None
     for entry in instance.all_logs(run.run_id, of_type=_ENDS):
         message = entry.get_dagster_event().message
-    if message in {None, "", _FAILED_FROM_OUTSIDE}:  # whoever did so told in an engine event
+    if message in {None, "", _FAILED_FROM_OUTSIDE}:  # the reason is in an engine event
         for entry in instance.all_logs(run.run_id, of_type=dg.DagsterEventType.ENGINE_EVENT):
             message = entry.get_dagster_event().message or message
     return message
 
 
 def fail_if_lost(instance: dg.DagsterInstance, run: dg.DagsterRun) -> None:
-    """Fail a run in work whose launcher says that nobody works on it any more.
+    """Fail an active run whose launcher reports that its worker is gone.
 
-    The daemon does so too (`run_monitoring`), but a build needs none.
+    The daemon does so, too (`run_monitoring`), but a build needs no daemon.
     """
     launcher = instance.run_launcher
     if run.status != dg.DagsterRunStatus.STARTED or not launcher.supports_check_run_worker_health:
         return
     health = launcher.check_run_worker_health(run)
     if health.status in {WorkerStatus.FAILED, WorkerStatus.NOT_FOUND}:
-        found = instance.get_run_by_id(run.run_id)
-        if found is not None and not found.is_finished:
-            instance.report_run_failed(found, health.msg or "The worker of the run is gone.")
+        current = instance.get_run_by_id(run.run_id)
+        if current is not None and not current.is_finished:
+            instance.report_run_failed(current, health.msg or "The worker of the run is gone.")
 
 
 def dotenv_variables(folder: Path) -> dict[str, str]:
-    """Return what the `.env` of a folder sets, read as Dagster reads it."""
+    """Return the variables in the `.env` of a folder, read as Dagster reads it."""
     return get_env_var_dict(str(folder))
 
 
@@ -191,7 +191,7 @@ def preload_definitions(module: str) -> None:
 
 
 def is_interrupted() -> bool:
-    """Tell whether a signal came under `capture_interrupts` and was not yet raised."""
+    """Return whether a signal arrived under `capture_interrupts` and was not yet raised."""
     return check_captured_interrupt()
 
 
@@ -206,8 +206,8 @@ def create_run(
 ) -> str:
     """Create a run that looks as if the web UI had launched it, and return its id.
 
-    The asset checks of the selected assets belong to it. It is in state NOT_STARTED until
-    `execute_run` takes it; create it only then.
+    It includes the asset checks of the selected assets. It is NOT_STARTED until `execute_run` takes it, so create it
+    only then.
 
     Raises:
         BagAssetsError: no such asset or partition, or the assets cannot share a run.
@@ -260,24 +260,21 @@ def execute_run(
 ) -> RunOutcome:
     """Execute a run in this process and return how it ended; a failed step is no error here.
 
-    An interrupt (SIGTERM, SIGINT) stops it. The run is then CANCELED if somebody asked for
-    that (it is marked CANCELING, or `cancel_requested` says so), else failed, and no retry
-    policy revives it, other than Dagster would have it.
+    An interrupt (SIGTERM, SIGINT) stops it. The run is then CANCELED if somebody asked for that (it is marked CANCELING,
+    or `cancel_requested` returns True), else failed. Unlike in Dagster, no retry policy revives it.
 
     Args:
         instance: the instance that holds the run.
         run_id: a run in state NOT_STARTED or STARTING.
-        cancel_requested: asked when an interrupt came.
+        cancel_requested: called when an interrupt arrived.
         on_event: called with each event after it was recorded.
 
     Raises:
-        BagAssetsError: there is no such run, or nobody knows where its code is.
+        BagAssetsError: there is no such run, or it has no code location.
     """
     run = instance.get_run_by_id(run_id)
     if run is None or run.job_code_origin is None:
-        raise BagAssetsError(
-            f"run {run_id}: not in this Dagster instance, or it does not say where its code is."
-        )
+        raise BagAssetsError(f"run {run_id}: not in this Dagster instance, or it has no code location.")
     follower = _Follower(instance, run_id, cancel_requested)
     with capture_interrupts(), _compute_logs_without_tails():
         if follower.is_cancel_wanted():
@@ -295,7 +292,7 @@ def execute_run(
 
 
 class _Follower:
-    """Follows the events of one run and sets right what Dagster does with interrupts."""
+    """Follows the events of a run and corrects how Dagster handles interrupts."""
 
     def __init__(
         self, instance: dg.DagsterInstance, run_id: str, cancel_requested: Callable[[], bool]
@@ -306,9 +303,9 @@ class _Follower:
         self._cancel_requested = cancel_requested
 
     def is_cancel_wanted(self) -> bool:
-        """Tell whether somebody wants the run to end.
+        """Return whether somebody has asked to cancel the run.
 
-        The log is asked too, since the start of a run overwrites a mark that came just before.
+        The log is read, too, since the start of a run overwrites the state CANCELING if that was set just before.
         """
         run = self._instance.get_run_by_id(self._run_id)
         return (
@@ -328,7 +325,7 @@ class _Follower:
                 kind = event.event_type
                 has_started = has_started or kind == dg.DagsterEventType.PIPELINE_START
                 if not has_started and self.is_cancel_wanted():
-                    # Dagster would take the state CANCELING for a second start, and fail the run.
+                    # Dagster would mistake the state CANCELING for a second start, and fail the run.
                     events.close()
                     break
                 if kind == dg.DagsterEventType.STEP_FAILURE:
@@ -340,7 +337,7 @@ class _Follower:
                     event = next(events, None)
 
     def settle(self) -> None:
-        """Make a run that somebody wanted to end, and that did not end well, CANCELED."""
+        """Record a run as CANCELED that somebody asked to cancel and that did not succeed."""
         run = self._instance.get_run_by_id(self._run_id)
         good = {dg.DagsterRunStatus.CANCELED, dg.DagsterRunStatus.SUCCESS}
         if run is not None and run.status not in good and self.is_cancel_wanted():
@@ -354,7 +351,7 @@ class _Follower:
             self.failures.append(_step_error(event.step_key or "", data.error))
 
     def _mark_cancelling(self) -> None:
-        """Mark the run before Dagster looks at the mark to tell a cancelled run from a failed one."""
+        """Mark the run as CANCELING: Dagster reads this next to tell a cancelled run from a failed one."""
         run = self._instance.get_run_by_id(self._run_id)
         if run is not None and run.status == dg.DagsterRunStatus.STARTED and self.is_cancel_wanted():
             self._instance.report_run_canceling(run)
@@ -371,7 +368,7 @@ class _Follower:
 
 
 def _step_error(step: str, error: SerializableErrorInfo | None) -> StepError:
-    """Return what the step's own code raised, without Dagster's wrapping."""
+    """Return the error that the step's own code raised, without Dagster's wrappers."""
     if error is None:
         return StepError(step, "", "The step failed and gave no error.")
     raised = error
@@ -387,7 +384,7 @@ def _step_error(step: str, error: SerializableErrorInfo | None) -> StepError:
 def _compute_logs_without_tails() -> Iterator[None]:
     """Keep compute logs from starting two `tail` and two Python processes per run.
 
-    They copy what steps print to the run's own output as well, which nobody sees here.
+    These also copy what steps print to the output of the process, which nobody sees here.
     """
 
     @contextmanager

@@ -1,25 +1,24 @@
-"""The sensor: notices new, changed and removed recordings, and asks for runs.
+"""The sensor: notices new, changed and removed recordings, and requests runs.
 
-A look takes names, sizes and times only; hashing happens inside the run. When there is nothing
-to do, a tick is over after one look. While something is about to happen (a recording that is being
-written, a run that is at work), it looks twice a second for some seconds, since Dagster's daemon
-starts a tick every five seconds at most: so a recording is taken up as soon as it has settled, and the
-dataset as soon as the last run has ended.
+A scan reads names, sizes and times only; hashing happens inside the run. A tick with nothing to do ends after one scan.
+While something is about to happen (a recording is being written, a run is active), the tick scans twice a second for
+some seconds, since Dagster's daemon starts a tick at most every five seconds: so a recording is taken up as soon as it
+has settled, and the datasets as soon as the last run has ended.
 """
 
 import time
 
 import dagster as dg
 
-from bagassets.defs.reporting import failures_in_words
+from bagassets.defs.reporting import errors_explained
 from bagassets.defs.sensor_cursor import Cursor
-from bagassets.defs.sensor_look import Look
+from bagassets.defs.sensor_scan import Scan
 from bagassets.defs.workspace import Workspace
 from bagassets.errors import RecordingError
 
 __all__ = ["recordings_sensor"]
 
-# Less than the daemon's five seconds, or a tick that came a little early would wait for the one after.
+# Less than the daemon's five seconds, or a tick that came a little early would be put off to the next one.
 INTERVAL_S = 4
 WATCH_S = 10.0
 PAUSE_S = 0.5
@@ -27,7 +26,7 @@ _MOVING_TRIES = 2
 
 
 def recordings_sensor() -> dg.SensorDefinition:
-    """Return the sensor; the recipe it works for is its workspace's."""
+    """Return the sensor; its workspace says which recipe it serves."""
 
     @dg.sensor(
         name="recordings",
@@ -35,38 +34,38 @@ def recordings_sensor() -> dg.SensorDefinition:
         minimum_interval_seconds=INTERVAL_S,
         default_status=dg.DefaultSensorStatus.RUNNING,
         description=(
-            "Watches the folder of recordings: registers new ones as partitions once they have settled, has stale ones "
-            "built, drops removed ones, and then has the dataset updated."
+            "Watches the folder of recordings: registers new recordings as partitions once they have settled, requests runs "
+            "for stale ones, deletes the partitions of removed ones, and then requests a run for the datasets."
         ),
     )
     def recordings(context: dg.SensorEvaluationContext, workspace: Workspace) -> dg.SensorResult:
         # The recipe as it is now: the one in `workspace` was read when the code location was loaded.
         workspace = Workspace(recipe_file=workspace.recipe_file)
-        with failures_in_words():
-            return _watch(Look(context.instance, workspace, Cursor.parse(context.cursor)))
+        with errors_explained():
+            return _watch(Scan(context.instance, workspace, Cursor.parse(context.cursor)))
 
     return recordings
 
 
-def _watch(look: Look) -> dg.SensorResult:
-    """Look until there is something to ask for, or nothing to wait for."""
+def _watch(scan: Scan) -> dg.SensorResult:
+    """Scan until there is something to request, or nothing to wait for."""
     begun = time.monotonic()
     end = begun + WATCH_S
-    requests = _look(look)
-    # With thousands of recordings a look takes its time; then look less often.
+    requests = _scan(scan)
+    # With thousands of recordings a scan takes its time; then scan less often.
     pause_s = max(PAUSE_S, 3 * (time.monotonic() - begun))
-    while not requests and time.monotonic() < end and look.is_worth_waiting(time.time() + WATCH_S):
+    while not requests and time.monotonic() < end and scan.is_worth_waiting(time.time() + WATCH_S):
         time.sleep(pause_s)
-        requests = _look(look)
-    skip = dg.SkipReason(look.cursor.said) if not requests else None
-    return dg.SensorResult(run_requests=requests, skip_reason=skip, cursor=look.cursor.text())
+        requests = _scan(scan)
+    skip = dg.SkipReason(scan.cursor.said) if not requests else None
+    return dg.SensorResult(run_requests=requests, skip_reason=skip, cursor=scan.cursor.text())
 
 
-def _look(look: Look) -> list[dg.RunRequest]:
-    """Look; again if a recording went, or was exchanged, while that was done."""
+def _scan(scan: Scan) -> list[dg.RunRequest]:
+    """Scan; repeat if a recording was removed or replaced meanwhile."""
     for _ in range(_MOVING_TRIES):
         try:
-            return look.look(time.time())
+            return scan.scan(time.time())
         except RecordingError:
             time.sleep(PAUSE_S)
-    return look.look(time.time())
+    return scan.scan(time.time())

@@ -1,4 +1,4 @@
-"""What the sensor remembers from one look at the recordings to the next."""
+"""What the sensor remembers from one scan to the next."""
 
 import json
 from collections.abc import Container, Iterable, Mapping
@@ -9,19 +9,19 @@ from bagassets.store.canonical import digest_json
 
 __all__ = ["Cursor", "Request"]
 
-# A run that ended badly for no reason that the plan knows is asked for again, but not for ever.
+# A run that failed for no reason that the plan knows is requested again, but not for ever.
 MOST_TRIES = 3
 RETRY_S = 60.0
 
 
 @dataclass(frozen=True)
 class Request:
-    """A run that was asked for.
+    """A run that was requested.
 
     Attributes:
-        what: digest of what it should make of what.
-        tries: how often it was asked for.
-        at_s: when last, in Unix seconds.
+        what: digest of the state of the recording and of the assets to make.
+        tries: how often it was requested.
+        at_s: when it was last requested (Unix seconds).
     """
 
     what: str
@@ -31,18 +31,20 @@ class Request:
 
 @dataclass
 class Cursor:
-    """What a look remembers for the next; small, however many recordings there are.
+    """What a scan keeps for the next; small, however many recordings there are.
+
+    The names of its fields are on record in Dagster instances.
 
     Attributes:
-        watched: key of a recording that is new or changed -> digest of sizes and times, and since
-            when they hold (Unix seconds).
-        asked: key -> the last request, as long as it was not met.
-        looked_s: when the recordings were looked at last.
+        watched: key of a recording that is new or changed -> digest of its sizes and times, and since when they have
+            been the same (Unix seconds).
+        asked: key -> its last request, until that is met.
+        looked_s: when the last scan was (Unix seconds).
         busy_since_s: since when runs have been active without a pause, or None.
         empty_since_s: since when there has been no recording at all where there were several, or None.
-        runs: number of runs asked for, which makes run keys unique.
-        quiet: digest of everything that the last look depended on, if there was nothing to do; else empty.
-        said: what was told about that look.
+        runs: number of runs requested, which makes run keys unique.
+        quiet: digest of everything that the last scan depended on, if it found nothing to do; else empty.
+        said: the message of that scan.
     """
 
     watched: dict[str, tuple[str, float]] = field(default_factory=dict)
@@ -56,7 +58,7 @@ class Cursor:
 
     @classmethod
     def parse(cls, text: str | None) -> "Cursor":
-        """Return the cursor in `text`; an unreadable one is as good as none."""
+        """Return the cursor in `text`; a new one if it is unreadable."""
         try:
             value = json.loads(text or "{}")
             value["watched"] = {key: (str(e[0]), float(e[1])) for key, e in value["watched"].items()}
@@ -79,11 +81,11 @@ class Cursor:
         settle_s: float,
         now_s: float,
     ) -> set[str]:
-        """Note how the recordings look now, and return the keys of those that are finished.
+        """Note the current sizes and times of the recordings, and return the keys of those that are finished.
 
-        A recording is finished if it is one of the `known`, which are recorded as they are, or has kept its
-        sizes and times for `settle_s`. Its change is dated by the file's own time if that lies between this look and the one
-        before it: then the clocks agree. Else by this look, whatever the clock of a file server says.
+        A recording is finished if it is `known` (recorded in Dagster as it is now), or has kept its sizes and times for
+        `settle_s`. A change is dated by the file's own time if that lies between the last scan and this one, for then
+        the clocks agree; else by this scan, whatever the clock of a file server says.
         """
         finished, watched = set(), {}
         for key, stat in stats.items():
@@ -106,7 +108,7 @@ class Cursor:
         return finished
 
     def next_settled_s(self, settle_s: float, finished: Iterable[str]) -> float | None:
-        """Return when the next recording will have settled if it is not written any more, or None."""
+        """Return when the next recording will have settled, if nobody writes to it any more, or None."""
         done = set(finished)
         times = [since_s + settle_s for key, (_, since_s) in self.watched.items() if key not in done]
         return min(times, default=None)
@@ -114,7 +116,7 @@ class Cursor:
     # --- asking --------------------------------------------------------------------------
 
     def ask(self, key: str, what: str, now_s: float) -> bool:
-        """Tell whether to ask for `what`, and note that; not if the same was asked for a while ago or too often."""
+        """Return whether to request `what`, and note it; False if it was requested just now or too often."""
         before = self.asked.get(key)
         if before is None or before.what != what:
             tries = 1
@@ -128,11 +130,11 @@ class Cursor:
 
     @property
     def may_ask_again(self) -> bool:
-        """True if something that was asked for is not there, and will be asked for again."""
+        """True if a request was not met and will be repeated."""
         return any(request.tries < MOST_TRIES for request in self.asked.values())
 
     def give_up(self, key: str, what: str) -> None:
-        """Ask for `what` no more, as somebody did not want it."""
+        """Request `what` no more: somebody cancelled its run."""
         before = self.asked.get(key)
         if before is not None and before.what == what:
             self.asked[key] = Request(what, MOST_TRIES, before.at_s)

@@ -1,6 +1,6 @@
-"""The web server and the daemon of a project, as child processes of whoever wants them.
+"""The web server and the daemon of a project, as child processes.
 
-Imports nothing of Dagster: the processes do.
+Only these processes import Dagster; this module does not.
 """
 
 import os
@@ -34,17 +34,17 @@ _LOCK = "ui.lock"
 
 
 class Services:
-    """Web server and daemon for one recipe, started at once.
+    """Web server and daemon of a recipe, started by the constructor.
 
-    The fork servers that it starts for its runs belong to it as well. Those that were there before
-    are somebody else's, and stay.
+    The fork servers started for its runs belong to it as well. Servers that were up before belong to somebody else, and
+    are left running.
 
     Args:
         recipe_file: the recipe.
         host: address to listen on.
         port: port to listen on.
-        verbose: have Dagster tell what it does, not just what goes wrong.
-        allow_hosts: names by which others reach the web server.
+        verbose: have Dagster log what it does, not just warnings and errors.
+        allow_hosts: further names by which browsers reach the web server.
 
     Raises:
         BagAssetsError: the recipe is wrong, its UI is open already, or the port is taken.
@@ -78,7 +78,7 @@ class Services:
         workspace = home / "workspace.yaml"
         options = listening_arguments(host, port, allow_hosts, "info" if verbose else "warning")
         options += ["--workspace", str(workspace)] if workspace.is_file() else []
-        # A session of its own: Ctrl-C in the terminal reaches us alone, and we end it in order.
+        # A session of its own: Ctrl-C in the terminal reaches only us, and we end it in order.
         self._process = subprocess.Popen(
             [sys.executable, "-P", "-m", "bagassets.defs.dev", *options],
             stdin=subprocess.PIPE,
@@ -95,11 +95,11 @@ class Services:
 
     @property
     def is_running(self) -> bool:
-        """True until they have ended."""
+        """True until the processes have ended."""
         return self._process.poll() is None
 
     def wait_until_ready(self, give_up: Callable[[], bool]) -> None:
-        """Return when the web server answers, or `give_up` says True.
+        """Return when the web server answers, or `give_up` returns True.
 
         Raises:
             BagAssetsError: it ended, or did not answer for two minutes.
@@ -108,7 +108,7 @@ class Services:
         while not (give_up() or answers(*self._address)):
             if not self.is_running:
                 raise BagAssetsError(
-                    "the web UI ended before it answered; what it wrote above says why (more of it with --verbose)."
+                    "the web UI ended before it answered; its messages above say why (more of them with --verbose)."
                 )
             if time.monotonic() > deadline:
                 raise BagAssetsError(
@@ -117,16 +117,16 @@ class Services:
             time.sleep(_POLL_S)
 
     def warm_up(self) -> None:
-        """Have a fork server ready for the first run, and up until the end; returns at once."""
+        """Start a fork server for the first run and keep it up until the end; returns at once."""
         self._warming.start()
 
     def _warm(self) -> None:
-        # If there can be no server, each run says so itself.
+        # If no server can start, each run reports that itself.
         with suppress(BagAssetsError):
             self._client = connect(server_spec(self._state, self._recipe_file), str(self._home))
 
     def stop(self) -> None:
-        """End web server, daemon and code server; runs go on."""
+        """End web server, daemon and code server; active runs continue."""
         if self._process.stdin is not None and not self._process.stdin.closed:
             self._process.stdin.close()
         try:
@@ -137,25 +137,25 @@ class Services:
         _end_group(self._process.pid)
         self._lock.close()
 
-    def end_runs(self, tell: Callable[[int], None], *, cancel: Callable[[], bool]) -> None:
-        """End the fork servers started since, once the runs they execute have ended.
+    def end_runs(self, on_wait: Callable[[int], None], *, cancel: Callable[[], bool]) -> None:
+        """End the fork servers started meanwhile, once the runs they execute have ended.
 
         Args:
-            tell: called once, with the number of runs that are waited for, if there are any.
-            cancel: asked five times a second; True cancels the runs.
+            on_wait: called once, with the number of active runs, if there are any.
+            cancel: called five times a second; True cancels the runs.
         """
         if self._warming.is_alive():
             self._warming.join()
         if self._client is not None:
             self._client.close()
         ours = [places for places in _alive(self._state) if places.stamp not in self._servers_before]
-        end_servers(ours, tell, cancel=cancel)
+        end_servers(ours, on_wait, cancel=cancel)
 
 
 def _end_group(group: int) -> None:
-    """End what is left of a group of processes; Dagster's code server would take up to a minute."""
+    """End the remaining processes of a group; Dagster's code server would take up to a minute by itself."""
     deadline = time.monotonic() + _LEAVE_S
-    with suppress(ProcessLookupError):  # nobody is left
+    with suppress(ProcessLookupError):  # no process is left
         os.killpg(group, signal.SIGTERM)
         while time.monotonic() < deadline:
             os.killpg(group, 0)
@@ -164,29 +164,29 @@ def _end_group(group: int) -> None:
 
 
 def end_servers(
-    servers: Iterable[Places], tell: Callable[[int], None], *, cancel: Callable[[], bool]
+    servers: Iterable[Places], on_wait: Callable[[int], None], *, cancel: Callable[[], bool]
 ) -> None:
-    """End fork servers that nobody else is connected to, once the jobs that they have are done.
+    """End fork servers without other clients, once their jobs are done.
 
     Args:
-        servers: where they are.
-        tell: called once, with the number of jobs that are waited for, if there are any.
-        cancel: asked five times a second; True cancels the jobs.
+        servers: their places.
+        on_wait: called once, with the number of jobs that are still running, if there are any.
+        cancel: called five times a second; True cancels the jobs.
     """
-    has_told = False
+    has_reported = False
     for places in servers:
         client = Client.connect(places)
         if client is None:
             continue
         with client, suppress(ServerRefusedError):  # it has ended
             if not _is_left_alone(client):
-                continue  # a build uses it as well
+                continue  # a build uses it, too
             is_cancelled = False
             running = client.drain()
             while running:
-                if not has_told:
-                    tell(running)
-                    has_told = True
+                if not has_reported:
+                    on_wait(running)
+                    has_reported = True
                 if not is_cancelled and cancel():
                     is_cancelled = True
                     client.shutdown(grace_s=_GRACE_S)
@@ -195,7 +195,7 @@ def end_servers(
 
 
 def _is_left_alone(client: Client) -> bool:
-    """Tell whether no other client is connected, or stays so: those that just ended may still be counted."""
+    """Return whether no other client is connected; waits a little, since those that just ended may still be counted."""
     deadline = time.monotonic() + _LEAVE_S
     while client.status()["clients"] > 1:
         if time.monotonic() > deadline:
@@ -205,7 +205,7 @@ def _is_left_alone(client: Client) -> bool:
 
 
 def _lock(state: Path, url: str) -> LockFile:
-    """Return the locked file that keeps a second daemon from the same state; it names the first's URL."""
+    """Lock the state folder against a second daemon; the lock file holds the URL of this one."""
     try:
         state.mkdir(parents=True, exist_ok=True)
         lock = LockFile.open(state / _LOCK)
@@ -214,7 +214,7 @@ def _lock(state: Path, url: str) -> LockFile:
     if not lock.try_lock():
         with lock:
             raise BagAssetsError(
-                f"the web UI of this project is open already at {lock.read().strip()}; open that, or end it first (Ctrl-C "
+                f"the web UI of this project is running already at {lock.read().strip()}; use that one, or end it first (Ctrl-C "
                 "where it runs)."
             )
     lock.write(url)

@@ -1,4 +1,4 @@
-"""Leaving a note for the next build when this one found that there is nothing to do."""
+"""The snapshot that a build with nothing left to do keeps for the next build."""
 
 from contextlib import suppress
 from pathlib import Path
@@ -8,8 +8,8 @@ import dagster as dg
 from bagassets.build.named_files import files_beside, named_files
 from bagassets.build.plan_model import Plan
 from bagassets.defs.events import database_place
+from bagassets.defs.instance_plan import workspace_fingerprint
 from bagassets.defs.partitions import partitions_name
-from bagassets.defs.planning import project_of
 from bagassets.defs.workspace import Workspace
 from bagassets.formats.dataset_build import dataset_code_versions, dataset_folders
 from bagassets.freshness import decide
@@ -21,9 +21,9 @@ __all__ = ["Snapshot"]
 
 
 class Snapshot:
-    """Everything as it is before a plan is made, left for the next build if the plan has nothing to do.
+    """The fingerprints of all inputs, taken before a plan is made, and saved if the plan has nothing to do.
 
-    What changes while the plan is made then differs from it, and the next build looks closer.
+    So whatever changes while the plan is made differs from the snapshot, and the next build plans in full.
     """
 
     def __init__(self, instance: dg.DagsterInstance, workspace: Workspace) -> None:
@@ -32,11 +32,11 @@ class Snapshot:
         recipe_file = Path(workspace.recipe_file).absolute()
         database = database_place(instance)
         config = dagster_home(recipe_file, self._recipe) / "dagster.yaml"
-        # A database that is named by a variable may be another one next time.
+        # If a variable names the database, it may be another one next time.
         if database is None or "env:" in config.read_text("utf-8"):
             return
         files, folders = named_files(self._recipe)
-        # One in the project folder would be taken first.
+        # A dagster.yaml in the project folder would take precedence.
         beside = [config, recipe_file.with_name(config.name)]
         if any(rig.annotation_files for rig in self._recipe.rigs):
             # Label files may lie outside the bag root.
@@ -53,13 +53,13 @@ class Snapshot:
             partitions=partitions_name(self._recipe),
             artifacts=str(self._recipe.store_path / "artifacts"),
         )
-        project = project_of(workspace)
+        project = workspace_fingerprint(workspace)
         if project is not None:
             with suppress(PlanNeeded):
                 self._fingerprints = decide.current_fingerprints(self._places, project)
 
-    def leave(self, plan: Plan) -> None:
-        """Leave it, if the plan has nothing to do; where that is not possible, leave none."""
+    def save(self, plan: Plan) -> None:
+        """Save the snapshot if the plan has nothing to do; else remove the last one."""
         bags = plan.bags.values()
         if self._fingerprints is None or not all(bag.settled for bag in bags):
             decide.forget_note(self._recipe.state)

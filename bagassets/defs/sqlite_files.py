@@ -1,11 +1,11 @@
 """Cheaper use of Dagster's SQLite files by processes that write hundreds of events.
 
-For every event Dagster makes an engine, opens a connection and closes it again. The last connection to
-close writes the log (WAL) back into the database file, with two syncs of the disk, and an engine compiles
-each statement anew: so the engine of a file is used again, and its connections stay open meanwhile. Whether
-a database has the newest schema is asked of Alembic, which imports a hundred small modules for it: that is
-done once, before workers are forked. And a commit need not wait for the disk: after a power loss the newest
-records may be missing, which the next build records again from the store, but the database is whole.
+For every event Dagster creates an engine, opens a connection and closes it again. The last connection to close writes
+the write-ahead log back into the database file, with two syncs of the disk, and a new engine compiles each statement
+anew: so engines are reused here, and connections kept open. To see whether a database has the newest schema, Alembic
+imports a hundred small modules: that happens once, before workers are forked. And a commit does not wait for the disk:
+after a power loss the newest records may be missing, which the next build records again from the store, but the
+database is whole.
 """
 
 import sqlite3
@@ -28,16 +28,16 @@ from bagassets.defs.events import event_database
 __all__ = ["kept_open", "share_migrations"]
 
 _FROM_CONFIG = "from_config"
-_CREATE_ENGINE = "create_engine"  # what both storages call the function by
+_CREATE_ENGINE = "create_engine"  # the name under which both storages import it
 
 _KEPT: Counter[str] = Counter()  # database file -> how many keep it open
 _POOLED: dict[tuple[str, float | None], Engine] = {}  # database file, timeout -> engine with open connections
-_DISPOSE = "dispose"  # what Dagster does to an engine after each event
+_DISPOSE = "dispose"  # called by Dagster after each event
 
 
 @cache
 def share_migrations() -> None:
-    """Have Alembic read Dagster's migrations now, and never again in this process and its children."""
+    """Let Alembic read Dagster's migrations now, and never again in this process and its children."""
     read = ScriptDirectory.from_config
     known: dict[str, ScriptDirectory] = {}
 
@@ -53,7 +53,7 @@ def share_migrations() -> None:
 
 @contextmanager
 def kept_open(instance: dg.DagsterInstance, *run_ids: str) -> Iterator[None]:
-    """Keep the databases of an instance, and of some runs' events, open; nothing unless they are SQLite's."""
+    """Keep open the SQLite databases of an instance and of the events of some runs; other databases are left alone."""
     index = event_database(instance)
     if index is None:
         yield
@@ -74,13 +74,13 @@ def kept_open(instance: dg.DagsterInstance, *run_ids: str) -> Iterator[None]:
 
 @cache
 def _relax_commits() -> None:
-    """Have every SQLite connection of this process from now on leave syncing to checkpoints."""
+    """Let all SQLite connections that this process opens from now on sync at checkpoints only."""
     event.listen(Engine, "connect", _on_connect)
 
 
 @cache
 def _share_engines() -> None:
-    """Have Dagster use an engine again where it would make another one for the same file."""
+    """Let Dagster reuse an engine where it would create another one for the same file."""
     for module in (sqlite_event_log, sqlite_run_storage):
         setattr(module, _CREATE_ENGINE, _create_engine)
 
@@ -88,7 +88,7 @@ def _share_engines() -> None:
 def _create_engine(url: str, **options: Any) -> Engine:
     timeout_s = options.get("connect_args", {}).get("timeout")
     if options != _file_options(NullPool, timeout_s):
-        return create_engine(url, **options)  # not as it was when this was written: as asked for
+        return create_engine(url, **options)  # another version of Dagster: create what it asks for
     path = str(make_url(url).database)
     if _KEPT[path] <= 0:
         return _engine(url, timeout_s)

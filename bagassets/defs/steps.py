@@ -1,6 +1,6 @@
 """Steps of your own: what an ordinary Dagster asset needs to read our artifacts and to publish one.
 
-`docs/steps.md` tells how; `examples/step_plugin` is a worked example.
+See `docs/steps.md`; `examples/step_plugin` is a complete example.
 """
 
 from collections.abc import Callable, Mapping
@@ -12,7 +12,7 @@ import dagster as dg
 from bagassets.build.execute import AssetResult
 from bagassets.defs.events import live_partitions, recorded_states
 from bagassets.defs.partitions import recording_partitions
-from bagassets.defs.reporting import failures_in_words, result_metadata
+from bagassets.defs.reporting import errors_explained, result_metadata
 from bagassets.defs.workspace import Workspace
 from bagassets.errors import StoreError
 from bagassets.recipe import load_recipe
@@ -33,7 +33,7 @@ _ACTIVE = [
 
 
 def recipe_beside(file: str | Path) -> Recipe:
-    """Return the recipe in the folder of a file; for `__file__` of a project's own definitions.
+    """Return the recipe in the folder of a file; pass `__file__` in the definitions of a project.
 
     Raises:
         RecipeError: there is none, or it is wrong.
@@ -42,14 +42,14 @@ def recipe_beside(file: str | Path) -> Recipe:
 
 
 def per_recording(recipe: Recipe) -> dg.PartitionsDefinition[str]:
-    """Return the partitions of our assets, one key per recording, for assets of your own beside them."""
+    """Return the partitions of our assets, one key per recording, for your own assets."""
     return recording_partitions(recipe)
 
 
 def channels(
     context: dg.AssetExecutionContext | dg.AssetCheckExecutionContext, workspace: Workspace, asset: str
 ) -> dict[str, Artifact]:
-    """Return channel -> artifact of `frames` or `sweeps` of the recording that is being materialized.
+    """Return channel -> artifact of `frames` or `sweeps`, for the recording that is being materialized.
 
     Each artifact holds the files and `index.parquet` of one channel.
 
@@ -63,9 +63,9 @@ def channels(
 def all_recordings(
     context: dg.AssetExecutionContext | dg.AssetCheckExecutionContext, workspace: Workspace, asset: str
 ) -> dict[str, Artifact]:
-    """Return partition key -> artifact of an asset of every recording that has one now, sorted by key.
+    """Return partition key -> current artifact of an asset, sorted by key.
 
-    Recordings that were removed, skipped, or not materialized yet are left out.
+    Recordings that were removed, are skipped or have not been materialized are left out.
 
     Raises:
         StoreError: an artifact is not in the store.
@@ -86,32 +86,32 @@ def publish(
     params: Mapping[str, Any] | None = None,
     libraries: tuple[str, ...] = (),
 ) -> dg.MaterializeResult[None]:
-    """Make the artifact of this asset, unless the store has one that was made of the same.
+    """Make the artifact of this asset, unless the store has the result of the same action.
 
-    The same means: asset key, its `code_version`, `params`, versions of `libraries`, and the
-    content of `inputs`. The artifact's digest becomes the asset's data version.
+    The action consists of the asset key and its `code_version`, `params`, the versions of `libraries`, and the content
+    of `inputs`. The digest of the artifact becomes the data version of the asset.
 
     Args:
-        context: of the asset.
+        context: context of the asset.
         workspace: its resource.
-        make: writes files into the artifact, and returns counts and other small facts, which
-            become metadata. What it writes must depend on nothing but what is listed here.
+        make: writes files into the artifact, and returns counts and other small facts, which become metadata. What it
+            writes must depend on nothing but the action.
         inputs: name -> artifact that `make` reads.
         params: JSON values that shape the result, such as thresholds.
-        libraries: installed distributions whose version shapes the result.
+        libraries: installed distributions whose versions shape the result.
 
     Raises:
-        dagster.Failure: an error of bagassets, in words, or the asset has no `code_version`.
+        dagster.Failure: an error of bagassets, with its message, or the asset has no `code_version`.
     """
     key = context.asset_key
-    with failures_in_words():
+    with errors_explained():
         version = context.assets_def.code_versions_by_key.get(key)
         if version is None:
             raise StoreError(
                 f"{key.to_user_string()}: give this asset a code_version, and raise it when its code changes; without "
-                "one an old result would be taken for a new one."
+                "one, an old result would pass for a new one."
             )
-        # The prefix keeps steps of yours apart from ours, whatever they are called.
+        # The prefix keeps users' steps apart from ours, whatever they are called.
         step = Step(f"own/{key.to_user_string()}", 1, libraries)
         digests = {name: artifact.digest for name, artifact in inputs.items()}
         action = step.action({"code_version": version, "params": dict(params or {})}, digests)
@@ -125,15 +125,15 @@ def publish(
 
 
 def follow_recordings(asset: str, *, upstream: str, interval_s: int = 30) -> dg.SensorDefinition:
-    """Return a sensor that runs an asset of the whole dataset when a recording changed, came or went.
+    """Return a sensor that runs an unpartitioned asset when a recording was added, changed or removed.
 
-    Automation conditions wait for ever for recordings that are skipped, miss removals, and lose
-    what lands between a run and the next tick.
+    Automation conditions wait for ever for skipped recordings, miss removals, and lose changes between a run and the
+    next tick.
 
     Args:
-        asset: key of an asset without partitions.
-        upstream: key of the asset per recording that it reads.
-        interval_s: least time between two looks.
+        asset: key of an unpartitioned asset.
+        upstream: key of the partitioned asset that it reads.
+        interval_s: least time between two ticks.
     """
     key = dg.AssetKey(asset)
 
@@ -142,10 +142,10 @@ def follow_recordings(asset: str, *, upstream: str, interval_s: int = 30) -> dg.
         target=dg.AssetSelection.assets(key),
         minimum_interval_seconds=interval_s,
         default_status=dg.DefaultSensorStatus.RUNNING,
-        description=f"Asks for {asset} whenever {upstream} of a recording changed, came or went.",
+        description=f"Requests a run of {asset} whenever {upstream} of a recording was added, changed or removed.",
     )
     def follow(context: dg.SensorEvaluationContext, workspace: Workspace) -> dg.SensorResult:
-        with failures_in_words():
+        with errors_explained():
             recorded = recorded_states(context.instance, [upstream])[upstream]
             live = live_partitions(context.instance, workspace.recipe)
         now = digest_json({key: recorded[key].data_version for key in sorted(live & recorded.keys())})

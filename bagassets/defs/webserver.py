@@ -26,13 +26,13 @@ from bagassets.defs.ports import listening_options
 __all__ = ["main"]
 
 _LOG = logging.getLogger("dagster-webserver")
-# As `dagster-webserver` has them by default.
+# The defaults of `dagster-webserver`.
 _STATEMENT_TIMEOUT_MS, _POOL_RECYCLE_S, _POOL_MAX_OVERFLOW = 15_000, 3600, 20
 _POLL_MS = 2000
 
 
 def main() -> None:
-    """Serve until a message to end comes through the pipe."""
+    """Serve until a shutdown message arrives through the pipe."""
     parser = argparse.ArgumentParser(parents=[listening_options()])
     parser.add_argument("--instance-ref", required=True, type=_instance_ref)
     parser.add_argument("--workspace", required=True)

@@ -1,7 +1,7 @@
 """The tag that says which process executes a run.
 
-Executing a run again copies its parent's tags, so the tag names its own run as well, and
-one that names another run means nothing.
+Re-executing a run copies the tags of its parent. So the tag names its own run as well, and a tag that names another
+run is ignored.
 """
 
 import json
@@ -14,13 +14,13 @@ from bagassets.forkserver.process import ProcessId
 
 __all__ = ["WORKER_TAG", "RunWorker"]
 
-# Dagster keeps tags that begin like this out of the list of runs, where nobody wants to read JSON.
+# Dagster hides tags with this prefix in its list of runs, where nobody wants to read JSON.
 WORKER_TAG = ".dagster/bagassets_worker"
 
 
 @dataclass(frozen=True)
 class RunWorker:
-    """Who executes a run.
+    """The worker that executes a run.
 
     Attributes:
         run_id: the run.
@@ -48,7 +48,7 @@ class RunWorker:
 
     @classmethod
     def of(cls, run: dg.DagsterRun) -> "RunWorker | None":
-        """Return who executes `run`, or None if no worker of ours does."""
+        """Return the worker that executes `run`, or None if it is not one of ours."""
         try:
             value = json.loads(run.tags[WORKER_TAG])
             process = value["process"]
@@ -63,15 +63,15 @@ class RunWorker:
 
     @property
     def is_on_this_host(self) -> bool:
-        """True if this machine can tell whether the worker lives."""
+        """True if this machine can check whether the worker is alive."""
         return (self.process or self.server).is_on_this_host
 
     def is_alive(self) -> bool:
-        """Tell whether the worker runs, or is about to be forked."""
+        """Return whether the worker runs, or is about to be forked."""
         return (self.process or self.server).is_alive()
 
     def is_watched(self) -> bool:
-        """Tell whether a server would notice the worker's end."""
+        """Return whether a server is up that notices when the worker ends."""
         return self.server.is_alive()
 
     def __str__(self) -> str:

@@ -31,9 +31,9 @@ def index_of(recipe: Recipe) -> DigestIndex:
 
 
 class Workspace(dg.ConfigurableResource):  # type: ignore[type-arg]  # steps get it itself, not a value
-    """What a step needs of its surroundings.
+    """Recipe, store and recordings, as a resource.
 
-    Ask for it in an asset of your own as parameter `workspace: Workspace`.
+    An asset of your own gets it as parameter `workspace: Workspace`.
     """
 
     recipe_file: str
@@ -52,19 +52,19 @@ class Workspace(dg.ConfigurableResource):  # type: ignore[type-arg]  # steps get
 
     @property
     def assets(self) -> RecordingAssets:
-        """The assets that recordings have under the recipe."""
+        """The assets of a recording under this recipe."""
         if self._assets is None:
             self._assets = recording_assets(self.recipe)
         return self._assets
 
     @property
     def recipe_fingerprint(self) -> str:
-        """The fingerprint of the recipe as it was when it was read."""
+        """The fingerprint of the recipe file when it was read."""
         return self._recipe_fingerprint if self.recipe else ""
 
     @property
     def store(self) -> Store:
-        """The artifact store, which takes note of this project."""
+        """The artifact store, in which this project is noted as a user."""
         store = Store(self.recipe.store_path)
         note_user(store.root, Path(self.recipe_file))
         return store
@@ -78,11 +78,11 @@ class Workspace(dg.ConfigurableResource):  # type: ignore[type-arg]  # steps get
         """Look for recordings below the bag root (file names and sizes only).
 
         Raises:
-            RecordingError: the root is missing, which is told with the line of the recipe, or cannot be read.
+            RecordingError: the root is missing (the message names the line of the recipe) or cannot be read.
         """
         root = self.recipe.bags.root
         if not root.is_dir():
-            # Not when the recipe is read: the disk may come back, and what needs no recordings goes on meanwhile.
+            # Not checked when the recipe is read: the disk may come back, and much works without it meanwhile.
             raise RecordingError(
                 f"{where_in(Path(self.recipe_file), ('bags', 'root'))}: there is no folder {root}; correct it, or mount "
                 "its disk."
@@ -90,24 +90,24 @@ class Workspace(dg.ConfigurableResource):  # type: ignore[type-arg]  # steps get
         return discover(self.recipe.bags)
 
     def once_in_run(self, run_id: str, find: Callable[[], T]) -> T:
-        """Return what `find` returned when it was asked for the first time in a run, of which there is one such."""
+        """Return what `find` returned when it was first called in this run; a run keeps one such value."""
         if self._found_in_run is None or self._found_in_run[0] != run_id:
             self._found_in_run = run_id, find()
-        found: T = self._found_in_run[1]
-        return found
+        value: T = self._found_in_run[1]
+        return value
 
     def recording(self, key: str) -> RecordingFiles:
         """Return the recording of a partition.
 
         Raises:
-            RecordingError: there is none (any more).
+            RecordingError: there is none, or it was removed.
         """
         try:
             return self.discover().recordings[key]
         except KeyError:
             raise RecordingError(
                 f"{key}: no such recording below {self.recipe.bags.root}; it was removed or renamed, and its "
-                "partition goes at the next `bagassets build` or sensor tick."
+                "partition is removed by the next `bagassets build` or sensor tick."
             ) from None
 
     def artifact(

@@ -5,6 +5,7 @@ from datetime import UTC, datetime, timedelta
 from typing import Any
 
 from bagassets.escaping import visible
+from bagassets.recordings.sizes import readable_bytes
 
 __all__ = ["describe_inventory"]
 
@@ -33,7 +34,7 @@ def _facts(inventory: Mapping[str, Any]) -> list[tuple[str, str]]:
     topics = inventory["topics"]
     facts = [
         ("format", _FORMATS.get(inventory["format"], inventory["format"])),
-        ("size", _bytes(inventory["size"])),
+        ("size", readable_bytes(inventory["size"])),
     ]
     if inventory["start_ns"] is None:
         facts.append(("span", "no messages"))
@@ -90,14 +91,3 @@ def _utc(stamp_ns: int) -> str:
 def _fix(fix: Mapping[str, Any]) -> str:
     height = "" if fix["alt"] is None else f", {fix['alt']:.1f} m"
     return f"{fix['lat']:.6f}, {fix['lon']:.6f}{height}"
-
-
-def _bytes(size: int) -> str:
-    if size < 1000:
-        return f"{size} B"
-    value = float(size)
-    for unit in ("kB", "MB", "GB"):
-        value /= 1000
-        if value < 999.95:
-            return f"{value:.1f} {unit}"
-    return f"{value / 1000:.1f} TB"

@@ -17,7 +17,7 @@ from bagassets.defs import (
     all_recordings,
     build_definitions,
     channels,
-    failures_in_words,
+    errors_explained,
     follow_recordings,
     per_recording,
     publish,
@@ -45,7 +45,7 @@ def sharpness(channel: Artifact) -> list[float]:
 )
 def image_quality(context: dg.AssetExecutionContext, workspace: Workspace) -> dg.MaterializeResult[None]:
     """Sharpness of the images of each camera of one recording."""
-    with failures_in_words():
+    with errors_explained():
         cameras = channels(context, workspace, "frames")
 
     def make(out: ArtifactWriter) -> dict[str, Any]:
@@ -66,7 +66,7 @@ def image_quality(context: dg.AssetExecutionContext, workspace: Workspace) -> dg
 )
 def quality_report(context: dg.AssetExecutionContext, workspace: Workspace) -> dg.MaterializeResult[None]:
     """A table of all recordings and cameras, the most blurred first."""
-    with failures_in_words():
+    with errors_explained():
         recordings = all_recordings(context, workspace, "image_quality")
 
     def make(out: ArtifactWriter) -> dict[str, Any]:

@@ -13,7 +13,7 @@ import small_definitions
 from dagster._core.launcher import RunLauncher
 from dagster._serdes import ConfigurableClass
 
-from bagassets.defs.follow import Runs
+from bagassets.defs.run_pool import RunPool
 from bagassets.defs.runs import CodeLocation, open_instance
 from bagassets.defs.worker_tag import RunWorker
 from bagassets.forkserver.client import Client
@@ -91,7 +91,7 @@ def steering(tmp_path, monkeypatch):
 def follow(instance, todo, jobs=2):
     events = []
     log = Path(instance.root_directory) / "code-server.log"
-    with Runs(instance, jobs, lambda event: events.append((event.kind, event.key)), log, LOCATION) as runs:
+    with RunPool(instance, jobs, lambda event: events.append((event.kind, event.key)), log, LOCATION) as runs:
         runs.work(todo)
     return runs, events
 

@@ -1,4 +1,4 @@
-"""The build driver: which recordings need a run, running them side by side, then the dataset.
+"""A build of a project: runs for the recordings that need one, side by side, then a run for the datasets.
 
 A run is created only when a worker is free for it. One recording's failure does not stop the
 others, and an interrupt loses nothing that was finished.
@@ -17,11 +17,11 @@ from bagassets.build.build_report import BagOutcome, BuildOptions, BuildReport, 
 from bagassets.build.plan_model import Plan, Recorded
 from bagassets.build.summary_rows import summary_rows
 from bagassets.defs.dataset import record_inputs
-from bagassets.defs.follow import Ended, Listener, Runs
-from bagassets.defs.leftovers import end_left_behind
+from bagassets.defs.instance_plan import InstancePlan
+from bagassets.defs.orphaned_runs import end_orphaned_runs
 from bagassets.defs.partitions import add_partitions, remove_partition
-from bagassets.defs.planning import Planned
-from bagassets.defs.situation import Situation, opened, survey, survey_again
+from bagassets.defs.pending_work import PendingWork, find_pending_work, open_project, update_pending_work
+from bagassets.defs.run_pool import EndedRun, Listener, RunPool
 from bagassets.defs.snapshot import Snapshot
 from bagassets.defs.workspace import Workspace
 from bagassets.errors import RecordingError
@@ -36,24 +36,24 @@ from bagassets.recipe.model import Recipe
 from bagassets.splits import SplitShare, moves
 from bagassets.store.store import Store
 
-__all__ = ["bring_up_to_date", "bring_up_to_date_in_worker"]
+__all__ = ["build_project", "build_project_in_worker"]
 
 
-def bring_up_to_date(recipe_file: Path, options: BuildOptions, on_event: Listener) -> BuildReport:
-    """Bring all recordings and the dataset up to date, and report what was done.
+def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) -> BuildReport:
+    """Bring all recordings and datasets up to date, and return a report.
 
     Raises:
         BagAssetsError: the recipe, the bag root or the server is not usable.
     """
     started = time.monotonic()
-    with opened(recipe_file) as (instance, workspace), ExitStack() as stack:
+    with open_project(recipe_file) as (instance, workspace), ExitStack() as stack:
         recipe = workspace.recipe
-        end_left_behind(instance)
+        end_orphaned_runs(instance)
         mended = {"after_crash": stack.enter_context(noted_build(recipe, recipe_file))}
         mended["changed_in_place"] = take_out_changed_sources(recipe, workspace.store)
         mended["installed_packages"] = list(problems_of(recipe))
         snapshot = Snapshot(instance, workspace)
-        before = now = survey(instance, workspace, options)
+        before = now = find_pending_work(instance, workspace, options)
         report = BuildReport(before.plan, dataset_path=recipe.nuscenes.output)
         split_before = split_on_disk(recipe)
         report.remarks = tuple(
@@ -64,13 +64,13 @@ def bring_up_to_date(recipe_file: Path, options: BuildOptions, on_event: Listene
         report.removed = _register(instance, workspace, before.planned)
         if before.todo or (before.datasets and not before.dataset_is_current):
             log = Places(recipe.state, "").job_log("code-server")
-            runs = stack.enter_context(Runs(instance, options.jobs, on_event, log))
+            runs = stack.enter_context(RunPool(instance, options.jobs, on_event, log))
             sizes = {key: before.planned.discovery.recordings[key].size for key in before.todo}
             on_event(Event("planned", sizes=sizes))
             # The longest first: begun last, it would keep one worker busy after all others are done.
             runs.work({key: before.todo[key] for key in sorted(sizes, key=lambda key: -sizes[key])})
-            now = survey_again(instance, workspace, before, runs.ended.keys())
-            _tell(report, now, runs)
+            now = update_pending_work(instance, workspace, before, runs.ended.keys())
+            _add_outcomes(report, now, runs)
             if before.datasets and not now.dataset_is_current and not runs.interrupted:
                 record_inputs(instance, recipe, now.planned.inputs)
                 runs.work({"": before.datasets})
@@ -79,7 +79,7 @@ def bring_up_to_date(recipe_file: Path, options: BuildOptions, on_event: Listene
             report.dataset, report.dataset_problem = _dataset_outcome(runs.ended.get(""))
             if report.succeeded and options.is_whole:
                 snapshot = Snapshot(instance, workspace)
-                now = survey(instance, workspace)
+                now = find_pending_work(instance, workspace)
         lock = main_lock(recipe)
         report.duplicates = {} if lock is None else lock.value["duplicates"]
         report.splits = {} if lock is None else _shares(lock.value["shares"])
@@ -93,40 +93,40 @@ def bring_up_to_date(recipe_file: Path, options: BuildOptions, on_event: Listene
         report.plan, report.excluded = now.plan, now.plan.excluded
         _add_idle(report, now.plan, before.chosen, is_whole=options.is_whole)
         if options.is_whole and now.is_settled:
-            snapshot.leave(now.plan)
+            snapshot.save(now.plan)
     report.seconds = time.monotonic() - started
     return report
 
 
-def bring_up_to_date_in_worker(args: dict[str, Any]) -> dict[str, Any]:
-    """Do so in a worker of the fork server; return the report as JSON, with the rows of its table as `summary`.
+def build_project_in_worker(args: dict[str, Any]) -> dict[str, Any]:
+    """Build in a worker of the fork server; return the report as JSON, with the rows of its table as `summary`.
 
-    The command line then imports no Dagster at all, which would take longer than many a build. Events are told as
-    notes with the single entry `build`. A cancelled build stops its runs, waits for their end and reports what was
-    done.
+    So the command line need not import Dagster, which takes longer than many a build. Events are sent as notes with
+    the single entry `build`. A build that is cancelled stops its runs, waits until they have ended, and reports what
+    was done.
 
     Args:
-        args: `recipe` (file), `options` (`BuildOptions.as_json`), `most` (rows of the table; None = all).
+        args: `recipe` (file), `options` (`BuildOptions.as_json`), `most` (most rows of the table; None = all).
     """
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     recipe_file = Path(args["recipe"])
 
-    def tell(event: Event) -> None:
+    def send(event: Event) -> None:
         note({"build": event.as_json()})
 
-    report = bring_up_to_date(recipe_file, BuildOptions.from_json(args["options"]), tell)
+    report = build_project(recipe_file, BuildOptions.from_json(args["options"]), send)
     rows = summary_rows(report, Store(load_recipe(recipe_file).store_path), most=args["most"])
     return {**report.as_json(), "summary": [row.as_json() for row in rows]}
 
 
 def _shares(locked: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
-    """Return what each split has, and whether that is far from what was asked for."""
+    """Return the share of each split, and whether it is far from what the recipe asks for."""
     shares = [SplitShare.from_json(name, value) for name, value in locked.items()]
     return {share.name: {**share.as_json(), "is_far": share.is_far} for share in shares}
 
 
-def _refuse_empty(recipe: Recipe, planned: Planned) -> None:
-    """Refuse to take an empty bag root for the truth where there were recordings: a disk may be missing.
+def _refuse_empty(recipe: Recipe, planned: InstancePlan) -> None:
+    """Refuse an empty bag root where there were recordings: a disk may not be mounted.
 
     Raises:
         RecordingError: all recordings are gone at once.
@@ -140,21 +140,21 @@ def _refuse_empty(recipe: Recipe, planned: Planned) -> None:
         )
 
 
-def _register(instance: dg.DagsterInstance, workspace: Workspace, planned: Planned) -> tuple[str, ...]:
-    """Make partitions of what is new, drop those of what is gone, and return the latter."""
+def _register(instance: dg.DagsterInstance, workspace: Workspace, planned: InstancePlan) -> tuple[str, ...]:
+    """Add partitions for new recordings, remove those of recordings that are gone, and return the removed keys."""
     for key in planned.plan.removed:
         remove_partition(instance, workspace.recipe, key)
     add_partitions(instance, workspace.recipe, sorted(planned.discovery.recordings.keys() - planned.live))
     return planned.plan.removed
 
 
-def _tell(report: BuildReport, now: Situation, runs: Runs) -> None:
-    """Note what the runs of recordings came to."""
+def _add_outcomes(report: BuildReport, now: PendingWork, runs: RunPool) -> None:
+    """Add the outcome of each run to the report."""
     for key, ended in runs.ended.items():
         report.outcomes[key] = _outcome(now.planned.recorded.get(key, {}), ended)
 
 
-def _outcome(recorded: Mapping[str, Recorded], ended: Ended) -> BagOutcome:
+def _outcome(recorded: Mapping[str, Recorded], ended: EndedRun) -> BagOutcome:
     if ended.stopped:
         return BagOutcome("stopped", "the build was interrupted; the next one carries on", ended.seconds)
     if ended.problem is not None:
@@ -163,7 +163,7 @@ def _outcome(recorded: Mapping[str, Recorded], ended: Ended) -> BagOutcome:
     return BagOutcome("built" if ran else "hit", seconds=ended.seconds)
 
 
-def _dataset_outcome(ended: Ended | None) -> tuple[str, str]:
+def _dataset_outcome(ended: EndedRun | None) -> tuple[str, str]:
     if ended is None:
         return "fresh", ""
     if ended.stopped:
@@ -172,11 +172,11 @@ def _dataset_outcome(ended: Ended | None) -> tuple[str, str]:
 
 
 def _remarks(instance: dg.DagsterInstance, runs: Mapping[str, str | None]) -> Iterator[Remark]:
-    """Yield what the checks that some runs made found.
+    """Yield the findings of the asset checks in some runs.
 
     Args:
-        instance: where the runs are on record.
-        runs: partition key -> its run; None if there was none.
+        instance: where the runs are recorded.
+        runs: partition key -> id of its run; None if there was none.
     """
     for key, run_id in sorted(runs.items()):
         if run_id is None:
@@ -185,16 +185,16 @@ def _remarks(instance: dg.DagsterInstance, runs: Mapping[str, str | None]) -> It
             found = entry.get_dagster_event().asset_check_evaluation_data
             if not found.passed:
                 severity = "error" if found.severity is dg.AssetCheckSeverity.ERROR else "warn"
-                yield Remark(key, severity, found.check_name, _in_words(found))
+                yield Remark(key, severity, found.check_name, _describe_finding(found))
 
 
-def _in_words(found: dg.AssetCheckEvaluation) -> str:
+def _describe_finding(found: dg.AssetCheckEvaluation) -> str:
     more = int(str(found.metadata["problems"].value)) - 1 if "problems" in found.metadata else 0
     return (found.description or "") + (f" (and {more} more)" if more > 0 else "")
 
 
 def _add_idle(report: BuildReport, plan: Plan, chosen: frozenset[str], *, is_whole: bool) -> None:
-    """Add the recordings that had no run, and tell of those with one that they take no part."""
+    """Add the recordings without a run, and mark those as skipped whose run showed that they take no part."""
     for key, bag in plan.bags.items():
         ran = report.outcomes.get(key)
         if key not in chosen:

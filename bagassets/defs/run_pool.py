@@ -1,7 +1,7 @@
-"""Runs handed to the run launcher of the instance, a limited number at a time, and followed to their ends.
+"""A pool of runs on the run launcher of the instance: launches a limited number at a time and follows each to its end.
 
-Which launcher that is, `dagster.yaml` says; where a run is executed is its business alone. What becomes of
-a run is read in Dagster's own records, so it makes no difference who executes it.
+`dagster.yaml` names the launcher, and the launcher alone decides where a run is executed. How a run ended is read from
+Dagster's own records, so it makes no difference who executed it.
 """
 
 import time
@@ -22,20 +22,20 @@ from bagassets.defs.sqlite_files import kept_open
 from bagassets.errors import BagAssetsError
 from bagassets.trace import span
 
-__all__ = ["Ended", "Listener", "Runs"]
+__all__ = ["EndedRun", "Listener", "RunPool"]
 
 _CANCEL_GRACE_S = 35.0  # our own launcher kills after 30 s, and the command waits for 40 s
 _HEALTH_S = 5.0
-# A look at the records costs 1 to 2 ms. The end of a run is noticed late by one or two percent of its time.
+# Polling the records costs 1 to 2 ms. The end of a run is noticed late by at most 2 % of its duration.
 _QUICKEST_S, _SLOWEST_S = 0.02, 0.5
-_OF_ITS_TIME = 0.02
+_POLL_SHARE = 0.02
 
 Listener = Callable[[Event], None]
 
 
 @dataclass(frozen=True)
-class Ended:
-    """How one run ended: its id, why it failed (None if it did not), whether it was stopped."""
+class EndedRun:
+    """How one run ended: its id, why it failed (None if it succeeded), whether it was stopped."""
 
     run_id: str
     problem: str | None
@@ -45,26 +45,33 @@ class Ended:
 
 @dataclass
 class _Active:
-    """A run that has not ended."""
+    """A run that has not ended.
+
+    Attributes:
+        key: partition key; empty for unpartitioned assets.
+        launch: the call of the launcher.
+        since: when it was created (monotonic clock).
+        checked_at: when its health was last checked (monotonic clock).
+    """
 
     key: str
     launch: "Future[Any]"
     since: float
-    looked_after: float
+    checked_at: float
 
 
 @dataclass
-class Runs:
-    """Runs on the launcher of an instance, at most `jobs` at the same time; a context manager.
+class RunPool:
+    """Launches runs, at most `jobs` at the same time; a context manager.
 
     Attributes:
-        instance: where runs are recorded; its launcher says where they are executed.
-        jobs: how many at the same time.
-        on_event: called when a run begins and ends.
-        log: file that takes what a code server writes, if the launcher needs one.
-        location: whose assets are run.
+        instance: where runs are recorded, and whose launcher executes them.
+        jobs: most runs at the same time.
+        on_event: called when a run begins and when it ends.
+        log: log file of the code server, if the launcher needs one.
+        location: code location of the assets.
         ended: partition key -> how its run ended; the key of unpartitioned assets is empty.
-        interrupted: somebody pressed Ctrl-C.
+        interrupted: the user pressed Ctrl-C.
     """
 
     instance: dg.DagsterInstance
@@ -72,12 +79,12 @@ class Runs:
     on_event: Listener
     log: Path
     location: CodeLocation = field(default_factory=CodeLocation)
-    ended: dict[str, Ended] = field(default_factory=dict)
+    ended: dict[str, EndedRun] = field(default_factory=dict)
     interrupted: bool = False
     _active: dict[str, _Active] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        # One for all that is worked on: a code server takes seconds to start.
+        # One for all runs: a code server takes seconds to start.
         self._workspace = LaunchWorkspace(self.instance, self.location, self.log)
 
     def __enter__(self) -> Self:
@@ -89,7 +96,7 @@ class Runs:
     def work(self, todo: Mapping[str, tuple[str, ...]]) -> None:
         """Run the assets of each recording; the key of unpartitioned assets is empty.
 
-        On an interrupt the runs are cancelled and their end is awaited; a second one does not wait.
+        An interrupt cancels the runs and waits for them to end; a second interrupt does not wait.
         """
         waiting = list(todo.items())[::-1]
         # Some launchers take most of a second for each run.
@@ -98,14 +105,14 @@ class Runs:
                 while waiting or self._active:
                     while waiting and len(self._active) < self.jobs:
                         self._start(*waiting.pop(), pool)
-                    self._look()
+                    self._poll()
             except KeyboardInterrupt:
                 self.interrupted = True
                 for active in self._active.values():
                     active.launch.cancel()
                 self._stop()
                 for key, _ in waiting:
-                    self.ended.setdefault(key, Ended("", None, stopped=True, seconds=0.0))
+                    self.ended.setdefault(key, EndedRun("", None, stopped=True, seconds=0.0))
 
     def _start(self, key: str, assets: tuple[str, ...], pool: ThreadPoolExecutor) -> None:
         began, run_id = time.monotonic(), str(uuid4())
@@ -116,19 +123,19 @@ class Runs:
                     self.instance, assets, partition_key=key or None, location=self.location, run_id=run_id
                 )
         except BagAssetsError as err:  # a recording that was removed meanwhile
-            self._conclude(key, Ended("", str(err), stopped=False, seconds=0.0))
+            self._conclude(key, EndedRun("", str(err), stopped=False, seconds=0.0))
             return
         launch = pool.submit(self.instance.launch_run, run_id, self._workspace.for_launcher())
         self._active[run_id] = _Active(key, launch, began, began)
         self.on_event(Event("started", key))
 
-    def _look(self) -> None:
-        """Wait a little, and conclude the runs that have ended."""
+    def _poll(self) -> None:
+        """Wait a little, then conclude the runs that have ended."""
         if not self._active:
             return
         now = time.monotonic()
         youngest = min(now - active.since for active in self._active.values())
-        time.sleep(min(_SLOWEST_S, max(_QUICKEST_S, _OF_ITS_TIME * youngest)))
+        time.sleep(min(_SLOWEST_S, max(_QUICKEST_S, _POLL_SHARE * youngest)))
         records = {
             run.run_id: run for run in self.instance.get_runs(dg.RunsFilter(run_ids=list(self._active)))
         }
@@ -140,8 +147,8 @@ class Runs:
                 self._drop(run_id, "its run was deleted before it ended")
             elif run.is_finished:
                 self._drop(run_id, self._problem(run, active))
-            elif time.monotonic() - active.looked_after > _HEALTH_S:
-                active.looked_after = time.monotonic()
+            elif time.monotonic() - active.checked_at > _HEALTH_S:
+                active.checked_at = time.monotonic()
                 fail_if_lost(self.instance, run)
 
     def _problem(self, run: dg.DagsterRun, active: _Active) -> str | None:
@@ -158,15 +165,15 @@ class Runs:
         stopped = problem is not None and self.interrupted
         if stopped:
             self._settle(run_id)
-        self._conclude(active.key, Ended(run_id, problem, stopped, time.monotonic() - active.since))
+        self._conclude(active.key, EndedRun(run_id, problem, stopped, time.monotonic() - active.since))
 
     def _settle(self, run_id: str) -> None:
-        """Make a run that we cancelled CANCELED: Dagster's own launcher fails one that was only starting."""
+        """Record a run that we cancelled as CANCELED: Dagster's own launcher reports a failure if it was only starting."""
         run = self.instance.get_run_by_id(run_id)
         if run is not None and run.status == dg.DagsterRunStatus.FAILURE:
             self.instance.report_run_canceled(run, "The build that launched it was interrupted.")
 
-    def _conclude(self, key: str, ended: Ended) -> None:
+    def _conclude(self, key: str, ended: EndedRun) -> None:
         self.ended[key] = ended
         if ended.stopped:
             self.on_event(Event("stopped", key))
@@ -176,7 +183,7 @@ class Runs:
             self.on_event(Event("done", key))
 
     def _stop(self) -> None:
-        """Cancel what was begun, and wait for it to end."""
+        """Cancel the active runs and wait for them to end."""
         asked: set[str] = set()
         deadline = time.monotonic() + _CANCEL_GRACE_S
         while self._active and time.monotonic() < deadline:
@@ -184,16 +191,16 @@ class Runs:
                 if run_id in asked or not active.launch.done():
                     continue
                 asked.add(run_id)
-                if active.launch.cancelled():  # it was waiting for its turn to be launched
+                if active.launch.cancelled():  # it was still waiting to be launched
                     run = self.instance.get_run_by_id(run_id)
                     if run is not None:
                         self.instance.report_run_canceled(
                             run, "The build was interrupted before it was launched."
                         )
                     continue
-                # Whatever a launcher has against it, the others are still to be cancelled.
+                # If the launcher refuses, the other runs still have to be cancelled.
                 with suppress(Exception):
                     self.instance.run_launcher.terminate(run_id)
-            self._look()
+            self._poll()
         for run_id in list(self._active):
             self._drop(run_id, f"run {run_id} did not stop within {_CANCEL_GRACE_S:.0f} s")

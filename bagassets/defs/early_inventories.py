@@ -1,9 +1,8 @@
-"""What a build can begin with while its server still imports Dagster: the inventories of its recordings.
+"""Inventories made ahead of the runs, while the server of a build still imports Dagster.
 
-Starting the server keeps one processor busy for a second or two. Meanwhile this reads the recordings
-that the build will begin with, on another one; runs find the inventories in the store, or wait for the
-one that is just being made. It needs nothing of Dagster, and says nothing: what goes wrong here
-goes wrong again in the run, which tells.
+Starting the server keeps one processor busy for a second or two. Meanwhile another one reads the recordings that the
+build will begin with; the runs then find these inventories in the store, or wait for the one that is being made. No
+Dagster is needed here, and no failure is reported: it happens again in the run, which reports it.
 """
 
 import gc
@@ -27,24 +26,24 @@ from bagassets.store.store import Store
 __all__ = ["make_inventories"]
 
 _LOG = logging.getLogger(__name__)
-# A second saved is nothing to larger ones, and an interrupted build should not leave a reader behind for long.
+# For a larger recording the second saved is nothing, and an interrupted build must not leave a reader running for long.
 _LARGEST_BYTES = 4_000_000_000
 
 
 def make_inventories(args: dict[str, Any]) -> int:
-    """Make inventories until the server takes jobs; return how many were looked at.
+    """Make inventories until the server takes jobs; return the number of recordings that were tried.
 
     Args:
         args: `recipe` (file), `bags` (of `BuildOptions`), and `state` and `stamp` of the server's `Places`.
     """
-    gc.enable()  # the server has it off while it imports
+    gc.enable()  # the server disables it while it imports
     places = Places(Path(args["state"]), args["stamp"])
     recipe = load_recipe(Path(args["recipe"]))
     assets = recording_assets(recipe)
     recordings = discover(recipe.bags).recordings
     chosen = choose_recordings(recordings, args["bags"]) if args["bags"] else recordings.keys()
-    looked_at = 0
-    # As the driver goes about it: the largest first.
+    tried = 0
+    # In the order of the build: the largest first.
     for recording in sorted(
         (recordings[key] for key in recordings if key in chosen), key=lambda one: -one.size
     ):
@@ -52,12 +51,12 @@ def make_inventories(args: dict[str, Any]) -> int:
             break
         if recording.size > _LARGEST_BYTES:
             continue
-        looked_at += 1
+        tried += 1
         try:
             _make_inventory(assets, recording)
         except BagAssetsError as err:
             _LOG.info("%s: %s", recording.key, err)
-    return looked_at
+    return tried
 
 
 def _make_inventory(assets: RecordingAssets, recording: RecordingFiles) -> None:

@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from bagassets.defs.ahead import make_inventories
+from bagassets.defs.early_inventories import make_inventories
 from bagassets.forkserver.client import Client
 from bagassets.forkserver.places import Places
 from bagassets.recipe import load_recipe
@@ -71,4 +71,4 @@ def test_a_cold_build_counts_what_was_made_ahead_as_built(project):
     [client] = Client.all_of(load_recipe(project).state)
     log = client.places.log.read_text()
     assert "job make_inventories: exit code 0" in log
-    assert "bagassets.defs.ahead:make_inventories" in log
+    assert "bagassets.defs.early_inventories:make_inventories" in log

@@ -1,4 +1,4 @@
-"""The plan as it is now: Dagster's records, the recordings on disk and the store, read in bulk."""
+"""The plan of a Dagster instance, from its records, the recordings on disk and the store, all read in bulk."""
 
 import gc
 from collections.abc import Collection, Iterable, Iterator, Mapping
@@ -17,20 +17,27 @@ from bagassets.freshness.fingerprints import PlanNeeded, loaded_code_fingerprint
 from bagassets.recipe.model import Recipe
 from bagassets.recordings.discover import Discovery
 
-__all__ = ["Planned", "plan_again", "plan_now", "plan_of_run", "project_of", "recorded_of"]
+__all__ = [
+    "InstancePlan",
+    "plan_in_run",
+    "plan_instance",
+    "recorded_assets",
+    "replan_instance",
+    "workspace_fingerprint",
+]
 
 
 @dataclass(frozen=True)
-class Planned:
-    """The plan and what it was decided from.
+class InstancePlan:
+    """A plan and what it was made from.
 
     Attributes:
         plan: state of each asset of each recording.
-        recorded: partition key -> asset -> what Dagster recorded last, of recordings that had to be looked into.
-        inputs: what a dataset would be made from.
+        recorded: partition key -> asset -> latest record in Dagster, for the recordings that had to be planned in full.
+        inputs: the inputs of the datasets.
         discovery: the recordings on disk.
         live: the registered partition keys.
-        storage_ids: asset -> partition key -> id of what Dagster recorded last.
+        storage_ids: asset -> partition key -> storage id of the latest record.
     """
 
     plan: Plan
@@ -41,19 +48,19 @@ class Planned:
     storage_ids: Mapping[str, Mapping[str, int]]
 
     def latest(self, key: str) -> list[int | None]:
-        """Return what tells whether something was recorded of a recording, or its partition came or went."""
+        """Return values that change with every new record of a recording, and when its partition comes or goes."""
         return [ids.get(key) if key in self.live else None for ids in self.storage_ids.values()]
 
 
-def plan_now(
+def plan_instance(
     instance: dg.DagsterInstance, workspace: Workspace, live: frozenset[str] | None = None
-) -> Planned:
-    """Look at everything and decide, changing nothing but the memory of the next plan.
+) -> InstancePlan:
+    """Plan everything; nothing is changed but what the next plan remembers.
 
     Args:
         instance: where materializations are recorded.
         workspace: recipe, store and recordings.
-        live: partition keys taken as registered; default: those that are.
+        live: partition keys to take as registered; default: those that are.
 
     Raises:
         BagAssetsError: the recipe or the bag root is not usable.
@@ -62,20 +69,20 @@ def plan_now(
     return _planned(instance, workspace, workspace.discover(), live)
 
 
-def plan_again(
-    instance: dg.DagsterInstance, workspace: Workspace, before: Planned, worked_on: Collection[str]
-) -> Planned:
-    """Decide again where runs may have changed something: the other recordings stay as they were planned.
+def replan_instance(
+    instance: dg.DagsterInstance, workspace: Workspace, before: InstancePlan, worked_on: Collection[str]
+) -> InstancePlan:
+    """Plan again the recordings that runs may have changed; the others keep their plan.
 
-    Of those that are decided about again, the ones whose files were removed meanwhile are gone from the plan; what
-    else came, went or changed on disk since is left to the next plan.
+    A recording whose files were removed meanwhile leaves the plan if it is planned again. Whatever else came, went or
+    changed on disk is left to the next plan.
 
     Args:
         instance: where materializations are recorded.
         workspace: recipe, store and recordings.
-        before: the plan that runs were begun from.
-        worked_on: recordings that had a run; others of which something was recorded meanwhile, by whomever, are
-            found by their records.
+        before: the plan that the runs were made from.
+        worked_on: recordings that had a run; others with new records, whoever wrote them, are found by these
+            records.
     """
     live = live_partitions(instance, workspace.recipe)
     ids = latest_ids(instance)
@@ -94,9 +101,9 @@ def plan_again(
     return replace(planned, recorded={**before.recorded, **planned.recorded})
 
 
-def plan_of_run(context: dg.AssetExecutionContext, workspace: Workspace) -> Planned:
-    """Decide once in a run: all that it puts together is made from the same."""
-    return workspace.once_in_run(context.run.run_id, lambda: plan_now(context.instance, workspace))
+def plan_in_run(context: dg.AssetExecutionContext, workspace: Workspace) -> InstancePlan:
+    """Return the plan of a run, made once, so that all datasets that the run makes have the same inputs."""
+    return workspace.once_in_run(context.run.run_id, lambda: plan_instance(context.instance, workspace))
 
 
 def _planned(
@@ -106,7 +113,7 @@ def _planned(
     live: frozenset[str],
     ids: Mapping[str, Mapping[str, int]] | None = None,
     kept: Mapping[str, BagPlan] | None = None,
-) -> Planned:
+) -> InstancePlan:
     ids = latest_ids(instance) if ids is None else ids
 
     def fetch(keys: Iterable[str]) -> dict[str, dict[str, Recorded]]:
@@ -119,17 +126,17 @@ def _planned(
             discovery,
             live,
             workspace.index,
-            project=project_of(workspace),
+            project=workspace_fingerprint(workspace),
             storage_ids=ids,
             fetch=fetch,
             kept=kept,
         )
-    return Planned(plan, recorded, select_inputs(plan, live), discovery, live, ids)
+    return InstancePlan(plan, recorded, select_inputs(plan, live), discovery, live, ids)
 
 
 @contextmanager
 def _uncollected() -> Iterator[None]:
-    """Keep the garbage collector from looking through a growing plan again and again: a third of its time."""
+    """Pause the garbage collector, which would scan the growing plan again and again (a third of the time)."""
     was_enabled = gc.isenabled()
     gc.disable()
     try:
@@ -139,15 +146,15 @@ def _uncollected() -> Iterator[None]:
             gc.enable()
 
 
-def recorded_of(instance: dg.DagsterInstance, recipe: Recipe, key: str) -> Mapping[str, Recorded]:
-    """Return asset -> what Dagster recorded last of one recording; nothing if it is not registered."""
+def recorded_assets(instance: dg.DagsterInstance, recipe: Recipe, key: str) -> Mapping[str, Recorded]:
+    """Return asset -> latest record of one recording; nothing if it is not registered."""
     if key not in live_partitions(instance, recipe):
         return {}
     return fetch_recorded(instance, latest_ids(instance), [key])[key]
 
 
-def project_of(workspace: Workspace) -> str | None:
-    """Return the fingerprint of the code, the recipe and the files that it names; None if something cannot be read."""
+def workspace_fingerprint(workspace: Workspace) -> str | None:
+    """Return the fingerprint of code, recipe and the files that it names; None if one cannot be read."""
     files, folders = named_files(workspace.recipe)
     try:
         return project_fingerprint(

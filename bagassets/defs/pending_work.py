@@ -1,4 +1,4 @@
-"""How things are, and what a build would do about it; the command line's view of the plan."""
+"""What a build has to do, as the plan of the instance says; the commands of a project start here."""
 
 import os
 from collections.abc import Collection, Iterator, Mapping
@@ -11,9 +11,9 @@ import dagster as dg
 from bagassets.build.build_report import BuildOptions
 from bagassets.build.choose import choose_assets, choose_recordings
 from bagassets.build.plan_model import Plan
-from bagassets.defs.databases import database_in_words
+from bagassets.defs.databases import database_errors_explained
 from bagassets.defs.dataset import dataset_is_current
-from bagassets.defs.planning import Planned, plan_again, plan_now
+from bagassets.defs.instance_plan import InstancePlan, plan_instance, replan_instance
 from bagassets.defs.runs import open_instance
 from bagassets.defs.sqlite_files import kept_open
 from bagassets.defs.workspace import Workspace
@@ -32,22 +32,22 @@ from bagassets.store.store import Store
 from bagassets.store.writable import require_writable
 from bagassets.trace import span
 
-__all__ = ["Situation", "opened", "survey", "survey_again", "would_move"]
+__all__ = ["PendingWork", "expected_moves", "find_pending_work", "open_project", "update_pending_work"]
 
 
 @dataclass(frozen=True)
-class Situation:
-    """The state of everything as it is now, and what a build would do about it.
+class PendingWork:
+    """The state of all recordings and datasets, and what a build would do about it.
 
     Attributes:
-        planned: states of recordings, and what a dataset would be made from.
-        dataset_is_current: the datasets on disk were made from just that.
-        chosen: the recordings that were asked for.
-        todo: recordings that need a run -> the assets to materialize.
-        datasets: the datasets that were asked for.
+        planned: the state of each recording, and the inputs of the datasets.
+        dataset_is_current: the datasets on disk were made from exactly those inputs.
+        chosen: the recordings that the build was asked for.
+        todo: recording that needs a run -> the assets to materialize.
+        datasets: the datasets that the build was asked for.
     """
 
-    planned: Planned
+    planned: InstancePlan
     dataset_is_current: bool
     chosen: frozenset[str]
     todo: Mapping[str, tuple[str, ...]]
@@ -55,46 +55,46 @@ class Situation:
 
     @property
     def plan(self) -> Plan:
-        """The states of all recordings."""
+        """The state of each asset of all recordings."""
         return self.planned.plan
 
     @property
     def failed(self) -> dict[str, str]:
-        """The recordings asked for that failed on the input they have -> why."""
+        """The chosen recordings that failed on their current input -> why."""
         bags = {key: bag.failed for key, bag in self.plan.bags.items() if key in self.chosen}
         return {key: reason for key, reason in bags.items() if reason is not None}
 
     @property
     def is_settled(self) -> bool:
-        """True if a build would do nothing."""
+        """True if a build has nothing to do."""
         return not self.todo and not self.plan.removed and (self.dataset_is_current or not self.datasets)
 
 
-def survey(
+def find_pending_work(
     instance: dg.DagsterInstance, workspace: Workspace, options: BuildOptions | None = None
-) -> Situation:
-    """Look at everything and decide, changing nothing.
+) -> PendingWork:
+    """Plan everything and return what is to be done; nothing is changed.
 
     Raises:
         BagAssetsError: the recipe or the bag root is not usable, or there is no such recording.
     """
     with span("plan"):
-        planned = plan_now(instance, workspace)
-    return _situation(instance, workspace, planned, options or BuildOptions())
+        planned = plan_instance(instance, workspace)
+    return _pending_work(instance, workspace, planned, options or BuildOptions())
 
 
-def survey_again(
-    instance: dg.DagsterInstance, workspace: Workspace, before: Situation, worked_on: Collection[str]
-) -> Situation:
-    """Decide again after runs, see `plan_again`, for a build of everything."""
+def update_pending_work(
+    instance: dg.DagsterInstance, workspace: Workspace, before: PendingWork, worked_on: Collection[str]
+) -> PendingWork:
+    """Plan again what runs may have changed (see `replan_instance`), for a build of everything."""
     with span("plan"):
-        planned = plan_again(instance, workspace, before.planned, worked_on)
-    return _situation(instance, workspace, planned, BuildOptions())
+        planned = replan_instance(instance, workspace, before.planned, worked_on)
+    return _pending_work(instance, workspace, planned, BuildOptions())
 
 
-def _situation(
-    instance: dg.DagsterInstance, workspace: Workspace, planned: Planned, options: BuildOptions
-) -> Situation:
+def _pending_work(
+    instance: dg.DagsterInstance, workspace: Workspace, planned: InstancePlan, options: BuildOptions
+) -> PendingWork:
     recipe = workspace.recipe
     recordings = planned.discovery.recordings
     chosen = choose_recordings(recordings, options.bags) if options.bags else frozenset(recordings)
@@ -113,15 +113,15 @@ def _situation(
             todo[key] = assets
     is_current = dataset_is_current(instance, recipe, planned.inputs)
     asked = datasets if wanted is None else tuple(name for name in datasets if name in wanted)
-    return Situation(planned, is_current, chosen, todo, asked)
+    return PendingWork(planned, is_current, chosen, todo, asked)
 
 
-def would_move(situation: Situation, recipe: Recipe) -> dict[str, tuple[str, str]]:
-    """Return recording -> the split it is in and the one that a build would put it into, if that is another one."""
-    inputs = situation.planned.inputs.parts
+def expected_moves(pending: PendingWork, recipe: Recipe) -> dict[str, tuple[str, str]]:
+    """Return recording -> its split on disk and its split after a build, where they differ."""
+    inputs = pending.planned.inputs.parts
     entering = {part.key: part.content for part in inputs.get(MAIN.name, ())}
-    for key in situation.todo:
-        bag = situation.plan.bags[key]
+    for key in pending.todo:
+        bag = pending.plan.bags[key]
         if bag.skipped is None and bag.unusable is None:
             entering[key] = bag.assets["bag"].data_version or key
     made = {name: {part.key: part.artifact for part in parts} for name, parts in inputs.items()}
@@ -130,8 +130,8 @@ def would_move(situation: Situation, recipe: Recipe) -> dict[str, tuple[str, str
 
 
 @contextmanager
-def opened(recipe_file: Path) -> Iterator[tuple[dg.DagsterInstance, Workspace]]:
-    """Open the Dagster instance of a recipe.
+def open_project(recipe_file: Path) -> Iterator[tuple[dg.DagsterInstance, Workspace]]:
+    """Open the Dagster instance and the workspace of a recipe.
 
     Raises:
         RecipeError: the recipe is missing or wrong, or its project is another recipe's.
@@ -141,5 +141,5 @@ def opened(recipe_file: Path) -> Iterator[tuple[dg.DagsterInstance, Workspace]]:
     require_writable(workspace.recipe.state)
     home = dagster_home(recipe_file.absolute(), workspace.recipe)
     os.environ["BAGASSETS_RECIPE"] = str(recipe_file.absolute())
-    with database_in_words(str(home)), open_instance(str(home)) as instance, kept_open(instance):
+    with database_errors_explained(str(home)), open_instance(str(home)) as instance, kept_open(instance):
         yield instance, workspace

@@ -1,4 +1,4 @@
-"""One look of the sensor: what is on disk, what is recorded, and which runs are to be asked for."""
+"""A scan by the sensor: compares the recordings on disk with Dagster's records and requests runs."""
 
 from collections.abc import Iterable, Mapping
 
@@ -8,9 +8,9 @@ from bagassets.build.named_files import files_beside
 from bagassets.build.plan_model import AssetState, BagPlan, Plan
 from bagassets.defs.dataset import dataset_is_current, record_inputs
 from bagassets.defs.events import all_assets, live_partitions
-from bagassets.defs.leftovers import end_left_behind
+from bagassets.defs.instance_plan import InstancePlan, plan_instance, workspace_fingerprint
+from bagassets.defs.orphaned_runs import end_orphaned_runs
 from bagassets.defs.partitions import DATASET, active_runs, add_partitions, remove_partition
-from bagassets.defs.planning import Planned, plan_now, project_of
 from bagassets.defs.sensor_cursor import Cursor
 from bagassets.defs.workspace import Workspace
 from bagassets.errors import RecordingError
@@ -22,18 +22,18 @@ from bagassets.recordings.discover import Discovery
 from bagassets.recordings.model import RecordingFiles
 from bagassets.store.canonical import digest_json
 
-__all__ = ["Look"]
+__all__ = ["Scan"]
 
-# Creating a hundred runs in one tick takes longer than a tick may, and thousands in the queue make
-# everything slow; the rest comes when some have ended.
+# Creating a hundred runs takes longer than a tick may, and thousands in the queue make everything slow; the rest
+# is requested when some have ended.
 MOST_RUNS = 50
-# The dataset waits for recordings that are being worked on, but not for ever.
+# The datasets wait for recordings that have a run, but not for ever.
 PATIENCE_S = 60.0
 _LONGEST_REASON = 80
 
 
-class Look:
-    """Looks at recordings, records and runs; the cursor goes from one look to the next."""
+class Scan:
+    """Scans recordings, records and runs, once or several times; the cursor carries over from one scan to the next."""
 
     def __init__(self, instance: dg.DagsterInstance, workspace: Workspace, cursor: Cursor) -> None:
         self.cursor = cursor
@@ -44,26 +44,26 @@ class Look:
         self._active: set[str] = set()
 
     def is_worth_waiting(self, until_s: float) -> bool:
-        """Tell whether a run is at work, or a recording may settle before `until_s`."""
+        """Return whether a run is active, or a recording may settle before `until_s`."""
         soon = self._next_settled_s is not None and self._next_settled_s <= until_s
         return soon or bool(self._active)
 
-    def look(self, now_s: float) -> list[dg.RunRequest]:
-        """Bring the partitions up to date and return the runs to ask for."""
+    def scan(self, now_s: float) -> list[dg.RunRequest]:
+        """Bring the partitions up to date and return the runs to request."""
         recipe, cursor = self._workspace.recipe, self.cursor
         discovery = self._workspace.discover()
         stats = _stats(discovery)
         live = live_partitions(self._instance, recipe)
-        # What lies in a folder that cannot be read now is not gone.
+        # A recording in a folder that cannot be read at the moment is not gone.
         there = frozenset(stats) | discovery.unseen(live)
         if self._is_disk_gone(live, there, now_s):
             return []
         live = self._drop_removed(live, there)
         active = active_runs(self._instance, self._datasets)
-        if active and end_left_behind(self._instance)[0]:
+        if active and end_orphaned_runs(self._instance)[0]:
             active = active_runs(self._instance, self._datasets)
         self._active = set(active.values())
-        records, project = self._state_of_records(), project_of(self._workspace)
+        records, project = self._state_of_records(), workspace_fingerprint(self._workspace)
         quiet = digest_json(
             [
                 records,
@@ -78,7 +78,7 @@ class Look:
             cursor.looked_s = now_s
             self._next_settled_s = None
             return []
-        planned = plan_now(self._instance, self._workspace, live)
+        planned = plan_instance(self._instance, self._workspace, live)
         known = {key for key, bag in planned.plan.bags.items() if bag.assets["bag"].state == "fresh"}
         finished = cursor.settle(stats, known, recipe.bags.settle_s, now_s)
         self._next_settled_s = cursor.next_settled_s(recipe.bags.settle_s, finished)
@@ -92,7 +92,7 @@ class Look:
     # --- partitions ----------------------------------------------------------------------
 
     def _is_disk_gone(self, live: frozenset[str], found: frozenset[str], now_s: float) -> bool:
-        """Tell whether all recordings went at once just now: then a disk is more likely gone than they are."""
+        """Return whether all recordings disappeared at once a moment ago: more likely a disk is not mounted."""
         cursor = self.cursor
         if found or len(live) < 2:
             cursor.empty_since_s = None
@@ -128,7 +128,7 @@ class Look:
     # --- requests ------------------------------------------------------------------------
 
     def _requests(
-        self, planned: Planned, finished: Mapping[str, RecordingStat], now_s: float
+        self, planned: InstancePlan, finished: Mapping[str, RecordingStat], now_s: float
     ) -> list[dg.RunRequest]:
         plan, cursor = planned.plan, self.cursor
         requests: list[dg.RunRequest] = []
@@ -140,11 +140,11 @@ class Look:
         if not is_busy or now_s - (cursor.busy_since_s or now_s) > PATIENCE_S:
             requests += self._dataset_request(planned.inputs, now_s)
             cursor.busy_since_s = None
-        cursor.said = self._tell(plan, finished)
+        cursor.said = self._describe(plan, finished)
         return requests
 
     def _recording_request(self, bag: BagPlan, stat: RecordingStat, now_s: float) -> list[dg.RunRequest]:
-        """Return the run that a recording needs, unless it was asked for and nothing has changed since."""
+        """Return the run that a recording needs, unless it was requested and nothing has changed since."""
         if not bag.to_run():
             self.cursor.forget([bag.key])
             return []
@@ -166,7 +166,7 @@ class Look:
         ]
 
     def _was_cancelled(self, key: str, what: str) -> bool:
-        """Tell whether the run for this very request was cancelled: then it is not asked for again."""
+        """Return whether the run of this request was cancelled: then it is not requested again."""
         asked = self.cursor.asked.get(key)
         if asked is None or asked.what != what:
             return False
@@ -185,12 +185,12 @@ class Look:
             dg.RunRequest(
                 run_key=f"dataset:{inputs.digest[:16]}:{self.cursor.runs}",
                 asset_selection=[dg.AssetKey(name) for name in self._datasets],
-                tags={"why": "other recordings, or another recipe"},
+                tags={"why": "its recordings or the recipe changed"},
             )
         ]
 
-    def _tell(self, plan: Plan, finished: Iterable[str]) -> str:
-        """Return one line on how things are."""
+    def _describe(self, plan: Plan, finished: Iterable[str]) -> str:
+        """Return the state of the recordings as one line."""
         writing = sorted(plan.bags.keys() - set(finished))
         failed = sorted(key for key, bag in plan.bags.items() if bag.failed is not None)
         number = len(plan.bags)
@@ -202,7 +202,7 @@ class Look:
 
 
 def _why(stale: list[AssetState]) -> str:
-    """Return the reason for a run: of what has to be made, if anything has, not just recorded."""
+    """Return the reason for a run; that of an asset to be made goes before that of one to be recorded."""
     first = next((asset for asset in stale if asset.state != "record-only"), stale[0])
     return first.reason[:_LONGEST_REASON]
 
@@ -212,7 +212,7 @@ def _stats(discovery: Discovery) -> dict[str, RecordingStat]:
     for key, recording in discovery.recordings.items():
         try:
             stats[key] = recording_stat(recording)
-        except RecordingError:  # it went while we looked; the next look will not find it
+        except RecordingError:  # it was removed during the scan; the next one will not find it
             continue
     return stats
 

@@ -1,12 +1,12 @@
-"""Runs that nobody executes any more, reported as failed or cancelled so that nothing waits for them.
+"""Orphaned runs, which nobody executes any more: reported as failed or cancelled so that nothing waits for them.
 
-A run of ours is left behind if
+A run of ours is orphaned if
 
 - its worker is gone, and so is the server that would have reported that; or
-- no worker has taken it for `UNTAKEN_S` seconds since it was created, began to start or was handed over: whoever was
-  about to launch it is gone. A launcher takes two minutes at most, those in which a server starts twice.
+- no worker took it within `UNTAKEN_S` seconds after it was created, began to start or was handed over: the process
+  that was about to launch it is gone. Launching takes two minutes at most, when a server has to be started twice.
 
-Runs of other programs, machines and launchers are theirs to report.
+Runs of other programs, machines and launchers are left to them.
 """
 
 import json
@@ -18,22 +18,22 @@ import dagster as dg
 from bagassets.defs.dagster_private import GRPC_INFO_TAG
 from bagassets.defs.worker_tag import RunWorker
 
-__all__ = ["UNTAKEN_S", "end_left_behind", "report_ended"]
+__all__ = ["UNTAKEN_S", "end_orphaned_runs", "report_ended"]
 
 UNTAKEN_S = 300.0
 _BEFORE_START = (dg.DagsterRunStatus.NOT_STARTED, dg.DagsterRunStatus.STARTING)
-# Those in the queue are none: the daemon takes them up when it is back.
+# Queued runs are not orphaned: the daemon launches them once it is back.
 _UNFINISHED = [*_BEFORE_START, dg.DagsterRunStatus.STARTED, dg.DagsterRunStatus.CANCELING]
 _ANSWER_S = 2.0
 
 
-def end_left_behind(instance: dg.DagsterInstance) -> tuple[list[str], int]:
-    """Report the runs of an instance that are left behind.
+def end_orphaned_runs(instance: dg.DagsterInstance) -> tuple[list[str], int]:
+    """Report the orphaned runs of an instance.
 
     Returns:
-        ids of the runs reported; number of those that may yet be left behind without anybody else noticing.
+        ids of the runs reported; number of runs that may yet be orphaned without anybody else noticing.
     """
-    reported, watched_by_nobody = [], 0
+    reported, unwatched = [], 0
     for record in instance.get_run_records(dg.RunsFilter(statuses=_UNFINISHED)):
         run = record.dagster_run
         worker = RunWorker.of(run)
@@ -41,24 +41,24 @@ def end_left_behind(instance: dg.DagsterInstance) -> tuple[list[str], int]:
         if run.status in _BEFORE_START and is_untaken and _is_ours(instance):
             waited_s = time.time() - record.update_timestamp.timestamp()
             if waited_s < UNTAKEN_S:
-                watched_by_nobody += 1
+                unwatched += 1
                 continue
             if not _has_other_executor(run):
-                reason = f"No worker took this run within {UNTAKEN_S:.0f} s; whoever was about to launch it is gone."
+                reason = f"No worker took this run within {UNTAKEN_S:.0f} s; the process that was about to launch it is gone."
                 reported += [run.run_id] if report_ended(instance, run.run_id, reason) else []
                 continue
         if worker is None or not worker.is_on_this_host or worker.is_watched():
             continue
         if worker.is_alive():
-            watched_by_nobody += 1
+            unwatched += 1
             continue
         reason = f"The worker ({worker}) is gone, and so is the server that watched it."
         reported += [run.run_id] if report_ended(instance, run.run_id, reason) else []
-    return reported, watched_by_nobody
+    return reported, unwatched
 
 
 def report_ended(instance: dg.DagsterInstance, run_id: str, reason: str) -> bool:
-    """Report a run whose worker is gone as cancelled or failed; return False if it had ended anyway."""
+    """Report a run whose worker is gone as cancelled or failed; return False if it has already ended."""
     run = instance.get_run_by_id(run_id)
     if run is None or run.is_finished:
         return False
@@ -70,12 +70,12 @@ def report_ended(instance: dg.DagsterInstance, run_id: str, reason: str) -> bool
 
 
 def _is_ours(instance: dg.DagsterInstance) -> bool:
-    """Tell whether runs that start are ours: other launchers write no tag, and may take hours."""
+    """Return whether our launcher starts the runs: other launchers write no worker tag, and may take hours."""
     return bool(getattr(instance.run_launcher, "names_workers", False))
 
 
 def _has_other_executor(run: dg.DagsterRun) -> bool:
-    """Tell whether a run was left to Dagster's own launcher, whose code server answers."""
+    """Return whether the run was left to Dagster's own launcher and its code server answers."""
     try:
         server = json.loads(run.tags[GRPC_INFO_TAG])
         place = server.get("socket") or (server["host"], server["port"])
