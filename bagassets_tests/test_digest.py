@@ -133,6 +133,20 @@ def test_the_index_stands_in(bag, tmp_path, no_attributes):
     assert recording_digest(bag, DigestIndex(tmp_path / "store")).hashed_bytes == 0
 
 
+def test_a_recipe_may_keep_builds_from_writing_to_recordings(bag, tmp_path, attributes):
+    index = DigestIndex(tmp_path / "store", writes_attributes=False)
+    made = recording_digest(bag, index)
+    assert made.kept == {"a.bag": "index"}
+    assert stored_digest(bag) is None
+    assert stored_digest(bag, index) == made.digest
+
+
+def test_an_attribute_of_others_counts_where_none_is_written(bag, tmp_path, attributes):
+    recording_digest(bag)
+    index = DigestIndex(tmp_path / "store", writes_attributes=False)
+    assert recording_digest(bag, index).hashed_bytes == 0
+
+
 def test_the_index_sees_what_size_and_time_do_not_show(bag, tmp_path, no_attributes):
     index = DigestIndex(tmp_path / "store")
     recording_digest(bag, index)

@@ -75,7 +75,7 @@ class Rebuilt:
 def known_actions(assets: RecordingAssets, store: Store) -> Iterator[KnownAction]:
     """Yield the actions of all recordings whose digest is on record and that the store knows."""
     recipe = assets.recipe
-    index = DigestIndex(recipe.state)
+    index = DigestIndex.of(recipe)
     for key, recording in discover(recipe.bags).recordings.items():
         digest = stored_digest(recording, index)
         if digest is None:
@@ -108,7 +108,7 @@ def rebuild(
     if recording is None:
         raise BagAssetsError(f"{key}: no such recording below {recipe.bags.root}; it was removed meanwhile.")
     stat = recording_stat(recording)
-    digest = recording_digest(recording, DigestIndex(recipe.state)).digest
+    digest = recording_digest(recording, DigestIndex.of(recipe)).digest
     graph = Graph(assets, store, recording, digest, stat)
     known = {
         node.outcome.action_digest: node

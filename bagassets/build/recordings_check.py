@@ -122,7 +122,7 @@ def check_recordings(
         between: called every few milliseconds while files are hashed.
     """
     recipe = assets.recipe
-    index = DigestIndex(recipe.state)
+    index = DigestIndex.of(recipe)
     for key, recording in sorted(discover(recipe.bags).recordings.items()):
         try:
             yield _checked(assets, store, index, key, recording, between)

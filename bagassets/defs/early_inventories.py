@@ -61,7 +61,7 @@ def make_inventories(args: dict[str, Any]) -> int:
 
 def _make_inventory(assets: RecordingAssets, recording: RecordingFiles) -> None:
     recipe, stat = assets.recipe, recording_stat(recording)
-    digest = recording_digest(recording, DigestIndex(recipe.state)).digest
+    digest = recording_digest(recording, DigestIndex.of(recipe)).digest
     store = Store(recipe.store_path)
     for _ in execute(Graph(assets, store, recording, digest, stat, wanted={"inventory"})):
         pass

@@ -27,7 +27,7 @@ T = TypeVar("T")
 
 def index_of(recipe: Recipe) -> DigestIndex:
     """Return the index of digests, for file systems without extended attributes."""
-    return DigestIndex(recipe.state)
+    return DigestIndex.of(recipe)
 
 
 class Workspace(dg.ConfigurableResource):  # type: ignore[type-arg]  # steps get it itself, not a value

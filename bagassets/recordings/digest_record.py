@@ -13,9 +13,12 @@ from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal, Self
 
 from bagassets.errors import StoreError
+
+if TYPE_CHECKING:
+    from bagassets.recipe.model import Recipe
 
 __all__ = ["ATTRIBUTE", "DigestIndex", "Kept", "digest_on_record", "put_on_record", "read_attribute"]
 
@@ -50,13 +53,22 @@ class IndexRow:
 class DigestIndex:
     """Digests by path in one SQLite file, created by the first write and read again only after others wrote.
 
-    It is a cache: a damaged one is replaced.
+        It is a cache: a damaged one is replaced.
+
+    Attributes:
+        writes_attributes: digests that enter it are stored with the files, too.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, *, writes_attributes: bool = True) -> None:
+        self.writes_attributes = writes_attributes
         self._path = folder / "digests.sqlite"
         self._rows: dict[str, IndexRow] = {}
         self._read_at: tuple[int, int, int] | None = None
+
+    @classmethod
+    def of(cls, recipe: "Recipe") -> Self:
+        """Return the index of a recipe, which says whether builds may write to recordings."""
+        return cls(recipe.state, writes_attributes=recipe.bags.digest_attributes)
 
     def row(self, path: Path) -> IndexRow | None:
         """Return the entry for a file, valid or not."""
@@ -149,7 +161,7 @@ def digest_on_record(path: Path, stat: os.stat_result, index: DigestIndex | None
 
 
 def put_on_record(path: Path, stat: os.stat_result, digest: str, index: DigestIndex | None) -> Kept:
-    """Store the digest of a file as an attribute if possible, and in the index if there is one.
+    """Store the digest of a file as an attribute if possible and wanted, and in the index if there is one.
 
     Args:
         path: the file.
@@ -160,7 +172,10 @@ def put_on_record(path: Path, stat: os.stat_result, digest: str, index: DigestIn
     Raises:
         StoreError: the index cannot be written.
     """
-    attribute = read_attribute(path, stat) == digest or _write_attribute(path, stat, digest)
+    writes_attribute = index is None or index.writes_attributes
+    attribute = read_attribute(path, stat) == digest or (
+        writes_attribute and _write_attribute(path, stat, digest)
+    )
     if index is None:
         return "attribute" if attribute else "nowhere"
     if attribute:
