@@ -1,7 +1,7 @@
 """Spans of time, recorded by whichever process or thread works, for a trace of a build.
 
 A span costs a microsecond unless the environment names a folder to record into
-(`bagassets.build.trace` does). Then each process appends its spans, as events of the Chrome
+(`bagassets.build.trace_file` does). Then each process appends its spans, as events of the Chrome
 trace format, to a file of its own there: workers are forked, and some of them end by a signal.
 """
 

@@ -20,7 +20,7 @@ import pytest
 from bagassets.assets import calibration
 from bagassets.build import execute
 from bagassets.build.execute import BuildFailure
-from bagassets.build.unexpected import in_words
+from bagassets.build.unexpected import explained_error
 from bagassets.defs.pending_work import open_project
 from bagassets.errors import (
     BagAssetsError,
@@ -566,9 +566,9 @@ def no_memory_in_opencv():
 
 def test_words_for_errors_that_are_ours_already():
     err = StoreError("x")
-    assert in_words(err, Path("a.bag"), "frames") is err
+    assert explained_error(err, Path("a.bag"), "frames") is err
     for short in (MemoryError(), pa.lib.ArrowMemoryError("malloc of size 1 failed"), no_memory_in_opencv()):
-        told = in_words(short, Path("a.bag"), "frames CAM_FRONT")
+        told = explained_error(short, Path("a.bag"), "frames CAM_FRONT")
         assert told.transient
         assert str(told).startswith("a.bag: frames CAM_FRONT ran out of memory; ")
     assert ChangedWhileReadError.transient

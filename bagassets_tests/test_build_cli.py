@@ -9,7 +9,7 @@ from click.testing import CliRunner
 from rich.console import Console
 
 from bagassets.build.build_report import BagOutcome, BuildReport, Event
-from bagassets.build.plan_model import AssetState, BagPlan, Plan
+from bagassets.build.plan import AssetState, BagPlan, Plan
 from bagassets.build.summary_rows import summary_rows
 from bagassets.cli import progress
 from bagassets.cli.main import root

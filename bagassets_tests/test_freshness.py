@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from bagassets.build.plan_model import AssetState, BagPlan
+from bagassets.build.plan import AssetState, BagPlan
 from bagassets.freshness import decide, fingerprints
 from bagassets.freshness.artifacts import artifacts_fingerprint, packed
 from bagassets.freshness.cache import NAME, Cache, Changes

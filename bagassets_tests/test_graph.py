@@ -8,10 +8,10 @@ import pytest
 from bagassets.assets.asset import Asset, Use, uses_of
 from bagassets.assets.inventory import INVENTORY
 from bagassets.build import execute as execution
-from bagassets.build.execute import BuildFailure, Skipped, execute, make_again
+from bagassets.build.execute import BuildFailure, Skipped, execute, run_again
 from bagassets.build.graph import Graph
-from bagassets.build.plan import Planner
-from bagassets.build.plan_model import Recorded
+from bagassets.build.plan import Recorded
+from bagassets.build.planner import Planner
 from bagassets.build.rebuild import Scratch
 from bagassets.build.recording_assets import RecordingAssets
 from bagassets.errors import CalibrationError, PluginError, RecipeError
@@ -445,7 +445,7 @@ def test_actions_run_again_on_what_is_on_record_and_the_store_stays_as_it_is(pro
     nodes = list(graph.nodes())
     files = sorted(path for path in graph.store.root.rglob("*"))
     ran.failing = {"poses"}
-    made = make_again(graph, nodes, Scratch(tmp_path / "scratch"), threads=1)
+    made = run_again(graph, nodes, Scratch(tmp_path / "scratch"), threads=1)
     assert sorted(path for path in graph.store.root.rglob("*")) == files
     assert str(made.pop("poses")) == "poses is not to be made"
     assert {name: outcome.artifact.digest for name, outcome in made.items()} == {
@@ -461,7 +461,7 @@ def test_a_list_of_assets_that_cannot_be_is_refused(ran):
     poses = step("poses", ran, INVENTORY)
     with pytest.raises(PluginError, match="asset poses reads inventory, which is no asset before it"):
         RecordingAssets(None, [poses])
-    with pytest.raises(PluginError, match="asset inventory is there twice"):
+    with pytest.raises(PluginError, match="asset inventory is defined twice"):
         RecordingAssets(None, [INVENTORY, INVENTORY])
 
 

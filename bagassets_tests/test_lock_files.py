@@ -14,7 +14,7 @@ import pytest
 
 from bagassets import lock_files
 from bagassets.build.build_report import BagOutcome, BuildReport
-from bagassets.build.plan_model import Plan
+from bagassets.build.plan import Plan
 from bagassets.build.summary_rows import summary_rows
 from bagassets.defs import project_build
 from bagassets.defs.exclusive import exclusive

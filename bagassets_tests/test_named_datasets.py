@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bagassets.build.plan_model import AssetState, BagPlan, Plan
+from bagassets.build.plan import AssetState, BagPlan, Plan
 from bagassets.errors import RecipeError
 from bagassets.formats.assembly import assemble
 from bagassets.formats.catalogue import recording_assets

@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bagassets.build.choose import SelectionError, choose_assets, choose_recordings
-from bagassets.build.differences import changes, flat, in_words
-from bagassets.build.plan import Planner
-from bagassets.build.plan_model import AssetState, BagPlan
+from bagassets.build.differences import compare_actions, describe_changes, flatten
+from bagassets.build.plan import AssetState, BagPlan
+from bagassets.build.planner import Planner
 from bagassets.defs.pending_work import open_project
 from bagassets.errors import RecordingError
 from bagassets.formats.catalogue import recording_assets
@@ -50,7 +50,7 @@ def test_differences_are_told_by_name_with_both_values():
         params={"quality": 50, "camera": {"k": [2], "width": 8}, "new": True},
         inputs={"topic:/a": "2"},
     )
-    found = changes(before, now)
+    found = compare_actions(before, now)
     assert [str(change) for change in found] == [
         "step version 1 -> 2",
         "camera.k changed",
@@ -59,8 +59,8 @@ def test_differences_are_told_by_name_with_both_values():
         "topic /a changed",
         "topic /b is gone",
     ]
-    assert in_words(found) == "step version 1 -> 2, camera.k changed, new is new and 3 more"
-    assert in_words([]) == ""
+    assert describe_changes(found) == "step version 1 -> 2, camera.k changed, new is new and 3 more"
+    assert describe_changes([]) == ""
 
 
 json_objects = st.recursive(
@@ -72,8 +72,8 @@ json_objects = st.recursive(
 
 @given(json_objects, json_objects)
 def test_there_is_a_change_exactly_where_values_differ(before, now):
-    found = changes(action(params=before), action(params=now))
-    assert (found == []) == (dict(flat(before)) == dict(flat(now)))
+    found = compare_actions(action(params=before), action(params=now))
+    assert (found == []) == (dict(flatten(before)) == dict(flatten(now)))
     for change in found:
         assert change.before != change.now
 

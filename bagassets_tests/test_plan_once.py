@@ -4,7 +4,7 @@ from collections import Counter
 
 import dagster as dg
 
-from bagassets.build.plan import Planner
+from bagassets.build.planner import Planner
 from bagassets.defs import instance_plan, pending_work
 from bagassets_tests.in_process import QUICK, build, make_project
 from bagassets_tests.small_drive import write_drive

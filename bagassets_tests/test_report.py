@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import pytest
 
-from bagassets.build.plan_model import AssetState, BagPlan, Plan
+from bagassets.build.plan import AssetState, BagPlan, Plan
 from bagassets.build.track import track_of
 from bagassets.errors import DatasetError
 from bagassets.formats.catalogue import recording_assets

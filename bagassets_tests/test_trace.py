@@ -10,7 +10,7 @@ from click.testing import CliRunner
 
 from bagassets import trace
 from bagassets.build.build_report import Event
-from bagassets.build.trace import recorded_trace, trace_bags
+from bagassets.build.trace_file import recorded_trace, trace_bags
 from bagassets.cli.main import root
 from bagassets.errors import BagAssetsError
 from bagassets.forkserver.client import Client

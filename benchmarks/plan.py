@@ -24,8 +24,8 @@ import dagster as dg  # noqa: TID251  (records are made up here)
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from bagassets.build.plan import Planner
-from bagassets.build.plan_model import AssetState, BagPlan
+from bagassets.build.plan import AssetState, BagPlan
+from bagassets.build.planner import Planner
 from bagassets.defs.events import event_database, fetch_recorded, latest_ids
 from bagassets.defs.instance_plan import plan_instance, workspace_fingerprint
 from bagassets.defs.partitions import add_partitions

@@ -1,11 +1,10 @@
-"""What an asset of a recording is: one object, at the end of the module that has all that is known of it.
+"""What an asset of a recording is: one object, defined at the end of the asset's own module.
 
-A recipe reaches an asset through one door: `Asset.params` takes from it what the asset may know, a frozen
-dataclass in normal form. Its digest over all rigs is Dagster's code version (`bagassets.build.code_version`).
-`Asset.use` narrows it to one recording: the topics, upstream artifacts, single facts of upstream and files that an
-action reads, from which the action's digest is taken. `Asset.make` is handed just that. So a code version
-differs whenever an action does; it may also differ when no action does, as for a rig that made none of the
-recordings.
+An asset sees the recipe only through `Asset.params`, which returns its parameters: a frozen dataclass in normal form.
+Their digest over all rigs is part of Dagster's code version (see `bagassets.build.recording_assets`). `Asset.use` narrows
+the parameters to one recording: the topics, upstream artifacts, single upstream facts and files that an action reads,
+from which the action's digest is computed. `Asset.make` gets just that. So the code version differs whenever an action
+does; it may also differ when no action does, for example for a rig that made none of the recordings.
 """
 
 from collections.abc import Callable, Collection, Iterable, Mapping

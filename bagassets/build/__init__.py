@@ -1,4 +1,4 @@
-"""The engine: which actions a recording needs, from what, and running those that are not known yet.
+"""The engine: it derives the actions of a recording and runs those whose results are not in the store.
 
-It knows the assets by name but nothing of Dagster.
+It knows the assets by name, and nothing about Dagster.
 """

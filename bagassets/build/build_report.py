@@ -1,4 +1,4 @@
-"""What a build is asked for, what it tells while it works, and what it came to."""
+"""Options of a build, events while it works, and its report."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 if TYPE_CHECKING:
-    # Not imported: the command line, which waits while the server works, would pay for all of it.
-    from bagassets.build.plan_model import Plan
+    # Not imported: the command line only waits for the server, and should not import all of this.
+    from bagassets.build.plan import Plan
 
 __all__ = ["BagOutcome", "BuildOptions", "BuildReport", "Event", "Remark", "Result", "SummaryRow"]
 
@@ -16,14 +16,14 @@ Result = Literal["built", "hit", "fresh", "skipped", "failed", "stopped"]
 
 @dataclass(frozen=True)
 class BuildOptions:
-    """What is asked of a build.
+    """Options of a build.
 
     Attributes:
-        jobs: recordings worked on at the same time.
-        retry_failed: try again what failed before on the same input.
-        bags: keys, globs or paths of the recordings to look at; none = all.
-        select: assets to bring up to date, with what they read; none = all.
-        allow_empty: believe a bag root without any recording, where there were some before.
+        jobs: recordings built at the same time.
+        retry_failed: retry what failed before on the same input.
+        bags: keys, globs or paths of the recordings to build; none = all.
+        select: assets to bring up to date, with those that they read; none = all.
+        allow_empty: accept an empty bag root even if it had recordings before.
     """
 
     jobs: int = 1
@@ -34,7 +34,7 @@ class BuildOptions:
 
     @property
     def is_whole(self) -> bool:
-        """True if everything is asked for."""
+        """True if it covers all recordings and assets."""
         return not self.bags and not self.select
 
     def as_json(self) -> dict[str, Any]:
@@ -43,7 +43,7 @@ class BuildOptions:
 
     @classmethod
     def from_json(cls, value: dict[str, Any]) -> Self:
-        """Return what `as_json` gave."""
+        """Inverse of `as_json`."""
         return cls(
             value["jobs"],
             value["retry_failed"],
@@ -58,11 +58,11 @@ class Event:
     """Progress of a build.
 
     Attributes:
-        kind: `planned` once, then `started`, `done`, `failed` or `stopped` of a recording, or of the
-            dataset (key empty).
+        kind: `planned` once, then `started`, `done`, `failed` or `stopped` for a recording, or for the
+            dataset (with an empty key).
         key: partition key.
-        message: why it failed, or what was planned.
-        sizes: for `planned`, the recordings that need a run -> bytes.
+        message: why it failed, or what is planned.
+        sizes: for `planned`, recording that needs a run -> bytes.
     """
 
     kind: Literal["planned", "started", "done", "failed", "stopped"]
@@ -77,13 +77,13 @@ class Event:
 
 @dataclass(frozen=True)
 class BagOutcome:
-    """What a build came to for one recording.
+    """The result of a build for one recording.
 
     Attributes:
-        result: `built` (something ran), `hit` (the store knew all of it, Dagster's records were brought up to
+        result: `built` (something ran), `hit` (the store had everything, only Dagster's records were brought up to
             date), `fresh` (nothing to do), `skipped`, `failed`, or `stopped` before it was done.
-        reason: why it was skipped, or failed.
-        seconds: wall time of its run; 0 without one.
+        reason: why it was skipped or failed.
+        seconds: wall time of its run; 0 if there was none.
     """
 
     result: Result
@@ -93,13 +93,13 @@ class BagOutcome:
 
 @dataclass(frozen=True)
 class Remark:
-    """What a check said of a recording that was built.
+    """A problem that a check found in a recording that was built.
 
     Attributes:
         key: partition key; empty for the dataset.
         severity: `error` or `warn`.
         check: name of the check.
-        problem: what it found first, in words.
+        problem: a sentence about the first problem.
     """
 
     key: str
@@ -114,22 +114,22 @@ class Remark:
 
 @dataclass
 class BuildReport:
-    """What a build came to.
+    """The report of a build.
 
     Attributes:
-        plan: the state of everything after the build; None in a report that another process made.
-        outcomes: recording -> what happened to it.
-        excluded: path below the bag root -> why it is no recording of the recipe's.
-        removed: recordings that were gone.
-        remarks: what checks found in what was built now.
-        duplicates: recording -> another one with the same content, which stands for it in the dataset.
-        moved: recording that this build put into another split -> the old one and the new one.
-        splits: split -> what it has of the recordings and of the time (`SplitShare.as_json`), and whether that `is_far` from
-            what was asked for.
+        plan: the state of everything after the build; None in a report from another process.
+        outcomes: recording -> its result.
+        excluded: path below the bag root -> why the recipe leaves it out.
+        removed: recordings that are gone.
+        remarks: problems that checks found in what this build made.
+        duplicates: recording -> another one with the same content, which represents it in the dataset.
+        moved: recording that this build moved to another split -> the old split and the new one.
+        splits: split -> its share of recordings and time (`SplitShare.as_json`), and whether that `is_far` from the
+            share in the recipe.
         dataset: `updated`, `fresh`, `failed`, `stopped`, `not made`, or `not selected`.
         dataset_problem: why the dataset could not be made.
         dataset_path: its dataroot.
-        interrupted: somebody stopped the build.
+        interrupted: True if somebody stopped the build.
         seconds: wall time.
     """
 
@@ -153,7 +153,7 @@ class BuildReport:
 
     @property
     def succeeded(self) -> bool:
-        """True if nothing failed and nobody stopped it."""
+        """True if nothing failed and nobody stopped the build."""
         return not (self.interrupted or self.dataset_problem or self.having("failed", "stopped"))
 
     def counts(self) -> dict[str, int]:
@@ -190,7 +190,7 @@ class BuildReport:
 
     @classmethod
     def from_json(cls, value: dict[str, Any]) -> Self:
-        """Return what `as_json` gave."""
+        """Inverse of `as_json`, without the plan."""
         return cls(
             outcomes={
                 key: BagOutcome(bag["result"], bag["reason"], bag["seconds"])
@@ -212,7 +212,7 @@ class BuildReport:
 
 @dataclass(frozen=True)
 class SummaryRow:
-    """What one recording gave; None where there is nothing to tell.
+    """A row of the summary: what one recording contains; None where that is not known.
 
     Attributes:
         recording: partition key.
@@ -221,7 +221,7 @@ class SummaryRow:
         images: image files.
         sweeps: lidar and radar files.
         poses: ego poses.
-        boxes: 3-D boxes recorded.
+        boxes: recorded 3-D boxes.
         scenes: nuScenes scenes.
         keyframes: nuScenes samples.
         result: see `BagOutcome`.

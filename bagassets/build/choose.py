@@ -1,4 +1,4 @@
-"""Which recordings and assets a user means."""
+"""Choosing recordings and assets by what a user types."""
 
 from collections.abc import Collection, Mapping, Sequence
 from difflib import get_close_matches
@@ -12,18 +12,18 @@ __all__ = ["SelectionError", "choose_assets", "choose_recordings"]
 
 
 class SelectionError(BagAssetsError):
-    """A recording or asset was asked for that does not exist."""
+    """A user named a recording or asset that does not exist."""
 
 
 def choose_recordings(recordings: Mapping[str, RecordingFiles], wanted: Sequence[str]) -> frozenset[str]:
-    """Return the partition keys of the recordings that are asked for.
+    """Return the partition keys of the recordings that a user asks for.
 
     Args:
         recordings: partition key -> recording.
         wanted: partition keys, globs of them, paths below the bag root, or paths of files.
 
     Raises:
-        SelectionError: one of them means no recording.
+        SelectionError: one of them matches no recording.
     """
     chosen: set[str] = set()
     for text in wanted:
@@ -39,11 +39,11 @@ def choose_recordings(recordings: Mapping[str, RecordingFiles], wanted: Sequence
 
 
 def choose_assets(known: Collection[str], wanted: Sequence[str]) -> frozenset[str] | None:
-    """Return the assets that are asked for, or None if none is named.
+    """Return the assets that a user asks for, or None if none is named.
 
     Args:
         known: names of all assets.
-        wanted: names, or lists of names with commas.
+        wanted: names, or comma-separated lists of names.
 
     Raises:
         SelectionError: one of them does not exist.

@@ -1,24 +1,24 @@
-"""What differs between two actions, in words."""
+"""The differences between two actions, and a short text about them."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-__all__ = ["Change", "changes", "flat", "in_words"]
+__all__ = ["Change", "compare_actions", "describe_changes", "flatten"]
 
-_MOST_WORDS = 3
+_MOST_NAMED = 3
 _MOST_CHARACTERS = 24
 
 
 @dataclass(frozen=True)
 class Change:
-    """One thing about an action that differs.
+    """One value that differs between two actions.
 
     Attributes:
         group: `step`, `version`, `libraries`, `params` or `inputs`.
-        name: which of the group, with dots between nested names.
-        before: its value then; None if there was none.
-        now: its value now; None if there is none any more.
+        name: its name within the group, with dots between nested names.
+        before: the old value; None if there was none.
+        now: the new value; None if there is none any more.
     """
 
     group: str
@@ -38,33 +38,33 @@ class Change:
         return f"{what} {verb}"
 
 
-def changes(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[Change]:
-    """Return what differs between two actions, given as JSON, in the order of their fields."""
-    found = [
+def compare_actions(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[Change]:
+    """Return the differences between two actions, given as JSON, in the order of their fields."""
+    changes = [
         Change(name, "", before[name], now[name]) for name in ("step", "version") if before[name] != now[name]
     ]
     for group in ("libraries", "params", "inputs"):
-        old, new = dict(flat(before[group])), dict(flat(now[group]))
-        found += [
+        old, new = dict(flatten(before[group])), dict(flatten(now[group]))
+        changes += [
             Change(group, name, old.get(name), new.get(name))
             for name in sorted(old.keys() | new.keys())
             if old.get(name) != new.get(name)
         ]
-    return found
+    return changes
 
 
-def in_words(found: Sequence[Change]) -> str:
-    """Return a short list of changes for a line of text."""
-    words = list(dict.fromkeys(str(change) for change in found))
-    more = f" and {len(words) - _MOST_WORDS} more" if len(words) > _MOST_WORDS else ""
-    return ", ".join(words[:_MOST_WORDS]) + more
+def describe_changes(changes: Sequence[Change]) -> str:
+    """Return a short text that names the first few changes."""
+    texts = list(dict.fromkeys(str(change) for change in changes))
+    more = f" and {len(texts) - _MOST_NAMED} more" if len(texts) > _MOST_NAMED else ""
+    return ", ".join(texts[:_MOST_NAMED]) + more
 
 
-def flat(value: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield dotted name and value of all leaves; lists are leaves, as are empty objects."""
+def flatten(value: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield dotted name and value of each leaf; lists and empty objects are leaves."""
     for name, inner in value.items():
         if isinstance(inner, Mapping) and inner:
-            yield from flat(inner, f"{prefix}{name}.")
+            yield from flatten(inner, f"{prefix}{name}.")
         else:
             yield f"{prefix}{name}", inner
 

@@ -15,7 +15,7 @@ from bagassets.assets.asset import AnyAsset, Inputs, Summary
 from bagassets.assets.channel import ChannelExtractor
 from bagassets.build.graph import SELECTION, Graph, Node
 from bagassets.build.process import encoder_threads, encoders, keep_freed_memory
-from bagassets.build.unexpected import in_words
+from bagassets.build.unexpected import explained_error
 from bagassets.errors import BagAssetsError, StoreError
 from bagassets.escaping import visible
 from bagassets.recordings.recording import Recording
@@ -25,7 +25,7 @@ from bagassets.store.lease import in_use
 from bagassets.store.store import Outcome, Pending
 from bagassets.trace import span
 
-__all__ = ["AssetResult", "BuildFailure", "Skipped", "Target", "execute", "make_again", "run_pass"]
+__all__ = ["AssetResult", "BuildFailure", "Skipped", "Target", "execute", "run_again", "run_pass"]
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,7 @@ def execute(graph: Graph, *, threads: int | None = None) -> Iterator[AssetResult
 def _results(graph: Graph, threads: int) -> Iterator[AssetResult | Skipped]:
     failed: dict[str, BagAssetsError] = {}
     for batch in _batches(graph):
-        for node in _made(graph, batch, threads):
+        for node in _make_batch(graph, batch, threads):
             if node.outcome is not None:
                 yield _result(node, node.outcome)
             elif node.error is not None:
@@ -136,7 +136,7 @@ def _batches(graph: Graph) -> Iterator[Sequence[AnyAsset]]:
         yield batch
 
 
-def _made(graph: Graph, batch: Sequence[AnyAsset], threads: int) -> list[Node]:
+def _make_batch(graph: Graph, batch: Sequence[AnyAsset], threads: int) -> list[Node]:
     """Return the nodes of assets after they were made, as far as they can be."""
     if batch[0].extract is None:
         (asset,) = batch
@@ -153,7 +153,7 @@ def _made(graph: Graph, batch: Sequence[AnyAsset], threads: int) -> list[Node]:
     if channels:
         name = " and ".join(asset.name for asset in batch)
         with span(name, channels=[part.channel for part in channels]):
-            made = _filled(graph, channels, graph.store, threads)
+            made = _fill_channels(graph, channels, graph.store, threads)
         for part in channels:
             graph.settle(part, made[part.name])
     for node in nodes:
@@ -161,7 +161,7 @@ def _made(graph: Graph, batch: Sequence[AnyAsset], threads: int) -> list[Node]:
     return nodes
 
 
-def make_again(
+def run_again(
     graph: Graph, nodes: Sequence[Node], target: Target, *, threads: int
 ) -> dict[str, Outcome | BagAssetsError]:
     """Run the actions of nodes once more, each on what is on record of the nodes above it.
@@ -176,10 +176,10 @@ def make_again(
         Name of the node -> what its action came to.
     """
     channels = [node for node in nodes if node.channel]
-    made = _filled(graph, channels, target, threads) if channels else {}
+    made = _fill_channels(graph, channels, target, threads) if channels else {}
     for node in nodes:
         if not node.channel:
-            made[node.name] = _ran(graph, node, graph.inputs_above(node), target)
+            made[node.name] = _run_action(graph, node, graph.inputs_above(node), target)
     return made
 
 
@@ -202,10 +202,10 @@ def _result(node: Node, outcome: Outcome) -> AssetResult:
 def _make(graph: Graph, node: Node) -> None:
     """Make a node if it can be, and settle it."""
     if node.is_open:
-        graph.settle(node, _ran(graph, node, graph.inputs, graph.store))
+        graph.settle(node, _run_action(graph, node, graph.inputs, graph.store))
 
 
-def _ran(graph: Graph, node: Node, inputs: Inputs, target: Target) -> Outcome | BagAssetsError:
+def _run_action(graph: Graph, node: Node, inputs: Inputs, target: Target) -> Outcome | BagAssetsError:
     path = graph.recording.path
 
     def make(out: ArtifactWriter) -> Summary:
@@ -216,12 +216,12 @@ def _ran(graph: Graph, node: Node, inputs: Inputs, target: Target) -> Outcome | 
         except BagAssetsError:
             raise
         except Exception as err:  # whatever it is, it costs no more than this asset
-            raise in_words(err, path, node.name) from err
+            raise explained_error(err, path, node.name) from err
 
     try:
         return target.run(node.known_action, make, path)
     except Exception as err:  # noqa: BLE001  (as above)
-        return in_words(err, path, node.name)
+        return explained_error(err, path, node.name)
 
 
 def _write_index(node: Node, out: ArtifactWriter) -> Summary:
@@ -248,7 +248,7 @@ def _write_index(node: Node, out: ArtifactWriter) -> Summary:
 # --- one pass --------------------------------------------------------------------------------
 
 
-def _filled(
+def _fill_channels(
     graph: Graph, nodes: Sequence[Node], target: Target, threads: int
 ) -> dict[str, Outcome | BagAssetsError]:
     """Return the name of each channel -> what it came to, after one pass over the recording."""
@@ -257,7 +257,7 @@ def _filled(
         with graph.inputs.whole() as recording:
             return run_pass(graph, recording.restrict(topics), nodes, target, threads)
     except Exception as err:  # noqa: BLE001  (the recording itself: nothing of it is on record)
-        told = in_words(err, graph.recording.path, "the pass over the recording")
+        told = explained_error(err, graph.recording.path, "the pass over the recording")
         return {node.name: told for node in nodes}
 
 
@@ -296,21 +296,21 @@ def run_pass(
                 try:
                     extractors[node.name] = _extractor(graph, node, recording, pending[node.name].out, pool)
                 except Exception as err:  # noqa: BLE001  (whatever it is, it costs one channel)
-                    errors[node.name] = in_words(err, path, node.channel)
+                    errors[node.name] = explained_error(err, path, node.channel)
             _feed(recording, extractors, errors, channels)
             for name, extractor in extractors.items():
                 if name not in errors:
                     try:
                         summaries[name] = extractor.finish()
                     except Exception as err:  # noqa: BLE001  (as above)
-                        errors[name] = in_words(err, path, channels[name])
+                        errors[name] = explained_error(err, path, channels[name])
         graph.source.verify_unchanged()
     except BaseException:
         for unfinished in pending.values():
             unfinished.discard()
         raise
     return {
-        name: _finished(running, summaries.get(name), errors.get(name), target, path)
+        name: _finish_channel(running, summaries.get(name), errors.get(name), target, path)
         for name, running in pending.items()
     }
 
@@ -344,10 +344,10 @@ def _feed(
             try:
                 extractor.add(message)
             except Exception as err:  # noqa: BLE001  (as above)
-                errors[name] = in_words(err, recording.path, channels[name])
+                errors[name] = explained_error(err, recording.path, channels[name])
 
 
-def _finished(
+def _finish_channel(
     running: Pending, summary: Summary | None, error: BagAssetsError | None, target: Target, path: Path
 ) -> Outcome | BagAssetsError:
     if error is None and summary is not None:

@@ -1,14 +1,14 @@
-"""Why an asset of a recording is in its state: its action now beside the last one."""
+"""Why an asset of a recording is in its state: its current action beside the last recorded one."""
 
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from bagassets.build.differences import Change, changes
+from bagassets.build.differences import Change, compare_actions
 from bagassets.build.graph import Node
-from bagassets.build.plan import Planner
-from bagassets.build.plan_model import AssetState, Recorded
+from bagassets.build.plan import AssetState, Recorded
+from bagassets.build.planner import Planner
 from bagassets.recordings.model import RecordingFiles
 from bagassets.store.canonical import digest_json
 from bagassets.store.store import Store
@@ -18,12 +18,12 @@ __all__ = ["ActionPair", "Explanation", "explain_asset"]
 
 @dataclass(frozen=True)
 class ActionPair:
-    """An action as it would be now, and as it was when Dagster recorded it last.
+    """The current action and the one that Dagster recorded last.
 
     Attributes:
-        channel: the channel it extracts, or "" for an asset of one action.
-        now: the action as JSON; None if what it reads is not known yet.
-        last: the action on record; None if there is none.
+        channel: the channel that it extracts, or "" for an asset with a single action.
+        now: the current action as JSON; None if its inputs are not known yet.
+        last: the last recorded action as JSON; None if there is none.
     """
 
     channel: str
@@ -32,8 +32,8 @@ class ActionPair:
 
     @property
     def changes(self) -> list[Change]:
-        """What differs; nothing unless both are known."""
-        return changes(self.last, self.now) if self.now is not None and self.last is not None else []
+        """The differences; empty unless both actions are known."""
+        return compare_actions(self.last, self.now) if self.now is not None and self.last is not None else []
 
     def as_json(self) -> dict[str, Any]:
         """Return the pair as JSON."""
@@ -57,7 +57,7 @@ class Explanation:
         state: its state and reason.
         recorded: what Dagster recorded last, or None.
         code_version: what Dagster's code version would be now; None for `bag`.
-        actions: its actions; none for `bag`, which is not made but found.
+        actions: its actions; none for `bag`, which no action makes.
     """
 
     key: str
@@ -107,7 +107,7 @@ def explain_asset(
         before = _actions_of(planner.store, None if last is None else last.action)
         names = sorted(now.keys() | before.keys())
         if names != [""]:
-            names = [name for name in names if name]  # the index of channels says nothing of its own
+            names = [name for name in names if name]  # the index of channels has nothing to add
         pairs = tuple(ActionPair(name, now.get(name), before.get(name)) for name in names)
     return Explanation(recording.key, asset, state, last, planner.assets.versions.get(asset), pairs)
 
@@ -131,8 +131,8 @@ def _with_channels(store: Store, action: Mapping[str, Any]) -> dict[str, Mapping
     channels = action["params"].get("actions") if action["step"].endswith("_index") else None
     if not channels:
         return {"": action}
-    found = {name: store.action(digest) for name, digest in channels.items()}
-    return {name: inner for name, inner in found.items() if inner is not None}
+    actions = {name: store.action(digest) for name, digest in channels.items()}
+    return {name: inner for name, inner in actions.items() if inner is not None}
 
 
 def _with_digest(action: Mapping[str, Any] | None) -> dict[str, Any] | None:

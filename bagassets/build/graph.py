@@ -16,12 +16,12 @@ from hashlib import sha256
 
 from bagassets.assets.asset import AnyAsset, AnyUse
 from bagassets.assets.selection import choose_rig, skip_reason
-from bagassets.build.differences import changes, in_words
+from bagassets.build.differences import compare_actions, describe_changes
 from bagassets.build.inputs import RecordingInputs
-from bagassets.build.plan_model import AssetState, Recorded
+from bagassets.build.plan import AssetState, Recorded
 from bagassets.build.recording_assets import RecordingAssets
 from bagassets.build.source import MessageSource
-from bagassets.build.unexpected import in_words as error_in_words
+from bagassets.build.unexpected import explained_error
 from bagassets.errors import BagAssetsError, StoreError
 from bagassets.recipe.model import Rig
 from bagassets.recordings.digest import RecordingStat
@@ -170,12 +170,12 @@ class Graph:
         artifacts = {name: above for name in names if (above := self.node(name).artifact) is not None}
         return RecordingInputs(self.store, self.recording, self.digest or "", self.source, artifacts)
 
-    def settle(self, node: Node, came_to: Outcome | BagAssetsError) -> None:
+    def settle(self, node: Node, result: Outcome | BagAssetsError) -> None:
         """Take what the action of a node came to."""
-        if isinstance(came_to, BagAssetsError):
-            node.error = came_to
+        if isinstance(result, BagAssetsError):
+            node.error = result
         else:
-            self._know(node, came_to)
+            self._know(node, result)
         if node.channel:
             self._expand_index(self.node(node.asset))
         self._nodes = {name: one for name, one in self._nodes.items() if one.waits_for is None}
@@ -328,7 +328,10 @@ class Graph:
         if before is None:
             return "the record of the action that made it is gone"
         if node.action is not None:
-            return in_words(changes(before, node.action.as_json())) or "its artifact is gone from the store"
+            return (
+                describe_changes(compare_actions(before, node.action.as_json()))
+                or "its artifact is gone from the store"
+            )
         reasons = []
         actions = before["params"].get("actions", {})
         for part in node.parts:
@@ -338,7 +341,7 @@ class Graph:
             if old is None:
                 reasons.append(f"{part.channel} is new")
             else:
-                words = in_words(changes(old, part.action.as_json()))
+                words = describe_changes(compare_actions(old, part.action.as_json()))
                 reasons.append(f"{part.channel}: {words or 'its artifact is gone from the store'}")
         return "; ".join(reasons)
 
@@ -349,7 +352,7 @@ def _noted(node: Node, recording: RecordingFiles) -> Iterator[None]:
     try:
         yield
     except Exception as err:  # noqa: BLE001  (whatever it is, it costs no more than this node)
-        node.error = error_in_words(err, recording.path, node.channel or node.name)
+        node.error = explained_error(err, recording.path, node.channel or node.name)
 
 
 def _absent(key: str, asset: str) -> StoreError:

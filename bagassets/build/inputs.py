@@ -1,4 +1,4 @@
-"""What is there of one recording: the facts that actions are planned from, and the inputs that they run on."""
+"""The inputs of one recording's actions: the facts that they are planned from, and what they run on."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
@@ -23,14 +23,14 @@ __all__ = ["RecordingInputs"]
 
 
 class RecordingInputs:
-    """The artifacts of one recording as they become known, and what is read from them; see `assets.asset.Inputs`.
+    """The artifacts of one recording as they become known, and facts read from them; see `assets.asset.Inputs`.
 
     Args:
         store: where artifacts are.
         recording: its files.
         digest: its content digest.
         source: opens its topics.
-        recorded: asset -> artifact that is current, for assets that are not made here.
+        recorded: asset -> current artifact, for assets that are not made here.
     """
 
     def __init__(
@@ -49,7 +49,7 @@ class RecordingInputs:
         self._channels: dict[str, dict[str, Artifact]] = {}
 
     def add(self, asset: str, artifact: Artifact) -> None:
-        """Take the artifact of an asset that was made, or is known."""
+        """Add the artifact of an asset."""
         self._artifacts[asset] = artifact
         self._channels.pop(asset, None)
 
@@ -60,7 +60,7 @@ class RecordingInputs:
 
     @property
     def format(self) -> Format:
-        """What the recording is read as."""
+        """The format in which it is read."""
         return self._recording.format
 
     @property
@@ -70,7 +70,7 @@ class RecordingInputs:
 
     @cached_property
     def inventory(self) -> Inventory:
-        """What is in it."""
+        """Its topics and time span."""
         return Inventory.from_json(self.artifact("inventory").read_json("inventory.json"))
 
     @cached_property
@@ -84,10 +84,10 @@ class RecordingInputs:
         return load_trajectory(self.artifact("ego_poses"))
 
     def artifact(self, asset: str) -> Artifact:
-        """Return the artifact of an asset that was made before.
+        """Return the artifact of an asset.
 
         Raises:
-            StoreError: it was not.
+            StoreError: the asset has not been made.
         """
         try:
             return self._artifacts[asset]
@@ -110,7 +110,7 @@ class RecordingInputs:
         return find_labels(sources, self._recording)
 
     def definitions(self, folders: Iterable[Path]) -> dict[str, str]:
-        """Return `msg:<name below its folder>` -> digest, of the files of message definitions in `folders`."""
+        """Return `msg:<name below its folder>` -> digest for each message definition file in `folders`."""
         return {
             f"msg:{path.relative_to(folder).as_posix()}": digest_file(path)
             for folder in folders
@@ -122,11 +122,11 @@ class RecordingInputs:
         return path.read_bytes()
 
     def whole(self) -> AbstractContextManager[Recording]:
-        """Open the recording itself, all of it."""
+        """Open the whole recording."""
         return self._source.whole(self.inventory if "inventory" in self._artifacts else None)
 
     @contextmanager
     def messages(self, topics: tuple[str, ...]) -> Iterator[Recording]:
-        """Open `topics` of the recording, where they are cheapest to read."""
+        """Open `topics` of the recording, from wherever they are cheapest to read."""
         with self._source.topics(topics, self.inventory, self.artifact("inventory")) as recording:
             yield recording

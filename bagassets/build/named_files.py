@@ -1,4 +1,4 @@
-"""Files besides recordings that steps read because the recipe names them, or where they lie beside one."""
+"""Files that steps read besides the recordings: the recipe names them, or they lie beside a recording."""
 
 from pathlib import Path
 
@@ -11,12 +11,12 @@ __all__ = ["files_beside", "named_files"]
 
 
 def named_files(recipe: Recipe) -> tuple[list[Path], list[Path]]:
-    """Return the URDF files that a recipe names, and the folders of message definitions; whatever is there or not."""
+    """Return the URDF files and the folders of message definitions that a recipe names, whether they exist or not."""
     return [rig.urdf for rig in recipe.rigs if rig.urdf is not None], list(recipe.bags.message_definitions)
 
 
 def files_beside(recipe: Recipe, recording: RecordingFiles) -> list[Path]:
-    """Return the label files of a recording and the places where they might be; whatever is there or not."""
+    """Return the paths of a recording's label files, and the paths where some might appear."""
     if not any(rig.annotation_files for rig in recipe.rigs):
         return []
     rig = choose_rig(recipe, recording.relative)

@@ -1,80 +1,167 @@
-"""The plan: the state of every asset of every recording, with the reason in words.
+"""The plan: the state of every asset of every recording."""
 
-One function decides for the command line, the sensor and the status table alike. It reads
-what Dagster has recorded, what the store knows and what lies on disk; it runs nothing.
-"""
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Self
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from bagassets.recordings.digest import RecordingStat
+from bagassets.recordings.model import Format
 
-from bagassets.build.graph import Graph
-from bagassets.build.plan_model import AssetState, BagPlan, Recorded
-from bagassets.build.recording_assets import RecordingAssets
-from bagassets.recordings.digest import DigestIndex, RecordingStat, stat_files, stored_digest
-from bagassets.recordings.model import RecordingFiles
-from bagassets.store.store import Store
+if TYPE_CHECKING:
+    from bagassets.store.artifact import Artifact
+    from bagassets.store.store import Store
 
-__all__ = ["Planner"]
+__all__ = ["AssetState", "BagPlan", "Plan", "Recorded", "State"]
+
+State = Literal["fresh", "record-only", "stale", "unknown", "failed", "missing", "skipped"]
 
 
-@dataclass
-class Planner:
-    """Decides for one recording after the other.
+@dataclass(frozen=True)
+class Recorded:
+    """The latest materialization of one asset partition in Dagster's event log.
 
     Attributes:
-        assets: what recordings have under the recipe.
-        store: the artifact store.
-        index: our own index of digests of files.
+        data_version: digest of the recording or of the artifact.
+        code_version: Dagster's code version, from step version and recipe fields.
+        inputs: upstream asset -> data version that it was made from.
+        stat: for `bag`, sizes and times of the files when the digest was taken.
+        cached: True if nothing had to run; None if that is not recorded.
+        action: digest of the action that made it.
+        run_id: the run that recorded it.
     """
 
-    assets: RecordingAssets
-    store: Store
-    index: DigestIndex | None = None
+    data_version: str
+    code_version: str | None
+    inputs: Mapping[str, str] = field(default_factory=dict)
+    stat: RecordingStat | None = None
+    cached: bool | None = None
+    action: str | None = None
+    run_id: str = ""
 
-    def plan(self, recording: RecordingFiles, recorded: Mapping[str, Recorded]) -> BagPlan:
-        """Return the states of one recording.
+
+class AssetState(NamedTuple):
+    """State of one asset of one recording (there may be 100,000 of them).
+
+    Attributes:
+        state: see `docs/how-it-decides.md`.
+        reason: a text that says why, back to the first cause.
+        data_version: digest of the artifact that is or would be current, if known.
+    """
+
+    state: State
+    reason: str
+    data_version: str | None = None
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the state as JSON."""
+        return {"state": self.state, "reason": self.reason, "data_version": self.data_version}
+
+
+@dataclass(frozen=True)
+class BagPlan:
+    """States of all assets of one recording.
+
+    Attributes:
+        key: partition key.
+        assets: asset -> its state.
+        format: of the recording.
+        recorded: asset -> data version that Dagster recorded last.
+        channels: digests of the single channels' artifacts in frames and sweeps.
+        optional: assets on which no dataset but their own depends.
+        rig: name of the rig that made the recording; "" if none did.
+    """
+
+    key: str
+    assets: Mapping[str, AssetState]
+    format: Format = "ros1"
+    recorded: Mapping[str, str] = field(default_factory=dict)
+    channels: tuple[str, ...] = ()
+    optional: frozenset[str] = frozenset()
+    rig: str = ""
+
+    @property
+    def skipped(self) -> str | None:
+        """Why the recording is skipped, or None."""
+        return next((state.reason for state in self.assets.values() if state.state == "skipped"), None)
+
+    @property
+    def failed(self) -> str | None:
+        """Why the first failed asset failed, or None."""
+        return next((state.reason for state in self.assets.values() if state.state == "failed"), None)
+
+    @property
+    def unusable(self) -> str | None:
+        """Why the recording cannot be part of the nuScenes dataset, or None; optional assets do not matter."""
+        failures = (
+            state.reason
+            for name, state in self.assets.items()
+            if state.state == "failed" and name not in self.optional
+        )
+        return next(failures, None)
+
+    @property
+    def settled(self) -> bool:
+        """True if nothing is to be done and nothing failed."""
+        return all(state.state in {"fresh", "skipped"} for state in self.assets.values())
+
+    @property
+    def artifacts(self) -> tuple[str, ...]:
+        """Digests of the artifacts that the states rest on, if there is nothing to do."""
+        assets = (state.data_version for name, state in self.assets.items() if name != "bag")
+        return tuple(digest for digest in (*assets, *self.channels) if digest is not None)
+
+    def to_run(self, *, retry_failed: bool = False, select: Collection[str] | None = None) -> tuple[str, ...]:
+        """Return the assets that a run should materialize, in order; none if everything is up to date.
+
+        A run covers all assets, fresh ones too: those are hits, and Dagster's own markers agree afterwards.
 
         Args:
-            recording: its files.
-            recorded: asset -> what Dagster recorded last; nothing if its partition is not alive.
+            retry_failed: retry what failed before on the same input.
+            select: assets that matter, with those that they read (see `RecordingAssets.with_upstream`). None = all.
         """
-        graph = self.graph(recording, recorded)
-        states = graph.states()
-        channels = tuple(
-            part.artifact.digest
-            for name in self.assets.names
-            if (node := graph.node(name)).artifact is not None
-            for part in node.parts
-            if part.artifact is not None
-        )
-        on_record = {asset: record.data_version for asset, record in recorded.items()}
-        rig = "" if graph.rig is None else graph.rig.name
-        return BagPlan(
-            recording.key, states, recording.format, on_record, channels, self.assets.optional, rig
-        )
+        idle = {"fresh", "skipped"} | (set() if retry_failed else {"failed"})
+        if self.failed is not None and not retry_failed:
+            # What depends on a failed asset stays unknown: a run would gain nothing.
+            idle.add("unknown")
+        wanted = tuple(self.assets)
+        if select is not None:
+            wanted = tuple(name for name in wanted if name in select)
+        return wanted if any(self.assets[name].state not in idle for name in wanted) else ()
 
-    def graph(self, recording: RecordingFiles, recorded: Mapping[str, Recorded]) -> Graph:
-        """Return the graph of one recording; see `plan`."""
-        digest, stat, bag = _bag_state(recording, recorded.get("bag"), self.index)
-        return Graph(self.assets, self.store, recording, digest, stat, bag=bag, recorded=recorded)
+    def current_artifact(self, store: "Store", asset: str) -> "Artifact | None":
+        """Return the current artifact of an asset, else the last recorded one, if the store still has it."""
+        state = self.assets.get(asset)
+        for digest in (state.data_version if state else None, self.recorded.get(asset)):
+            if digest and store.has(digest):
+                return store.artifact(digest)
+        return None
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the states as JSON."""
+        return {name: state.as_json() for name, state in self.assets.items()}
+
+    def as_row(self) -> list[Any]:
+        """Return everything but the key as compact JSON: there may be 10,000 of them."""
+        return [self.assets, self.format, self.recorded, self.channels, sorted(self.optional), self.rig]
+
+    @classmethod
+    def from_row(cls, key: str, row: list[Any]) -> Self:
+        """Inverse of `as_row`, from decoded JSON."""
+        states, file_format, recorded, channels, optional, rig = row
+        assets = {name: AssetState(*state) for name, state in states.items()}
+        return cls(key, assets, file_format, recorded, tuple(channels), frozenset(optional), rig)
 
 
-def _bag_state(
-    recording: RecordingFiles, recorded: Recorded | None, index: DigestIndex | None
-) -> tuple[str | None, RecordingStat, AssetState]:
-    stats = stat_files(recording)
-    stat = RecordingStat(tuple((path.name, s.st_size, s.st_mtime_ns) for path, s in stats))
-    if recorded is not None and recorded.stat == stat:
-        if index is None or not any(index.suspects_edit(path, s) for path, s in stats):
-            state = AssetState("fresh", "size and time unchanged", recorded.data_version)
-            return recorded.data_version, stat, state
-        why = "size and time unchanged, but the file was touched since"
-    else:
-        why = "size or time changed"
-    digest = stored_digest(recording, index)
-    if recorded is None:
-        return digest, stat, AssetState("missing", "new recording", digest)
-    if digest == recorded.data_version:
-        return digest, stat, AssetState("record-only", "touched, content unchanged", digest)
-    reason = f"{why}: its content has to be read" if digest is None else "content changed"
-    return digest, stat, AssetState("stale", reason, digest)
+@dataclass(frozen=True)
+class Plan:
+    """The state of everything.
+
+    Attributes:
+        bags: partition key -> states of the recording.
+        excluded: path below the bag root -> why the globs leave it out.
+        removed: registered partition keys whose recordings are gone, except those in folders that cannot be read.
+    """
+
+    bags: Mapping[str, BagPlan]
+    excluded: Mapping[str, str]
+    removed: tuple[str, ...]

@@ -1,4 +1,4 @@
-"""What makes a process good at building: threads that encode, and an allocator that keeps memory."""
+"""Tuning a process for builds: threads that encode images, and an allocator that keeps freed memory."""
 
 import ctypes
 import os
@@ -9,10 +9,10 @@ from contextlib import contextmanager, suppress
 
 __all__ = ["encoder_threads", "encoders", "keep_freed_memory"]
 
-# Reading and lidars keep one thread busy; more encoders than this would wait for it.
+# One thread reads and converts lidar clouds; more encoders than this would wait for it.
 _MOST_ENCODERS = 8
-# An encoder that comes back from OpenCV waits this long for a thread that computes in Python. With
-# Python's 5 ms, and some ten returns per image, encoders would wait longer than they work.
+# An encoder that returns from OpenCV waits this long for a thread that computes in Python. With Python's
+# default of 5 ms, and some ten returns per image, encoders would wait longer than they work.
 _SWITCH_S = 0.0005
 
 # malloc.h of glibc
@@ -24,7 +24,7 @@ _KEPT_BYTES = 256 << 20
 def encoder_threads() -> int:
     """Return how many threads encode the images of one recording: one per processor this process may use.
 
-    Recordings built side by side share the processors; the last of them has them all.
+    Recordings built side by side share the processors; the last one to finish has them all.
     """
     return min(
         len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1, _MOST_ENCODERS
@@ -33,7 +33,7 @@ def encoder_threads() -> int:
 
 @contextmanager
 def encoders(threads: int) -> Iterator[ThreadPoolExecutor | None]:
-    """Have threads that encode meanwhile; None if one would do, which would only add to the work."""
+    """Provide a pool of encoder threads; None for a single thread, which would only add overhead."""
     if threads <= 1:
         yield None
         return
@@ -48,10 +48,10 @@ def encoders(threads: int) -> Iterator[ThreadPoolExecutor | None]:
 
 
 def keep_freed_memory() -> None:
-    """Have the allocator use freed memory again; where the C library is another than glibc, do nothing.
+    """Have the allocator reuse freed memory; with a C library other than glibc, do nothing.
 
-    Each image takes several buffers of megabytes. By default glibc gives them back to the system,
-    which fills them with zeros again for the next image: a fifth of the processor time of a build.
+    Each image takes several buffers of megabytes. By default glibc returns them to the system, which
+    zeroes them again for the next image: a fifth of a build's processor time.
     """
     if sys.platform != "linux":
         return

@@ -10,7 +10,7 @@ from typing import Any
 from uuid import uuid4
 
 from bagassets.assets.asset import Summary
-from bagassets.build.execute import make_again
+from bagassets.build.execute import run_again
 from bagassets.build.graph import Graph, Node
 from bagassets.build.recording_assets import RecordingAssets
 from bagassets.errors import BagAssetsError
@@ -115,7 +115,7 @@ def rebuild(
         for node in graph.nodes()
         if node.outcome is not None and node.outcome.action_digest in actions
     }
-    made = make_again(graph, list(known.values()), Scratch(scratch), threads=threads)
+    made = run_again(graph, list(known.values()), Scratch(scratch), threads=threads)
     again = {action: _compared(node, made[node.name]) for action, node in known.items()}
     gone = "it is not among the actions of this recording any more"
     return [again.get(action) or Rebuilt(action, None, error=gone) for action in sorted(actions)]
@@ -162,12 +162,12 @@ class Scratch:
         """Record nothing."""
 
 
-def _compared(node: Node, came_to: Outcome | BagAssetsError) -> Rebuilt:
+def _compared(node: Node, result: Outcome | BagAssetsError) -> Rebuilt:
     action = node.known_action.digest
-    if isinstance(came_to, BagAssetsError):
-        return Rebuilt(action, None, error=str(came_to))
-    differing = () if node.artifact is None else _differing(node.artifact, came_to.artifact)
-    return Rebuilt(action, came_to.artifact.digest, differing)
+    if isinstance(result, BagAssetsError):
+        return Rebuilt(action, None, error=str(result))
+    differing = () if node.artifact is None else _differing(node.artifact, result.artifact)
+    return Rebuilt(action, result.artifact.digest, differing)
 
 
 def _differing(before: Artifact, now: Artifact) -> tuple[str, ...]:

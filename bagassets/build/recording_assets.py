@@ -1,27 +1,28 @@
-"""The assets that recordings have under a recipe: a list of objects, and what follows from it."""
+"""The assets of a recording under a recipe: a list of objects, their code versions, and what depends on what."""
 
 from collections.abc import Iterable, Iterator
 from functools import cached_property
 from typing import Any
 
-from bagassets.assets.asset import AnyAsset
-from bagassets.build.code_version import code_version
+from bagassets.assets.asset import AnyAsset, as_json
 from bagassets.errors import PluginError
+from bagassets.plugins import installed_decoders
 from bagassets.recipe.model import Recipe, Rig
+from bagassets.store.canonical import digest_json
 
 __all__ = ["RecordingAssets"]
 
 
 class RecordingAssets:
-    """The assets that recordings have under a recipe, in the order in which they are made; `bag` is none of them.
+    """The assets of a recording under a recipe, in the order in which they are made; `bag` is not one of them.
 
     Args:
         recipe: the recipe.
-        known: all assets that there are, each after those that it reads; those that the recipe leaves out, and
-            what reads them, are none of its recordings'.
+        known: all existing assets, each after those that it reads; those that the recipe leaves out, and those that
+            read them, are dropped.
 
     Raises:
-        PluginError: an asset stands before one that it reads, or two have the same name.
+        PluginError: an asset comes before one that it reads, or two have the same name.
     """
 
     def __init__(self, recipe: Recipe, known: Iterable[AnyAsset]) -> None:
@@ -33,7 +34,7 @@ class RecordingAssets:
         for asset in known:
             missing = [one.name for one in asset.reads if one.name not in seen]
             if asset.name in seen or missing:
-                what = f"reads {missing[0]}, which is no asset before it" if missing else "is there twice"
+                what = f"reads {missing[0]}, which is no asset before it" if missing else "is defined twice"
                 raise PluginError(f"asset {asset.name} {what}; see `bagassets.assets` in docs/steps.md.")
             seen.add(asset.name)
             if asset.enabled(recipe) and all(one.name in self._by_name for one in asset.reads):
@@ -45,11 +46,11 @@ class RecordingAssets:
         self._by_name |= along
 
     def __iter__(self) -> Iterator[AnyAsset]:
-        """Yield them in the order in which they are made; not those that are only made along with others."""
+        """Yield the assets in the order in which they are made, without those that are only made along with others."""
         return iter(self._enabled)
 
     def __getitem__(self, name: str) -> AnyAsset:
-        """Return an asset, or what is made along with one, by name."""
+        """Return an asset by name, including those that are only made along with others."""
         return self._by_name[name]
 
     @cached_property
@@ -59,14 +60,14 @@ class RecordingAssets:
 
     @cached_property
     def optional(self) -> frozenset[str]:
-        """The names of those that no dataset but their own depends on."""
+        """The names of the assets on which no dataset but their own depends."""
         return frozenset(asset.name for asset in self if asset.optional)
 
     @cached_property
     def extracted(self) -> frozenset[str]:
-        """The names of those that one operation of Dagster makes together, since they read the recording itself.
+        """The names of the assets that one Dagster op makes together, since they read the recording itself.
 
-        What reads channels comes after the pass over it, and what no dataset depends on must not stop the others.
+        Assets that read channels come after the pass over it, and optional assets must not stop the others.
         """
         after = {asset.name for asset in self if asset.extract is not None}
         extracted = set()
@@ -79,22 +80,22 @@ class RecordingAssets:
 
     @cached_property
     def versions(self) -> dict[str, str]:
-        """Asset -> Dagster's code version of it."""
-        return {asset.name: code_version(self.recipe, asset) for asset in self}
+        """Asset -> its code version in Dagster."""
+        return {asset.name: _code_version(self.recipe, asset) for asset in self}
 
     def upstream(self, name: str) -> tuple[str, ...]:
         """Return the names of the assets that an asset reads."""
         return tuple(asset.name for asset in self[name].reads)
 
     def params(self, asset: AnyAsset, rig: Rig) -> Any:
-        """Return what an asset may know of the recipe for recordings of a rig."""
+        """Return the parameters of an asset for recordings of a rig."""
         key = asset.name, rig.name
         if key not in self._params:
             self._params[key] = asset.params(self.recipe, rig)
         return self._params[key]
 
     def with_upstream(self, names: Iterable[str]) -> tuple[str, ...]:
-        """Return those of `names` that recordings have (`bag` among them), and everything that they read, in order."""
+        """Return those of `names` that recordings have (`bag` included), and everything that they read, in order."""
         wanted: set[str] = set()
         waiting = [name for name in names if name == "bag" or name in self.names]
         while waiting:
@@ -103,3 +104,26 @@ class RecordingAssets:
                 wanted.add(name)
                 waiting += ["bag", *self.upstream(name)] if name != "bag" else []
         return tuple(name for name in ("bag", *self.names) if name in wanted)
+
+
+def _code_version(recipe: Recipe, asset: AnyAsset) -> str:
+    """Return `<version>-<digest>` of an asset: of its libraries, decoder plug-ins and its parameters for every rig.
+
+    Dagster cannot see parameters; through this text a changed recipe shows in its UI as a changed code version.
+    `match` decides, in order, which rig a recording belongs to: it counts where the parameters of rigs differ.
+    """
+    params = [as_json(asset.params(recipe, rig)) for rig in recipe.rigs]
+    alike = all(one == params[0] for one in params)
+    rigs = (
+        params[:1]
+        if alike
+        else [[list(rig.match), one] for rig, one in zip(recipe.rigs, params, strict=True)]
+    )
+    plugins = [
+        [plugin.name, plugin.as_json()]
+        for family in asset.families
+        for plugin in installed_decoders().of_family(family)
+    ]
+    package = [asset.distribution] if asset.distribution else []
+    digest = digest_json([rigs, list(asset.libraries), plugins, *package])
+    return f"{asset.version}-{digest[:12]}"

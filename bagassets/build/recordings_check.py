@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from bagassets.build.execute import make_again
+from bagassets.build.execute import run_again
 from bagassets.build.graph import Graph
 from bagassets.build.rebuild import Scratch
 from bagassets.build.recording_assets import RecordingAssets
@@ -175,7 +175,7 @@ def _changed_topics(
         )
     before = _topics(inventory.artifact)
     with tempfile.TemporaryDirectory() as folder:
-        again = make_again(graph, [inventory], Scratch(Path(folder)), threads=1)[inventory.name]
+        again = run_again(graph, [inventory], Scratch(Path(folder)), threads=1)[inventory.name]
         if isinstance(again, BagAssetsError):
             raise again
         now = _topics(again.artifact)

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from bagassets.build.build_report import BagOutcome, BuildReport, SummaryRow
-from bagassets.build.plan_model import BagPlan
+from bagassets.build.plan import BagPlan
 from bagassets.errors import StoreError
 from bagassets.store.store import Store
 

@@ -1,23 +1,23 @@
-"""Turning what no step was made for into a sentence, so that it costs one asset of one recording, not the run."""
+"""Turning unexpected errors into a sentence for users, so that one costs a single asset of a recording, not the run."""
 
 import traceback
 from pathlib import Path
 
 from bagassets.errors import BagAssetsError, MemoryShortageError, UnexpectedError
 
-__all__ = ["in_words"]
+__all__ = ["explained_error"]
 
 _OPENCV_NO_MEMORY = -4  # cv2.Error.StsNoMem, as `cv2.error.code`
 _PACKAGE = Path(__file__).parents[1]
 
 
-def in_words(err: Exception, path: Path, what: str) -> BagAssetsError:
-    """Return an error of ours as it is, and any other as one that says where it came from.
+def explained_error(err: Exception, path: Path, what: str) -> BagAssetsError:
+    """Return a `BagAssetsError` unchanged, and any other error as one that says where it came from.
 
     Args:
         err: what was raised.
         path: the recording.
-        what: what was being made, such as `frames CAM_FRONT`.
+        what: name of the node that was being made, such as `frames CAM_FRONT`.
     """
     if isinstance(err, BagAssetsError):
         return err
@@ -36,9 +36,9 @@ def in_words(err: Exception, path: Path, what: str) -> BagAssetsError:
     )
     text = str(err).strip().splitlines()
     reason = f"{type(err).__name__}: {text[0]}" if text else type(err).__name__
-    told = UnexpectedError(
+    explained = UnexpectedError(
         f"{path}: {what} met something in this recording that bagassets was not made for ({reason}; {place}); the others "
         "go on. If the recording is sound, please report this."
     )
-    told.__cause__ = err
-    return told
+    explained.__cause__ = err
+    return explained

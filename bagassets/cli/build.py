@@ -124,7 +124,7 @@ def _build_on_server(
     with ExitStack() as stack:
         listeners: list[Callable[[Event], None]] = [stack.enter_context(progress_for())]
         if trace is not None:
-            from bagassets.build.trace import recorded_trace, trace_bags
+            from bagassets.build.trace_file import recorded_trace, trace_bags
             from bagassets.recipe import load_recipe
 
             stack.enter_context(recorded_trace(trace, load_recipe(recipe).state))

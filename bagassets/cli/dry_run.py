@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from bagassets.build.build_report import Remark
-from bagassets.build.plan_model import State
+from bagassets.build.plan import State
 from bagassets.escaping import visible
 
 if TYPE_CHECKING:

@@ -40,7 +40,7 @@ def explain(bag: str, asset: str, recipe: Path, as_json: bool) -> None:
     """
     from bagassets.build.choose import SelectionError, choose_assets, choose_recordings
     from bagassets.build.explain import explain_asset
-    from bagassets.build.plan import Planner
+    from bagassets.build.planner import Planner
     from bagassets.defs.instance_plan import recorded_assets
     from bagassets.defs.pending_work import open_project
 
@@ -81,7 +81,7 @@ def explanation_lines(told: "Explanation") -> Iterator[str]:
 
 
 def _action_lines(pair: "ActionPair") -> Iterator[str]:
-    from bagassets.build.differences import flat
+    from bagassets.build.differences import flatten
 
     value = pair.as_json()
     # Where one of them is not known there is nothing to compare: it is printed as it is.
@@ -93,7 +93,7 @@ def _action_lines(pair: "ActionPair") -> Iterator[str]:
     yield from _row("digest", last.get("digest"), now.get("digest"))
     yield from _row("version", last.get("version"), now.get("version"))
     for group, name_of in (("libraries", "library"), ("params", "param"), ("inputs", "input")):
-        before, after = dict(flat(last.get(group, {}))), dict(flat(now.get(group, {})))
+        before, after = dict(flatten(last.get(group, {}))), dict(flatten(now.get(group, {})))
         for name in sorted(before.keys() | after.keys()):
             yield from _row(f"{name_of} {name}", before.get(name), after.get(name))
 

@@ -93,7 +93,6 @@ def _place(recipe: "Recipe", dataset: str | None) -> tuple[Path, str]:
 
 def _fixes(recipe: Path, key: str) -> list[tuple[int, float, float]]:
     """Return GNSS fixes of the recording, if the store has them."""
-    from bagassets.build.current import current_artifact
     from bagassets.build.track import track_of
     from bagassets.defs.instance_plan import plan_instance
     from bagassets.defs.pending_work import open_project
@@ -102,8 +101,8 @@ def _fixes(recipe: Path, key: str) -> list[tuple[int, float, float]]:
         bag = plan_instance(instance, workspace).plan.bags.get(key)
         if bag is None:
             return []
-        inventory = current_artifact(workspace.store, bag, "inventory")
-        poses = current_artifact(workspace.store, bag, "ego_poses")
+        inventory = bag.current_artifact(workspace.store, "inventory")
+        poses = bag.current_artifact(workspace.store, "ego_poses")
         if inventory is None or poses is None:
             return []
         clock = workspace.recipe.clock_of(workspace.recipe.rig_named(bag.rig))

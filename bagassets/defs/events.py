@@ -10,7 +10,7 @@ from pathlib import Path
 import dagster as dg
 from dagster import AssetRecordsFilter
 
-from bagassets.build.plan_model import Recorded
+from bagassets.build.plan import Recorded
 from bagassets.defs.partitions import partitions_name
 from bagassets.errors import StoreError
 from bagassets.formats.catalogue import known_assets

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import dagster as dg
 
 from bagassets.build.named_files import named_files
-from bagassets.build.plan_bulk import plan_in_bulk
-from bagassets.build.plan_model import BagPlan, Plan, Recorded
+from bagassets.build.plan import BagPlan, Plan, Recorded
+from bagassets.build.planner import plan_recordings
 from bagassets.defs.events import fetch_recorded, latest_ids, live_partitions
 from bagassets.defs.workspace import Workspace
 from bagassets.formats.dataset_build import DatasetInputs, select_inputs
@@ -120,7 +120,7 @@ def _planned(
         return fetch_recorded(instance, ids, keys)
 
     with _uncollected():
-        plan, recorded = plan_in_bulk(
+        plan, recorded = plan_recordings(
             workspace.assets,
             workspace.store,
             discovery,

@@ -10,7 +10,7 @@ import dagster as dg
 
 from bagassets.build.build_report import BuildOptions
 from bagassets.build.choose import choose_assets, choose_recordings
-from bagassets.build.plan_model import Plan
+from bagassets.build.plan import Plan
 from bagassets.defs.databases import database_errors_explained
 from bagassets.defs.dataset import dataset_is_current
 from bagassets.defs.instance_plan import InstancePlan, plan_instance, replan_instance

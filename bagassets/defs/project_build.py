@@ -14,7 +14,7 @@ from typing import Any
 import dagster as dg
 
 from bagassets.build.build_report import BagOutcome, BuildOptions, BuildReport, Event, Remark
-from bagassets.build.plan_model import Plan, Recorded
+from bagassets.build.plan import Plan, Recorded
 from bagassets.build.summary_rows import summary_rows
 from bagassets.defs.dataset import record_inputs
 from bagassets.defs.instance_plan import InstancePlan

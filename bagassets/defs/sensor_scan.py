@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping
 import dagster as dg
 
 from bagassets.build.named_files import files_beside
-from bagassets.build.plan_model import AssetState, BagPlan, Plan
+from bagassets.build.plan import AssetState, BagPlan, Plan
 from bagassets.defs.dataset import dataset_is_current, record_inputs
 from bagassets.defs.events import all_assets, live_partitions
 from bagassets.defs.instance_plan import InstancePlan, plan_instance, workspace_fingerprint

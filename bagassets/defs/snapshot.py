@@ -6,7 +6,7 @@ from pathlib import Path
 import dagster as dg
 
 from bagassets.build.named_files import files_beside, named_files
-from bagassets.build.plan_model import Plan
+from bagassets.build.plan import Plan
 from bagassets.defs.events import database_place
 from bagassets.defs.instance_plan import workspace_fingerprint
 from bagassets.defs.partitions import partitions_name

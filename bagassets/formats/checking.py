@@ -7,7 +7,7 @@ from typing import Any
 
 from bagassets.assets.selection import choose_rig
 from bagassets.build.build_report import Remark
-from bagassets.build.plan_model import BagPlan
+from bagassets.build.plan import BagPlan
 from bagassets.errors import PluginError, StoreError
 from bagassets.formats.catalogue import known_assets, recording_assets
 from bagassets.formats.dataset_build import Dataset, datasets_of

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from bagassets.assets import trajectory_map
-from bagassets.build.plan_model import BagPlan, Plan
+from bagassets.build.plan import BagPlan, Plan
 from bagassets.errors import BagAssetsError, DatasetError
 from bagassets.formats.assembly import DatasetSummary, assemble
 from bagassets.formats.catalogue import MAIN, formats

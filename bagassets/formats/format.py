@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any, Generic, NamedTuple, TypeVar
 
 from bagassets.assets.asset import AnyAsset
-from bagassets.build.plan_model import Plan
+from bagassets.build.plan import Plan
 from bagassets.quality.finding import Finding
 from bagassets.recipe.model import Recipe
 from bagassets.recipe.model_base import DatasetSettings

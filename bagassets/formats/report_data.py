@@ -7,8 +7,7 @@ from typing import Any
 
 from bagassets.assets import trajectory_map
 from bagassets.assets.preview import FACTS, THUMBNAIL
-from bagassets.build.current import current_artifact
-from bagassets.build.plan_model import BagPlan, Plan
+from bagassets.build.plan import BagPlan, Plan
 from bagassets.build.track import Track, track_of
 from bagassets.errors import StoreError
 from bagassets.formats.catalogue import formats
@@ -89,8 +88,8 @@ def _tracks(recipe: Recipe, store: Store, plan: Plan) -> dict[str, Track]:
     found = {}
     for key, bag in sorted(plan.bags.items()):
         inventory, poses = (
-            current_artifact(store, bag, "inventory"),
-            current_artifact(store, bag, "ego_poses"),
+            bag.current_artifact(store, "inventory"),
+            bag.current_artifact(store, "ego_poses"),
         )
         if inventory is not None and poses is not None and bag.skipped is None:
             found[key] = track_of(store, inventory, poses, recipe.clock_of(recipe.rig_named(bag.rig)))
@@ -119,16 +118,16 @@ def _local(track: Track) -> list[tuple[float, float]]:
 
 
 def _facts(recipe: Recipe, store: Store, bag: BagPlan, split: str) -> RecordingFacts:
-    inventory = current_artifact(store, bag, "inventory")
+    inventory = bag.current_artifact(store, "inventory")
     state, reason = _state(bag)
     if inventory is None:
         return RecordingFacts(bag.key, state, reason, bag.format)
     seen: dict[str, Any] = inventory.read_json("inventory.json")
-    poses = current_artifact(store, bag, "ego_poses")
+    poses = bag.current_artifact(store, "ego_poses")
     track = None
     if poses is not None and state in {"ready", "stale"}:
         track = track_of(store, inventory, poses, recipe.clock_of(recipe.rig_named(bag.rig)))
-    pictures = current_artifact(store, bag, "preview")
+    pictures = bag.current_artifact(store, "preview")
     return RecordingFacts(
         key=bag.key,
         state=state,
@@ -206,7 +205,7 @@ def _pictures(artifact: Artifact) -> dict[str, Path]:
 
 
 def _summary(store: Store, bag: BagPlan, asset: str) -> dict[str, Any]:
-    artifact = current_artifact(store, bag, asset)
+    artifact = bag.current_artifact(store, asset)
     try:
         return {} if artifact is None else artifact.summary()
     except StoreError:

@@ -6,8 +6,7 @@ from functools import partial
 from typing import Any
 
 from bagassets.assets.ego_poses import load_trajectory
-from bagassets.build.current import current_artifact
-from bagassets.build.plan_model import Plan
+from bagassets.build.plan import Plan
 from bagassets.build.track import track_of
 from bagassets.errors import StoreError
 from bagassets.formats.format import Part, Selection
@@ -60,7 +59,7 @@ def select(
 def _scene_facts(recipe: Recipe, store: Store, plan: Plan, part: Part, tables: Artifact) -> dict[str, Any]:
     """Return the facts about the scenes of one recording; they are made once."""
     bag = plan.bags[part.key]
-    inventory, poses = current_artifact(store, bag, "inventory"), current_artifact(store, bag, "ego_poses")
+    inventory, poses = bag.current_artifact(store, "inventory"), bag.current_artifact(store, "ego_poses")
     if inventory is None or poses is None:
         raise StoreError(
             f"{part.key}: inventory or ego_poses are not in the store, which the scenes of a named dataset are chosen "

@@ -1,0 +1,159 @@
+"""Planning: deciding the state of every asset of every recording, and why.
+
+The command line, the sensor and the status table all plan here. A planner reads Dagster's records, the store and the
+files on disk; it runs nothing. Recordings that have not changed since the last plan are not examined again, so that
+thousands of them can be planned.
+"""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+
+from bagassets.build.graph import Graph
+from bagassets.build.named_files import files_beside
+from bagassets.build.plan import AssetState, BagPlan, Plan, Recorded
+from bagassets.build.recording_assets import RecordingAssets
+from bagassets.freshness.plan_cache import PlanCache, recording_fingerprint
+from bagassets.recordings.digest import DigestIndex, RecordingStat, stat_files, stored_digest
+from bagassets.recordings.discover import Discovery
+from bagassets.recordings.model import RecordingFiles
+from bagassets.store.store import Store
+
+__all__ = ["Planner", "plan_recordings"]
+
+Fetch = Callable[[Iterable[str]], Mapping[str, Mapping[str, Recorded]]]
+
+
+@dataclass
+class Planner:
+    """Plans single recordings.
+
+    Attributes:
+        assets: the assets of a recording under the recipe.
+        store: the artifact store.
+        index: index of file digests.
+    """
+
+    assets: RecordingAssets
+    store: Store
+    index: DigestIndex | None = None
+
+    def plan(self, recording: RecordingFiles, recorded: Mapping[str, Recorded]) -> BagPlan:
+        """Return the states of one recording.
+
+        Args:
+            recording: its files.
+            recorded: asset -> what Dagster recorded last; empty if the partition does not exist.
+        """
+        graph = self.graph(recording, recorded)
+        states = graph.states()
+        channels = tuple(
+            part.artifact.digest
+            for name in self.assets.names
+            if (node := graph.node(name)).artifact is not None
+            for part in node.parts
+            if part.artifact is not None
+        )
+        on_record = {asset: record.data_version for asset, record in recorded.items()}
+        rig = "" if graph.rig is None else graph.rig.name
+        return BagPlan(
+            recording.key, states, recording.format, on_record, channels, self.assets.optional, rig
+        )
+
+    def graph(self, recording: RecordingFiles, recorded: Mapping[str, Recorded]) -> Graph:
+        """Return the graph of one recording; see `plan`."""
+        digest, stat, bag = _bag_state(recording, recorded.get("bag"), self.index)
+        return Graph(self.assets, self.store, recording, digest, stat, bag=bag, recorded=recorded)
+
+
+def _bag_state(
+    recording: RecordingFiles, recorded: Recorded | None, index: DigestIndex | None
+) -> tuple[str | None, RecordingStat, AssetState]:
+    stats = stat_files(recording)
+    stat = RecordingStat(tuple((path.name, s.st_size, s.st_mtime_ns) for path, s in stats))
+    if recorded is not None and recorded.stat == stat:
+        if index is None or not any(index.doubts(path, s) for path, s in stats):
+            state = AssetState("fresh", "size and time unchanged", recorded.data_version)
+            return recorded.data_version, stat, state
+        why = "size and time unchanged, but the file was touched since"
+    else:
+        why = "size or time changed"
+    digest = stored_digest(recording, index)
+    if recorded is None:
+        return digest, stat, AssetState("missing", "new recording", digest)
+    if digest == recorded.data_version:
+        return digest, stat, AssetState("record-only", "touched, content unchanged", digest)
+    reason = f"{why}: its content has to be read" if digest is None else "content changed"
+    return digest, stat, AssetState("stale", reason, digest)
+
+
+def plan_recordings(
+    assets: RecordingAssets,
+    store: Store,
+    discovery: Discovery,
+    registered: frozenset[str],
+    index: DigestIndex,
+    *,
+    project: str | None,
+    storage_ids: Mapping[str, Mapping[str, int]],
+    fetch: Fetch,
+    kept: Mapping[str, BagPlan] | None = None,
+) -> tuple[Plan, dict[str, Mapping[str, Recorded]]]:
+    """Plan all recordings.
+
+    Args:
+        assets: the assets of a recording under the recipe.
+        store: the artifact store.
+        discovery: the recordings on disk.
+        registered: the existing partition keys.
+        index: index of file digests.
+        project: fingerprint of the code, the recipe and the files that it names; None has all recordings examined.
+        storage_ids: asset -> partition key -> id of Dagster's latest record.
+        fetch: returns partition key -> asset -> what Dagster recorded last.
+        kept: states of recordings that are not planned again.
+
+    Returns:
+        The plan, and Dagster's records of the recordings that were examined.
+    """
+    cache = PlanCache(assets.recipe.state, store.root / "artifacts")
+    before = cache.load()
+    fingerprints: dict[str, str] = {}
+    bags: dict[str, BagPlan] = dict(kept or {})
+    for key, recording in discovery.recordings.items():
+        if project is None:
+            break
+        if key in bags:
+            continue
+        ids = {asset: keys[key] for asset, keys in storage_ids.items() if key in keys}
+        fingerprints[key] = recording_fingerprint(
+            project,
+            recording.relative,
+            recording.files,
+            files_beside(assets.recipe, recording),
+            ids if key in registered else {},
+        )
+        entry = before.get(key)
+        if entry is not None and entry.recording_fingerprint == fingerprints[key]:
+            plan = BagPlan.from_row(key, entry.plan)
+            if cache.holds(entry, plan.artifacts):
+                bags[key] = plan
+            else:
+                _remove_incomplete(store, plan)
+    unchanged = frozenset(bags)
+    others = [key for key in discovery.recordings if key not in bags]
+    recorded = fetch(key for key in others if key in registered)
+    planner = Planner(assets, store, index)
+    bags |= {key: planner.plan(discovery.recordings[key], recorded.get(key, {})) for key in others}
+    settled = {key: bags[key] for key in others if key in fingerprints and bags[key].settled}
+    cache.save(
+        {key: (fingerprints[key], plan.as_row(), plan.artifacts) for key, plan in settled.items()},
+        before.keys() - unchanged - settled.keys(),
+    )
+    ordered = {key: bags[key] for key in discovery.recordings}
+    return Plan(ordered, dict(discovery.excluded), discovery.removed(registered)), dict(recorded)
+
+
+def _remove_incomplete(store: Store, plan: BagPlan) -> None:
+    """Remove artifacts that lack files from the store, so that they are made again."""
+    for digest in plan.artifacts:
+        if store.has(digest) and not store.is_complete(digest):
+            store.remove(digest)
