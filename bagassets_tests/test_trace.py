@@ -10,7 +10,7 @@ from click.testing import CliRunner
 
 from bagassets import trace
 from bagassets.build.build_report import Event
-from bagassets.build.trace_file import recorded_trace, trace_bags
+from bagassets.build.trace_file import recorded_trace, trace_recordings
 from bagassets.cli.main import root
 from bagassets.errors import BagAssetsError
 from bagassets.forkserver.client import Client
@@ -79,7 +79,7 @@ def test_threads_and_forked_processes_have_tracks_of_their_own(tmp_path):
 def test_without_a_trace_nothing_is_recorded(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with trace.span("nothing"):
-        trace_bags(Event("started", "a.bag"))
+        trace_recordings(Event("started", "a.bag"))
     assert list(tmp_path.iterdir()) == []
 
 

@@ -1,8 +1,8 @@
-"""Running the nodes of a graph that are not known; nothing else runs actions of recordings.
+"""Running the actions of a graph whose results are not known; nothing else runs actions of recordings.
 
-What shares a pass over the recording is filled together: passes are what costs, since reading topic after topic from a
-compressed recording would decompress each chunk once per topic. There a channel that fails does not stop the others,
-and a recording that changes meanwhile fails them all.
+All channels that need a pass over the recording share one: passes are what costs, since reading topic after topic from
+a compressed recording would decompress each chunk once per topic. In a pass, a channel that fails does not stop the
+others, and a recording that changes meanwhile fails them all.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -30,14 +30,14 @@ __all__ = ["AssetResult", "BuildFailure", "Skipped", "Target", "execute", "run_a
 
 @dataclass(frozen=True)
 class AssetResult:
-    """What one asset of the recording came to.
+    """The result of one asset of the recording.
 
     Attributes:
         asset: its name.
         artifact: its content; the digest is the data version.
         action_digest: the action that made it.
-        cached: nothing had to run.
-        seconds: time it took when it ran.
+        cached: True if nothing had to run.
+        seconds: time that it took when it ran.
         channels: channel -> digest of its artifact, for assets that consist of channels.
     """
 
@@ -51,55 +51,55 @@ class AssetResult:
 
 @dataclass(frozen=True)
 class Skipped:
-    """The recording takes no part in the dataset, for a reason in words."""
+    """The recording takes no part in the dataset; `reason` says why."""
 
     reason: str
 
 
 class BuildFailure(BagAssetsError):  # noqa: N818  (a state of a build, named as users see it)
-    """Some assets of a recording could not be made; one sentence for each, which names the recording."""
+    """Some assets of a recording could not be made; there is one sentence for each, which names the recording."""
 
     def __init__(self, errors: Mapping[str, BagAssetsError], path: Path) -> None:
         self.errors = dict(errors)
-        told = [str(err) for err in self.errors.values()]
+        texts = [str(err) for err in self.errors.values()]
         where = visible(str(path))
-        told = [line if where in text else f"{where}: {line}" for text in told for line in text.split("\n")]
-        super().__init__(*told)
+        lines = [line if where in text else f"{where}: {line}" for text in texts for line in text.split("\n")]
+        super().__init__(*lines)
 
 
 class Target(Protocol):
-    """Where what is made goes: the store, or a scratch folder."""
+    """Where artifacts are made: the store, or a scratch folder."""
 
     def run(
         self, action: Action, make: Callable[[ArtifactWriter], Summary], subject: Path | None = None
     ) -> Outcome:
-        """Let `make` produce what `action` is to, unless that is known; see `Store.run`."""
+        """Run `make` for the artifact of `action`, unless it is known; see `Store.run`."""
         ...
 
     def begin(self, action: Action) -> Pending:
-        """Start an action that is not known; the caller commits or discards it."""
+        """Start an action; the caller commits or discards it."""
         ...
 
     def record_failure(self, action: Action, error: str, subject: Path | None = None) -> None:
-        """Note that an action failed; see `Store.record_failure`."""
+        """Record that an action failed; see `Store.record_failure`."""
         ...
 
 
 def execute(graph: Graph, *, threads: int | None = None) -> Iterator[AssetResult | Skipped]:
     """Make the assets that a graph wants, in order, and yield each result.
 
-    What is known is not run again. An asset that fails does not stop those that do not read it.
+    Known actions are not run again. An asset that fails does not stop those that do not read it.
 
     Args:
         graph: the nodes of a recording.
-        threads: how many encode images; default: one per processor.
+        threads: number of threads that encode images; default: one per processor.
 
     Raises:
-        BuildFailure: after everything else was made, if anything failed.
-        StoreError: the inventory is given and not there, or cannot be read.
+        BuildFailure: something failed; raised after everything else was made.
+        StoreError: the inventory is not made here, and missing or unreadable.
     """
     keep_freed_memory()
-    graph.lookup = graph.store.use  # what is used now is no garbage
+    graph.lookup = graph.store.use  # the collector must spare what this run uses
     with in_use(graph.store.root):
         yield from _results(graph, encoder_threads() if threads is None else threads)
 
@@ -122,9 +122,9 @@ def _results(graph: Graph, threads: int) -> Iterator[AssetResult | Skipped]:
 
 
 def _batches(graph: Graph) -> Iterator[Sequence[AnyAsset]]:
-    """Yield assets that are made together, when what they depend on has been made or given up.
+    """Yield the assets that are made together, once everything that they depend on was made or has failed.
 
-    A pass over the recording comes when nothing else can be made that others of the same pass may depend on.
+    A pass over the recording comes last, so that everything that its channels depend on is made before.
     """
     waiting = [asset for asset in graph.assets if graph.makes(asset.name)]
     while waiting:
@@ -137,7 +137,7 @@ def _batches(graph: Graph) -> Iterator[Sequence[AnyAsset]]:
 
 
 def _make_batch(graph: Graph, batch: Sequence[AnyAsset], threads: int) -> list[Node]:
-    """Return the nodes of assets after they were made, as far as they can be."""
+    """Make assets as far as possible, and return their nodes."""
     if batch[0].extract is None:
         (asset,) = batch
         with span(asset.name):
@@ -145,7 +145,7 @@ def _make_batch(graph: Graph, batch: Sequence[AnyAsset], threads: int) -> list[N
             _make(graph, node)
             if not node.is_cached:
                 for hidden in asset.along:
-                    # What fails here fails again for those who ask for it, who say so.
+                    # An error here is not reported: it recurs, and is, where the hidden asset is read.
                     _make(graph, graph.node(hidden.name))
         return [node]
     nodes = [graph.node(asset.name) for asset in batch]
@@ -164,16 +164,16 @@ def _make_batch(graph: Graph, batch: Sequence[AnyAsset], threads: int) -> list[N
 def run_again(
     graph: Graph, nodes: Sequence[Node], target: Target, *, threads: int
 ) -> dict[str, Outcome | BagAssetsError]:
-    """Run the actions of nodes once more, each on what is on record of the nodes above it.
+    """Run the actions of nodes once more, each on the recorded artifacts of the nodes above it.
 
     Args:
-        graph: the nodes of the recording; it stays as it is.
+        graph: the nodes of the recording; it is not changed.
         nodes: nodes of it whose actions are known.
-        target: where what is made goes.
-        threads: how many encode images.
+        target: where artifacts are made.
+        threads: number of threads that encode images.
 
     Returns:
-        Name of the node -> what its action came to.
+        Name of the node -> result of its action.
     """
     channels = [node for node in nodes if node.channel]
     made = _fill_channels(graph, channels, target, threads) if channels else {}
@@ -215,7 +215,7 @@ def _run_action(graph: Graph, node: Node, inputs: Inputs, target: Target) -> Out
             return graph.assets[node.asset].run(node.use, inputs, out)
         except BagAssetsError:
             raise
-        except Exception as err:  # whatever it is, it costs no more than this asset
+        except Exception as err:  # any error costs this asset only
             raise explained_error(err, path, node.name) from err
 
     try:
@@ -225,7 +225,7 @@ def _run_action(graph: Graph, node: Node, inputs: Inputs, target: Target) -> Out
 
 
 def _write_index(node: Node, out: ArtifactWriter) -> Summary:
-    """Write which artifacts the channels of an asset have."""
+    """Write the index of an asset's channels: which artifact each has."""
     outcomes = {part.channel: part.outcome for part in node.parts if part.outcome is not None}
     summaries = {channel: outcome.artifact.summary() for channel, outcome in outcomes.items()}
     out.write_json(
@@ -251,14 +251,14 @@ def _write_index(node: Node, out: ArtifactWriter) -> Summary:
 def _fill_channels(
     graph: Graph, nodes: Sequence[Node], target: Target, threads: int
 ) -> dict[str, Outcome | BagAssetsError]:
-    """Return the name of each channel -> what it came to, after one pass over the recording."""
+    """Make channels in one pass over the recording; return node name -> result."""
     topics = {topic for node in nodes if node.use is not None for topic in node.use.topics}
     try:
         with graph.inputs.whole() as recording:
             return run_pass(graph, recording.restrict(topics), nodes, target, threads)
-    except Exception as err:  # noqa: BLE001  (the recording itself: nothing of it is on record)
-        told = explained_error(err, graph.recording.path, "the pass over the recording")
-        return {node.name: told for node in nodes}
+    except Exception as err:  # noqa: BLE001  (the recording itself is at fault: nothing was recorded)
+        error = explained_error(err, graph.recording.path, "the pass over the recording")
+        return {node.name: error for node in nodes}
 
 
 def run_pass(
@@ -266,18 +266,18 @@ def run_pass(
 ) -> dict[str, Outcome | BagAssetsError]:
     """Read the topics of all channels once, and finish each channel.
 
-    One that fails does not stop the others: its error is recorded under its action. That the recording is
-    unchanged is checked after the last message and before anything is recorded. All share the threads.
+    A channel that fails does not stop the others; its error is recorded under its action. After the last message, and
+    before anything is recorded, the recording is checked for changes. All channels share the threads.
 
     Args:
         graph: the nodes of the recording.
-        recording: the recording, opened.
-        nodes: channels of it.
-        target: where what is made goes.
-        threads: how many encode images.
+        recording: the opened recording.
+        nodes: the channels.
+        target: where artifacts are made.
+        threads: number of threads that encode images.
 
     Returns:
-        Name of the node -> what it came to.
+        Name of the node -> its result.
 
     Raises:
         RecordingError: the recording is damaged or changed while it was read; nothing is recorded.
@@ -295,7 +295,7 @@ def run_pass(
             for node in nodes:
                 try:
                     extractors[node.name] = _extractor(graph, node, recording, pending[node.name].out, pool)
-                except Exception as err:  # noqa: BLE001  (whatever it is, it costs one channel)
+                except Exception as err:  # noqa: BLE001  (any error costs one channel only)
                     errors[node.name] = explained_error(err, path, node.channel)
             _feed(recording, extractors, errors, channels)
             for name, extractor in extractors.items():
@@ -330,7 +330,7 @@ def _feed(
     errors: dict[str, BagAssetsError],
     channels: Mapping[str, str],
 ) -> None:
-    """Hand each message to the extractors of its topic; one that fails gets no more of them."""
+    """Pass each message to the extractors of its topic; an extractor that fails gets no more messages."""
     listeners: dict[str, list[tuple[str, ChannelExtractor]]] = {}
     for name, extractor in extractors.items():
         for topic in extractor.topics:
@@ -353,7 +353,7 @@ def _finish_channel(
     if error is None and summary is not None:
         try:
             return running.commit(summary)
-        except StoreError as err:  # a full disk: what other channels have is kept
+        except StoreError as err:  # a full disk: the other channels are kept
             return err
     running.discard()
     if error is None:

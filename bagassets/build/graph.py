@@ -1,11 +1,11 @@
-"""The graph of one recording: a node for everything that is made of it, expanded as far as what is above is known.
+"""The graph of one recording: a node for everything that is made from it, expanded as far as its inputs are known.
 
-Nodes are the recording itself (`bag`), whether it takes part (`selection`), its assets, and below them what nobody
-asks for by name: channels (an asset of channels is the index of them) and what is made along with an asset, such as
-the track. A node says which action makes it, what that came to, or why that is not known. The graph looks at the
-store and at files beside the recording; it makes nothing. `bagassets.build.execute` does, and settles nodes with
-what came of it; what waited for them is then looked at again. Nothing here is told by raising: an error belongs to
-the node that it concerns.
+The nodes are the recording itself (`bag`), whether it takes part (`selection`), its assets, and below them nodes that
+users never name: channels (an asset of channels is their index) and what is made along with an asset, such as
+the track. A node has the action that makes it and its outcome, or why there is none. The graph reads the store and
+files beside the recording; it makes nothing. `bagassets.build.execute` runs actions and settles nodes with the results;
+nodes that waited for these are then expanded again. Errors are not raised here: each belongs to the node that it
+concerns.
 """
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
@@ -39,22 +39,22 @@ _UNCHANGED = AssetState("fresh", "size and time unchanged")
 
 @dataclass(eq=False)
 class Node:
-    """Something that is made of a recording, or a fact about it that others depend on.
+    """Something that is made from a recording, or a fact about it that others depend on.
 
-    At most one of `artifact`, `error`, `skipped` and `waits_for` is set; if none is, it is to be made.
+    At most one of `artifact`, `error`, `skipped` and `waits_for` is set; if none is, the node has yet to be made.
 
     Attributes:
-        name: of the asset, with the channel if it is one.
-        asset: name of the asset that it is, or that it lies below.
-        channel: the channel that it is.
+        name: name of the asset, followed by the channel if the node is one.
+        asset: name of the asset that it is or belongs to.
+        channel: the channel, if the node is one.
         use: what its action reads; None for an index of channels.
-        action: what makes it; None as long as what it reads is not known.
-        outcome: what its action came to.
+        action: the action that makes it; None until its inputs are known.
+        outcome: the outcome of the action.
         artifact: its content.
-        error: why it cannot be made, or what making it failed with.
+        error: why it cannot be made, or failed.
         skipped: why the recording takes no part.
         waits_for: the node that has to be known first.
-        parts: of an asset of channels, the channels.
+        parts: the channels of an asset of channels.
     """
 
     name: str
@@ -71,24 +71,24 @@ class Node:
 
     @property
     def is_open(self) -> bool:
-        """True if its action is known, and neither a result of it nor that it failed just now."""
+        """True if its action is known, but has neither a result nor an error yet."""
         return self.action is not None and self.artifact is None and self.error is None
 
     @property
     def known_action(self) -> Action:
-        """Its action, of a node that can be made."""
+        """The action of a node that can be made."""
         if self.action is None:
             raise TypeError(f"the action of {self.name} is not known")
         return self.action
 
     @property
     def is_cached(self) -> bool:
-        """True if nothing had to run for it."""
+        """True if no action had to run for it."""
         return (self.outcome is None or self.outcome.cached) and all(part.is_cached for part in self.parts)
 
     @property
     def below(self) -> Iterable["Node"]:
-        """The nodes that stand for it where actions are looked at one by one: its channels, or itself."""
+        """The nodes whose actions make its content: its channels, or itself."""
         return self.parts or (self,)
 
 
@@ -97,16 +97,16 @@ class Graph:
     """The nodes of one recording.
 
     Attributes:
-        assets: what recordings have under the recipe.
-        store: where artifacts are.
+        assets: the assets of a recording under the recipe.
+        store: the artifact store.
         recording: its files.
         digest: its content digest; None if it is not known, and then nothing else is.
-        stat: sizes and times of its files that the digest holds for.
-        wanted: names of the assets that are made here; default: all. Others are as given.
-        given: asset -> artifact that is current, for those that are not made here.
-        lookup: returns what an action came to, if that is known; default: `Store.lookup`.
+        stat: sizes and times of its files when the digest was taken.
+        wanted: names of the assets that are made here; default: all.
+        given: asset -> current artifact, for assets that are not made here.
+        lookup: returns the outcome of an action if it is known; default: `Store.lookup`.
         bag: state of the recording itself.
-        recorded: asset -> what Dagster recorded last, which states are told by.
+        recorded: asset -> what Dagster recorded last; the states compare with it.
     """
 
     assets: RecordingAssets
@@ -130,21 +130,21 @@ class Graph:
     # --- nodes ---------------------------------------------------------------------------
 
     def makes(self, name: str) -> bool:
-        """Tell whether an asset is made here, not given."""
+        """Return whether an asset is made here, not given."""
         return self.wanted is None or name in self.wanted or name in self.assets.hidden
 
     def node(self, name: str) -> Node:
-        """Return a node by name, expanded as far as is known what lies above it.
+        """Return a node by name, expanded as far as its inputs are known.
 
         Args:
-            name: an asset, what is made along with one, `bag`, or `selection`.
+            name: `bag`, `selection`, or an asset, even one that is only made along with another.
         """
         if name not in self._nodes:
             self._nodes[name] = self._expanded(name)
         return self._nodes[name]
 
     def nodes(self) -> Iterator[Node]:
-        """Yield the nodes that have artifacts: each asset after its channels, then what is made along with it."""
+        """Yield the nodes that can have artifacts: each asset after its channels, then those made along with it."""
         for asset in self.assets:
             node = self.node(asset.name)
             yield from node.parts
@@ -165,17 +165,17 @@ class Graph:
         return choose_rig(self.assets.recipe, self.recording.relative)
 
     def inputs_above(self, node: Node) -> RecordingInputs:
-        """Return what is known of the nodes that one depends on, and nothing else."""
+        """Return the inputs of one node: what is known of the nodes that it depends on, and nothing else."""
         names = [asset.name for asset in self.assets[node.asset].reads]
         artifacts = {name: above for name in names if (above := self.node(name).artifact) is not None}
         return RecordingInputs(self.store, self.recording, self.digest or "", self.source, artifacts)
 
     def settle(self, node: Node, result: Outcome | BagAssetsError) -> None:
-        """Take what the action of a node came to."""
+        """Set the result of a node's action, and forget the nodes that waited, so that they are expanded again."""
         if isinstance(result, BagAssetsError):
             node.error = result
         else:
-            self._know(node, result)
+            self._set_outcome(node, result)
         if node.channel:
             self._expand_index(self.node(node.asset))
         self._nodes = {name: one for name, one in self._nodes.items() if one.waits_for is None}
@@ -193,7 +193,7 @@ class Graph:
         elif name in self.given:
             node.artifact = self.given[name]
         else:
-            node.error = _absent(self.recording.key, name)
+            node.error = _missing(self.recording.key, name)
         return node
 
     def _expand_selection(self, node: Node) -> None:
@@ -237,7 +237,7 @@ class Graph:
         self._look_up(node)
 
     def _expand_index(self, node: Node) -> None:
-        """Bring an asset of channels to where its channels are: it is made once all of them are known."""
+        """Expand the index of an asset of channels, which is made once all channels are known."""
         if any(part.is_open for part in node.parts):
             return
         errors = [part.error for part in node.parts if part.error is not None]
@@ -255,9 +255,9 @@ class Graph:
         if node.action is not None:
             outcome = (self.lookup or self.store.lookup)(node.action)
             if outcome is not None:
-                self._know(node, outcome)
+                self._set_outcome(node, outcome)
 
-    def _know(self, node: Node, outcome: Outcome) -> None:
+    def _set_outcome(self, node: Node, outcome: Outcome) -> None:
         node.outcome, node.artifact = outcome, outcome.artifact
         if not node.channel:
             self.inputs.add(node.name, outcome.artifact)
@@ -265,7 +265,7 @@ class Graph:
     # --- states --------------------------------------------------------------------------
 
     def states(self) -> dict[str, AssetState]:
-        """Return asset -> its state and why; `bag` is the first."""
+        """Return asset -> its state; `bag` comes first."""
         nodes = {asset.name: self.node(asset.name) for asset in self.assets}
         current = {name: record.data_version for name, record in self.recorded.items()}
         current |= {} if self.digest is None else {BAG: self.digest}
@@ -276,7 +276,7 @@ class Graph:
         return states
 
     def failure(self, node: Node) -> str | None:
-        """Return why a node failed, now or the last time that its action ran, or None if it did not."""
+        """Return why a node failed, now or when its action ran last, or None if it did not."""
         if node.error is not None:
             return str(node.error)
         if node.parts:
@@ -293,7 +293,7 @@ class Graph:
             return AssetState("skipped", node.skipped)
         if node.waits_for is not None:
             reason = states[node.waits_for].reason
-            # One chain of reasons, not one in another: "waits for frames (waits for calibration (…))" says less.
+            # Name only the first cause: "waits for frames (waits for calibration (…))" would say less.
             if not reason.startswith("waits for"):
                 reason = f"waits for {node.waits_for} ({reason})"
             is_new = self.digest is None and recorded is None
@@ -323,7 +323,7 @@ class Graph:
         return AssetState("fresh", "up to date", digest)
 
     def _what_changed(self, node: Node, recorded: Recorded) -> str:
-        """Return in words what differs between the action of a node and the one that Dagster recorded last."""
+        """Return a text that names the differences between a node's action and the one that Dagster recorded last."""
         before = None if recorded.action is None else self.store.action(recorded.action)
         if before is None:
             return "the record of the action that made it is gone"
@@ -341,24 +341,24 @@ class Graph:
             if old is None:
                 reasons.append(f"{part.channel} is new")
             else:
-                words = describe_changes(compare_actions(old, part.action.as_json()))
-                reasons.append(f"{part.channel}: {words or 'its artifact is gone from the store'}")
+                changed = describe_changes(compare_actions(old, part.action.as_json()))
+                reasons.append(f"{part.channel}: {changed or 'its artifact is gone from the store'}")
         return "; ".join(reasons)
 
 
 @contextmanager
 def _noted(node: Node, recording: RecordingFiles) -> Iterator[None]:
-    """Keep what is raised inside with the node that it concerns."""
+    """Keep an error that is raised inside with the node that it concerns."""
     try:
         yield
-    except Exception as err:  # noqa: BLE001  (whatever it is, it costs no more than this node)
+    except Exception as err:  # noqa: BLE001  (any error costs this node only)
         node.error = explained_error(err, recording.path, node.channel or node.name)
 
 
-def _absent(key: str, asset: str) -> StoreError:
+def _missing(key: str, asset: str) -> StoreError:
     return StoreError(f"{key}: {asset} is not materialized for this recording; materialize {asset} first.")
 
 
 def _as_input(data_version: str) -> str:
-    """Return how Dagster notes the version of a partitioned input: a digest over its partitions, here one."""
+    """Return how Dagster records the version of a partitioned input: a digest over its partitions, here a single one."""
     return sha256(data_version.encode()).hexdigest()

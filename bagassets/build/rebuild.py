@@ -1,6 +1,6 @@
-"""Running known actions again, to see whether they make the same bytes.
+"""Running known actions again, to check that they make the same bytes.
 
-The store stays as it is: what is made again goes to a scratch folder and is compared there.
+The store is not changed: new artifacts are made in a scratch folder and compared there.
 """
 
 from collections.abc import Callable, Collection, Iterator
@@ -25,14 +25,14 @@ __all__ = ["KnownAction", "Rebuilt", "Scratch", "known_actions", "rebuild"]
 
 @dataclass(frozen=True, order=True)
 class KnownAction:
-    """An action that the recordings of a recipe have now, and what it made.
+    """A current action of a recording, and its artifact.
 
     Attributes:
         key: partition key of the recording.
         step: name of the step.
         channel: the channel, if the step has one.
         action: digest of the action.
-        artifact: digest of what it made.
+        artifact: digest of the artifact that it made.
     """
 
     key: str
@@ -48,13 +48,13 @@ class KnownAction:
 
 @dataclass(frozen=True)
 class Rebuilt:
-    """What came of running an action again.
+    """The result of running an action again.
 
     Attributes:
         action: digest of the action.
-        artifact: digest of what it made now; None if it failed.
-        differing: files that are not as they were.
-        error: why it failed.
+        artifact: digest of the new artifact; None if the action failed.
+        differing: files that differ from the stored artifact.
+        error: why the action failed.
     """
 
     action: str
@@ -63,7 +63,7 @@ class Rebuilt:
     error: str | None = None
 
     def as_json(self) -> dict[str, Any]:
-        """Return it as JSON."""
+        """Return the result as JSON."""
         return {
             "action": self.action,
             "artifact": self.artifact,
@@ -73,7 +73,7 @@ class Rebuilt:
 
 
 def known_actions(assets: RecordingAssets, store: Store) -> Iterator[KnownAction]:
-    """Yield the actions of all recordings whose digest is on record and that the store knows."""
+    """Yield the actions that the store knows, of all recordings whose digest is on record."""
     recipe = assets.recipe
     index = DigestIndex.of(recipe)
     for key, recording in discover(recipe.bags).recordings.items():
@@ -90,18 +90,18 @@ def known_actions(assets: RecordingAssets, store: Store) -> Iterator[KnownAction
 def rebuild(
     assets: RecordingAssets, store: Store, key: str, actions: Collection[str], scratch: Path, *, threads: int
 ) -> list[Rebuilt]:
-    """Run actions of one recording again and compare what they make with what they made.
+    """Run actions of one recording again and compare the new artifacts with the stored ones.
 
     Args:
-        assets: what recordings have under the recipe.
+        assets: the assets of a recording under the recipe.
         store: the store that knows the actions; it is not changed.
         key: partition key of the recording.
-        actions: their digests.
-        scratch: empty folder for what is made.
-        threads: how many encode images.
+        actions: digests of the actions.
+        scratch: empty folder for the new artifacts.
+        threads: number of threads that encode images.
 
     Raises:
-        BagAssetsError: the recording is not there any more.
+        BagAssetsError: the recording is gone.
     """
     recipe = assets.recipe
     recording = discover(recipe.bags).recordings.get(key)
@@ -115,14 +115,14 @@ def rebuild(
         for node in graph.nodes()
         if node.outcome is not None and node.outcome.action_digest in actions
     }
-    made = run_again(graph, list(known.values()), Scratch(scratch), threads=threads)
-    again = {action: _compared(node, made[node.name]) for action, node in known.items()}
+    results = run_again(graph, list(known.values()), Scratch(scratch), threads=threads)
+    rebuilt = {action: _compare(node, results[node.name]) for action, node in known.items()}
     gone = "it is not among the actions of this recording any more"
-    return [again.get(action) or Rebuilt(action, None, error=gone) for action in sorted(actions)]
+    return [rebuilt.get(action) or Rebuilt(action, None, error=gone) for action in sorted(actions)]
 
 
 class Scratch:
-    """A folder in place of the store: what actions make is put there, and nothing is known or recorded.
+    """A folder in place of the store: artifacts are made there, and nothing is looked up or recorded.
 
     Args:
         folder: an empty folder.
@@ -137,7 +137,7 @@ class Scratch:
         make: Callable[[ArtifactWriter], Summary],
         subject: Path | None = None,  # noqa: ARG002  (as declared)
     ) -> Outcome:
-        """Let `make` produce an artifact in the folder."""
+        """Run `make` for an artifact in the folder."""
         pending = self.begin(action)
         return pending.commit(make(pending.out))
 
@@ -146,10 +146,10 @@ class Scratch:
         return Pending(self, action)
 
     def make_temporary_folder(self) -> Path:
-        """Make an empty folder in the folder."""
-        made = self._folder / uuid4().hex
-        made.mkdir(parents=True)
-        return made
+        """Create an empty subfolder."""
+        subfolder = self._folder / uuid4().hex
+        subfolder.mkdir(parents=True)
+        return subfolder
 
     def adopt(self, folder: Path, digest: str) -> Artifact:
         """Leave an artifact where it was made."""
@@ -162,15 +162,15 @@ class Scratch:
         """Record nothing."""
 
 
-def _compared(node: Node, result: Outcome | BagAssetsError) -> Rebuilt:
+def _compare(node: Node, result: Outcome | BagAssetsError) -> Rebuilt:
     action = node.known_action.digest
     if isinstance(result, BagAssetsError):
         return Rebuilt(action, None, error=str(result))
-    differing = () if node.artifact is None else _differing(node.artifact, result.artifact)
+    differing = () if node.artifact is None else _differing_files(node.artifact, result.artifact)
     return Rebuilt(action, result.artifact.digest, differing)
 
 
-def _differing(before: Artifact, now: Artifact) -> tuple[str, ...]:
+def _differing_files(before: Artifact, now: Artifact) -> tuple[str, ...]:
     if before.digest == now.digest:
         return ()
     old = {entry.path: entry.digest for entry in before.entries()}

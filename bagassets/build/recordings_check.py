@@ -1,4 +1,4 @@
-"""Holding the bytes of recordings against their digests on record: what changed is named by file and topic."""
+"""Checking the bytes of recordings against their recorded digests, and naming the files and topics that changed."""
 
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
@@ -23,13 +23,13 @@ __all__ = ["ChangedFile", "ChangedTopic", "CheckedRecording", "check_recordings"
 
 @dataclass(frozen=True)
 class ChangedFile:
-    """A file whose content is not that of its digest on record.
+    """A file whose content does not match its recorded digest.
 
     Attributes:
         path: the file.
-        recorded: the digest on record.
+        recorded: the recorded digest.
         actual: the digest of the content.
-        is_touched: its size or time differs, too.
+        is_touched: True if its size or time differs, too.
     """
 
     path: Path
@@ -48,7 +48,7 @@ class ChangedFile:
 
 @dataclass(frozen=True)
 class ChangedTopic:
-    """A topic whose messages are not those on record; numbers of messages, None where there is no such topic."""
+    """A topic whose messages changed: the numbers of messages, None where the topic does not exist."""
 
     name: str
     recorded: int | None
@@ -61,20 +61,20 @@ class ChangedTopic:
             return f"topic {self.name} is gone ({self.recorded} messages)"
         if self.recorded != self.actual:
             return f"topic {self.name} has {self.actual} messages instead of {self.recorded}"
-        return f"topic {self.name}: some of its {self.actual} messages are others"
+        return f"topic {self.name}: some of its {self.actual} messages changed"
 
 
 @dataclass(frozen=True)
 class CheckedRecording:
-    """What a look at all bytes of a recording found.
+    """The result of checking all bytes of a recording.
 
     Attributes:
         key: partition key.
         size: bytes that were hashed.
-        unrecorded: files that have no digest on record.
-        files: those that changed.
-        topics: those that changed, if a file did.
-        problem: why nothing is known of its topics, or of its files.
+        unrecorded: files without a recorded digest.
+        files: files that changed.
+        topics: topics that changed, if a file did.
+        problem: why its files or topics could not be compared.
     """
 
     key: str
@@ -86,11 +86,11 @@ class CheckedRecording:
 
     @property
     def is_sound(self) -> bool:
-        """True if every file could be read and is what its record says."""
+        """True if every file could be read and matches its record."""
         return not self.files and self.problem is None
 
     def as_json(self) -> dict[str, Any]:
-        """Return it as JSON."""
+        """Return the result as JSON."""
         return {
             "key": self.key,
             "unrecorded": [str(path) for path in self.unrecorded],
@@ -114,23 +114,23 @@ class CheckedRecording:
 def check_recordings(
     assets: RecordingAssets, store: Store, between: Callable[[], None] | None = None
 ) -> Iterator[CheckedRecording]:
-    """Hash every recording and compare it with what is on record; changes nothing.
+    """Hash every recording and compare it with its record; nothing is changed.
 
     Args:
-        assets: what recordings have under the recipe, which says where they are.
-        store: has the inventories.
+        assets: the assets of a recording under the recipe.
+        store: the artifact store, which has the inventories.
         between: called every few milliseconds while files are hashed.
     """
     recipe = assets.recipe
     index = DigestIndex.of(recipe)
     for key, recording in sorted(discover(recipe.bags).recordings.items()):
         try:
-            yield _checked(assets, store, index, key, recording, between)
+            yield _check(assets, store, index, key, recording, between)
         except BagAssetsError as err:
             yield CheckedRecording(key, 0, problem=str(err))
 
 
-def _checked(
+def _check(
     assets: RecordingAssets,
     store: Store,
     index: DigestIndex,
@@ -166,13 +166,11 @@ def _checked(
 def _changed_topics(
     assets: RecordingAssets, store: Store, recording: RecordingFiles, recorded_digest: str
 ) -> tuple[ChangedTopic, ...]:
-    """Return the topics whose digest is not that of the inventory that was made of the recorded content."""
+    """Return the topics whose digest differs from that in the inventory of the recorded content."""
     graph = Graph(assets, store, recording, recorded_digest, recording_stat(recording))
     inventory = graph.node("inventory")
     if inventory.artifact is None:
-        raise BagAssetsError(
-            "the store has no inventory of the content on record, so they were not built from it."
-        )
+        raise BagAssetsError("the store has no inventory of the recorded content, which was never built.")
     before = _topics(inventory.artifact)
     with tempfile.TemporaryDirectory() as folder:
         again = run_again(graph, [inventory], Scratch(Path(folder)), threads=1)[inventory.name]

@@ -18,13 +18,13 @@ __all__ = ["MessageSource"]
 
 
 class MessageSource:
-    """Opens just the topics that a step declared, at the cheapest place that has them.
+    """Opens just the topics that a step declared, from the cheapest place that has them.
 
     Args:
         files: those of the recording.
         stat: sizes and times of its files when its digest was taken.
         message_definitions: folders of `.msg` files.
-        limits: what the recording may ask of the memory.
+        limits: limits on the memory that reading may take.
     """
 
     def __init__(
@@ -39,16 +39,16 @@ class MessageSource:
         """Check that the recording is still the one that was digested.
 
         Raises:
-            ChangedWhileReadError: it is not; whatever was read from it must not be recorded.
+            ChangedWhileReadError: it has changed; what was read from it must not be recorded.
         """
         assert_unchanged(self.files, self._stat)
 
     @contextmanager
     def whole(self, inventory: Inventory | None = None) -> Iterator[Recording]:
-        """Open the recording itself, checked before and after.
+        """Open the whole recording, and check before and after that it did not change.
 
         Args:
-            inventory: what its topics without definition are decoded with; None to find that out.
+            inventory: has the definitions for topics that lack one in the recording; None to look for them.
         """
         self.verify_unchanged()
         try:
@@ -59,13 +59,13 @@ class MessageSource:
                             topic.assume(inventory.topics[name].definition)
                 yield recording
         except BagAssetsError:
-            self.verify_unchanged()  # if it changed, that is what went wrong
+            self.verify_unchanged()  # if it changed, that is the cause to report
             raise
         self.verify_unchanged()
 
     @contextmanager
     def topics(self, names: Sequence[str], inventory: Inventory, packed: Artifact) -> Iterator[Recording]:
-        """Open `names` only, from the pack of the inventory artifact if it has them all."""
+        """Open only `names`, from the pack in the inventory artifact if it has them all."""
         if inventory.unpacked(names):
             with self.whole(inventory) as recording:
                 yield recording.restrict(names)

@@ -1,4 +1,4 @@
-"""The table at the end of a build: what each recording gave, and what was done about it."""
+"""The table at the end of a build: what each recording contains, and its result."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -12,12 +12,12 @@ __all__ = ["summary_rows"]
 
 
 def summary_rows(report: BuildReport, store: Store, *, most: int | None = None) -> list[SummaryRow]:
-    """Return a row per recording, from what its current artifacts say.
+    """Return a row per recording, from the summaries of its current artifacts.
 
     Args:
-        report: of the build.
-        store: where the artifacts are.
-        most: with more recordings than this, only those that were built, failed or stopped.
+        report: the report of the build.
+        store: the artifact store.
+        most: with more recordings than this, return only those that were built, failed or stopped.
     """
     outcomes, plan = report.outcomes, report.plan
     if plan is None:
@@ -50,7 +50,7 @@ def _row(store: Store, bag: BagPlan, outcome: BagOutcome) -> SummaryRow:
 
 
 def _row_of_removed(key: str, outcome: BagOutcome) -> SummaryRow:
-    """Return the row of a recording that was there when the build began, and is not any more."""
+    """Return the row of a recording that was removed during the build."""
     empty = dict.fromkeys(("format", "span_s", *SummaryRow.NUMBERS))
     reason = outcome.reason or "it was removed meanwhile, so the dataset is without it"
     return SummaryRow(recording=key, **empty, result=outcome.result, reason=reason)

@@ -1,7 +1,6 @@
-"""The trace of a build: what bags, steps and workers did when, and how busy the processors were.
+"""The trace of a build: when recordings, steps and workers were busy, and how busy the processors were.
 
-The file is in Chrome's trace event format (JSON), which https://ui.perfetto.dev and
-chrome://tracing show.
+The file is in Chrome's trace event format (JSON), for https://ui.perfetto.dev or chrome://tracing.
 """
 
 import json
@@ -19,17 +18,17 @@ from bagassets.build.build_report import Event
 from bagassets.errors import BagAssetsError
 from bagassets.trace import VARIABLE, event, name_process
 
-__all__ = ["check_place", "recorded_trace", "trace_bags"]
+__all__ = ["recorded_trace", "trace_recordings"]
 
 _PERIOD_S = 0.1
 _STAT = Path("/proc/stat")
 
 
-def check_place(file: Path) -> None:
-    """Check, before the work, that a trace can be written.
+def _check_writable(file: Path) -> None:
+    """Check before the build that a trace can be written.
 
     Raises:
-        BagAssetsError: there is no such folder, or it is not writable.
+        BagAssetsError: the folder does not exist, or is not writable.
     """
     folder = file.absolute().parent
     if file.is_dir() or not folder.is_dir() or not os.access(folder, os.W_OK):
@@ -38,18 +37,18 @@ def check_place(file: Path) -> None:
 
 @contextmanager
 def recorded_trace(file: Path, state: Path) -> Iterator[None]:
-    """Record what this process and the workers it asks for do meanwhile, and write it to `file`.
+    """Record the spans of this process and its workers, and write them to `file`.
 
-    It is written whatever happens, so that a build that failed can be looked at.
+    The file is written even if the build fails.
 
     Args:
-        file: the trace; one that is there is replaced.
-        state: state folder of the recipe, which workers can write into.
+        file: the trace; an existing one is replaced.
+        state: state folder of the recipe, where workers can write.
 
     Raises:
         BagAssetsError: the trace cannot be written.
     """
-    check_place(file)
+    _check_writable(file)
     state.mkdir(parents=True, exist_ok=True)
     folder = Path(tempfile.mkdtemp(prefix="trace-", dir=state))
     before = os.environ.get(VARIABLE)
@@ -71,8 +70,8 @@ def recorded_trace(file: Path, state: Path) -> Iterator[None]:
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def trace_bags(progress: Event) -> None:
-    """Record when the run of a recording was asked for and when it ended; a listener of builds."""
+def trace_recordings(progress: Event) -> None:
+    """Record when the run of a recording was requested and when it ended; a listener of builds."""
     if progress.kind == "planned":
         return
     phase = "b" if progress.kind == "started" else "e"
@@ -82,7 +81,7 @@ def trace_bags(progress: Event) -> None:
 
 
 def _events(folder: Path) -> list[dict[str, Any]]:
-    """Return what all processes recorded, by time, counted from the first event."""
+    """Return the events of all processes in order of time, which counts from the first one."""
     events = []
     for path in sorted(folder.glob("*.jsonl")):
         for line in path.read_text("utf-8").splitlines():
@@ -104,7 +103,7 @@ def _write(file: Path, events: list[dict[str, Any]]) -> None:
 
 
 def _sample_processors(stop: threading.Event) -> None:
-    """Record ten times a second which share of each processor's time was used, by whomever."""
+    """Record the load of each processor, by all processes of the machine, ten times a second."""
     before, since = _busy_ticks(), time.monotonic()
     ticks_per_second = os.sysconf("SC_CLK_TCK") if before else 1
     while before and not stop.wait(_PERIOD_S):
@@ -120,7 +119,7 @@ def _sample_processors(stop: threading.Event) -> None:
 
 
 def _busy_ticks() -> Mapping[str, int]:
-    """Return processor -> ticks it has worked since boot; nothing where the system does not tell."""
+    """Return processor -> busy ticks since boot; empty where the system does not report them."""
     try:
         lines = _STAT.read_text("ascii").splitlines()
     except OSError:

@@ -1,4 +1,4 @@
-"""Asking for the track of a recording: from the store, or made now."""
+"""The track of a recording, from the store, or made now."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -24,10 +24,10 @@ class Track:
     """Where a recording was driven, about once a second.
 
     Attributes:
-        source: `ego_poses`, a NavSatFix topic, or None if nothing says where on Earth.
+        source: `ego_poses`, a NavSatFix topic, or None if the position on Earth is unknown.
         points: (stamp_ns, latitude, longitude), in order of time; empty without source.
         local: (stamp_ns, x, y) in the global frame of the ego poses, metres.
-        digest: of its artifact.
+        digest: digest of its artifact.
     """
 
     source: str | None
@@ -38,7 +38,7 @@ class Track:
 
 @dataclass(frozen=True)
 class _Stored:
-    """What a track is made from, of a recording that need not be there."""
+    """The inputs of a track, all from the store: the recording itself need not exist any more."""
 
     artifacts: dict[str, Artifact]
 
@@ -66,7 +66,7 @@ class _Stored:
 
 
 def track_of(store: Store, inventory: Artifact, ego_poses: Artifact, clock: Clock) -> Track:
-    """Return the track of the recording with these artifacts; it is made once.
+    """Return the track of the recording with these artifacts; it is made only once.
 
     Raises:
         StoreError: the store cannot be written.

@@ -124,11 +124,11 @@ def _build_on_server(
     with ExitStack() as stack:
         listeners: list[Callable[[Event], None]] = [stack.enter_context(progress_for())]
         if trace is not None:
-            from bagassets.build.trace_file import recorded_trace, trace_bags
+            from bagassets.build.trace_file import recorded_trace, trace_recordings
             from bagassets.recipe import load_recipe
 
             stack.enter_context(recorded_trace(trace, load_recipe(recipe).state))
-            listeners.append(trace_bags)
+            listeners.append(trace_recordings)
 
         def tell(event: "Event") -> None:
             for listener in listeners:
