@@ -24,9 +24,8 @@ from bagassets.lock_files import LockFile, is_locked
 from bagassets.recipe import load_recipe
 from bagassets.recipe.model import Bags
 from bagassets.recordings.discover import discover, find_one
-from bagassets.store.lease import in_use, in_use_since_s
+from bagassets.store.lease import action_lock, in_use, in_use_since_s
 from bagassets.store.store import Store
-from bagassets.store.underway import underway
 from bagassets_tests.in_process import build, make_project
 from bagassets_tests.small_drive import RECIPE, write_drive
 
@@ -65,7 +64,7 @@ def test_no_lock_of_a_build_can_be_held_by_others(tmp_path, monkeypatch):
     assert build(recipe_file, monkeypatch)[0].succeeded
     recipe = load_recipe(recipe_file)
     with ExitStack() as stack:
-        stack.enter_context(underway(recipe.store_path, "a" * 64))
+        stack.enter_context(action_lock(recipe.store_path, "a" * 64))
         stack.enter_context(in_use(recipe.store_path))
         stack.enter_context(exclusive(recipe.state / "locks", "key", keep_waiting=lambda _: False))
         stack.enter_context(guarded(recipe.nuscenes.output))

@@ -352,7 +352,7 @@ class TestFileSystems:
         removed = []
         monkeypatch.setattr(store, "remove", removed.append)
         with pytest.raises(
-            StoreError, match=r"cannot be put in place \(other processes keep putting a damaged one there"
+            StoreError, match=r"cannot be put in place \(other processes keep writing a damaged one"
         ):
             store.adopt(pending.out._folder, digest)
         assert removed == [digest] * 5
@@ -518,8 +518,8 @@ def test_who_comes_while_an_action_is_made_waits_for_it(store):
 def test_an_action_whose_maker_died_is_made(store):
     script = (
         "import os, sys; from pathlib import Path\n"
-        "from bagassets.store.underway import underway\n"
-        "with underway(Path(sys.argv[1]), sys.argv[2]):\n"
+        "from bagassets.store.lease import action_lock\n"
+        "with action_lock(Path(sys.argv[1]), sys.argv[2]):\n"
         "    os._exit(0)\n"
     )
     command = [sys.executable, "-c", script, str(store.root), action_of().digest]

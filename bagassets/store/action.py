@@ -1,4 +1,4 @@
-"""Actions: what a step did, named by a digest of everything that shaped its bytes."""
+"""Actions: executions of a step, named by a digest of everything that shapes their bytes."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -42,7 +42,7 @@ class Action:
     inputs: Mapping[str, str] = field(default_factory=dict)
 
     def as_json(self) -> dict[str, Any]:
-        """Return the action as JSON, the text that its digest is taken of."""
+        """Return the action as JSON, from which its digest is computed."""
         return {
             "step": self.step,
             "version": self.version,

@@ -34,7 +34,7 @@ class Artifact:
 
     Attributes:
         digest: digest of its manifest; its name, and the data version in Dagster.
-        folder: where it lies in the store.
+        folder: its folder in the store.
     """
 
     digest: str
@@ -98,15 +98,15 @@ class Artifact:
     def _damaged(self, relative: str, err: Exception) -> StoreError:
         reason = str(err).splitlines()[0] if str(err) else type(err).__name__
         return StoreError(
-            f"{self.path(relative)}: this file of the store is gone or damaged ({reason}); take the artifact out with "
+            f"{self.path(relative)}: this file of the store is gone or damaged ({reason}); remove the artifact with "
             "`bagassets verify`, then build again."
         )
 
 
 class ArtifactWriter:
-    """Collects the files of an artifact that is being made; safe to use from several threads.
+    """Writes the files of an artifact that is being made; safe to use from several threads.
 
-    Every file goes through `write`, which takes its digest on the way.
+    Every file goes through `write`, which computes its digest.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -119,14 +119,14 @@ class ArtifactWriter:
 
     @property
     def scratch(self) -> Path:
-        """A folder on the disk of the store, for files without a name: whatever has one stays in the artifact."""
+        """A folder on the store's disk for unnamed temporary files: a file with a name would stay in the artifact."""
         return self._folder
 
     def write(self, relative: str, data: bytes | memoryview) -> FileEntry:
         """Write one file.
 
         Raises:
-            StoreError: the name was used before, or the disk refuses.
+            StoreError: the name was used before, or the file cannot be written.
         """
         entry = FileEntry(relative, len(data), digest_bytes(data))
         path = self._files / relative
@@ -138,7 +138,7 @@ class ArtifactWriter:
             if path.parent not in self._made:
                 path.parent.mkdir(parents=True, exist_ok=True)
                 self._made.add(path.parent)
-            # Read-only, also under its other names: datasets have hard links to it.
+            # Read-only, since datasets have hard links to it.
             with open(path, "xb", opener=_read_only) as file:
                 file.write(data)
         except OSError as err:

@@ -9,7 +9,7 @@ from blake3 import blake3
 
 __all__ = ["canonical_json", "digest_bytes", "digest_file", "digest_json"]
 
-# Larger blocks leave the processor's cache, smaller ones keep few cores busy: 4 GB/s on two of them.
+# Larger blocks do not fit the processor's cache, smaller ones keep fewer cores busy: 4 GB/s on two of them.
 _READ_BYTES = 4 << 20
 
 
@@ -42,7 +42,7 @@ def digest_file(path: Path, between: Callable[[], None] | None = None) -> str:
 
     Args:
         path: the file.
-        between: called every few milliseconds; what it raises ends the hashing.
+        between: called every few milliseconds; an exception that it raises ends the hashing.
     """
     hasher = blake3(max_threads=blake3.AUTO)
     buffer = bytearray(min(_READ_BYTES, max(1, path.stat().st_size)))

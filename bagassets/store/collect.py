@@ -1,8 +1,8 @@
 """Collecting garbage: artifacts that nothing refers to, and what killed processes left.
 
-What an artifact was made from stays with it, as far as it is in the store: a lidar sweep with its ego poses, a
-recording's tables with their images. A build that finds an action on record marks it as used, and a
-collector takes the record away before it looks at that mark for the last time; so neither can fool the other.
+An artifact keeps the artifacts that it was made from: a lidar sweep its ego poses, a recording's tables their images.
+A build that uses a recorded action marks it as used, and a collector moves the record away before it checks
+that mark for the last time; so neither can overlook the other.
 """
 
 import json
@@ -22,15 +22,15 @@ __all__ = ["Collected", "Garbage", "collect", "find_garbage"]
 
 # An artifact without any record may be about to get one.
 _UNRECORDED_S = 86400.0
-# Process numbers are only true within one container.
+# Process ids are only unique within one container, so a process that seems dead gets this long.
 _DEAD_S = 300.0
-# Files in which artifacts name others; asked only if the action that made one is not on record.
+# Files in which artifacts name others; read only if the action that made one is not recorded.
 _NAMING_FILES = ("channels.json", "files.json")
 
 
 @dataclass(frozen=True)
 class Record:
-    """What is on record of an action that made something."""
+    """The record of an action that made an artifact."""
 
     path: Path
     step: str
@@ -41,15 +41,15 @@ class Record:
 
 @dataclass(frozen=True)
 class Garbage:
-    """An artifact that may go.
+    """An artifact that may be removed.
 
     Attributes:
         artifact: its digest.
-        step: the step that made it; empty if that is not on record.
+        step: the step that made it; empty if that is not recorded.
         size: bytes of its files.
         used_s: when a build made or used it last, in Unix seconds.
-        marked_ns: time of its folder of files, which a build marks that made the same.
-        records: of the actions that made it.
+        marked_ns: modification time of its folder of files; a build that makes the same artifact again updates it.
+        records: records of the actions that made it.
     """
 
     artifact: str
@@ -62,12 +62,12 @@ class Garbage:
 
 @dataclass
 class Collected:
-    """What a collection came to.
+    """The result of a collection.
 
     Attributes:
-        removed: artifacts that are gone.
+        removed: the removed artifacts.
         spared: number of artifacts that a build began to use meanwhile.
-        leftovers: number of temporary folders and files of processes that are no more.
+        leftovers: number of temporary folders and files of dead processes.
     """
 
     removed: list[Garbage] = field(default_factory=list)
@@ -76,7 +76,7 @@ class Collected:
 
     @property
     def size(self) -> int:
-        """Bytes of what was removed; a dataset may still hold some by other names."""
+        """Bytes of the removed artifacts; datasets may still hold some of their files as hard links."""
         return sum(garbage.size for garbage in self.removed)
 
 
@@ -85,8 +85,8 @@ def find_garbage(store: Store, roots: Collection[str], used_since_s: float, now_
 
     Args:
         store: the store.
-        roots: artifacts that somebody needs, with all that they were made from.
-        used_since_s: artifacts that a build made or used since then are needed too.
+        roots: artifacts that are needed, with all that they were made from.
+        used_since_s: artifacts that a build made or used since then are needed, too.
         now_s: the time, in Unix seconds.
     """
     records = list(_records(store))
@@ -112,7 +112,7 @@ def find_garbage(store: Store, roots: Collection[str], used_since_s: float, now_
 
 
 def collect(store: Store, garbage: Collection[Garbage], now_s: float) -> Collected:
-    """Remove garbage, except what a build began to use since it was found, and leftovers of killed processes."""
+    """Remove leftovers of killed processes and garbage, except what a build began to use since it was found."""
     collected = Collected()
     for entry in garbage:
         if _forget(entry) and _remove(store, entry):
@@ -129,14 +129,14 @@ def collect(store: Store, garbage: Collection[Garbage], now_s: float) -> Collect
 
 
 def _forget(entry: Garbage) -> bool:
-    """Take the records of an artifact away; put them back if one was used since it was found."""
+    """Remove the records of an artifact; put them back if one was used since the artifact was found."""
     taken: list[tuple[Path, Path]] = []
     for path in entry.records:
         away = path.with_name(f".{path.name}.{uuid4().hex}")
         with suppress(FileNotFoundError):
             path.rename(away)
             taken.append((path, away))
-    # Whoever comes now finds no record. Who came before has marked it.
+    # A build that looks now finds no record. One that looked before has marked it.
     if all(away.stat().st_mtime <= entry.used_s for _, away in taken):
         for _, away in taken:
             away.unlink(missing_ok=True)
@@ -153,7 +153,7 @@ def _remove(store: Store, entry: Garbage) -> bool:
     try:
         folder.rename(away / entry.artifact)
         if _marked_ns(away / entry.artifact) > entry.marked_ns:
-            with suppress(OSError):  # there is one again already
+            with suppress(OSError):  # it exists again already
                 (away / entry.artifact).rename(folder)
             return False
     except FileNotFoundError:
@@ -167,7 +167,7 @@ def _marked_ns(folder: Path) -> int:
     try:
         return (folder / "files").stat().st_mtime_ns
     except FileNotFoundError:
-        return 0  # damaged: nobody relies on it
+        return 0  # damaged, so no build relies on it
 
 
 def _closure(store: Store, roots: Collection[str], by_artifact: Mapping[str, list[Record]]) -> set[str]:
@@ -187,7 +187,7 @@ def _closure(store: Store, roots: Collection[str], by_artifact: Mapping[str, lis
 
 
 def _named_in(store: Store, digest: str) -> set[str]:
-    """Return the artifacts that an artifact names, of whose action nothing is on record."""
+    """Return the artifacts that are named in the files of an artifact whose action is not recorded."""
     named: set[str] = set()
     for name in _NAMING_FILES:
         with suppress(StoreError, AttributeError, TypeError, KeyError):
@@ -217,7 +217,7 @@ def _size(folder: Path) -> int:
 
 
 def _leftovers(store: Store, now_s: float) -> Iterator[Path]:
-    """Yield temporary folders whose process is no more; those of other machines when they are a day old."""
+    """Yield temporary folders of dead processes, and those of other machines that are a day old."""
     host = socket.gethostname()
     folder = store.root / "tmp"
     for path in folder.iterdir() if folder.is_dir() else ():

@@ -1,4 +1,4 @@
-"""Checking a store: are all artifacts whole, byte for byte, and do all records lead to one?"""
+"""Checking a store: every artifact byte for byte, and that every record leads to one."""
 
 import json
 import os
@@ -20,13 +20,13 @@ _WHOLE_BYTES = 32 << 20
 
 @dataclass(frozen=True)
 class Damage:
-    """Something in the store that is not as it was written.
+    """Something damaged in the store.
 
     Attributes:
-        kind: `artifact` (files missing or changed), or `action` (its record is torn, or what it made is gone).
-        digest: of the artifact, or of the action.
-        reasons: what is wrong, in words.
-        step: the step that made it, where that is known.
+        kind: `artifact` (files missing or changed), or `action` (record torn, or its artifact gone).
+        digest: digest of the artifact or the action.
+        reasons: texts that say what is wrong.
+        step: the step that made it, if known.
     """
 
     kind: Literal["artifact", "action"]
@@ -43,7 +43,7 @@ class Damage:
 def check_store(store: Store, progress: Callable[[int], None] | None = None) -> Iterator[Damage]:
     """Read everything in the store and yield what is damaged.
 
-    Nothing is changed. Artifacts that vanish meanwhile, because somebody collects garbage, are no damage.
+    Nothing is changed. Artifacts that a garbage collector removes meanwhile do not count as damaged.
 
     Args:
         store: the store.
@@ -64,7 +64,7 @@ def check_store(store: Store, progress: Callable[[int], None] | None = None) -> 
                 if not store.has(made):
                     lost.setdefault(made, []).append((name, step))
             elif "error" not in record:
-                yield Damage("action", name, ("its record says nothing",), step)
+                yield Damage("action", name, ("its record has neither an artifact nor an error",), step)
         except FileNotFoundError:
             continue
         except (OSError, ValueError, KeyError, TypeError) as err:
@@ -86,7 +86,7 @@ def check_store(store: Store, progress: Callable[[int], None] | None = None) -> 
 
 
 def artifact_damage(artifact: Artifact) -> list[str]:
-    """Return what is wrong with an artifact, in words; nothing if every byte is as it was written."""
+    """Return texts that say what is wrong with an artifact; empty if every byte is as it was written."""
     try:
         text = (artifact.folder / MANIFEST).read_bytes()
     except OSError as err:
@@ -109,7 +109,7 @@ def artifact_damage(artifact: Artifact) -> list[str]:
             reasons.append(f"{name} cannot be read ({err.strerror})")
     for path in artifact.files.rglob("*"):
         name = path.relative_to(artifact.files).as_posix()
-        # Network file systems keep what is deleted while in use under such names.
+        # NFS keeps files that are deleted while in use under such names.
         if name not in entries and not path.name.startswith(".nfs") and not path.is_dir():
             reasons.append(f"{name} does not belong to it")
     return reasons
@@ -120,7 +120,7 @@ def _digest(path: Path, size: int) -> str:
 
 
 def _entries(folder: Path, suffix: str = "") -> Iterator[Path]:
-    """Yield what lies in the folders below `folder`, by name; hidden files are still being written."""
+    """Yield the entries of the subfolders of `folder`, by name, without hidden ones, which are still being written."""
     if not folder.is_dir():
         return
     for part in sorted(folder.iterdir()):

@@ -1,7 +1,8 @@
-"""Who works with a store right now, so that nobody removes what they use.
+"""Locks between processes that share a store: leases, and a lock for each running action.
 
-A lease is a file that its process holds locked: the system releases it when the process ends, however it
-ends. Its time says since when the process has been at work.
+A lease protects what its process uses from the garbage collector. It is a file that the process holds locked; the
+system releases it however the process ends. Its modification time is when the process began to use the store. The lock
+of an action keeps other processes from making the same artifact a second time.
 """
 
 import os
@@ -15,10 +16,10 @@ from uuid import uuid4
 from bagassets.errors import StoreError
 from bagassets.lock_files import LockFile, is_locked
 
-__all__ = ["in_use", "in_use_since_s"]
+__all__ = ["action_lock", "in_use", "in_use_since_s"]
 
-_FOLDER = "leases"
-# Where the file system has no locks, a lease counts for so long.
+_FOLDER, _ACTIONS = "leases", "underway"
+# Where the file system has no locks, a lease is valid for this long.
 _UNLOCKED_S = 2 * 86400.0
 
 
@@ -39,7 +40,7 @@ def in_use(root: Path) -> Iterator[None]:
     try:
         with suppress(OSError):
             lease.lock()
-        # Whoever looked between these two steps took it for that of a dead process.
+        # Whoever checked between creating and locking it took it for a dead process's lease and removed it.
         with suppress(OSError):
             path.touch()
         yield
@@ -49,9 +50,9 @@ def in_use(root: Path) -> Iterator[None]:
 
 
 def in_use_since_s(root: Path) -> float | None:
-    """Return since when the longest at work has been so, in Unix seconds; None if nobody is.
+    """Return when the oldest lease was taken (Unix seconds), or None if there is none.
 
-    Leases of processes that are no more are removed.
+    Leases of dead processes are removed.
     """
     since: list[float] = []
     folder = root / _FOLDER
@@ -71,5 +72,26 @@ def _is_held(path: Path, begun_s: float) -> bool:
     except FileNotFoundError:
         raise
     except OSError:
-        # No locks here, or a user who shares the store but not the group's files: nobody can tell.
+        # The file system has no locks, or we may not open the file: nobody can tell.
         return time.time() - begun_s < _UNLOCKED_S
+
+
+@contextmanager
+def action_lock(root: Path, action_digest: str) -> Iterator[None]:
+    """Hold the lock of an action in the store in `root`, once no other process holds it.
+
+    The system releases it if the process dies. It only saves work: where the file system has no locks, or the
+    folder cannot be written, two processes make the same artifact.
+    """
+    path = root / _ACTIONS / f"{action_digest}.lock"
+    file: LockFile | None = None
+    with suppress(OSError):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        file = LockFile.open(path, shared=True)
+        file.lock()
+    try:
+        yield
+    finally:
+        if file is not None:
+            with suppress(OSError):
+                file.remove()  # whoever waits for it has it open; whoever comes now finds the artifact

@@ -5,8 +5,8 @@ Layout::
     artifacts/<2 hex>/<digest>/manifest.json, files/…
     actions/<2 hex>/<digest>.json           the artifact that an action produced
     actions/<2 hex>/<digest>.failed.json    the error it ended with
-    tmp/                                    what is being made
-    underway/<digest>.lock                  held by who makes it
+    tmp/                                    artifacts that are being made
+    underway/<digest>.lock                  held by the process that makes it
 
 Everything appears by an atomic rename or link, so processes and machines may share a store.
 """
@@ -29,27 +29,26 @@ from bagassets.atomic import create_atomically, write_atomically
 from bagassets.errors import BagAssetsError, StoreError
 from bagassets.store.action import Action
 from bagassets.store.artifact import MANIFEST, Artifact, ArtifactWriter
-from bagassets.store.underway import underway
+from bagassets.store.lease import action_lock
 
 __all__ = ["Destination", "Outcome", "Pending", "Store"]
 
-# How a file system says that a folder of that name is there and holds something.
+# Errors of a file system where a folder of that name exists and is not empty.
 _TAKEN = {errno.ENOTEMPTY, errno.EEXIST}
 _ATTEMPTS = 5
-# Stands for the path of the recording in errors on record: actions go by content, whatever its name.
+# Stands for the path of the recording in recorded errors: actions depend on its content, not on its name.
 _SUBJECT = "<recording>"
-# How it says that it has no hard links.
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What an action came to.
+    """The outcome of an action.
 
     Attributes:
-        artifact: what it produced.
-        action_digest: its name.
-        cached: True if the store knew it already.
-        seconds: how long it took when it ran.
+        artifact: the artifact that it produced.
+        action_digest: digest of the action.
+        cached: True if the store had it already.
+        seconds: time that the action took when it ran.
     """
 
     artifact: Artifact
@@ -59,10 +58,10 @@ class Outcome:
 
 
 class Destination(Protocol):
-    """Where what an action makes is written, put in place, and recorded: the store, or a scratch folder."""
+    """Where artifacts are written, put in place and recorded: the store, or a scratch folder."""
 
     def make_temporary_folder(self) -> Path:
-        """Make an empty folder."""
+        """Create an empty folder."""
         ...
 
     def adopt(self, folder: Path, digest: str) -> Artifact:
@@ -75,7 +74,7 @@ class Destination(Protocol):
 
 
 class Pending:
-    """An action that runs now: write into `out`, then `commit`, or `discard`."""
+    """A running action: write into `out`, then `commit` or `discard`."""
 
     def __init__(self, store: Destination, action: Action) -> None:
         self.action = action
@@ -97,12 +96,12 @@ class Pending:
         return Outcome(artifact, self.action.digest, cached=False, seconds=seconds)
 
     def discard(self) -> None:
-        """Forget what was written."""
+        """Remove what was written."""
         shutil.rmtree(self._folder, ignore_errors=True)
 
 
 class Store:
-    """An artifact store in a folder; cheap to make, safe for several processes."""
+    """An artifact store in a folder; cheap to construct, safe for several processes."""
 
     def __init__(self, root: Path) -> None:
         self.root = root
@@ -123,11 +122,11 @@ class Store:
         return artifact
 
     def has(self, digest: str) -> bool:
-        """Tell whether an artifact is in the store (by its manifest; see `verify` for its bytes)."""
+        """Return whether an artifact is in the store (by its manifest; `verify` checks the bytes)."""
         return (self.artifact_folder(digest) / MANIFEST).is_file()
 
     def make_temporary_folder(self) -> Path:
-        """Make an empty folder on the store's file system."""
+        """Create an empty folder on the store's file system."""
         folder = self.root / "tmp" / f"{socket.gethostname()}-{os.getpid()}-{uuid4().hex}"
         try:
             folder.mkdir(parents=True)
@@ -155,19 +154,19 @@ class Store:
                 if err.errno not in _TAKEN:
                     raise
                 if self.is_complete(digest):
-                    # If a collector of garbage takes it away now, the next attempt moves in.
+                    # If the garbage collector removes it now, the next attempt moves in.
                     with suppress(FileNotFoundError):
                         os.utime(target / "files")
                         shutil.rmtree(folder, ignore_errors=True)
                         return
                 else:
-                    self.remove(digest)  # a damaged one is in the way
+                    self.remove(digest)  # it is damaged
             else:
                 return
-        raise FileExistsError(errno.EEXIST, "other processes keep putting a damaged one there", str(target))
+        raise FileExistsError(errno.EEXIST, "other processes keep writing a damaged one", str(target))
 
     def remove(self, digest: str) -> None:
-        """Take an artifact out of the store at once, as when it is damaged; actions that made it run again."""
+        """Remove an artifact in one step, for example a damaged one; the actions that made it will run again."""
         retired = self.make_temporary_folder() / digest
         with suppress(FileNotFoundError):
             self.artifact_folder(digest).rename(retired)
@@ -176,7 +175,7 @@ class Store:
     # --- actions ---------------------------------------------------------------------
 
     def lookup(self, action: Action) -> Outcome | None:
-        """Return the outcome of an action that is known and whose artifact is there.
+        """Return the outcome of an action if it is recorded and its artifact exists.
 
         Raises:
             StoreError: the store cannot be read.
@@ -188,7 +187,7 @@ class Store:
         except FileNotFoundError:
             return None
         except (ValueError, KeyError):
-            path.unlink(missing_ok=True)  # torn by a power loss: as good as unknown
+            path.unlink(missing_ok=True)  # torn by a power loss
             return None
         except OSError as err:
             raise StoreError(
@@ -201,9 +200,9 @@ class Store:
         )
 
     def use(self, action: Action) -> Outcome | None:
-        """Return the outcome of an action that is known, as `lookup` does, and mark it as used.
+        """Return the outcome of an action, as `lookup` does, and mark it as used.
 
-        What is marked is not taken for garbage while a build is at work, nor some days after.
+        The garbage collector spares what was marked during a running build, or in the last days.
         """
         known = self.lookup(action)
         if known is None:
@@ -211,13 +210,13 @@ class Store:
         try:
             os.utime(self._action_file(action.digest))
         except FileNotFoundError:
-            return None  # it was garbage, and is just being removed
+            return None  # it is garbage that is being removed right now
         except OSError:
-            pass  # a store that is only read collects nothing
+            pass  # nothing is collected from a read-only store
         return known
 
     def is_complete(self, digest: str) -> bool:
-        """Tell whether every file of an artifact is there with its size; its bytes are not read."""
+        """Return whether every file of an artifact exists with its size; the bytes are not read."""
         artifact = Artifact(digest, self.artifact_folder(digest))
         try:
             return all(artifact.path(entry.path).stat().st_size == entry.size for entry in artifact.entries())
@@ -225,22 +224,22 @@ class Store:
             return False
 
     def action(self, digest: str) -> dict[str, Any] | None:
-        """Return an action on record, whether it produced something or failed, as `Action.as_json` gave it."""
+        """Return a recorded action, whether it succeeded or failed, as JSON; None if there is no record."""
         for path in (self._action_file(digest), self._failure_file(digest)):
             try:
-                found: dict[str, Any] = json.loads(path.read_bytes())["action"]
+                action: dict[str, Any] = json.loads(path.read_bytes())["action"]
             except (OSError, ValueError, KeyError):
                 continue
-            return found
+            return action
         return None
 
     def forget(self, action_digest: str) -> None:
-        """Remove what is on record of an action, so that it runs again."""
+        """Remove the records of an action, so that it runs again."""
         for path in (self._action_file(action_digest), self._failure_file(action_digest)):
             path.unlink(missing_ok=True)
 
     def begin(self, action: Action) -> Pending:
-        """Start an action that is not known; the caller commits or discards it."""
+        """Start an action; the caller commits or discards it."""
         return Pending(self, action)
 
     def run(
@@ -249,16 +248,16 @@ class Store:
         make: Callable[[ArtifactWriter], dict[str, Any]],
         subject: Path | None = None,
     ) -> Outcome:
-        """Return the known outcome of `action`, or let `make` produce it; `make` returns the summary.
+        """Return the known outcome of `action`, or run `make`, which writes the artifact and returns its summary.
 
-        If another process just makes it, its outcome is waited for. An error of `make` is recorded under the
-        action's digest and raised again, unless it says nothing about the action: a full disk, a recording that
-        changed meanwhile. See `record_failure` for `subject`.
+        If another process is running the same action, wait for its outcome. An error of `make` is recorded under the
+        action's digest and raised again, unless the action is not to blame: a full disk, a recording that changed
+        meanwhile. See `record_failure` for `subject`.
         """
         known = self.use(action)
         if known is not None:
             return known
-        with underway(self.root, action.digest):
+        with action_lock(self.root, action.digest):
             return self.use(action) or self._make(action, make, subject)
 
     def _make(
@@ -281,7 +280,7 @@ class Store:
         """Record that `action` produced `artifact`; the first writer wins.
 
         Raises:
-            StoreError: the action is on record with other bytes, so the step is not deterministic.
+            StoreError: the action is recorded with another artifact, so the step is not deterministic.
         """
         path = self._action_file(action.digest)
         content = {"action": action.as_json(), "artifact": artifact.digest, "seconds": round(seconds, 3),
@@ -297,11 +296,11 @@ class Store:
                     f"step {action.step} is not deterministic: action {action.digest[:16]} made artifact "
                     f"{recorded[:16]} before and {artifact.digest[:16]} now; please report this."
                 )
-            path.unlink(missing_ok=True)  # its artifact is gone, so the record is worth nothing
+            path.unlink(missing_ok=True)  # its artifact is gone
             self.record(action, artifact, seconds)
 
     def failure(self, action_digest: str, subject: Path | None = None) -> str | None:
-        """Return the error that an action is on record with, told of `subject`; see `record_failure`."""
+        """Return the recorded error of an action, with the path of `subject` filled in; see `record_failure`."""
         try:
             text = json.loads(self._failure_file(action_digest).read_bytes())["error"]
         except (OSError, ValueError, KeyError):
@@ -309,15 +308,15 @@ class Store:
         return str(text) if subject is None else str(text).replace(_SUBJECT, str(subject))
 
     def record_failure(self, action: Action, error: str, subject: Path | None = None) -> None:
-        """Record that `action` failed; the newest error is kept. One that cannot be recorded is tried again.
+        """Record that `action` failed; the newest error is kept. If that is not possible, the action will run again.
 
         Args:
-            action: what failed.
-            error: the sentence.
-            subject: the recording. Its path is not kept: the same content may come under another name.
+            action: the action that failed.
+            error: the error message.
+            subject: the recording. Its path is not recorded: the same content may have another name later.
         """
         if subject is not None:
-            # Not where the path only begins that of another file: a.bag and a.bag.json, drive and drive-2.
+            # Not where the path is only the beginning of another: a.bag and a.bag.json, drive and drive-2.
             whole = re.escape(str(subject)) + r"(?![\w-]|\.\w)"
             error = re.sub(whole, _SUBJECT, error)
         path = self._failure_file(action.digest)
@@ -329,7 +328,7 @@ class Store:
     # --- places ----------------------------------------------------------------------
 
     def artifact_folder(self, digest: str) -> Path:
-        """Return where an artifact lies if it is in the store."""
+        """Return the folder of an artifact, whether it exists or not."""
         return self.root / "artifacts" / digest[:2] / digest
 
     def _action_file(self, digest: str) -> Path:
@@ -340,7 +339,7 @@ class Store:
 
     @staticmethod
     def _create(path: Path, content: dict[str, Any]) -> bool:
-        """Create `path` whole or not at all; return False if it existed before.
+        """Create `path` atomically; return False if it existed before.
 
         Raises:
             StoreError: it cannot be written.

@@ -1,7 +1,7 @@
-"""Which projects use a store: garbage is only what none of them needs.
+"""The projects that use a store: garbage is only what none of them needs.
 
-Each project notes itself in the store when it first uses it, so that collecting garbage from one of
-them knows of the others.
+Each project registers in the store when it first uses it, so that collecting garbage for one of them spares
+what the others need.
 """
 
 import json
@@ -25,8 +25,8 @@ class User:
 
     Attributes:
         recipe: its recipe file.
-        host: the machine that it is on.
-        store: where the store was when it took note, as seen from there.
+        host: its machine.
+        store: path of the store on that machine, at the time of registration.
     """
 
     recipe: Path
@@ -35,19 +35,19 @@ class User:
 
     @property
     def has_moved(self) -> bool:
-        """Tell whether the project was moved together with the store in it: what is noted of it is of old."""
+        """True if the project was moved together with the store inside it, which makes this note obsolete."""
         return self.is_here and not self.recipe.exists() and not self.store.exists()
 
     @property
     def is_here(self) -> bool:
-        """Tell whether the project is on this machine, as far as its name says."""
+        """True if the project is on this machine, by its host name."""
         return self.host == socket.gethostname()
 
 
 def note_user(root: Path, recipe_file: Path) -> None:
-    """Note that the project of a recipe uses the store in `root`; cheap if that is known.
+    """Register the project of a recipe as a user of the store in `root`; cheap if it is registered already.
 
-    Where that cannot be written, nothing can be made, and what is only read needs no note.
+    A store that cannot be written is only read, and needs no note.
     """
     value = {
         "recipe": str(recipe_file.absolute()),
@@ -66,7 +66,7 @@ def users_of(root: Path) -> list[User]:
     """Return the projects that use the store in `root`, in order.
 
     Raises:
-        StoreError: a note cannot be read, so that it is not known who uses the store.
+        StoreError: a note cannot be read, so some user of the store is unknown.
     """
     users = []
     for path in sorted((root / _FOLDER).glob("*.json")):
@@ -76,13 +76,13 @@ def users_of(root: Path) -> list[User]:
         except (OSError, ValueError, KeyError, TypeError) as err:
             raise StoreError(
                 f"{path}: this note of a project that uses the store cannot be read ({err}); remove it, and build "
-                "that project once: it is written again."
+                "that project once, which writes it again."
             ) from err
     return sorted(users)
 
 
 def forget_user(root: Path, user: User) -> None:
-    """Remove the note of a project that is no more."""
+    """Remove the note of a project that no longer exists."""
     with suppress(FileNotFoundError):
         _file(root, user).unlink()
 
