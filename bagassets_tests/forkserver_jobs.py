@@ -7,7 +7,7 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
-from bagassets.forkserver.places import Places
+from bagassets.forkserver.server_files import ServerFiles
 from bagassets.forkserver.worker import cancel_requested, note
 
 
@@ -107,9 +107,9 @@ def touch(args):
 
 def watch_for_server(args):
     """As first job: write down whether the server served when this began, and wait until it does."""
-    places = Places(Path(args["state"]), args["stamp"])
-    began = "after" if places.socket is not None else "before"
-    while places.socket is None:
+    files = ServerFiles(Path(args["state"]), args["stamp"])
+    began = "after" if files.socket is not None else "before"
+    while files.socket is None:
         time.sleep(0.02)
     Path(args["file"]).write_text(f"began {began} it served, ended after", "utf-8")
 

@@ -23,8 +23,8 @@ from bagassets.defs.runs import open_instance
 from bagassets.defs.sqlite_files import kept_open
 from bagassets.defs.worker_tag import RunWorker
 from bagassets.forkserver.client import Client
-from bagassets.forkserver.places import Places
 from bagassets.forkserver.process import ProcessId
+from bagassets.forkserver.server_files import ServerFiles
 from bagassets.recipe import load_recipe
 from bagassets_tests.in_process import make_project
 
@@ -63,8 +63,8 @@ def test_the_first_build_starts_a_server_that_the_next_one_uses(project):
     assert "bagassets ui" in done.stdout
     client = find_server(project)
     assert client is not None
-    servers = list(client.places.folder.glob("*.log"))
-    assert servers == [client.places.log], "the server started early is the one that was asked for later"
+    servers = list(client.files.folder.glob("*.log"))
+    assert servers == [client.files.log], "the server started early is the one that was asked for later"
     with client:
         (project.parent / "bags" / KEYS[0]).touch()
         events = []
@@ -106,7 +106,7 @@ def test_an_interrupt_stops_cleanly_and_the_next_build_carries_on(built):
     built.write_text(text.replace("topic: /cam/image_raw", "topic: /cam/image_raw, quality: 20"))
     assert run(built, "--bag", KEYS[0], "--select", "bag").returncode == 0  # a server for this recipe
     # While this process holds the recording, its run cannot end.
-    locks = Places(recipe.state, "").folder / "locks"
+    locks = ServerFiles(recipe.state, "").folder / "locks"
     with exclusive(locks, KEYS[0], keep_waiting=lambda _asked: True) as held:
         assert held
         process = subprocess.Popen(

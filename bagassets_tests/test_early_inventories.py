@@ -9,7 +9,7 @@ import pytest
 
 from bagassets.defs.early_inventories import make_inventories
 from bagassets.forkserver.client import Client
-from bagassets.forkserver.places import Places
+from bagassets.forkserver.server_files import ServerFiles
 from bagassets.recipe import load_recipe
 from bagassets.recordings.digest import recording_digest
 from bagassets.recordings.discover import discover
@@ -50,7 +50,7 @@ def test_those_that_are_asked_for(project):
 
 def test_it_ends_when_the_server_serves(project, monkeypatch):
     states = iter([None, "socket"])
-    monkeypatch.setattr(Places, "socket", property(lambda _self: next(states)))
+    monkeypatch.setattr(ServerFiles, "socket", property(lambda _self: next(states)))
     assert make_inventories(asked(project)) == 1
 
 
@@ -69,6 +69,6 @@ def test_a_cold_build_counts_what_was_made_ahead_as_built(project):
     told = json.loads(done.stdout)
     assert told["counts"]["built"] == 3
     [client] = Client.all_of(load_recipe(project).state)
-    log = client.places.log.read_text()
+    log = client.files.log.read_text()
     assert "job make_inventories: exit code 0" in log
     assert "bagassets.defs.early_inventories:make_inventories" in log

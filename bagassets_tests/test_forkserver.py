@@ -18,8 +18,8 @@ import pytest
 
 from bagassets.errors import BagAssetsError
 from bagassets.forkserver.client import Client, ServerRefusedError
-from bagassets.forkserver.places import Places
 from bagassets.forkserver.process import ProcessId
+from bagassets.forkserver.server_files import ServerFiles
 from bagassets.forkserver.spec import ServerSpec
 
 JOBS = "forkserver_jobs"
@@ -70,7 +70,7 @@ def test_a_worker_returns_json_and_tells_on_the_way(client):
     job = client.submit(f"{JOBS}:add", {"x": 1, "y": 2}, label="sum")
     assert client.wait(WAIT_S) == {"event": "note", "job": job, "note": {"half": 1}}
     assert client.wait(WAIT_S) == {"event": "finished", "job": job, "exit": 0, "result": 3}
-    assert client.places.job_log("sum").read_text() == "adding\n"
+    assert client.files.job_log("sum").read_text() == "adding\n"
 
 
 def test_a_worker_has_the_clients_surroundings_and_a_session_of_its_own(client, monkeypatch, tmp_path):
@@ -82,7 +82,7 @@ def test_a_worker_has_the_clients_surroundings_and_a_session_of_its_own(client, 
 
 @pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="needs /proc")
 def test_a_worker_inherits_none_of_the_servers_files(client):
-    with Client.connect(client.places) as other:
+    with Client.connect(client.files) as other:
         other.submit(f"{JOBS}:sleep", {}, label="another job")
         files = end_of(client, client.submit(f"{JOBS}:open_files", {}, label="files"))["result"]
     sockets = [name for name in files if name.startswith("socket:")]
@@ -94,7 +94,7 @@ def test_an_error_is_told_with_its_text(client):
     event = end_of(client, client.submit(f"{JOBS}:fail", {}, label="f"))
     assert event["exit"] == 1
     assert (event["error"]["type"], event["error"]["message"]) == ("ValueError", "no such luck")
-    assert "ValueError: no such luck" in client.places.job_log("f").read_text()
+    assert "ValueError: no such luck" in client.files.job_log("f").read_text()
 
 
 def test_an_unknown_function_is_named(client):
@@ -159,7 +159,7 @@ def test_cancelling_interrupts_and_says_why(client):
 def test_another_client_may_cancel(client):
     job = client.submit(f"{JOBS}:sleep", {}, label="c")
     await_start(client)
-    for other in Client.all_of(client.places.state_folder):
+    for other in Client.all_of(client.files.state_folder):
         assert other.cancel(job)
     assert end_of(client, job)["signal"] == "SIGTERM"
 
@@ -176,7 +176,7 @@ def test_a_worker_that_does_not_stop_is_killed_with_its_children(client):
 
 
 def test_jobs_end_with_their_client_unless_detached(client, tmp_path):
-    with Client.connect(client.places) as passing:
+    with Client.connect(client.files) as passing:
         for label in ("bound", "free"):
             args = {"until": str(tmp_path / "go")}
             passing.submit(f"{JOBS}:wait", args, label=label, detached=label == "free")
@@ -236,7 +236,7 @@ def test_a_module_that_another_imports_counts_as_code(tmp_path):
     with Client.ensure(spec_in(tmp_path, **options)) as old:
         write_module(tmp_path / "plug_in", "plugged_in", "VALUE = 'another'\n")
         with Client.ensure(spec_in(tmp_path, **options)) as new:
-            assert new.places == old.places, "the stamps are the same"
+            assert new.files == old.files, "the stamps are the same"
             assert new.process != old.process
             new.shutdown()
 
@@ -276,7 +276,7 @@ def test_what_can_wait_is_prepared_while_the_server_serves(tmp_path):
             return end_of(client, job)["result"] == [0, 1, 2]
 
         eventually(done)
-        eventually(lambda: "a later step failed; workers do without" in client.places.log.read_text())
+        eventually(lambda: "a later step failed; workers do without" in client.files.log.read_text())
         assert done()
         client.shutdown(grace_s=0.0)
 
@@ -344,9 +344,9 @@ def test_a_long_state_folder_still_gets_a_socket(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_RUNTIME_DIR", "/tmp" if len(str(runtime)) > 40 else str(runtime))
     folder = tmp_path / ("long" * 30)
     with Client.ensure(spec_in(folder)) as client:
-        assert len(os.fsencode(client.places.socket)) <= 100
-        assert client.places.socket.is_socket()
-        assert client.places.socket.parent.stat().st_mode & 0o077 == 0
+        assert len(os.fsencode(client.files.socket)) <= 100
+        assert client.files.socket.is_socket()
+        assert client.files.socket.parent.stat().st_mode & 0o077 == 0
         monkeypatch.delenv("XDG_RUNTIME_DIR")  # as in a service, beside a session that has it
         assert [other.process for other in Client.all_of(folder)] == [client.process]
         client.shutdown()
@@ -360,11 +360,11 @@ def test_an_idle_server_ends_but_not_while_a_client_is_there(tmp_path):
     client = Client.ensure(spec)
     stays = not eventually_within(2.0, lambda: not client.process.is_alive())
     assert stays
-    path = client.places.socket
+    path = client.files.socket
     client.close()
     eventually(lambda: not client.process.is_alive(), "the idle server is gone")
     assert not path.exists()
-    assert Client.connect(client.places) is None
+    assert Client.connect(client.files) is None
 
 
 def eventually_within(seconds, condition):
@@ -385,7 +385,7 @@ def test_a_killed_server_has_a_successor_and_its_workers_finish(tmp_path):
     assert old.process.send(signal.SIGKILL)
     eventually(lambda: not old.process.is_alive())
     old.close()
-    assert old.places.socket.exists(), "a killed server leaves its socket"
+    assert old.files.socket.exists(), "a killed server leaves its socket"
     with Client.ensure(spec) as new:
         assert new.process != old.process
         assert worker.is_alive()
@@ -398,7 +398,7 @@ def test_a_client_of_a_dead_server_is_told(client):
     client.process.send(signal.SIGKILL)
     with pytest.raises(ServerRefusedError):
         client.wait(WAIT_S)
-    with Client.ensure(spec_in(client.places.state_folder)) as successor:
+    with Client.ensure(spec_in(client.files.state_folder)) as successor:
         successor.shutdown()
     with pytest.raises(ServerRefusedError):
         client.status()
@@ -435,23 +435,26 @@ def leave_socket(path):
 )
 def test_a_server_starts_whatever_another_left_of_socket_and_lock(tmp_path, text):
     spec = spec_in(tmp_path)
-    places = Places(tmp_path, spec.stamp())
-    places.make()
-    leave_socket(places.choose_socket())
+    files = ServerFiles(tmp_path, spec.stamp())
+    files.make()
+    leave_socket(files.choose_socket())
     if text is not None:
-        places.lock.write_bytes(text.replace(b"SOCKET", bytes(places.choose_socket())))
-    assert Client.connect(places) is None
+        files.lock.write_bytes(text.replace(b"SOCKET", bytes(files.choose_socket())))
+    assert Client.connect(files) is None
     with Client.ensure(spec, timeout_s=20.0) as client:
-        assert client.places.socket == places.choose_socket()
+        assert client.files.socket == files.choose_socket()
         client.shutdown()
 
 
 def test_a_lock_that_names_a_file_of_others_has_nothing_removed(tmp_path):
     spec = spec_in(tmp_path / "copy")
-    ours, theirs = Places(tmp_path / "copy", spec.stamp()), Places(tmp_path / "original", spec.stamp())
-    for places in (ours, theirs):
-        places.make()
-        leave_socket(places.choose_socket())
+    ours, theirs = (
+        ServerFiles(tmp_path / "copy", spec.stamp()),
+        ServerFiles(tmp_path / "original", spec.stamp()),
+    )
+    for files in (ours, theirs):
+        files.make()
+        leave_socket(files.choose_socket())
     precious = tmp_path / "precious.txt"
     precious.write_text("kept")
     ours.lock.write_text(str(theirs.choose_socket()))  # as in a copy of the state folder of a server at work
@@ -467,8 +470,8 @@ def test_a_server_that_cannot_note_its_socket_says_so_and_the_next_one_starts(tm
     folder = tmp_path / below
     folder.mkdir(exist_ok=True)
     spec = spec_in(folder)
-    places = Places(folder, spec.stamp())
-    places.make()
+    files = ServerFiles(folder, spec.stamp())
+    files.make()
     command = [sys.executable, "-m", "bagassets.forkserver", json.dumps(spec.as_json()), spec.stamp(), "20"]
     # A pipe takes more bytes, a file not one: as on a full disk.
     full = partial(resource.setrlimit, resource.RLIMIT_FSIZE, (0, 0))
@@ -535,6 +538,6 @@ def test_a_zombie_does_not_count_as_alive():
 
 
 def test_places_of_a_stamp(tmp_path):
-    places = Places(tmp_path, "0123456789abcdef0123")
-    assert places.lock.name == "0123456789abcdef.lock"
-    assert places.job_log("a/../b c").parent == tmp_path / "forkserver" / "logs"
+    files = ServerFiles(tmp_path, "0123456789abcdef0123")
+    assert files.lock.name == "0123456789abcdef.lock"
+    assert files.job_log("a/../b c").parent == tmp_path / "forkserver" / "logs"

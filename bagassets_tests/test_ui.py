@@ -275,10 +275,10 @@ def server(tmp_path):
 def end(server, cancel):
     """End a server as the web UI does; return the number of jobs that were waited for."""
     told = []
-    places = server.places
+    files = server.files
     server.close()
-    end_servers([places], told.append, cancel=cancel)
-    eventually(lambda: Client.connect(places) is None, "the server has ended", 10)
+    end_servers([files], told.append, cancel=cancel)
+    eventually(lambda: Client.connect(files) is None, "the server has ended", 10)
     return told
 
 
@@ -307,7 +307,7 @@ def test_an_idle_server_ends_without_a_word(server):
 
 
 def test_a_server_that_a_build_uses_stays(server):
-    end_servers([server.places], pytest.fail, cancel=lambda: False)
+    end_servers([server.files], pytest.fail, cancel=lambda: False)
     assert server.status()["draining"] is False
 
 

@@ -13,7 +13,7 @@ from uuid import uuid4
 from bagassets.build.build_report import BuildOptions, Event
 from bagassets.errors import BagAssetsError
 from bagassets.forkserver.client import Client, ServerRefusedError
-from bagassets.forkserver.places import Places
+from bagassets.forkserver.server_files import ServerFiles
 from bagassets.forkserver.tasks import server_spec
 from bagassets.store.writable import require_writable
 
@@ -40,7 +40,7 @@ def find_server(recipe: Path) -> Client | None:
     try:
         spec = server_spec(Path(state_folder(str(recipe))), recipe)
         return Client.connect(
-            Places(spec.state_folder, spec.stamp()), {"BAGASSETS_RECIPE": os.fspath(recipe)}
+            ServerFiles(spec.state_folder, spec.stamp()), {"BAGASSETS_RECIPE": os.fspath(recipe)}
         )
     except (PlanNeeded, OSError, BagAssetsError):
         return None

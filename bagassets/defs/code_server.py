@@ -27,7 +27,7 @@ from bagassets.defs.dagster_private import (
 )
 from bagassets.defs.runs import CodeLocation, pack_instance
 from bagassets.errors import BagAssetsError
-from bagassets.forkserver.places import last_lines
+from bagassets.forkserver.server_files import last_lines
 
 __all__ = ["LaunchWorkspace"]
 

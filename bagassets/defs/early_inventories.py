@@ -15,7 +15,7 @@ from bagassets.build.execute import execute
 from bagassets.build.graph import Graph
 from bagassets.build.recording_assets import RecordingAssets
 from bagassets.errors import BagAssetsError
-from bagassets.forkserver.places import Places
+from bagassets.forkserver.server_files import ServerFiles
 from bagassets.formats.catalogue import recording_assets
 from bagassets.recipe import load_recipe
 from bagassets.recordings.digest import DigestIndex, recording_digest, recording_stat
@@ -34,10 +34,10 @@ def make_inventories(args: dict[str, Any]) -> int:
     """Make inventories until the server takes jobs; return the number of recordings that were tried.
 
     Args:
-        args: `recipe` (file), `bags` (of `BuildOptions`), and `state` and `stamp` of the server's `Places`.
+        args: `recipe` (file), `bags` (of `BuildOptions`), and `state` and `stamp` of the server's `ServerFiles`.
     """
     gc.enable()  # the server disables it while it imports
-    places = Places(Path(args["state"]), args["stamp"])
+    files = ServerFiles(Path(args["state"]), args["stamp"])
     recipe = load_recipe(Path(args["recipe"]))
     assets = recording_assets(recipe)
     recordings = discover(recipe.bags).recordings
@@ -47,7 +47,7 @@ def make_inventories(args: dict[str, Any]) -> int:
     for recording in sorted(
         (recordings[key] for key in recordings if key in chosen), key=lambda one: -one.size
     ):
-        if places.socket is not None:
+        if files.socket is not None:
             break
         if recording.size > _LARGEST_BYTES:
             continue

@@ -54,8 +54,8 @@ from bagassets.defs.runs import pack_instance
 from bagassets.defs.worker_tag import WORKER_TAG, RunWorker
 from bagassets.errors import BagAssetsError
 from bagassets.forkserver.client import Client, ServerRefusedError
-from bagassets.forkserver.places import Places, last_lines
 from bagassets.forkserver.process import ProcessId
+from bagassets.forkserver.server_files import ServerFiles, last_lines
 from bagassets.forkserver.spec import IDLE_TIMEOUT_S, ServerSpec
 from bagassets.forkserver.tasks import END_WORKER, connect, server_spec, submit_run
 from bagassets.recipe import load_recipe
@@ -175,7 +175,7 @@ class BagAssetsRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
         submit_run(client, pack_instance(self._instance), run_id, detached=True)
 
     def _client_for(self, spec: ServerSpec) -> Client:
-        if self._client is not None and self._client.places.stamp == spec.stamp():
+        if self._client is not None and self._client.files.stamp == spec.stamp():
             return self._client
         self._drop_client()
         self._client = connect(spec, pack_instance(self._instance))
@@ -297,7 +297,7 @@ class BagAssetsRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
         """Return the last lines that the worker of a run wrote, if it wrote any."""
         if RunWorker.of(run) is None or not include_container_logs:
             return None
-        log = Places(self._folder(self._recipe_file()), "").job_log(run.run_id)
+        log = ServerFiles(self._folder(self._recipe_file()), "").job_log(run.run_id)
         lines = last_lines(log, _DEBUG_LINES)
         return "\n".join([f"Last lines of {log}:", *lines]) if lines else None
 

@@ -11,7 +11,7 @@ from bagassets.defs.dataset import dataset_assets
 from bagassets.defs.exclusive import RecordingLock
 from bagassets.defs.sensor import recordings_sensor
 from bagassets.defs.workspace import Workspace
-from bagassets.forkserver.places import Places
+from bagassets.forkserver.server_files import ServerFiles
 from bagassets.recipe import load_recipe
 
 __all__ = ["build_definitions"]
@@ -38,7 +38,7 @@ def build_definitions(recipe_file: Path) -> dg.Definitions:
         sensors=[recordings_sensor()],
         resources={
             "workspace": Workspace(recipe_file=str(recipe_file)),
-            "recording_lock": RecordingLock(folder=str(Places(recipe.state, "").folder / "locks")),
+            "recording_lock": RecordingLock(folder=str(ServerFiles(recipe.state, "").folder / "locks")),
         },
         # A run is one process, whatever launched it: our workers are forked from a server.
         executor=dg.in_process_executor,

@@ -25,7 +25,7 @@ from bagassets.defs.run_pool import EndedRun, Listener, RunPool
 from bagassets.defs.snapshot import Snapshot
 from bagassets.defs.workspace import Workspace
 from bagassets.errors import RecordingError
-from bagassets.forkserver.places import Places
+from bagassets.forkserver.server_files import ServerFiles
 from bagassets.forkserver.worker import note
 from bagassets.formats.after_crash import noted_build
 from bagassets.formats.catalogue import problems_of
@@ -63,7 +63,7 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
             _refuse_empty(recipe, before.planned)
         report.removed = _register(instance, workspace, before.planned)
         if before.todo or (before.datasets and not before.dataset_is_current):
-            log = Places(recipe.state, "").job_log("code-server")
+            log = ServerFiles(recipe.state, "").job_log("code-server")
             runs = stack.enter_context(RunPool(instance, options.jobs, on_event, log))
             sizes = {key: before.planned.discovery.recordings[key].size for key in before.todo}
             on_event(Event("planned", sizes=sizes))

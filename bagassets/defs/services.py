@@ -17,7 +17,7 @@ from typing import Self
 from bagassets.defs.ports import answers, listening_arguments, reachable, refuse_taken_port, url_of
 from bagassets.errors import BagAssetsError
 from bagassets.forkserver.client import Client, ServerRefusedError
-from bagassets.forkserver.places import Places
+from bagassets.forkserver.server_files import ServerFiles
 from bagassets.forkserver.tasks import connect, server_spec
 from bagassets.lock_files import LockFile
 from bagassets.propose.project import dagster_home
@@ -71,7 +71,7 @@ class Services:
             raise
         self._address = (reachable(host), port)
         self._state = recipe.state
-        self._servers_before = {places.stamp for places in _alive(recipe.state)}
+        self._servers_before = {files.stamp for files in _alive(recipe.state)}
         self._recipe_file, self._home = recipe_file, home
         self._client: Client | None = None
         self._warming = threading.Thread(target=self._warm, daemon=True)
@@ -148,7 +148,7 @@ class Services:
             self._warming.join()
         if self._client is not None:
             self._client.close()
-        ours = [places for places in _alive(self._state) if places.stamp not in self._servers_before]
+        ours = [files for files in _alive(self._state) if files.stamp not in self._servers_before]
         end_servers(ours, on_wait, cancel=cancel)
 
 
@@ -164,18 +164,18 @@ def _end_group(group: int) -> None:
 
 
 def end_servers(
-    servers: Iterable[Places], on_wait: Callable[[int], None], *, cancel: Callable[[], bool]
+    servers: Iterable[ServerFiles], on_wait: Callable[[int], None], *, cancel: Callable[[], bool]
 ) -> None:
     """End fork servers without other clients, once their jobs are done.
 
     Args:
-        servers: their places.
+        servers: files of the servers.
         on_wait: called once, with the number of jobs that are still running, if there are any.
         cancel: called five times a second; True cancels the jobs.
     """
     has_reported = False
-    for places in servers:
-        client = Client.connect(places)
+    for files in servers:
+        client = Client.connect(files)
         if client is None:
             continue
         with client, suppress(ServerRefusedError):  # it has ended
@@ -221,5 +221,5 @@ def _lock(state: Path, url: str) -> LockFile:
     return lock
 
 
-def _alive(state: Path) -> list[Places]:
-    return [client.places for client in Client.all_of(state)]
+def _alive(state: Path) -> list[ServerFiles]:
+    return [client.files for client in Client.all_of(state)]

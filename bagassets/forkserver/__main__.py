@@ -1,7 +1,7 @@
 """Start a server in the background: `python -m bagassets.forkserver SPEC STAMP TIMEOUT_S [FIRST_JOB]`.
 
 The command returns 0 as soon as a server with this stamp answers, be it this one or
-another that was quicker, and 1 if it cannot start; what it has to say goes to its log.
+another that was quicker, and 1 if it cannot start. Its output goes to its log.
 """
 
 import json
@@ -13,9 +13,9 @@ import time
 from pathlib import Path
 
 from bagassets.errors import BagAssetsError
-from bagassets.forkserver.places import Places
 from bagassets.forkserver.protocol import FirstJob
 from bagassets.forkserver.server import Server
+from bagassets.forkserver.server_files import ServerFiles
 from bagassets.forkserver.spec import SOURCE_CHANGED, ServerSpec
 from bagassets.lock_files import LockFile
 
@@ -29,40 +29,43 @@ def main(arguments: list[str]) -> int:
     logging.basicConfig(format="%(asctime)s %(name)s: %(message)s", level=logging.WARNING)
     logging.getLogger("bagassets").setLevel(logging.INFO)
     spec, stamp, timeout_s = ServerSpec.from_json(json.loads(arguments[0])), arguments[1], float(arguments[2])
-    ready, tell = os.pipe()
+    ready, signal_ready = os.pipe()
     pid = os.fork()
     if pid == 0:
         os.close(ready)
         code = 1
         try:
-            places, first_job = Places(spec.state_folder, stamp), arguments[3:]
-            code = _serve(spec, places, timeout_s, tell, json.loads(first_job[0]) if first_job else None)
-        except Exception:  # noqa: BLE001  (`os._exit` would end it without a word)
+            files, first_job = ServerFiles(spec.state_folder, stamp), arguments[3:]
+            first = json.loads(first_job[0]) if first_job else None
+            code = _serve(spec, files, timeout_s, signal_ready, first)
+        except Exception:  # noqa: BLE001  (`os._exit` would swallow it)
             _LOG.exception("the server ended")
         finally:
             logging.shutdown()
             os._exit(code)
-    os.close(tell)
+    os.close(signal_ready)
     if os.read(ready, 1):
         return 0
     return os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
 
 
-def _serve(spec: ServerSpec, places: Places, timeout_s: float, tell: int, first_job: FirstJob | None) -> int:
+def _serve(
+    spec: ServerSpec, files: ServerFiles, timeout_s: float, signal_ready: int, first_job: FirstJob | None
+) -> int:
     deadline = time.monotonic() + timeout_s
-    while (lock := _lock_of_server(places.lock)) is None:
-        if _answers(places):
+    while (lock := _lock_of_server(files.lock)) is None:
+        if _answers(files):
             return 0
         if time.monotonic() > deadline:
-            _LOG.error("another server holds %s and does not answer", places.lock)
+            _LOG.error("another server holds %s and does not answer", files.lock)
             return 1
         time.sleep(_POLL_S)
-    # Of a server that was killed; a first job takes one that is noted for ours.
-    places.remove_socket()
+    # Left by a server that was killed; a first job would take it for ours.
+    files.remove_socket()
     lock.write("")
     _remove_leftovers(spec.state_folder)
-    _remove_old_logs(places.folder / "logs")
-    server = Server(spec, places, lock)
+    _remove_old_logs(files.folder / "logs")
+    server = Server(spec, files, lock)
     try:
         server.prepare(first_job)
     except BagAssetsError as err:
@@ -71,13 +74,13 @@ def _serve(spec: ServerSpec, places: Places, timeout_s: float, tell: int, first_
     except Exception:  # noqa: BLE001  (modules of users may raise anything)
         _LOG.exception("the modules cannot be imported")
         return 1
-    if spec.stamp() != places.stamp:
+    if spec.stamp() != files.stamp:
         _LOG.info("the code, the recipe or an installed package changed meanwhile")
         return SOURCE_CHANGED
 
     def on_ready() -> None:
-        os.write(tell, b"1")
-        os.close(tell)
+        os.write(signal_ready, b"1")
+        os.close(signal_ready)
 
     try:
         server.serve(on_ready)
@@ -100,17 +103,17 @@ def _lock_of_server(path: Path) -> LockFile | None:
 
 
 def _remove_leftovers(state_folder: Path) -> None:
-    """Remove what servers that were killed left behind."""
-    for places in Places.known(state_folder):
-        lock = _lock_of_server(places.lock)
+    """Remove the files of servers that were killed."""
+    for files in ServerFiles.known(state_folder):
+        lock = _lock_of_server(files.lock)
         if lock is not None:
-            places.remove_socket()
-            places.log.unlink(missing_ok=True)
+            files.remove_socket()
+            files.log.unlink(missing_ok=True)
             lock.remove()
 
 
-def _answers(places: Places) -> bool:
-    path = places.socket
+def _answers(files: ServerFiles) -> bool:
+    path = files.socket
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
         probe.settimeout(1.0)
         return path is not None and probe.connect_ex(str(path)) == 0

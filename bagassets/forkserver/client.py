@@ -1,4 +1,4 @@
-"""What a process that wants jobs done talks to: `Client.ensure(spec)`, then `submit` and `wait`."""
+"""The client of a server: `Client.ensure(spec)`, then `submit` and `wait`."""
 
 import json
 import os
@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import Any, Self
 
 from bagassets.errors import BagAssetsError
-from bagassets.forkserver.places import Places, last_lines
 from bagassets.forkserver.process import ProcessId
 from bagassets.forkserver.protocol import FirstJob, Lines, Message, encode
+from bagassets.forkserver.server_files import ServerFiles, last_lines
 from bagassets.forkserver.spec import SOURCE_CHANGED, ServerSpec
 
 __all__ = ["Client", "ServerRefusedError"]
@@ -27,22 +27,22 @@ _RETRY_S = 0.05
 
 
 class ServerRefusedError(BagAssetsError):
-    """The server has grown old or is gone; `Client.ensure` finds or starts its successor."""
+    """The server is outdated or gone; `Client.ensure` finds or starts its successor."""
 
 
 class Client:
-    """A connection to one server; as long as it is open, the server does not end for idleness.
+    """A connection to one server; while it is open, the server does not end because it is idle.
 
-    Jobs that were not submitted as detached are cancelled when it is closed, or its process dies.
+    When the connection is closed, or its process dies, its jobs are cancelled unless they are detached.
 
     Attributes:
-        places: files of the server.
-        process: the server.
-        is_draining: True if it took no more jobs when the connection was made.
+        files: files of the server.
+        process: process of the server.
+        is_draining: True if the server had stopped taking jobs when the connection was made.
     """
 
-    def __init__(self, connection: socket.socket, places: Places, variables: Mapping[str, str]) -> None:
-        self.places = places
+    def __init__(self, connection: socket.socket, files: ServerFiles, variables: Mapping[str, str]) -> None:
+        self.files = files
         self._socket = connection
         self._variables = variables
         self._lines = Lines()
@@ -58,32 +58,32 @@ class Client:
         """Return a client of a server for `spec`, which is started if there is none.
 
         Args:
-            spec: what it must be like.
+            spec: the spec of the server.
             timeout_s: how long it may take to start.
-            first_job: `module:function` and its arguments, for a server that is started here to work on while
-                it imports what other jobs need; nobody is told how it ends.
+            first_job: `module:function` and its arguments; a server that is started here runs it while it imports
+                what other jobs need. Its result is not reported.
 
         Raises:
             BagAssetsError: the server cannot start; the message ends with the last lines of its log.
         """
         deadline = time.monotonic() + timeout_s
         while True:
-            places = Places(spec.state_folder, spec.stamp())
-            client = cls.connect(places, _recipe_variable(spec))
+            files = ServerFiles(spec.state_folder, spec.stamp())
+            client = cls.connect(files, _recipe_variable(spec))
             if client is not None:
                 return client
             if time.monotonic() > deadline:
-                raise BagAssetsError(*_cannot_start(places, f"it did not answer within {timeout_s:.0f} s"))
-            _start(spec, places, max(1.0, deadline - time.monotonic()), first_job)
+                raise BagAssetsError(*_cannot_start(files, f"it did not answer within {timeout_s:.0f} s"))
+            _start(spec, files, max(1.0, deadline - time.monotonic()), first_job)
             time.sleep(_RETRY_S)
 
     @classmethod
-    def connect(cls, places: Places, variables: Mapping[str, str] | None = None) -> Self | None:
-        """Return a client of the server at `places`, or None if there is none that takes jobs.
+    def connect(cls, files: ServerFiles, variables: Mapping[str, str] | None = None) -> Self | None:
+        """Return a client of the server with these files, or None if no such server takes jobs.
 
-        Workers get `variables` besides the environment of this process.
+        Workers get `variables` in addition to the environment of this process.
         """
-        path = places.socket
+        path = files.socket
         if path is None:
             return None
         connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
@@ -94,7 +94,7 @@ class Client:
             connection.close()
             return None
         with suppress(ServerRefusedError):
-            client = cls(connection, places, variables or {})
+            client = cls(connection, files, variables or {})
             if not client.is_draining:
                 return client
         connection.close()
@@ -103,8 +103,8 @@ class Client:
     @classmethod
     def all_of(cls, state_folder: Path) -> Iterator[Self]:
         """Yield a client of each server that takes jobs in this state folder, and close it afterwards."""
-        for places in Places.known(state_folder.expanduser().resolve()):
-            client = cls.connect(places)
+        for files in ServerFiles.known(state_folder.expanduser().resolve()):
+            client = cls.connect(files)
             if client is not None:
                 with client:
                     yield client
@@ -122,7 +122,7 @@ class Client:
         once: bool = False,
         grace_s: float = _GRACE_S,
     ) -> str:
-        """Have `function(args)` called in a worker of its own; return the name of the job.
+        """Run `function(args)` in a worker of its own; return the id of the job.
 
         The worker has this process's environment and current folder.
 
@@ -131,13 +131,13 @@ class Client:
             args: the object.
             label: name of the job for people, and of its log.
             on_lost: `module:function` called in another worker with `args`, `notes` and `reason` if the
-                worker was killed or failed; the event that tells of it comes after that.
-            detached: the job goes on when this client is gone, and no events tell of it.
-            once: do nothing if this server had a job with this label before; the job is then unnamed.
-            grace_s: seconds a cancelled worker has before it is killed.
+                worker was killed or failed; the event of the loss is sent after that.
+            detached: the job goes on when this client is gone, and sends no events.
+            once: do nothing if this server had a job with this label before; the returned id is then empty.
+            grace_s: seconds before a cancelled worker is killed.
 
         Raises:
-            ServerRefusedError: the server takes no jobs any more.
+            ServerRefusedError: the server has stopped taking jobs.
         """
         job = {
             "function": function,
@@ -155,7 +155,7 @@ class Client:
     def wait(self, timeout_s: float | None = None) -> Message | None:
         """Return the next event of a job submitted here, or None after `timeout_s` seconds.
 
-        Events are objects with `event` and `job`: `note` (`note`: facts the worker told), `finished`
+        Events are objects with `event` and `job`: `note` (`note`: facts from the worker), `finished`
         (`exit`: 0 with `result`, else `error`: type, message and traceback) and `killed` (`signal`, `reason`).
 
         Raises:
@@ -189,11 +189,11 @@ class Client:
     # --- the server ------------------------------------------------------------------
 
     def drain(self) -> int:
-        """Let the server end after the jobs it has; return their number."""
+        """Have the server end after its current jobs; return their number."""
         return int(self._ask({"op": "drain"})["jobs"])
 
     def shutdown(self, *, grace_s: float = _GRACE_S) -> int:
-        """Cancel all jobs and end the server; return the number of jobs."""
+        """Have the server cancel all jobs and end; return the number of jobs."""
         return int(self._ask({"op": "shutdown", "grace_s": grace_s})["jobs"])
 
     def close(self) -> None:
@@ -218,10 +218,10 @@ class Client:
                 return message
 
     def _receive(self) -> list[Message]:
-        """Read once; keep events and return answers."""
+        """Read once; keep events and return replies."""
         messages = self._lines.receive(self._socket)
         if self._lines.is_closed:
-            raise ServerRefusedError(f"the fork server is gone; see {self.places.log}.")
+            raise ServerRefusedError(f"the fork server is gone; see {self.files.log}.")
         self._events.extend(message for message in messages if "event" in message)
         return [message for message in messages if "reply" in message]
 
@@ -230,34 +230,34 @@ def _recipe_variable(spec: ServerSpec) -> dict[str, str]:
     return {} if spec.recipe is None else {"BAGASSETS_RECIPE": str(spec.recipe)}
 
 
-def _start(spec: ServerSpec, places: Places, timeout_s: float, first_job: FirstJob | None) -> None:
-    """Start a server and return when it, or another with its stamp, answers."""
-    with _starter(spec, places, timeout_s, first_job) as starter:
+def _start(spec: ServerSpec, files: ServerFiles, timeout_s: float, first_job: FirstJob | None) -> None:
+    """Start a server; return when it, or another one with its stamp, answers."""
+    with _starter(spec, files, timeout_s, first_job) as starter:
         try:
             code = starter.wait(timeout_s)
         except subprocess.TimeoutExpired as err:
             starter.kill()
-            raise BagAssetsError(*_cannot_start(places, f"it took longer than {timeout_s:.0f} s")) from err
+            raise BagAssetsError(*_cannot_start(files, f"it took longer than {timeout_s:.0f} s")) from err
         except BaseException:
             starter.kill()
             raise
     if code not in {0, SOURCE_CHANGED}:
-        raise BagAssetsError(*_cannot_start(places, f"it ended with exit code {code}"))
+        raise BagAssetsError(*_cannot_start(files, f"it ended with exit code {code}"))
 
 
 def _starter(
-    spec: ServerSpec, places: Places, timeout_s: float, first_job: FirstJob | None
+    spec: ServerSpec, files: ServerFiles, timeout_s: float, first_job: FirstJob | None
 ) -> "subprocess.Popen[bytes]":
     """Return a process that starts a server and ends when one with its stamp answers."""
-    places.make()
+    files.make()
     search = [*spec.paths, *filter(None, [os.environ.get("PYTHONPATH")])]
     environment = dict(os.environ) | _recipe_variable(spec) | {"PYTHONPATH": os.pathsep.join(search)}
     spec_json = json.dumps(spec.as_json())
     # -P keeps the current folder off the search path, whatever it is.
-    command = [sys.executable, "-P", "-m", "bagassets.forkserver", spec_json, places.stamp, str(timeout_s)]
+    command = [sys.executable, "-P", "-m", "bagassets.forkserver", spec_json, files.stamp, str(timeout_s)]
     if first_job is not None:
         command.append(json.dumps(first_job))
-    with places.log.open("ab") as log:
+    with files.log.open("ab") as log:
         return subprocess.Popen(
             command,
             stdin=subprocess.DEVNULL,
@@ -269,7 +269,7 @@ def _starter(
         )
 
 
-def _cannot_start(places: Places, reason: str) -> list[str]:
-    lines = last_lines(places.log)
-    told = f"the fork server cannot start: {reason}. The last lines of {places.log}:"
-    return [told, *(f"  {line}" for line in lines)] if lines else [f"{told} it is empty; is the disk full?"]
+def _cannot_start(files: ServerFiles, reason: str) -> list[str]:
+    lines = last_lines(files.log)
+    title = f"the fork server cannot start: {reason}. The last lines of {files.log}:"
+    return [title, *(f"  {line}" for line in lines)] if lines else [f"{title} it is empty; is the disk full?"]

@@ -1,4 +1,4 @@
-"""The server's end of a client's connection."""
+"""The server's side of a client's connection."""
 
 import selectors
 import socket
@@ -36,7 +36,7 @@ class Connection:
             self._flush()
 
     def close_file(self) -> None:
-        """Close the socket's copy in a forked process; the connection itself stays."""
+        """Close the copy of the socket in a forked process; the connection itself stays open."""
         self._socket.close()
 
     def close(self) -> None:

@@ -1,4 +1,4 @@
-"""One job of the server: a forked worker, and what became of it."""
+"""One job of the server: a forked worker, its notes and its end."""
 
 import os
 import signal
@@ -19,7 +19,7 @@ _VMSTAT = Path("/proc/vmstat")
 
 
 def _oom_kills() -> int:
-    """Processes killed by the system since boot because memory ran out; 0 if it does not say."""
+    """Return how many processes the system has killed for lack of memory since boot; 0 if it does not count them."""
     try:
         for line in _VMSTAT.read_text("ascii").splitlines():
             if line.startswith("oom_kill "):
@@ -34,13 +34,13 @@ class Job:
     """A worker and its record.
 
     Attributes:
-        id: name of the job on this server.
+        id: id of the job on this server.
         request: what the client asked for: `function`, `args`, `label`, `env`, `cwd`, `on_lost`, `detached`.
         process: the worker.
-        channel: the server's end of the line to the worker.
-        notes: facts the worker told so far.
-        end: `result` or `error`, once the worker told.
-        is_cancelled: True once somebody asked to end it.
+        channel: the server's end of the socket to the worker.
+        notes: facts that the worker sent so far.
+        end: `result` or `error`, once the worker has sent it.
+        is_cancelled: True once somebody cancelled it.
         kill_at: monotonic time at which a cancelled worker is killed.
     """
 
@@ -58,7 +58,7 @@ class Job:
 
     @classmethod
     def start(cls, job_id: str, request: Message, log: Path, close_inherited: Callable[[], None]) -> Self:
-        """Fork the worker of a job; `close_inherited` closes the server's own files in it."""
+        """Fork the worker of a job; in it, `close_inherited` closes the server's own files."""
         ours, theirs = socket.socketpair()
         # A signal for the server must not run the server's handler in the child.
         blocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTERM, signal.SIGINT, signal.SIGCHLD})
@@ -79,7 +79,7 @@ class Job:
         return str(self.request["label"])
 
     def listen(self) -> list[Message]:
-        """Take in what the worker sent; return its notes, each as sent."""
+        """Read what the worker sent; return its new notes."""
         messages = self.lines.receive(self.channel)
         notes = [message["note"] for message in messages if "note" in message]
         for note in notes:
@@ -99,10 +99,10 @@ class Job:
             self.channel.send(encode({"op": "cancel"}))
             os.kill(self.process.pid, signal.SIGTERM)
         except OSError:
-            return  # it has just ended, and is about to be collected
+            return  # it has just ended
 
     def kill(self) -> None:
-        """Kill the worker and everything it started; only before it is collected."""
+        """Kill the worker and all processes that it started; only valid before it is collected."""
         try:
             os.killpg(self.process.pid, signal.SIGKILL)
         except ProcessLookupError:  # it has not yet made its group
@@ -111,8 +111,8 @@ class Job:
     def collect(self) -> int | None:
         """Return the wait status of a worker that has ended, or None.
 
-        What the worker started and left behind is killed while the zombie still holds
-        the group's number.
+        Processes that the worker left behind are killed while the zombie still holds
+        the id of the group.
         """
         if os.waitid(os.P_PID, self.process.pid, os.WEXITED | os.WNOHANG | os.WNOWAIT) is None:
             return None
@@ -120,14 +120,14 @@ class Job:
         return os.waitpid(self.process.pid, 0)[1]
 
     def describe_end(self, status: int) -> Message:
-        """Return the event that tells how the worker ended."""
+        """Return the event that says how the worker ended."""
         if os.WIFSIGNALED(status) and "result" not in self.end:
             name = signal.Signals(os.WTERMSIG(status)).name
             return {"event": "killed", "job": self.id, "signal": name, "reason": self._why(name)}
         code = 0 if "result" in self.end else os.waitstatus_to_exitcode(status)
         end = self.end
         if not end:
-            message = f"The worker ended with exit code {code} and told no result."
+            message = f"The worker ended with exit code {code} and sent no result."
             end = {"error": {"type": "ExitError", "message": message, "traceback": ""}}
             code = code or 1
         return {"event": "finished", "job": self.id, "exit": code, **end}

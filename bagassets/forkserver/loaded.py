@@ -1,4 +1,4 @@
-"""Noticing that source code was edited after a module made of it was imported."""
+"""Noticing source files that were edited after they were imported."""
 
 import sys
 import sysconfig
@@ -8,7 +8,7 @@ __all__ = ["LoadedSources"]
 
 
 class LoadedSources:
-    """The source files of all modules loaded now, but those of Python and installed packages."""
+    """The source files of all loaded modules, except those of Python and installed packages."""
 
     def __init__(self) -> None:
         installed = {Path(sysconfig.get_path(name)).resolve() for name in ("stdlib", "purelib", "platlib")}
@@ -18,13 +18,13 @@ class LoadedSources:
         }
 
     def changed(self) -> list[Path]:
-        """Return the files that are no longer what was loaded."""
+        """Return the files that changed since they were loaded."""
         return sorted(file for file, seen in self._seen.items() if _signature(file) != seen)
 
 
 def _signature(file: Path) -> tuple[int, int]:
     try:
-        found = file.stat()
+        stat = file.stat()
     except OSError:
         return (-1, -1)
-    return found.st_size, found.st_mtime_ns
+    return stat.st_size, stat.st_mtime_ns

@@ -1,6 +1,6 @@
-"""Naming a process so that it is never mistaken for another one.
+"""Ids of processes that are never reused.
 
-A process number alone is worth nothing: it is used again, after a reboot or by another
+A process number alone is not enough: it is used again after a reboot, or by another
 container. Together with the machine, its boot and the start time it is unique.
 """
 
@@ -20,7 +20,7 @@ _PROC = Path("/proc")
 
 @dataclass(frozen=True, slots=True)
 class ProcessId:
-    """The name of one process.
+    """The id of one process.
 
     Attributes:
         host: name of the machine.
@@ -36,17 +36,17 @@ class ProcessId:
 
     @classmethod
     def current(cls) -> Self:
-        """Return the name of this process."""
+        """Return the id of this process."""
         return cls.of(os.getpid())
 
     @classmethod
     def of(cls, pid: int) -> Self:
-        """Return the name of a process of this machine; one that is gone has an empty `started`."""
+        """Return the id of a process of this machine; for one that is gone, `started` is empty."""
         return cls(socket.gethostname(), _space(), pid, _start_time(pid))
 
     @classmethod
     def from_json(cls, value: dict[str, Any]) -> Self:
-        """Return the process that `as_json` wrote.
+        """Inverse of `as_json`.
 
         Raises:
             KeyError: a field is missing.
@@ -54,21 +54,21 @@ class ProcessId:
         return cls(str(value["host"]), str(value["space"]), int(value["pid"]), str(value["started"]))
 
     def as_json(self) -> dict[str, Any]:
-        """Return the name as JSON."""
+        """Return the id as JSON."""
         return asdict(self)
 
     @property
     def is_on_this_host(self) -> bool:
-        """True if this machine can tell whether the process lives.
+        """True if this machine can tell whether the process is alive.
 
-        Another boot of this machine counts (the process is gone for certain); another
-        container under the same name does not.
+        That includes processes of an earlier boot, which are gone for certain, but not those
+        of another container with the same host name.
         """
         namespace, ours = self.space.partition("/")[0], _space().partition("/")[0]
         return self.host == socket.gethostname() and namespace == ours
 
     def is_alive(self) -> bool:
-        """Tell whether the process runs; only meaningful if it is on this host."""
+        """Return whether the process runs; only meaningful if it is on this host."""
         return (
             self.is_on_this_host
             and self.space == _space()
@@ -83,7 +83,7 @@ class ProcessId:
         except OSError:
             return False
         try:
-            # The handle was opened first, so the number cannot change its owner from here on.
+            # With the handle open, the process number cannot be reused from here on.
             if not self.is_alive():
                 return False
             if handle is None:
@@ -116,14 +116,14 @@ def _space() -> str:
 
 
 def _start_time(pid: int) -> str:
-    """Start time of a process that runs, else an empty string."""
+    """Start time of a running process; empty if it does not run."""
     if not (_PROC / "self" / "stat").exists():
         return _start_time_from_ps(pid)
     try:
         stat = (_PROC / str(pid) / "stat").read_text("utf-8", "replace")
     except OSError:
         return ""
-    fields = stat.rpartition(")")[2].split()  # the name before it may hold anything
+    fields = stat.rpartition(")")[2].split()  # the name of the command before it may contain anything
     state, started = fields[0], fields[19]
     return "" if state in "ZXx" else started
 

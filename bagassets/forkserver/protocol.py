@@ -1,7 +1,7 @@
-"""How client, server and workers talk: one JSON object per line, over Unix sockets.
+"""The protocol of client, server and workers: one JSON object per line, over Unix sockets.
 
 Requests carry `op` (hello, submit, cancel, status, drain, shutdown) and are answered by one
-object with `reply`; objects with `event` (started, note, finished, killed) come unasked.
+object with `reply`; objects with `event` (started, note, finished, killed) are sent unrequested.
 """
 
 import json
@@ -11,7 +11,7 @@ from typing import Any
 __all__ = ["FirstJob", "Lines", "Message", "encode"]
 
 Message = dict[str, Any]
-# `module:function` and its arguments, for a server to begin with.
+# `module:function` and its arguments, run by a server while it starts.
 FirstJob = tuple[str, Message]
 _CHUNK = 1 << 16
 
@@ -30,10 +30,10 @@ class Lines:
         self.is_drained = False
 
     def receive(self, connection: socket.socket) -> list[Message]:
-        """Read what is there and return the messages that are complete.
+        """Read once and return the complete messages.
 
-        A non-blocking socket with nothing to read yields none; one whose other end is gone
-        sets `is_closed`. `is_drained` tells that there was nothing to read.
+        Sets `is_drained` if a non-blocking socket has nothing to read, and `is_closed` if the other end
+        is gone.
         """
         self.is_drained = False
         try:

@@ -17,9 +17,9 @@ from bagassets.errors import BagAssetsError
 from bagassets.forkserver.connection import Connection
 from bagassets.forkserver.job import Job
 from bagassets.forkserver.loaded import LoadedSources
-from bagassets.forkserver.places import Places
 from bagassets.forkserver.process import ProcessId
 from bagassets.forkserver.protocol import FirstJob, Message
+from bagassets.forkserver.server_files import ServerFiles
 from bagassets.forkserver.spec import ServerSpec
 from bagassets.forkserver.worker import load_function
 from bagassets.lock_files import LockFile
@@ -30,15 +30,15 @@ _LOG = logging.getLogger(__name__)
 _TICK_S = 0.5
 _AGE_CHECK_S = 5.0
 _END_GRACE_S = 10.0
-_LOST_GRACE_S = 60.0  # what reporting the loss of a worker may take
+_LOST_GRACE_S = 60.0  # time for reporting the loss of a worker
 
 
 class Server:
-    """Serves one spec until it is idle for long, grows old, or is told to end."""
+    """Serves one spec until it has been idle for long, is outdated, or is asked to end."""
 
-    def __init__(self, spec: ServerSpec, places: Places, lock: LockFile) -> None:
+    def __init__(self, spec: ServerSpec, files: ServerFiles, lock: LockFile) -> None:
         self._spec = spec
-        self._places = places
+        self._files = files
         self._lock = lock
         self._process = ProcessId.current()
         self._selector = selectors.DefaultSelector()
@@ -53,7 +53,7 @@ class Server:
         self._last_use = self._last_age_check = time.monotonic()
         self._loaded: LoadedSources | None = None
         self._later: Iterator[None] | None = None
-        self._is_told_to_end = False
+        self._end_requested = False
         self._ops: dict[str, Callable[[Connection, Message], Message]] = {
             "hello": self._hello,
             "submit": self._submit,
@@ -69,20 +69,20 @@ class Server:
         """Import everything that workers share.
 
         Args:
-            first_job: begun before that, as soon as its own module is imported, in the surroundings of the
-                server. Its arguments get `state` and `stamp`, which tell it when the server takes other jobs.
+            first_job: started as soon as its own module is imported, in the environment of the server. Its
+                arguments get `state` and `stamp`, by which it can see when the server takes other jobs.
 
         Raises:
-            BagAssetsError: a thread was started, so that forking would be unsafe.
+            BagAssetsError: a thread was started, which makes forking unsafe.
         """
-        gc.disable()  # nothing to collect while modules are imported, and a quarter of the time
+        gc.disable()  # imports leave nothing to collect, and collecting takes a quarter of their time
         if first_job is not None:
             function, args = first_job
             load_function(function)
             self._start(
                 {
                     "function": function,
-                    "args": {**args, "state": str(self._spec.state_folder), "stamp": self._places.stamp},
+                    "args": {**args, "state": str(self._spec.state_folder), "stamp": self._files.stamp},
                     "label": function.rpartition(":")[2],
                     "on_lost": None,
                     "detached": True,
@@ -99,20 +99,18 @@ class Server:
                 "process with threads cannot be forked safely; start them inside assets or resources instead."
             )
         self._loaded = LoadedSources()
-        gc.freeze()  # keeps the collector of a worker from copying the pages it shares
+        gc.freeze()  # keeps a worker's garbage collector from copying shared pages
         gc.enable()
 
     def serve(self, on_ready: Callable[[], None]) -> None:
         """Answer clients until the server ends; `on_ready` is called once they can connect.
 
         Raises:
-            BagAssetsError: the socket cannot be made.
+            BagAssetsError: the socket cannot be created.
         """
         self._listen()
         on_ready()
-        _LOG.info(
-            "serving %s, stamp %s", ", ".join(self._spec.modules) or "nothing ahead", self._places.stamp
-        )
+        _LOG.info("serving %s, stamp %s", ", ".join(self._spec.modules) or "nothing ahead", self._files.stamp)
         try:
             while not self._is_done():
                 ready = self._selector.select(0.0 if self._later is not None else _TICK_S)
@@ -127,7 +125,7 @@ class Server:
         _LOG.info("ended")
 
     def _prepare_more(self) -> None:
-        """Do one step of what could wait, while nobody asks for anything."""
+        """Do one step of the deferred preparation, while there is no request."""
         if self._later is None:
             return
         try:
@@ -141,11 +139,11 @@ class Server:
             gc.freeze()
 
     def _listen(self) -> None:
-        path = self._places.choose_socket()
+        path = self._files.choose_socket()
         listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         mask = os.umask(0o177)
         try:
-            path.unlink(missing_ok=True)  # left by a server that was killed; the lock says that it is ours
+            path.unlink(missing_ok=True)  # left by a server that was killed; we hold the lock
             listener.bind(str(path))
             listener.listen(64)
             self._lock.write(str(path))
@@ -153,7 +151,7 @@ class Server:
             listener.close()
             path.unlink(missing_ok=True)
             raise BagAssetsError(
-                f"{path}: the fork server cannot make its socket, or note it in {self._places.lock} ({err.strerror}); "
+                f"{path}: the fork server cannot create its socket, or note it in {self._files.lock} ({err.strerror}); "
                 "free space, or mend the folder."
             ) from err
         finally:
@@ -175,14 +173,14 @@ class Server:
             self._selector.unregister(self._listener)
             self._listener.close()
             self._listener = None
-            self._places.remove_socket()
+            self._files.remove_socket()
             self._lock.remove()
 
     def _is_done(self) -> bool:
         return self._listener is None and not self._jobs
 
     def _on_sigterm(self, *_: object) -> None:
-        self._is_told_to_end = True  # acted on by the loop, which may be anywhere now
+        self._end_requested = True  # for the loop, which may be anywhere now
 
     def _on_signal(self) -> None:
         with suppress(BlockingIOError):
@@ -190,8 +188,8 @@ class Server:
 
     def _tick(self) -> None:
         now = time.monotonic()
-        if self._is_told_to_end:
-            self._is_told_to_end = False
+        if self._end_requested:
+            self._end_requested = False
             self._shutdown(_END_GRACE_S)
         for job in self._jobs.values():
             if job.kill_at is not None and now >= job.kill_at:
@@ -205,13 +203,13 @@ class Server:
             self._drain_if_old()
 
     def _drain_if_old(self) -> bool:
-        """Stop taking jobs if the world is no longer the one that was imported; tell whether."""
+        """Stop taking jobs if code, recipe or environment changed since they were imported; return whether."""
         self._last_age_check = time.monotonic()
         if self._listener is None:
             return True
         changed = self._loaded.changed() if self._loaded is not None else []
-        if changed or self._spec.stamp() != self._places.stamp:
-            _LOG.info("grown old (%s); draining", changed[0] if changed else "another stamp")
+        if changed or self._spec.stamp() != self._files.stamp:
+            _LOG.info("outdated (%s); draining", changed[0] if changed else "another stamp")
             self._stop_listening()
             return True
         return False
@@ -247,14 +245,14 @@ class Server:
     def _hello(self, _connection: Connection, _message: Message) -> Message:
         return {
             "reply": "hello",
-            "stamp": self._places.stamp,
+            "stamp": self._files.stamp,
             "process": self._process.as_json(),
             "draining": self._drain_if_old(),
         }
 
     def _submit(self, connection: Connection, message: Message) -> Message:
         if self._listener is None or self._drain_if_old():
-            return {"reply": "refused", "message": "the server is old and drains"}
+            return {"reply": "refused", "message": "the server is outdated and takes no more jobs"}
         request = message["job"]
         if request["once"]:
             if request["label"] in self._done_once:
@@ -287,7 +285,7 @@ class Server:
         ]
         return {
             "reply": "status",
-            "stamp": self._places.stamp,
+            "stamp": self._files.stamp,
             "process": self._process.as_json(),
             "draining": self._listener is None,
             "clients": len(self._connections),
@@ -314,7 +312,7 @@ class Server:
         job = Job.start(
             f"{self._process.pid}-{self._count}",
             request,
-            self._places.job_log(request["label"]),
+            self._files.job_log(request["label"]),
             self._close_inherited,
         )
         self._jobs[job.id] = job
@@ -338,7 +336,7 @@ class Server:
 
     def _on_note(self, job: Job) -> None:
         for facts in job.listen():
-            self._tell(job.id, {"event": "note", "job": job.id, "note": facts})
+            self._send_event(job.id, {"event": "note", "job": job.id, "note": facts})
         if job.lines.is_closed:
             self._selector.unregister(job.channel)
 
@@ -360,7 +358,7 @@ class Server:
         _LOG.info("job %s: %s", job.label, event.get("reason") or f"exit code {event['exit']}")
         reporter = job.request.get("on_lost")
         if lost and reporter:
-            # The event waits until the loss is reported, so that whoever hears of it finds it reported.
+            # The event waits until the loss is reported, so that whoever receives it finds the report.
             reason = event.get("reason") or event["error"]["message"]
             args = {"args": job.request["args"], "notes": job.notes, "reason": reason}
             request = {**job.request, "function": reporter, "args": args, "on_lost": None, "detached": True}
@@ -368,16 +366,16 @@ class Server:
             reporting.kill_at = time.monotonic() + _LOST_GRACE_S
             self._held_back[reporting.id] = (job.id, event)
         else:
-            self._tell(job.id, event)
+            self._send_event(job.id, event)
             self._owners.pop(job.id, None)
         held_back = self._held_back.pop(job.id, None)
         if held_back is not None:
             lost_id, lost_event = held_back
-            self._tell(lost_id, lost_event)
+            self._send_event(lost_id, lost_event)
             self._owners.pop(lost_id, None)
         del self._jobs[job.id]
 
-    def _tell(self, job_id: str, event: dict[str, Any]) -> None:
+    def _send_event(self, job_id: str, event: dict[str, Any]) -> None:
         owner = self._owners.get(job_id)
         if owner is not None:
             owner.send(event)

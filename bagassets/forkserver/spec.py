@@ -1,9 +1,9 @@
-"""What a server is made for, and the stamp that tells whether it still fits.
+"""The spec of a server, and the stamp that shows whether a running server still matches it.
 
-The stamp is taken over the interpreter, the installed distributions, the source of this
-package and of the modules that are imported ahead, the recipe and the environment that
-counts. A client computes it from file stats in a few milliseconds, without importing
-anything heavy, and the server does the same again to notice that it has grown old.
+The stamp is a digest of the interpreter, the installed distributions, the source of this
+package and of the modules that the server imports, the recipe and the relevant environment
+variables. A client computes it from file stats in a few milliseconds, without importing
+anything heavy, and the server computes it again to notice that it is outdated.
 """
 
 import os
@@ -24,7 +24,7 @@ __all__ = ["IDLE_TIMEOUT_S", "SOURCE_CHANGED", "ServerSpec"]
 IDLE_TIMEOUT_S = 900.0
 SOURCE_CHANGED = 75  # exit status of a server whose stamp was outdated before it could serve
 
-# Read once when Python or a library is loaded, so a worker cannot change them any more.
+# Read only when Python or a library is loaded, so they cannot be changed in a worker.
 _STARTUP_VARIABLES = ("PYTHONHASHSEED", "PYTHONHOME", "PYTHONOPTIMIZE", "PYTHONPATH", "PYTHONUTF8",
                       "LD_LIBRARY_PATH", "LD_PRELOAD")  # fmt: skip
 _STARTUP_PREFIXES = ("BLIS_", "MALLOC_", "MKL_", "OMP_", "OPENBLAS_", "OPENCV_")
@@ -32,16 +32,16 @@ _STARTUP_PREFIXES = ("BLIS_", "MALLOC_", "MKL_", "OMP_", "OPENBLAS_", "OPENCV_")
 
 @dataclass(frozen=True)
 class ServerSpec:
-    """What a server is started for.
+    """The spec of a server.
 
     Attributes:
-        state_folder: folder that keeps its socket and logs.
+        state_folder: folder of its socket and logs.
         recipe: recipe file that the modules read, if any.
-        modules: modules imported ahead.
+        modules: modules that it imports before it serves.
         paths: folders put on the module search path, for modules that are not installed.
         preload: `module:function` called with the names of the modules before the server serves; may
-            return an iterator of steps that are done once it serves, while nobody asks for anything.
-        environment: variables that count, but those that the recipe's `.env` sets anyway.
+            return an iterator of further steps, which are done later while there is no request.
+        environment: relevant variables, except those that the recipe's `.env` sets anyway.
         sources: files and folders of source code that the stamp covers.
         idle_timeout_s: seconds without a job or client after which the server ends.
     """
@@ -66,7 +66,7 @@ class ServerSpec:
         preload: str = "",
         idle_timeout_s: float = IDLE_TIMEOUT_S,
     ) -> Self:
-        """Return what a server must be like to serve this process.
+        """Return the spec of a server for this process.
 
         Raises:
             BagAssetsError: a module cannot be found.
@@ -86,7 +86,7 @@ class ServerSpec:
 
     @classmethod
     def from_json(cls, value: dict[str, Any]) -> Self:
-        """Return the spec that `as_json` wrote."""
+        """Inverse of `as_json`."""
         recipe = value["recipe"]
         return cls(
             Path(value["state_folder"]),
@@ -108,14 +108,14 @@ class ServerSpec:
         return asdict(self) | paths
 
     def stamp(self) -> str:
-        """Return the digest of everything that shapes what a worker of this server would do now."""
+        """Return the digest of everything that determines what a worker of this server does."""
         recipe = "" if self.recipe is None else recipe_fingerprint(self.recipe)
         asked = [list(self.modules), list(self.paths), self.preload, sorted(self.environment.items())]
         return digest_lines([code_fingerprint(self.sources), recipe, repr(asked)])
 
 
 def _locate(modules: tuple[str, ...], paths: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return the source of each module's top package, and the folders that must be searched for them."""
+    """Return the source of each module's top package, and the folders to search for them."""
     sources: list[str] = []
     folders: list[str] = []
     for name in modules:
@@ -123,8 +123,8 @@ def _locate(modules: tuple[str, ...], paths: tuple[str, ...]) -> tuple[tuple[str
         root = _source_root(top, paths)
         if root is None:
             raise BagAssetsError(
-                f"module {name}: not found by {sys.executable}; install the package that holds it, or set "
-                "PYTHONPATH to the folder it lies in."
+                f"module {name}: not found by {sys.executable}; install the package that contains it, or set "
+                "PYTHONPATH to its folder."
             )
         if str(root) not in sources:
             sources.append(str(root))
@@ -137,8 +137,8 @@ def _locate(modules: tuple[str, ...], paths: tuple[str, ...]) -> tuple[tuple[str
 def _source_root(top: str, paths: tuple[str, ...]) -> Path | None:
     """Return the folder of a package or the file of a module, without importing it."""
     loaded = getattr(sys.modules.get(top), "__file__", None)
-    found = PathFinder.find_spec(top, [*sys.path, *paths])
-    origin = loaded or (found.origin if found is not None else None)
+    spec = PathFinder.find_spec(top, [*sys.path, *paths])
+    origin = loaded or (spec.origin if spec is not None else None)
     if origin is None:
         return None
     file = Path(origin).resolve()
@@ -153,7 +153,7 @@ def _text(path: Path) -> str | None:
 
 
 def _environment(recipe: Path | None) -> dict[str, str]:
-    """Return the variables that count; the definitions read none but the recipe's, which the spec names."""
+    """Return the relevant variables; the definitions read no other but the recipe's, which is in the spec."""
     names = {name for name in os.environ if name in _STARTUP_VARIABLES or name.startswith(_STARTUP_PREFIXES)}
     dotenv = _text(recipe.with_name(".env")) if recipe is not None else None
     for line in (dotenv or "").splitlines():
@@ -163,5 +163,5 @@ def _environment(recipe: Path | None) -> dict[str, str]:
 
 
 def _as_given(value: str) -> str:
-    """Return a variable without what `import cv2` adds to it: folders below its own, for its subprocesses."""
+    """Return a variable without the folders that `import cv2` adds for its subprocesses."""
     return os.pathsep.join(part for part in value.split(os.pathsep) if f"{os.sep}cv2{os.sep}" not in part)

@@ -1,7 +1,7 @@
-"""The jobs that this project gives to its fork server, named so that no client imports Dagster.
+"""The jobs that this project submits to its fork server, by name, so that no client imports Dagster.
 
-`instance` is the Dagster home of the recipe, or what `bagassets.defs.runs.pack_instance` wrote.
-A run's id is its job's label, so the worker's output is in `Places.job_log(run_id)`.
+`instance` is the Dagster home of the recipe, or text from `bagassets.defs.runs.pack_instance`.
+The label of a run's job is the run id, so the worker's output is in `ServerFiles.job_log(run_id)`.
 """
 
 import hashlib
@@ -41,9 +41,9 @@ def server_spec(
 
 
 def connect(spec: ServerSpec, instance: str, *, timeout_s: float = 60.0) -> Client:
-    """Return a client of a server for `spec`, started if need be.
+    """Return a client of a server for `spec`, which is started if there is none.
 
-    Once in its life a server reports the runs whose workers died with a former server.
+    Each server reports once the runs whose workers died with an earlier server.
 
     Raises:
         BagAssetsError: the server cannot start.
@@ -56,15 +56,15 @@ def connect(spec: ServerSpec, instance: str, *, timeout_s: float = 60.0) -> Clie
 
 
 def submit_run(client: Client, instance: str, run_id: str, *, detached: bool = False) -> str:
-    """Have a run executed that exists; return the job.
+    """Submit an existing run for execution; return the id of the job.
 
     The job's result is `{"run_id", "status", "failures": [{"step", "error", "message"}]}`.
 
     Args:
-        client: a server's.
-        instance: where the run is on record.
-        run_id: the run.
-        detached: it goes on when this client is gone.
+        client: client of a server.
+        instance: the Dagster instance that has the run.
+        run_id: id of the run.
+        detached: the run goes on when this client is gone.
     """
     args = {"instance": instance, "run_id": run_id, "locks": _locks(client)}
     return client.submit(
@@ -73,4 +73,4 @@ def submit_run(client: Client, instance: str, run_id: str, *, detached: bool = F
 
 
 def _locks(client: Client) -> str:
-    return str(client.places.folder / "locks")
+    return str(client.files.folder / "locks")

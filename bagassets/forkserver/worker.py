@@ -1,7 +1,7 @@
-"""The worker's side: what happens in the child between the fork and its end.
+"""The worker's side: everything in the child process from the fork to its end.
 
 A function that runs in a worker takes one JSON object and returns JSON. It may call `note`
-to tell the server and the client something on the way, and `cancel_requested` to learn
+to send facts to the server and the client while it works, and `cancel_requested` to find out
 why it was interrupted.
 """
 
@@ -26,7 +26,7 @@ __all__ = ["cancel_requested", "load_function", "note", "run_job"]
 
 
 class _Channel:
-    """The worker's end of its line to the server; without a server, silence."""
+    """The worker's end of the socket to the server; does nothing if there is no server."""
 
     def __init__(self) -> None:
         self._socket: socket.socket | None = None
@@ -44,7 +44,7 @@ class _Channel:
         try:
             self._socket.sendall(encode(message))
         except OSError:
-            self._socket = None  # the server is gone; what was begun is still worth finishing
+            self._socket = None  # the server is gone; the job is still worth finishing
 
     def is_cancelled(self) -> bool:
         if self._socket is not None and not self._cancelled:
@@ -59,12 +59,12 @@ _CHANNEL = _Channel()
 
 
 def note(facts: Mapping[str, Any]) -> None:
-    """Tell the server, and the client if it listens, facts about the job that runs here."""
+    """Send facts about the running job to the server, and to the client if it listens."""
     _CHANNEL.send({"note": dict(facts)})
 
 
 def cancel_requested() -> bool:
-    """Tell whether a client asked to cancel this job; an interrupt without it comes from elsewhere."""
+    """Return whether a client cancelled this job; otherwise an interrupt comes from elsewhere."""
     return _CHANNEL.is_cancelled()
 
 
@@ -72,14 +72,14 @@ def load_function(name: str) -> Any:
     """Return the function named `module:function`.
 
     Raises:
-        BagAssetsError: there is none.
+        BagAssetsError: it cannot be loaded.
     """
     module, _, function = name.partition(":")
     try:
         return getattr(import_module(module), function)
     except (ImportError, AttributeError) as err:
         raise BagAssetsError(
-            f"{name}: a worker cannot load this function ({err}); it is named as module:function."
+            f"{name}: a worker cannot load this function ({err}); expected module:function."
         ) from err
 
 
@@ -91,7 +91,7 @@ def run_job(connection: socket.socket, job: Message, log: Path) -> NoReturn:
         _CHANNEL.open(connection)
         code = _call(job)
     finally:
-        # The server's exit handlers are not ours to run.
+        # Exit handlers inherited from the server must not run here.
         for stream in (sys.stdout, sys.stderr):
             stream.flush()
         os._exit(code)
@@ -117,14 +117,14 @@ def _become_worker(job: Message, log: Path) -> None:
     try:
         os.chdir(job["cwd"])
     except OSError as err:
-        logging.getLogger(__name__).warning("%s: the job starts elsewhere (%s)", job["cwd"], err.strerror)
+        logging.getLogger(__name__).warning("%s: not the job's current folder (%s)", job["cwd"], err.strerror)
 
 
 def _call(job: Message) -> int:
     try:
         result = load_function(job["function"])(job["args"])
         _CHANNEL.send({"result": json.loads(json.dumps(result))})
-    except BaseException as err:  # whatever it was, the client is told
+    except BaseException as err:  # whatever it was, the client gets the error
         if not isinstance(err, BagAssetsError):
             logging.getLogger(__name__).exception("%s failed", job["function"])
         error = {

@@ -1,4 +1,4 @@
-"""Where a server keeps its socket, lock and logs."""
+"""The files of a server: socket, lock and logs."""
 
 import hashlib
 import os
@@ -11,19 +11,19 @@ from pathlib import Path
 
 from bagassets.errors import BagAssetsError
 
-__all__ = ["Places", "last_lines"]
+__all__ = ["ServerFiles", "last_lines"]
 
 _SHORT_FOLDER = Path("/tmp")  # noqa: S108  (the folder below it is checked to be ours alone)
-_SOCKET_PATH_LIMIT = 100  # bytes; the system's is 108 on Linux and 104 elsewhere, with the final zero
+_SOCKET_PATH_LIMIT = 100  # bytes; the system's limit is 108 on Linux and 104 elsewhere, with the final zero
 
 
 @dataclass(frozen=True)
-class Places:
+class ServerFiles:
     """Files of one server.
 
     Attributes:
         state_folder: folder that keeps all state of a recipe.
-        stamp: what the server is keyed by.
+        stamp: stamp of the server's spec.
     """
 
     state_folder: Path
@@ -36,23 +36,23 @@ class Places:
 
     @property
     def lock(self) -> Path:
-        """File that the server holds locked while it serves; it names the socket."""
+        """The file that the server holds locked while it serves; it contains the path of the socket."""
         return self.folder / f"{self.stamp[:16]}.lock"
 
     @property
     def log(self) -> Path:
-        """What the server itself writes."""
+        """The log of the server itself."""
         return self.folder / f"{self.stamp[:16]}.log"
 
     def job_log(self, label: str) -> Path:
-        """Return the file that receives what a worker writes."""
+        """Return the file that receives a worker's output."""
         return self.folder / "logs" / f"{re.sub(r'[^A-Za-z0-9_.-]', '_', label)[:100]}.log"
 
     @property
     def socket(self) -> Path | None:
-        """Socket of the server that runs or ran here, as it wrote it down; None if there was none.
+        """Socket of the server that runs or ran here, as written in its lock file; None if there was none.
 
-        Whatever else the file holds after a power loss, or in a copy of the state folder, is no socket of this server.
+        After a power loss, or in a copy of the state folder, the file may hold anything else; that is ignored.
         """
         try:
             path = Path(self.lock.read_text("utf-8"))
@@ -62,12 +62,12 @@ class Places:
         return path if path.is_absolute() and is_ours else None
 
     def choose_socket(self) -> Path:
-        """Return where a new server puts its socket: here, unless the path is too long for one.
+        """Return the path for a new server's socket: in this folder, unless the path would be too long.
 
-        Whoever binds it removes what a server that was killed may have left there.
+        Whoever binds it removes the socket of an earlier server that was killed.
 
         Raises:
-            BagAssetsError: the runtime folder that is taken instead belongs to somebody else.
+            BagAssetsError: the runtime folder, used instead, belongs to somebody else.
         """
         path = self._socket_here
         if len(os.fsencode(path)) <= _SOCKET_PATH_LIMIT:
@@ -75,10 +75,10 @@ class Places:
         return _runtime_folder() / self._socket_elsewhere
 
     def remove_socket(self) -> None:
-        """Remove the socket; only while holding the lock.
+        """Remove the socket; only valid while holding the lock.
 
-        The name that it must have counts as well as the one written down: a server that was killed, or met a full
-        disk, may have made its socket and written nothing.
+        Besides the path in the lock file, the default path is removed: a server that was killed, or met a full disk,
+        may have made its socket without noting it.
         """
         for path in {self._socket_here, self.socket}:
             if path is not None and path.is_socket():
@@ -90,15 +90,15 @@ class Places:
 
     @property
     def _socket_elsewhere(self) -> str:
-        """Name of the socket in the runtime folder, where servers of all state folders have theirs."""
+        """Name of the socket in the runtime folder, which servers of all state folders share."""
         owner = hashlib.sha256(os.fsencode(self.folder)).hexdigest()[:16]
         return f"{owner}-{self.stamp[:16]}.sock"
 
     def make(self) -> None:
-        """Make the folders.
+        """Create the folders.
 
         Raises:
-            BagAssetsError: they cannot be made.
+            BagAssetsError: they cannot be created.
         """
         try:
             (self.folder / "logs").mkdir(parents=True, exist_ok=True)
@@ -109,15 +109,15 @@ class Places:
             ) from err
 
     @classmethod
-    def known(cls, state_folder: Path) -> Iterator["Places"]:
-        """Yield the places of every server that was started here, alive or not."""
+    def known(cls, state_folder: Path) -> Iterator["ServerFiles"]:
+        """Yield the files of every server that was started here, whether it is alive or not."""
         folder = state_folder / "forkserver"
         for stamp in sorted({path.stem for kind in ("lock", "sock") for path in folder.glob(f"*.{kind}")}):
             yield cls(state_folder, stamp)
 
 
 def last_lines(log: Path, most: int = 15) -> list[str]:
-    """Return the last lines of a log, for an error that its writer died of; none if it cannot be read."""
+    """Return the last lines of a log; none if it cannot be read."""
     try:
         return log.read_text("utf-8", "replace").splitlines()[-most:]
     except OSError:
@@ -128,14 +128,14 @@ def _runtime_folder() -> Path:
     """Return a short folder that only this user may enter."""
     try:
         base = Path(os.environ.get("XDG_RUNTIME_DIR") or tempfile.gettempdir())
-    except OSError:  # it tries whether files can be written; a full disk has room for a socket
+    except OSError:  # it tests whether files can be written; even a full disk has room for a socket
         base = _SHORT_FOLDER
     if len(os.fsencode(base)) > _SOCKET_PATH_LIMIT - 60:
         base = _SHORT_FOLDER
     folder = base / f"bagassets-{os.getuid()}"
     folder.mkdir(mode=0o700, exist_ok=True)
-    found = folder.lstat()
-    if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid() or found.st_mode & 0o077:
+    status = folder.lstat()
+    if not stat.S_ISDIR(status.st_mode) or status.st_uid != os.getuid() or status.st_mode & 0o077:
         raise BagAssetsError(
             f"{folder}: must be a folder that only you may enter, because the fork server puts its socket there; "
             "remove it, or set XDG_RUNTIME_DIR to a folder of your own."
