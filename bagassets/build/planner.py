@@ -71,7 +71,7 @@ def _bag_state(
     stats = stat_files(recording)
     stat = RecordingStat(tuple((path.name, s.st_size, s.st_mtime_ns) for path, s in stats))
     if recorded is not None and recorded.stat == stat:
-        if index is None or not any(index.doubts(path, s) for path, s in stats):
+        if index is None or not any(index.suspects_edit(path, s) for path, s in stats):
             state = AssetState("fresh", "size and time unchanged", recorded.data_version)
             return recorded.data_version, stat, state
         why = "size and time unchanged, but the file was touched since"
