@@ -275,7 +275,7 @@ class TestBad:
             (
                 "params=lambda recipe, rig: {}",
                 "params=lambda recipe, rig: object()",
-                "object is no parameter",
+                "object cannot be a parameter",
             ),
             ('"acme" in recipe.formats', "1 / 0", "enabled of its asset acme_part raised ZeroDivisionError"),
         ],

@@ -66,11 +66,11 @@ class SourceRules:
     span_ns: tuple[int, int] | None = None
 
     def is_mapped(self, category: str) -> bool:
-        """Tell whether a class is one that the recipe speaks of; without a mapping all are."""
+        """Return whether a class is one that the recipe speaks of; without a mapping all are."""
         return not self.categories or category in self.categories or category in self.categories.values()
 
     def is_outside(self, stamp_ns: int) -> bool:
-        """Tell whether a time is outside the recording."""
+        """Return whether a time is outside the recording."""
         if self.span_ns is None:
             return False
         start_ns, end_ns = self.span_ns
@@ -209,7 +209,7 @@ class BoxCollector:
         self.counts[source].lose(reason, place)
 
     def _accepts(self, box: BoxReading, rules: SourceRules, place: Place) -> bool:
-        """Tell whether the recipe lets a box pass that is fine in itself; count it if that is unusual."""
+        """Return whether the recipe lets a box pass that is fine in itself; count it if that is unusual."""
         questions = (
             (rules.is_outside(box.stamp_ns), rules.outside, OUTSIDE),
             (not rules.is_mapped(box.category), rules.unmapped, UNMAPPED),

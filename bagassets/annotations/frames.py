@@ -46,7 +46,7 @@ class BoxFrames:
     tree: TfTree | None = None
 
     def knows(self, frame: str) -> bool:
-        """Tell whether boxes in a frame can be placed at all."""
+        """Return whether boxes in a frame can be placed at all."""
         known = (self.global_frame, DATASET_FRAME, self.ego_frame)
         return frame in known or frame in self.ego_SE3_sensor or self._root(frame) is not None
 

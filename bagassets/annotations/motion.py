@@ -63,7 +63,7 @@ class Motion:
 
 
 def has_attributes(category: str) -> bool:
-    """Tell whether nuScenes has attributes for a category."""
+    """Return whether nuScenes has attributes for a category."""
     return category.startswith(("vehicle.", "human.pedestrian."))
 
 

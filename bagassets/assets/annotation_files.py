@@ -42,12 +42,12 @@ Reader = Callable[[bytes], Iterator[Label]]
 
 @dataclass(frozen=True)
 class Labels:
-    """An entry of the recipe's `annotation_files`, and the files that a recording has for it.
+    """An entry of the recipe's `annotation_files`, and a recording's label files for it.
 
     Attributes:
-        folder: they are in a folder of their own.
-        span_ns: first and last time of the recording's channels; None if nothing tells.
-        entry: what the recipe says of them.
+        folder: True if the files are in a folder of their own.
+        span_ns: first and last time of the recording's channels; None if unknown.
+        entry: the entry in the recipe.
         found: the files.
         logfile: log that rows of nuScenes tables must belong to.
     """
@@ -60,14 +60,14 @@ class Labels:
 
     @property
     def frame(self) -> str | None:
-        """The frame that all boxes are in, if it is known without reading them."""
+        """The frame of all boxes, if it is known without reading them."""
         if self.entry.frame is None and isinstance(self.entry, NuScenesTables):
             return DATASET_FRAME
         return self.entry.frame
 
     @property
     def topics(self) -> tuple[str, ...]:
-        """The topics that tell their times."""
+        """The topics that give their times."""
         times = _times_of(self.entry)
         return (times.topic,) if isinstance(times, TopicTimes) else ()
 
@@ -75,17 +75,17 @@ class Labels:
 def labels_of(
     entries: Iterable[AnnotationFiles], topics: Iterable[str], clock: Clock, facts: Facts
 ) -> tuple[dict[str, Labels], tuple[str, ...]]:
-    """Return path -> labels that a recording has, and the paths of those that it does not have.
+    """Return path in the recipe -> labels of a recording, and the paths for which it has none.
 
     Args:
-        entries: what the recipe says of label files.
-        topics: those of the recording's channels, whether or not it has them.
+        entries: entries of the recipe's `annotation_files`.
+        topics: topics of the rig's channels, whether or not the recording has them.
         clock: which time of a message counts.
-        facts: of the recording.
+        facts: facts about the recording.
 
     Raises:
-        RecordingError: labels that the recipe insists on are not there.
-        RecipeError: the topic or file that tells times is not there.
+        RecordingError: labels that the recipe requires are missing.
+        RecipeError: the topic or file with their times is missing.
     """
     entries = tuple(entries)
     labels: dict[str, Labels] = {}
@@ -99,7 +99,7 @@ def labels_of(
             labels[entry.path] = Labels(found.is_folder, span_ns, entry, found, found.logfile)
         elif entry.missing == "refuse":
             raise RecordingError(
-                f"{found.place}: there are no labels of the format {entry.format}, on which the recipe insists "
+                f"{found.place}: there are no labels of the format {entry.format}, which the recipe requires "
                 "(`missing: refuse`); put them there, or correct rigs[].annotation_files[].path."
             )
         else:
@@ -108,7 +108,7 @@ def labels_of(
 
 
 def _times_of(entry: AnnotationFiles) -> FrameTimes | None:
-    """Return which time frames have; None if each box says its own."""
+    """Return where the times of frames come from; None if each box has its own."""
     return None if isinstance(entry, BoxFiles | NuScenesTables) else entry.times
 
 
@@ -116,8 +116,8 @@ def _require_times(entry: AnnotationFiles, found: LabelSet, inventory: Inventory
     times = _times_of(entry)
     if isinstance(times, TopicTimes) and not inventory.has(times.topic):
         raise RecipeError(
-            f"rigs[].annotation_files: the recording has no messages on {times.topic}, whose times the frames "
-            f"of {entry.path} have; correct `times`."
+            f"rigs[].annotation_files: the recording has no messages on {times.topic}, which gives the times of the "
+            f"frames of {entry.path}; correct `times`."
         )
     if isinstance(times, FileTimes) and found.times is None:
         raise RecipeError(
@@ -126,7 +126,7 @@ def _require_times(entry: AnnotationFiles, found: LabelSet, inventory: Inventory
 
 
 def _span_ns(topics: Iterable[str], inventory: Inventory, clock: Clock) -> tuple[int, int] | None:
-    """Return first and last time of messages in topics; None if no header tells."""
+    """Return first and last time of messages in topics; None if no message has a header stamp."""
     records = [inventory.topics[topic] for topic in topics if inventory.has(topic)]
     if clock == "log":
         spans = [(record.first_ns, record.last_ns) for record in records]
@@ -143,10 +143,10 @@ def add_labels(
     clock: Clock,
     collector: BoxCollector,
 ) -> dict[str, Any]:
-    """Hand the boxes of all label files to the collector; return counts of files and of entries that are no boxes.
+    """Add the boxes of all label files to the collector; return counts of files and of entries that are no boxes.
 
     Raises:
-        DecodeError: a file does not parse, or a box cannot be used, and the recipe refuses such.
+        DecodeError: a file does not parse, or a box cannot be used, and the recipe says `refuse`.
         ChangedWhileReadError: a file is not the one that was digested.
     """
     counts = {}
@@ -173,7 +173,7 @@ def add_labels(
 
 
 def _content(file: LabelFile) -> bytes:
-    """Return what is in a file, which must be what the action is keyed by."""
+    """Return the content of a file, which must match the digest in the action."""
     try:
         data = file.path.read_bytes()
     except OSError as err:
@@ -196,7 +196,7 @@ def _add(
     entry: AnnotationFiles,
     collector: BoxCollector,
 ) -> bool:
-    """Hand one label to the collector; return True if it is no box by intent."""
+    """Add one label to the collector; return True if it is deliberately no box."""
     source = entry.path
     place = Place(f"{file.name}:{label.line}", f"{file.path}:{label.line}")
     if label.problem is not None:
@@ -222,7 +222,7 @@ def _readers(labels: Labels) -> Iterator[tuple[LabelFile, Reader]]:
     match labels.entry:
         case NuScenesTables():
             tables = TableSet(labels.logfile)
-            # The rows that others refer to come first.
+            # The tables that others refer to come first.
             for file in sorted(files, key=lambda file: (file.name == "sample_annotation.json", file.name)):
                 if file.name == "sample_annotation.json":
                     yield file, partial(read_tables, tables)
@@ -247,7 +247,7 @@ def _take_table(tables: TableSet, name: str, data: bytes) -> Iterator[Label]:
 
 
 def _frame_clock(labels: Labels, recording: Recording, clock: Clock) -> FrameClock | None:
-    """Return what tells the times of frames; None if each box says its own.
+    """Return the times of frames; None if each box has its own.
 
     Raises:
         DecodeError: the file of times does not parse.

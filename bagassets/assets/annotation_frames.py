@@ -22,13 +22,13 @@ _MOST_FRAMES = 5
 
 @dataclass(frozen=True)
 class BoxPlaces:
-    """What places the boxes of a recording.
+    """Everything needed to transform a recording's boxes to the global frame.
 
     Attributes:
-        global_frame: name of the frame that poses are in.
-        origin_m: what `ego_poses` subtracted from coordinates recorded in it.
-        ego_frame: the frame whose poses they are.
-        ego_SE3_frame: frame of a sensor -> where it sits.
+        global_frame: name of the global frame of the poses.
+        origin_m: offset that `ego_poses` subtracted from recorded coordinates in it.
+        ego_frame: frame of the vehicle, whose poses are known.
+        ego_SE3_frame: frame of a sensor -> its mount.
         tf_static: topics with static transforms to read.
         tf: topics with transforms to read.
     """
@@ -49,17 +49,17 @@ def box_places(
     tf_static: Iterable[str],
     tf: Iterable[str],
 ) -> BoxPlaces:
-    """Return what places boxes.
+    """Return everything needed to transform boxes to the global frame.
 
-    Transforms are read only if boxes are, or may be, in a frame that poses and calibration do
-    not know: `/tf` changes with every pose.
+    Transforms are read only if boxes are, or may be, in a frame that neither poses nor calibration
+    know: `/tf` changes with every pose.
 
     Args:
-        facts: of the recording.
-        frames: those that boxes are in; None for one that only the boxes tell.
-        ego_frame: the frame whose poses there are.
+        facts: facts about the recording.
+        frames: frames of the boxes; None for one that is only known from the boxes themselves.
+        ego_frame: frame of the vehicle.
         tf_static: topics with static transforms, whether or not the recording has them.
-        tf: topics with transforms, likewise.
+        tf: topics with transforms, whether or not the recording has them.
     """
     poses = facts.artifact("ego_poses").read_json("ego_poses.json")
     mounts = {sensor.frame: sensor.ego_SE3_sensor for sensor in facts.calibration.channels.values()}
@@ -76,7 +76,7 @@ def box_places(
 
 
 def frames_of_topic(topic: str, frame: str | None, inventory: Inventory) -> tuple[str | None, ...]:
-    """Return the frames that the boxes in a topic are in: as the recipe says, else as its messages do."""
+    """Return the frames of the boxes in a topic: from the recipe, else from its messages."""
     if frame is not None:
         return (frame,)
     recorded = inventory.topic(topic).frame_ids
@@ -97,7 +97,7 @@ def box_frames(places: BoxPlaces, clock: Clock, recording: Recording, trajectory
 
 
 def _origin_m(origin: Mapping[str, Any] | None) -> Vector3:
-    """Return what `ego_poses` subtracted from the coordinates recorded in the global frame."""
+    """Return the offset that `ego_poses` subtracted from recorded coordinates in the global frame."""
     if origin is None or origin["kind"] != "local":
         return (0.0, 0.0, 0.0)
     return (origin["x"], origin["y"], origin["z"])

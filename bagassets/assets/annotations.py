@@ -1,6 +1,6 @@
-"""The asset `annotations`: boxes in topics and in files beside the recording become one global table.
+"""The asset `annotations`: boxes from topics and from files beside the recording, in one global table.
 
-Files: `annotations.parquet` and `annotations.json`, which counts what became of messages, files and boxes.
+Files: `annotations.parquet` and `annotations.json`, which counts messages, files and boxes, and those that were lost.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -42,15 +42,15 @@ COUNTS = "annotations.json"
 
 @dataclass(frozen=True)
 class ReadingParams:
-    """What else the annotations may know of the recipe, if there is anything to annotate.
+    """Further parameters of `annotations`, if the recipe names any boxes.
 
     Attributes:
         clock: which time of a message counts.
         lost_messages: share of messages and boxes that may be lost to decoding.
-        ego_frame: the frame whose poses there are.
+        ego_frame: frame of the vehicle.
         tf_static: topics with static transforms.
         tf: topics with transforms.
-        channels: topics of the channels, whose time labels lie in; empty where there are no label files.
+        channels: topics of the channels, which limit the times of labels; empty without label files.
     """
 
     clock: Clock
@@ -63,12 +63,12 @@ class ReadingParams:
 
 @dataclass(frozen=True)
 class AnnotationParams:
-    """What the annotations may know of the recipe.
+    """Parameters of `annotations`.
 
     Attributes:
         topics: topics of boxes, sorted by name.
         files: files of boxes, sorted by path.
-        reading: what else counts; None without either.
+        reading: further parameters; None without topics and files.
     """
 
     topics: tuple[AnnotationTopic, ...]
@@ -77,7 +77,7 @@ class AnnotationParams:
 
     @classmethod
     def of(cls, recipe: Recipe, rig: Rig) -> "AnnotationParams":
-        """Return those of a rig; what it says last of a topic or path holds."""
+        """Return the parameters of a rig; the last entry of a topic or path counts."""
         topics = {source.topic: source for source in rig.annotations}
         files = {entry.path: entry for entry in rig.annotation_files}
         if not topics and not files:
@@ -102,7 +102,7 @@ class BoxTopic:
     """A topic of boxes that a recording has.
 
     Attributes:
-        rules: what the recipe says of it.
+        rules: its entry in the recipe.
         decoder: the plug-in that decodes its messages, if one does.
     """
 
@@ -112,14 +112,14 @@ class BoxTopic:
 
 @dataclass(frozen=True)
 class BoxSources:
-    """The boxes that there are of a recording.
+    """The sources of a recording's boxes.
 
     Attributes:
         clock: which time of a message counts.
         lost_messages: share of messages and boxes that may be lost to decoding.
         sources: topic -> how its boxes are read.
         files: path in the recipe -> how the boxes of its files are read.
-        places: what places them.
+        places: the frames and transforms of the boxes.
     """
 
     clock: Clock
@@ -135,7 +135,7 @@ class AnnotationUse:
 
     Attributes:
         absent: topics and paths of the recipe that the recording lacks.
-        boxes: what it has; None for none at all.
+        boxes: the boxes that it has; None if it has none at all.
     """
 
     absent: tuple[str, ...]
@@ -145,12 +145,12 @@ class AnnotationUse:
 def use(params: AnnotationParams, facts: Facts) -> dict[str, Use[AnnotationUse]]:
     """Return what the annotations of a recording depend on.
 
-    Without a topic or file of boxes they read nothing at all, and no change of poses makes them stale.
+    Without a topic or file of boxes they read nothing at all, so a change of poses does not make them stale.
 
     Raises:
         PluginError: several decoder plug-ins claim the type of a topic.
-        RecordingError: label files that the recipe insists on are not there.
-        RecipeError: what tells the times of labelled frames is not there.
+        RecordingError: label files that the recipe requires are missing.
+        RecipeError: the times of labelled frames are missing.
     """
     reading, inventory = params.reading, facts.inventory
     if reading is None:
@@ -190,14 +190,14 @@ def make_annotations(
     """Write `annotations.parquet` and `annotations.json`; return the summary.
 
     Args:
-        use: what the recording has.
-        recording: offers the topics of boxes.
+        use: the topics and files that the recording has.
+        recording: has the topics of boxes.
         out: the artifact.
         trajectory: `global_SE3_ego`, the content of `ego_poses`.
 
     Raises:
         RecipeError: a topic carries no boxes.
-        DecodeError: a box or label file cannot be used and the recipe refuses such.
+        DecodeError: a box or label file cannot be used, and the recipe says `refuse`.
         LossLimitError: more messages or boxes were lost to decoding than the recipe allows.
     """
     boxes = use.boxes
@@ -292,7 +292,7 @@ def _add_boxes(
     clock: Clock,
     number: int,
 ) -> int:
-    """Hand the boxes of a topic's message to the collector; return the number of items that are no boxes."""
+    """Add the boxes of a topic's message to the collector; return the number of items that are no boxes."""
     ignored = 0
     label = f"message logged at {message.log_time_ns}"
     place = Place(label, f"{message.topic}, {label}")

@@ -58,18 +58,18 @@ _OMITTED, _INLINED, _WITHOUT, _BY_DIGEST = "omitted", "inlined", "without", "by 
 
 
 def omitted(default: Any = None) -> Any:
-    """Return a dataclass field that is left out of JSON while it holds its default.
+    """Return a dataclass field that is left out of JSON while it has its default value.
 
-    For what came later than the actions that are on record, and for what only some recordings have: the digests
-    of all others stay what they were.
+    For fields that were added after actions had been recorded, and for those that only some recordings have: the
+    digests of all other actions stay the same.
     """
     return field(default=default, metadata={_OMITTED: True})
 
 
 def inlined(*, without: Collection[str] = ()) -> Any:
-    """Return a dataclass field whose value is an object, and whose entries stand beside the other fields in JSON.
+    """Return a dataclass field whose value is an object that is merged with the other fields in JSON.
 
-    Fields that follow replace entries of the same name. The value may be None, which has no entries.
+    Later fields replace entries of the same name. The value may be None, which has no entries.
 
     Args:
         without: entries that are left out.
@@ -78,9 +78,9 @@ def inlined(*, without: Collection[str] = ()) -> Any:
 
 
 def by_digest() -> Any:
-    """Return a dataclass field that has no place in JSON, as the digest of its value is among `Use.inputs`.
+    """Return a dataclass field that is left out of JSON, since the digest of its value is among `Use.inputs`.
 
-    For the content of files beside the recipe or the recording, or for where they are.
+    For the content or the paths of files beside the recipe or the recording.
     """
     return field(metadata={_BY_DIGEST: True})
 
@@ -89,7 +89,7 @@ def as_json(value: Any) -> Any:
     """Return parameters as JSON: dataclasses and recipe models as objects, paths and sets as text and sorted lists.
 
     Raises:
-        TypeError: a value has no such form.
+        TypeError: a value cannot be converted.
     """
     if value is None or isinstance(value, str | bool | int | float):
         return value
@@ -105,7 +105,7 @@ def as_json(value: Any) -> Any:
         return value.as_posix()
     if isinstance(value, Iterable):
         return [as_json(item) for item in value]
-    raise TypeError(f"{type(value).__name__} is no parameter")
+    raise TypeError(f"{type(value).__name__} cannot be a parameter")
 
 
 def _object(value: Any) -> dict[str, Any]:
@@ -124,11 +124,11 @@ def _object(value: Any) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Use(Generic[U_co]):
-    """Everything that one action reads, known before it runs; its digest is taken of exactly this.
+    """Everything that one action reads, known before it runs; its digest is computed from exactly this.
 
     Attributes:
-        params: what of the recipe and which single facts of upstream shape the result.
-        topics: topics of the recording that are read; their content digests enter.
+        params: parameters from the recipe, and single upstream facts, that shape the result.
+        topics: topics of the recording that are read; their content digests are part of the action.
         inputs: other inputs, name -> content digest.
     """
 
@@ -142,11 +142,11 @@ AnyUse = Use[Any]
 
 
 def uses_of(channels: Mapping[str, C], use_of: Callable[[str, C], Use[U]]) -> dict[str, Use[U] | Exception]:
-    """Return channel -> what its action reads, or why it cannot be made, which costs that channel alone.
+    """Return channel -> what its action reads, or why it cannot be made, which affects that channel only.
 
     Args:
-        channels: channel -> what the recipe asks of it.
-        use_of: says of one channel what its action reads.
+        channels: channel -> its settings.
+        use_of: returns what the action of one channel reads.
     """
     uses: dict[str, Use[U] | Exception] = {}
     for name, settings in channels.items():
@@ -158,9 +158,9 @@ def uses_of(channels: Mapping[str, C], use_of: Callable[[str, C], Use[U]]) -> di
 
 
 class Facts(Protocol):
-    """What is known of a recording before an action of it runs: facts from upstream, and files beside it.
+    """Facts about a recording that are known before an action runs: from upstream assets and files beside it.
 
-    To look at them opens no recording. What is asked for must be among what the asset reads.
+    Reading them does not open the recording. An asset may only ask for what it declares to read.
     """
 
     @property
@@ -170,17 +170,17 @@ class Facts(Protocol):
 
     @property
     def format(self) -> Format:
-        """What the recording is read as."""
+        """The format in which the recording is read."""
         ...
 
     @property
     def digest(self) -> str:
-        """Digest of its content, the data version of `bag`."""
+        """Digest of the recording's content, the data version of `bag`."""
         ...
 
     @property
     def inventory(self) -> Inventory:
-        """What is in it."""
+        """Its topics and time span."""
         ...
 
     @property
@@ -189,15 +189,15 @@ class Facts(Protocol):
         ...
 
     def artifact(self, asset: str) -> Artifact:
-        """Return the artifact of an asset upstream.
+        """Return the artifact of an upstream asset.
 
         Raises:
-            StoreError: it is not made yet.
+            StoreError: it has not been made yet.
         """
         ...
 
     def channels(self, asset: str) -> Mapping[str, Artifact]:
-        """Return channel -> artifact of an asset upstream that consists of channels."""
+        """Return channel -> artifact of an upstream asset that consists of channels."""
         ...
 
     def labels(self, sources: Iterable[AnnotationFiles]) -> Mapping[str, LabelSet]:
@@ -205,7 +205,7 @@ class Facts(Protocol):
         ...
 
     def definitions(self, folders: Iterable[Path]) -> Mapping[str, str]:
-        """Return name below its folder -> digest, of the files of message definitions in `folders`."""
+        """Return name below its folder -> digest for each message definition file in `folders`."""
         ...
 
     def file(self, path: Path) -> bytes:
@@ -218,7 +218,7 @@ class Facts(Protocol):
 
 
 class Inputs(Facts, Protocol):
-    """What an action is handed when it runs."""
+    """The inputs of a running action."""
 
     @property
     def trajectory(self) -> Trajectory:
@@ -231,11 +231,11 @@ class Inputs(Facts, Protocol):
         ...
 
     def whole(self) -> AbstractContextManager[Recording]:
-        """Open the recording itself, all of it."""
+        """Open the whole recording."""
         ...
 
     def messages(self, topics: tuple[str, ...]) -> AbstractContextManager[Recording]:
-        """Open `topics` of the recording, where they are cheapest to read; no others can be read."""
+        """Open `topics` of the recording, from wherever they are cheapest to read; no others can be read."""
         ...
 
 
@@ -251,23 +251,23 @@ class Asset(Generic[P, U]):
         name: name of the asset, and of the step of its actions; stable for ever.
         version: raised whenever the bytes of its artifacts change; a golden test guards it.
         libraries: distributions whose version shapes the bytes.
-        title: what it is, in a line.
-        description: what it holds and its files, for the web UI; the title stands before it.
-        kinds: what the web UI marks it with.
-        reads: the assets upstream.
-        waits_for: under these parameters, the names of those of `reads` that it needs; default: all.
-        families: what decoder plug-ins may decode for it.
-        enabled: whether recordings have it under a recipe.
-        optional: no dataset but its own depends on it; what fails in it leaves the recording in the others.
+        title: one sentence that says what it is.
+        description: its content and its files, for the web UI, where it follows the title.
+        kinds: kinds that the web UI shows.
+        reads: the upstream assets.
+        waits_for: returns the names of those of `reads` that it needs under its parameters; default: all.
+        families: families of messages that decoder plug-ins may decode for it.
+        enabled: returns whether recordings have it under a recipe.
+        optional: True if no dataset but its own depends on it; its failures keep no recording out of the others.
         distribution: name and version of the package that it came from; "" for those of bagassets.
-        params: everything of a recipe and a rig of it that the asset may know.
-        use: what its action reads of one recording, or the error that it fails with. An asset of channels has one
-            action per channel that the recording has; the one action of any other is filed under "".
+        params: returns everything of a recipe and one of its rigs that the asset may know.
+        use: returns what its actions read of one recording, or the error that they fail with: by channel for an asset
+            of channels, one for each channel that the recording has; under "" for any other asset.
         make: writes the artifact of an action and returns its summary.
-        extract: for an asset of channels: turns the messages of a channel into its files. Channels are filled
-            together, in one pass over the recording; each is handed its own topics of it.
-        checks: what its artifacts are held against, and others that come of them.
-        along: what is made beside it when it is made, since others will ask for it; no asset that people see.
+        extract: for an asset of channels: turns the messages of a channel into its files. All channels share one
+            pass over the recording; each gets its own topics.
+        checks: checks of its artifacts, and of others derived from them.
+        along: hidden assets that are made whenever it is made, since others will need them.
     """
 
     name: str
@@ -296,7 +296,7 @@ class Asset(Generic[P, U]):
 
     @property
     def about(self) -> str:
-        """What it is and holds, for people."""
+        """Its title and description."""
         return f"{self.title}\n\n{self.description}" if self.description else self.title
 
     def needs(self, params: P) -> frozenset[str]:
@@ -308,13 +308,13 @@ class Asset(Generic[P, U]):
         )
 
     def run(self, use: Use[U], inputs: Inputs, out: ArtifactWriter) -> Summary:
-        """Write the artifact of its one action."""
+        """Write the artifact of an asset without channels."""
         if self.make is None:
             raise TypeError(f"{self.name} consists of channels")
         return self.make(use, inputs, out)
 
     def action(self, use: Use[U], inventory: Inventory | None) -> Action:
-        """Return the action that reads what `use` says of a recording.
+        """Return the action that reads `use`.
 
         Args:
             use: from `Asset.use`.
@@ -326,4 +326,4 @@ class Asset(Generic[P, U]):
 
 
 AnyAsset = Asset[Any, Any]
-"""An asset, whatever its parameters are: what lists of assets hold."""
+"""An asset, whatever its parameters are, for lists of assets."""

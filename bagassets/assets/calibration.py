@@ -1,8 +1,8 @@
-"""The asset `calibration`: where each sensor sits on the vehicle, and how its camera projects.
+"""The asset `calibration`: the extrinsics of each sensor and the intrinsics of each camera.
 
-Extrinsics come from the recipe, else from `/tf_static`, the URDF and the fixed joints of
-`/tf`, in this order of trust (see `bagassets.assets.rig_frames`). Sources that contradict each
-other are noted; the most trusted one is used. File: `calibration.json`.
+Extrinsics come from the recipe, else from `/tf_static`, the URDF or the fixed joints of
+`/tf`, in this order of trust (see `bagassets.assets.rig_frames`). If sources contradict each
+other, that is noted and the most trusted one is used. File: `calibration.json`.
 """
 
 from collections.abc import Iterable, Mapping
@@ -31,12 +31,12 @@ __all__ = ["CALIBRATION", "CalibrationParams", "CalibrationUse", "make_calibrati
 
 @dataclass(frozen=True)
 class CalibrationParams:
-    """What calibration may know of the recipe.
+    """Parameters of `calibration`.
 
     Attributes:
-        ego_frame: the frame that sensors are placed in.
+        ego_frame: frame of the vehicle, in which the extrinsics are given.
         channels: canonical channel -> its sensor.
-        tf_static: topics with static transforms; like `tf` and `urdf` only if a sensor is not placed by hand.
+        tf_static: topics with static transforms; like `tf` and `urdf` empty if the recipe has all extrinsics.
         tf: topics with transforms, some of which may be fixed joints.
         urdf: URDF file.
     """
@@ -49,7 +49,7 @@ class CalibrationParams:
 
     @classmethod
     def of(cls, _: Recipe, rig: Rig) -> "CalibrationParams":
-        """Return those of a rig."""
+        """Return the parameters of a rig."""
         channels = {name: Sensor.of(channel) for name, channel in sorted(rig.channels.items())}
         if _placed_by_hand(channels.values()):
             return cls(rig.ego_frame, channels, (), (), None)
@@ -58,11 +58,11 @@ class CalibrationParams:
 
 @dataclass(frozen=True)
 class CalibrationUse:
-    """What shapes the calibration of a recording: of `CalibrationParams` what the recording has.
+    """What shapes the calibration of a recording: `CalibrationParams`, narrowed to what the recording has.
 
     Attributes:
-        ego_frame: the frame that sensors are placed in.
-        channels: channel -> its sensor, of those with messages.
+        ego_frame: frame of the vehicle, in which the extrinsics are given.
+        channels: channel with messages -> its sensor.
         tf_static: topics with static transforms.
         tf: topics with transforms.
         urdf: content of the URDF file.
@@ -100,16 +100,16 @@ def use(params: CalibrationParams, facts: Facts) -> dict[str, Use[CalibrationUse
 
 
 def _placed_by_hand(sensors: Iterable[Sensor]) -> bool:
-    """Tell whether the recipe says of all sensors where they sit, so that no transform counts."""
+    """Return whether the recipe has the extrinsics of all sensors, so that no transform counts."""
     return all(sensor.extrinsics is not None for sensor in sensors)
 
 
 def _recorded(name: str, sensor: Sensor, inventory: Inventory) -> RecordedSensor:
-    """Return a sensor with what its messages tell, which must be in one frame."""
+    """Return a sensor with facts from its messages, which must all be in one frame."""
     frames = inventory.topic(sensor.topic).frame_ids
     if sensor.frame is None and sensor.extrinsics is None and len(frames) > 1:
         raise CalibrationError(
-            f"{name}: the messages of {sensor.topic} are in several frames ({', '.join(frames)}), a channel is "
+            f"{name}: the messages of {sensor.topic} are in several frames ({', '.join(frames)}), but a channel is "
             "one sensor; name the one to use in `frame`, or give `extrinsics` in the recipe."
         )
     return RecordedSensor.of(sensor, inventory)
@@ -182,7 +182,7 @@ def _extrinsics(
 
 
 def _damage(frames: RigFrames) -> str:
-    """Return what of the transforms could not be decoded, as that may be what is missing; else nothing."""
+    """Return a sentence about transforms that could not be decoded and may be the missing ones; else empty."""
     topics = [f"{topic} ({reason})" for topic, reason in sorted(frames.troubles.items())]
     return (
         f"Transforms could not be decoded in {', '.join(topics)}, so frames may be missing. "

@@ -1,7 +1,7 @@
-"""The contract of steps that turn one channel of a recording into files.
+"""The interface of steps that turn one channel of a recording into files.
 
-Several extractors share one pass over the recording: the pass hands each message to the
-extractor that asked for its topic, in order of log time.
+Several extractors share one pass over the recording: it passes each message to the
+extractors of its topic, in order of log time.
 """
 
 from dataclasses import dataclass, field
@@ -14,7 +14,7 @@ __all__ = ["ChannelExtractor", "Counts"]
 
 @dataclass
 class Counts:
-    """Where the messages of one channel went: read = written + sum of lost + merged."""
+    """Counts of one channel's messages: read = written + merged + sum of lost."""
 
     read: int = 0
     written: int = 0
@@ -22,12 +22,12 @@ class Counts:
     lost: dict[str, int] = field(default_factory=dict)
 
     def lose(self, reason: str, number: int = 1) -> None:
-        """Count messages that were lost, under a reason in words."""
+        """Count lost messages by their reason."""
         self.lost[reason] = self.lost.get(reason, 0) + number
 
     @property
     def balanced(self) -> bool:
-        """Tell whether every message read is accounted for."""
+        """True if every message that was read is accounted for."""
         return self.read == self.written + self.merged + sum(self.lost.values())
 
     def as_json(self) -> dict[str, Any]:
@@ -45,7 +45,7 @@ class ChannelExtractor(Protocol):
         ...
 
     def finish(self) -> dict[str, Any]:
-        """Write what is left and the index; return the summary (with `counts`).
+        """Write what is pending and the index; return the summary (with `counts`).
 
         Raises:
             LossLimitError: more messages were lost than the recipe allows, or counts do not add up.

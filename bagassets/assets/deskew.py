@@ -4,10 +4,10 @@ Each point is moved from where the sensor saw it to where the sensor would see i
 
     p(stamp) = inverse(global_SE3_sensor(stamp)) * global_SE3_sensor(t) * p(t)
 
-The transform in the middle is worked out at knots one millisecond apart and interpolated
-linearly, entry by entry, for the points in between. That is exact for uniform motion; at 1 rad/s
-a point 100 m away is 0.01 mm off, and where the trajectory has a kink (the velocity jumps by
-1 m/s at a pose) at most 0.3 mm.
+The combined transform is computed at knots one millisecond apart and interpolated linearly,
+entry by entry, in between. That is exact for uniform motion; at 1 rad/s a point 100 m away is
+0.01 mm off, and where the trajectory has a kink (the velocity jumps by 1 m/s at a pose) at most
+0.3 mm.
 """
 
 import numpy as np
@@ -19,7 +19,7 @@ from bagassets.geometry.trajectory import Trajectory
 __all__ = ["deskewed"]
 
 KNOT_NS = 1_000_000
-_CHUNK = 16_384  # points at a time, so that what is computed stays in the processor's cache
+_CHUNK = 16_384  # points at a time, so that intermediate results stay in the processor's cache
 
 
 def deskewed(
@@ -75,7 +75,7 @@ def _move(
     left = np.minimum(times_ns // KNOT_NS, len(knots_ns) - 2)
     widths = np.maximum(np.diff(knots_ns), 1)
     fraction = (times_ns - knots_ns[left]) / widths[left]
-    # Entries by rows and points by columns: what is added and multiplied lies side by side.
+    # Entries by rows and points by columns, so that operands are contiguous in memory.
     at_left, steps = transforms.T, np.diff(transforms, axis=0).T
     entries = at_left[:, left] + steps[:, left] * fraction
     if len(begins) < len(since_ns):

@@ -1,4 +1,4 @@
-"""The asset `ego_poses`: the trajectory of the ego frame in local metres.
+"""The asset `ego_poses`: the trajectory of the ego frame, in local metres.
 
 Files: `ego_poses.parquet` (stamp_ns, x, y, z, qw, qx, qy, qz) and `ego_poses.json`.
 """
@@ -44,16 +44,16 @@ _NUMBERS = ("x", "y", "z", "qw", "qx", "qy", "qz")
 
 @dataclass(frozen=True)
 class MovingRigParams:
-    """What the poses of a rig that moves may know of the recipe.
+    """Parameters of `ego_poses` for a moving rig.
 
     Attributes:
-        source: where they come from.
+        source: the source of the poses.
         clock: which time of a message counts.
         ego_frame: the frame whose poses are wanted.
         lost_messages: share of messages that may fail to give a pose.
         tf_static: topics with static transforms.
         tf: topics with transforms.
-        urdf: URDF file, whose fixed joints count.
+        urdf: URDF file, whose fixed joints are used.
     """
 
     source: MovingPoseSource
@@ -66,7 +66,7 @@ class MovingRigParams:
 
 
 def params(recipe: Recipe, rig: Rig) -> FixedPose | MovingRigParams:
-    """Return what the poses may know of a recipe: of a rig that stands still its pose, and nothing else."""
+    """Return the parameters of a rig; for a stationary one, that is its pose and nothing else."""
     if isinstance(rig.ego_pose, FixedPose):
         return rig.ego_pose
     return MovingRigParams(
@@ -86,7 +86,7 @@ def use(params: FixedPose | MovingRigParams, facts: Facts) -> dict[str, Use[Fixe
     Raises:
         PoseError: the configured topic is not in the recording.
         CalibrationError: the URDF cannot be used.
-        PluginError: several decoder plug-ins claim its type.
+        PluginError: several decoder plug-ins claim the type of the topic.
     """
     if isinstance(params, FixedPose):
         return {"": Use(params)}
@@ -138,11 +138,11 @@ def _require(topic: str, inventory: Inventory) -> None:
     if inventory.has(topic):
         return
     kinds = {*types_of("pose"), *types_of("fix"), *types_of("transforms")}
-    there = [name for name, record in inventory.topics.items() if record.msgtype in kinds]
-    offer = f"it has {', '.join(there)}" if there else "it has no topic with poses"
+    candidates = [name for name, record in inventory.topics.items() if record.msgtype in kinds]
+    offer = f"it has {', '.join(candidates)}" if candidates else "it has no topic with poses"
     raise PoseError(
         f"ego poses: the recording has no messages on {topic}, which ego_pose reads; {offer}. Correct "
-        "ego_pose in the recipe; a rig that stands still says `source: fixed`."
+        "ego_pose in the recipe; for a stationary rig, set `source: fixed`."
     )
 
 
@@ -199,7 +199,7 @@ def _write(
     extrapolate_s: float = 0.0,
     fixed: bool = False,
 ) -> Summary:
-    """Write (N,) stamps and (N, 7) poses, with what is known of them; return the summary."""
+    """Write (N,) stamps and (N, 7) poses, and facts about them; return the summary."""
     origin = samples.origin or _recentre(rows)
     table = {"stamp_ns": pa.array(stamps_ns, pa.int64())}
     table |= {name: pa.array(rows[:, i], pa.float64()) for i, name in enumerate(_NUMBERS)}
@@ -254,7 +254,7 @@ def load_trajectory(artifact: Artifact) -> Trajectory:
 
 
 def _ordered(samples: PoseSamples) -> tuple[list[int], np.ndarray[Any, np.dtype[np.float64]], int]:
-    """Sort by stamp; of poses with the same stamp the first one read counts."""
+    """Sort by stamp; of poses with the same stamp, keep the first one read."""
     first: dict[int, SE3] = {}
     for stamp_ns, pose in zip(samples.stamps_ns, samples.poses, strict=True):
         first.setdefault(stamp_ns, pose)
@@ -270,19 +270,19 @@ def _rows(poses: list[SE3]) -> np.ndarray[Any, np.dtype[np.float64]]:
 def _without_strays(
     samples: PoseSamples, stamps_ns: list[int], rows: "np.ndarray[Any, np.dtype[np.float64]]"
 ) -> tuple[list[int], "np.ndarray[Any, np.dtype[np.float64]]"]:
-    """Leave out poses that nothing could have driven to and back from, and count them."""
+    """Remove and count poses that no vehicle could have reached and left again."""
     out_of_reach = strays(stamps_ns, rows[:, :3])
     number = int(out_of_reach.sum())
     if number:
         samples.counts.lose("its position is out of reach from those before and after it", number)
-        # Many sources begin at zero, and then find out where they are: that is no damage.
+        # Many sources begin at zero before they know their position: that is not damage.
         samples.failed += int(out_of_reach[1:-1].sum())
     kept = ~out_of_reach
     return [stamp for stamp, keep in zip(stamps_ns, kept, strict=True) if keep], rows[kept]
 
 
 def _recentre(rows: np.ndarray[Any, np.dtype[np.float64]]) -> dict[str, Any] | None:
-    """Move far-away coordinates (UTM, say) to a local origin, which is returned."""
+    """Move far-away coordinates, such as UTM, to a local origin, and return it."""
     if np.abs(rows[:, :2]).max() <= FAR_M:
         return None
     origin = [float(np.floor(v)) for v in rows[0, :3]]

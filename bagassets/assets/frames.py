@@ -1,4 +1,4 @@
-"""The asset `frames`: the images of each camera of a recording as files, and an index of them.
+"""The asset `frames`: the images of each camera as files, with an index.
 
 Files of one camera: `<stamp_ns>.jpg` or `<stamp_ns>.png`, `index.parquet`, `channel.json`.
 """
@@ -55,13 +55,13 @@ _SCHEMA = pa.schema(
 
 @dataclass(frozen=True)
 class FramesParams:
-    """What `frames` may know of the recipe: camera -> its settings."""
+    """Parameters of `frames`: camera -> its settings."""
 
     channels: Mapping[str, CameraSettings]
 
     @classmethod
     def of(cls, recipe: Recipe, rig: Rig) -> "FramesParams":
-        """Return those of a rig."""
+        """Return the parameters of a rig."""
         limits = recipe.limits
         channels = {
             name: CameraSettings(
@@ -92,10 +92,10 @@ def use(params: FramesParams, facts: Facts) -> dict[str, Use[CameraUse] | Except
 
 
 def _use_of_camera(facts: Facts, name: str, settings: CameraSettings) -> Use[CameraUse]:
-    """Return what the images of one camera depend on: of upstream the type of its messages, and its own lens.
+    """Return what the images of one camera depend on: from upstream only its message type and its own lens.
 
     Raises:
-        CalibrationError: it is to be undistorted and has no intrinsics, or those of an image larger than `limits` allow.
+        CalibrationError: undistortion is on but there are no intrinsics, or they are for a larger image than `limits` allow.
         DecodeError: its topic does not carry images.
         PluginError: several decoder plug-ins claim the type of its messages.
     """
@@ -108,9 +108,9 @@ def _use_of_camera(facts: Facts, name: str, settings: CameraSettings) -> Use[Cam
     return Use(use, (settings.topic,))
 
 
-# Images of one channel that wait or are worked on: enough to keep threads busy, and the memory bounded.
+# Images of one channel in the queue or in work: enough to keep threads busy, few enough to bound memory.
 _MOST_IN_FLIGHT = 4
-_LARGE_BYTES = 40_000_000  # of these one waits
+_LARGE_BYTES = 40_000_000  # of images this large, only one waits
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,10 +127,10 @@ class FrameExtractor:
     """Turns the messages of one camera into the files of an artifact.
 
     Args:
-        use: what shapes them.
+        use: everything that shapes the files.
         recording: decodes the messages.
-        out: the artifact.
-        pool: threads that convert, encode and write; None to do so at once.
+        out: writes the artifact.
+        pool: threads that convert, encode and write; None to do so in the calling thread.
     """
 
     def __init__(
@@ -205,7 +205,7 @@ class FrameExtractor:
             self._collect()
 
     def finish(self) -> dict[str, Any]:
-        """Write what is left and the index; return the summary.
+        """Write pending images and the index; return the summary.
 
         Raises:
             LossLimitError: more was lost than the recipe allows, or the counts do not add up.
@@ -252,7 +252,7 @@ class FrameExtractor:
         return _Written(entry, image.extension, image.width, image.height)
 
     def _take(self, stamp_ns: int, log_time_ns: int, result: "Callable[[], _Written]") -> None:
-        """Note one file that was written, or why it was not."""
+        """Record one written file, or why it could not be written."""
         try:
             image = result()
         except DecodeError as err:
@@ -291,7 +291,7 @@ class FrameExtractor:
         if self._failed > self._use.settings.lost_messages * self._counts.read:
             raise LossLimitError(
                 f"{where} lost {self._failed} of {self._counts.read} messages; the first: {self._first_error}. "
-                "If that is acceptable raise limits.lost_messages in the recipe, else remove the channel or mend "
+                "If that is acceptable, raise limits.lost_messages in the recipe; else remove the channel or mend "
                 "the recording."
             )
         if not self._counts.balanced:
@@ -301,7 +301,7 @@ class FrameExtractor:
 
 
 def _outlasts_the_call(data: bytes | memoryview) -> bool:
-    """Tell whether what a reader handed out stays as it is; of a buffer that is used again, it does not."""
+    """Return whether data from a reader stays valid; a view of a reused buffer does not."""
     return isinstance(data.obj if isinstance(data, memoryview) else data, bytes)
 
 

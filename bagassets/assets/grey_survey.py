@@ -1,9 +1,8 @@
-"""Grey values of all images of a topic, counted while the topic is read once.
+"""Grey values of all images of a topic, counted in a single pass over the topic.
 
 No image can be written before the last one was seen, since percentiles are those of the whole recording. So
-messages are put aside as they were recorded, in a file without a name on the disk of the store, which vanishes with
-the process. Reading the topic once more instead would read, and
-decompress, every chunk of the recording again, for each such camera.
+messages are stored as recorded in an unnamed file on the store's disk, which vanishes with the process. A second pass
+over the topic would read and decompress every chunk of the recording again, for each such camera.
 """
 
 from collections.abc import Iterator
@@ -29,16 +28,16 @@ class GreySurvey:
     """Counts grey values and keeps the messages.
 
     Args:
-        folder: where the file of messages is made.
+        folder: folder of the unnamed file of messages.
 
     Raises:
-        StoreError: it cannot be made there.
+        StoreError: the file cannot be created.
     """
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         try:
-            # Unbuffered: what is written are whole images.
+            # Unbuffered, since whole images are written.
             self._file = TemporaryFile(dir=folder, buffering=0)  # noqa: SIM115  (closed by `messages`)
         except OSError as err:
             raise self._refused(err) from err
@@ -49,13 +48,13 @@ class GreySurvey:
         """Keep a message, and count the values of its image unless it did not decode.
 
         Raises:
-            StoreError: the disk refuses.
+            StoreError: the file cannot be written.
         """
         self._like = self._like or replace(message, data=b"")
         try:
             for part in (_HEAD.pack(message.log_time_ns, len(message.data)), message.data):
                 rest = memoryview(part)
-                while rest:  # a disk that is nearly full takes a part
+                while rest:  # a nearly full disk takes only a part
                     rest = rest[self._file.write(rest) :]
         except OSError as err:
             self._file.close()
@@ -65,14 +64,14 @@ class GreySurvey:
 
     def _refused(self, err: OSError) -> StoreError:
         return StoreError(
-            f"{self._folder}: 16-bit images cannot be put aside there ({err.strerror}); free space, or give `to_8bit` "
-            "a `range` instead of `percentiles`."
+            f"{self._folder}: 16-bit images cannot be stored there meanwhile ({err.strerror}); free space, or give "
+            "`to_8bit` a `range` instead of `percentiles`."
         )
 
     def range(self, low_percent: float, high_percent: float) -> tuple[float, float]:
         """Return the grey values at two percentiles over all images, the second one greater than the first.
 
-        A percentile is the smallest value that has such a share of all values at or below it.
+        A percentile is the smallest value with that share of all values at or below it.
         """
         seen = np.cumsum(self._histogram)
         ranks = (max(1, ceil(percent / 100.0 * int(seen[-1]))) for percent in (low_percent, high_percent))
@@ -80,7 +79,7 @@ class GreySurvey:
         return float(low), float(max(high, low + 1))
 
     def messages(self) -> Iterator[RawMessage]:
-        """Yield the messages as they came, and forget them."""
+        """Yield the messages in order, and remove them."""
         with self._file as file:
             file.seek(0)
             while head := file.read(_HEAD.size):

@@ -1,4 +1,4 @@
-"""From an image as recorded to the bytes of the file: convert, undistort, encode.
+"""From a recorded image to the bytes of its file: convert, undistort, encode.
 
 This is the hot path. It runs in worker threads; OpenCV releases the interpreter lock.
 """
@@ -36,16 +36,16 @@ __all__ = [
 
 @dataclass(frozen=True, kw_only=True)
 class CameraSettings:
-    """What the recipe says of the images of one camera.
+    """Settings of one camera in the recipe.
 
     Attributes:
-        topic: where its images are.
+        topic: topic of its images.
         clock: which time of a message is its stamp.
         output: format of the files.
-        quality: of JPEG; None where only PNG is written.
-        undistort: distortion of the lens is removed.
+        quality: JPEG quality; None if only PNG is written.
+        undistort: True if lens distortion is removed.
         target: the pinhole matrix of undistorted images; None for the camera's own.
-        to_8bit: how 16-bit grey becomes 8 bit; None if it need not.
+        to_8bit: how 16-bit grey becomes 8 bit; None to keep 16 bit.
         lost_messages: share of the messages that may be lost.
         image_pixels: size of the largest image that is read.
     """
@@ -63,14 +63,14 @@ class CameraSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class CameraUse:
-    """What shapes the files of one camera in a recording besides its messages.
+    """Everything besides its messages that shapes the files of one camera.
 
     Attributes:
         channel: canonical name.
-        settings: what the recipe says of it.
-        msgtype: the type of the messages, `pkg/msg/Type`.
-        decoder: the plug-in that decodes them; None if they need none.
-        camera: the lens as calibrated; None for a camera without.
+        settings: its settings in the recipe.
+        msgtype: type of the messages, `pkg/msg/Type`.
+        decoder: the plug-in that decodes them; None for a built-in decoder.
+        camera: the calibrated lens; None for a camera without intrinsics.
     """
 
     channel: str
@@ -107,7 +107,7 @@ def raw_pixels(reading: ImageReading, most_pixels: int) -> Pixels:
 
 
 def _size_of(reading: ImageReading, most_pixels: int) -> tuple[int, int]:
-    """Return width and height of an image that is whole and no larger than it may be."""
+    """Return width and height of an image that is complete and within the limit."""
     if reading.encoded is not None:
         width, height = checked_size(reading.encoded, reading.encoding)
     elif reading.pixels is not None:
@@ -125,18 +125,18 @@ def _converted(reading: ImageReading) -> Pixels:
 
 
 def _refused(err: cv2.error) -> Exception:
-    """Return what it means that OpenCV does not convert an image."""
+    """Return the error to raise when OpenCV fails to convert an image."""
     if err.code == cv2.Error.StsNoMem:
         return err
     return DecodeError("OpenCV refuses to convert an image of its size and encoding")
 
 
-# Of images up to this size there are as many in work as there are threads.
+# Images up to this size are never held back.
 _SMALL_PIXELS = 12_000_000
 
 
 class _Room:
-    """Keeps threads from working on so many large images at a time that the memory does not suffice."""
+    """Keeps threads from working on so many large images at a time that memory runs out."""
 
     def __init__(self) -> None:
         self._taken = 0
@@ -144,11 +144,11 @@ class _Room:
 
     @contextmanager
     def room_for(self, pixels: int, most_pixels: int) -> Iterator[None]:
-        """Wait until an image fits beside those in work, or is the only one.
+        """Wait until an image fits beside the large images in work, or is the only one.
 
         Args:
-            pixels: of the image.
-            most_pixels: of all large images in work together.
+            pixels: pixels of the image.
+            most_pixels: limit for the pixels of all large images in work.
         """
         if pixels <= _SMALL_PIXELS:
             yield
@@ -168,14 +168,14 @@ _LARGE_IMAGES = _Room()
 
 
 class ImageOutput:
-    """Makes the files of one channel.
+    """Makes the image files of one channel.
 
     Args:
-        use: what shapes them.
-        grey_range: values that become 0 and 255 when 16-bit grey is made 8 bit, or None.
+        use: everything that shapes them.
+        grey_range: values that become 0 and 255 when 16-bit grey is converted to 8 bit, or None.
 
     Attributes:
-        grey_range: the same; to be set before the first image if it is not known yet.
+        grey_range: as above; may be set later, before the first image.
     """
 
     def __init__(self, use: CameraUse, grey_range: tuple[float, float] | None) -> None:
@@ -200,8 +200,8 @@ class ImageOutput:
 
         Raises:
             DecodeError: the image does not decode, or is larger than `limits` allow.
-            CalibrationError: its size is not that of the calibration.
-            RecipeError: 16-bit grey is to become JPEG without a rule.
+            CalibrationError: its size differs from that of the calibration.
+            RecipeError: a JPEG is wanted of 16-bit grey, and `to_8bit` is not set.
         """
         width, height = _size_of(reading, self._most_pixels)
         self._check(width, height)
@@ -232,12 +232,12 @@ class ImageOutput:
         return EncodedImage(data.data, ".jpg" if jpeg else ".png", pixels.shape[1], pixels.shape[0])
 
     def _passes(self, reading: ImageReading) -> bool:
-        """Tell whether the file as recorded is what is wanted: any viewer shows it right, and nothing is undistorted."""
+        """Return whether the recorded file can be used unchanged: no undistortion, and any viewer shows it correctly."""
         return self._format == "as_recorded" and self._undistort is None and ":" not in reading.encoding
 
     @staticmethod
     def _pixels(reading: ImageReading, *, four: bool) -> Pixels:
-        """Return grey, BGR, or of a Bayer mosaic BGRA, which is undistorted faster, into BGR."""
+        """Return grey, BGR, or, for a Bayer mosaic, BGRA, which can be undistorted faster, into BGR."""
         mosaic = reading.pixels if four else None
         pixels = None if mosaic is None else bayer_to_bgra(mosaic, reading.encoding)
         return _converted(reading) if pixels is None else pixels
@@ -266,15 +266,15 @@ def intrinsic_matrix(camera: CameraModel | None) -> list[list[float]]:
 
 
 def require_calibration(use: CameraUse) -> None:
-    """Check that a channel that is to be undistorted has intrinsics, of an image that may be made.
+    """Check that a channel with undistortion has intrinsics, and that they are for an image within the limits.
 
     Raises:
-        CalibrationError: it has none, or they are of a larger image than `limits` allow.
+        CalibrationError: it has none, or they are for a larger image than `limits` allow.
     """
     camera = use.camera
     if camera is not None and camera.width * camera.height > use.settings.image_pixels:
         raise CalibrationError(
-            f"{use}: its intrinsics are of an image of {camera.width} x {camera.height} pixels; correct them, or "
+            f"{use}: its intrinsics are for an image of {camera.width} x {camera.height} pixels; correct them, or "
             "raise limits.image_pixels in the recipe."
         )
     if use.settings.undistort and camera is None:

@@ -1,10 +1,10 @@
-"""Intrinsics of cameras for `calibration.json`: from CameraInfo, or by hand from the recipe.
+"""Intrinsics of cameras for `calibration.json`: from CameraInfo or from the recipe.
 
 The second camera of a stereo pair has Tx = -fx * baseline in P (sensor_msgs/CameraInfo), which projects points
-given in the frame of the *first* camera. What `frame_id` names is not agreed upon: image_geometry and
+given in the frame of the *first* camera. There is no agreement on what `frame_id` means: image_geometry and
 stereo_image_proc want the first camera's frame in both messages, while many drivers give each camera the frame
-of its own centre, with the baseline in TF. So the baseline is added to the extrinsics only where
-another camera, whose Tx is 0, is in the same frame: two cameras are not in one place.
+of its own centre, with the baseline in TF. So the baseline is added to the extrinsics only if another camera, whose
+Tx is 0, is in the same frame: two cameras cannot be in the same place.
 """
 
 from collections.abc import Iterable, Mapping
@@ -25,27 +25,27 @@ from bagassets.recordings.recording import Recording
 
 __all__ = ["camera_intrinsics", "rounded"]
 
-# A smaller turn between the camera and its rectified image is not worth a note.
-TOLD_DEG = 0.01
-# What P has for a shorter baseline is rounding.
+# A smaller rotation between the camera and its rectified image is not noted.
+NOTED_DEG = 0.01
+# A shorter baseline in P is a rounding error.
 LEAST_BASELINE_M = 1e-5
 
 
 def camera_intrinsics(
     name: str, camera: RecordedSensor, lens: Lens, recording: Recording, notes: list[str]
 ) -> tuple[CalibratedCamera | None, SE3]:
-    """Return `camera` of a channel in `calibration.json`, and `frame_SE3_image`.
+    """Return the entry `camera` of a channel in `calibration.json`, and `frame_SE3_image`.
 
-    The latter leads from the camera's frame to the centre and the axes of the image: identity, but for images
-    that were rectified by a rotation R before they were recorded, and for the second camera of a stereo pair whose
-    frame is that of the first.
+    The latter is the pose of the image's centre and axes in the camera's frame: identity, except for images that were
+    rectified by a rotation R before they were recorded, and for the second camera of a stereo pair that has the
+    frame of the first.
 
     Args:
         name: the channel.
         camera: its sensor.
-        lens: what the recipe says of the lens.
-        recording: offers its CameraInfo topic.
-        notes: takes sentences on what is unusual.
+        lens: settings of the lens in the recipe.
+        recording: has its CameraInfo topic.
+        notes: gets sentences on what is unusual.
 
     Raises:
         CalibrationError: the camera needs intrinsics and has none, or they are implausible.
@@ -154,12 +154,12 @@ def _first_of_pair(
 def _of_rectified(
     name: str, topic: str, camera: CalibratedCamera, calibration: CameraCalibration
 ) -> CalibratedCamera:
-    """Return the camera of images that were rectified: P holds instead of K and D."""
+    """Return the camera of rectified images: P replaces K and D."""
     p = calibration.p
     if not (p[0] > 0 and p[5] > 0):
         raise CalibrationError(
             f"{name}: its images are rectified, but P in the CameraInfo on {topic} has no focal length; give "
-            "`intrinsics`, or say `rectified: false` in the recipe if they are not."
+            "`intrinsics`, or set `rectified: false` in the recipe if they are not."
         )
     k = _all_rounded((p[0], 0.0, p[2], 0.0, p[5], p[6], 0.0, 0.0, 1.0))
     return replace(camera, model="none", k=k, d=())
@@ -170,7 +170,7 @@ def _turn(name: str, calibration: CameraCalibration, notes: list[str]) -> SE3:
     image_R_frame = np.array(calibration.r).reshape(3, 3)
     frame_SE3_image = SE3.create(quaternion_from_rotation(image_R_frame.T), (0.0, 0.0, 0.0))
     turned_deg = degrees(2 * acos(min(1.0, abs(frame_SE3_image.rotation[0]))))
-    if turned_deg > TOLD_DEG:
+    if turned_deg > NOTED_DEG:
         notes.append(
             f"{name}: its images are rectified by a turn of {turned_deg:.2f} degrees, which its extrinsics include."
         )
@@ -180,7 +180,7 @@ def _turn(name: str, calibration: CameraCalibration, notes: list[str]) -> SE3:
 def _one_calibration(
     name: str, topic: str, recording: Recording, *, rectified: bool
 ) -> tuple[CameraInfoReading | None, dict[str, int]]:
-    """Return the calibration that all messages of `topic` agree on, and why others cannot be used."""
+    """Return the calibration that all messages of `topic` share, and why other messages cannot be used."""
     first: CameraInfoReading | None = None
     counts = Counts()
     for message in recording.messages([topic]):
@@ -212,7 +212,7 @@ def _by_hand(name: str, given: Intrinsics) -> CalibratedCamera:
     k = (given.fx, 0.0, given.cx, 0.0, given.fy, given.cy, 0.0, 0.0, 1.0)
     model: str = given.model
     d = tuple(given.distortion)
-    if not d:  # an equidistant lens is none by its coefficients alone
+    if not d:  # without coefficients, an equidistant lens still distorts
         model, d = ("equidistant", (0.0,) * 4) if model == "equidistant" else ("none", ())
     width, height = given.width, given.height
     try:
@@ -238,5 +238,5 @@ def _all_rounded(values: Iterable[float]) -> tuple[float, ...]:
 
 
 def rounded(value: float) -> float:
-    """Round to 12 significant digits, which hides the last bits of compositions."""
+    """Round to 12 significant digits, which hides the last bits of composed transforms."""
     return float(f"{value:.12g}") + 0.0

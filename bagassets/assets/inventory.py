@@ -1,4 +1,4 @@
-"""The asset `inventory`: what is in a recording, topic by topic, in one pass over it.
+"""The asset `inventory`: the content of a recording, topic by topic, from one pass over it.
 
 Files: `inventory.json`, and `messages.parquet` with the small messages that later steps read.
 """
@@ -30,20 +30,20 @@ from bagassets.store.artifact import ArtifactWriter
 
 __all__ = ["INVENTORY", "make_inventory"]
 
-# A fix stamped before GNSS was in use carries simulated or unset time: it tells no time of day.
+# A fix stamped before GNSS was in use has simulated or unset time, which is not a time of day.
 FIRST_GNSS_NS = 631_152_000 * 1_000_000_000  # 1990-01-01
-# Header stamps further from the log time than this are remarked upon.
+# Header stamps farther than this from the log time are noted.
 MOST_OFFSET_S = 1.0
 
 
 @dataclass(frozen=True)
 class InventoryParams:
-    """What the inventory may know of the recipe; the same for all rigs.
+    """Parameters of `inventory`, the same for all rigs.
 
     Attributes:
-        definitions: folders of `.msg` files, for recordings whose types came without definitions.
-        limits: what a recording may ask of the memory, where that is not as by default. What they cost shows in the
-            digests of topics, and so in the actions of all assets that read those.
+        definitions: folders of `.msg` files, for recordings without message definitions.
+        limits: memory limits that differ from the defaults. Messages that they exclude change the digests of topics,
+            and so the actions of all assets that read these.
     """
 
     definitions: tuple[Path, ...]
@@ -51,7 +51,7 @@ class InventoryParams:
 
     @classmethod
     def of(cls, recipe: Recipe, _: Rig) -> "InventoryParams":
-        """Return those of a recipe."""
+        """Return the parameters of a recipe."""
         return cls(recipe.bags.message_definitions, recipe.limits.changed(*READING_LIMITS))
 
 
@@ -60,8 +60,8 @@ class InventoryUse:
     """What shapes an inventory besides the content of the recording.
 
     Attributes:
-        format: what the recording is read as: the same bytes under another suffix are read differently.
-        limits: as of `InventoryParams`.
+        format: format in which the recording is read: the same bytes with another suffix are read differently.
+        limits: as in `InventoryParams`.
     """
 
     format: Format
@@ -79,8 +79,8 @@ def make_inventory(recording: Recording, out: ArtifactWriter, *, size: int) -> d
 
     Args:
         recording: the recording.
-        out: the artifact.
-        size: bytes of its files.
+        out: writes the artifact.
+        size: bytes of the recording's files.
     """
     logs = {name: TopicLog(info.msgtype) for name, info in recording.topics.items()}
     probes = {name: TopicProbe(info) for name, info in recording.topics.items() if info.problem is None}
@@ -121,7 +121,7 @@ def make_inventory(recording: Recording, out: ArtifactWriter, *, size: int) -> d
 
 
 def _refuse_shortfall(recording: Recording, logs: dict[str, TopicLog]) -> None:
-    """Raise if messages that the recording's own index announces were not found: nothing is lost silently."""
+    """Raise if there are fewer messages than the recording's own index announces: nothing is lost silently."""
     for name, info in sorted(recording.topics.items()):
         if logs[name].count < info.count:
             raise RecordingError(
@@ -135,7 +135,7 @@ def _take_fix(topic: Topic, message: RawMessage, fixes: list[FixReading]) -> Non
     try:
         fix = own_decoder("fix", topic.msgtype)(topic.decode(message.data))
     except DecodeError:
-        return  # a receiver without a fix says nothing about the place
+        return  # the receiver had no fix
     fixes[1:] = [fix]
 
 
@@ -190,7 +190,7 @@ def _fix_json(fix: FixReading) -> dict[str, Any]:
 
 
 def _notes(recording: Recording, topics: list[dict[str, Any]]) -> list[str]:
-    """Return sentences about what is unusual; what several topics share is said once."""
+    """Return sentences about what is unusual, with a single one for all topics that share it."""
     notes = []
     unset, apart = [], []
     for topic in topics:

@@ -1,4 +1,4 @@
-"""Small messages that the inventory puts aside while it reads, so that later steps need not read the recording."""
+"""Small messages that the inventory packs while it reads, so that later steps need not read the recording."""
 
 from collections.abc import Iterable
 from dataclasses import replace
@@ -9,20 +9,20 @@ from bagassets.recordings.model import RawMessage
 
 __all__ = ["KeptMessages"]
 
-# Network packets are bulk if they are large (see `bulk_types`): those of a lidar have 1200 bytes, of a navigation system 72.
+# Network packets are bulk if they are large (see `bulk_types`): a lidar's have 1200 bytes, a navigation system's 72.
 MOST_PACKET_BYTES = 512
 MOST_MEAN_BYTES = 64 * 1024
 MOST_TOPIC_BYTES = 64 * 1024 * 1024
-# Of all topics together, with what each message takes beside its bytes.
+# For all topics together, including the overhead of each message.
 MOST_BYTES = 400_000_000
 _OVERHEAD_BYTES = 250
 
 
 class KeptMessages:
-    """Messages of topics, until a topic turns out to be bulk, or all of them together to be too much.
+    """Messages of topics; a topic is dropped when it turns out to be bulk, or when all of them take too much memory.
 
     Args:
-        topics: those that may be kept.
+        topics: topics that may be kept.
     """
 
     def __init__(self, topics: Iterable[str]) -> None:
@@ -37,7 +37,7 @@ class KeptMessages:
         return set(self._kept)
 
     def add(self, number: int, message: RawMessage) -> None:
-        """Take the next message of a recording, the one with this number."""
+        """Add the next message of a recording, which has this number."""
         name = message.topic
         messages = self._kept.get(name)
         if messages is None:
@@ -52,7 +52,7 @@ class KeptMessages:
             self._drop(max(self._kept, key=lambda kept: (self._size(kept), kept)))
 
     def in_order(self) -> list[RawMessage]:
-        """Return what is kept, in order; topics of large messages, however few, are dropped first."""
+        """Return the kept messages in order, without topics of large messages, however few they are."""
         for name, messages in list(self._kept.items()):
             if self._bytes[name] > MOST_MEAN_BYTES * len(messages):
                 self._drop(name)

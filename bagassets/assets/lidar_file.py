@@ -31,7 +31,7 @@ def read_lidar_file(path: Path) -> NDArray[np.float32]:
     """Return the (N, 5) points of a file, mapped into memory.
 
     Raises:
-        DatasetError: its size is no number of points.
+        DatasetError: its size is not a whole number of points.
     """
     if path.stat().st_size == 0:
         return np.zeros((0, len(COLUMNS)), dtype=np.float32)

@@ -1,12 +1,12 @@
-"""Lidar readings become `.pcd.bin` files: clouds message by message, packets turn by turn.
+"""Lidar readings become `.pcd.bin` files: one per cloud message, or one per revolution of packets.
 
-The stamp of a file is the end (recipe: start or middle) of its revolution. When that was follows
+The stamp of a file is the end (or, by the recipe, start or middle) of its revolution, which is derived
 
 * for packets from the packets at both cuts (`bagassets.assets.revolutions`);
-* for clouds with point times, and laser scans, from the first and the last of them;
-* for other clouds from the message's stamp and the median period of the topic, if the recipe says which moment
-  the former means (`header_stamp_is`). If it does not, or if there is one message only, so that no period is
-  known, the stamp stays as recorded, and the span in the index is that moment.
+* for clouds with point times, and laser scans, from the first and the last time;
+* for other clouds from the message's stamp and the median period of the topic, if the recipe says which moment of the
+  revolution the stamp is (`header_stamp_is`). If it does not, or if a single message gives no period, the stamp stays
+  as recorded, and the span in the index is that moment.
 """
 
 from collections.abc import Callable, Sequence
@@ -56,12 +56,12 @@ NO_STAMP = "its header has no stamp; set clock: log in the recipe"
 
 @dataclass(frozen=True, kw_only=True)
 class LidarSettings(SensorSettings):
-    """What the recipe says of a lidar, whatever its messages are.
+    """Settings of a lidar in the recipe, whatever its message type.
 
     Attributes:
         stamp: which time of a revolution is its stamp.
         stamp_offset_s: added to all stamps.
-        deskew: points are moved to where they are at the stamp.
+        deskew: True if points are corrected for the motion of the sensor.
         min_range_m: nearer points are dropped.
         max_range_m: farther points are dropped; None for no limit.
     """
@@ -75,11 +75,11 @@ class LidarSettings(SensorSettings):
 
 @dataclass(frozen=True, kw_only=True)
 class LidarUse(SensorUse):
-    """What shapes the files of a lidar in a recording besides its messages.
+    """Everything besides its messages that shapes the files of a lidar.
 
     Attributes:
-        settings: what the recipe says of it.
-        ego_SE3_sensor: where the sensor is mounted, as `calibration.json` has it; None if it is not deskewed.
+        settings: its settings in the recipe.
+        ego_SE3_sensor: its mount from `calibration.json`; None without deskewing.
     """
 
     modality: Literal["lidar"] = "lidar"
@@ -89,11 +89,11 @@ class LidarUse(SensorUse):
 
 @dataclass(frozen=True, kw_only=True)
 class CloudUse(LidarUse):
-    """What shapes the files of a lidar whose messages are clouds.
+    """Everything besides its messages that shapes the files of a lidar with cloud messages.
 
     Attributes:
-        header_stamp_is: which time of a revolution the recorded stamp means; None if the recipe does not say.
-        period_ns: median time between two messages, where the recipe says what their stamps mean; None for one alone.
+        header_stamp_is: which time of a revolution the recorded stamp is; None if the recipe does not say.
+        period_ns: median time between two messages, if the recipe has `header_stamp_is`; None for a single message.
     """
 
     header_stamp_is: Moment | None
@@ -102,11 +102,11 @@ class CloudUse(LidarUse):
 
 @dataclass(frozen=True, kw_only=True)
 class PacketUse(LidarUse):
-    """What shapes the files of a lidar whose messages hold packets.
+    """Everything besides its messages that shapes the files of a lidar with packet messages.
 
     Attributes:
-        model: of the lidar; None to go by the packets.
-        cut_angle_deg: azimuth at which revolutions begin; None to go by the packets.
+        model: model of the lidar; None to take it from the packets.
+        cut_angle_deg: azimuth at which revolutions begin; None to take it from the packets.
     """
 
     model: str | None
@@ -132,8 +132,8 @@ class LidarWriter:
     """Applies range limits and deskewing to revolutions, and writes them.
 
     Args:
-        use: what shapes them.
-        files: where they go.
+        use: everything that shapes the files.
+        files: writes them.
         trajectory: returns the ego poses; called only if the sweeps are deskewed.
     """
 
@@ -160,10 +160,10 @@ class LidarWriter:
         *,
         parts: int = 1,
     ) -> None:
-        """Write one revolution; all times on the clock of the recipe, without the channel's own offset.
+        """Write one revolution; all times are on the clock of the recipe, without the channel's own offset.
 
         Raises:
-            RecipeError: the recipe wants it deskewed, but its points have no times.
+            RecipeError: deskewing is on, but the points have no times.
         """
         points, times_ns = self._within_limits(points, times_ns)
         if not len(points):
@@ -219,7 +219,7 @@ class CloudSweeps:
         """Write one cloud; return its frame.
 
         Raises:
-            DecodeError: the message is no usable cloud.
+            DecodeError: the message is not a usable cloud.
             RecipeError: see `LidarWriter.write`.
         """
         reading = self._reading(message)
@@ -227,7 +227,7 @@ class CloudSweeps:
         files.counts.read += 1
         files.points.read += len(reading.points) + reading.dropped
         files.points.drop("no measurement", reading.dropped)
-        # With log times all times of the message move by as much as its stamp.
+        # With log times, all times of the message shift by as much as its stamp.
         shift = raw.log_time_ns - reading.stamp_ns if self._by_log_time else 0
         start, end = revolution_span_ns(reading, self._period_ns, self._header_stamp_is)
         times = reading.times_ns if reading.times_ns is None or not shift else reading.times_ns + shift
@@ -235,7 +235,7 @@ class CloudSweeps:
         return reading.frame_id
 
     def finish(self) -> None:
-        """Do nothing: no message waits for another."""
+        """Do nothing: no message is pending."""
 
     def _reading(self, message: Any) -> CloudReading:
         reading: CloudReading = self._decode(message, self._header_stamp_is, self._stamp)
@@ -247,13 +247,13 @@ class CloudSweeps:
 class PacketSweeps:
     """One file per complete revolution of a Velodyne; messages are counted by packets.
 
-    Revolutions that were recorded in part, mostly the first and the last one, are lost: training
-    code expects whole ones, and a part would be stamped wrong.
+    Incomplete revolutions, mostly the first and the last one, are lost: training code expects
+    complete ones, and the stamp of an incomplete one would be wrong.
 
     Args:
-        use: what shapes them.
+        use: everything that shapes the files.
         writer: writes the revolutions.
-        fail: told the text of an error for each packet that could not be used.
+        fail: called with the text of an error and the number of packets that could not be used.
     """
 
     def __init__(self, use: PacketUse, writer: LidarWriter, fail: Callable[[str, int], None]) -> None:
@@ -265,7 +265,7 @@ class PacketSweeps:
         self._by_log_time = use.settings.clock == "log"
 
     def add(self, message: Any, raw: RawMessage) -> str:
-        """Take the packets of a message; return their frame.
+        """Add the packets of a message; return their frame.
 
         Raises:
             DecodeError: the message holds no packets.
@@ -293,7 +293,7 @@ class PacketSweeps:
                 self._write(revolution)
 
     def finish(self) -> None:
-        """Write what was collected since the last cut."""
+        """Write the revolution since the last cut."""
         for revolution in self._cutter.flush():
             self._write(revolution)
 

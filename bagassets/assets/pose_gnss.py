@@ -30,7 +30,7 @@ def poses_from_navsat(
 ) -> PoseSamples:
     """Return a pose for each fix; the origin of the global frame is the first one.
 
-    Where transforms tell, the antenna's and the Imu's place on the vehicle are taken into account.
+    The mounts of antenna and Imu are taken into account if there are transforms for them.
     """
     samples = PoseSamples(global_frame="enu")
     fixes: list[tuple[int, FixReading]] = []
@@ -57,7 +57,7 @@ def poses_from_navsat(
                 turns.append((stamp_of(rig.clock, message, imu.stamp_ns), imu))
                 counts.written += 1
         except DecodeError as err:
-            counts.lose(str(err))  # a receiver without a fix is not damaged
+            counts.lose(str(err))  # not a failure: the receiver had no fix
     if source.imu:
         samples.helpers[source.imu] = imu_counts
     if not fixes:
@@ -68,7 +68,7 @@ def poses_from_navsat(
     samples.origin = wgs84_origin(origin)
     lat_deg = np.array([fix.lat_deg for _, fix in fixes])
     lon_deg = np.array([fix.lon_deg for _, fix in fixes])
-    # Without height the ground is taken to be level.
+    # Without height, level ground is assumed.
     alt_m = np.array([origin.alt_m if isnan(fix.alt_m) else fix.alt_m for _, fix in fixes])
     antennas_m = origin.to_local(lat_deg, lon_deg, alt_m)
 
@@ -84,7 +84,7 @@ def poses_from_navsat(
     else:
         rotations, valid = _courses(antennas_m), np.ones(len(fixes), np.bool_)
     antenna_SE3_ego = mounted(frames, first.frame_id, ego, "antenna", samples)
-    # The fix is where the antenna is, and the antenna has no orientation of its own.
+    # The fix is the position of the antenna, which has no orientation of its own.
     ego_antenna_m = np.array(antenna_SE3_ego.inverse().translation)
     positions = antennas_m - rotate(rotations, ego_antenna_m)
     samples.add_mounted([int(stamp) for stamp in stamps_ns[valid]], positions[valid], rotations[valid], SE3())
@@ -97,7 +97,7 @@ def poses_from_navsat(
 def _orientations(
     source: NavSatSource, turns: list[tuple[int, ImuReading]], stamps_ns: "np.ndarray[Any, Any]"
 ) -> tuple[Floats, "np.ndarray[Any, np.dtype[np.bool_]]"]:
-    """Interpolate (N, 4) Imu orientations at the stamps of the fixes, and tell where there are some."""
+    """Return (N, 4) Imu orientations interpolated at the stamps of the fixes, and (N,) whether there is one."""
     by_stamp: dict[int, tuple[float, float, float, float]] = {}
     for stamp_ns, reading in turns:
         by_stamp.setdefault(stamp_ns, reading.enu_Q_imu)
@@ -116,8 +116,8 @@ def _orientations(
 def _courses(positions_m: Floats) -> Floats:
     """Return (N, 4) headings along (N, 3) positions.
 
-    At a position with room before and after, it is the tangent of the circle through the three;
-    while the vehicle stands, the heading before holds. Driving backwards cannot be told.
+    At a position with distance to those before and after, it is the tangent of the circle through
+    the three; while the vehicle stands, the last heading holds. Reversing cannot be recognized.
     """
     anchors = [0]
     for i in range(1, len(positions_m)):

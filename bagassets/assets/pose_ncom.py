@@ -22,15 +22,15 @@ __all__ = ["poses_from_ncom"]
 
 GPS_EPOCH_S = 315_964_800  # 1980-01-06 00:00 UTC
 MINUTE_MS = 60_000
-# A step back by more than half a minute is the turn of the minute.
+# A step back by more than half a minute is the start of a new minute.
 HALF_MINUTE_MS = MINUTE_MS // 2
-# After a longer pause of the packets, milliseconds alone do not tell how many minutes went by.
+# After a longer pause, the milliseconds do not show how many minutes have passed.
 LONGEST_PAUSE_NS = 20_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
 class _Packet:
-    """A packet with the time of its message, and when it was logged."""
+    """A packet with the stamp and the log time of its message."""
 
     stamp_ns: int
     log_time_ns: int
@@ -42,7 +42,7 @@ def poses_from_ncom(
 ) -> PoseSamples:
     """Return a pose for each packet that has one; the origin of the global frame is the first one.
 
-    Packets of other senders are merged, as are those without a pose by their nature (status, triggers).
+    Packets of other senders, and packets that never have a pose (status, triggers), are counted as merged.
     """
     samples = PoseSamples(global_frame="enu")
     packets = _packets(source, rig.clock, recording, samples)
@@ -123,10 +123,10 @@ def _wanted(wanted: str | None, came_from: tuple[str, int]) -> bool:
 
 
 def _gps_stamps_ns(packets: Sequence[_Packet], leap_seconds: int) -> list[int | None]:
-    """Return the packets' own times in nanoseconds since 1970 (UTC); None where it cannot be told.
+    """Return the packets' own times in nanoseconds since 1970 (UTC); None where the minute is unknown.
 
-    A packet holds milliseconds into the minute; only some tell the minute, which is carried to
-    their neighbours before and after.
+    A packet has milliseconds within the minute; only some also have the minute, from which that of
+    their neighbours is derived.
     """
     offsets = {packet.reading.utc_offset_s for packet in packets} - {None}
     utc_offset_s = -leap_seconds if len(offsets) != 1 else offsets.pop()
@@ -156,12 +156,12 @@ def _gps_ms(packets: Sequence[_Packet]) -> list[int | None]:
         if before_ms is not None and ms - before_ms < -HALF_MINUTE_MS:
             minutes += 1
         elif before_ms is not None and ms - before_ms > HALF_MINUTE_MS:
-            minutes -= 1  # a packet that was overtaken at the turn of the minute
+            minutes -= 1  # a packet of the last minute that arrived late
         before_ms = ms
         relative.append(minutes * MINUTE_MS + ms)
         if packet.reading.gps_minute is not None:
             bases.append(packet.reading.gps_minute - minutes)
     if not bases:
         return [None] * len(packets)
-    base_ms = sorted(bases)[len(bases) // 2] * MINUTE_MS  # what most packets say
+    base_ms = sorted(bases)[len(bases) // 2] * MINUTE_MS  # the value of most packets
     return [None if ms is None else base_ms + ms for ms in relative]

@@ -1,4 +1,4 @@
-"""What every source of ego poses returns, and what several of them share."""
+"""The result of every source of ego poses, and helpers that several sources share."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -20,8 +20,8 @@ from bagassets.recordings.model import RawMessage
 __all__ = ["Joint", "MovingRig", "PoseSamples", "mounted", "stamp_of", "strays", "wgs84_origin"]
 
 
-# Nothing on wheels reaches this speed; a number with a flipped bit soon does. Poses whose stamps almost
-# agree differ by noise.
+# Nothing on wheels reaches this speed, but numbers with a flipped bit do. Poses with almost equal stamps
+# differ by noise.
 _FASTEST_MPS, _NOISE_M = 1000.0, 10.0
 
 
@@ -36,16 +36,16 @@ class Joint(NamedTuple):
 
 @dataclass(frozen=True)
 class MovingRig:
-    """What shapes the poses that a recording gives of a rig that moves.
+    """Everything besides the messages that shapes the poses of a moving rig.
 
     Attributes:
         clock: which time of a message counts.
         ego_frame: the frame whose poses are wanted.
         lost_messages: share of messages that may fail to give a pose.
-        urdf: fixed joints of the URDF file; what else is in it makes nothing stale.
+        urdf: fixed joints of the URDF file; other changes of the file make nothing stale.
         tf_static: topics with static transforms that the recording has.
         tf: topics with transforms that it has.
-        source: where poses come from.
+        source: the source of the poses.
         decoder: the plug-in that decodes the source, if one does.
     """
 
@@ -79,12 +79,12 @@ class PoseSamples:
     Attributes:
         stamps_ns: time of each pose.
         poses: the poses.
-        global_frame: name of the frame they are in.
-        origin: where that frame lies on Earth, if it is known.
-        counts: where the messages of the source went.
-        failed: messages among the lost ones that should have given a pose: damaged or nonsense.
+        global_frame: name of their frame.
+        origin: position of that frame on Earth, if known.
+        counts: counts of the source's messages.
+        failed: those of the lost messages that should have given a pose: damaged or nonsense.
         helpers: counts of other topics that were read, such as an Imu's.
-        notes: sentences on what was assumed.
+        notes: sentences about assumptions.
     """
 
     stamps_ns: list[int] = field(default_factory=list)
@@ -97,7 +97,7 @@ class PoseSamples:
     notes: list[str] = field(default_factory=list)
 
     def fail(self, reason: str) -> None:
-        """Count a message as lost that should have given a pose."""
+        """Count a lost message that should have given a pose."""
         self.counts.lose(reason)
         self.failed += 1
 
@@ -111,11 +111,10 @@ class PoseSamples:
 
 
 def strays(stamps_ns: list[int], positions_m: Floats) -> "np.ndarray[Any, np.dtype[np.bool_]]":
-    """Return (N,) which of (N, 3) positions in order of time are out of reach from both their neighbours.
+    """Return (N,) whether each of (N, 3) positions, in order of time, is out of reach from both neighbours.
 
-    A jump after which the positions go on from there, as when a vehicle finds itself on a map, makes no
-    stray. At either end of the trajectory, where there is one neighbour, that one must be in reach of the
-    next.
+    A jump after which the positions continue, as when a vehicle has localized itself on a map, is not a
+    stray. At either end of the trajectory, the only neighbour must itself be in reach of the next position.
     """
     out_of_reach = np.zeros(len(stamps_ns), np.bool_)
     if len(stamps_ns) < 3:
@@ -135,7 +134,7 @@ def stamp_of(clock: Clock, message: RawMessage, header_ns: int | None) -> int:
 
 
 def mounted(frames: RigFrames, frame: str, ego_frame: str, what: str, samples: PoseSamples) -> SE3:
-    """Return `frame_SE3_ego`; identity, with a note, if nothing tells how the sensor sits."""
+    """Return `frame_SE3_ego`; identity, with a note, if the mount of the sensor is unknown."""
     if frame == ego_frame:
         return SE3()
     try:
@@ -150,7 +149,7 @@ def mounted(frames: RigFrames, frame: str, ego_frame: str, what: str, samples: P
 
 
 def wgs84_origin(frame: LocalFrame) -> dict[str, Any]:
-    """Return where a local frame lies on Earth, as `ego_poses.json` says it."""
+    """Return the position of a local frame on Earth, in the form of `ego_poses.json`."""
     origin = {"kind": "wgs84", "lat": frame.lat_deg, "lon": frame.lon_deg, "alt": frame.alt_m}
     grid = utm(frame.lat_deg, frame.lon_deg)
     if grid is None:

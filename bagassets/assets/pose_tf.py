@@ -18,7 +18,7 @@ WITHOUT_OTHERS = "other transforms on the way have no value at its time"
 def poses_from_tf(source: TfSource, rig: MovingRig, recording: Recording) -> PoseSamples:
     """Return a pose at every stamp of every moving edge on the way.
 
-    Counts are of transforms: those of other edges, and those that repeat a stamp, are merged.
+    Counts are of transforms: those of other edges, and those with a repeated stamp, are merged.
 
     Raises:
         PoseError: the frames are not connected, or nothing between them moves.
@@ -43,7 +43,7 @@ def poses_from_tf(source: TfSource, rig: MovingRig, recording: Recording) -> Pos
     on_way = [edge.stamps_ns for edge in (*up, *down) if edge.moves]
     if not on_way:
         raise PoseError(
-            f"ego poses from TF: nothing between {dst} and {src} moves; a rig that stands still says "
+            f"ego poses from TF: nothing between {dst} and {src} moves; for a stationary rig, set "
             "`source: fixed` in the recipe."
         )
     stamps_ns = np.unique(np.concatenate(on_way))

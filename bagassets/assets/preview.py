@@ -2,8 +2,8 @@
 
 Files: `lidar_over_camera.jpg`, `birds_eye.jpg`, `future_trajectory.jpg`, `contact_sheet.jpg`,
 `timeline.jpg` in full size; the same below `inline/`, small enough for the web UI; `thumbnail.jpg` for the
-report. `facts.json` says which there are, and why others are not: a picture that cannot be drawn costs
-nothing but itself.
+report. `facts.json` lists them, and why others are missing: a picture that cannot be drawn does not affect the
+others.
 """
 
 from collections.abc import Mapping
@@ -33,7 +33,7 @@ __all__ = ["FACTS", "INLINE_BYTES", "PREVIEW", "THUMBNAIL"]
 
 FACTS = "facts.json"
 THUMBNAIL = "thumbnail.jpg"
-# What is shown in the web UI lies in Dagster's event log, once per materialization: five of these are 100 KB.
+# Pictures in the web UI are stored in Dagster's event log, once per materialization: five of these are 100 KB.
 INLINE_BYTES = 16 * 1024
 INLINE_WIDTH_PX = 560
 THUMBNAIL_BYTES = 2600
@@ -107,7 +107,7 @@ class PreviewUse:
 
 
 def use(params: PreviewParams, facts: Facts) -> dict[str, Use[PreviewUse]]:
-    """Return what the pictures of a recording depend on: images, one lidar, poses, boxes, and when topics were there."""
+    """Return what the pictures of a recording depend on: images, one lidar, poses, boxes and the timeline of topics."""
     images, clouds = facts.channels("frames"), facts.channels("sweeps")
     cameras = tuple(name for name in params.cameras if name in images)
     lidar = next((name for name in params.lidars if name in clouds), None)
@@ -155,7 +155,7 @@ def make(use: Use[PreviewUse], inputs: Inputs, out: ArtifactWriter) -> Summary:
             missing[name] = str(err)
             continue
         out.write(f"{name}.jpg", jpeg(drawn[name]))
-        # Words shrink with a picture: the one that consists of words is drawn anew.
+        # Text shrinks with a picture, so the timeline is drawn again.
         inline = timeline(pictures.timeline_facts, INLINE_WIDTH_PX) if name == "timeline" else drawn[name]
         out.write(f"inline/{name}.jpg", jpeg_within(inline, INLINE_BYTES, INLINE_WIDTH_PX))
     stands_for_all = next(drawn[name] for name in _THUMBNAILS if name in drawn)
@@ -174,7 +174,7 @@ PREVIEW = Asset(
     reads=(INVENTORY, CALIBRATION, EGO_POSES, ANNOTATIONS, FRAMES, SWEEPS),
     enabled=lambda recipe: recipe.preview.enabled,
     optional=True,
-    # Maps and reports will ask for the track; now is the time to make it, on all workers.
+    # Maps and reports need the track later; making it here uses all workers.
     along=(TRACK,),
     params=PreviewParams.of,
     use=use,

@@ -1,16 +1,16 @@
 """Radar files in the layout of nuScenes, `.pcd`: a PCD 0.7 header and 18 binary fields per target.
 
 They are made for the reader that nuScenes users have, `RadarPointCloud.from_file` of
-nuscenes-devkit, which is stricter and laxer than the format:
+nuscenes-devkit, which is in part stricter than the format, in part laxer:
 
 * it asserts that every field ends *before* the end of the data, so one byte follows the last
   target (a line feed; other readers ignore it);
-* it keeps targets with `invalid_state` 0, `ambig_state` 3 and `dyn_prop` 0 to 6 only, so these
-  are the defaults where the radar does not tell (valid, unambiguous, 4 = unknown motion); states
-  that were recorded are written as they are;
+* it keeps only targets with `invalid_state` 0, `ambig_state` 3 and `dyn_prop` 0 to 6, so these
+  are the defaults if the radar does not report states (valid, unambiguous, 4 = unknown motion);
+  recorded states are written unchanged;
 * it asserts that there is a target, and takes any NaN in the first one as the sign of an empty
   file. So a radar reading without targets is written as one target of NaN, which the reader
-  turns into an empty cloud; and no other NaN is ever written, unknown numbers are 0.
+  turns into an empty cloud; no other NaN is ever written, and unknown numbers are 0.
 """
 
 from collections.abc import Mapping
@@ -24,7 +24,7 @@ from bagassets.errors import DatasetError
 
 __all__ = ["FIELDS", "radar_bytes", "read_radar_file"]
 
-# Name, numpy type and value where it is not known, in the order of the file.
+# Name, numpy type and default value, in the order of the file.
 _LAYOUT: tuple[tuple[str, str, float], ...] = (
     ("x", "<f4", 0.0),
     ("y", "<f4", 0.0),
@@ -53,15 +53,15 @@ _TRAILER = b"\n"
 def radar_bytes(targets: Mapping[str, NDArray[np.float64]]) -> bytes:
     """Return the content of the file.
 
-    `id` is the number of the target in the message if the radar gives none, and keeps 15 bits.
-    Velocities without compensation for the ego motion stand in for compensated ones where the
-    radar gives no others. Other integers are rounded and limited to what their field holds.
+    `id` keeps 15 bits; if the radar gives none, it is the number of the target in the message.
+    If the radar gives no velocities compensated for ego motion, uncompensated ones replace them.
+    Other integers are rounded and limited to the range of their field.
 
     Args:
-        targets: field -> (N,) values; x and y at least; unknown fields are not allowed.
+        targets: field -> (N,) values; x and y are required; fields not in `FIELDS` are not allowed.
 
     Raises:
-        ValueError: x or y is missing, or a field is none of `FIELDS`.
+        ValueError: x or y is missing, or a field is not in `FIELDS`.
     """
     if not {"x", "y"} <= targets.keys() <= set(FIELDS):
         raise ValueError(f"radar targets need x and y, and may have {FIELDS}, got {sorted(targets)}")
@@ -87,13 +87,13 @@ def read_radar_file(path: Path) -> NDArray[Any]:
     """Return the targets of a file that `radar_bytes` wrote, a structured array with `FIELDS`.
 
     Raises:
-        DatasetError: it is no such file.
+        DatasetError: it is not such a file.
     """
     data = path.read_bytes()
     head, found, body = data.partition(b"DATA binary\n")
     points = [line for line in head.split(b"\n") if line.startswith(b"POINTS ")]
     if not found or not points or len(body) < int(points[0].split()[1]) * _DTYPE.itemsize:
-        raise DatasetError(f"{path}: is no radar file of the nuScenes layout; build again to replace it.")
+        raise DatasetError(f"{path}: is not a radar file in the nuScenes layout; build again to replace it.")
     table = np.frombuffer(body, dtype=_DTYPE, count=int(points[0].split()[1]))
     return np.asarray(table[~np.isnan(table["x"])])
 
@@ -103,7 +103,7 @@ def _finite(column: NDArray[np.float64], default: float) -> NDArray[np.float64]:
 
 
 def _nothing() -> NDArray[Any]:
-    """Return the one target that says that there is none."""
+    """Return the single NaN target of a file without targets."""
     table = np.zeros(1, dtype=_DTYPE)
     for name, kind, default in _LAYOUT:
         table[name] = np.nan if kind == "<f4" else default

@@ -26,10 +26,10 @@ LONGEST_CYCLE_NS = 100_000_000
 
 @dataclass(frozen=True, kw_only=True)
 class RadarSettings(SensorSettings):
-    """What the recipe says of a radar.
+    """Settings of a radar in the recipe.
 
     Attributes:
-        azimuth_positive: side on which recorded azimuths are positive; None as the type of the messages defines it.
+        azimuth_positive: side on which recorded azimuths are positive; None for the side that the message type defines.
     """
 
     azimuth_positive: Side | None
@@ -37,10 +37,10 @@ class RadarSettings(SensorSettings):
 
 @dataclass(frozen=True, kw_only=True)
 class RadarUse(SensorUse):
-    """What shapes the files of a radar in a recording besides its messages.
+    """Everything besides its messages that shapes the files of a radar.
 
     Attributes:
-        settings: what the recipe says of it.
+        settings: its settings in the recipe.
     """
 
     modality: Literal["radar"] = "radar"
@@ -75,13 +75,12 @@ class _Sweep:
 class RadarSweeps:
     """Writes radar readings; a message without targets makes a file without targets.
 
-    Single tracks are collected into cycles: a new one begins with a track whose number is not
-    greater than that of the one before, or 0.1 s after the first. A cycle has the stamp of its
-    first track.
+    Single tracks are collected into cycles: a new cycle begins with a track whose number is not
+    greater than the one before, or 0.1 s after the first. A cycle has the stamp of its first track.
 
-    Some drivers publish the same reading again and again while they fill it. Of readings with the
-    same stamp, one after the other, the one with most targets is kept (of equals the first); the
-    others are counted as duplicates.
+    Some drivers publish the same reading repeatedly while they fill it. Of consecutive readings with
+    the same stamp, the one with most targets is kept (of equal ones the first); the others are counted
+    as duplicates.
     """
 
     def __init__(self, use: RadarUse, files: SweepFiles) -> None:
@@ -95,10 +94,10 @@ class RadarSweeps:
         self._last_number = -1.0
 
     def add(self, message: Any, raw: RawMessage) -> str:
-        """Take one message; return its frame.
+        """Add one message; return its frame.
 
         Raises:
-            DecodeError: the message is no usable radar reading.
+            DecodeError: the message is not a usable radar reading.
         """
         reading = self._reading(message, raw)
         self._files.counts.read += 1
@@ -114,7 +113,7 @@ class RadarSweeps:
         return reading.frame_id
 
     def finish(self) -> None:
-        """Write what waits for further messages."""
+        """Write pending targets."""
         if self._cycle is not None:
             self._offer(self._cycle)
         if self._pending is not None:
@@ -127,7 +126,7 @@ class RadarSweeps:
         return reading
 
     def _collect(self, sweep: _Sweep, targets: Targets, number: float | None) -> None:
-        """Add a single track, which came with `sweep`, to its cycle; without numbers time decides."""
+        """Add a single track, which came with `sweep`, to its cycle; without track numbers, time decides."""
         cycle = self._cycle
         number = self._last_number + 1.0 if number is None else number
         if cycle is not None and not (
@@ -140,7 +139,7 @@ class RadarSweeps:
         self._last_number = number
 
     def _offer(self, sweep: _Sweep) -> None:
-        """Write the sweep before this one, unless this one takes its place."""
+        """Write the previous sweep, unless this one replaces it."""
         before = self._pending
         self._pending = sweep
         if before is None:

@@ -92,7 +92,7 @@ class Revolution:
 
     @property
     def complete(self) -> bool:
-        """Tell whether (nearly) all that the lidar reports of a turn was recorded."""
+        """Return whether (nearly) all that the lidar reports of a turn was recorded."""
         return self.missing_deg <= MOST_MISSING_DEG
 
     def times_ns(self) -> tuple[NDArray[np.int64], int]:
@@ -223,7 +223,7 @@ def _advance(before: Packet, after: Packet) -> int:
 
 
 def _pause(before: Packet, after: Packet, advance: int, turn_ns: float) -> bool:
-    """Tell whether more time has passed between two packets than the lidar needed, by either clock.
+    """Return whether more time has passed between two packets than the lidar needed, by either clock.
 
     Hosts stamp late in bursts, and the lidar's clock may jump: a pause is what both show.
     """

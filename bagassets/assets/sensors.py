@@ -118,7 +118,7 @@ def camera_info_topic(channel: CameraChannel) -> str:
 
 
 def is_rectified(channel: CameraChannel) -> bool:
-    """Tell whether the recorded images are rectified: as the recipe says, else by the name of the topic."""
+    """Return whether the recorded images are rectified: as the recipe says, else by the name of the topic."""
     if channel.rectified is not None:
         return channel.rectified
     return any(part.startswith("image_rect") for part in channel.topic.split("/"))

@@ -74,7 +74,7 @@ class PointCounts:
 
     @property
     def balanced(self) -> bool:
-        """Tell whether every point read is accounted for."""
+        """Return whether every point read is accounted for."""
         return self.read == self.written + sum(self.dropped.values())
 
     def as_json(self) -> dict[str, Any]:

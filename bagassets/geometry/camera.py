@@ -69,7 +69,7 @@ class CameraModel:
 
     @property
     def distorts(self) -> bool:
-        """Tell whether undistortion would change the image at all."""
+        """Return whether undistortion would change the image at all."""
         # The ideal equidistant lens has no coefficients and yet is no pinhole.
         return self.model == "equidistant" or (self.model != "none" and any(self.distortion))
 

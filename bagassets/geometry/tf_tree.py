@@ -71,7 +71,7 @@ class Edge:
 
     @property
     def moves(self) -> bool:
-        """Tell whether the edge ever differs from its first value."""
+        """Return whether the edge ever differs from its first value."""
         apart_m = np.abs(self.translations_m - self.translations_m[0]).max()
         same = np.abs(self.rotations - self.rotations[0]).max(axis=1)
         opposite = np.abs(self.rotations + self.rotations[0]).max(axis=1)

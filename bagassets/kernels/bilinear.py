@@ -59,7 +59,7 @@ class BilinearLookup:
 
     @property
     def is_fast(self) -> bool:
-        """Tell whether images can be looked up here; else use `cv2.remap`."""
+        """Return whether images can be looked up here; else use `cv2.remap`."""
         return _LOOKUP.function() is not None
 
     def __call__(self, bgra: NDArray[np.uint8]) -> NDArray[np.uint8]:

@@ -142,7 +142,7 @@ def as_text(data: bytes) -> str:
 
 
 def is_number(value: Any) -> bool:
-    """Tell whether a JSON value is a number that a float can hold."""
+    """Return whether a JSON value is a number that a float can hold."""
     if isinstance(value, int) and not isinstance(value, bool):
         return abs(value) < _GREATEST
     return isinstance(value, float)

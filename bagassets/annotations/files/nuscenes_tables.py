@@ -47,7 +47,7 @@ class TableSet:
         return self._rows.get(table, {}).get(str(token))
 
     def is_wanted(self, sample: Mapping[str, Any]) -> bool:
-        """Tell whether a sample is of the log that was asked for."""
+        """Return whether a sample is of the log that was asked for."""
         if self._logfile is None:
             return True
         scene = self.row("scene", sample.get("scene_token"))
