@@ -481,7 +481,7 @@ def test_a_server_that_cannot_note_its_socket_says_so_and_the_next_one_starts(tm
     )
     assert ended.returncode == 1
     assert re.search(
-        r"\.sock: the fork server cannot make its socket, or note it in .*\.lock \(", ended.stderr
+        r"\.sock: the fork server cannot create its socket, or note it in .*\.lock \(", ended.stderr
     )
     assert "Traceback" not in ended.stderr
     with Client.ensure(spec) as client:

@@ -152,7 +152,7 @@ class Server:
             path.unlink(missing_ok=True)
             raise BagAssetsError(
                 f"{path}: the fork server cannot create its socket, or note it in {self._files.lock} ({err.strerror}); "
-                "free space, or mend the folder."
+                "free disk space, or make the folder writable."
             ) from err
         finally:
             os.umask(mask)

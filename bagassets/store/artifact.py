@@ -143,7 +143,7 @@ class ArtifactWriter:
                 file.write(data)
         except OSError as err:
             raise StoreError(
-                f"{path}: cannot be written ({err.strerror}); free space or mend the folder."
+                f"{path}: cannot be written ({err.strerror}); free disk space, or make the folder writable."
             ) from err
         return entry
 
@@ -175,7 +175,7 @@ class ArtifactWriter:
                 name.chmod(0o755)
         except OSError as err:
             raise StoreError(
-                f"{self._folder}: cannot be written ({err.strerror}); free space or mend the folder."
+                f"{self._folder}: cannot be written ({err.strerror}); free disk space, or make the folder writable."
             ) from err
         return digest_bytes(manifest)
 

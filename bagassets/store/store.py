@@ -141,7 +141,7 @@ class Store:
             self._move_in(folder, target, digest)
         except OSError as err:
             raise StoreError(
-                f"{target}: the artifact cannot be put in place ({err.strerror}); free space or mend the folder."
+                f"{target}: the artifact cannot be put in place ({err.strerror}); free disk space, or make the folder writable."
             ) from err
         return Artifact(digest, target)
 
@@ -349,7 +349,7 @@ class Store:
             return create_atomically(path, _json(content))
         except OSError as err:
             raise StoreError(
-                f"{path}: cannot be written ({err.strerror}); free space or mend the folder."
+                f"{path}: cannot be written ({err.strerror}); free disk space, or make the folder writable."
             ) from err
 
 
