@@ -43,7 +43,7 @@ test: $(VENV)/.made $(DEVKIT)/.made
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	@# By file, as fixtures of a file are dear to make.
-	$(BIN)/pytest -n auto --dist loadfile $(PYTEST_ARGS)
+	$(BIN)/pytest -n auto --dist loadfile -m "not long" $(PYTEST_ARGS)
 
 lint: $(VENV)/.made
 	$(BIN)/ruff check .

@@ -1,8 +1,13 @@
-"""Every command as users meet it: in the overview, and in its own help."""
+"""Every command as users meet it: in the overview, in its own help, and in the pages that it cites."""
+
+import re
+from pathlib import Path
 
 import click
 import pytest
 
+import bagassets
+from bagassets.cli import pages
 from bagassets.cli.docs import all_commands
 from bagassets.cli.main import COMMANDS, EXIT_ERROR, main, root
 
@@ -42,3 +47,35 @@ def test_a_place_that_cannot_be_is_told_and_is_no_defect(tmp_path, capsys, place
     told = capsys.readouterr().err
     assert f"{tmp_path / 'file'}" in told
     assert "mend this one" in told
+
+
+def test_pages_are_listed_and_printed(capsys):
+    assert main(["docs", "page"]) == 0
+    *lines, where = capsys.readouterr().out.splitlines()
+    docs = Path(bagassets.__file__).parents[1] / "docs"
+    assert [line.split()[0] for line in lines] == sorted(path.stem for path in docs.glob("*.md"))
+    assert where == f"They lie in {docs}"
+    assert main(["docs", "page", "formats"]) == 0
+    assert capsys.readouterr().out == (docs / "formats.md").read_text("utf-8")
+
+
+def test_a_page_that_is_not_there_is_answered_with_those_that_are(capsys):
+    assert main(["docs", "page", "format"]) == 2
+    assert "no page 'format'; there are annotations, " in capsys.readouterr().err
+
+
+def test_where_no_pages_are_installed_that_is_said(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(pages, "_CHECKOUT", tmp_path)
+    monkeypatch.setattr(pages, "files", lambda _name: None)
+    assert main(["docs", "page", "formats"]) == EXIT_ERROR
+    assert "its pages are not there" in capsys.readouterr().err
+
+
+def test_every_page_that_the_code_cites_exists():
+    """Whoever installed a wheel has no `docs/`, so what users read names the command."""
+    sources = {path: path.read_text("utf-8") for path in Path(bagassets.__file__).parent.rglob("*.py")}
+    cited = {
+        (path, name) for path, text in sources.items() for name in re.findall(r"docs\s+page ([a-z-]+)", text)
+    }
+    assert len(cited) > 5
+    assert {name for _, name in cited} <= set(pages.find_pages())

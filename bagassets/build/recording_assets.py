@@ -35,7 +35,9 @@ class RecordingAssets:
             missing = [one.name for one in asset.reads if one.name not in seen]
             if asset.name in seen or missing:
                 what = f"reads {missing[0]}, which is no asset before it" if missing else "is defined twice"
-                raise PluginError(f"asset {asset.name} {what}; see `bagassets.assets` in docs/steps.md.")
+                raise PluginError(
+                    f"asset {asset.name} {what}; `bagassets docs page steps` says what `bagassets.assets` takes."
+                )
             seen.add(asset.name)
             if asset.enabled(recipe) and all(one.name in self._by_name for one in asset.reads):
                 enabled.append(asset)

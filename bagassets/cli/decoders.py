@@ -17,8 +17,9 @@ Examples:
 def decoders(as_json: bool) -> None:
     """List installed decoders of your own message types.
 
-    A package adds one by an entry point of the group bagassets.decoders; docs/decoders.md tells
-    how. Nothing of the packages is imported. The exit status is 1 if one of them cannot be used.
+    A package adds one by an entry point of the group bagassets.decoders; `bagassets docs
+    page decoders` says how. Nothing of the packages is imported. The exit status is 1 if one of them
+    cannot be used.
     """
     import json
 
@@ -50,7 +51,9 @@ def decoders(as_json: bool) -> None:
         for row in table:
             echo("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
     elif not problems:
-        echo("No decoder plug-ins are installed; the types that need none are in docs/decoders.md.")
+        echo(
+            "No decoder plug-ins are installed; `bagassets docs page decoders` lists the types that need none."
+        )
     if problems and not as_json:
         for problem in problems:
             echo_lines(f"error: {problem}", err=True)

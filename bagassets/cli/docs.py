@@ -1,11 +1,11 @@
-"""`bagassets docs`: the references in `docs/`, generated from the recipe's model, the assets and the commands' own help."""
+"""`bagassets docs`: references generated from the recipe's model, the assets and the commands' own help, and the pages of `docs/`."""
 
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import click
 
-from bagassets.cli.terminal import echo_lines
+from bagassets.cli.terminal import echo, echo_lines
 
 if TYPE_CHECKING:
     from bagassets.assets.asset import AnyAsset
@@ -42,7 +42,7 @@ Examples:
   bagassets docs cli > docs/cli.md"""
 )
 def docs() -> None:
-    """Print reference documentation as Markdown."""
+    """Print documentation as Markdown: references, and pages about one subject each."""
 
 
 @docs.command(
@@ -90,6 +90,29 @@ def checks() -> None:
     from bagassets.formats.checking import render_checks
 
     echo_lines(render_checks(), nl=False)
+
+
+@docs.command(
+    epilog="""\b
+Examples:
+  bagassets docs page
+  bagassets docs page formats | less"""
+)
+@click.argument("name", required=False)
+def page(name: str | None) -> None:
+    """Print a page of the documentation, or without NAME the list of them."""
+    from bagassets.cli.pages import find_pages, page_title
+
+    pages = find_pages()
+    if name is None:
+        width = max(map(len, pages))
+        for known, path in pages.items():
+            echo(f"{known:{width}}  {page_title(path)}")
+        echo(f"They lie in {next(iter(pages.values())).parent}")
+    elif name not in pages:
+        raise click.BadParameter(f"no page {name!r}; there are {', '.join(pages)}.", param_hint="NAME")
+    else:
+        echo_lines(pages[name].read_text(encoding="utf-8"), nl=False)
 
 
 def all_commands() -> Iterator[tuple[str, click.Command]]:

@@ -18,7 +18,7 @@ def formats(as_json: bool) -> None:
     """List dataset formats, and assets of recordings that packages add.
 
     A package adds them by entry points of the groups bagassets.formats and bagassets.assets;
-    docs/formats.md tells how. The exit status is 1 if one of them cannot be used.
+    `bagassets docs page formats` says how. The exit status is 1 if one of them cannot be used.
     """
     import json
 

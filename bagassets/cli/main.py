@@ -63,7 +63,10 @@ COMMANDS: dict[str, tuple[str, str]] = {
         "bagassets.cli.formats:formats",
         "List dataset formats, and assets of recordings that packages add.",
     ),
-    "docs": ("bagassets.cli.docs:docs", "Print reference documentation as Markdown."),
+    "docs": (
+        "bagassets.cli.docs:docs",
+        "Print documentation as Markdown: references, and pages about one subject each.",
+    ),
 }
 
 EXIT_ERROR = 1

@@ -111,7 +111,7 @@ def _write_channel(sheet: Sheet, rig: RigProposal, name: str, sensor: Sensor) ->
         sheet.guess_note(
             4,
             "stamps stay as recorded, as the points have no times. Some drivers stamp the start of a revolution, "
-            "others its end or middle, simulators the one instant of all points; docs/poses.md tells how to find "
+            "others its end or middle, simulators the one instant of all points; `bagassets docs page poses` says how to find "
             "out, and a check does. If the header's stamp marks the start of a revolution, uncomment the next line; write "
             "middle or end instead of start if it marks that.",
         )

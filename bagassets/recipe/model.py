@@ -262,7 +262,7 @@ class NamedText(Model):
 
 
 class AttributesByMotion(Model):
-    """Attributes for boxes whose source gives none: moving, stopped, parked, standing (docs/annotations.md)."""
+    """Attributes for boxes whose source gives none: moving, stopped, parked, standing (`bagassets docs page annotations`)."""
 
     enabled: bool = Field(True, description="Determine attributes by motion.")
     moving_mps: float = Field(0.5, gt=0, description="An object at this speed or more is moving.")
@@ -407,7 +407,7 @@ class Recipe(Model):
     vision: Vision | None = Field(None, description="The vision dataset; default: none is made.")
     formats: dict[Slug, Any] = Field(
         {},
-        description="Datasets in formats that installed packages add (docs/formats.md): the name of the format -> its "
+        description="Datasets in formats that installed packages add (`bagassets docs page formats`): the name of the format -> its "
         "settings, of which all have an `output`.",
     )
     datasets: tuple[NamedDataset, ...] = Field((), description="Further datasets of some of the scenes.")

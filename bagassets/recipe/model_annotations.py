@@ -73,7 +73,7 @@ class AnnotationTopic(_BoxRules):
 
     topic: TopicName = Field(
         description="Topic with 3-D boxes, such as vision_msgs/Detection3DArray or visualization_msgs/MarkerArray; "
-        "docs/decoders.md lists all types."
+        "`bagassets docs page decoders` lists all types."
     )
 
 
@@ -121,7 +121,7 @@ class _AnnotationFiles(_BoxRules):
 
 
 class BoxFiles(_AnnotationFiles):
-    """Boxes in our own JSON or Parquet form (docs/annotations.md): a file, or a folder of them."""
+    """Boxes in our own JSON or Parquet form (`bagassets docs page annotations`): a file, or a folder of them."""
 
     format: Literal["boxes"] = "boxes"
 
