@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 
 from bagassets.errors import RecordingError
 from bagassets.recipe.model import Bags
-from bagassets.recordings.discover import _key, discover, find_one, matches
+from bagassets.recordings.discover import _key, bags_of_one, discover, find_one, matches
+from bagassets.recordings.globs import literal_glob, may_match_within
 
 
 def touch(root, *names):
@@ -90,6 +91,63 @@ def test_globs_and_reasons(tmp_path):
 )
 def test_matches(pattern, relative, expected):
     assert matches(pattern, relative) is expected
+
+
+@pytest.mark.parametrize(
+    ("pattern", "folder", "expected"),
+    [
+        ("**", "a/b", True),
+        ("**/*.bag", "a", True),
+        ("a.bag", "a", False),
+        ("a.bag", "other", False),
+        ("run", "run", True),
+        ("d/e/a.bag", "d", True),
+        ("d/e/a.bag", "d/e", True),
+        ("d/e/a.bag", "d/f", False),
+        ("d/**", "d", True),
+        ("d/**", "d/e", True),
+        ("d/**", "e", False),
+        ("d?/a.bag", "dx", True),
+        ("run[[]1]/a.bag", "run[1]", True),
+        ("run[[]1]/a.bag", "run1", False),
+    ],
+)
+def test_which_folders_a_glob_needs(pattern, folder, expected):
+    assert may_match_within(pattern, folder) is expected
+
+
+@given(pattern=st.text("ab/*?[].", max_size=8), relative=st.text("ab/.[*", min_size=1, max_size=6))
+def test_no_folder_of_a_match_is_passed_over(pattern, relative):
+    if matches(pattern, relative):
+        parts = relative.split("/")
+        assert all(may_match_within(pattern, "/".join(parts[:n])) for n in range(1, len(parts) + 1))
+
+
+@given(name=st.text("ab/.[]*?!", min_size=1, max_size=8), other=st.text("ab/.[]*?!", min_size=1, max_size=8))
+def test_a_literal_glob_matches_just_its_path(name, other):
+    assert matches(literal_glob(name), name)
+    assert matches(literal_glob(name), other) is (name == other)
+
+
+def test_the_bags_of_one_recording(tmp_path):
+    touch(tmp_path, "a[1].bag", "b.bag", "ros2/metadata.yaml", "ros2/ros2_0.db3", "deep/er/c.bag")
+    assert list(discover(bags_of_one(tmp_path / "a[1].bag")).recordings.values()) == [
+        find_one(tmp_path / "a[1].bag")
+    ]
+    for path in (tmp_path / "ros2", tmp_path / "ros2" / "ros2_0.db3"):
+        assert [one.path for one in discover(bags_of_one(path)).recordings.values()] == [tmp_path / "ros2"]
+    for path in (tmp_path / "deep", tmp_path / "no.bag"):
+        with pytest.raises(RecordingError):
+            bags_of_one(path)
+
+
+def test_one_recording_costs_no_walk_through_other_folders(tmp_path, monkeypatch):
+    touch(tmp_path, "a.bag", "other/b.bag")
+    forbid(monkeypatch, tmp_path / "other")
+    assert discover(Bags(root=tmp_path)).unreadable
+    discovery = discover(bags_of_one(tmp_path / "a.bag"))
+    assert list(discovery.recordings) == ["a.bag"]
+    assert not discovery.unreadable
 
 
 def test_missing_root(tmp_path):

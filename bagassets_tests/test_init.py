@@ -10,6 +10,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from bagassets.cli.main import main
 from bagassets.recipe import load_recipe
+from bagassets.recordings.discover import discover
 from bagassets_tests.small_drive import START_NS, STORE1, messages, write_drive
 
 
@@ -39,8 +40,8 @@ def init(tmp_path, capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "120")
     (tmp_path / "bags").mkdir()
 
-    def run(*options):
-        status = main(["init", str(tmp_path / "project"), "--bags", str(tmp_path / "bags"), *options])
+    def run(*options, bags="bags"):
+        status = main(["init", str(tmp_path / "project"), "--bags", str(tmp_path / bags), *options])
         printed = capsys.readouterr()
         return status, printed.out.replace(str(tmp_path), "/home/me"), printed.err
 
@@ -159,3 +160,29 @@ def test_three_robots_in_one_folder(init, tmp_path):
     assert [(rig.match, rig.ego_frame) for rig in recipe.rigs] == [
         ((f"robot{number}.bag",), f"r{number}/base_link") for number in range(3)
     ]
+
+
+def test_one_recording_instead_of_a_folder(init, tmp_path):
+    write_drive(tmp_path / "bags" / "drive [1].bag", "ros1")
+    (tmp_path / "bags" / "other.bag").write_bytes(b"no recording")
+    status, out, _ = init(bags="bags/drive [1].bag")
+    assert status == 0
+    assert "other.bag" not in out
+    recipe = load_recipe(tmp_path / "project" / "recipe.yaml")
+    assert recipe.bags.root == tmp_path / "bags"
+    assert [one.relative for one in discover(recipe.bags).recordings.values()] == ["drive [1].bag"]
+
+
+def test_a_file_in_a_ros2_folder_stands_for_the_folder(init, tmp_path):
+    folder = write_drive(tmp_path / "bags" / "drive", "ros2")
+    status, _, _ = init(bags=next(folder.glob("*.db3")).relative_to(tmp_path))
+    assert status == 0
+    recipe = load_recipe(tmp_path / "project" / "recipe.yaml")
+    assert (recipe.bags.root, recipe.bags.include) == (folder, ("**",))
+
+
+def test_what_is_no_recording_is_refused(tmp_path, capsys):
+    (tmp_path / "notes.txt").write_text("hello")
+    assert main(["init", str(tmp_path / "project"), "--bags", str(tmp_path / "notes.txt")]) == 1
+    assert "notes.txt: expected a recording" in capsys.readouterr().err
+    assert not (tmp_path / "project").exists()

@@ -1,4 +1,4 @@
-"""`bagassets init`: a project folder from a folder of recordings."""
+"""`bagassets init`: a project folder from a folder of recordings, or from one recording."""
 
 import os
 import sys
@@ -27,6 +27,7 @@ T = TypeVar("T")
     epilog="""\b
 Examples:
   bagassets init my-project --bags /data/recordings
+  bagassets init my-project --bags /data/monday.bag           # a project of one recording
   bagassets init my-project --bags /data/recordings --force   # propose anew
   bagassets init my-project                                   # after moving the folder
 
@@ -35,9 +36,9 @@ Exit status: 0 success; 1 nothing to propose from; 2 wrong usage, or something i
 @click.argument("project", type=click.Path(file_okay=False, path_type=Path))
 @click.option(
     "--bags",
-    type=click.Path(exists=True, file_okay=False, path_type=Path),
-    metavar="DIR",
-    help="Folder that holds the recordings.",
+    type=click.Path(exists=True, path_type=Path),
+    metavar="PATH",
+    help="Folder that holds the recordings, or a single recording.",
 )
 @click.option(
     "--look-at",
@@ -52,7 +53,7 @@ def init(project: Path, bags: Path | None, look_at: int, force: bool) -> None:
     """Make a project folder, with a recipe proposed from recordings.
 
     Writes recipe.yaml, dagster.yaml, workspace.yaml and .env into PROJECT. The recipe is proposed
-    from the first seconds of the recordings below DIR: rigs, channels, topics, frames, pose
+    from the first seconds of the recordings at PATH: rigs, channels, topics, frames, pose
     source, with a comment for each guess and for what is to be decided before a build can succeed.
 
     Without --bags, recipe.yaml and workspace.yaml of PROJECT are kept and the other files are
@@ -87,20 +88,24 @@ def init(project: Path, bags: Path | None, look_at: int, force: bool) -> None:
         click.get_current_context().exit(EXIT_UNDECIDED)
 
 
-def _propose(project: Path, root: Path, look_at: int) -> "tuple[Proposal, dict[str, str]]":
-    """Look into the recordings below `root`; return a recipe, and path -> reason of what could not be read."""
+def _propose(project: Path, path: Path, look_at: int) -> "tuple[Proposal, dict[str, str]]":
+    """Look into the recordings at `path`; return a recipe, and path -> reason of what could not be read."""
     from bagassets.propose.proposal import propose_recipe
     from bagassets.propose.scan import scan_recording
     from bagassets.recipe.model import Bags
-    from bagassets.recordings.discover import discover
+    from bagassets.recordings.discover import bags_of_one, discover
     from bagassets.recordings.open import open_recording
 
-    discovery = discover(Bags(root=root))
+    is_one = path.is_file()
+    bags = bags_of_one(path) if is_one else Bags(root=path)
+    root = bags.root
+    discovery = discover(bags)
     unreadable = {
         path: sentence.removeprefix(f"{root / path}: ") for path, sentence in discovery.unreadable.items()
     }
     recordings = sorted(discovery.recordings.values(), key=lambda recording: recording.relative)
-    reasons = {path: reason for path, reason in discovery.excluded if path not in unreadable}
+    excluded = () if is_one else discovery.excluded
+    reasons = {path: reason for path, reason in excluded if path not in unreadable}
     if not recordings:
         reasons |= unreadable
         raise RecipeError(
@@ -126,7 +131,12 @@ def _propose(project: Path, root: Path, look_at: int) -> "tuple[Proposal, dict[s
     inside = root.is_relative_to(project)
     written_root = os.path.relpath(root, project) if inside else root
     proposal = propose_recipe(
-        summaries, name=project.name, root=written_root, unreadable=unreadable, found=len(recordings)
+        summaries,
+        name=project.name,
+        root=written_root,
+        include=bags.include if "include" in bags.model_fields_set else (),
+        unreadable=unreadable,
+        found=len(recordings),
     )
     return proposal, unreadable
 

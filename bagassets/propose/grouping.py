@@ -9,7 +9,7 @@ from bagassets.propose.frames import propose_ego_frame
 from bagassets.propose.poses import SourceKey, odometry_of, pose_candidates
 from bagassets.propose.sensors import find_sensors, modality_of
 from bagassets.propose.summary import RecordingSummary, merge_recordings
-from bagassets.recordings.globs import matches
+from bagassets.recordings.globs import literal_glob, matches
 
 __all__ = ["Group", "group_recordings", "match_globs"]
 
@@ -142,7 +142,7 @@ def match_globs(recordings: Collection[str], others: Collection[str]) -> list[st
         if folder is None:
             rest.append(name)
         else:
-            globs.append(f"{_literal(folder)}/**")
+            globs.append(f"{literal_glob(folder)}/**")
     return sorted(globs + _compact(rest, others))
 
 
@@ -158,16 +158,11 @@ def _compact(names: list[str], others: Collection[str]) -> list[str]:
         folder, _, start = common.rpartition("/")
         # A prefix that ends inside a number would not match the next recording of the day.
         start = re.sub(r"\d+$", "", start)
-        glob = f"{_literal(f'{folder}/{start}' if folder else start)}*"
+        glob = f"{literal_glob(f'{folder}/{start}' if folder else start)}*"
         if (
             len(start) >= 3
             and all(matches(glob, n) for n in names)
             and not any(matches(glob, o) for o in others)
         ):
             return [glob]
-    return [_literal(name) for name in names]
-
-
-def _literal(name: str) -> str:
-    """Return a glob that matches just this name."""
-    return re.sub(r"([*?\[])", r"[\1]", name)
+    return [literal_glob(name) for name in names]

@@ -60,6 +60,7 @@ def propose_recipe(
     *,
     name: str,
     root: Path | str,
+    include: Sequence[str] = (),
     unreadable: Mapping[str, str] | None = None,
     found: int | None = None,
 ) -> Proposal:
@@ -72,6 +73,7 @@ def propose_recipe(
         summaries: path below the bag root -> what the recording holds.
         name: name of the project.
         root: bag root as it should be written.
+        include: globs of the recordings that the project takes; none = all below the root.
         unreadable: path below the bag root -> why that recording could not be read.
         found: number of recordings there are, if not all were looked into.
     """
@@ -88,6 +90,8 @@ def propose_recipe(
     sheet.field(0, f"name: {yaml_scalar(_slug(name))}")
     sheet.field(0, "bags:")
     sheet.field(1, f"root: {yaml_scalar(str(root))}")
+    if include:
+        sheet.field(1, f"include: [{', '.join(map(yaml_scalar, include))}]")
     _definitions(sheet, summaries, rigs)
     clocks = {rig.clock.clock for rig in rigs}
     usual = "log" if clocks == {"log"} else "header"

@@ -53,7 +53,7 @@ class IndexRow:
 class DigestIndex:
     """Digests by path in one SQLite file, created by the first write and read again only after others wrote.
 
-        It is a cache: a damaged one is replaced.
+    It is a cache: a damaged one is replaced.
 
     Attributes:
         writes_attributes: digests that enter it are stored with the files, too.

@@ -12,10 +12,10 @@ from pathlib import Path
 
 from bagassets.errors import RecordingError
 from bagassets.recipe.model import Bags
-from bagassets.recordings.globs import matches
+from bagassets.recordings.globs import literal_glob, matches, may_match_within
 from bagassets.recordings.model import Format, RecordingFiles
 
-__all__ = ["Discovery", "discover", "find_one", "matches"]
+__all__ = ["Discovery", "bags_of_one", "discover", "find_one", "matches"]
 
 METADATA = "metadata.yaml"
 _ROS2_KEY, _HEAD_BYTES = b"rosbag2_bagfile_information", 4096
@@ -136,6 +136,25 @@ def find_one(path: Path) -> RecordingFiles:
     return recording
 
 
+def bags_of_one(path: Path) -> Bags:
+    """Return the `bags` of a recipe that select just the recording at a path.
+
+    The recording of a file in a ROS 2 bag folder is that folder.
+
+    Raises:
+        RecordingError: nothing is there, or it is no recording.
+    """
+    path = path.absolute()
+    if path.is_file() and (path.parent / METADATA).is_file() and path.name.endswith(_STORAGE):
+        path = path.parent
+    find_one(path)
+    if path.is_dir():
+        return Bags(root=path)
+    if path.name.startswith("."):
+        raise RecordingError(f"{path}: hidden files are no recordings; rename it.")
+    return Bags(root=path.parent, include=(literal_glob(path.name),))
+
+
 @dataclass
 class _Walk:
     """A walk below the bag root that collects recordings in no particular order.
@@ -190,8 +209,12 @@ class _Walk:
                 self._leave_out(relative, f"this is {what}, no file")
             else:
                 self._take(_recording_files(path, relative, _BARE[suffix], [(path, status)]))
-        elif entry.name not in _SYSTEM_FOLDERS and entry.is_dir():
+        elif entry.name not in _SYSTEM_FOLDERS and entry.is_dir() and self._may_hold_included(relative):
             self.folder(entry.path, relative, ancestors)
+
+    def _may_hold_included(self, folder: str) -> bool:
+        """Tell whether a folder is worth a walk: that of one recording in a home folder must not be one through all of it."""
+        return any(may_match_within(pattern, folder) for pattern in self.bags.include)
 
     def _take(self, recording: RecordingFiles) -> None:
         if _decodable(recording.relative):

@@ -3,7 +3,7 @@
 import re
 from functools import cache
 
-__all__ = ["matches"]
+__all__ = ["literal_glob", "matches", "may_match_within"]
 
 
 def matches(pattern: str, relative: str) -> bool:
@@ -13,6 +13,27 @@ def matches(pattern: str, relative: str) -> bool:
     folder `drives` itself, which may be a ROS 2 bag.
     """
     return _compiled(pattern).fullmatch(relative) is not None
+
+
+def literal_glob(relative: str) -> str:
+    """Return a glob that matches just this path."""
+    return re.sub(r"([*?\[])", r"[\1]", relative)
+
+
+def may_match_within(pattern: str, folder: str) -> bool:
+    """Tell whether a glob may match a folder or something in it, by the text before its first wildcard."""
+    start = _text_before_wildcard(pattern)
+    return f"{folder}/".startswith(start) or start.startswith(f"{folder}/")
+
+
+@cache
+def _text_before_wildcard(pattern: str) -> str:
+    """Return the text that all paths which a glob matches start with; `[*]` and its like stand for one character."""
+    text, rest = "", pattern
+    while plain := re.match(r"[^*?\[]|\[([*?\[])\]", rest):
+        text += plain[1] or plain[0]
+        rest = rest[plain.end() :]
+    return text
 
 
 @cache
