@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from bagassets.errors import PluginError
 
@@ -42,7 +42,7 @@ class Extension:
         """Name and version of the distribution."""
         return f"{self.package} {self.version}"
 
-    def load(self) -> Any:
+    def load(self) -> object:
         """Return the object.
 
         Raises:
@@ -50,7 +50,7 @@ class Extension:
         """
         module, _, path = self.reference.partition(":")
         try:
-            found: Any = import_module(module)
+            found: object = import_module(module)
             for part in path.split(".") if path else ():
                 found = getattr(found, part)
         except (Exception, SystemExit) as err:

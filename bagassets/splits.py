@@ -6,10 +6,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from math import ceil, floor
-from typing import Any
 
 from blake3 import blake3
 
+from bagassets.json_types import JsonMapping, JsonObject
 from bagassets.recipe.model_splits import Splits
 from bagassets.store.canonical import canonical_json
 
@@ -128,7 +128,7 @@ class SplitShare:
         """True if it is empty though it was asked for, or has far more or less time than that."""
         return abs(self.deviation) > _FAR or (self.asked > 0 and not self.recordings)
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> JsonObject:
         """Return the numbers, rounded for people."""
         return {
             "asked": self.asked,
@@ -139,7 +139,7 @@ class SplitShare:
         }
 
     @classmethod
-    def from_json(cls, name: str, value: Mapping[str, Any]) -> "SplitShare":
+    def from_json(cls, name: str, value: JsonMapping) -> "SplitShare":
         """Return what `as_json` gave, as rounded there."""
         return cls(name, value["asked"], value["recordings"], value["duration_s"], value["share"])
 

@@ -11,7 +11,6 @@ import threading
 import time
 from contextlib import AbstractContextManager, nullcontext, suppress
 from pathlib import Path
-from typing import Any
 
 __all__ = ["VARIABLE", "event", "name_process", "span"]
 
@@ -20,7 +19,7 @@ VARIABLE = "BAGASSETS_TRACE"
 _NOTHING: AbstractContextManager[None] = nullcontext()
 
 
-def span(name: str, **facts: Any) -> AbstractContextManager[None]:
+def span(name: str, **facts: object) -> AbstractContextManager[None]:
     """Record how long a block takes.
 
     Args:
@@ -36,7 +35,7 @@ def name_process(name: str) -> None:
     event("M", "process_name", args={"name": name})
 
 
-def event(phase: str, name: str, **fields: Any) -> None:
+def event(phase: str, name: str, **fields: object) -> None:
     """Record an event of the Chrome trace format now, with the fields that its phase needs."""
     folder = os.environ.get(VARIABLE)
     if folder:
@@ -46,7 +45,7 @@ def event(phase: str, name: str, **fields: Any) -> None:
 class _Span(AbstractContextManager[None]):
     """A span whose begin and end are written as one event when it ends."""
 
-    def __init__(self, folder: str, name: str, facts: dict[str, Any]) -> None:
+    def __init__(self, folder: str, name: str, facts: dict[str, object]) -> None:
         self._folder = folder
         self._name = name
         self._facts = facts
@@ -69,7 +68,7 @@ class _Span(AbstractContextManager[None]):
         )
 
 
-def _append(folder: str, fields: dict[str, Any]) -> None:
+def _append(folder: str, fields: dict[str, object]) -> None:
     """Append one line; small appends to a file of one's own are whole or not there."""
     line = json.dumps({"pid": os.getpid(), "tid": threading.get_native_id(), **fields}) + "\n"
     with (

@@ -12,6 +12,7 @@ ROOT = Path(bagassets.__file__).parent
 # From the ground up: each may import what stands in lines above it here, and nothing else. Those of one line do not
 # know each other, so there is no cycle between packages either.
 LAYERS = [
+    ("json_types",),
     ("__init__", "freshness", "escaping", "lock_files", "atomic", "trace", "kernels"),
     ("errors",),
     ("extensions",),

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import isfinite
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from bagassets.annotations.frames import BoxFrames
 from bagassets.annotations.table import BoxTable
 from bagassets.decode.model import BoxReading
 from bagassets.errors import DecodeError
+from bagassets.json_types import JsonObject
 
 __all__ = ["UNKNOWN_FRAME", "BoxCollector", "BoxCounts", "Place", "SourceRules"]
 
@@ -101,7 +102,7 @@ class BoxCounts:
         if place.label:
             self.first.setdefault(reason, place.label)
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> JsonObject:
         """Return the counts as JSON."""
         return {
             "read": self.read,

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
 
 from bagassets.annotations.collect import BoxCollector, Place
 from bagassets.annotations.files.box_files import read_json_boxes, read_parquet_boxes
@@ -18,6 +17,7 @@ from bagassets.annotations.frames import DATASET_FRAME
 from bagassets.assets.asset import Facts, by_digest, inlined, omitted
 from bagassets.assets.channel import Counts
 from bagassets.errors import ChangedWhileReadError, DecodeError, RecipeError, RecordingError
+from bagassets.json_types import JsonObject
 from bagassets.recipe.model_annotations import (
     AnnotationFiles,
     BoxFiles,
@@ -142,7 +142,7 @@ def add_labels(
     recording: Recording,
     clock: Clock,
     collector: BoxCollector,
-) -> dict[str, Any]:
+) -> JsonObject:
     """Add the boxes of all label files to the collector; return counts of files and of entries that are no boxes.
 
     Raises:

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 from bagassets.annotations.frames import DATASET_FRAME, BoxFrames
 from bagassets.assets.asset import Facts
@@ -10,6 +9,7 @@ from bagassets.assets.transform_logs import read_transforms
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.tf_tree import TfTree
 from bagassets.geometry.trajectory import Trajectory
+from bagassets.json_types import JsonMapping
 from bagassets.recipe.model_base import Clock, Vector3
 from bagassets.recordings.inventory import Inventory
 from bagassets.recordings.recording import Recording
@@ -96,7 +96,7 @@ def box_frames(places: BoxPlaces, clock: Clock, recording: Recording, trajectory
     return BoxFrames(places.global_frame, places.ego_frame, extrinsics, trajectory, places.origin_m, tree)
 
 
-def _origin_m(origin: Mapping[str, Any] | None) -> Vector3:
+def _origin_m(origin: JsonMapping | None) -> Vector3:
     """Return the offset that `ego_poses` subtracted from recorded coordinates in the global frame."""
     if origin is None or origin["kind"] != "local":
         return (0.0, 0.0, 0.0)

@@ -6,7 +6,6 @@ Files: `annotations.parquet` and `annotations.json`, which counts messages, file
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
 
 from bagassets.annotations.collect import UNKNOWN_FRAME, BoxCollector, Place, SourceRules
 from bagassets.annotations.frames import BoxFrames
@@ -24,13 +23,14 @@ from bagassets.decode.model import BoxReading
 from bagassets.decode.registry import advice, decoder_key, own_types
 from bagassets.errors import DecodeError, LossLimitError, RecipeError
 from bagassets.geometry.trajectory import Trajectory
+from bagassets.json_types import JsonMapping
 from bagassets.quality.box_rules import boxes_plausible
 from bagassets.quality.check import Evidence, RecordingCheck
 from bagassets.quality.finding import Finding
 from bagassets.recipe.model import Recipe, Rig
 from bagassets.recipe.model_annotations import AnnotationFiles, AnnotationTopic
 from bagassets.recipe.model_base import Clock
-from bagassets.recordings.model import RawMessage
+from bagassets.recordings.model import Message, RawMessage
 from bagassets.recordings.recording import Recording
 from bagassets.store.artifact import ArtifactWriter
 
@@ -243,7 +243,7 @@ def make_annotations(
     return _write(table, counted, use.absent, out)
 
 
-def _write(table: BoxTable, counts: Mapping[str, Any], absent: Iterable[str], out: ArtifactWriter) -> Summary:
+def _write(table: BoxTable, counts: JsonMapping, absent: Iterable[str], out: ArtifactWriter) -> Summary:
     out.write_table(TABLE, table.to_arrow())
     summary = {
         "counts": dict(counts),
@@ -286,9 +286,9 @@ def _rules_of_labels(labels: Labels) -> SourceRules:
 
 def _add_boxes(
     collector: BoxCollector,
-    decode: Callable[[Any], BoxReading | None],
+    decode: Callable[[Message], BoxReading | None],
     message: RawMessage,
-    items: Iterable[Any],
+    items: Iterable[Message],
     clock: Clock,
     number: int,
 ) -> int:

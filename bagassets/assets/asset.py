@@ -20,6 +20,7 @@ from bagassets.annotations.files.find import LabelSet
 from bagassets.assets.channel import ChannelExtractor
 from bagassets.geometry.calibration import Calibration
 from bagassets.geometry.trajectory import Trajectory
+from bagassets.json_types import JsonObject
 from bagassets.plugins import Family
 from bagassets.quality.check import RecordingCheck
 from bagassets.recipe.model import Recipe, Rig
@@ -50,7 +51,7 @@ P = TypeVar("P")
 U = TypeVar("U")
 U_co = TypeVar("U_co", covariant=True)
 
-Summary = dict[str, Any]
+Summary = JsonObject
 """Counts and other small facts that an artifact's manifest keeps, as JSON."""
 
 # Metadata of the fields of parameters.
@@ -108,8 +109,8 @@ def as_json(value: Any) -> Any:
     raise TypeError(f"{type(value).__name__} cannot be a parameter")
 
 
-def _object(value: Any) -> dict[str, Any]:
-    entries: dict[str, Any] = {}
+def _object(value: Any) -> JsonObject:
+    entries: JsonObject = {}
     for own in fields(value):
         item = getattr(value, own.name)
         if own.metadata.get(_BY_DIGEST):

@@ -5,8 +5,9 @@ extractors of its topic, in order of log time.
 """
 
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Protocol
 
+from bagassets.json_types import JsonObject
 from bagassets.recordings.model import RawMessage
 
 __all__ = ["ChannelExtractor", "Counts"]
@@ -30,7 +31,7 @@ class Counts:
         """True if every message that was read is accounted for."""
         return self.read == self.written + self.merged + sum(self.lost.values())
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> JsonObject:
         """Return the counts as JSON."""
         return {"read": self.read, "written": self.written, "merged": self.merged, "lost": dict(self.lost)}
 
@@ -44,7 +45,7 @@ class ChannelExtractor(Protocol):
         """Take the next message; `message.data` is only valid during the call."""
         ...
 
-    def finish(self) -> dict[str, Any]:
+    def finish(self) -> JsonObject:
         """Write what is pending and the index; return the summary (with `counts`).
 
         Raises:

@@ -17,9 +17,10 @@ from bagassets.assets.pose_samples import Joint, MovingRig, PoseSamples, strays
 from bagassets.assets.pose_sources import read_samples
 from bagassets.decode.registry import decoder_key, types_of
 from bagassets.errors import CalibrationError, LossLimitError, PoseError
-from bagassets.geometry.se3 import SE3
+from bagassets.geometry.se3 import SE3, Floats
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.geometry.urdf import urdf_edges
+from bagassets.json_types import JsonObject
 from bagassets.recipe.model import Recipe, Rig
 from bagassets.recipe.model_base import Clock
 from bagassets.recipe.model_poses import (
@@ -192,7 +193,7 @@ def _write(
     source: str,
     samples: PoseSamples,
     stamps_ns: list[int],
-    rows: "np.ndarray[Any, np.dtype[np.float64]]",
+    rows: Floats,
     out: ArtifactWriter,
     *,
     max_gap_s: float = 0.0,
@@ -263,7 +264,7 @@ def _ordered(samples: PoseSamples) -> tuple[list[int], np.ndarray[Any, np.dtype[
     return stamps_ns, rows, len(samples.poses) - len(stamps_ns)
 
 
-def _rows(poses: list[SE3]) -> np.ndarray[Any, np.dtype[np.float64]]:
+def _rows(poses: list[SE3]) -> Floats:
     return np.array([[*pose.translation, *pose.rotation] for pose in poses])
 
 
@@ -281,7 +282,7 @@ def _without_strays(
     return [stamp for stamp, keep in zip(stamps_ns, kept, strict=True) if keep], rows[kept]
 
 
-def _recentre(rows: np.ndarray[Any, np.dtype[np.float64]]) -> dict[str, Any] | None:
+def _recentre(rows: np.ndarray[Any, np.dtype[np.float64]]) -> JsonObject | None:
     """Move far-away coordinates, such as UTM, to a local origin, and return it."""
     if np.abs(rows[:, :2]).max() <= FAR_M:
         return None

@@ -8,7 +8,6 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
 
 import cv2
 import pyarrow as pa
@@ -30,10 +29,11 @@ from bagassets.assets.topic_types import require_decoder
 from bagassets.decode.loading import keyed_decoder
 from bagassets.decode.model import ImageReading
 from bagassets.errors import BagAssetsError, DecodeError, LossLimitError
+from bagassets.json_types import JsonObject
 from bagassets.quality.channel_rules import channels_complete
 from bagassets.quality.check import RecordingCheck
 from bagassets.recipe.model import CameraChannel, Recipe, Rig
-from bagassets.recordings.model import RawMessage
+from bagassets.recordings.model import Message, RawMessage
 from bagassets.recordings.recording import Recording
 from bagassets.store.artifact import ArtifactWriter, FileEntry
 from bagassets.trace import span
@@ -145,7 +145,7 @@ class FrameExtractor:
         self._use = use
         self._by_log_time = use.settings.clock == "log"
         self._recording = recording
-        self._decoder: Callable[[Any], ImageReading] = keyed_decoder("image", use.msgtype, use.decoder)
+        self._decoder: Callable[[Message], ImageReading] = keyed_decoder("image", use.msgtype, use.decoder)
         self._out = out
         self._counts = Counts()
         rule = use.settings.to_8bit
@@ -154,7 +154,7 @@ class FrameExtractor:
         self._output = ImageOutput(use, None if rule is None else rule.range)
         self._pool = pool
         self._in_flight: deque[tuple[int, int, Future[_Written]]] = deque()
-        self._rows: list[dict[str, Any]] = []
+        self._rows: list[JsonObject] = []
         self._stamps_us: set[int] = set()
         self._frame_id = ""
         self._failed = 0
@@ -204,7 +204,7 @@ class FrameExtractor:
         while len(self._in_flight) > (1 if held > _LARGE_BYTES else _MOST_IN_FLIGHT):
             self._collect()
 
-    def finish(self) -> dict[str, Any]:
+    def finish(self) -> JsonObject:
         """Write pending images and the index; return the summary.
 
         Raises:

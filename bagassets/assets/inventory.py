@@ -7,7 +7,6 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from bagassets.assets.asset import Asset, Facts, Inputs, Summary, Use, inlined
 from bagassets.assets.kept_messages import KeptMessages
@@ -18,6 +17,7 @@ from bagassets.decode.navsat import FixReading
 from bagassets.decode.registry import bulk_types, own_types
 from bagassets.errors import DecodeError, RecordingError
 from bagassets.geometry.sun import daylight
+from bagassets.json_types import JsonObject
 from bagassets.quality.check import RecordingCheck
 from bagassets.quality.topic_rules import channels_present, stamps_monotonic, topic_rates
 from bagassets.recipe.model import READING_LIMITS, Recipe, Rig
@@ -74,7 +74,7 @@ def use(params: InventoryParams, facts: Facts) -> dict[str, Use[InventoryUse]]:
     return {"": Use(InventoryUse(facts.format, params.limits), inputs=inputs)}
 
 
-def make_inventory(recording: Recording, out: ArtifactWriter, *, size: int) -> dict[str, Any]:
+def make_inventory(recording: Recording, out: ArtifactWriter, *, size: int) -> JsonObject:
     """Read the whole recording once, write its inventory and pack, and return the summary.
 
     Args:
@@ -145,7 +145,7 @@ def _inventory_json(
     packed: set[str],
     problems: dict[str, str | None],
     fixes: list[FixReading],
-) -> dict[str, Any]:
+) -> JsonObject:
     topics = []
     for name, info in sorted(recording.topics.items()):
         definition = info.definition
@@ -184,12 +184,12 @@ def _daylight(fixes: list[FixReading]) -> str | None:
     return daylight(fixes[0].lat_deg, fixes[0].lon_deg, fixes[0].stamp_ns)
 
 
-def _fix_json(fix: FixReading) -> dict[str, Any]:
+def _fix_json(fix: FixReading) -> JsonObject:
     alt = None if fix.alt_m != fix.alt_m else fix.alt_m
     return {"lat": fix.lat_deg, "lon": fix.lon_deg, "alt": alt, "stamp_ns": fix.stamp_ns}
 
 
-def _notes(recording: Recording, topics: list[dict[str, Any]]) -> list[str]:
+def _notes(recording: Recording, topics: list[JsonObject]) -> list[str]:
     """Return sentences about what is unusual, with a single one for all topics that share it."""
     notes = []
     unset, apart = [], []

@@ -35,7 +35,7 @@ from bagassets.decode.velodyne import (
 from bagassets.errors import DecodeError, RecipeError
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.trajectory import Trajectory
-from bagassets.recordings.model import RawMessage
+from bagassets.recordings.model import Message, RawMessage
 
 __all__ = [
     "NO_STAMP",
@@ -215,7 +215,7 @@ class CloudSweeps:
         self._period_ns = use.period_ns
         self._by_log_time = use.settings.clock == "log"
 
-    def add(self, message: Any, raw: RawMessage) -> str:
+    def add(self, message: Message, raw: RawMessage) -> str:
         """Write one cloud; return its frame.
 
         Raises:
@@ -237,7 +237,7 @@ class CloudSweeps:
     def finish(self) -> None:
         """Do nothing: no message is pending."""
 
-    def _reading(self, message: Any) -> CloudReading:
+    def _reading(self, message: Message) -> CloudReading:
         reading: CloudReading = self._decode(message, self._header_stamp_is, self._stamp)
         if self._by_plugin and not reading.stamp_ns and not self._by_log_time:
             raise DecodeError(NO_STAMP)

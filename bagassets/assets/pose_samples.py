@@ -13,6 +13,7 @@ from bagassets.errors import CalibrationError
 from bagassets.geometry.se3 import SE3, Floats
 from bagassets.geometry.tf_tree import Edge
 from bagassets.geometry.wgs84 import LocalFrame, utm
+from bagassets.json_types import JsonObject
 from bagassets.recipe.model_base import Clock, Quaternion, Vector3
 from bagassets.recipe.model_poses import MovingPoseSource, TfSource
 from bagassets.recordings.model import RawMessage
@@ -90,7 +91,7 @@ class PoseSamples:
     stamps_ns: list[int] = field(default_factory=list)
     poses: list[SE3] = field(default_factory=list)
     global_frame: str = ""
-    origin: dict[str, Any] | None = None
+    origin: JsonObject | None = None
     counts: Counts = field(default_factory=Counts)
     failed: int = 0
     helpers: dict[str, Counts] = field(default_factory=dict)
@@ -148,7 +149,7 @@ def mounted(frames: RigFrames, frame: str, ego_frame: str, what: str, samples: P
         return SE3()
 
 
-def wgs84_origin(frame: LocalFrame) -> dict[str, Any]:
+def wgs84_origin(frame: LocalFrame) -> JsonObject:
     """Return the position of a local frame on Earth, in the form of `ego_poses.json`."""
     origin = {"kind": "wgs84", "lat": frame.lat_deg, "lon": frame.lon_deg, "alt": frame.alt_m}
     grid = utm(frame.lat_deg, frame.lon_deg)

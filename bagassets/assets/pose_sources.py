@@ -5,7 +5,6 @@ read and lost; `bagassets.assets.ego_poses` sorts, merges and writes them.
 """
 
 from collections.abc import Callable
-from typing import Any
 
 from bagassets.assets.pose_gnss import poses_from_navsat
 from bagassets.assets.pose_ncom import poses_from_ncom
@@ -25,6 +24,7 @@ from bagassets.recipe.model_poses import (
     PoseTopicSource,
     TfSource,
 )
+from bagassets.recordings.model import Message
 from bagassets.recordings.recording import Recording
 
 __all__ = ["read_samples"]
@@ -76,9 +76,9 @@ def _from_poses(
     return samples
 
 
-def _pose_decoder(topic: str, rig: MovingRig, recording: Recording) -> Callable[[Any], PoseReading]:
+def _pose_decoder(topic: str, rig: MovingRig, recording: Recording) -> Callable[[Message], PoseReading]:
     msgtype = recording.topics[topic].msgtype
-    decoder: Callable[[Any], PoseReading] | None = keyed_decoder("pose", msgtype, rig.decoder)
+    decoder: Callable[[Message], PoseReading] | None = keyed_decoder("pose", msgtype, rig.decoder)
     if decoder is None:
         *names, last = (known.rpartition("/")[2] for known in own_types("pose"))
         raise PoseError(

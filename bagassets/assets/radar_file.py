@@ -77,13 +77,13 @@ def radar_bytes(targets: Mapping[str, NDArray[np.float64]]) -> bytes:
     table = np.zeros(number, dtype=_DTYPE)
     for name, kind, default in _LAYOUT:
         column = _finite(values.get(name, np.full(number, default)), default)
-        limits: Any = np.finfo(kind) if kind == "<f4" else np.iinfo(kind)
+        limits = np.finfo(kind) if kind == "<f4" else np.iinfo(kind)
         limited = np.clip(column, limits.min, limits.max)
         table[name] = limited if kind == "<f4" else np.rint(limited)
     return _header(number) + table.tobytes() + _TRAILER
 
 
-def read_radar_file(path: Path) -> NDArray[Any]:
+def read_radar_file(path: Path) -> NDArray[np.void]:
     """Return the targets of a file that `radar_bytes` wrote, a structured array with `FIELDS`.
 
     Raises:

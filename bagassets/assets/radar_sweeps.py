@@ -14,7 +14,7 @@ from bagassets.decode.model import RadarReading
 from bagassets.decode.radar import is_single_track, track_number
 from bagassets.decode.radar_fields import Side
 from bagassets.errors import DecodeError
-from bagassets.recordings.model import RawMessage
+from bagassets.recordings.model import Message, RawMessage
 
 __all__ = ["RadarSettings", "RadarSweeps", "RadarUse"]
 
@@ -119,7 +119,7 @@ class RadarSweeps:
         if self._pending is not None:
             self._write(self._pending)
 
-    def _reading(self, message: Any, raw: RawMessage) -> RadarReading:
+    def _reading(self, message: Message, raw: RawMessage) -> RadarReading:
         reading: RadarReading = self._decode(message, raw.msgtype, self._side)
         if self._by_plugin and not reading.stamp_ns and not self._by_log_time:
             raise DecodeError("its stamp is zero; set clock: log in the recipe")

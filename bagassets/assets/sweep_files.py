@@ -2,12 +2,13 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Literal
 
 import pyarrow as pa
 
 from bagassets.assets.asset import omitted
 from bagassets.assets.channel import Counts
+from bagassets.json_types import JsonObject
 from bagassets.recipe.model import Limits
 from bagassets.recipe.model_base import Clock
 from bagassets.store.artifact import ArtifactWriter
@@ -77,7 +78,7 @@ class PointCounts:
         """Return whether every point read is accounted for."""
         return self.read == self.written + sum(self.dropped.values())
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> JsonObject:
         """Return the counts as JSON."""
         return {"read": self.read, "written": self.written, "dropped": dict(self.dropped)}
 
@@ -106,7 +107,7 @@ class SweepFiles:
         self._out = out
         self._extension = extension
         self._schema = pa.schema(_COLUMNS | _SPAN if with_span else _COLUMNS)
-        self._rows: list[dict[str, Any]] = []
+        self._rows: list[JsonObject] = []
         self._stamps_us: set[int] = set()
 
     def write(
@@ -146,7 +147,7 @@ class SweepFiles:
         self.counts.lose(reason, parts)
         self.points.drop(reason, points)
 
-    def finish(self, description: dict[str, Any]) -> None:
+    def finish(self, description: JsonObject) -> None:
         """Write `index.parquet`, sorted by stamp, and `channel.json`."""
         rows = sorted(self._rows, key=lambda row: row["stamp_ns"])
         self._out.write_table("index.parquet", pa.Table.from_pylist(rows, schema=self._schema))

@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 from bagassets.assets.asset import Asset, Facts, Inputs, Use, uses_of
 from bagassets.assets.calibration import CALIBRATION
@@ -32,10 +31,11 @@ from bagassets.decode.point_times import Moment
 from bagassets.errors import DecodeError, LossLimitError, RecipeError
 from bagassets.geometry.tf_tree import normalise_frame
 from bagassets.geometry.trajectory import Trajectory
+from bagassets.json_types import JsonObject
 from bagassets.quality.channel_rules import channels_complete
 from bagassets.quality.check import RecordingCheck
 from bagassets.recipe.model import LidarChannel, RadarChannel, Recipe, Rig
-from bagassets.recordings.model import RawMessage
+from bagassets.recordings.model import Message, RawMessage
 from bagassets.recordings.recording import Recording
 from bagassets.store.artifact import ArtifactWriter
 
@@ -223,7 +223,7 @@ class SweepExtractor:
             self._fail_parts(str(err), 1)
         self._failed_messages += self._failed_parts > failed_before
 
-    def finish(self) -> dict[str, Any]:
+    def finish(self) -> JsonObject:
         """Write what is left and the index; return the summary.
 
         Raises:
@@ -259,7 +259,7 @@ class SweepExtractor:
                 return self._frame_id or normalise_frame(packet.frame_id)
         return self._sweeps.add(self._decoded(message), message)
 
-    def _decoded(self, message: RawMessage) -> Any:
+    def _decoded(self, message: RawMessage) -> Message:
         decoded = self._recording.decode(message)
         settings = self._use.settings
         check_points(decoded, settings.cloud_points)

@@ -1,11 +1,12 @@
 """What the inventory collects about one topic while the recording is read."""
 
 from array import array
-from typing import Any
 
 import numpy as np
 from blake3 import blake3
+from numpy.typing import NDArray
 
+from bagassets.json_types import JsonObject
 from bagassets.recordings.model import RawMessage
 
 __all__ = ["TopicLog"]
@@ -60,7 +61,7 @@ class TopicLog:
         if frame and frame not in self._frames and len(self._frames) < MOST_FRAMES:
             self._frames[frame] = None
 
-    def as_json(self, layout_digest: str) -> dict[str, Any]:
+    def as_json(self, layout_digest: str) -> JsonObject:
         """Return the facts as they stand in `inventory.json`.
 
         Args:
@@ -96,15 +97,13 @@ class TopicLog:
         }
 
 
-def _median_period(stamps: "np.ndarray[Any, np.dtype[np.int64]]") -> int | None:
+def _median_period(stamps: NDArray[np.int64]) -> int | None:
     """Return the median time between two of the stamps, in whichever order they came; pauses and lost ones shift nothing."""
     periods = np.sort(np.diff(np.unique(stamps[stamps > 0])))
     return int(periods[len(periods) // 2]) if len(periods) else None
 
 
-def _gaps(
-    times: "np.ndarray[Any, np.dtype[np.int64]]", periods: "np.ndarray[Any, np.dtype[np.int64]]"
-) -> dict[str, Any]:
+def _gaps(times: NDArray[np.int64], periods: NDArray[np.int64]) -> JsonObject:
     if len(periods) < 2:
         return {"gaps": [], "gap_count": 0}
     median = int(np.sort(periods)[len(periods) // 2])

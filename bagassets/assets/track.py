@@ -8,7 +8,7 @@ longitude) and `local` (stamp_ns, x, y in the global frame of the ego poses, met
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
 from bagassets.assets.asset import Asset, Summary, Use
 from bagassets.assets.ego_poses import EGO_POSES
@@ -124,9 +124,9 @@ def make(use: Use[TrackUse], inputs: TrackInputs, out: ArtifactWriter) -> Summar
     return {"source": source, "points": len(points)}
 
 
-def _fixes(recording: Recording, topics: Sequence[str], clock: Clock) -> list[list[Any]]:
+def _fixes(recording: Recording, topics: Sequence[str], clock: Clock) -> list[list[float]]:
     """Return valid fixes, at most one a second; what cannot be decoded says nothing about the place."""
-    points: list[list[Any]] = []
+    points: list[list[float]] = []
     next_ns = 0
     for message in recording.messages(topics):
         if message.log_time_ns < next_ns:

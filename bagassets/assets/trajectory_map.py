@@ -4,8 +4,8 @@ The step `map_shell` makes the page without the ways, which is the same for all 
 """
 
 from collections.abc import Sequence
-from typing import Any
 
+from bagassets.json_types import JsonObject
 from bagassets.report.map_shell import map_shell
 from bagassets.report.trajectory_map import MapWay, trajectory_map_page
 from bagassets.store.action import Action, Step
@@ -19,7 +19,7 @@ SHELL_STEP = Step("map_shell", 1, ("folium", "branca"))
 MAP, SHELL = "trajectory_map.html", "shell.html"
 
 
-def make_shell(out: ArtifactWriter) -> dict[str, Any]:
+def make_shell(out: ArtifactWriter) -> JsonObject:
     """Write the page without the ways; return the summary."""
     out.write(SHELL, map_shell().encode())
     return {}
@@ -33,7 +33,7 @@ def action(ways: Sequence[MapWay], shell: Artifact) -> Action:
     return STEP.action({}, {"ways": ways_digest, "shell": shell.digest})
 
 
-def make(ways: Sequence[MapWay], shell: Artifact, out: ArtifactWriter) -> dict[str, Any]:
+def make(ways: Sequence[MapWay], shell: Artifact, out: ArtifactWriter) -> JsonObject:
     """Write the map; return the summary."""
     page = trajectory_map_page(ways, shell.path(SHELL).read_text(encoding="utf-8"))
     out.write(MAP, page.encode())

@@ -3,7 +3,9 @@
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, ClassVar, Literal, Self
+
+from bagassets.json_types import JsonMapping, JsonObject
 
 if TYPE_CHECKING:
     # Not imported: the command line only waits for the server, and should not import all of this.
@@ -37,12 +39,12 @@ class BuildOptions:
         """True if it covers all recordings and assets."""
         return not self.bags and not self.select
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> JsonObject:
         """Return the options as JSON."""
         return asdict(self)
 
     @classmethod
-    def from_json(cls, value: dict[str, Any]) -> Self:
+    def from_json(cls, value: JsonObject) -> Self:
         """Inverse of `as_json`."""
         return cls(
             value["jobs"],
@@ -70,7 +72,7 @@ class Event:
     message: str = ""
     sizes: Mapping[str, int] = field(default_factory=dict)
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> JsonObject:
         """Return the event as JSON."""
         return asdict(self)
 
@@ -107,7 +109,7 @@ class Remark:
     check: str
     problem: str
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> JsonObject:
         """Return the remark as JSON."""
         return asdict(self)
 
@@ -140,7 +142,7 @@ class BuildReport:
     remarks: tuple[Remark, ...] = ()
     duplicates: Mapping[str, str] = field(default_factory=dict)
     moved: Mapping[str, tuple[str, str]] = field(default_factory=dict)
-    splits: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    splits: Mapping[str, JsonMapping] = field(default_factory=dict)
     dataset: str = "fresh"
     dataset_problem: str = ""
     dataset_path: Path = Path()
@@ -161,7 +163,7 @@ class BuildReport:
         results: tuple[Result, ...] = ("built", "hit", "fresh", "skipped", "failed", "stopped")
         return {result: len(self.having(result)) for result in results}
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> JsonObject:
         """Return the report as JSON, without the plan."""
         return {
             "recordings": {
@@ -189,7 +191,7 @@ class BuildReport:
         }
 
     @classmethod
-    def from_json(cls, value: dict[str, Any]) -> Self:
+    def from_json(cls, value: JsonObject) -> Self:
         """Inverse of `as_json`, without the plan."""
         return cls(
             outcomes={
@@ -242,6 +244,6 @@ class SummaryRow:
     result: str
     reason: str
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> JsonObject:
         """Return the row as JSON."""
         return asdict(self)

@@ -4,6 +4,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from bagassets.json_types import JsonMapping
+
 __all__ = ["Change", "compare_actions", "describe_changes", "flatten"]
 
 _MOST_NAMED = 3
@@ -23,8 +25,8 @@ class Change:
 
     group: str
     name: str
-    before: Any
-    now: Any
+    before: object
+    now: object
 
     def __str__(self) -> str:
         verb = "is new" if self.before is None else "is gone" if self.now is None else "changed"
@@ -38,7 +40,7 @@ class Change:
         return f"{what} {verb}"
 
 
-def compare_actions(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[Change]:
+def compare_actions(before: JsonMapping, now: JsonMapping) -> list[Change]:
     """Return the differences between two actions, given as JSON, in the order of their fields."""
     changes = [
         Change(name, "", before[name], now[name]) for name in ("step", "version") if before[name] != now[name]
@@ -60,7 +62,7 @@ def describe_changes(changes: Sequence[Change]) -> str:
     return ", ".join(texts[:_MOST_NAMED]) + more
 
 
-def flatten(value: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+def flatten(value: JsonMapping, prefix: str = "") -> Iterator[tuple[str, Any]]:
     """Yield dotted name and value of each leaf; lists and empty objects are leaves."""
     for name, inner in value.items():
         if isinstance(inner, Mapping) and inner:
@@ -77,5 +79,5 @@ def _input_name(name: str) -> str:
     return f"{kinds[kind]} {rest}" if kind in kinds else name
 
 
-def _is_short(value: Any) -> bool:
+def _is_short(value: object) -> bool:
     return not isinstance(value, Mapping | list) and len(str(value)) <= _MOST_CHARACTERS

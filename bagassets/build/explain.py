@@ -3,12 +3,12 @@
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 from bagassets.build.differences import Change, compare_actions
 from bagassets.build.graph import Node
 from bagassets.build.plan import AssetState, Recorded
 from bagassets.build.planner import Planner
+from bagassets.json_types import JsonMapping, JsonObject
 from bagassets.recordings.model import RecordingFiles
 from bagassets.store.canonical import digest_json
 from bagassets.store.store import Store
@@ -27,15 +27,15 @@ class ActionPair:
     """
 
     channel: str
-    now: Mapping[str, Any] | None
-    last: Mapping[str, Any] | None
+    now: JsonMapping | None
+    last: JsonMapping | None
 
     @property
     def changes(self) -> list[Change]:
         """The differences; empty unless both actions are known."""
         return compare_actions(self.last, self.now) if self.now is not None and self.last is not None else []
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> JsonObject:
         """Return the pair as JSON."""
         return {
             "channel": self.channel or None,
@@ -67,7 +67,7 @@ class Explanation:
     code_version: str | None
     actions: tuple[ActionPair, ...]
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> JsonObject:
         """Return the explanation as JSON."""
         last = self.recorded
         return {
@@ -112,7 +112,7 @@ def explain_asset(
     return Explanation(recording.key, asset, state, last, planner.assets.versions.get(asset), pairs)
 
 
-def _actions_now(node: Node) -> dict[str, Mapping[str, Any]]:
+def _actions_now(node: Node) -> dict[str, JsonMapping]:
     """Return the actions of an asset's channels by name, or its own under "", as far as they are known."""
     return {
         one.channel: json.loads(json.dumps(one.action.as_json()))
@@ -121,12 +121,12 @@ def _actions_now(node: Node) -> dict[str, Mapping[str, Any]]:
     }
 
 
-def _actions_of(store: Store, digest: str | None) -> dict[str, Mapping[str, Any]]:
+def _actions_of(store: Store, digest: str | None) -> dict[str, JsonMapping]:
     action = None if digest is None else store.action(digest)
     return {} if action is None else _with_channels(store, action)
 
 
-def _with_channels(store: Store, action: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
+def _with_channels(store: Store, action: JsonMapping) -> dict[str, JsonMapping]:
     """Return the actions of an asset's channels by name, or the action itself under "" if it has none."""
     channels = action["params"].get("actions") if action["step"].endswith("_index") else None
     if not channels:
@@ -135,5 +135,5 @@ def _with_channels(store: Store, action: Mapping[str, Any]) -> dict[str, Mapping
     return {name: inner for name, inner in actions.items() if inner is not None}
 
 
-def _with_digest(action: Mapping[str, Any] | None) -> dict[str, Any] | None:
+def _with_digest(action: JsonMapping | None) -> JsonObject | None:
     return None if action is None else {"digest": digest_json(dict(action)), **action}

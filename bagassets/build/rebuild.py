@@ -6,7 +6,6 @@ The store is not changed: new artifacts are made in a scratch folder and compare
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 from uuid import uuid4
 
 from bagassets.assets.asset import Summary
@@ -14,6 +13,7 @@ from bagassets.build.execute import run_again
 from bagassets.build.graph import Graph, Node
 from bagassets.build.recording_assets import RecordingAssets
 from bagassets.errors import BagAssetsError
+from bagassets.json_types import JsonObject
 from bagassets.recordings.digest import DigestIndex, recording_digest, recording_stat, stored_digest
 from bagassets.recordings.discover import discover
 from bagassets.store.action import Action
@@ -62,7 +62,7 @@ class Rebuilt:
     differing: tuple[str, ...] = ()
     error: str | None = None
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> JsonObject:
         """Return the result as JSON."""
         return {
             "action": self.action,

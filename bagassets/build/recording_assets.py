@@ -28,7 +28,7 @@ class RecordingAssets:
     def __init__(self, recipe: Recipe, known: Iterable[AnyAsset]) -> None:
         self.recipe = recipe
         self._by_name: dict[str, AnyAsset] = {}
-        self._params: dict[tuple[str, str], Any] = {}
+        self._params: dict[tuple[str, str], object] = {}
         seen: set[str] = {"bag"}
         enabled: list[AnyAsset] = []
         for asset in known:

@@ -1,16 +1,16 @@
 """Checking the bytes of recordings against their recorded digests, and naming the files and topics that changed."""
 
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from bagassets.build.execute import run_again
 from bagassets.build.graph import Graph
 from bagassets.build.rebuild import Scratch
 from bagassets.build.recording_assets import RecordingAssets
 from bagassets.errors import BagAssetsError
+from bagassets.json_types import JsonMapping, JsonObject
 from bagassets.recordings.digest import DigestIndex, combined_digest, hash_file, recording_stat, stat_files
 from bagassets.recordings.digest_record import read_attribute
 from bagassets.recordings.discover import discover
@@ -89,7 +89,7 @@ class CheckedRecording:
         """True if every file could be read and matches its record."""
         return not self.files and self.problem is None
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> JsonObject:
         """Return the result as JSON."""
         return {
             "key": self.key,
@@ -184,13 +184,13 @@ def _changed_topics(
     )
 
 
-def _topics(inventory: Artifact) -> dict[str, Mapping[str, Any]]:
+def _topics(inventory: Artifact) -> dict[str, JsonMapping]:
     return {topic["name"]: topic for topic in inventory.read_json("inventory.json")["topics"]}
 
 
-def _count(topic: Mapping[str, Any] | None) -> int | None:
+def _count(topic: JsonMapping | None) -> int | None:
     return None if topic is None else int(topic["count"])
 
 
-def _digest(topic: Mapping[str, Any] | None) -> str | None:
+def _digest(topic: JsonMapping | None) -> str | None:
     return None if topic is None else str(topic["digest"])

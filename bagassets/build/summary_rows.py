@@ -1,11 +1,9 @@
 """The table at the end of a build: what each recording contains, and its result."""
 
-from collections.abc import Mapping
-from typing import Any
-
 from bagassets.build.build_report import BagOutcome, BuildReport, SummaryRow
 from bagassets.build.plan import BagPlan
 from bagassets.errors import StoreError
+from bagassets.json_types import JsonMapping, JsonObject
 from bagassets.store.store import Store
 
 __all__ = ["summary_rows"]
@@ -56,7 +54,7 @@ def _row_of_removed(key: str, outcome: BagOutcome) -> SummaryRow:
     return SummaryRow(recording=key, **empty, result=outcome.result, reason=reason)
 
 
-def _summary(store: Store, bag: BagPlan, asset: str) -> dict[str, Any]:
+def _summary(store: Store, bag: BagPlan, asset: str) -> JsonObject:
     digest = bag.assets[asset].data_version
     if digest is None:
         return {}
@@ -66,6 +64,6 @@ def _summary(store: Store, bag: BagPlan, asset: str) -> dict[str, Any]:
         return {}
 
 
-def _written(summary: Mapping[str, Any]) -> int | None:
+def _written(summary: JsonMapping) -> int | None:
     channels = summary.get("channels")
     return None if channels is None else sum(counts["written"] for counts in channels.values())

@@ -12,10 +12,10 @@ import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 from bagassets.build.build_report import Event
 from bagassets.errors import BagAssetsError
+from bagassets.json_types import JsonObject
 from bagassets.trace import VARIABLE, event, name_process
 
 __all__ = ["recorded_trace", "trace_recordings"]
@@ -80,7 +80,7 @@ def trace_recordings(progress: Event) -> None:
     event(phase, name, cat="bag", id=name, args=facts)
 
 
-def _events(folder: Path) -> list[dict[str, Any]]:
+def _events(folder: Path) -> list[JsonObject]:
     """Return the events of all processes in order of time, which counts from the first one."""
     events = []
     for path in sorted(folder.glob("*.jsonl")):
@@ -94,7 +94,7 @@ def _events(folder: Path) -> list[dict[str, Any]]:
     return [{**one, "ts": round(one["ts"] - origin, 3)} for one in events]
 
 
-def _write(file: Path, events: list[dict[str, Any]]) -> None:
+def _write(file: Path, events: list[JsonObject]) -> None:
     content = {"traceEvents": events, "displayTimeUnit": "ms"}
     try:
         file.write_text(json.dumps(content, separators=(",", ":")) + "\n", "utf-8")

@@ -4,11 +4,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Any
 
 from bagassets.assets import track
 from bagassets.assets.ego_poses import load_trajectory
 from bagassets.geometry.trajectory import Trajectory
+from bagassets.json_types import JsonObject
 from bagassets.recipe.model_base import Clock
 from bagassets.recordings.inventory import Inventory
 from bagassets.recordings.pack import PACK_FILE, PackedRecording
@@ -46,8 +46,8 @@ class _Stored:
         return self.artifacts[asset]
 
     @cached_property
-    def _inventory_json(self) -> dict[str, Any]:
-        content: dict[str, Any] = self.artifact("inventory").read_json("inventory.json")
+    def _inventory_json(self) -> JsonObject:
+        content: JsonObject = self.artifact("inventory").read_json("inventory.json")
         return content
 
     @cached_property

@@ -6,13 +6,14 @@ import sys
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
 from bagassets.cli.options import recipe_option
 from bagassets.cli.progress import progress_for
 from bagassets.cli.terminal import echo, echo_lines
+from bagassets.json_types import JsonObject
 from bagassets.trace import span
 
 if TYPE_CHECKING:
@@ -117,7 +118,7 @@ def _build(recipe: Path, options: "BuildOptions", trace: Path | None, *, as_json
 
 def _build_on_server(
     recipe: Path, options: "BuildOptions", trace: Path | None, most: int | None
-) -> dict[str, Any]:
+) -> JsonObject:
     """Have the build made, and show how it goes; return the report and the rows of its table as JSON."""
     from bagassets.cli.remote import build_on_server, server_for
 

@@ -4,12 +4,13 @@ import json
 from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
 from bagassets.cli.options import EXIT_FOUND, recipe_option
 from bagassets.cli.terminal import echo, echo_lines
+from bagassets.json_types import JsonObject
 
 if TYPE_CHECKING:
     from bagassets.formats.dataset_diff import BagDiff, DatasetDiff, SceneDiff
@@ -193,7 +194,7 @@ def _scene_text(scene: "SceneDiff") -> str:
     return ", ".join(what)
 
 
-def _lock_json(lock: "DatasetLock") -> dict[str, Any]:
+def _lock_json(lock: "DatasetLock") -> JsonObject:
     return {
         "path": str(lock.path),
         "kind": lock.kind,
@@ -202,14 +203,14 @@ def _lock_json(lock: "DatasetLock") -> dict[str, Any]:
     }
 
 
-def _bag_json(bag: "LockedBag | None") -> dict[str, Any] | None:
+def _bag_json(bag: "LockedBag | None") -> JsonObject | None:
     if bag is None:
         return None
     told = {"key": bag.key, "content": bag.content, "artifact": bag.artifact, "split": bag.split}
     return {**told, **bag.counts}
 
 
-def _diff_json(found: "DatasetDiff") -> dict[str, Any]:
+def _diff_json(found: "DatasetDiff") -> JsonObject:
     return {
         "same": found.is_empty,
         "bags": [

@@ -11,6 +11,7 @@ import click
 from bagassets.cli.options import EXIT_FOUND
 from bagassets.cli.terminal import echo, echo_lines
 from bagassets.errors import BagAssetsError, RecordingError
+from bagassets.json_types import JsonObject
 
 if TYPE_CHECKING:
     from bagassets.recordings.digest_record import DigestIndex
@@ -60,7 +61,7 @@ def digest(bags: tuple[Path, ...], recipe: Path | None, rehash: bool, verify: bo
         raise click.UsageError("name a BAG, or a recipe with --recipe.")
     index = None if loaded is None else DigestIndex(loaded.state)
     roots = bags or ((loaded.bags.root,) if loaded is not None else ())
-    done: list[dict[str, Any]] = []
+    done: list[JsonObject] = []
     errors: list[str] = []
     for recording in _recordings(roots, None if bags or loaded is None else loaded.bags, errors):
         try:
@@ -106,7 +107,7 @@ def _recordings(roots: tuple[Path, ...], bags: Any, errors: list[str]) -> Iterat
         yield from discovery.recordings.values()
 
 
-def _digested(recording: "RecordingFiles", index: "DigestIndex | None", *, rehash: bool) -> dict[str, Any]:
+def _digested(recording: "RecordingFiles", index: "DigestIndex | None", *, rehash: bool) -> JsonObject:
     from bagassets.recordings.digest import recording_digest
 
     made = recording_digest(recording, index, rehash=rehash)
@@ -121,7 +122,7 @@ def _digested(recording: "RecordingFiles", index: "DigestIndex | None", *, rehas
     }
 
 
-def _verified(recording: "RecordingFiles", index: "DigestIndex | None") -> dict[str, Any]:
+def _verified(recording: "RecordingFiles", index: "DigestIndex | None") -> JsonObject:
     from bagassets.recordings.digest_check import check_digests
 
     wrong = list(check_digests(recording, index))
@@ -141,7 +142,7 @@ def _verified(recording: "RecordingFiles", index: "DigestIndex | None") -> dict[
     }
 
 
-def _show(entry: dict[str, Any]) -> None:
+def _show(entry: JsonObject) -> None:
     if "digest" in entry:
         echo(f"{entry['digest']}  {entry['path']}")
     for disagreement in entry.get("disagreements", ()):
@@ -149,7 +150,7 @@ def _show(entry: dict[str, Any]) -> None:
     sys.stdout.flush()
 
 
-def _summarize(done: list[dict[str, Any]], wrong: int | None) -> None:
+def _summarize(done: list[JsonObject], wrong: int | None) -> None:
     """Say to standard error what was done, so that standard output stays a list of digests."""
     size = sum(entry["size"] for entry in done)
     number = f"{len(done)} recording{'' if len(done) == 1 else 's'}, {_megabytes(size)}"

@@ -3,7 +3,7 @@
 import json
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -98,7 +98,7 @@ def _action_lines(pair: "ActionPair") -> Iterator[str]:
             yield from _row(f"{name_of} {name}", before.get(name), after.get(name))
 
 
-def _row(name: str, last: Any, now: Any) -> Iterator[str]:
+def _row(name: str, last: object, now: object) -> Iterator[str]:
     """Yield one line; where both differ it is marked and has both."""
     if last == now:
         yield f"    {name}: {_value(now)}"
@@ -106,7 +106,7 @@ def _row(name: str, last: Any, now: Any) -> Iterator[str]:
         yield f"  * {name}: {_value(last)} -> {_value(now)}"
 
 
-def _value(value: Any) -> str:
+def _value(value: object) -> str:
     if value is None:
         return "-"
     text = value if isinstance(value, str) else json.dumps(value, sort_keys=True)

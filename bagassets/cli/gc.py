@@ -3,12 +3,13 @@
 import json
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
 from bagassets.cli.options import recipe_option
 from bagassets.cli.terminal import echo, echo_lines
+from bagassets.json_types import JsonObject
 
 if TYPE_CHECKING:
     from bagassets.store.collect import Garbage
@@ -126,7 +127,7 @@ def gc(
         )
 
 
-def _as_json(entry: "Garbage", now_s: float) -> dict[str, Any]:
+def _as_json(entry: "Garbage", now_s: float) -> JsonObject:
     return {
         "artifact": entry.artifact,
         "step": entry.step or None,

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from bagassets.errors import BagAssetsError
+from bagassets.json_types import JsonObject
 
 __all__ = ["other_environment", "rebuild_elsewhere"]
 
@@ -49,7 +50,7 @@ def other_environment() -> dict[str, str]:
 
 def rebuild_elsewhere(
     recipe_file: Path, key: str, actions: Sequence[str], environment: dict[str, str]
-) -> list[dict[str, Any]]:
+) -> list[JsonObject]:
     """Run actions of one recording in a process of their own; return `Rebuilt.as_json` of each.
 
     Raises:
@@ -68,7 +69,7 @@ def rebuild_elsewhere(
         lines = done.stderr.strip().splitlines()
         reason = lines[-1] if lines else f"it ended with {done.returncode}"
         raise BagAssetsError(f"{key}: the process that ran its actions again failed ({reason}).")
-    results: list[dict[str, Any]] = json.loads(done.stdout)
+    results: list[JsonObject] = json.loads(done.stdout)
     return results
 
 

@@ -7,7 +7,6 @@ this process, both would.
 import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 from uuid import uuid4
 
 from bagassets.build.build_report import BuildOptions, Event
@@ -15,6 +14,7 @@ from bagassets.errors import BagAssetsError
 from bagassets.forkserver.client import Client, ServerRefusedError
 from bagassets.forkserver.server_files import ServerFiles
 from bagassets.forkserver.tasks import server_spec
+from bagassets.json_types import JsonObject
 from bagassets.store.writable import require_writable
 
 __all__ = ["InterruptedBuildError", "build_on_server", "find_server", "server_for"]
@@ -71,7 +71,7 @@ def server_for(recipe: Path, bags: Sequence[str]) -> Client:
 
 def build_on_server(
     client: Client, recipe: Path, options: BuildOptions, on_event: Callable[[Event], None], most: int | None
-) -> dict[str, Any] | None:
+) -> JsonObject | None:
     """Have a build made; return its report and the rows of its table as JSON.
 
     An interrupt (Ctrl-C) stops it cleanly and returns what was done; a second one does not wait.
@@ -99,11 +99,11 @@ def build_on_server(
         raise BagAssetsError(*str(event["reason"]).split("\n"))
     if event["exit"] != 0:
         raise _raised(event["error"])
-    report: dict[str, Any] = event["result"]
+    report: JsonObject = event["result"]
     return report
 
 
-def _follow(client: Client, job: str, on_event: Callable[[Event], None]) -> dict[str, Any]:
+def _follow(client: Client, job: str, on_event: Callable[[Event], None]) -> JsonObject:
     """Hand on what the driver tells, and return how it ended."""
     while True:
         event = client.wait()

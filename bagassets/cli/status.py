@@ -12,6 +12,7 @@ import click
 from bagassets.cli.options import recipe_option
 from bagassets.cli.terminal import echo_lines, print_lines
 from bagassets.escaping import visible
+from bagassets.json_types import JsonMapping, JsonObject
 
 if TYPE_CHECKING:
     from bagassets.defs.pending_work import PendingWork
@@ -90,7 +91,7 @@ def status(recipe: Path, bags: tuple[str, ...], show_all: bool, as_json: bool) -
         sys.exit(EXIT_FAILED)
 
 
-def status_json(pending: "PendingWork", problems: Sequence[str] = ()) -> dict[str, Any]:
+def status_json(pending: "PendingWork", problems: Sequence[str] = ()) -> JsonObject:
     """Return all states as JSON, and what of installed packages cannot be used."""
     bags = {key: bag for key, bag in pending.plan.bags.items() if key in pending.chosen}
     return {
@@ -151,7 +152,7 @@ def _table(states: Mapping[str, Mapping[str, str]], *, short: bool) -> Any:
     return table
 
 
-def _reasons(pending: "PendingWork", listed: Mapping[str, Any]) -> Iterator[str]:
+def _reasons(pending: "PendingWork", listed: JsonMapping) -> Iterator[str]:
     """Yield the reasons of everything that is not fresh; assets with the same one share a line."""
     for key, bag in listed.items():
         by_reason: dict[tuple[str, str], list[str]] = {}

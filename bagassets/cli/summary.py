@@ -9,9 +9,11 @@ from bagassets.build.build_report import BuildReport, Remark, SummaryRow
 from bagassets.cli.terminal import print_lines
 from bagassets.escaping import visible
 from bagassets.formats.nuscenes.splits import devkit_split_name
+from bagassets.json_types import JsonMapping
 
 if TYPE_CHECKING:
     from rich.console import Console
+
 
 __all__ = [
     "counts_line",
@@ -114,7 +116,7 @@ def _print_dataset(report: BuildReport, console: "Console") -> None:
         print_lines(console, f"splits:  {splits_text(report.splits)}")
 
 
-def splits_text(splits: Mapping[str, Mapping[str, Any]]) -> str:
+def splits_text(splits: Mapping[str, JsonMapping]) -> str:
     """Return what each split has, what was asked for if that is far from it, and what the devkit calls it."""
     told = []
     for name, share in splits.items():

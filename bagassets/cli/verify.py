@@ -5,13 +5,14 @@ import random
 import sys
 from collections import defaultdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
 from bagassets.cli.options import EXIT_FOUND, recipe_option
 from bagassets.cli.terminal import echo, echo_lines
 from bagassets.errors import BagAssetsError
+from bagassets.json_types import JsonObject
 
 if TYPE_CHECKING:
     from bagassets.build.rebuild import KnownAction
@@ -230,7 +231,7 @@ def _rebuild(
     for action in chosen:
         by_key[action.key].append(action)
     environment = other_environment()
-    outcomes: list[dict[str, Any]] = []
+    outcomes: list[JsonObject] = []
     for key, actions in sorted(by_key.items()):
         made = rebuild_elsewhere(recipe_file, key, [a.action for a in actions], environment)
         again = {result["action"]: result for result in made}
@@ -252,7 +253,7 @@ def _rebuild(
     return EXIT_FOUND if different else 0
 
 
-def _outcome(known: "KnownAction", again: dict[str, Any]) -> dict[str, Any]:
+def _outcome(known: "KnownAction", again: JsonObject) -> JsonObject:
     result = "failed" if again["artifact"] is None else "same"
     if again["artifact"] is not None and again["artifact"] != known.artifact:
         result = "different"
@@ -269,7 +270,7 @@ def _outcome(known: "KnownAction", again: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def _details(outcome: dict[str, Any]) -> str:
+def _details(outcome: JsonObject) -> str:
     if outcome["error"]:
         return f": {outcome['error']}"
     differing = outcome["differing"]

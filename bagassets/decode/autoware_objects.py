@@ -1,12 +1,12 @@
 """Autoware's `DetectedObjects` and `TrackedObjects`."""
 
 from collections.abc import Sequence
-from typing import Any
 
 from bagassets.decode.boxes import BoxDecoder
 from bagassets.decode.fields import rigid_transform, stamp_and_frame
 from bagassets.decode.model import BoxReading
 from bagassets.errors import DecodeError
+from bagassets.recordings.model import Message
 
 __all__ = ["OBJECTS", "decode_object", "items"]
 
@@ -28,13 +28,13 @@ CLASSES = (
 BOUNDING_BOX = 0  # autoware_perception_msgs/Shape
 
 
-def items(message: Any) -> Sequence[Any]:
+def items(message: Message) -> Sequence[Message]:
     """Return the objects of a `DetectedObjects` or `TrackedObjects`."""
-    objects: Sequence[Any] = message.objects
+    objects: Sequence[Message] = message.objects
     return objects
 
 
-def decode_object(message: Any, item: Any) -> BoxReading:
+def decode_object(message: Message, item: Message) -> BoxReading:
     """Return the box of an object with its most probable class; detected objects have no track.
 
     Raises:
@@ -59,7 +59,7 @@ def decode_object(message: Any, item: Any) -> BoxReading:
     )
 
 
-def _uuid(identifier: Any) -> str:
+def _uuid(identifier: Message | None) -> str:
     return "" if identifier is None else bytes(int(byte) for byte in identifier.uuid).hex()
 
 

@@ -1,22 +1,22 @@
 """`jsk_recognition_msgs/BoundingBoxArray`: boxes with a number as label and no track."""
 
 from collections.abc import Sequence
-from typing import Any
 
 from bagassets.decode.boxes import BoxDecoder
 from bagassets.decode.fields import rigid_transform, stamp_and_frame
 from bagassets.decode.model import BoxReading
+from bagassets.recordings.model import Message
 
 __all__ = ["BOXES", "decode_box", "items"]
 
 
-def items(message: Any) -> Sequence[Any]:
+def items(message: Message) -> Sequence[Message]:
     """Return the boxes of a `BoundingBoxArray`."""
-    boxes: Sequence[Any] = message.boxes
+    boxes: Sequence[Message] = message.boxes
     return boxes
 
 
-def decode_box(message: Any, box: Any) -> BoxReading:
+def decode_box(message: Message, box: Message) -> BoxReading:
     """Return a `BoundingBox`; its class is its label in digits, its `value` the score.
 
     Raises:

@@ -6,9 +6,9 @@ is nonsense does not cost the others.
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any
 
 from bagassets.decode.model import BoxReading
+from bagassets.recordings.model import Message
 
 __all__ = ["BoxDecoder"]
 
@@ -23,5 +23,5 @@ class BoxDecoder:
             Raises DecodeError if it is a box that cannot be used. `source` of the box stays empty.
     """
 
-    items: Callable[[Any], Iterable[Any]]
-    decode: Callable[[Any, Any], BoxReading | None]
+    items: Callable[[Message], Iterable[Message]]
+    decode: Callable[[Message, Message], BoxReading | None]

@@ -3,11 +3,11 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
-from typing import Any
 
 from bagassets.decode.fields import stamp_and_frame
 from bagassets.errors import DecodeError
 from bagassets.geometry.calibration import RegionOfInterest
+from bagassets.recordings.model import Message
 
 __all__ = ["CameraCalibration", "CameraInfoReading", "check_lens", "decode_camera_info"]
 
@@ -73,7 +73,7 @@ class CameraInfoReading:
     calibration: CameraCalibration
 
 
-def decode_camera_info(message: Any) -> CameraInfoReading:
+def decode_camera_info(message: Message) -> CameraInfoReading:
     """Return the calibration in a CameraInfo of ROS 1 (K, D, R, P) or ROS 2 (k, d, r, p).
 
     Raises:
@@ -123,7 +123,7 @@ def check_lens(model: str, width: int, height: int, k: Sequence[float], d: Seque
         raise DecodeError(f"distortion model {model} has {allowed} coefficients, it holds {len(d)}")
 
 
-def _numbers(message: Any, name: str) -> tuple[float, ...]:
+def _numbers(message: Message, name: str) -> tuple[float, ...]:
     values = getattr(message, name, None)
     if values is None:  # ROS 1 spells them in capitals
         values = getattr(message, name.upper())
@@ -162,7 +162,7 @@ def _polynomial(model: str, d: tuple[float, ...]) -> tuple[str, tuple[float, ...
     return ("plumb_bob" if len(d) in COEFFICIENTS["plumb_bob"] else "rational_polynomial"), d
 
 
-def _region(roi: Any, width: int, height: int) -> RegionOfInterest:
+def _region(roi: Message, width: int, height: int) -> RegionOfInterest:
     region = RegionOfInterest(
         int(roi.x_offset),
         int(roi.y_offset),

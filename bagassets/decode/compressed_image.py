@@ -13,7 +13,6 @@ Any other text (`jpeg`, `png`) leaves the file as any viewer shows it.
 """
 
 import re
-from typing import Any
 
 import cv2
 import numpy as np
@@ -23,6 +22,7 @@ from bagassets.decode.image import Pixels, demosaic
 from bagassets.decode.image_structure import JPEG, PNG, check_jpeg, check_png
 from bagassets.decode.model import ImageReading
 from bagassets.errors import DecodeError
+from bagassets.recordings.model import Message
 
 __all__ = ["checked_size", "decode_compressed_image", "unpack", "unpack_checked"]
 
@@ -30,7 +30,7 @@ _BAYER = re.compile(r"bayer_[rgb]{4}(8|16)")
 _COLOUR = re.compile(r"\s*(rgb|bgr)a?(8|16)\s*;")
 
 
-def decode_compressed_image(message: Any) -> ImageReading:
+def decode_compressed_image(message: Message) -> ImageReading:
     """Return the image with the bytes as recorded; `encoding` is `jpeg` or `png`.
 
     If the pixels inside are not what a viewer shows, it goes on with a colon and what they are: `rgb`, or

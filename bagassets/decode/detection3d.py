@@ -1,23 +1,23 @@
 """`vision_msgs/Detection3DArray`: detections with a box, hypotheses and, since ROS 2 Humble, an id."""
 
 from collections.abc import Sequence
-from typing import Any
 
 from bagassets.decode.boxes import BoxDecoder
 from bagassets.decode.fields import rigid_transform, stamp_and_frame
 from bagassets.decode.model import BoxReading
 from bagassets.errors import DecodeError
+from bagassets.recordings.model import Message
 
 __all__ = ["DETECTIONS", "decode_detection", "items"]
 
 
-def items(message: Any) -> Sequence[Any]:
+def items(message: Message) -> Sequence[Message]:
     """Return the detections of a `Detection3DArray`."""
-    detections: Sequence[Any] = message.detections
+    detections: Sequence[Message] = message.detections
     return detections
 
 
-def decode_detection(message: Any, detection: Any) -> BoxReading:
+def decode_detection(message: Message, detection: Message) -> BoxReading:
     """Return the box of a `Detection3D` with the class of its most probable hypothesis.
 
     Detections mostly leave their own header empty; then that of the array holds.
@@ -43,7 +43,7 @@ def decode_detection(message: Any, detection: Any) -> BoxReading:
     )
 
 
-def _hypothesis(result: Any) -> tuple[float, str]:
+def _hypothesis(result: Message) -> tuple[float, str]:
     """Score and class: fields of their own since ROS 2 Galactic, of the result itself before."""
     inner = getattr(result, "hypothesis", result)
     category = getattr(inner, "class_id", None)

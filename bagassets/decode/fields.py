@@ -7,29 +7,35 @@ from dataclasses import fields, is_dataclass
 from math import isfinite, sqrt
 from typing import Any
 
+from numpy.typing import NDArray
+
 from bagassets.errors import DecodeError
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.tf_tree import normalise_frame
+from bagassets.recordings.model import Message
 
-__all__ = ["check_points", "rigid_transform", "stamp_and_frame", "stamp_ns", "unit_quaternion"]
+__all__ = ["Column", "check_points", "rigid_transform", "stamp_and_frame", "stamp_ns", "unit_quaternion"]
 
+
+Column = NDArray[Any]
+"""One field of many points, of whichever type of number the message has it in."""
 
 # Coordinates in metres have their origin in the Earth's centre (ECEF), on the equator (UTM) or nearby:
 # twice the Earth's circumference is beyond all of them.
 _FARTHEST_M = 8e7
 
 
-def stamp_ns(time: Any) -> int:
+def stamp_ns(time: Message) -> int:
     """Return a `builtin_interfaces/Time` as nanoseconds since the epoch."""
     return int(time.sec) * 1_000_000_000 + int(time.nanosec)
 
 
-def stamp_and_frame(header: Any) -> tuple[int, str]:
+def stamp_and_frame(header: Message) -> tuple[int, str]:
     """Return stamp in nanoseconds and frame id, without leading slash, of a `std_msgs/Header`."""
     return stamp_ns(header.stamp), normalise_frame(header.frame_id)
 
 
-def unit_quaternion(orientation: Any) -> tuple[float, float, float, float]:
+def unit_quaternion(orientation: Message) -> tuple[float, float, float, float]:
     """Return a `geometry_msgs/Quaternion` as w, x, y, z.
 
     One whose length is within 10 % of one is normalised, as single-precision publishers need
@@ -45,7 +51,7 @@ def unit_quaternion(orientation: Any) -> tuple[float, float, float, float]:
     return (w / length, x / length, y / length, z / length)
 
 
-def rigid_transform(position: Any, orientation: Any) -> SE3:
+def rigid_transform(position: Message, orientation: Message) -> SE3:
     """Return the transform of a `Point` or `Vector3` in metres and a `Quaternion`.
 
     Raises:
@@ -61,7 +67,7 @@ def rigid_transform(position: Any, orientation: Any) -> SE3:
     return SE3(quaternion, translation)
 
 
-def check_points(message: Any, most_points: int) -> None:
+def check_points(message: Message, most_points: int) -> None:
     """Check how many points a lidar or radar message announces, itself or in a cloud that it holds.
 
     A point takes several times its recorded size once it is decoded.
@@ -69,7 +75,9 @@ def check_points(message: Any, most_points: int) -> None:
     Raises:
         DecodeError: there are more than `most_points`.
     """
-    held = [getattr(message, field.name) for field in fields(message)] if is_dataclass(message) else []
+    held: list[Message] = (
+        [getattr(message, field.name) for field in fields(message)] if is_dataclass(message) else []
+    )
     for cloud in (message, *held):
         if hasattr(cloud, "point_step"):
             points = int(cloud.width) * int(cloud.height)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from bagassets.decode.fields import stamp_and_frame
 from bagassets.decode.model import ImageReading
 from bagassets.errors import DecodeError
+from bagassets.recordings.model import Message
 
 __all__ = [
     "ENCODINGS",
@@ -66,7 +67,7 @@ ENCODINGS: Mapping[str, _Encoding] = {
 }
 
 
-def decode_image(message: Any) -> ImageReading:
+def decode_image(message: Message) -> ImageReading:
     """Return the image with its pixels as recorded: a view of the message, not yet converted.
 
     Raises:
@@ -86,7 +87,7 @@ def decode_image(message: Any) -> ImageReading:
         )
     # The last row may end with its last pixel; a step may be made up.
     rows = np.ndarray((height, row_bytes), np.uint8, np.ascontiguousarray(data), strides=(step, 1))
-    pixels: Any = rows
+    pixels: Pixels = rows
     if layout.bytes_per_channel == 2:
         order = ">u2" if message.is_bigendian else "<u2"
         pixels = np.ascontiguousarray(rows).view(order).astype(np.uint16, copy=False)

@@ -1,10 +1,10 @@
 """`sensor_msgs/Imu`: orientation in a world frame with x east, y north, z up (REP 103, REP 145)."""
 
 from dataclasses import dataclass
-from typing import Any
 
 from bagassets.decode.fields import stamp_and_frame, unit_quaternion
 from bagassets.errors import DecodeError
+from bagassets.recordings.model import Message
 
 __all__ = ["ImuReading", "decode_imu"]
 
@@ -24,7 +24,7 @@ class ImuReading:
     enu_Q_imu: tuple[float, float, float, float]
 
 
-def decode_imu(message: Any) -> ImuReading:
+def decode_imu(message: Message) -> ImuReading:
     """Return the orientation.
 
     Raises:

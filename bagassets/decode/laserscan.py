@@ -1,7 +1,6 @@
 """`sensor_msgs/LaserScan`: a flat cloud in the plane of the sensor."""
 
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +11,7 @@ from bagassets.decode.point_times import LONGEST_REVOLUTION_NS, Moment
 from bagassets.decode.pointcloud2 import NO_INTENSITY
 from bagassets.errors import DecodeError
 from bagassets.geometry.portable import sin_cos
+from bagassets.recordings.model import Message
 
 __all__ = ["decode_laserscan"]
 
@@ -22,7 +22,7 @@ _LONGEST_IN_SCANS = 1.5
 
 
 def decode_laserscan(
-    message: Any, header_stamp_is: Moment | None = None, _stamp_is: Moment = "end"
+    message: Message, header_stamp_is: Moment | None = None, _stamp_is: Moment = "end"
 ) -> CloudReading:
     """Return the rays that hit something, as points with z = 0 and ring 0.
 

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Mapping
 from functools import cache
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
 
 from bagassets.decode.boxes import BoxDecoder
 from bagassets.decode.model import BoxReading, CloudReading, ImageReading, PoseReading, RadarReading
@@ -24,9 +24,12 @@ from bagassets.decode.registry import (
 )
 from bagassets.errors import DecodeError, PluginError
 from bagassets.plugins import DecoderPlugin
+from bagassets.recordings.model import Message
 
 __all__ = ["keyed_decoder", "load_built_in", "load_decoder", "own_decoder"]
 
+_A = ParamSpec("_A")
+_R = TypeVar("_R")
 _READINGS: Mapping[AnyFamily, type] = {
     "image": ImageReading,
     "cloud": CloudReading,
@@ -61,7 +64,7 @@ def keyed_decoder(family: AnyFamily, msgtype: str, given: Mapping[str, str] | No
 
 
 @cache
-def own_decoder(family: AnyFamily, msgtype: str) -> Callable[[Any], Any]:
+def own_decoder(family: AnyFamily, msgtype: str) -> Callable[[Message], Any]:
     """Return the decoder of a family that packages cannot add to, imported.
 
     The topics of these families are named by the recipe. Some drivers publish types of their own that have the
@@ -72,11 +75,11 @@ def own_decoder(family: AnyFamily, msgtype: str) -> Callable[[Any], Any]:
     """
     line = built_in_decoder(family, msgtype)
     if line is not None:
-        decode: Callable[[Any], Any] = load_decoder(line)
+        decode: Callable[[Message], Any] = load_decoder(line)
         return decode
     alike = load_decoder(next(line for line in BUILT_IN if line.family == family))
 
-    def decode_alike(message: Any) -> Any:
+    def decode_alike(message: Message) -> Any:
         try:
             return alike(message)
         except AttributeError as err:
@@ -113,11 +116,11 @@ def load_built_in() -> None:
         load_decoder(line)
 
 
-def _checked_function(plugin: DecoderPlugin, function: Any, kind: type) -> Callable[..., Any]:
+def _checked_function(plugin: DecoderPlugin, function: object, kind: type) -> Callable[..., Any]:
     if not callable(function):
         raise PluginError(f"{plugin}: {plugin.reference} is no function; mend or uninstall it.")
 
-    def decode(message: Any, *_of_the_recipe: Any) -> Any:
+    def decode(message: Message, *_of_the_recipe: object) -> Any:
         reading = _guarded(plugin, function, message)
         _check(plugin, reading, kind)
         return reading
@@ -125,15 +128,15 @@ def _checked_function(plugin: DecoderPlugin, function: Any, kind: type) -> Calla
     return decode
 
 
-def _checked_boxes(plugin: DecoderPlugin, decoder: Any) -> BoxDecoder:
+def _checked_boxes(plugin: DecoderPlugin, decoder: object) -> BoxDecoder:
     if not isinstance(decoder, BoxDecoder):
         raise PluginError(f"{plugin}: {plugin.reference} is no BoxDecoder; mend or uninstall it.")
 
-    def items(message: Any) -> Iterable[Any]:
-        found: list[Any] = _guarded(plugin, lambda whole: list(decoder.items(whole)), message)
+    def items(message: Message) -> Iterable[Message]:
+        found: list[Message] = _guarded(plugin, lambda whole: list(decoder.items(whole)), message)
         return found
 
-    def decode(message: Any, item: Any) -> BoxReading | None:
+    def decode(message: Message, item: Message) -> BoxReading | None:
         box = _guarded(plugin, decoder.decode, message, item)
         if box is None:
             return None
@@ -163,10 +166,10 @@ def _load(plugin: DecoderPlugin) -> Any:
     raise PluginError(f"{plugin}: version {version} was installed while this process ran; start it again.")
 
 
-def _guarded(plugin: DecoderPlugin, function: Callable[..., Any], *args: Any) -> Any:
+def _guarded(plugin: DecoderPlugin, function: Callable[_A, _R], *args: _A.args, **options: _A.kwargs) -> _R:
     """Call foreign code; whatever it raises costs this message, and names the line to blame."""
     try:
-        return function(*args)
+        return function(*args, **options)
     except DecodeError:
         raise
     except Exception as err:
@@ -181,7 +184,7 @@ def _place(err: Exception) -> str:
     return f" at {Path(own[-1].filename).name}:{own[-1].lineno}" if own else ""
 
 
-def _check(plugin: DecoderPlugin, reading: Any, kind: type) -> None:
+def _check(plugin: DecoderPlugin, reading: object, kind: type) -> None:
     """Raise DecodeError unless a reading is what its family says."""
     if not isinstance(reading, kind):
         raise DecodeError(f"{plugin} returned {type(reading).__name__}, not {kind.__name__}")

@@ -1,11 +1,11 @@
 """`visualization_msgs/Marker` and `MarkerArray`: cubes, as many labelling and tracking nodes publish them."""
 
 from collections.abc import Sequence
-from typing import Any
 
 from bagassets.decode.boxes import BoxDecoder
 from bagassets.decode.fields import rigid_transform, stamp_and_frame
 from bagassets.decode.model import BoxReading
+from bagassets.recordings.model import Message
 
 __all__ = ["MARKER", "MARKERS", "decode_marker", "items", "single_item"]
 
@@ -13,18 +13,18 @@ CUBE = 1
 ADD = 0
 
 
-def items(message: Any) -> Sequence[Any]:
+def items(message: Message) -> Sequence[Message]:
     """Return the markers of a `MarkerArray`."""
-    markers: Sequence[Any] = message.markers
+    markers: Sequence[Message] = message.markers
     return markers
 
 
-def single_item(message: Any) -> Sequence[Any]:
+def single_item(message: Message) -> Sequence[Message]:
     """Return the one marker that a `Marker` message is."""
     return (message,)
 
 
-def decode_marker(message: Any, marker: Any) -> BoxReading | None:  # noqa: ARG001  (as BoxDecoder.decode)
+def decode_marker(message: Message, marker: Message) -> BoxReading | None:  # noqa: ARG001  (as BoxDecoder.decode)
     """Return the box of a cube: the namespace is its class, namespace and id its track.
 
     Returns:

@@ -2,10 +2,10 @@
 
 from dataclasses import dataclass
 from math import isfinite, nan
-from typing import Any
 
 from bagassets.decode.fields import stamp_and_frame
 from bagassets.errors import DecodeError
+from bagassets.recordings.model import Message
 
 __all__ = ["FixReading", "decode_navsat"]
 
@@ -31,7 +31,7 @@ class FixReading:
     alt_m: float
 
 
-def decode_navsat(message: Any) -> FixReading:
+def decode_navsat(message: Message) -> FixReading:
     """Return the fix.
 
     Raises:

@@ -1,12 +1,12 @@
 """`derived_object_msgs/ObjectArray`: tracked objects with a class and a shape."""
 
 from collections.abc import Sequence
-from typing import Any
 
 from bagassets.decode.boxes import BoxDecoder
 from bagassets.decode.fields import rigid_transform, stamp_and_frame
 from bagassets.decode.model import BoxReading
 from bagassets.errors import DecodeError
+from bagassets.recordings.model import Message
 
 __all__ = ["OBJECTS", "decode_object", "items"]
 
@@ -28,13 +28,13 @@ CLASSES = (
 BOX = 1  # shape_msgs/SolidPrimitive
 
 
-def items(message: Any) -> Sequence[Any]:
+def items(message: Message) -> Sequence[Message]:
     """Return the objects of an `ObjectArray`."""
-    objects: Sequence[Any] = message.objects
+    objects: Sequence[Message] = message.objects
     return objects
 
 
-def decode_object(message: Any, item: Any) -> BoxReading:
+def decode_object(message: Message, item: Message) -> BoxReading:
     """Return the box of an `Object`; its class is the lower-case name of the classification.
 
     Raises:

@@ -1,15 +1,14 @@
 """`nav_msgs/Odometry`: the pose of a child frame."""
 
-from typing import Any
-
 from bagassets.decode.fields import rigid_transform, stamp_and_frame
 from bagassets.decode.model import PoseReading
 from bagassets.geometry.tf_tree import normalise_frame
+from bagassets.recordings.model import Message
 
 __all__ = ["decode_odometry"]
 
 
-def decode_odometry(message: Any) -> PoseReading:
+def decode_odometry(message: Message) -> PoseReading:
     """Return the pose of an Odometry message; `child` is empty if the message names none.
 
     Raises:

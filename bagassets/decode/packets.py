@@ -10,6 +10,7 @@ import numpy as np
 
 from bagassets.decode.fields import stamp_ns
 from bagassets.errors import DecodeError
+from bagassets.recordings.model import Message
 
 __all__ = ["PAYLOADS", "VELODYNE_PACKET_SIZE", "is_velodyne_packet", "packets_in", "payload", "sender"]
 
@@ -23,7 +24,7 @@ _ADDRESSES = ("sender_ip", "address", "src_ip", "source_ip")
 _PORTS = ("sender_port", "src_port", "source_port")
 
 
-def packets_in(message: Any) -> list[tuple[int | None, bytes]]:
+def packets_in(message: Message) -> list[tuple[int | None, bytes]]:
     """Return (own stamp or None, payload) of each packet in a message.
 
     Raises:
@@ -42,7 +43,7 @@ def is_velodyne_packet(data: bytes) -> bool:
     return bool(flag == _VELODYNE_FLAG and azimuth < 36_000)
 
 
-def payload(message: Any) -> bytes:
+def payload(message: Message) -> bytes:
     """Return the payload of the one packet in a message.
 
     Raises:
@@ -67,7 +68,7 @@ def _as_bytes(value: Any) -> bytes:
         raise DecodeError("its payload is not bytes") from err
 
 
-def sender(message: Any) -> tuple[str, int]:
+def sender(message: Message) -> tuple[str, int]:
     """Return IPv4 address and port that a packet came from; "" and 0 for what the message does not tell."""
     address = next((value for name in _ADDRESSES if (value := getattr(message, name, None)) is not None), "")
     if not isinstance(address, str):

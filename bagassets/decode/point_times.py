@@ -25,11 +25,12 @@ Times that do not differ at all, or that span more than two seconds, are taken f
 """
 
 from collections.abc import Mapping
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bagassets.decode.fields import Column
 from bagassets.errors import DecodeError
 
 __all__ = ["LONGEST_REVOLUTION_NS", "Moment", "point_times_ns"]
@@ -67,7 +68,7 @@ _RELATIVE = ((2.0, 1_000_000_000), (2e3, 1_000_000), (2e6, 1_000), (2e9, 1))
 
 
 def point_times_ns(
-    fields: Mapping[str, NDArray[Any]],
+    fields: Mapping[str, Column],
     keep: NDArray[np.bool_] | None,
     header_ns: int,
     header_stamp_is: Moment | None,
@@ -112,13 +113,13 @@ def point_times_ns(
     return times_ns + (header_ns - anchor)
 
 
-def _integer_ns(name: str, values: NDArray[Any]) -> tuple[NDArray[np.int64], bool]:
+def _integer_ns(name: str, values: Column) -> tuple[NDArray[np.int64], bool]:
     smallest = int(values.min())
     unit = 1_000 if name.endswith("us") or 1e14 <= smallest < 1e17 else 1
     return values.astype(np.int64) * unit, smallest * unit >= 1e17
 
 
-def _float_ns(name: str, values: NDArray[Any]) -> tuple[NDArray[np.int64], bool] | None:
+def _float_ns(name: str, values: Column) -> tuple[NDArray[np.int64], bool] | None:
     seconds = values.astype(np.float64)
     low, high = float(seconds.min()), float(seconds.max())
     if not np.isfinite(high - low):

@@ -13,15 +13,15 @@ Per-point times are described in `bagassets.decode.point_times`.
 """
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bagassets.decode.fields import stamp_and_frame
+from bagassets.decode.fields import Column, stamp_and_frame
 from bagassets.decode.model import CloudReading
 from bagassets.decode.point_times import Moment, point_times_ns
 from bagassets.errors import DecodeError
+from bagassets.recordings.model import Message
 
 __all__ = ["NO_INTENSITY", "NO_RING", "decode_pointcloud2", "first_of", "point_fields"]
 
@@ -49,7 +49,7 @@ _TYPES = {
 }
 
 
-def point_fields(cloud: Any) -> dict[str, NDArray[Any]]:
+def point_fields(cloud: Message) -> dict[str, Column]:
     """Return field name in lower case -> (height, width) view of the values, nothing copied.
 
     Of a field with several elements per point the first is taken, of two fields of the same
@@ -66,7 +66,7 @@ def point_fields(cloud: Any) -> dict[str, NDArray[Any]]:
     if row_step < width * step or len(data) != row_step * height:
         raise DecodeError("its data has another size than height, width, point_step and row_step say")
     order = ">" if cloud.is_bigendian else "<"
-    views: dict[str, NDArray[Any]] = {}
+    views: dict[str, Column] = {}
     for field in cloud.fields:
         name, offset = str(field.name).lower(), int(field.offset)
         if int(field.datatype) not in _TYPES:
@@ -85,7 +85,7 @@ def point_fields(cloud: Any) -> dict[str, NDArray[Any]]:
     return views
 
 
-def first_of(fields: Mapping[str, NDArray[Any]], names: tuple[str, ...]) -> NDArray[Any] | None:
+def first_of(fields: Mapping[str, Column], names: tuple[str, ...]) -> Column | None:
     """Return the first field that has one of `names`, in the order of `names`."""
     for name in names:
         if name in fields:
@@ -94,7 +94,7 @@ def first_of(fields: Mapping[str, NDArray[Any]], names: tuple[str, ...]) -> NDAr
 
 
 def decode_pointcloud2(
-    message: Any, header_stamp_is: Moment | None = None, stamp_is: Moment = "end"
+    message: Message, header_stamp_is: Moment | None = None, stamp_is: Moment = "end"
 ) -> CloudReading:
     """Return the points of a lidar cloud; those that are not finite are dropped and counted.
 
@@ -142,7 +142,7 @@ def finite_rows(points: NDArray[np.float32]) -> NDArray[np.bool_] | None:
     return np.asarray(x & y & z)
 
 
-def _fill(column: NDArray[np.float32], values: NDArray[Any] | None, default: float) -> None:
+def _fill(column: NDArray[np.float32], values: Column | None, default: float) -> None:
     if values is None:
         column[:] = default
         return

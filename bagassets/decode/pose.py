@@ -1,14 +1,13 @@
 """`geometry_msgs/PoseStamped` and `PoseWithCovarianceStamped`: the pose of a frame they do not name."""
 
-from typing import Any
-
 from bagassets.decode.fields import rigid_transform, stamp_and_frame
 from bagassets.decode.model import PoseReading
+from bagassets.recordings.model import Message
 
 __all__ = ["decode_pose"]
 
 
-def decode_pose(message: Any) -> PoseReading:
+def decode_pose(message: Message) -> PoseReading:
     """Return the pose of either message; `child` is empty, the recipe says whose pose it is.
 
     Raises:

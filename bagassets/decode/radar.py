@@ -14,7 +14,7 @@ can name the side.
 """
 
 from dataclasses import fields, is_dataclass
-from typing import Any
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,7 @@ from bagassets.decode.model import RadarReading
 from bagassets.decode.pointcloud2 import point_fields
 from bagassets.decode.radar_fields import ANGLES_LEFT, ANGLES_RIGHT, TRACK_NUMBERS, Side, radar_reading
 from bagassets.errors import DecodeError
+from bagassets.recordings.model import Message
 
 __all__ = ["decode_radar", "is_single_track", "track_number"]
 
@@ -32,7 +33,7 @@ _PACKAGES_ANGLES_RIGHT = ("radar_msgs/", "delphi_esr_msgs/", "delphi_srr_msgs/",
 _LISTS = ("returns", "tracks", "detections", "targets", "objects", "clusters", "points")
 
 
-def decode_radar(message: Any, msgtype: str, azimuth_positive: Side | None = None) -> RadarReading:
+def decode_radar(message: Message, msgtype: str, azimuth_positive: Side | None = None) -> RadarReading:
     """Return the targets of a radar message.
 
     Args:
@@ -62,58 +63,58 @@ def decode_radar(message: Any, msgtype: str, azimuth_positive: Side | None = Non
     return radar_reading(stamp, frame_id, _columns(elements), side)
 
 
-def is_single_track(message: Any) -> bool:
+def is_single_track(message: Message) -> bool:
     """Tell whether a message is one track of a cycle, rather than all of them."""
     return _cloud_of(message) is None and _elements_of(message) is None
 
 
-def track_number(message: Any) -> float | None:
+def track_number(message: Message) -> float | None:
     """Return the number of a single track, whether or not it has a target; None if it has no number."""
     numbers = _flat(message)
     return next((numbers[name] for name in TRACK_NUMBERS if name in numbers), None)
 
 
-def _is_cloud(value: Any) -> bool:
+def _is_cloud(value: Message) -> bool:
     return hasattr(value, "point_step") and hasattr(value, "fields")
 
 
-def _size(cloud: Any) -> int:
+def _size(cloud: Message) -> int:
     return int(cloud.width) * int(cloud.height)
 
 
-def _cloud_of(message: Any) -> Any | None:
+def _cloud_of(message: Message) -> Message | None:
     if _is_cloud(message):
         return message
     members = (getattr(message, name) for name in _members(message))
     return next((member for member in members if _is_cloud(member) and _size(member)), None)
 
 
-def _elements_of(message: Any) -> list[Any] | None:
+def _elements_of(message: Message) -> list[Message] | None:
     """Return the list of targets in a message, None if it has no list of messages."""
     names = _members(message)
     lists = [name for name in (*_LISTS, *names) if name in names and _is_list(getattr(message, name))]
     if not lists:
         return None
     filled = next((name for name in lists if getattr(message, name)), lists[0])
-    elements: list[Any] = getattr(message, filled)
+    elements: list[Message] = getattr(message, filled)
     return elements
 
 
-def _is_list(value: Any) -> bool:
+def _is_list(value: object) -> bool:
     return isinstance(value, list) and (not value or is_dataclass(value[0]))
 
 
-def _members(message: Any) -> tuple[str, ...]:
+def _members(message: Message) -> tuple[str, ...]:
     return tuple(field.name for field in fields(message)) if is_dataclass(message) else ()
 
 
-def _columns(elements: list[Any]) -> dict[str, NDArray[np.float64]]:
+def _columns(elements: list[Message]) -> dict[str, NDArray[np.float64]]:
     """Return dotted member name in lower case -> (N,) values, of all members that are numbers."""
     rows = [_flat(element) for element in elements]
     return {name: np.array([row[name] for row in rows], dtype=np.float64) for name in rows[0]}
 
 
-def _flat(element: Any, prefix: str = "") -> dict[str, float]:
+def _flat(element: Message, prefix: str = "") -> dict[str, float]:
     numbers: dict[str, float] = {}
     for name in _members(element):
         value = getattr(element, name)
@@ -125,17 +126,17 @@ def _flat(element: Any, prefix: str = "") -> dict[str, float]:
         elif name == "track_shape":
             numbers.update(_centroid(value, f"{dotted}.centroid."))
         elif is_dataclass(value) and name not in ("header", "stamp"):
-            numbers.update(_flat(value, f"{dotted}."))
+            numbers.update(_flat(cast("Message", value), f"{dotted}."))
     return numbers
 
 
-def _short_id(uuid: Any) -> float:
+def _short_id(uuid: Message) -> float:
     """Return 15 bits of a `unique_identifier_msgs/UUID`, as many as the radar format keeps."""
     values = [int(v) for v in uuid.uuid]
     return float((values[0] << 8 | values[1]) & 0x7FFF)
 
 
-def _centroid(polygon: Any, prefix: str) -> dict[str, float]:
+def _centroid(polygon: Message, prefix: str) -> dict[str, float]:
     if not polygon.points:
         return {prefix + axis: float("nan") for axis in "xyz"}
     number = len(polygon.points)

@@ -9,11 +9,12 @@ Positions come as x, y, z or as range, azimuth, elevation; velocities as vx, vy 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import pi
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bagassets.decode.fields import Column
 from bagassets.decode.model import RadarReading
 from bagassets.errors import DecodeError
 from bagassets.geometry.portable import sin_cos
@@ -106,7 +107,7 @@ _DEGREES = {"angle", "track_angle", "can_tx_detect_angle"}
 class _Columns:
     """Columns of equal length, found by the first of several names."""
 
-    columns: Mapping[str, NDArray[Any]]
+    columns: Mapping[str, Column]
 
     def find(self, names: tuple[str, ...]) -> Floats | None:
         name = self.name(names)
@@ -123,9 +124,7 @@ class _Columns:
         return values * (pi / 180.0) if name in _DEGREES or name.endswith("_deg") else values
 
 
-def radar_reading(
-    stamp_ns: int, frame_id: str, fields: Mapping[str, NDArray[Any]], side: Side
-) -> RadarReading:
+def radar_reading(stamp_ns: int, frame_id: str, fields: Mapping[str, Column], side: Side) -> RadarReading:
     """Return the targets whose fields have the given names and values.
 
     Targets that are not finite are dropped and counted, and so are those at no distance at all:

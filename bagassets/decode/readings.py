@@ -3,8 +3,6 @@
 A wrong type or shape would otherwise surface far from its cause, or in what is written.
 """
 
-from typing import Any
-
 import numpy as np
 
 from bagassets.decode.image import ENCODINGS
@@ -16,11 +14,11 @@ __all__ = ["problem_of"]
 _MAGIC = {"jpeg": b"\xff\xd8\xff", "png": b"\x89PNG\r\n\x1a\n"}
 
 
-def problem_of(reading: Any) -> str | None:
+def problem_of(reading: object) -> str | None:
     """Return what is wrong with a reading, as the end of a sentence about it, or None."""
     if type(reading.frame_id if hasattr(reading, "frame_id") else "") is not str:
         return "frame_id is no text"
-    if type(reading.stamp_ns) is not int:
+    if type(getattr(reading, "stamp_ns", None)) is not int:
         return "stamp_ns is no integer"
     match reading:
         case ImageReading():
@@ -68,7 +66,7 @@ def _image_problem(reading: ImageReading) -> str | None:
     return None if _is_array(reading.pixels, kind, shape) else "pixels do not fit its encoding"
 
 
-def _is_array(value: Any, kind: type[np.generic], shape: tuple[int | None, ...]) -> bool:
+def _is_array(value: object, kind: type[np.generic], shape: tuple[int | None, ...]) -> bool:
     """Tell whether a value is an array of a type and shape; None is any length."""
     if not isinstance(value, np.ndarray) or value.dtype != kind or value.ndim != len(shape):
         return False

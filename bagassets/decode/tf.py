@@ -1,26 +1,26 @@
 """`tf2_msgs/TFMessage` and the older `tf/tfMessage`: several edges of a TF tree."""
 
 from collections.abc import Sequence
-from typing import Any
 
 from bagassets.decode.fields import rigid_transform, stamp_and_frame
 from bagassets.decode.model import TransformReading
 from bagassets.errors import DecodeError
 from bagassets.geometry.tf_tree import normalise_frame
+from bagassets.recordings.model import Message
 
 __all__ = ["decode_transform", "transforms"]
 
 
-def transforms(message: Any) -> Sequence[Any]:
+def transforms(message: Message) -> Sequence[Message]:
     """Return the `TransformStamped` messages inside, each to be decoded by itself.
 
     One edge that is nonsense must not cost the others of its message.
     """
-    stamped: Sequence[Any] = message.transforms
+    stamped: Sequence[Message] = message.transforms
     return stamped
 
 
-def decode_transform(stamped: Any) -> TransformReading:
+def decode_transform(stamped: Message) -> TransformReading:
     """Return one edge.
 
     Raises:

@@ -167,7 +167,7 @@ class RevolutionDecoder:
             done = end
         return PacketPoints(points[:done], point_times_ns[:done])
 
-    def _decode(self, packets: Sequence[Packet], offsets_ns: NDArray[np.int64]) -> NDArray[Any]:
+    def _decode(self, packets: Sequence[Packet], offsets_ns: NDArray[np.int64]) -> NDArray[np.void]:
         """Return the decoder's structured array, with times relative to the first packet."""
         vector = velodyne_decoder.PacketVector()
         for packet, offset_ns in zip(packets, offsets_ns.tolist(), strict=True):

@@ -8,7 +8,6 @@ Dagster is needed here, and no failure is reported: it happens again in the run,
 import gc
 import logging
 from pathlib import Path
-from typing import Any
 
 from bagassets.build.choose import choose_recordings
 from bagassets.build.execute import execute
@@ -17,6 +16,7 @@ from bagassets.build.recording_assets import RecordingAssets
 from bagassets.errors import BagAssetsError
 from bagassets.forkserver.server_files import ServerFiles
 from bagassets.formats.catalogue import recording_assets
+from bagassets.json_types import JsonObject
 from bagassets.recipe import load_recipe
 from bagassets.recordings.digest import DigestIndex, recording_digest, recording_stat
 from bagassets.recordings.discover import discover
@@ -30,7 +30,7 @@ _LOG = logging.getLogger(__name__)
 _LARGEST_BYTES = 4_000_000_000
 
 
-def make_inventories(args: dict[str, Any]) -> int:
+def make_inventories(args: JsonObject) -> int:
     """Make inventories until the server takes jobs; return the number of recordings that were tried.
 
     Args:

@@ -1,10 +1,10 @@
 """Facts as Markdown tables, which the web UI shows inside a materialization's metadata."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 from bagassets.escaping import markdown
 from bagassets.geometry.calibration import Calibration
+from bagassets.json_types import JsonMapping
 from bagassets.store.artifact import Artifact
 
 __all__ = ["calibration_table", "counts_table", "record_table", "table", "topics_table"]
@@ -12,7 +12,7 @@ __all__ = ["calibration_table", "counts_table", "record_table", "table", "topics
 MOST_ROWS = 60
 
 
-def table(header: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
+def table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
     """Return a Markdown table; columns of numbers are aligned to the right."""
     numeric = [
         bool(rows) and all(isinstance(row[column], int | float) for row in rows)
@@ -25,12 +25,12 @@ def table(header: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
     return "\n".join(lines)
 
 
-def record_table(record: Mapping[str, Any], header: tuple[str, str]) -> str:
+def record_table(record: JsonMapping, header: tuple[str, str]) -> str:
     """Return a table of two columns."""
     return table(header, list(record.items()))
 
 
-def counts_table(counts: Mapping[str, Mapping[str, Any]], name: str = "channel") -> str:
+def counts_table(counts: Mapping[str, JsonMapping], name: str = "channel") -> str:
     """Return a table of the messages of each channel or topic: read, written, merged, and lost with the reason."""
     rows = []
     for key, entry in sorted(counts.items()):
@@ -65,5 +65,5 @@ def _line(cells: Sequence[str]) -> str:
     return "| " + " | ".join(cells) + " |"
 
 
-def _cell(value: Any) -> str:
+def _cell(value: object) -> str:
     return markdown(str(value))

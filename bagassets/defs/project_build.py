@@ -9,7 +9,6 @@ import time
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
 
 import dagster as dg
 
@@ -31,6 +30,7 @@ from bagassets.formats.after_crash import noted_build
 from bagassets.formats.catalogue import problems_of
 from bagassets.formats.dataset_build import main_lock, split_on_disk
 from bagassets.formats.dataset_integrity import take_out_changed_sources
+from bagassets.json_types import JsonMapping, JsonObject
 from bagassets.recipe import load_recipe
 from bagassets.recipe.model import Recipe
 from bagassets.splits import SplitShare, moves
@@ -98,7 +98,7 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
     return report
 
 
-def build_project_in_worker(args: dict[str, Any]) -> dict[str, Any]:
+def build_project_in_worker(args: JsonObject) -> JsonObject:
     """Build in a worker of the fork server; return the report as JSON, with the rows of its table as `summary`.
 
     So the command line need not import Dagster, which takes longer than many a build. Events are sent as notes with
@@ -119,7 +119,7 @@ def build_project_in_worker(args: dict[str, Any]) -> dict[str, Any]:
     return {**report.as_json(), "summary": [row.as_json() for row in rows]}
 
 
-def _shares(locked: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
+def _shares(locked: Mapping[str, JsonMapping]) -> dict[str, JsonObject]:
     """Return the share of each split, and whether it is far from what the recipe asks for."""
     shares = [SplitShare.from_json(name, value) for name, value in locked.items()]
     return {share.name: {**share.as_json(), "is_far": share.is_far} for share in shares}

@@ -12,7 +12,6 @@ from contextlib import ExitStack
 from importlib import import_module
 from itertools import chain
 from pathlib import Path
-from typing import Any
 
 import dagster as dg
 
@@ -34,6 +33,7 @@ from bagassets.defs.worker_tag import RunWorker
 from bagassets.errors import BagAssetsError
 from bagassets.forkserver.process import ProcessId
 from bagassets.forkserver.worker import cancel_requested
+from bagassets.json_types import JsonObject
 from bagassets.kernels.machine_code import compile_all
 from bagassets.recordings.layouts import compile_common_types, load_standard_types
 from bagassets.trace import name_process, span
@@ -78,7 +78,7 @@ def preload(modules: list[str]) -> Iterator[None]:
     return chain(compile_all(), compile_common_types())
 
 
-def execute(args: dict[str, Any]) -> dict[str, Any]:
+def execute(args: JsonObject) -> JsonObject:
     """Execute the run `run_id` of `instance`; return its outcome.
 
     Runs of one partition take turns, by means of lock files in the folder `locks`.
@@ -110,13 +110,13 @@ def execute(args: dict[str, Any]) -> dict[str, Any]:
         return execute_run(instance, run_id, cancel_requested=cancel_requested).as_json()
 
 
-def report_lost(args: dict[str, Any]) -> None:
+def report_lost(args: JsonObject) -> None:
     """Report the run of a worker that was killed or failed, unless it has ended."""
     with ExitStack() as stack:
         report_ended(_open(args["args"], stack), args["args"]["run_id"], args["reason"])
 
 
-def recover(args: dict[str, Any]) -> list[str]:
+def recover(args: JsonObject) -> list[str]:
     """Report orphaned runs (see `orphaned_runs`), and return their ids.
 
     The job lasts as long as workers of former servers work, or runs wait for a worker: nobody else would notice if these
@@ -140,7 +140,7 @@ def recover(args: dict[str, Any]) -> list[str]:
             time.sleep(_POLL_S)
 
 
-def end_worker(args: dict[str, Any]) -> bool:
+def end_worker(args: JsonObject) -> bool:
     """End the worker of the run `run_id`, which is marked CANCELING; return True if it was killed.
 
     The worker has received SIGTERM already. After `grace_s` seconds it is killed, and the run reported
@@ -161,7 +161,7 @@ def end_worker(args: dict[str, Any]) -> bool:
     return killed
 
 
-def _open(args: dict[str, Any], stack: ExitStack) -> dg.DagsterInstance:
+def _open(args: JsonObject, stack: ExitStack) -> dg.DagsterInstance:
     _apply_dotenv()
     place = args["instance"] if args["instance"].startswith("/") else "this instance"
     stack.enter_context(database_errors_explained(place))

@@ -13,7 +13,6 @@ from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 import dagster as dg
 
@@ -39,6 +38,7 @@ from bagassets.defs.dagster_private import (
 )
 from bagassets.defs.databases import ready_to_open
 from bagassets.errors import BagAssetsError
+from bagassets.json_types import JsonObject
 
 __all__ = [
     "CodeLocation",
@@ -127,7 +127,7 @@ class RunOutcome:
     status: str
     failures: tuple[StepError, ...] = ()
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> JsonObject:
         """Return the outcome as JSON."""
         return asdict(self)
 

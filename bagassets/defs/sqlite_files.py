@@ -104,7 +104,7 @@ def _engine(url: str, timeout_s: float | None) -> Engine:
     return create_engine(url, **_file_options(NullPool, timeout_s))
 
 
-def _file_options(pool: type[Pool], timeout_s: float | None) -> dict[str, Any]:
+def _file_options(pool: type[Pool], timeout_s: float | None) -> dict[str, object]:
     return {"poolclass": pool} | ({} if timeout_s is None else {"connect_args": {"timeout": timeout_s}})
 
 

@@ -5,7 +5,6 @@ See `docs/steps.md`; `examples/step_plugin` is a complete example.
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
 
 import dagster as dg
 
@@ -15,6 +14,7 @@ from bagassets.defs.partitions import recording_partitions
 from bagassets.defs.reporting import errors_explained, result_metadata
 from bagassets.defs.workspace import Workspace
 from bagassets.errors import StoreError
+from bagassets.json_types import JsonMapping, JsonObject
 from bagassets.recipe import load_recipe
 from bagassets.recipe.model import Recipe
 from bagassets.store.action import Step
@@ -80,10 +80,10 @@ def all_recordings(
 def publish(
     context: dg.AssetExecutionContext,
     workspace: Workspace,
-    make: Callable[[ArtifactWriter], dict[str, Any]],
+    make: Callable[[ArtifactWriter], JsonObject],
     inputs: Mapping[str, Artifact],
     *,
-    params: Mapping[str, Any] | None = None,
+    params: JsonMapping | None = None,
     libraries: tuple[str, ...] = (),
 ) -> dg.MaterializeResult[None]:
     """Make the artifact of this asset, unless the store has the result of the same action.

@@ -11,13 +11,14 @@ from collections import deque
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, Self
+from typing import Self
 
 from bagassets.errors import BagAssetsError
 from bagassets.forkserver.process import ProcessId
 from bagassets.forkserver.protocol import FirstJob, Lines, Message, encode
 from bagassets.forkserver.server_files import ServerFiles, last_lines
 from bagassets.forkserver.spec import SOURCE_CHANGED, ServerSpec
+from bagassets.json_types import JsonMapping
 
 __all__ = ["Client", "ServerRefusedError"]
 
@@ -114,7 +115,7 @@ class Client:
     def submit(
         self,
         function: str,
-        args: Mapping[str, Any],
+        args: JsonMapping,
         *,
         label: str,
         on_lost: str | None = None,

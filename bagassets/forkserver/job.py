@@ -7,11 +7,12 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Self
+from typing import Self
 
 from bagassets.forkserver.process import ProcessId
 from bagassets.forkserver.protocol import Lines, Message, encode
 from bagassets.forkserver.worker import run_job
+from bagassets.json_types import JsonObject
 
 __all__ = ["Job"]
 
@@ -49,7 +50,7 @@ class Job:
     process: ProcessId
     channel: socket.socket
     lines: Lines = field(default_factory=Lines)
-    notes: dict[str, Any] = field(default_factory=dict)
+    notes: JsonObject = field(default_factory=dict)
     end: Message = field(default_factory=dict)
     is_cancelled: bool = False
     kill_at: float | None = None

@@ -11,7 +11,9 @@ import subprocess
 from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any, Self
+from typing import Self
+
+from bagassets.json_types import JsonObject
 
 __all__ = ["ProcessId"]
 
@@ -45,7 +47,7 @@ class ProcessId:
         return cls(socket.gethostname(), _space(), pid, _start_time(pid))
 
     @classmethod
-    def from_json(cls, value: dict[str, Any]) -> Self:
+    def from_json(cls, value: JsonObject) -> Self:
         """Inverse of `as_json`.
 
         Raises:
@@ -53,7 +55,7 @@ class ProcessId:
         """
         return cls(str(value["host"]), str(value["space"]), int(value["pid"]), str(value["started"]))
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> JsonObject:
         """Return the id as JSON."""
         return asdict(self)
 

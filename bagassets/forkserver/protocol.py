@@ -6,11 +6,12 @@ object with `reply`; objects with `event` (started, note, finished, killed) are 
 
 import json
 import socket
-from typing import Any
+
+from bagassets.json_types import JsonObject
 
 __all__ = ["FirstJob", "Lines", "Message", "encode"]
 
-Message = dict[str, Any]
+Message = JsonObject
 # `module:function` and its arguments, run by a server while it starts.
 FirstJob = tuple[str, Message]
 _CHUNK = 1 << 16

@@ -11,7 +11,6 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
 from bagassets.errors import BagAssetsError
 from bagassets.forkserver.connection import Connection
@@ -22,6 +21,7 @@ from bagassets.forkserver.protocol import FirstJob, Message
 from bagassets.forkserver.server_files import ServerFiles
 from bagassets.forkserver.spec import ServerSpec
 from bagassets.forkserver.worker import load_function
+from bagassets.json_types import JsonObject
 from bagassets.lock_files import LockFile
 
 __all__ = ["Server"]
@@ -375,7 +375,7 @@ class Server:
             self._owners.pop(lost_id, None)
         del self._jobs[job.id]
 
-    def _send_event(self, job_id: str, event: dict[str, Any]) -> None:
+    def _send_event(self, job_id: str, event: JsonObject) -> None:
         owner = self._owners.get(job_id)
         if owner is not None:
             owner.send(event)

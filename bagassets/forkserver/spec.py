@@ -13,11 +13,12 @@ from dataclasses import asdict, dataclass, field
 from functools import cache
 from importlib.machinery import PathFinder
 from pathlib import Path
-from typing import Any, Self
+from typing import Self
 
 import bagassets
 from bagassets.errors import BagAssetsError
 from bagassets.freshness.fingerprints import code_fingerprint, digest_lines, recipe_fingerprint, site_folders
+from bagassets.json_types import JsonObject
 
 __all__ = ["IDLE_TIMEOUT_S", "SOURCE_CHANGED", "ServerSpec"]
 
@@ -85,7 +86,7 @@ class ServerSpec:
         )
 
     @classmethod
-    def from_json(cls, value: dict[str, Any]) -> Self:
+    def from_json(cls, value: JsonObject) -> Self:
         """Inverse of `as_json`."""
         recipe = value["recipe"]
         return cls(
@@ -99,7 +100,7 @@ class ServerSpec:
             value["idle_timeout_s"],
         )
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> JsonObject:
         """Return the spec as JSON."""
         paths = {
             "state_folder": str(self.state_folder),

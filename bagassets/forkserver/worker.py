@@ -14,13 +14,13 @@ import socket
 import sys
 import time
 import traceback
-from collections.abc import Mapping
 from importlib import import_module
 from pathlib import Path
 from typing import Any, NoReturn
 
 from bagassets.errors import BagAssetsError
 from bagassets.forkserver.protocol import Lines, Message, encode
+from bagassets.json_types import JsonMapping
 
 __all__ = ["cancel_requested", "load_function", "note", "run_job"]
 
@@ -58,7 +58,7 @@ class _Channel:
 _CHANNEL = _Channel()
 
 
-def note(facts: Mapping[str, Any]) -> None:
+def note(facts: JsonMapping) -> None:
     """Send facts about the running job to the server, and to the client if it listens."""
     _CHANNEL.send({"note": dict(facts)})
 

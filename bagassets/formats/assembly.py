@@ -12,7 +12,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 from uuid import uuid4
 
 from bagassets.atomic import write_atomically
@@ -23,6 +23,7 @@ from bagassets.formats.guard import GUARD, guarded, refuse_unexpected
 from bagassets.formats.json_files import json_bytes
 from bagassets.formats.linking import Linker
 from bagassets.formats.swap import swap_in
+from bagassets.json_types import JsonMapping, JsonObject
 from bagassets.recipe.model_base import DatasetSettings
 from bagassets.recipe.model_splits import Splits
 from bagassets.splits import SplitShare, deal, moves, shares_of
@@ -53,7 +54,7 @@ class DatasetSummary:
 
     digest: str
     folder: Path
-    facts: Mapping[str, Any]
+    facts: JsonMapping
     shares: Sequence[SplitShare]
     files: Mapping[str, int] = field(default_factory=dict)
     duplicates: Mapping[str, str] = field(default_factory=dict)
@@ -195,7 +196,7 @@ def _lock(
     needs: Mapping[str, Sequence[str]],
     joined: Joined,
     left_out: Mapping[str, Mapping[str, str]],
-) -> dict[str, Any]:
+) -> JsonObject:
     """Return everything that this dataset can be made from again, and what is not in it and why."""
     return {
         "format": FORMAT,

@@ -88,14 +88,14 @@ def catalogue() -> Catalogue:
     formats = list(OURS)
     assets: dict[str, AnyAsset] = {}
 
-    def add(asset: Any, extension: Extension) -> None:
+    def add(asset: object, extension: Extension) -> None:
         """Take an asset, or refuse it."""
-        _check_asset(asset, extension)
-        if asset.name in assets:
+        checked = _checked_asset(asset, extension)
+        if checked.name in assets:
             raise extension.problem(
-                f"its asset {asset.name} is one of {assets[asset.name].distribution}, too"
+                f"its asset {checked.name} is one of {assets[checked.name].distribution}, too"
             )
-        assets[asset.name] = _guarded(asset, extension)
+        assets[checked.name] = _guarded(checked, extension)
 
     for extension in _single(ASSETS, problems):
         try:
@@ -205,7 +205,7 @@ def _single(group: str, problems: list[str]) -> Iterator[Extension]:
             yield found[0]
 
 
-def _checked_format(found: Any, extension: Extension) -> AnyFormat:
+def _checked_format(found: object, extension: Extension) -> AnyFormat:
     """Return a format that a package adds.
 
     Raises:
@@ -246,11 +246,11 @@ def _check_section(check: DatasetCheck | RecordingCheck, extension: Extension) -
         )
 
 
-def _check_asset(asset: Any, extension: Extension) -> None:
-    """Refuse what is no asset, or cannot be one beside ours.
+def _checked_asset(asset: object, extension: Extension) -> AnyAsset:
+    """Return an asset that a package adds.
 
     Raises:
-        PluginError: it is so.
+        PluginError: it is none, or cannot be one beside ours.
     """
     if not isinstance(asset, Asset):
         raise extension.problem(f"{asset!r} is no bagassets.assets.asset.Asset")
@@ -267,6 +267,7 @@ def _check_asset(asset: Any, extension: Extension) -> None:
         if not isinstance(check, RecordingCheck):
             raise extension.problem(f"the check {check!r} of its asset {asset.name} is no RecordingCheck")
         _check_section(check, extension)
+    return asset
 
 
 def _guarded_format(kind: AnyFormat) -> AnyFormat:

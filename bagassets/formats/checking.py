@@ -3,7 +3,6 @@
 from collections.abc import Iterable, Iterator, Mapping
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
-from typing import Any
 
 from bagassets.assets.selection import choose_rig
 from bagassets.build.build_report import Remark
@@ -13,6 +12,7 @@ from bagassets.formats.catalogue import known_assets, recording_assets
 from bagassets.formats.dataset_build import Dataset, datasets_of
 from bagassets.formats.dataset_lock import read_lock
 from bagassets.formats.format import AnyFormat
+from bagassets.json_types import JsonObject
 from bagassets.quality.check import Evidence, severity_of
 from bagassets.quality.finding import Finding
 from bagassets.recipe.model import Recipe
@@ -64,7 +64,7 @@ class Verdict:
             else self.finding.weight(self.severity)
         )
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> JsonObject:
         """Return the verdict as JSON."""
         return {
             "recording": self.recording,

@@ -5,7 +5,6 @@ from collections.abc import Set as AbstractSet
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 from bagassets.assets import trajectory_map
 from bagassets.build.plan import BagPlan, Plan
@@ -15,6 +14,7 @@ from bagassets.formats.catalogue import MAIN, formats
 from bagassets.formats.dataset_lock import DatasetLock, read_lock
 from bagassets.formats.format import FACTS, AnyFormat, Part, Selection
 from bagassets.freshness.published import Publication
+from bagassets.json_types import JsonObject
 from bagassets.recipe.model import Recipe
 from bagassets.recipe.model_base import DatasetSettings
 from bagassets.recipe.model_datasets import NamedDataset
@@ -66,7 +66,7 @@ class Dataset:
 
     def code_version(self, splits: Splits) -> str:
         """Return `<version>-<digest of the recipe fields>`."""
-        fields: list[Any] = [
+        fields: list[object] = [
             self.settings.model_dump(mode="json", exclude={"output"}),
             splits.model_dump(mode="json"),
         ]
@@ -104,7 +104,7 @@ class DatasetInputs:
     @property
     def digest(self) -> str:
         """Digest of everything that shapes the datasets except the recipe."""
-        value: dict[str, Any] = {"parts": [], "skipped": dict(self.skipped), "failed": {}}
+        value: JsonObject = {"parts": [], "skipped": dict(self.skipped), "failed": {}}
         for name in self.parts.keys() | self.failed.keys():
             rows = [[part.key, part.content, part.artifact] for part in self.parts.get(name, ())]
             failed = dict(self.failed.get(name, {}))
@@ -120,7 +120,7 @@ class DatasetInputs:
         made = {name: {part.key: part.artifact for part in parts} for name, parts in self.parts.items()}
         return deal_contents(contents, splits, without_scenes(store, made))
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> JsonObject:
         """Return counts for people."""
         parts, failed = self.parts.get(MAIN.name, ()), self.failed.get(MAIN.name, {})
         return {"recordings": len(parts), "skipped": len(self.skipped), "failed": len(failed)}

@@ -2,16 +2,18 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Literal, TypeVar
 
 from bagassets.errors import DatasetError, StoreError
 from bagassets.formats.catalogue import installed_format
 from bagassets.formats.dataset_lock import DatasetLock, LockedBag
 from bagassets.formats.format import AnyFormat
+from bagassets.json_types import Json, JsonMapping, JsonObject
 from bagassets.store.store import Store
 
 __all__ = ["BagDiff", "DatasetDiff", "SceneDiff", "diff_datasets"]
 
+_V = TypeVar("_V")
 _LEFT_OUT = ("skipped", "failed", "duplicates")
 
 
@@ -68,7 +70,7 @@ class DatasetDiff:
 
     bags: tuple[BagDiff, ...]
     left_out: Mapping[str, Mapping[str, tuple[str | None, str | None]]]
-    settings: Mapping[str, tuple[Any, Any]]
+    settings: Mapping[str, tuple[Json, Json]]
     files: tuple[str, ...]
     has_samples: bool = True
 
@@ -155,13 +157,13 @@ def _scenes(
     return tuple(found)
 
 
-def _settings(lock: DatasetLock) -> dict[str, Any]:
+def _settings(lock: DatasetLock) -> JsonObject:
     """Return recipe field -> value, nested ones with dots."""
     return dict(_flat({name: lock.value[name] for name in (lock.kind, "splits") if name in lock.value}))
 
 
-def _flat(value: Mapping[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
-    found: list[tuple[str, Any]] = []
+def _flat(value: JsonMapping, prefix: str = "") -> list[tuple[str, object]]:
+    found: list[tuple[str, object]] = []
     for name, inner in value.items():
         if isinstance(inner, Mapping) and inner:
             found += _flat(inner, f"{prefix}{name}.")
@@ -170,7 +172,7 @@ def _flat(value: Mapping[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
     return found
 
 
-def _changes(before: Mapping[str, Any], after: Mapping[str, Any]) -> dict[str, tuple[Any, Any]]:
+def _changes(before: Mapping[str, _V], after: Mapping[str, _V]) -> dict[str, tuple[_V | None, _V | None]]:
     return {
         name: (before.get(name), after.get(name))
         for name in sorted(before.keys() | after.keys())

@@ -19,6 +19,7 @@ from bagassets.formats.dataset_build import dataset_folders
 from bagassets.formats.dataset_lock import LOCK, DatasetLock, load_lock
 from bagassets.formats.format import AnyFormat, Entry, Part, UnitFolders
 from bagassets.freshness.published import Publication
+from bagassets.json_types import Json
 from bagassets.recipe.model import Recipe
 from bagassets.store.artifact import Artifact, FileEntry
 from bagassets.store.canonical import digest_file
@@ -125,7 +126,7 @@ def _links(check: "_Check", lock: DatasetLock, output: Path, kind: AnyFormat) ->
 class _Untrusted(Artifact):
     """A damaged artifact: which files it has is known, what is in them is not to be relied on."""
 
-    def read_json(self, relative: str) -> Any:
+    def read_json(self, relative: str) -> Json:
         raise StoreError(f"{self.path(relative)}: this artifact is damaged, so it is not read.")
 
     def read_table(self, relative: str, columns: Sequence[str] | None = None) -> Any:

@@ -9,9 +9,10 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from bagassets.errors import DatasetError
+from bagassets.json_types import JsonMapping
 
 __all__ = ["LOCK", "DatasetLock", "LockedBag", "load_lock", "locked_artifacts", "read_lock"]
 
@@ -53,7 +54,7 @@ class LockedBag:
     split: str
     counts: Mapping[str, int] = field(default_factory=dict)
     needs: Sequence[str] | None = field(default=None, compare=False)
-    row: Mapping[str, Any] = field(default_factory=dict, compare=False)
+    row: JsonMapping = field(default_factory=dict, compare=False)
 
 
 @dataclass(frozen=True)
@@ -72,14 +73,14 @@ class DatasetLock:
     path: Path
     kind: str
     text: bytes
-    value: Mapping[str, Any]
+    value: JsonMapping
     bags: Mapping[str, LockedBag]
     files: Mapping[str, str]
 
     @property
-    def settings(self) -> Mapping[str, Any]:
+    def settings(self) -> JsonMapping:
         """The section of the recipe about the dataset, without its output."""
-        settings: Mapping[str, Any] = self.value[self.kind]
+        settings: JsonMapping = self.value[self.kind]
         return settings
 
     @property
@@ -172,7 +173,7 @@ def _find(path: Path) -> Path:
     )
 
 
-def _bag(row: Mapping[str, Any], names: _Names | None) -> LockedBag:
+def _bag(row: JsonMapping, names: _Names | None) -> LockedBag:
     if names is None:
         needs = _digests(row["artifacts"])
         return LockedBag(row["key"], row["content"], needs[0], row["split"], row["counts"], needs, row)
@@ -180,7 +181,7 @@ def _bag(row: Mapping[str, Any], names: _Names | None) -> LockedBag:
     return LockedBag(row["key"], row["content"], row[names.part], row["split"], counts, None, row)
 
 
-def _digests(value: Any) -> list[str]:
+def _digests(value: object) -> list[str]:
     if not isinstance(value, list) or not value or not all(isinstance(digest, str) for digest in value):
         raise TypeError("artifacts must be a list of digests, the part of the recording first")
     return value

@@ -20,6 +20,7 @@ from typing import Any, Generic, NamedTuple, TypeVar
 
 from bagassets.assets.asset import AnyAsset
 from bagassets.build.plan import Plan
+from bagassets.json_types import JsonMapping
 from bagassets.quality.finding import Finding
 from bagassets.recipe.model import Recipe
 from bagassets.recipe.model_base import DatasetSettings
@@ -47,7 +48,7 @@ FACTS = "facts.json"
 """File of a recording's part: a JSON object with what the format wants to know of it, without reading the rest."""
 
 S = TypeVar("S", bound=DatasetSettings)
-Facts = Mapping[str, Any]
+Facts = JsonMapping
 Samples = Mapping[str, Mapping[str, Mapping[str, str]]]
 """Scene -> sample -> what belongs to it (its images, its poses) -> digest."""
 

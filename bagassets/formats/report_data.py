@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from bagassets.assets import trajectory_map
 from bagassets.assets.preview import FACTS, THUMBNAIL
@@ -13,6 +12,7 @@ from bagassets.errors import StoreError
 from bagassets.formats.catalogue import formats
 from bagassets.formats.dataset_build import deal_contents, without_scenes
 from bagassets.freshness.published import Publication
+from bagassets.json_types import JsonMapping, JsonObject
 from bagassets.preview.pictures import TITLES
 from bagassets.recipe.model import Recipe
 from bagassets.report.grid_map import colour_of_split
@@ -122,7 +122,7 @@ def _facts(recipe: Recipe, store: Store, bag: BagPlan, split: str) -> RecordingF
     state, reason = _state(bag)
     if inventory is None:
         return RecordingFacts(bag.key, state, reason, bag.format)
-    seen: dict[str, Any] = inventory.read_json("inventory.json")
+    seen: JsonObject = inventory.read_json("inventory.json")
     poses = bag.current_artifact(store, "ego_poses")
     track = None
     if poses is not None and state in {"ready", "stale"}:
@@ -175,7 +175,7 @@ def _counts(store: Store, bag: BagPlan) -> dict[str, int]:
     return {name: number for name, number in found.items() if number is not None}
 
 
-def _written(summary: Mapping[str, Any]) -> int | None:
+def _written(summary: JsonMapping) -> int | None:
     channels = summary.get("channels")
     return None if channels is None else sum(counts["written"] for counts in channels.values())
 
@@ -190,7 +190,7 @@ def _lost(store: Store, bag: BagPlan) -> list[str]:
     return lines
 
 
-def _gaps(topics: list[dict[str, Any]]) -> list[Gaps]:
+def _gaps(topics: list[JsonObject]) -> list[Gaps]:
     with_gaps = [
         Gaps(topic["name"], topic["gap_count"], max(gap["duration_s"] for gap in topic["gaps"]))
         for topic in topics
@@ -204,7 +204,7 @@ def _pictures(artifact: Artifact) -> dict[str, Path]:
     return {title: artifact.path(f"inline/{name}.jpg") for name, title in TITLES.items() if name in drawn}
 
 
-def _summary(store: Store, bag: BagPlan, asset: str) -> dict[str, Any]:
+def _summary(store: Store, bag: BagPlan, asset: str) -> JsonObject:
     artifact = bag.current_artifact(store, asset)
     try:
         return {} if artifact is None else artifact.summary()

@@ -5,9 +5,10 @@ Numbers stay as they were written, rounded to 12 significant digits: digests of 
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Self
 
 from bagassets.geometry.se3 import SE3
+from bagassets.json_types import JsonMapping
 
 __all__ = [
     "CalibratedCamera",
@@ -69,7 +70,7 @@ class CalibratedCamera(CameraLens):
     source: str
 
     @classmethod
-    def from_json(cls, value: Mapping[str, Any]) -> Self:
+    def from_json(cls, value: JsonMapping) -> Self:
         """Return what `as_json` of it was."""
         across, down = value["binning"]
         return cls(
@@ -138,7 +139,7 @@ class CalibratedSensor(Mount):
     camera: CalibratedCamera | None
 
     @classmethod
-    def from_json(cls, value: Mapping[str, Any]) -> Self:
+    def from_json(cls, value: JsonMapping) -> Self:
         """Return what `as_json` of it was."""
         pose, camera = value["ego_SE3_sensor"], value["camera"]
         (w, x, y, z), (tx, ty, tz) = pose["rotation"], pose["translation"]
@@ -165,7 +166,7 @@ class Calibration:
     notes: tuple[str, ...] = ()
 
     @classmethod
-    def from_json(cls, value: Mapping[str, Any]) -> Self:
+    def from_json(cls, value: JsonMapping) -> Self:
         """Return what `as_json` of it was."""
         channels = {name: CalibratedSensor.from_json(one) for name, one in value["channels"].items()}
         return cls(value["ego_frame"], channels, tuple(value["notes"]))

@@ -7,7 +7,6 @@ full-resolution image, of which the recorded one is a region of interest, then b
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import cos, sin
-from typing import Any
 
 import cv2
 import numpy as np
@@ -132,7 +131,7 @@ class CameraModel:
     def _coefficients(self) -> Floats:
         return np.array(self.distortion, dtype=np.float64)
 
-    def undistortion_maps(self, target: "CameraModel") -> tuple[NDArray[Any], NDArray[Any]]:
+    def undistortion_maps(self, target: "CameraModel") -> tuple[NDArray[np.int16], NDArray[np.uint16]]:
         """Return fixed-point maps, (H, W, 2) int16 and (H, W) uint16, for `cv2.remap` from this camera's image to `target`'s.
 
         They take tens of milliseconds to make: once per camera, never per frame.
@@ -146,7 +145,8 @@ class CameraModel:
             maps = cv2.initUndistortRectifyMap(
                 self.matrix, self._coefficients, np.eye(3), target.matrix, size, cv2.CV_16SC2
             )
-        return maps[0], maps[1]
+        xy, fraction = maps
+        return np.asarray(xy, np.int16), np.asarray(fraction, np.uint16)
 
 
 def _tilt(x: Floats, y: Floats, tilt_x: float, tilt_y: float) -> tuple[Floats, Floats]:

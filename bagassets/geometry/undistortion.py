@@ -12,6 +12,8 @@ from bagassets.kernels.bilinear import BilinearLookup
 
 __all__ = ["Undistortion", "undistort"]
 
+Pixels = NDArray[Any]
+
 
 class Undistortion:
     """Turns images of one camera into those of another model; several threads may share it.
@@ -37,7 +39,7 @@ class Undistortion:
                 self._made = BilinearLookup(*maps, self._recorded.width, self._recorded.height)
             return self._made
 
-    def __call__(self, pixels: NDArray[Any]) -> NDArray[Any]:
+    def __call__(self, pixels: Pixels) -> Pixels:
         """Return the image of (H, W) grey, (H, W, 3) BGR or (H, W, 4) BGRA; of the latter it is BGR, too.
 
         8-bit BGRA is fastest.
@@ -52,16 +54,14 @@ class Undistortion:
         return undistorted
 
 
-def undistort(
-    pixels: NDArray[np.uint8] | NDArray[np.uint16], maps: tuple[NDArray[Any], NDArray[Any]]
-) -> NDArray[Any]:
+def undistort(pixels: Pixels, maps: tuple[NDArray[np.int16], NDArray[np.uint16]]) -> Pixels:
     """Return an image (H, W) or (H, W, C) looked up bilinearly through maps of `undistortion_maps`.
 
     OpenCV does 8 bit in integers, but 16 bit in single precision, where processors round differently.
     In double precision the products of 16-bit pixels and 10-bit weights are exact, and so is the result.
     """
     if pixels.dtype == np.uint8:
-        mixed: NDArray[Any] = cv2.remap(pixels, *maps, cv2.INTER_LINEAR)
+        mixed: Pixels = cv2.remap(pixels, *maps, cv2.INTER_LINEAR)
         return mixed
     exact = np.asarray(cv2.remap(pixels.astype(np.float64), *maps, cv2.INTER_LINEAR), dtype=np.float64)
     return np.floor(exact + 0.5).astype(np.uint16)

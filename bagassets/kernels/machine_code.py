@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from threading import Lock
 from typing import Any
 
-__all__ = ["MachineCode", "begin_function", "compile_all", "counting", "everywhere"]
+__all__ = ["Ir", "MachineCode", "begin_function", "compile_all", "counting", "everywhere"]
 
 _LOG = logging.getLogger(__name__)
 _LOCK = Lock()
@@ -18,6 +18,9 @@ _LOCK = Lock()
 _ALL: list["MachineCode"] = []
 
 Function = Callable[..., None]
+
+Ir = Any
+"""Something of llvmlite, which is untyped: a value, a type, a builder, an engine."""
 
 
 class MachineCode:
@@ -28,10 +31,10 @@ class MachineCode:
         build: returns the `ir.Function`, begun with `begin_function`.
     """
 
-    def __init__(self, name: str, build: Callable[[], Any]) -> None:
+    def __init__(self, name: str, build: Callable[[], Ir]) -> None:
         self._name = name
         self._build = build
-        self._engine: Any = None
+        self._engine: Ir = None
         self._function: Function | None = None
         self._tried = False
         _ALL.append(self)
@@ -64,7 +67,7 @@ def compile_all() -> Iterator[None]:
         yield
 
 
-def _compiled(text: str) -> Any:
+def _compiled(text: str) -> Ir:
     import llvmlite.binding as llvm
 
     llvm.initialize_native_target()
@@ -80,7 +83,7 @@ def _compiled(text: str) -> Any:
     return engine
 
 
-def begin_function(name: str, pointed_to: Sequence[Any]) -> tuple[Any, Any]:
+def begin_function(name: str, pointed_to: Sequence[Ir]) -> tuple[Ir, Ir]:
     """Return a function that returns nothing, in a module of its own, and a builder at its begin.
 
     Args:
@@ -97,7 +100,7 @@ def begin_function(name: str, pointed_to: Sequence[Any]) -> tuple[Any, Any]:
     return function, ir.IRBuilder(function.append_basic_block())
 
 
-def everywhere(b: Any, value: Any, lanes: int) -> Any:
+def everywhere(b: Ir, value: Ir, lanes: int) -> Ir:
     """Build a vector that has a value in each of its lanes."""
     from llvmlite import ir
 
@@ -107,7 +110,7 @@ def everywhere(b: Any, value: Any, lanes: int) -> Any:
 
 
 @contextmanager
-def counting(b: Any, begin: Any, end: Any) -> Iterator[Any]:
+def counting(b: Ir, begin: Ir, end: Ir) -> Iterator[Ir]:
     """Build a loop: what is built inside is done for each i64 from `begin`, while it is less than `end`."""
     before, head = b.block, b.append_basic_block("head")
     body, after = b.append_basic_block("body"), b.append_basic_block("after")

@@ -1,12 +1,11 @@
 """Finding markers in the data of a JPEG scan: 0xff before anything but the zero that follows it in data."""
 
 import re
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bagassets.kernels.machine_code import MachineCode, begin_function, counting, everywhere
+from bagassets.kernels.machine_code import Ir, MachineCode, begin_function, counting, everywhere
 
 __all__ = ["markers_from"]
 
@@ -58,7 +57,7 @@ def _twin(values: NDArray[np.uint8]) -> list[int]:
     return places
 
 
-def _build() -> Any:
+def _build() -> Ir:
     """Return the function: bytes, number of markers found and where they are, number of groups to look into."""
     from llvmlite import ir
 

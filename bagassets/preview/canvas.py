@@ -1,13 +1,13 @@
 """What all pictures share: colours, text, scaling, and JPEGs that stay below a size."""
 
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from bagassets.errors import DatasetError
+from bagassets.geometry.se3 import Floats
 
 __all__ = [
     "ACCENT",
@@ -120,7 +120,7 @@ def text_width(words: str, size_px: float = 13) -> int:
     return int(width)
 
 
-def turbo(shares: NDArray[Any]) -> NDArray[np.uint8]:
+def turbo(shares: Floats) -> NDArray[np.uint8]:
     """Return (N, 3) colours of (N,) numbers between 0 (blue) and 1 (red)."""
     steps = np.clip(np.asarray(shares) * 255.0, 0, 255).astype(np.uint8)
     if not len(steps):

@@ -4,7 +4,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from math import ceil
-from typing import Any
 
 import numpy as np
 
@@ -12,6 +11,7 @@ from bagassets.annotations.table import BoxTable
 from bagassets.annotations.tracks import messages_of, tracks_of
 from bagassets.geometry.se3 import SE3, Floats
 from bagassets.geometry.trajectory import Trajectory
+from bagassets.json_types import JsonMapping
 from bagassets.preview.birds_eye import BoxAt, birds_eye
 from bagassets.preview.canvas import Image, read_image
 from bagassets.preview.channels import CameraImages, Clouds
@@ -62,7 +62,7 @@ class Pictures:
     clouds: Clouds | None
     trajectory: Trajectory
     boxes: BoxTable
-    timeline_facts: Mapping[str, Any]
+    timeline_facts: JsonMapping
     width: int
     columns: int
     future_s: float

@@ -1,10 +1,10 @@
 """The timeline: when each topic was there, how often, and where it paused."""
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import cv2
 
+from bagassets.json_types import JsonMapping, JsonObject
 from bagassets.preview.canvas import ACCENT, DIM, FAINT, TEXT, WARNING, Image, blank, text, text_width
 from bagassets.recordings.inventory import Inventory
 
@@ -17,7 +17,7 @@ _NAMES_SHARE = 0.36
 _LEAST_GAP_PX = 2
 
 
-def timeline_facts(inventory: Inventory) -> dict[str, Any]:
+def timeline_facts(inventory: Inventory) -> JsonObject:
     """Return what the picture shows, and nothing else: its digest stands for the inventory."""
     return {
         "start_ns": inventory.start_ns,
@@ -38,7 +38,7 @@ def timeline_facts(inventory: Inventory) -> dict[str, Any]:
     }
 
 
-def timeline(facts: Mapping[str, Any], width: int) -> Image:
+def timeline(facts: JsonMapping, width: int) -> Image:
     """Return the picture.
 
     Of many topics those with the most messages are shown; a last line says how many are not.
@@ -60,7 +60,7 @@ def timeline(facts: Mapping[str, Any], width: int) -> Image:
     return picture
 
 
-def _chosen(topics: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+def _chosen(topics: Sequence[JsonMapping]) -> list[JsonMapping]:
     most = sorted(topics, key=lambda topic: (-topic["count"], topic["name"]))[:MOST_TOPICS]
     return sorted(most, key=lambda topic: str(topic["name"]))
 
@@ -68,7 +68,7 @@ def _chosen(topics: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
 class _Axis:
     """The axis of time, from the first to the last message of the recording."""
 
-    def __init__(self, facts: Mapping[str, Any], left: int, right: int) -> None:
+    def __init__(self, facts: JsonMapping, left: int, right: int) -> None:
         self.start_ns = facts["start_ns"] or 0
         self.duration_s = max(((facts["end_ns"] or 0) - self.start_ns) / 1e9, 1e-3)
         self.left, self.right = left, right
@@ -96,7 +96,7 @@ def _step(least: float) -> float:
     return least
 
 
-def _row(picture: Image, axis: _Axis, topic: Mapping[str, Any], top: int) -> None:
+def _row(picture: Image, axis: _Axis, topic: JsonMapping, top: int) -> None:
     name = topic["name"]
     while text_width(name, 10) > axis.left - 30 and len(name) > 4:
         name = name[:-1]

@@ -26,7 +26,7 @@ from bagassets.propose.naming import is_radar_list
 from bagassets.propose.sensors import modality_of
 from bagassets.propose.summary import Edge, RecordingSummary, TopicSummary, merge_topics
 from bagassets.recipe.model import Limits, Scenes
-from bagassets.recordings.model import RawMessage
+from bagassets.recordings.model import Message, RawMessage
 from bagassets.recordings.recording import Recording
 from bagassets.recordings.topic import Topic
 
@@ -189,7 +189,7 @@ class _TopicScan:
         frames = tuple(frame for frame in facts.pop("frames", ()) if frame)
         self._summary = merge_topics(self._summary, replace(base, frames=frames, **facts))
 
-    def _take_header(self, message: RawMessage, header: Any) -> None:
+    def _take_header(self, message: RawMessage, header: Message) -> None:
         stamp_ns, frame = stamp_and_frame(header)
         self._add({"frames": (frame,)})
         if stamp_ns == 0:
@@ -197,7 +197,7 @@ class _TopicScan:
         else:
             self._offsets_s.append((message.log_time_ns - stamp_ns) / 1e9)
 
-    def _take_transforms(self, facts: Facts, decode: Decode, value: Any) -> None:
+    def _take_transforms(self, facts: Facts, decode: Decode, value: Message) -> None:
         facts["frames"] = []
         for stamped in decode(value):
             try:
@@ -217,7 +217,7 @@ def _summary_of(topic: Topic) -> TopicSummary:
 # Each of these puts into `facts` what a message says, those before the decoder refuses it, too.
 
 
-def _image(facts: Facts, decode: Decode, value: Any, _msgtype: str) -> None:
+def _image(facts: Facts, decode: Decode, value: Message, _msgtype: str) -> None:
     reading: ImageReading = decode(value)
     if reading.pixels is not None:
         is_16_bit = bool(reading.pixels.dtype == np.uint16)
@@ -226,7 +226,7 @@ def _image(facts: Facts, decode: Decode, value: Any, _msgtype: str) -> None:
     facts |= {"frames": (reading.frame_id,), "encoding": reading.encoding, "is_16_bit": is_16_bit}
 
 
-def _cloud(facts: Facts, decode: Decode, value: Any, _msgtype: str) -> None:
+def _cloud(facts: Facts, decode: Decode, value: Message, _msgtype: str) -> None:
     check_points(value, _LIMITS.cloud_points)
     reading: CloudReading = decode(value, None, "end")
     facts["frames"] = (reading.frame_id,)
@@ -234,23 +234,23 @@ def _cloud(facts: Facts, decode: Decode, value: Any, _msgtype: str) -> None:
         facts["timed"] = reading.times_ns is not None
 
 
-def _radar(facts: Facts, decode: Decode, value: Any, msgtype: str) -> None:
+def _radar(facts: Facts, decode: Decode, value: Message, msgtype: str) -> None:
     check_points(value, _LIMITS.cloud_points)
     reading: RadarReading = decode(value, msgtype, None)
     facts["frames"] = (reading.frame_id,)
 
 
-def _pose(facts: Facts, decode: Decode, value: Any, _msgtype: str) -> None:
+def _pose(facts: Facts, decode: Decode, value: Message, _msgtype: str) -> None:
     reading: PoseReading = decode(value)
     if reading.child:
         facts["child_frames"] = (reading.child,)
 
 
-def _fix(_facts: Facts, decode: Decode, value: Any, _msgtype: str) -> None:
+def _fix(_facts: Facts, decode: Decode, value: Message, _msgtype: str) -> None:
     decode(value)
 
 
-def _imu(facts: Facts, decode: Decode, value: Any, _msgtype: str) -> None:
+def _imu(facts: Facts, decode: Decode, value: Message, _msgtype: str) -> None:
     facts["oriented"] = False
     measured = getattr(value, "linear_acceleration", None)
     covariance = getattr(value, "linear_acceleration_covariance", (0.0,))
@@ -262,13 +262,13 @@ def _imu(facts: Facts, decode: Decode, value: Any, _msgtype: str) -> None:
     facts["oriented"] = True
 
 
-def _camera_info(facts: Facts, decode: Decode, value: Any, _msgtype: str) -> None:
+def _camera_info(facts: Facts, decode: Decode, value: Message, _msgtype: str) -> None:
     facts["calibrated"] = False
     decode(value)
     facts["calibrated"] = True
 
 
-def _packets(facts: Facts, decode: Decode, value: Any, _msgtype: str) -> None:
+def _packets(facts: Facts, decode: Decode, value: Message, _msgtype: str) -> None:
     facts["velodyne"] = False
     for _own_stamp, data in decode(value):
         facts["velodyne"] |= is_velodyne_packet(data)
@@ -276,7 +276,7 @@ def _packets(facts: Facts, decode: Decode, value: Any, _msgtype: str) -> None:
             facts["ncom_sender"] = facts.get("ncom_sender") or sender(value)[0]
 
 
-_FACTS: Mapping[AnyFamily, Callable[[Facts, Decode, Any, str], None]] = {
+_FACTS: Mapping[AnyFamily, Callable[[Facts, Decode, Message, str], None]] = {
     "image": _image,
     "cloud": _cloud,
     "radar": _radar,

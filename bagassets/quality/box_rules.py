@@ -1,19 +1,19 @@
 """Rules about boxes: few were lost, tracks do not jump, sizes are those of things on roads."""
 
-from collections.abc import Iterator, Mapping
-from typing import Any
+from collections.abc import Iterator
 
 import numpy as np
 
 from bagassets.annotations.table import BoxTable
 from bagassets.annotations.tracks import Track, tracks_of
+from bagassets.json_types import JsonMapping
 from bagassets.quality.finding import Finding, clock
 from bagassets.recipe.model_checks import BoxesCheck
 
 __all__ = ["boxes_plausible"]
 
 
-def boxes_plausible(counts: Mapping[str, Any], table: BoxTable, check: BoxesCheck) -> Finding:
+def boxes_plausible(counts: JsonMapping, table: BoxTable, check: BoxesCheck) -> Finding:
     """Check the boxes of one recording.
 
     Args:

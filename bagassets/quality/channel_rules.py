@@ -1,8 +1,8 @@
 """Rules about extracted channels: every one has files, and not too many messages were lost."""
 
 from collections.abc import Callable, Mapping
-from typing import Any
 
+from bagassets.json_types import JsonMapping
 from bagassets.quality.finding import Finding
 from bagassets.recipe.model_base import Clock
 
@@ -20,9 +20,7 @@ _BECAUSE = {
 }
 
 
-def channels_complete(
-    channels: Mapping[str, Any], max_lost: float, clock_of: Callable[[str], Clock]
-) -> Finding:
+def channels_complete(channels: JsonMapping, max_lost: float, clock_of: Callable[[str], Clock]) -> Finding:
     """Check the counts of the channels of one asset.
 
     Args:

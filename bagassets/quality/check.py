@@ -7,11 +7,12 @@ A rule is a function over the content of artifacts. Checks stand in the objects 
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, TypeVar
+from typing import TypeVar, cast
 
 import numpy as np
 
 from bagassets.geometry.calibration import Calibration
+from bagassets.json_types import JsonObject
 from bagassets.quality.finding import Finding
 from bagassets.recipe.model import Recipe, Rig
 from bagassets.recipe.model_base import Clock
@@ -41,14 +42,13 @@ class Evidence:
         self.rig = rig
         self.store = store
         self.artifact = current
-        self._read: dict[Callable[[Evidence], Any], Any] = {}
+        self._read: dict[Callable[[Evidence], object], object] = {}
 
     def once(self, read: "Callable[[Evidence], T]") -> T:
         """Return what `read` makes of this evidence, which it is asked only once, however many rules look at it."""
         if read not in self._read:
             self._read[read] = read(self)
-        found: T = self._read[read]
-        return found
+        return cast("T", self._read[read])
 
     @property
     def checks(self) -> Checks:
@@ -75,9 +75,9 @@ class Evidence:
         """Content of `calibration.json`."""
         return Calibration.from_json(self.artifact("calibration").read_json("calibration.json"))
 
-    def channels(self, asset: str) -> dict[str, Any]:
+    def channels(self, asset: str) -> JsonObject:
         """Return the content of `channels.json` of `frames` or `sweeps`."""
-        channels: dict[str, Any] = self.artifact(asset).read_json("channels.json")
+        channels: JsonObject = self.artifact(asset).read_json("channels.json")
         return channels
 
     def stamps_ns(self) -> dict[str, Stamps]:

@@ -1,9 +1,9 @@
 """Rules about files: those that tables name are in the store, whole, and no others are listed."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any
 
 from bagassets.errors import StoreError
+from bagassets.json_types import JsonMapping
 from bagassets.quality.finding import Finding
 from bagassets.store.artifact import Artifact
 
@@ -11,7 +11,7 @@ __all__ = ["files_match"]
 
 
 def files_match(
-    sample_data: Sequence[Mapping[str, Any]],
+    sample_data: Sequence[JsonMapping],
     files: Sequence[Mapping[str, str]],
     artifact: Callable[[str], Artifact],
 ) -> Finding:

@@ -1,10 +1,10 @@
 """What a rule finds: sentences about what is wrong, and the numbers it looked at."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from typing import Any
 
+from bagassets.json_types import JsonMapping
 from bagassets.recipe.model_checks import Severity
 
 __all__ = ["Finding", "clock"]
@@ -21,7 +21,7 @@ class Finding:
     """
 
     problems: Sequence[str] = ()
-    facts: Mapping[str, Any] = field(default_factory=dict)
+    facts: JsonMapping = field(default_factory=dict)
     warnings: Sequence[str] = ()
 
     @property

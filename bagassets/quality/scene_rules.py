@@ -1,10 +1,10 @@
 """Rules about scenes: a recording that takes part gives at least one, and its samples have all channels."""
 
 from collections.abc import Callable, Mapping
-from typing import Any
 
 import numpy as np
 
+from bagassets.json_types import JsonMapping
 from bagassets.quality.finding import Finding, clock
 from bagassets.timeline.keyframes import Stamps
 
@@ -23,7 +23,7 @@ _WAYS_OUT = (
 StampsOf = Callable[[str], Stamps]
 
 
-def scenes_made(facts: Mapping[str, Any], stamps_of: StampsOf) -> Finding:
+def scenes_made(facts: JsonMapping, stamps_of: StampsOf) -> Finding:
     """Check that a recording gave a scene, and say why it gave none.
 
     Args:
@@ -35,7 +35,7 @@ def scenes_made(facts: Mapping[str, Any], stamps_of: StampsOf) -> Finding:
     return Finding([] if counts["scenes"] else [f"it gives no scene: {_reason(facts, stamps_of)}"], told)
 
 
-def _reason(facts: Mapping[str, Any], stamps_of: StampsOf) -> str:
+def _reason(facts: JsonMapping, stamps_of: StampsOf) -> str:
     counts, reference = facts["counts"], facts["reference"]
     if counts["dropped_keyframes"]:
         return f"{_dropped(facts, stamps_of)}; {_WAYS_OUT}"
@@ -46,7 +46,7 @@ def _reason(facts: Mapping[str, Any], stamps_of: StampsOf) -> str:
     return f"{reference} has too few readings to make one of scenes.min_length_s"
 
 
-def keyframes_complete(facts: Mapping[str, Any], stamps_of: StampsOf) -> Finding:
+def keyframes_complete(facts: JsonMapping, stamps_of: StampsOf) -> Finding:
     """Check that no keyframe was dropped for want of a channel, and that no sample lacks one.
 
     Channels of which the recording has no reading at all are for `channels_present` to name.
@@ -73,7 +73,7 @@ def keyframes_complete(facts: Mapping[str, Any], stamps_of: StampsOf) -> Finding
     return Finding(problems, told)
 
 
-def _dropped(facts: Mapping[str, Any], stamps_of: StampsOf) -> str:
+def _dropped(facts: JsonMapping, stamps_of: StampsOf) -> str:
     counts = facts["counts"]
     number, of = counts["dropped_keyframes"], counts["dropped_keyframes"] + counts["samples"]
     return (
@@ -82,7 +82,7 @@ def _dropped(facts: Mapping[str, Any], stamps_of: StampsOf) -> str:
     )
 
 
-def _shortages(facts: Mapping[str, Any]) -> list[tuple[str, Mapping[str, int], list[int]]]:
+def _shortages(facts: JsonMapping) -> list[tuple[str, Mapping[str, int], list[int]]]:
     """Return channel, counts and span of the channels that lack readings at keyframes, the worst first."""
     found = [
         (name, counts["lacking_at_keyframes"], counts["span_ns"])
@@ -92,7 +92,7 @@ def _shortages(facts: Mapping[str, Any]) -> list[tuple[str, Mapping[str, int], l
     return sorted(found, key=lambda entry: -entry[1]["keyframes"])
 
 
-def _channels(facts: Mapping[str, Any], stamps_of: StampsOf) -> str:
+def _channels(facts: JsonMapping, stamps_of: StampsOf) -> str:
     """Return which channels lack readings at how many keyframes, and when they start late or stop early."""
     spans = _spans(facts)
     begins_ns = min((span[0] for span in spans), default=0)
@@ -116,7 +116,7 @@ def _patience_ns(stamps_ns: Stamps) -> float:
     return _MISSING_PERIODS * float(np.median(np.diff(stamps_ns))) if len(stamps_ns) > 1 else 0.0
 
 
-def _spans(facts: Mapping[str, Any]) -> list[list[int]]:
+def _spans(facts: JsonMapping) -> list[list[int]]:
     return [counts["span_ns"] for counts in facts["counts"]["channels"].values() if counts["span_ns"]]
 
 

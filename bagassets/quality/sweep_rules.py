@@ -11,7 +11,6 @@ The work does not grow with the recording: five pairs, 19 offsets.
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
@@ -19,6 +18,7 @@ from numpy.typing import NDArray
 
 from bagassets.geometry.se3 import SE3, Floats, quaternion_multiply, rotate
 from bagassets.geometry.trajectory import Trajectory
+from bagassets.json_types import JsonObject
 from bagassets.quality.finding import Finding
 from bagassets.recipe.model import LidarChannel, Rig
 from bagassets.recipe.model_checks import SweepTimesCheck
@@ -78,7 +78,7 @@ def sweeps_timed(
         check: thresholds.
     """
     problems: list[str] = []
-    facts: dict[str, Any] = {}
+    facts: JsonObject = {}
     for name, lidar in sorted(sweeps.items()):
         channel = rig.channels.get(name)
         if not isinstance(channel, LidarChannel):

@@ -2,8 +2,8 @@
 
 from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
-from typing import Any
 
+from bagassets.json_types import Json, JsonObject
 from bagassets.recipe.explain import Problem, closest
 from bagassets.recipe.model import CameraChannel, LidarChannel, Recipe, Rig
 from bagassets.recipe.model_base import DatasetSettings
@@ -15,7 +15,7 @@ _COEFFICIENTS = {"plumb_bob": (0, 4, 5), "rational_polynomial": (0, 8, 12, 14), 
 """Lengths of distortion vectors that OpenCV and ROS know, by model."""
 
 
-def problems_in(recipe: Recipe, data: dict[str, Any]) -> Iterator[Problem]:
+def problems_in(recipe: Recipe, data: JsonObject) -> Iterator[Problem]:
     """Yield everything wrong with a recipe whose fields are each fine by themselves.
 
     Args:
@@ -32,9 +32,9 @@ def problems_in(recipe: Recipe, data: dict[str, Any]) -> Iterator[Problem]:
             yield ("rigs", number, *at), sentence
 
 
-def _paths(recipe: Recipe, data: dict[str, Any]) -> Iterator[Problem]:
+def _paths(recipe: Recipe, data: JsonObject) -> Iterator[Problem]:
     bags = data["bags"]
-    written: list[tuple[tuple[str | int, ...], Any]] = [
+    written: list[tuple[tuple[str | int, ...], Json]] = [
         (("bags", "root"), bags["root"]),
         (("state",), data.get("state")),
         (("store",), data.get("store")),

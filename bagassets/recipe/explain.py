@@ -10,6 +10,7 @@ from typing import Any, get_args
 
 from pydantic import BaseModel
 
+from bagassets.json_types import Json
 from bagassets.recipe.model import Recipe
 from bagassets.recipe.model_base import FieldValueError
 from bagassets.recipe.schema import describe, enter, plain, tag_field, variants
@@ -28,7 +29,7 @@ _BOUNDS = {
 }
 
 
-def explain(error: Mapping[str, Any], data: Any) -> Problem:
+def explain(error: Mapping[str, Any], data: Json) -> Problem:
     """Return where and what the problem behind one entry of `ValidationError.errors()` is.
 
     Args:
@@ -65,17 +66,17 @@ def explain(error: Mapping[str, Any], data: Any) -> Problem:
     return at, f"expected {describe(annotation)}; found {_show(value)}{_quoting(annotation, value)}"
 
 
-def closest(word: Any, known: Iterable[str]) -> str:
+def closest(word: object, known: Iterable[str]) -> str:
     """Return the entry of `known` that `word` was probably meant to be; "" if none is near."""
     by_lower = {entry.lower(): entry for entry in known}
     near = get_close_matches(str(word).lower(), by_lower, n=1, cutoff=0.6)
     return by_lower[near[0]] if near else ""
 
 
-def _locate(location: tuple[str | int, ...]) -> tuple[tuple[str | int, ...], Any]:
+def _locate(location: tuple[str | int, ...]) -> tuple[tuple[str | int, ...], object]:
     """Return a location without pydantic's tags of unions and marks of keys, and the type there."""
     at: list[str | int] = []
-    annotation: Any = Recipe
+    annotation: object = Recipe
     for part in location:
         if variants(annotation) and part in variants(annotation):
             annotation = enter(annotation, part)
@@ -110,7 +111,7 @@ def _required(location: tuple[str | int, ...], at: tuple[str | int, ...]) -> str
     return "this field is required" + (f": {purpose}" if purpose else "") if at else "the recipe is empty"
 
 
-def _unknown_field(name: str, known: list[str], present: Any) -> str:
+def _unknown_field(name: str, known: list[str], present: Json) -> str:
     free = [field for field in known if not isinstance(present, dict) or field not in present]
     near = closest(name, free)
     if near:
@@ -118,7 +119,7 @@ def _unknown_field(name: str, known: list[str], present: Any) -> str:
     return f"no such field here; there are {', '.join(known)}. `bagassets docs recipe` explains them"
 
 
-def _tag(at: tuple[str | int, ...], annotation: Any, value: Any) -> Problem:
+def _tag(at: tuple[str | int, ...], annotation: object, value: Json) -> Problem:
     tag, allowed = tag_field(annotation), list(variants(annotation))
     if not isinstance(value, dict) or tag not in value:
         return (*at, tag), f"this field is required; it is {_either(allowed)}"
@@ -126,12 +127,12 @@ def _tag(at: tuple[str | int, ...], annotation: Any, value: Any) -> Problem:
     return (*at, tag), f"must be {_either(allowed)}; found {_show(found)}{_suggestion(found, allowed)}"
 
 
-def _suggestion(value: Any, allowed: list[str]) -> str:
+def _suggestion(value: Json, allowed: list[str]) -> str:
     near = closest(value, allowed) if isinstance(value, str) else ""
     return f"; did you mean {near}?" if near else ""
 
 
-def _quoting(annotation: Any, value: Any) -> str:
+def _quoting(annotation: object, value: Json) -> str:
     if plain(annotation) is str and isinstance(value, bool | int | float):
         return "; put it in quotes if it is meant as text"
     if plain(annotation) in {int, float} and isinstance(value, str):
@@ -147,7 +148,7 @@ def _either(options: list[str]) -> str:
     return options[0] if len(options) == 1 else f"{', '.join(options[:-1])} or {options[-1]}"
 
 
-def _show(value: Any) -> str:
+def _show(value: Json) -> str:
     match value:
         case None:
             return "no value"
@@ -163,7 +164,7 @@ def _show(value: Any) -> str:
             return "a mapping"
 
 
-def _value(data: Any, location: tuple[str | int, ...]) -> Any:
+def _value(data: Json, location: tuple[str | int, ...]) -> Json:
     for part in location:
         if isinstance(data, list):
             data = data[part] if isinstance(part, int) and part < len(data) else None

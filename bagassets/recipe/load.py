@@ -7,11 +7,12 @@ no home folder, no current folder.
 import json
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any
 
 from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
 
 from bagassets.errors import RecipeError
+from bagassets.json_types import JsonObject
 from bagassets.recipe.checks import problems_in
 from bagassets.recipe.explain import Problem, explain
 from bagassets.recipe.model import Recipe
@@ -88,7 +89,7 @@ def _paths_in(value: object) -> Iterator[Path]:
             yield from _paths_in(inner)
 
 
-def _as_written(text: str, path: Path) -> tuple[Recipe, dict[str, Any], Place]:
+def _as_written(text: str, path: Path) -> tuple[Recipe, JsonObject, Place]:
     """Return the recipe in `text` with its paths as they are, the data that it was made from, and where that stands.
 
     Raises:
@@ -123,7 +124,7 @@ def where_in(path: Path, at: tuple[str | int, ...]) -> str:
     return f"{path}:{places.line_of(at)}: {field_name(at)}"
 
 
-def _causes(err: ValidationError) -> list[Any]:
+def _causes(err: ValidationError) -> list[ErrorDetails]:
     """Return the errors without those that only say that a list lacks its wrong entries."""
     errors = err.errors()
     inner = {error["loc"][:depth] for error in errors for depth in range(len(error["loc"]))}

@@ -1,6 +1,6 @@
 """What a recipe may say about splits."""
 
-from typing import Any, Self
+from typing import Self
 
 from pydantic import Field, model_validator
 
@@ -31,7 +31,7 @@ class Splits(Model):
 
     @model_validator(mode="before")
     @classmethod
-    def _pin(cls, value: Any) -> Any:
+    def _pin(cls, value: object) -> object:
         if isinstance(value, dict) and "pin" in value:
             if "pinned" in value:
                 raise FieldValueError(("pin",), "is the same as pinned; give one of them")

@@ -3,7 +3,7 @@
 import json
 from collections.abc import Iterator
 from pathlib import PurePath
-from typing import Any, Literal, get_args, get_origin
+from typing import Literal, get_args, get_origin
 
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
@@ -84,7 +84,7 @@ def _sections() -> Iterator[tuple[type[BaseModel], list[str]]]:
         yield model, paths[model]
 
 
-def _suffix(annotation: Any) -> str:
+def _suffix(annotation: object) -> str:
     origin, arguments = get_origin(plain(annotation)), get_args(plain(annotation))
     if origin is dict:
         return ".NAME"
@@ -125,7 +125,7 @@ def _value(field: FieldInfo) -> str:
     return _cell(f"{words}, {bounds}" if bounds else words)
 
 
-def _options(annotation: Any) -> str:
+def _options(annotation: object) -> str:
     """Return the alternatives of a tagged union, as in `modality: camera` or …; "" for other types."""
     tags = variants(annotation)
     return (
@@ -146,7 +146,7 @@ def _default(field: FieldInfo) -> str:
     return f"`{_cell(json.dumps(_json(value), ensure_ascii=False).strip(chr(34)))}`"
 
 
-def _json(value: Any) -> Any:
+def _json(value: object) -> object:
     if isinstance(value, PurePath):
         return value.as_posix()
     return [_json(entry) for entry in value] if isinstance(value, tuple) else value

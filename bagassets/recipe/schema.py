@@ -6,7 +6,7 @@ Error messages and the recipe reference both speak from this.
 import types
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any, Literal, Union, get_args, get_origin
+from typing import Annotated, Literal, TypeGuard, Union, get_args, get_origin
 
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
@@ -16,7 +16,7 @@ from bagassets.recipe.model_base import ChannelName, Quaternion, Slug, Transform
 __all__ = ["describe", "enter", "limits", "models_in", "plain", "tag_field", "variants"]
 
 
-def plain(annotation: Any) -> Any:
+def plain(annotation: object) -> object:
     """Return the type without `Annotated` and without `| None`."""
     while True:
         if get_origin(annotation) is Annotated:
@@ -30,31 +30,31 @@ def plain(annotation: Any) -> Any:
             return annotation
 
 
-def variants(annotation: Any) -> dict[str, type[BaseModel]]:
+def variants(annotation: object) -> dict[str, type[BaseModel]]:
     """Return tag -> model of a union whose members are told apart by a tag field; {} otherwise."""
     annotation = plain(annotation)
     if not _is_union(annotation):
         return {}
-    members = [plain(member) for member in get_args(annotation)]
     tag = tag_field(annotation)
-    return {get_args(model.model_fields[tag].annotation)[0]: model for model in members} if tag else {}
+    models = _models_of(annotation) if tag else []
+    return {get_args(model.model_fields[tag].annotation)[0]: model for model in models}
 
 
-def tag_field(annotation: Any) -> str:
+def tag_field(annotation: object) -> str:
     """Return the field that tells the members of a union apart; "" if it is no such union."""
     annotation = plain(annotation)
     if not _is_union(annotation):
         return ""
-    members = [plain(member) for member in get_args(annotation)]
-    if not all(_is_model(member) for member in members):
+    models = _models_of(annotation)
+    if len(models) < len(get_args(annotation)):
         return ""
-    for name in members[0].model_fields:
-        if all(_is_tag(member.model_fields.get(name)) for member in members):
+    for name in models[0].model_fields:
+        if all(_is_tag(model.model_fields.get(name)) for model in models):
             return str(name)
     return ""
 
 
-def enter(annotation: Any, part: str | int) -> Any:
+def enter(annotation: object, part: str | int) -> object:
     """Return the type behind one part of a pydantic error location: field, key, index or tag.
 
     Returns None if there is no such part.
@@ -74,7 +74,7 @@ def enter(annotation: Any, part: str | int) -> Any:
     return None
 
 
-def describe(annotation: Any) -> str:
+def describe(annotation: object) -> str:
     """Return what a value of this type is, in words: `a number`, `a list of texts`."""
     for known, words in _NAMED:
         if annotation is known:
@@ -109,7 +109,7 @@ def limits(field: FieldInfo) -> str:
     return ", ".join(bounds)
 
 
-def models_in(annotation: Any) -> Iterator[type[BaseModel]]:
+def models_in(annotation: object) -> Iterator[type[BaseModel]]:
     """Yield the models that a value of this type is made of, not those inside them."""
     annotation = plain(annotation)
     if _is_model(annotation):
@@ -119,7 +119,7 @@ def models_in(annotation: Any) -> Iterator[type[BaseModel]]:
         yield from models_in(argument)
 
 
-_NAMED: tuple[tuple[Any, str], ...] = (
+_NAMED: tuple[tuple[object, str], ...] = (
     (Vector3, "a list of 3 numbers"),
     (Quaternion, "a list of 4 numbers"),
     (Slug, "a name"),
@@ -133,11 +133,15 @@ _NAMED: tuple[tuple[Any, str], ...] = (
 )
 
 
-def _is_union(annotation: Any) -> bool:
+def _is_union(annotation: object) -> bool:
     return get_origin(annotation) in {Union, types.UnionType}
 
 
-def _is_model(annotation: Any) -> bool:
+def _models_of(union: object) -> list[type[BaseModel]]:
+    return [member for member in map(plain, get_args(union)) if _is_model(member)]
+
+
+def _is_model(annotation: object) -> TypeGuard[type[BaseModel]]:
     return isinstance(annotation, type) and issubclass(annotation, BaseModel)
 
 

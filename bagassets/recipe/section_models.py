@@ -1,7 +1,5 @@
 """Models of the sections about formats that installed packages add."""
 
-from typing import Any
-
 from bagassets.errors import PluginError
 from bagassets.extensions import FORMATS, Extension, installed_extensions
 from bagassets.recipe.model_base import DatasetSettings
@@ -24,7 +22,7 @@ def section_model(name: str) -> type[DatasetSettings] | None:
     return settings_model(found[0], found[0].load())
 
 
-def settings_model(extension: Extension, found: Any) -> type[DatasetSettings]:
+def settings_model(extension: Extension, found: object) -> type[DatasetSettings]:
     """Return the model of the settings of a format.
 
     Raises:

@@ -1,20 +1,20 @@
 """Sections of a recipe about formats that installed packages add."""
 
 import json
-from collections.abc import Iterator, Mapping
-from typing import Any
+from collections.abc import Iterator
 
 from pydantic import ValidationError
 
 from bagassets.errors import PluginError
 from bagassets.extensions import FORMATS, installed_extensions
+from bagassets.json_types import JsonMapping, JsonObject
 from bagassets.recipe.explain import Problem, closest, explain
 from bagassets.recipe.section_models import section_model
 
 __all__ = ["read_sections"]
 
 
-def read_sections(data: Mapping[str, Any]) -> tuple[dict[str, Any], list[Problem]]:
+def read_sections(data: JsonMapping) -> tuple[JsonObject, list[Problem]]:
     """Return the sections below `formats`, and what is wrong with them.
 
     A section whose package is installed but cannot be used stays as it is: everything else goes on, and who asks for
@@ -23,7 +23,7 @@ def read_sections(data: Mapping[str, Any]) -> tuple[dict[str, Any], list[Problem
     Args:
         data: the whole recipe as plain data.
     """
-    sections: dict[str, Any] = {}
+    sections: JsonObject = {}
     problems: list[Problem] = []
     for name, value in data.get("formats", {}).items():
         sections[name] = value
@@ -41,7 +41,7 @@ def read_sections(data: Mapping[str, Any]) -> tuple[dict[str, Any], list[Problem
     return sections, problems
 
 
-def _explained(name: str, err: ValidationError, data: Mapping[str, Any]) -> Iterator[Problem]:
+def _explained(name: str, err: ValidationError, data: JsonMapping) -> Iterator[Problem]:
     for error in err.errors():
         yield explain({**error, "loc": ("formats", name, *error["loc"])}, data)
 

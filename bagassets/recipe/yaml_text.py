@@ -10,11 +10,11 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import yaml
 
 from bagassets.errors import RecipeError
+from bagassets.json_types import Json, JsonObject
 
 __all__ = ["Place", "read_yaml"]
 
@@ -66,7 +66,7 @@ for _name, _pattern, _first in (
     _Loader.add_implicit_resolver(_TAG + _name, re.compile(_pattern), _first)
 
 
-def read_yaml(text: str, path: Path) -> tuple[Any, Place]:
+def read_yaml(text: str, path: Path) -> tuple[Json, Place]:
     """Return the data in `text` and where each value stands; `path` is for messages.
 
     Raises:
@@ -118,7 +118,7 @@ class _Reader:
         self._open: set[int] = set()
         self._left = self._most = most
 
-    def value(self, node: yaml.Node, line: int, at: tuple[str, ...]) -> tuple[Any, Place]:
+    def value(self, node: yaml.Node, line: int, at: tuple[str, ...]) -> tuple[Json, Place]:
         """Return data and place of `node`, whose key stands in `line`."""
         if isinstance(node, yaml.ScalarNode):
             return self._scalar(node, at), Place(line)
@@ -141,8 +141,8 @@ class _Reader:
 
     def _mapping(
         self, node: yaml.MappingNode, at: tuple[str, ...]
-    ) -> tuple[dict[str, Any], dict[str | int, Place]]:
-        data: dict[str, Any] = {}
+    ) -> tuple[JsonObject, dict[str | int, Place]]:
+        data: JsonObject = {}
         places: dict[str | int, Place] = {}
         merged: list[tuple[yaml.Node, int]] = []
         for key_node, value_node in node.value:

@@ -1,10 +1,10 @@
 """The text that `bagassets inspect` prints about a recording."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from datetime import UTC, datetime, timedelta
-from typing import Any
 
 from bagassets.escaping import visible
+from bagassets.json_types import JsonMapping
 from bagassets.recordings.sizes import readable_bytes
 
 __all__ = ["describe_inventory"]
@@ -15,7 +15,7 @@ _COLUMNS = ("topic", "type", "count", "Hz", "max gap", "clock offset", "frames",
 _NUMBERS = frozenset({"count", "Hz", "max gap", "clock offset"})
 
 
-def describe_inventory(inventory: Mapping[str, Any]) -> str:
+def describe_inventory(inventory: JsonMapping) -> str:
     """Return the content of `inventory.json` as aligned plain text, ending in a newline.
 
     The clock offset is the median of log time minus header stamp.
@@ -30,10 +30,11 @@ def describe_inventory(inventory: Mapping[str, Any]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _facts(inventory: Mapping[str, Any]) -> list[tuple[str, str]]:
+def _facts(inventory: JsonMapping) -> list[tuple[str, str]]:
     topics = inventory["topics"]
+    file_format: str = inventory["format"]
     facts = [
-        ("format", _FORMATS.get(inventory["format"], inventory["format"])),
+        ("format", _FORMATS.get(file_format, file_format)),
         ("size", readable_bytes(inventory["size"])),
     ]
     if inventory["start_ns"] is None:
@@ -52,7 +53,7 @@ def _facts(inventory: Mapping[str, Any]) -> list[tuple[str, str]]:
     return facts
 
 
-def _row(topic: Mapping[str, Any]) -> list[str]:
+def _row(topic: JsonMapping) -> list[str]:
     offset = topic["header_offset_s"]
     return [
         visible(topic["name"]),
@@ -88,6 +89,6 @@ def _utc(stamp_ns: int) -> str:
     return f"{when:%Y-%m-%d %H:%M:%S}.{when.microsecond // 1000:03d}Z"
 
 
-def _fix(fix: Mapping[str, Any]) -> str:
+def _fix(fix: JsonMapping) -> str:
     height = "" if fix["alt"] is None else f", {fix['alt']:.1f} m"
     return f"{fix['lat']:.6f}, {fix['lon']:.6f}{height}"

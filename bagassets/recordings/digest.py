@@ -5,9 +5,10 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Self
 
 from bagassets.errors import ChangedWhileReadError, RecordingError
+from bagassets.json_types import Json
 from bagassets.recordings.digest_record import DigestIndex, Kept, digest_on_record, put_on_record
 from bagassets.recordings.model import RecordingFiles
 from bagassets.store.canonical import digest_file, digest_json
@@ -35,12 +36,12 @@ class RecordingStat:
 
     files: tuple[tuple[str, int, int], ...]
 
-    def as_json(self) -> list[list[Any]]:
+    def as_json(self) -> list[list[Json]]:
         """Return it as JSON."""
         return [list(entry) for entry in self.files]
 
     @classmethod
-    def from_json(cls, value: list[list[Any]]) -> Self:
+    def from_json(cls, value: list[list[Json]]) -> Self:
         """Return what `as_json` gave."""
         return cls(tuple((str(name), int(size), int(mtime_ns)) for name, size, mtime_ns in value))
 

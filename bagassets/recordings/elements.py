@@ -6,12 +6,11 @@ fields announces billions in four bytes.
 
 from collections.abc import Iterator
 from struct import Struct, error
-from typing import Any
 
 from rosbags.interfaces import Nodetype
 
 from bagassets.errors import DecodeError
-from bagassets.recordings.known_types import Types
+from bagassets.recordings.known_types import FieldType, Types
 from bagassets.recordings.model import Serialization
 
 __all__ = ["announced_elements", "check_elements", "fewest_bytes_of"]
@@ -84,7 +83,7 @@ class _Elements:
         """Return the number of strings and messages in a type, those in lists aside."""
         return self._of_type(msgtype)[0]
 
-    def of_item(self, description: Any) -> tuple[int, int]:
+    def of_item(self, description: FieldType) -> tuple[int, int]:
         """Return the least number of elements and of bytes of a field or list item."""
         kind, inner = description
         if kind == Nodetype.BASE:
@@ -102,7 +101,7 @@ class _Elements:
         elements, size = self.of_item(item)
         return elements * length, size * length
 
-    def list_items(self, msgtype: str) -> Iterator[Any]:
+    def list_items(self, msgtype: str) -> Iterator[FieldType]:
         """Yield the items of all lists of strings and messages in a type."""
         seen, waiting = set(), [msgtype]
         while waiting:
@@ -111,7 +110,7 @@ class _Elements:
                 continue
             seen.add(name)
             for _, (kind, inner) in self._types[name][1]:
-                item = inner[0] if kind in {Nodetype.ARRAY, Nodetype.SEQUENCE} else (kind, inner)
+                item: FieldType = inner[0] if kind in {Nodetype.ARRAY, Nodetype.SEQUENCE} else (kind, inner)
                 if item[0] == Nodetype.NAME:
                     waiting.append(item[1])
                 if kind == Nodetype.SEQUENCE and (item[0] == Nodetype.NAME or item[1][0] == "string"):
@@ -152,7 +151,7 @@ class _Walk:
             if not (self._ros1 and name == _FILLER):
                 self._field(*description)
 
-    def _field(self, kind: Any, inner: Any) -> None:
+    def _field(self, kind: FieldType, inner: FieldType) -> None:
         if kind == Nodetype.BASE:
             if inner[0] == "string":
                 self._take_one()

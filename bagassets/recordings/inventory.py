@@ -8,9 +8,10 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
-from typing import Any, Literal, Self
+from typing import Literal, Self
 
 from bagassets.errors import RecordingError
+from bagassets.json_types import JsonMapping
 from bagassets.recordings.model import Definition, Format
 
 __all__ = ["Gap", "GnssFix", "HeaderOffset", "Inventory", "TopicRecord"]
@@ -103,7 +104,7 @@ class TopicRecord:
     period_ns: int | None = None
 
     @classmethod
-    def from_json(cls, value: Mapping[str, Any]) -> Self:
+    def from_json(cls, value: JsonMapping) -> Self:
         """Return the record in one entry of `topics`."""
         fields = dict(value)
         offset = fields.pop("header_offset_s")
@@ -147,7 +148,7 @@ class Inventory:
     notes: tuple[str, ...]
 
     @classmethod
-    def from_json(cls, value: Mapping[str, Any]) -> Self:
+    def from_json(cls, value: JsonMapping) -> Self:
         """Return the view of the content of `inventory.json`."""
         gnss = value["gnss"]
         topics = {entry["name"]: TopicRecord.from_json(entry) for entry in value["topics"]}

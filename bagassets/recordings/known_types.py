@@ -12,12 +12,16 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from rosbags.interfaces.typing import Constdefs, Fielddefs, Typesdict
 from rosbags.typesys import get_types_from_msg
 
-__all__ = ["Types", "known_versions"]
+__all__ = ["FieldType", "Types", "known_versions"]
 
-# Type -> (constants, fields), as rosbags has it.
-Types = Mapping[str, Any]
+Types = Mapping[str, tuple[Constdefs, Fielddefs]]
+"""Type -> constants and fields, as rosbags has it."""
+
+FieldType = Any
+"""The type of a field as rosbags has it, `FieldDesc`: tuples in tuples, which no type checker tells apart."""
 
 _FOLDER = Path(__file__).parent / "definitions"
 
@@ -30,7 +34,7 @@ def known_versions(package: str) -> tuple[Types, ...]:
         return ()
     text = "\n".join(line for line in path.read_text("utf-8").splitlines() if not line.startswith("#"))
     versions: list[Types] = []
-    types: dict[str, Any] = {}
+    types: Typesdict = {}
     for section in re.split(r"^=== .*$", text, flags=re.MULTILINE)[1:]:
         for message in section.split("MSG: ")[1:]:
             name, _, fields = message.partition("\n")

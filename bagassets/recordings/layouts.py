@@ -6,22 +6,23 @@ first. Where several layouts are possible, `Choice` picks the one that fits the 
 """
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property, lru_cache
 from pathlib import Path
 from threading import Lock
-from typing import Any, Literal
+from typing import Literal, cast
 
 from rosbags.interfaces import Nodetype
+from rosbags.interfaces.typing import Constdefs, Fielddefs, Typesdict
 from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from bagassets.errors import BagAssetsError, DecodeError, RecordingError
 from bagassets.recipe.model import Limits
 from bagassets.recordings.elements import announced_elements, check_elements, fewest_bytes_of
-from bagassets.recordings.known_types import Types, known_versions
-from bagassets.recordings.model import Definition, Serialization
+from bagassets.recordings.known_types import FieldType, Types, known_versions
+from bagassets.recordings.model import Definition, Message, Serialization
 from bagassets.store.canonical import digest_json
 
 __all__ = [
@@ -55,7 +56,7 @@ _COMMON = (
     "geometry_msgs/msg/PoseStamped",
 )
 
-Lookup = Callable[[str], Any | None]
+Lookup = Callable[[str], tuple[Constdefs, Fielddefs] | None]
 # The `.msg` files of a folder with size and mtime, so that a process notices an edit.
 FolderListing = tuple[tuple[Path, int, int], ...]
 
@@ -98,16 +99,15 @@ class Layout:
         text, _ = self.store.generate_msgdef(self.msgtype, ros_version=version)
         return text
 
-    def decode(self, data: bytes | memoryview) -> Any:
+    def decode(self, data: bytes | memoryview) -> Message:
         """Return the message object.
 
         Raises:
             DecodeError: the bytes do not fit.
         """
+        decode = self.store.deserialize_ros1 if self.serialization == "ros1" else self.store.deserialize_cdr
         try:
-            if self.serialization == "ros1":
-                return self.store.deserialize_ros1(data, self.msgtype)
-            return self.store.deserialize_cdr(data, self.msgtype)
+            return cast("Message", decode(data, self.msgtype))
         except MemoryError:
             raise
         except Exception as err:  # rosbags' generated code raises anything on bytes that do not fit
@@ -164,7 +164,7 @@ class Choice:
         """The layout that most messages fitted; on a tie, the likeliest one."""
         return self.layouts[self._misfits.index(min(self._misfits))]
 
-    def decode(self, data: bytes | memoryview) -> Any:
+    def decode(self, data: bytes | memoryview) -> Message:
         """Return the message object, decoded by the best layout that fits.
 
         Raises:
@@ -267,7 +267,7 @@ def _lookup_orders(
 ) -> Iterator[Sequence[Lookup]]:
     """Yield sequences of lookups to try in turn for each type, the likeliest sequence first."""
     package = msgtype.partition("/")[0]
-    by_hand: dict[str, Any] = {}
+    by_hand: Typesdict = {}
     for folder in folders:
         by_hand |= {name: fields for name, fields in _message_files(folder).items() if name not in by_hand}
     settled = msgtype in own or msgtype in by_hand
@@ -281,13 +281,13 @@ def _lookup_orders(
             yield (own.get, by_hand.get, version.get, _newest_known, _standard(standard))
 
 
-def _newest_known(name: str) -> Any | None:
+def _newest_known(name: str) -> tuple[Constdefs, Fielddefs] | None:
     versions = known_versions(name.partition("/")[0])
     return versions[0].get(name) if versions else None
 
 
 def _standard(name: str) -> Lookup:
-    def look_up(msgtype: str) -> Any | None:
+    def look_up(msgtype: str) -> tuple[Constdefs, Fielddefs] | None:
         # The older store takes 60 ms to load, so only types that differ there are looked up in it.
         old = name == "galactic" and msgtype in CHANGED_IN_HUMBLE
         stores = {"ros1": Stores.ROS1_NOETIC, "humble": Stores.ROS2_HUMBLE, "galactic": Stores.ROS2_GALACTIC}
@@ -320,9 +320,9 @@ def _standard_types(store: Stores) -> Types:
     return types
 
 
-def _closure(msgtype: str, lookups: Iterable[Lookup]) -> dict[str, Any] | None:
+def _closure(msgtype: str, lookups: Iterable[Lookup]) -> Typesdict | None:
     """Return a type and all types that it refers to; None if one of them is unknown."""
-    types: dict[str, Any] = {}
+    types: Typesdict = {}
     missing = [msgtype]
     while missing:
         name = missing.pop()
@@ -336,7 +336,7 @@ def _closure(msgtype: str, lookups: Iterable[Lookup]) -> dict[str, Any] | None:
     return dict(sorted(types.items()))
 
 
-def _references(description: Any) -> Iterator[str]:
+def _references(description: FieldType) -> Iterator[str]:
     kind, inner = description
     if kind == Nodetype.NAME:
         yield inner
@@ -344,7 +344,7 @@ def _references(description: Any) -> Iterator[str]:
         yield from _references(inner[0])
 
 
-def _plain(description: Any) -> Any:
+def _plain(description: object) -> object:
     """Return a field's description as JSON."""
     if isinstance(description, Nodetype):
         return description.name
@@ -356,7 +356,7 @@ def _parsed(definition: Definition, msgtype: str) -> Types:
         return get_types_from_msg(definition.text, msgtype)
     if _OPERATOR.search(_IDL_TEXT.sub("", definition.text)):
         raise ValueError("it computes")
-    types: dict[str, Any] = {}
+    types: Typesdict = {}
     for section in _IDL_SECTION.split(definition.text):
         # The parser has no preprocessor and needs none: each included file is a section of its own.
         text = "\n".join(line for line in section.splitlines() if not line.lstrip().startswith("#"))
@@ -372,9 +372,9 @@ def _list_folder(folder: Path) -> FolderListing:
 
 
 @cache
-def _message_files(files: FolderListing) -> Mapping[str, Any]:
+def _message_files(files: FolderListing) -> Types:
     """Return the types defined in `.msg` files."""
-    types: dict[str, Any] = {}
+    types: Typesdict = {}
     for path, _, _ in files:
         package = path.parent.parent.name if path.parent.name == "msg" else path.parent.name
         try:

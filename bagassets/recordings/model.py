@@ -2,12 +2,20 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal, Protocol
 
 Format = Literal["ros1", "ros2", "mcap"]
 Serialization = Literal["ros1", "cdr"]
 
-__all__ = ["Definition", "Format", "RawMessage", "RecordingFiles", "Serialization", "SkimmedPacket"]
+__all__ = [
+    "Definition",
+    "Format",
+    "Message",
+    "RawMessage",
+    "RecordingFiles",
+    "Serialization",
+    "SkimmedPacket",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +52,15 @@ class RecordingFiles:
     files: tuple[Path, ...]
     size: int
     mtime_ns: int
+
+
+class Message(Protocol):
+    """A decoded message, or a message inside one: an object with the fields of its type.
+
+    Of which types there are, and what fields they have, nobody knows but the recording.
+    """
+
+    def __getattr__(self, name: str) -> Any: ...
 
 
 @dataclass(frozen=True, slots=True)

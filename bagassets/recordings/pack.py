@@ -1,12 +1,12 @@
 """The pack: small messages of a recording, kept in its inventory so that later steps need not open it again."""
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from bagassets.json_types import JsonMapping
 from bagassets.recipe.model import Limits
 from bagassets.recordings.model import Definition, RawMessage, Serialization
 from bagassets.recordings.recording import Recording
@@ -40,7 +40,7 @@ class PackedRecording(Recording):
         limits: bounds on definitions and messages; by default those of an empty recipe.
     """
 
-    def __init__(self, inventory: Mapping[str, Any], parquet: Path, limits: Limits | None = None) -> None:
+    def __init__(self, inventory: JsonMapping, parquet: Path, limits: Limits | None = None) -> None:
         self._parquet = parquet
         sources = []
         for topic in inventory["topics"]:

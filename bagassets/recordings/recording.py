@@ -4,11 +4,11 @@ from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Self
+from typing import Self
 
 from bagassets.errors import BagAssetsError
 from bagassets.recordings.damage import DamageError, unreadable
-from bagassets.recordings.model import Format, RawMessage
+from bagassets.recordings.model import Format, Message, RawMessage
 from bagassets.recordings.topic import RefusedBytes, Topic
 
 __all__ = ["Recording", "RestrictedRecording"]
@@ -54,7 +54,7 @@ class Recording(ABC):
             raise KeyError(f"topic {unknown[0]} is not in {self.path} or was not declared by the step")
         return self._guarded(topics) if topics else iter(())
 
-    def decode(self, message: RawMessage) -> Any:
+    def decode(self, message: RawMessage) -> Message:
         """Return a message of any topic as an object; see `Topic.decode`.
 
         Raises:

@@ -3,15 +3,15 @@
 Topics are those in `metadata.yaml`, and files are read in its order.
 """
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import ExitStack
 from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
-from typing import Any
 
 import yaml
 
 from bagassets.errors import RecordingError
+from bagassets.json_types import JsonMapping, JsonObject
 from bagassets.recipe.model import Limits
 from bagassets.recordings.damage import DamageError, refuse_pointer
 from bagassets.recordings.database_file import Database, serialization_problem
@@ -68,7 +68,7 @@ class Rosbag2Recording(Recording):
         self._stack.callback(database.close)
         return database
 
-    def _sources(self, facts: Mapping[str, Any]) -> list[TopicSource]:
+    def _sources(self, facts: JsonMapping) -> list[TopicSource]:
         definitions: dict[str, Definition] = {}
         for file in self._files:
             if isinstance(file, Database):
@@ -117,7 +117,7 @@ class Rosbag2Recording(Recording):
         self._stack.close()
 
 
-def _metadata(file: Path) -> dict[str, Any]:
+def _metadata(file: Path) -> JsonObject:
     """Return the facts in the metadata file of a bag.
 
     Raises:
@@ -153,7 +153,7 @@ def _metadata(file: Path) -> dict[str, Any]:
     return facts
 
 
-def _compression_mode(facts: Mapping[str, Any]) -> str:
+def _compression_mode(facts: JsonMapping) -> str:
     mode = str(facts.get("compression_mode") or "none").lower()
     compression = str(facts.get("compression_format") or "")
     if mode != "none" and compression != "zstd":
@@ -161,7 +161,7 @@ def _compression_mode(facts: Mapping[str, Any]) -> str:
     return mode
 
 
-def _storage_files(path: Path, facts: Mapping[str, Any]) -> list[Path]:
+def _storage_files(path: Path, facts: JsonMapping) -> list[Path]:
     """Return the files of a bag in the order of its metadata.
 
     The suffix of a file tells its kind: `storage_identifier` says the same, but some recorders leave it empty.

@@ -6,10 +6,10 @@ addresses and ports, costs several times as much as what is then done with the p
 
 from collections.abc import Callable, Sequence
 from struct import Struct
-from typing import Any
 
 from rosbags.interfaces import Nodetype
 
+from bagassets.recordings.known_types import FieldType
 from bagassets.recordings.layouts import Layout
 from bagassets.recordings.model import SkimmedPacket
 
@@ -72,7 +72,7 @@ def packet_skimmer(layout: Layout, payloads: Sequence[str]) -> Skimmer | None:
     return skim
 
 
-def _fixed_size(kind: Any) -> int | None:
+def _fixed_size(kind: FieldType) -> int | None:
     """Return the size of a field in bytes; None if it varies between messages."""
     if kind[0] == Nodetype.BASE:
         return _SIZES.get(kind[1][0])

@@ -9,14 +9,15 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Literal, Self
 
 from rosbags.interfaces import Nodetype
 
 from bagassets.errors import DecodeError, SizeLimitError
 from bagassets.recipe.model import Limits
+from bagassets.recordings.known_types import FieldType
 from bagassets.recordings.layouts import Choice, Layout, choice_of
-from bagassets.recordings.model import Definition, Serialization, SkimmedPacket
+from bagassets.recordings.model import Definition, Message, Serialization, SkimmedPacket
 from bagassets.recordings.skim import HEADER, Skimmer, packet_skimmer
 
 __all__ = ["RefusedBytes", "Topic", "TopicSource", "merge_topics", "normalise_msgtype"]
@@ -90,7 +91,7 @@ class Topic:
         if self.problem is None and isinstance(self._layouts, str):
             self.problem = self._layouts
 
-    def decode(self, data: bytes | memoryview) -> Any:
+    def decode(self, data: bytes | memoryview) -> Message:
         """Return a message as an object with the fields of its type (rosbags' classes).
 
         Time fields have `sec` and `nanosec`, array fields are numpy arrays.
@@ -263,7 +264,7 @@ def _contradict(one: TopicSource, other: TopicSource, limits: Limits) -> bool:
     return len(digests) > 1
 
 
-def _first_field(layout: Layout, msgtype: str) -> Any:
+def _first_field(layout: Layout, msgtype: str) -> FieldType | None:
     fields = layout.types[msgtype][1]
     return fields[0][1] if fields else None
 

@@ -4,9 +4,9 @@ from base64 import b64encode
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
 from bagassets.escaping import html
+from bagassets.json_types import JsonObject
 from bagassets.report.grid_map import colour_of_split, grid_map
 from bagassets.report.model import RecordingFacts, ReportData
 from bagassets.report.style import PAGE_CSS, TABLE_SCRIPT
@@ -49,7 +49,7 @@ def report_page(data: ReportData) -> str:
     return "\n".join(part for part in parts if part)
 
 
-def report_json(data: ReportData) -> dict[str, Any]:
+def report_json(data: ReportData) -> JsonObject:
     """Return what the page tells, without pictures and ways, as JSON."""
     return {
         "name": data.name,

@@ -7,9 +7,9 @@ visible below the ways; without Leaflet, an SVG that is part of the page takes t
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from bagassets.escaping import html
+from bagassets.json_types import JsonObject
 from bagassets.report.grid_map import NamedWay, grid_map
 from bagassets.report.map_shell import FALLBACK_MARK, WAYS_MARK
 from bagassets.report.style import MAP_CSS
@@ -78,7 +78,7 @@ def trajectory_map_page(ways: Sequence[MapWay], shell: str) -> str:
     return shell.replace(FALLBACK_MARK, _fallback(ways), 1).replace(WAYS_MARK, data, 1)
 
 
-def _json(way: MapWay, most: int) -> dict[str, Any]:
+def _json(way: MapWay, most: int) -> JsonObject:
     points = [[round(lat, _DIGITS), round(lon, _DIGITS)] for lat, lon in _thinned(way.points, most)]
     return {"key": way.key, "note": way.note, "points": points}
 

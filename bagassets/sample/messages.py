@@ -1,7 +1,7 @@
 """ROS messages of the sample drive, for ROS 1 and ROS 2 from one description."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,6 +9,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from bagassets.geometry.se3 import SE3, Floats
+from bagassets.recordings.model import Message
 from bagassets.sample.rig import Camera
 from bagassets.sample.truth import TruthBox
 
@@ -53,33 +54,33 @@ class Messages:
         self.ros1 = ros1
         self.store = typestore(ros1=ros1)
 
-    def make(self, msgtype: str, *values: Any, **fields: Any) -> Any:
+    def make(self, msgtype: str, *values: Any, **fields: Any) -> Message:
         """Return a message of a type, written `pkg/Type`."""
         package, name = msgtype.split("/")
-        return self.store.types[f"{package}/msg/{name}"](*values, **fields)
+        return cast("Message", self.store.types[f"{package}/msg/{name}"](*values, **fields))
 
-    def time(self, stamp_ns: int) -> Any:
+    def time(self, stamp_ns: int) -> Message:
         """Return a stamp."""
         return self.make("builtin_interfaces/Time", stamp_ns // 10**9, stamp_ns % 10**9)
 
-    def header(self, stamp_ns: int, frame: str) -> Any:
+    def header(self, stamp_ns: int, frame: str) -> Message:
         """Return a header."""
         sequence = (0,) if self.ros1 else ()
         return self.make("std_msgs/Header", *sequence, self.time(stamp_ns), frame)
 
-    def image(self, stamp_ns: int, frame: str, encoding: str, pixels: NDArray[np.uint8]) -> Any:
+    def image(self, stamp_ns: int, frame: str, encoding: str, pixels: NDArray[np.uint8]) -> Message:
         """Return `sensor_msgs/Image` of (H, W) or (H, W, C) pixels."""
         height, width = pixels.shape[:2]
         data = np.ascontiguousarray(pixels).reshape(-1)
         header = self.header(stamp_ns, frame)
         return self.make("sensor_msgs/Image", header, height, width, encoding, 0, len(data) // height, data)
 
-    def compressed_image(self, stamp_ns: int, frame: str, kind: str, data: bytes) -> Any:
+    def compressed_image(self, stamp_ns: int, frame: str, kind: str, data: bytes) -> Message:
         """Return `sensor_msgs/CompressedImage`."""
         header = self.header(stamp_ns, frame)
         return self.make("sensor_msgs/CompressedImage", header, kind, np.frombuffer(data, np.uint8))
 
-    def camera_info(self, stamp_ns: int, camera: Camera) -> Any:
+    def camera_info(self, stamp_ns: int, camera: Camera) -> Message:
         """Return `sensor_msgs/CameraInfo` of a camera."""
         model, names = camera.model, "DKRP" if self.ros1 else "dkrp"
         k, p = model.matrix, np.zeros((3, 4))
@@ -97,7 +98,7 @@ class Messages:
             **dict(zip(names, matrices, strict=True)),
         )
 
-    def cloud(self, stamp_ns: int, frame: str, points: NDArray[Any]) -> Any:
+    def cloud(self, stamp_ns: int, frame: str, points: NDArray[np.void]) -> Message:
         """Return `sensor_msgs/PointCloud2` with the fields of a structured array."""
         kinds: Mapping[str, tuple[np.dtype[Any], int]] = points.dtype.fields  # type: ignore[assignment]  # (dtype, offset, title)
         fields = [
@@ -110,7 +111,7 @@ class Messages:
             step * len(points), data, False,
         )  # fmt: skip
 
-    def transforms(self, stamp_ns: int, parent: str, children: Sequence[tuple[str, SE3]]) -> Any:
+    def transforms(self, stamp_ns: int, parent: str, children: Sequence[tuple[str, SE3]]) -> Message:
         """Return `tf2_msgs/TFMessage` with `parent_SE3_child` of each child."""
         edges = []
         for child, parent_SE3_child in children:
@@ -121,7 +122,7 @@ class Messages:
             )
         return self.make("tf2_msgs/TFMessage", edges)
 
-    def odometry(self, stamp_ns: int, odom_SE3_ego: SE3, speed_mps: float, yaw_rate: float) -> Any:
+    def odometry(self, stamp_ns: int, odom_SE3_ego: SE3, speed_mps: float, yaw_rate: float) -> Message:
         """Return `nav_msgs/Odometry` of `base_link` in `odom`; the twist is that of the car, rad/s."""
         twist = self.make(
             "geometry_msgs/Twist", self._vector(speed_mps, 0.0, 0.0), self._vector(0.0, 0.0, yaw_rate)
@@ -134,7 +135,7 @@ class Messages:
             self.make("geometry_msgs/TwistWithCovariance", twist, np.zeros(36)),
         )
 
-    def fix(self, stamp_ns: int, frame: str, lat_deg: float, lon_deg: float, alt_m: float) -> Any:
+    def fix(self, stamp_ns: int, frame: str, lat_deg: float, lon_deg: float, alt_m: float) -> Message:
         """Return `sensor_msgs/NavSatFix`."""
         status = self.make("sensor_msgs/NavSatStatus", 0, 1)
         return self.make(
@@ -142,7 +143,7 @@ class Messages:
             np.array([1e-4, 0, 0, 0, 1e-4, 0, 0, 0, 4e-4]), 2,
         )  # fmt: skip
 
-    def imu(self, stamp_ns: int, frame: str, enu_SE3_ego: SE3, rate: Floats, acceleration: Floats) -> Any:
+    def imu(self, stamp_ns: int, frame: str, enu_SE3_ego: SE3, rate: Floats, acceleration: Floats) -> Message:
         """Return `sensor_msgs/Imu`: turn rate in rad/s and acceleration in m/s², both in the car."""
         small = np.diag([1e-6] * 3).reshape(-1)
         return self.make(
@@ -150,7 +151,7 @@ class Messages:
             self._vector(*rate), small, self._vector(*acceleration), small,
         )  # fmt: skip
 
-    def detections(self, stamp_ns: int, frame: str, boxes: Sequence[TruthBox]) -> Any:
+    def detections(self, stamp_ns: int, frame: str, boxes: Sequence[TruthBox]) -> Message:
         """Return `vision_msgs/Detection3DArray` of boxes in `frame`, which must be theirs."""
         header, found = self.header(stamp_ns, frame), []
         for box in boxes:
@@ -162,7 +163,7 @@ class Messages:
             found.append(self.make("vision_msgs/Detection3D", header, [result], bounds, str(box.track_id)))
         return self.make("vision_msgs/Detection3DArray", header, found)
 
-    def velodyne_scan(self, frame: str, stamps_ns: Sequence[int], packets: NDArray[np.uint8]) -> Any:
+    def velodyne_scan(self, frame: str, stamps_ns: Sequence[int], packets: NDArray[np.uint8]) -> Message:
         """Return `velodyne_msgs/VelodyneScan` of (M, 1206) packets."""
         made = [
             self.make("velodyne_msgs/VelodynePacket", self.time(stamp_ns), data)
@@ -170,14 +171,14 @@ class Messages:
         ]
         return self.make("velodyne_msgs/VelodyneScan", self.header(stamps_ns[0], frame), made)
 
-    def _vector(self, x: float, y: float, z: float) -> Any:
+    def _vector(self, x: float, y: float, z: float) -> Message:
         return self.make("geometry_msgs/Vector3", float(x), float(y), float(z))
 
-    def _quaternion(self, transform: SE3) -> Any:
+    def _quaternion(self, transform: SE3) -> Message:
         w, x, y, z = transform.rotation
         return self.make("geometry_msgs/Quaternion", x, y, z, w)
 
-    def _pose(self, transform: SE3) -> Any:
+    def _pose(self, transform: SE3) -> Message:
         return self.make(
             "geometry_msgs/Pose",
             self.make("geometry_msgs/Point", *transform.translation),

@@ -4,7 +4,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Literal, Protocol
 
 import lz4.frame
 from mcap.writer import CompressionType
@@ -14,6 +14,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Rosbag2Writer
 
 from bagassets.errors import RecordingError
+from bagassets.recordings.model import Message
 from bagassets.sample.messages import Messages
 
 __all__ = ["COMPRESSIONS", "Compression", "Recorder", "RecordingFormat", "open_recorder"]
@@ -34,13 +35,13 @@ class Recorder(Protocol):
 
     messages: Messages
 
-    def write(self, topic: str, msgtype: str, log_time_ns: int, message: Any) -> None:
+    def write(self, topic: str, msgtype: str, log_time_ns: int, message: Message) -> None:
         """Serialize a message and append it."""
 
     def write_raw(self, topic: str, msgtype: str, log_time_ns: int, data: bytes | bytearray) -> None:
         """Append a message that is serialized already."""
 
-    def serialize(self, msgtype: str, message: Any) -> bytes:
+    def serialize(self, msgtype: str, message: Message) -> bytes:
         """Return the bytes of a message in this format."""
 
 
@@ -55,12 +56,12 @@ class _Recorder(ABC):
     def _add(self, topic: str, msgtype: str) -> Callable[[int, bytes | bytearray], None]:
         """Make the connection of a topic; return what appends to it."""
 
-    def serialize(self, msgtype: str, message: Any) -> bytes:
+    def serialize(self, msgtype: str, message: Message) -> bytes:
         store = self.messages.store
         serialize = store.serialize_ros1 if self.messages.ros1 else store.serialize_cdr
         return bytes(serialize(message, msgtype))
 
-    def write(self, topic: str, msgtype: str, log_time_ns: int, message: Any) -> None:
+    def write(self, topic: str, msgtype: str, log_time_ns: int, message: Message) -> None:
         self.write_raw(topic, msgtype, log_time_ns, self.serialize(msgtype, message))
 
     def write_raw(self, topic: str, msgtype: str, log_time_ns: int, data: bytes | bytearray) -> None:

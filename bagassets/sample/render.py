@@ -115,7 +115,7 @@ def _sweep(world: World, lidar: Lidar, ego_SE3_sensor: SE3, start_s: float) -> t
     return rays, cast(world.things, origins, directions, times), times - start_s
 
 
-def lidar_points(world: World, start_s: float) -> NDArray[Any]:
+def lidar_points(world: World, start_s: float) -> NDArray[np.void]:
     """Return one revolution that begins at a time, as a structured array in the sensor's frame.
 
     Fields: x, y, z, intensity (float32), ring (uint16), t (uint32, nanoseconds since the begin). A

@@ -8,7 +8,6 @@ import heapq
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import cv2
 import numpy as np
@@ -16,6 +15,7 @@ from numpy.typing import NDArray
 
 from bagassets.geometry.se3 import SE3, quaternion_multiply, rotate
 from bagassets.geometry.wgs84 import LocalFrame
+from bagassets.recordings.model import Message
 from bagassets.sample.messages import Messages
 from bagassets.sample.recorder import Recorder
 from bagassets.sample.render import CameraView, lidar_points, radar_targets
@@ -25,7 +25,7 @@ from bagassets.sample.world import RADIUS_M
 
 __all__ = ["GEODETIC_ORIGIN", "MAP_SE3_ODOM", "Event", "drive_events", "mosaic", "motion_events"]
 
-Make = Callable[[Messages], Any]
+Make = Callable[[Messages], Message]
 
 # Where the frame `odom` of seed 0 lies on Earth; x is east, y north.
 GEODETIC_ORIGIN = LocalFrame(48.0775, 11.6405, 552.0)
@@ -99,7 +99,7 @@ def _static(truth: Truth) -> Iterator[Event]:
     sensors += [("lidar_top", EGO_SE3_LIDAR), ("radar_front", EGO_SE3_RADAR)]
     start_ns = truth.start_ns
 
-    def make(messages: Messages) -> Any:
+    def make(messages: Messages) -> Message:
         return messages.transforms(start_ns, "base_link", sensors)
 
     yield event(start_ns, "/tf_static", "tf2_msgs/msg/TFMessage", make)

@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -20,6 +19,7 @@ import yaml
 from numpy.typing import NDArray
 
 from bagassets.geometry.se3 import Floats, quaternion_multiply, rotate
+from bagassets.recordings.model import Message
 from bagassets.sample.cast import cast
 from bagassets.sample.messages import Messages
 from bagassets.sample.recorder import Recorder
@@ -66,7 +66,7 @@ def throughput_events(truth: Truth, seed: int, duration_s: float) -> Iterator[Ev
 class _Template:
     """A message that is serialized once per ROS version and then only stamped again."""
 
-    def __init__(self, msgtype: str, make: Callable[[Messages], Any]) -> None:
+    def __init__(self, msgtype: str, make: Callable[[Messages], Message]) -> None:
         self._msgtype = msgtype
         self._make = make
         self._made: dict[bool, bytearray] = {}
@@ -151,7 +151,7 @@ def _stamped_scan(recorder: Recorder, template: _Template, stamp_ns: int) -> byt
     return data
 
 
-def packets_of_revolution(world: World, start_s: float) -> NDArray[Any]:
+def packets_of_revolution(world: World, start_s: float) -> NDArray[np.void]:
     """Return the packets (`PACKETS`,) of a revolution that begins at a time, straight ahead.
 
     The 128 lasers of a firing are taken to fire at once, 53 us earlier or later than they do.

@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import version
-from typing import Any
 
+from bagassets.json_types import JsonMapping, JsonObject
 from bagassets.store.canonical import digest_json
 
 __all__ = ["Action", "Step"]
@@ -25,7 +25,7 @@ class Step:
     version: int
     libraries: tuple[str, ...] = ()
 
-    def action(self, params: Mapping[str, Any], inputs: Mapping[str, str]) -> "Action":
+    def action(self, params: JsonMapping, inputs: Mapping[str, str]) -> "Action":
         """Return the action of this step with `params` (JSON) on `inputs` (name -> digest)."""
         libraries = {name: _version(name) for name in self.libraries}
         return Action(self.name, self.version, libraries, dict(params), dict(inputs))
@@ -38,10 +38,10 @@ class Action:
     step: str
     version: int
     libraries: Mapping[str, str] = field(default_factory=dict)
-    params: Mapping[str, Any] = field(default_factory=dict)
+    params: JsonMapping = field(default_factory=dict)
     inputs: Mapping[str, str] = field(default_factory=dict)
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> JsonObject:
         """Return the action as JSON, from which its digest is computed."""
         return {
             "step": self.step,

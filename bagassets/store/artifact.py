@@ -6,9 +6,10 @@ import os
 import threading
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from bagassets.errors import StoreError
+from bagassets.json_types import Json, JsonObject
 from bagassets.store.canonical import canonical_json, digest_bytes
 
 if TYPE_CHECKING:
@@ -49,10 +50,10 @@ class Artifact:
         """Return the path of one file."""
         return self.files / relative
 
-    def manifest(self) -> dict[str, Any]:
+    def manifest(self) -> JsonObject:
         """Return the manifest: `files` (path, size, digest) and `summary` (counts of the step)."""
         try:
-            manifest: dict[str, Any] = json.loads((self.folder / MANIFEST).read_bytes())
+            manifest: JsonObject = json.loads((self.folder / MANIFEST).read_bytes())
         except (OSError, ValueError) as err:
             raise StoreError(
                 f"{self.folder}: the manifest of this artifact cannot be read ({err}); build again to heal the store."
@@ -65,12 +66,12 @@ class Artifact:
             FileEntry(entry["path"], entry["size"], entry["digest"]) for entry in self.manifest()["files"]
         ]
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> JsonObject:
         """Return what the step reported: counts and other small facts."""
-        summary: dict[str, Any] = self.manifest()["summary"]
+        summary: JsonObject = self.manifest()["summary"]
         return summary
 
-    def read_json(self, relative: str) -> Any:
+    def read_json(self, relative: str) -> Json:
         """Return the content of a JSON file.
 
         Raises:
@@ -147,7 +148,7 @@ class ArtifactWriter:
             ) from err
         return entry
 
-    def write_json(self, relative: str, value: Any, *, indent: int | None = 1) -> FileEntry:
+    def write_json(self, relative: str, value: object, *, indent: int | None = 1) -> FileEntry:
         """Write a JSON file with sorted keys."""
         text = json.dumps(value, sort_keys=True, indent=indent, ensure_ascii=False, allow_nan=False)
         return self.write(relative, (text + "\n").encode())
@@ -160,7 +161,7 @@ class ArtifactWriter:
         pq.write_table(table, sink, compression="zstd", store_schema=False)
         return self.write(relative, sink.getbuffer())
 
-    def finish(self, summary: dict[str, Any]) -> str:
+    def finish(self, summary: JsonObject) -> str:
         """Write the manifest and return the digest of the artifact."""
         entries = [self._entries[name] for name in sorted(self._entries)]
         manifest = canonical_json(

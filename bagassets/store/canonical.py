@@ -3,7 +3,6 @@
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 from blake3 import blake3
 
@@ -13,7 +12,7 @@ __all__ = ["canonical_json", "digest_bytes", "digest_file", "digest_json"]
 _READ_BYTES = 4 << 20
 
 
-def canonical_json(value: Any) -> bytes:
+def canonical_json(value: object) -> bytes:
     """Return the canonical JSON of `value`: sorted keys, no spaces, UTF-8, shortest floats.
 
     Raises:
@@ -30,7 +29,7 @@ def digest_bytes(data: bytes | memoryview) -> str:
     return blake3(data).hexdigest()
 
 
-def digest_json(value: Any) -> str:
+def digest_json(value: object) -> str:
     """Return the digest of the canonical JSON of `value`."""
     return digest_bytes(canonical_json(value))
 

@@ -22,11 +22,12 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 from uuid import uuid4
 
 from bagassets.atomic import create_atomically, write_atomically
 from bagassets.errors import BagAssetsError, StoreError
+from bagassets.json_types import JsonObject
 from bagassets.store.action import Action
 from bagassets.store.artifact import MANIFEST, Artifact, ArtifactWriter
 from bagassets.store.lease import action_lock
@@ -83,7 +84,7 @@ class Pending:
         self._started = time.perf_counter()
         self.out = ArtifactWriter(self._folder)
 
-    def commit(self, summary: dict[str, Any]) -> Outcome:
+    def commit(self, summary: JsonObject) -> Outcome:
         """Put the artifact in place and record the action."""
         seconds = time.perf_counter() - self._started
         try:
@@ -223,11 +224,11 @@ class Store:
         except (StoreError, OSError, KeyError, TypeError):
             return False
 
-    def action(self, digest: str) -> dict[str, Any] | None:
+    def action(self, digest: str) -> JsonObject | None:
         """Return a recorded action, whether it succeeded or failed, as JSON; None if there is no record."""
         for path in (self._action_file(digest), self._failure_file(digest)):
             try:
-                action: dict[str, Any] = json.loads(path.read_bytes())["action"]
+                action: JsonObject = json.loads(path.read_bytes())["action"]
             except (OSError, ValueError, KeyError):
                 continue
             return action
@@ -245,7 +246,7 @@ class Store:
     def run(
         self,
         action: Action,
-        make: Callable[[ArtifactWriter], dict[str, Any]],
+        make: Callable[[ArtifactWriter], JsonObject],
         subject: Path | None = None,
     ) -> Outcome:
         """Return the known outcome of `action`, or run `make`, which writes the artifact and returns its summary.
@@ -261,7 +262,7 @@ class Store:
             return self.use(action) or self._make(action, make, subject)
 
     def _make(
-        self, action: Action, make: Callable[[ArtifactWriter], dict[str, Any]], subject: Path | None
+        self, action: Action, make: Callable[[ArtifactWriter], JsonObject], subject: Path | None
     ) -> Outcome:
         pending = self.begin(action)
         try:
@@ -338,7 +339,7 @@ class Store:
         return self.root / "actions" / digest[:2] / f"{digest}.failed.json"
 
     @staticmethod
-    def _create(path: Path, content: dict[str, Any]) -> bool:
+    def _create(path: Path, content: JsonObject) -> bool:
         """Create `path` atomically; return False if it existed before.
 
         Raises:
@@ -353,5 +354,5 @@ class Store:
             ) from err
 
 
-def _json(record: dict[str, Any]) -> bytes:
+def _json(record: JsonObject) -> bytes:
     return json.dumps(record, sort_keys=True).encode()

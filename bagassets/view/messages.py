@@ -1,7 +1,6 @@
 """Foxglove messages of what is in a scene. Frames: `global`, `ego`, and one for each channel."""
 
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
@@ -28,6 +27,7 @@ from numpy.typing import NDArray
 from bagassets.assets.lidar_file import COLUMNS, read_lidar_file
 from bagassets.assets.radar_file import FIELDS, read_radar_file
 from bagassets.geometry.se3 import SE3
+from bagassets.json_types import JsonMapping
 from bagassets.view.scene import Reading
 
 __all__ = [
@@ -95,14 +95,14 @@ def calibration(reading: Reading) -> CameraCalibration:
 
 def cloud(reading: Reading) -> PointCloud:
     """Return a lidar revolution or the targets of a radar, in the frame of the sensor, with all their fields."""
-    points: NDArray[Any]
+    points: NDArray[np.float32] | NDArray[np.void]
     if reading.modality == "lidar":
         points = np.ascontiguousarray(read_lidar_file(reading.path))
         fields = [(name, 4 * number, "f4") for number, name in enumerate(COLUMNS)]
         stride = 4 * len(COLUMNS)
     else:
-        points = read_radar_file(reading.path)
-        layout = points.dtype
+        targets = points = read_radar_file(reading.path)
+        layout = targets.dtype
         fields, stride = [], 0
         for name in FIELDS:  # packed, without padding
             fields.append((name, stride, layout[name].str[1:]))
@@ -150,7 +150,7 @@ def location(stamp_ns: int, lat_deg: float, lon_deg: float, alt_m: float | None)
     )
 
 
-def boxes(stamp_ns: int, rows: Sequence[Mapping[str, Any]], categories: Sequence[str]) -> SceneUpdate:
+def boxes(stamp_ns: int, rows: Sequence[JsonMapping], categories: Sequence[str]) -> SceneUpdate:
     """Return the boxes of a sample; they take the place of those before.
 
     Args:
@@ -162,7 +162,7 @@ def boxes(stamp_ns: int, rows: Sequence[Mapping[str, Any]], categories: Sequence
     return SceneUpdate(deletions=[everything], entities=[_entity(stamp_ns, row, categories) for row in rows])
 
 
-def _entity(stamp_ns: int, row: Mapping[str, Any], categories: Sequence[str]) -> SceneEntity:
+def _entity(stamp_ns: int, row: JsonMapping, categories: Sequence[str]) -> SceneEntity:
     width_m, length_m, height_m = row["size"]
     facts = {
         "category": row["category"],

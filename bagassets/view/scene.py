@@ -4,15 +4,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any
 
 from bagassets.errors import DatasetError
 from bagassets.formats.nuscenes.table_file import read_table
 from bagassets.geometry.se3 import SE3
+from bagassets.json_types import JsonMapping, JsonObject
 
 __all__ = ["DatasetScene", "Reading", "load_scene", "scene_names"]
 
-Row = Mapping[str, Any]
+Row = JsonMapping
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class DatasetScene:
 
     name: str
     recording: str
-    origin: Mapping[str, Any] | None
+    origin: JsonMapping | None
     samples: Sequence[int]
     readings: Sequence[Reading]
     boxes: Mapping[int, Sequence[Row]] = field(default_factory=dict)
@@ -100,7 +100,7 @@ def load_scene(dataroot: Path, version: str, name: str) -> DatasetScene:
     )
 
 
-def _table(dataroot: Path, version: str, name: str) -> list[dict[str, Any]]:
+def _table(dataroot: Path, version: str, name: str) -> list[JsonObject]:
     if not (dataroot / version).is_dir():
         raise DatasetError(f"{dataroot / version}: there is no dataset here; run `bagassets build` first.")
     return read_table(dataroot / version, name)

@@ -1,8 +1,7 @@
 """Our own form of box files, JSON or Parquet; `docs/annotations.md` describes it for people."""
 
 import io
-from collections.abc import Iterator, Mapping
-from typing import Any
+from collections.abc import Iterator
 
 from bagassets.annotations.files.json_text import entries, parse
 from bagassets.annotations.files.label import (
@@ -13,6 +12,7 @@ from bagassets.annotations.files.label import (
     box_label,
     is_number,
 )
+from bagassets.json_types import Json, JsonMapping
 
 __all__ = ["FORMAT", "VERSION", "read_json_boxes", "read_parquet_boxes"]
 
@@ -49,7 +49,7 @@ def read_json_boxes(data: bytes) -> Iterator[Label]:
         yield _label(line, entry, frame)
 
 
-def _label(line: int, entry: Any, frame: str) -> Label:
+def _label(line: int, entry: Json, frame: str) -> Label:
     problem = _problem(entry)
     if problem is not None:
         return Label(line, problem=problem)
@@ -69,7 +69,7 @@ def _label(line: int, entry: Any, frame: str) -> Label:
     )
 
 
-def _problem(entry: Any) -> str | None:
+def _problem(entry: Json) -> str | None:
     """Return what is wrong with the fields of one entry, or None."""
     if not isinstance(entry, dict):
         return "it is no object"
@@ -127,7 +127,7 @@ def read_parquet_boxes(data: bytes) -> Iterator[Label]:
             yield _row_label(row, entry)
 
 
-def _row_label(row: int, entry: Mapping[str, Any]) -> Label:
+def _row_label(row: int, entry: JsonMapping) -> Label:
     empty = [name for name in ("stamp_ns", "category", *_NUMBERS) if entry[name] is None]
     if empty:
         return Label(row, problem=f"its {empty[0]} is empty")

@@ -4,16 +4,16 @@ import json
 import re
 from collections.abc import Iterator
 from json.decoder import JSONDecoder
-from typing import Any
 
 from bagassets.annotations.files.label import UnreadableLabelsError
+from bagassets.json_types import Json
 
 __all__ = ["entries", "parse"]
 
 _SPACE = re.compile(r"[ \t\r\n]*")
 
 
-def parse(text: str) -> Any:
+def parse(text: str) -> Json:
     """Return the content of a JSON text.
 
     Raises:
@@ -29,7 +29,7 @@ def parse(text: str) -> Any:
         raise UnreadableLabelsError(0, "is nested too deeply") from None
 
 
-def entries(text: str, key: str | None) -> Iterator[tuple[int, Any]]:
+def entries(text: str, key: str | None) -> Iterator[tuple[int, Json]]:
     """Yield line and value of each entry of a list in a text that `parse` accepted.
 
     Args:

@@ -1,10 +1,10 @@
 """Boxes of an existing nuScenes dataset: the tables of its version folder, in its global frame."""
 
-from collections.abc import Iterator, Mapping
-from typing import Any
+from collections.abc import Iterator
 
 from bagassets.annotations.files.json_text import entries, parse
 from bagassets.annotations.files.label import Label, UnreadableLabelsError, as_text, box_label, is_number
+from bagassets.json_types import Json, JsonMapping, JsonObject
 
 __all__ = ["TABLES", "TableSet", "read_tables"]
 
@@ -29,7 +29,7 @@ class TableSet:
 
     def __init__(self, logfile: str | None) -> None:
         self._logfile = logfile
-        self._rows: dict[str, dict[str, dict[str, Any]]] = {}
+        self._rows: dict[str, dict[str, JsonObject]] = {}
 
     def add(self, name: str, data: bytes) -> None:
         """Take the content of one table file but `sample_annotation.json`.
@@ -42,11 +42,11 @@ class TableSet:
             raise UnreadableLabelsError(1, "is no table: a list of rows with tokens")
         self._rows[name.removesuffix(".json")] = {str(row["token"]): row for row in rows}
 
-    def row(self, table: str, token: Any) -> dict[str, Any] | None:
+    def row(self, table: str, token: Json) -> JsonObject | None:
         """Return a row by its token, or None."""
         return self._rows.get(table, {}).get(str(token))
 
-    def is_wanted(self, sample: Mapping[str, Any]) -> bool:
+    def is_wanted(self, sample: JsonMapping) -> bool:
         """Return whether a sample is of the log that was asked for."""
         if self._logfile is None:
             return True
@@ -68,7 +68,7 @@ def read_tables(tables: TableSet, data: bytes) -> Iterator[Label]:
         yield _label(line, row, tables)
 
 
-def _label(line: int, row: Any, tables: TableSet) -> Label:
+def _label(line: int, row: Json, tables: TableSet) -> Label:
     if not isinstance(row, dict):
         return Label(line, problem="it is no row")
     sample = tables.row("sample", row.get("sample_token"))

@@ -7,7 +7,6 @@ editor's `psr_to_xyz` applies them: Rx · Ry · Rz.
 
 import re
 from collections.abc import Iterator
-from typing import Any
 
 from bagassets.annotations.files.json_text import entries, parse
 from bagassets.annotations.files.label import (
@@ -19,6 +18,7 @@ from bagassets.annotations.files.label import (
     compose,
     is_number,
 )
+from bagassets.json_types import Json
 
 __all__ = ["read_sustechpoints"]
 
@@ -38,7 +38,7 @@ def read_sustechpoints(data: bytes) -> Iterator[Label]:
         yield _label(line, entry)
 
 
-def _label(line: int, entry: Any) -> Label:
+def _label(line: int, entry: Json) -> Label:
     if not isinstance(entry, dict) or not isinstance(entry.get("psr"), dict):
         return Label(line, problem="it has no psr")
     numbers: dict[str, list[float]] = {}

@@ -3,7 +3,6 @@
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -23,6 +22,7 @@ from bagassets.formats.nuscenes.tokens import (
     visibility_token,
 )
 from bagassets.formats.nuscenes.visibility import CameraView, share_in_images, share_open, visibility_levels
+from bagassets.json_types import JsonObject
 from bagassets.timeline.keyframes import Stamps
 
 __all__ = ["AnnotationRows", "annotation_rows"]
@@ -43,7 +43,7 @@ class AnnotationRows:
         counts: see the step's documentation.
     """
 
-    tables: dict[str, list[dict[str, Any]]] = field(
+    tables: dict[str, list[JsonObject]] = field(
         default_factory=lambda: {"instance": [], "sample_annotation": []}
     )
     categories: set[str] = field(default_factory=set)
@@ -82,7 +82,7 @@ def annotation_rows(
     for scene in scenes:
         span = scene.span
         in_scenes |= (boxes.stamps_ns >= span.window_start_ns) & (boxes.stamps_ns < span.window_end_ns)
-        samples: list[list[dict[str, Any]]] = [[] for _ in scene.keyframes_ns]
+        samples: list[list[JsonObject]] = [[] for _ in scene.keyframes_ns]
         with_boxes.update(
             number for number, track in enumerate(tracks) if builder.add_instance(track, scene, samples)
         )
@@ -122,7 +122,7 @@ class _Builder:
         )
         self._tokens, self._boxes, self._params, self._motion = tokens, boxes, params, motion
 
-    def add_instance(self, track: Track, scene: ScenePlan, samples: list[list[dict[str, Any]]]) -> bool:
+    def add_instance(self, track: Track, scene: ScenePlan, samples: list[list[JsonObject]]) -> bool:
         """Add the boxes of a track to the `samples` of a scene; return whether there are any."""
         found = track.at(scene.keyframes_ns, self._params.box_gap_ns, self._params.tolerance_ns)
         if not len(found.at):
@@ -156,7 +156,7 @@ class _Builder:
             )
         return True
 
-    def add_messages(self, messages: Messages, scene: ScenePlan, samples: list[list[dict[str, Any]]]) -> None:
+    def add_messages(self, messages: Messages, scene: ScenePlan, samples: list[list[JsonObject]]) -> None:
         """Add the boxes without identity of a source: those of the message nearest to each keyframe."""
         boxes = self._boxes
         nearest = messages.at(scene.keyframes_ns, self._params.tolerance_ns).tolist()
@@ -220,7 +220,7 @@ class _Builder:
 
 
 def _measure(
-    annotations: list[dict[str, Any]],
+    annotations: list[JsonObject],
     channels: Mapping[str, ChannelReadings],
     scene: ScenePlan,
     sample: int,

@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from bagassets.formats.nuscenes.schema import TABLES, Row
 from bagassets.formats.nuscenes.table_file import read_table
@@ -237,7 +237,7 @@ def _keyframes(tables: Tables) -> Iterable[str]:
     yield from _sentence(
         "sample_data: is_key_frame is no JSON boolean in {} rows, the first is {}", not_boolean
     )
-    pairs: Counter[tuple[Any, Any]] = Counter(
+    pairs: Counter[tuple[str, str]] = Counter(
         (row["sample_token"], row["calibrated_sensor_token"]) for row in data if row["is_key_frame"] is True
     )
     several = [sample for (sample, _), number in pairs.items() if number > 1]

@@ -1,9 +1,9 @@
 """Choosing scenes by what the recipe says about a named dataset."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from fnmatch import fnmatchcase
-from typing import Any
 
+from bagassets.json_types import JsonMapping
 from bagassets.recipe.model_datasets import NamedDataset, moment_ns
 
 __all__ = ["inside", "objection"]
@@ -11,7 +11,7 @@ __all__ = ["inside", "objection"]
 Point = Sequence[float]
 
 
-def objection(wanted: NamedDataset, rig: str, key: str, scene: Mapping[str, Any]) -> str | None:
+def objection(wanted: NamedDataset, rig: str, key: str, scene: JsonMapping) -> str | None:
     """Return the first condition that a scene does not satisfy, in words; None if it belongs to the dataset.
 
     Args:

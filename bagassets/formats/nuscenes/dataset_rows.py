@@ -6,7 +6,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from bagassets.formats.dataset_lock import read_lock
 from bagassets.formats.json_files import copy_rows
 from bagassets.formats.nuscenes.schema import RECORDING_TABLES, SHARED_TABLES, TABLES, Row
 from bagassets.formats.nuscenes.table_file import read_table
+from bagassets.json_types import JsonObject
 
 __all__ = ["DatasetRows", "read_dataset", "repeated_tokens"]
 
@@ -122,7 +122,7 @@ def _tokens(rows: Sequence[Row], column: str) -> set[str]:
     return {str(row[column]) for row in rows}
 
 
-def _chosen(folder: Path, table: str, column: str, wanted: AbstractSet[str]) -> list[dict[str, Any]]:
+def _chosen(folder: Path, table: str, column: str, wanted: AbstractSet[str]) -> list[JsonObject]:
     return [
         json.loads(text) for text in copy_rows(folder / f"{table}.json") if _value(text, column) in wanted
     ]

@@ -5,9 +5,8 @@ versions in the dataroot share.
 """
 
 from collections import defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 from bagassets.formats.format import Entry, Format, Link, LooseFiles, Samples
 from bagassets.formats.json_files import copy_rows
@@ -16,6 +15,7 @@ from bagassets.formats.nuscenes.filenames import recording_of
 from bagassets.formats.nuscenes.join import join
 from bagassets.formats.nuscenes.selection import select
 from bagassets.formats.nuscenes.tables import FILES, NUSCENES_TABLES
+from bagassets.json_types import JsonMapping, JsonObject
 from bagassets.recipe.model import NuScenes
 from bagassets.store.artifact import Artifact
 from bagassets.store.canonical import digest_json
@@ -30,7 +30,7 @@ def _links(entry: Entry) -> Iterator[Link]:
         yield Link(file["filename"], file["artifact"], file["file"])
 
 
-def _counts(facts: Mapping[str, Any]) -> dict[str, int]:
+def _counts(facts: JsonMapping) -> dict[str, int]:
     return {what: facts["counts"][what] for what in ("scenes", "samples")}
 
 
@@ -50,13 +50,13 @@ def _named_in(folder: Path) -> Iterator[str]:
 def _samples(tables: Artifact) -> Samples:
     """Return scene -> sample token -> part -> digest of everything that belongs to it."""
 
-    def rows(table: str) -> list[dict[str, Any]]:
-        found: list[dict[str, Any]] = tables.read_json(f"{table}.json")
+    def rows(table: str) -> list[JsonObject]:
+        found: list[JsonObject] = tables.read_json(f"{table}.json")
         return found
 
     poses = {row["token"]: row for row in rows("ego_pose")}
     calibrations = {row["token"]: row for row in rows("calibrated_sensor")}
-    parts: dict[str, dict[str, list[Any]]] = defaultdict(lambda: defaultdict(list))
+    parts: dict[str, dict[str, list[object]]] = defaultdict(lambda: defaultdict(list))
     for row in rows("sample_data"):
         of = parts[row["sample_token"]]
         of["readings"].append([row["filename"], row["timestamp"], row["is_key_frame"]])

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 from bagassets.formats.format import Joined, Member
 from bagassets.formats.json_files import HashedFile, json_bytes, rows_text, write_hashed, write_joined
@@ -11,6 +10,7 @@ from bagassets.formats.nuscenes.blank_map import blank_png
 from bagassets.formats.nuscenes.schema import RECORDING_TABLES, TABLES
 from bagassets.formats.nuscenes.splits import devkit_split_name
 from bagassets.formats.nuscenes.table_file import table_bytes
+from bagassets.json_types import JsonMapping, JsonObject
 from bagassets.recipe.model import NuScenes
 from bagassets.splits import SplitShare
 
@@ -59,7 +59,7 @@ def join(members: Sequence[Member], settings: NuScenes, shares: Sequence[SplitSh
     return Joined(dict(sorted(digests.items())), facts, picture)
 
 
-def _shared(members: Sequence[Member], settings: NuScenes) -> Mapping[str, list[dict[str, Any]]]:
+def _shared(members: Sequence[Member], settings: NuScenes) -> Mapping[str, list[JsonObject]]:
     facts = [member.facts for member in members]
     sensors = {pair for fact in facts for pair in fact["channels"].items()}
     logs = [row["token"] for member in members for row in member.artifact.read_json("log.json")]
@@ -72,5 +72,5 @@ def _shared(members: Sequence[Member], settings: NuScenes) -> Mapping[str, list[
     }
 
 
-def _met(facts: Iterable[Mapping[str, Any]], what: str) -> set[str]:
+def _met(facts: Iterable[JsonMapping], what: str) -> set[str]:
     return {name for fact in facts for name in fact[what]}

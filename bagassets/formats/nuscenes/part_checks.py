@@ -1,7 +1,5 @@
 """The checks of a recording's rows of the nuScenes tables."""
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,6 +9,7 @@ from bagassets.formats.nuscenes.check import broken_references, duplicate_tokens
 from bagassets.formats.nuscenes.schema import RECORDING_TABLES, Row
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.trajectory import Trajectory
+from bagassets.json_types import JsonObject
 from bagassets.quality.check import Evidence, RecordingCheck
 from bagassets.quality.file_rules import files_match
 from bagassets.quality.finding import Finding
@@ -30,8 +29,8 @@ def _tables(evidence: Evidence) -> dict[str, list[Row]]:
     return {name: artifact.read_json(f"{name}.json") for name in RECORDING_TABLES}
 
 
-def _facts(evidence: Evidence) -> dict[str, Any]:
-    facts: dict[str, Any] = evidence.artifact(PART).read_json("facts.json")
+def _facts(evidence: Evidence) -> JsonObject:
+    facts: JsonObject = evidence.artifact(PART).read_json("facts.json")
     return facts
 
 

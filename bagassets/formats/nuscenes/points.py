@@ -1,7 +1,6 @@
 """What the points of a sensor say about boxes: how many lie inside, and how many rays end before they get there."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -188,7 +187,7 @@ def _in_boxes(pairs: _Pairs, global_SE3_sensor: SE3, centers_m: Floats, rotation
     return rotate((rotations * _CONJUGATE)[pairs.box], offsets)
 
 
-def _sectors(x: NDArray[np.floating[Any]], y: NDArray[np.floating[Any]]) -> NDArray[np.int16]:
+def _sectors(x: NDArray[np.floating], y: NDArray[np.floating]) -> NDArray[np.int16]:
     """Return the sector of each direction, counted counter-clockwise from x."""
     length = np.abs(x) + np.abs(y)
     part = np.divide(y, length, out=np.zeros_like(y), where=length > 0)  # -1 … 1, quarter by quarter

@@ -3,13 +3,13 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from bagassets.formats.nuscenes.table_file import quaternion, rounded
 from bagassets.geometry.se3 import SE3, Floats
 from bagassets.geometry.trajectory import Trajectory
+from bagassets.json_types import JsonObject
 from bagassets.store.artifact import Artifact
 from bagassets.timeline.keyframes import Stamps
 
@@ -72,7 +72,7 @@ def load_readings(
     channel: str, artifact: Artifact, ego_SE3_sensor: SE3, trajectory: Trajectory
 ) -> ChannelReadings:
     """Read the index of a channel's artifact and interpolate the ego pose at each reading's own time."""
-    facts: dict[str, Any] = artifact.read_json("channel.json")
+    facts: JsonObject = artifact.read_json("channel.json")
     index = artifact.read_table("index.parquet")
     stamps = index.column("stamp_ns").to_numpy()
     positions, rotations, valid = trajectory.at(stamps)

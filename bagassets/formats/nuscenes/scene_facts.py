@@ -4,13 +4,13 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from math import sqrt
-from typing import Any
 
 import numpy as np
 
 from bagassets.formats.nuscenes.tokens import category_token
 from bagassets.geometry.sun import daylight
 from bagassets.geometry.trajectory import Trajectory
+from bagassets.json_types import JsonMapping, JsonObject
 
 __all__ = ["TrackPoint", "scene_facts"]
 
@@ -18,11 +18,11 @@ TrackPoint = tuple[int, float, float]
 
 
 def scene_facts(
-    tables: Mapping[str, Sequence[Mapping[str, Any]]],
-    facts: Mapping[str, Any],
+    tables: Mapping[str, Sequence[JsonMapping]],
+    facts: JsonMapping,
     trajectory: Trajectory,
     track: Sequence[TrackPoint],
-) -> list[dict[str, Any]]:
+) -> list[JsonObject]:
     """Return a mapping for each scene, in order.
 
     Args:

@@ -4,14 +4,14 @@ They belong to no asset: facts about the scenes of a recording are kept because 
 them, and tables of some of its scenes because the dataset is made from tables.
 """
 
-from collections.abc import Collection, Mapping, Sequence
-from typing import Any
+from collections.abc import Collection, Sequence
 
 from bagassets.formats.nuscenes.scene_facts import TrackPoint, scene_facts
 from bagassets.formats.nuscenes.schema import RECORDING_TABLES
 from bagassets.formats.nuscenes.subset import subset_facts, subset_tables
 from bagassets.formats.nuscenes.table_file import table_bytes
 from bagassets.geometry.trajectory import Trajectory
+from bagassets.json_types import JsonMapping, JsonObject
 from bagassets.store.action import Action, Step
 from bagassets.store.artifact import Artifact, ArtifactWriter
 
@@ -39,7 +39,7 @@ def facts_action(tables: Artifact, ego_poses: Artifact, track: str) -> Action:
 
 def make_facts(
     tables: Artifact, trajectory: Trajectory, track: Sequence[TrackPoint], out: ArtifactWriter
-) -> dict[str, Any]:
+) -> JsonObject:
     """Write `scenes.json`; return the summary."""
     rows = {
         name: tables.read_json(f"{name}.json")
@@ -56,9 +56,7 @@ def subset_action(tables: Artifact, scenes: Collection[str]) -> Action:
     return SUBSET_STEP.action({"scenes": sorted(scenes)}, {"nuscenes_tables": tables.digest})
 
 
-def make_subset(
-    tables: Artifact, scenes: Collection[Mapping[str, Any]], out: ArtifactWriter
-) -> dict[str, Any]:
+def make_subset(tables: Artifact, scenes: Collection[JsonMapping], out: ArtifactWriter) -> JsonObject:
     """Write the tables of some scenes, given by their facts, in the form of `nuscenes_tables`; return the summary."""
     rows = {name: tables.read_json(f"{name}.json") for name in RECORDING_TABLES}
     kept = subset_tables(rows, [scene["token"] for scene in scenes])

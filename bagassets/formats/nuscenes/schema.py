@@ -3,11 +3,12 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any
+
+from bagassets.json_types import JsonMapping
 
 __all__ = ["RECORDING_TABLES", "SHARED_TABLES", "TABLES", "Row", "Table"]
 
-Row = Mapping[str, Any]
+Row = JsonMapping
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,6 @@
 from collections import Counter
 from collections.abc import Sequence
 from functools import partial
-from typing import Any
 
 from bagassets.assets.ego_poses import load_trajectory
 from bagassets.build.plan import Plan
@@ -12,6 +11,7 @@ from bagassets.errors import StoreError
 from bagassets.formats.format import Part, Selection
 from bagassets.formats.nuscenes import scene_selection
 from bagassets.formats.nuscenes.choose_scenes import objection
+from bagassets.json_types import JsonObject
 from bagassets.recipe.model import Recipe
 from bagassets.recipe.model_datasets import NamedDataset
 from bagassets.store.artifact import Artifact
@@ -56,7 +56,7 @@ def select(
     return Selection(chosen, skipped, dict(sorted(left_out.items())))
 
 
-def _scene_facts(recipe: Recipe, store: Store, plan: Plan, part: Part, tables: Artifact) -> dict[str, Any]:
+def _scene_facts(recipe: Recipe, store: Store, plan: Plan, part: Part, tables: Artifact) -> JsonObject:
     """Return the facts about the scenes of one recording; they are made once."""
     bag = plan.bags[part.key]
     inventory, poses = bag.current_artifact(store, "inventory"), bag.current_artifact(store, "ego_poses")
@@ -68,5 +68,5 @@ def _scene_facts(recipe: Recipe, store: Store, plan: Plan, part: Part, tables: A
     track = track_of(store, inventory, poses, recipe.clock_of(recipe.rig_named(bag.rig)))
     make = partial(scene_selection.make_facts, tables, load_trajectory(poses), track.points)
     outcome = store.run(scene_selection.facts_action(tables, poses, track.digest), make)
-    facts: dict[str, Any] = outcome.artifact.read_json(scene_selection.SCENES)
+    facts: JsonObject = outcome.artifact.read_json(scene_selection.SCENES)
     return facts

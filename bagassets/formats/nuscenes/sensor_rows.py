@@ -3,13 +3,13 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from typing import Any
 
 from bagassets.formats.nuscenes.filenames import filename
 from bagassets.formats.nuscenes.readings import ChannelReadings
 from bagassets.formats.nuscenes.scene_plan import ScenePlan
 from bagassets.formats.nuscenes.table_file import quaternion, rounded
 from bagassets.formats.nuscenes.tokens import RecordingTokens, sensor_token
+from bagassets.json_types import JsonMapping, JsonObject
 
 __all__ = ["Identity", "SensorRows", "microseconds", "sensor_rows"]
 
@@ -32,7 +32,7 @@ class Identity:
     key: str
     vehicle: str
     location: str
-    origin: Mapping[str, Any] | None
+    origin: JsonMapping | None
 
 
 @dataclass
@@ -46,7 +46,7 @@ class SensorRows:
         sweeps: channel -> readings between keyframes.
     """
 
-    tables: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
+    tables: dict[str, list[JsonObject]] = field(default_factory=dict)
     files: list[dict[str, str]] = field(default_factory=list)
     keyframes: dict[str, int] = field(default_factory=dict)
     sweeps: dict[str, int] = field(default_factory=dict)
@@ -82,7 +82,7 @@ def sensor_rows(
     return rows
 
 
-def _log(identity: Identity, tokens: RecordingTokens, first_ns: int) -> dict[str, Any]:
+def _log(identity: Identity, tokens: RecordingTokens, first_ns: int) -> JsonObject:
     return {
         "token": tokens.row("log"),
         "logfile": identity.key,
@@ -93,7 +93,7 @@ def _log(identity: Identity, tokens: RecordingTokens, first_ns: int) -> dict[str
     }
 
 
-def _calibrated_sensor(tokens: RecordingTokens, readings: ChannelReadings) -> dict[str, Any]:
+def _calibrated_sensor(tokens: RecordingTokens, readings: ChannelReadings) -> JsonObject:
     return {
         "token": tokens.row("calibrated_sensor", readings.channel),
         "sensor_token": sensor_token(readings.channel, readings.modality),

@@ -1,7 +1,6 @@
 """Rows that exist once per dataset: category, attribute, visibility, sensor, map."""
 
 from collections.abc import Iterable, Sequence
-from typing import Any
 
 from bagassets.formats.nuscenes.tokens import (
     VISIBILITY_LEVELS,
@@ -11,6 +10,7 @@ from bagassets.formats.nuscenes.tokens import (
     sensor_token,
     visibility_token,
 )
+from bagassets.json_types import JsonObject
 from bagassets.recipe.model import NamedText
 
 __all__ = ["MAP_FILE", "attribute_rows", "category_rows", "map_rows", "sensor_rows", "visibility_rows"]
@@ -18,17 +18,17 @@ __all__ = ["MAP_FILE", "attribute_rows", "category_rows", "map_rows", "sensor_ro
 MAP_FILE = "maps/blank.png"
 
 
-def category_rows(named: Sequence[NamedText], met: Iterable[str]) -> list[dict[str, Any]]:
+def category_rows(named: Sequence[NamedText], met: Iterable[str]) -> list[JsonObject]:
     """Return the categories of the recipe, in its order, then others met in recordings, by name."""
     return [{"token": category_token(name), **row} for name, row in _named(named, met)]
 
 
-def attribute_rows(named: Sequence[NamedText], met: Iterable[str]) -> list[dict[str, Any]]:
+def attribute_rows(named: Sequence[NamedText], met: Iterable[str]) -> list[JsonObject]:
     """Return the attributes of the recipe, in its order, then others met in recordings, by name."""
     return [{"token": attribute_token(name), **row} for name, row in _named(named, met)]
 
 
-def visibility_rows() -> list[dict[str, Any]]:
+def visibility_rows() -> list[JsonObject]:
     """Return the four levels of visibility."""
     return [
         {
@@ -40,7 +40,7 @@ def visibility_rows() -> list[dict[str, Any]]:
     ]
 
 
-def sensor_rows(sensors: Iterable[tuple[str, str]]) -> list[dict[str, Any]]:
+def sensor_rows(sensors: Iterable[tuple[str, str]]) -> list[JsonObject]:
     """Return a row for each pair of channel and modality."""
     return [
         {"token": sensor_token(channel, modality), "channel": channel, "modality": modality}
@@ -48,7 +48,7 @@ def sensor_rows(sensors: Iterable[tuple[str, str]]) -> list[dict[str, Any]]:
     ]
 
 
-def map_rows(log_tokens: Iterable[str]) -> list[dict[str, Any]]:
+def map_rows(log_tokens: Iterable[str]) -> list[JsonObject]:
     """Return the one map; it holds for all logs, as the devkit asks for."""
     return [
         {
@@ -60,7 +60,7 @@ def map_rows(log_tokens: Iterable[str]) -> list[dict[str, Any]]:
     ]
 
 
-def _named(named: Sequence[NamedText], met: Iterable[str]) -> list[tuple[str, dict[str, Any]]]:
+def _named(named: Sequence[NamedText], met: Iterable[str]) -> list[tuple[str, JsonObject]]:
     texts = {entry.name: entry.description for entry in named}
     names = [*texts, *sorted(set(met) - texts.keys())]
     return [(name, {"name": name, "description": texts.get(name, "")}) for name in names]

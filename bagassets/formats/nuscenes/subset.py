@@ -1,16 +1,16 @@
 """The tables of some of the scenes of a recording: the same rows, the same tokens, fewer of them."""
 
 from collections.abc import Collection, Mapping, Sequence
-from typing import Any
 
 from bagassets.formats.nuscenes.tokens import attribute_token, category_token
+from bagassets.json_types import JsonMapping, JsonObject
 
 __all__ = ["subset_facts", "subset_tables"]
 
-Rows = Sequence[Mapping[str, Any]]
+Rows = Sequence[JsonMapping]
 
 
-def subset_tables(tables: Mapping[str, Rows], scenes: Collection[str]) -> dict[str, list[Mapping[str, Any]]]:
+def subset_tables(tables: Mapping[str, Rows], scenes: Collection[str]) -> dict[str, list[JsonMapping]]:
     """Return the rows that some scenes consist of.
 
     Chains of samples, readings and boxes end with their scene, so no row has to be rewritten.
@@ -20,7 +20,7 @@ def subset_tables(tables: Mapping[str, Rows], scenes: Collection[str]) -> dict[s
         scenes: tokens of the scenes that stay.
     """
     chosen = frozenset(scenes)
-    kept: dict[str, list[Mapping[str, Any]]] = {}
+    kept: dict[str, list[JsonMapping]] = {}
     kept["scene"] = [row for row in tables["scene"] if row["token"] in chosen]
     kept["sample"] = [row for row in tables["sample"] if row["scene_token"] in chosen]
     samples = {row["token"] for row in kept["sample"]}
@@ -38,8 +38,8 @@ def subset_tables(tables: Mapping[str, Rows], scenes: Collection[str]) -> dict[s
 
 
 def subset_facts(
-    facts: Mapping[str, Any], tables: Mapping[str, Rows], duration_s: float, of_recording: str
-) -> dict[str, Any]:
+    facts: JsonMapping, tables: Mapping[str, Rows], duration_s: float, of_recording: str
+) -> JsonObject:
     """Return `facts.json` of a subset.
 
     Args:

@@ -11,10 +11,10 @@ between processors, should an operation ever have any.
 import json
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
 
 from bagassets.errors import DatasetError
 from bagassets.formats.nuscenes.schema import TABLES, Row
+from bagassets.json_types import JsonObject
 
 __all__ = [
     "quaternion",
@@ -49,7 +49,7 @@ def table_bytes(name: str, rows: Sequence[Row]) -> bytes:
     return _joined(lines)
 
 
-def read_table(folder: Path, name: str) -> list[dict[str, Any]]:
+def read_table(folder: Path, name: str) -> list[JsonObject]:
     """Return the rows of a table of a folder.
 
     Raises:

@@ -14,7 +14,6 @@ last. Of the boxes it counts `observations` (rows of
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
-from typing import Any
 
 from bagassets.annotations.motion import MotionRule
 from bagassets.annotations.table import BoxTable
@@ -38,6 +37,7 @@ from bagassets.formats.nuscenes.tokens import RecordingTokens
 from bagassets.geometry.calibration import Calibration
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.trajectory import Trajectory
+from bagassets.json_types import JsonObject
 from bagassets.recipe.model import AttributesByMotion, CameraChannel, Recipe, Rig, Scenes
 from bagassets.store.artifact import Artifact, ArtifactWriter
 
@@ -267,7 +267,7 @@ def _clock(stamp_ns: int) -> str:
 
 def _channel_counts(
     name: str, readings: Mapping[str, ChannelReadings], sensors: SensorRows, plan: RecordingPlan
-) -> dict[str, Any]:
+) -> JsonObject:
     channel, shortage = readings[name], plan.shortages[name]
     keyframes, sweeps = sensors.keyframes.get(name, 0), sensors.sweeps.get(name, 0)
     return {

@@ -2,10 +2,10 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from bagassets.formats.format import Joined, Member
 from bagassets.formats.json_files import HashedFile, json_bytes, rows_text, write_hashed, write_joined
+from bagassets.json_types import JsonObject
 from bagassets.recipe.model_vision import Vision
 from bagassets.splits import SplitShare
 
@@ -43,7 +43,7 @@ def join(members: Sequence[Member], settings: Vision, shares: Sequence[SplitShar
     return Joined(dict(sorted(digests.items())), facts)
 
 
-def _manifest(share: SplitShare, members: Sequence[Member]) -> dict[str, Any]:
+def _manifest(share: SplitShare, members: Sequence[Member]) -> JsonObject:
     return {
         "split": share.name,
         **share.as_json(),

@@ -1,17 +1,17 @@
 """`metadata.json` and `transforms.json` of a recording in the vision dataset."""
 
 from collections.abc import Mapping
-from typing import Any
 
 from bagassets.assets.asset import as_json
 from bagassets.geometry.calibration import Mounts
 from bagassets.geometry.sun import sun_elevation_deg
+from bagassets.json_types import JsonMapping, JsonObject
 from bagassets.recordings.inventory import GnssFix, Inventory
 
 __all__ = ["recording_metadata", "transforms_json"]
 
 
-def recording_metadata(key: str, rig: str, inventory: Inventory) -> dict[str, Any]:
+def recording_metadata(key: str, rig: str, inventory: Inventory) -> JsonObject:
     """Return what is told about a recording as a whole.
 
     Nothing of it changes when the recording is re-indexed, re-compressed or converted: file size and
@@ -43,7 +43,7 @@ def recording_metadata(key: str, rig: str, inventory: Inventory) -> dict[str, An
     }
 
 
-def transforms_json(mounts: Mounts, cameras: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+def transforms_json(mounts: Mounts, cameras: Mapping[str, JsonMapping]) -> JsonObject:
     """Return extrinsics of all sensors, and intrinsics of the images as they are written.
 
     Args:
@@ -62,5 +62,5 @@ def transforms_json(mounts: Mounts, cameras: Mapping[str, Mapping[str, Any]]) ->
     }
 
 
-def _fix(fix: GnssFix) -> dict[str, Any]:
+def _fix(fix: GnssFix) -> JsonObject:
     return {"lat": fix.lat, "lon": fix.lon, "alt": fix.alt, "stamp_ns": fix.stamp_ns}

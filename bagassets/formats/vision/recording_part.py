@@ -7,9 +7,7 @@ copied: the dataset links them from the artifacts of `frames`.
 """
 
 import json
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 from bagassets.assets.asset import Asset, Facts, Inputs, Summary, Use, as_json, inlined
 from bagassets.assets.calibration import CALIBRATION
@@ -27,6 +25,7 @@ from bagassets.formats.vision.trajectories import Bodies, csv_bytes, tf_poses, t
 from bagassets.geometry.calibration import Mounts
 from bagassets.geometry.tf_tree import TfTree
 from bagassets.geometry.trajectory import Trajectory
+from bagassets.json_types import JsonMapping, JsonObject
 from bagassets.recipe.model import CameraChannel, Recipe, Rig
 from bagassets.recipe.model_base import Clock
 from bagassets.recipe.model_poses import FixedPose
@@ -128,7 +127,7 @@ class VisionUse:
     tf_clock: Clock | None
     tf_max_gap_s: float
     calibration: Mounts
-    metadata: Mapping[str, Any]
+    metadata: JsonMapping
     cuts: Cuts = inlined()
 
 
@@ -172,7 +171,7 @@ def make(use: Use[VisionUse], inputs: Inputs, out: ArtifactWriter) -> Summary:
     ]
     with inputs.messages(use.topics) as recording:
         missing = _write_trajectories(params, recording, out, trajectory, poses_json)
-    rows: list[dict[str, Any]] = []
+    rows: list[JsonObject] = []
     files: list[dict[str, str]] = []
     counts: dict[str, dict[str, int]] = {}
     for name in params.cameras:
@@ -209,10 +208,10 @@ def make(use: Use[VisionUse], inputs: Inputs, out: ArtifactWriter) -> Summary:
 def _cut_camera(
     name: str,
     artifact: Artifact,
-    camera: Mapping[str, Any],
+    camera: JsonMapping,
     params: VisionUse,
     trajectory: Trajectory,
-    rows: list[dict[str, Any]],
+    rows: list[JsonObject],
     files: list[dict[str, str]],
 ) -> dict[str, int]:
     """Add the sequences of one camera and the files they consist of; return where its images went."""
@@ -271,7 +270,7 @@ def _write_trajectories(
     recording: Recording,
     out: ArtifactWriter,
     trajectory: Trajectory,
-    poses_json: Mapping[str, Any],
+    poses_json: JsonMapping,
 ) -> dict[str, str]:
     """Write the configured trajectories; return pair -> why it could not be made."""
     bodies = Bodies.of(params.calibration, poses_json["global_frame"])
@@ -298,7 +297,7 @@ def _write_trajectories(
     return missing
 
 
-def _start(metadata: Mapping[str, Any], poses_json: Mapping[str, Any]) -> dict[str, float] | None:
+def _start(metadata: JsonMapping, poses_json: JsonMapping) -> dict[str, float] | None:
     """Return where on Earth the recording begins, if it says so anywhere."""
     if metadata["gnss"] is not None:
         first = metadata["gnss"]["first"]

@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import isnan
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -16,6 +15,7 @@ from bagassets.geometry.se3 import SE3, Floats, quaternion_multiply, rotate
 from bagassets.geometry.tf_tree import TfTree
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.geometry.wgs84 import LocalFrame, utm_track
+from bagassets.json_types import JsonMapping
 
 __all__ = ["Bodies", "TimedPoses", "csv_bytes", "geodetic_columns", "trajectory_table"]
 
@@ -140,7 +140,7 @@ def _between(reference: str, sensor: str, tree: TfTree, max_gap_ns: int) -> Time
     return TimedPoses(stamps_ns[valid], positions[valid], rotations[valid])
 
 
-def trajectory_table(poses: TimedPoses, origin: Mapping[str, Any] | None) -> pa.Table:
+def trajectory_table(poses: TimedPoses, origin: JsonMapping | None) -> pa.Table:
     """Return the table: stamp, position, quaternion, roll, pitch, yaw; on Earth, where that is known.
 
     Args:
@@ -148,7 +148,7 @@ def trajectory_table(poses: TimedPoses, origin: Mapping[str, Any] | None) -> pa.
         origin: `origin` of `ego_poses.json`, where the reference is the global frame.
     """
     angles = roll_pitch_yaw(poses.rotations)
-    columns: dict[str, Any] = {"stamp_ns": pa.array(poses.stamps_ns, pa.int64())}
+    columns: dict[str, pa.Array] = {"stamp_ns": pa.array(poses.stamps_ns, pa.int64())}
     numbers = dict(zip(("x", "y", "z"), poses.positions_m.T, strict=True))
     numbers |= dict(zip(("qw", "qx", "qy", "qz"), poses.rotations.T, strict=True))
     numbers |= dict(zip(("roll", "pitch", "yaw"), angles.T, strict=True))
@@ -166,7 +166,7 @@ def trajectory_table(poses: TimedPoses, origin: Mapping[str, Any] | None) -> pa.
 
 
 def geodetic_columns(
-    positions_m: Floats, origin: Mapping[str, Any]
+    positions_m: Floats, origin: JsonMapping
 ) -> tuple[dict[str, Floats], list[str | None]] | None:
     """Return lat, lon, alt, UTM easting and northing, and UTM zones; None if the origin is not on Earth.
 
