@@ -1,4 +1,5 @@
-# Two commands matter: `make demo` and `make test`. Each makes the environments it needs.
+# Two commands matter: `make demo` and `make test`. Each makes the environments it needs. `make test-all` is for before a
+# release, and what CI runs after `make test`.
 
 # The first Python that is new enough, not too new for Dagster, and can make environments; it must run: shims of
 # pyenv are on the PATH even if no such version is chosen. The devkit prefers one that has wheels of numpy < 2.
@@ -16,7 +17,7 @@ DEVKIT := .devkit-venv
 BIN := $(VENV)/bin
 export BAGASSETS_DEVKIT_PYTHON := $(CURDIR)/$(DEVKIT)/bin/python
 
-.PHONY: demo test lint docs clean bench bench-incremental bench-plan mutants
+.PHONY: demo test test-all lint docs clean bench bench-incremental bench-plan mutants
 .DEFAULT_GOAL := demo
 
 # A stamp file each, so that a second run costs nothing.
@@ -44,6 +45,11 @@ test: $(VENV)/.made $(DEVKIT)/.made
 	$(BIN)/mypy
 	@# By file, as fixtures of a file are dear to make.
 	$(BIN)/pytest -n auto --dist loadfile -m "not long" $(PYTEST_ARGS)
+
+# What `make test` leaves out: long tests, the lowest versions of all dependencies, and the newest with another Python.
+# TEST_ALL="lowest" runs one part of it.
+test-all: $(VENV)/.made $(DEVKIT)/.made
+	$(BIN)/python -m scripts.test_all $(TEST_ALL)
 
 lint: $(VENV)/.made
 	$(BIN)/ruff check .

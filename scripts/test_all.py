@@ -1,0 +1,220 @@
+"""`make test-all`: what `make test` leaves out, part by part, each with what it does and how long it took.
+
+    python -m scripts.test_all                  # all parts
+    python -m scripts.test_all lowest newest    # some
+
+A part that needs a Python which this machine lacks is left out, and that is said; it is no failure.
+"""
+
+import argparse
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+import tomllib
+from collections.abc import Callable, Iterable
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+__all__ = ["LOWEST_PYTHON", "Part", "find_pythons", "main"]
+
+ROOT = Path(__file__).parents[1]
+FOLDER = ROOT / "build" / "test-all"
+LOWEST_PYTHON = (3, 11)
+NEWEST_PYTHON = (3, 14)
+_USABLE = "import ensurepip, sys, venv; print(*sys.version_info[:2])"
+_TESTS = ("-m", "pytest", "-q", "-n", "auto", "--dist", "loadfile", "-p", "no:cacheprovider")
+_AT_MOST_S = 30 * 60.0  # a part that hangs must not take the time of the others
+
+
+class FailedError(Exception):
+    """A command of a part failed."""
+
+
+class LeftOutError(Exception):
+    """This machine lacks what a part needs."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """One part.
+
+    Attributes:
+        about: what it does, for people.
+        run: does it.
+    """
+
+    about: str
+    run: Callable[[], None]
+
+
+def main(arguments: list[str]) -> int:
+    """Run the parts that are named, or all; return the exit status."""
+    parser = argparse.ArgumentParser(prog="make test-all", description=__doc__)
+    parser.add_argument("parts", nargs="*", help=f"of {', '.join(PARTS)}; default: all")
+    chosen = parser.parse_args(arguments).parts or list(PARTS)
+    if unknown := [name for name in chosen if name not in PARTS]:
+        parser.error(f"no part {unknown[0]!r}; there are {', '.join(PARTS)}")
+    results = []
+    for name in chosen:
+        _say(f"== {name}: {PARTS[name].about}")
+        started = time.monotonic()
+        try:
+            PARTS[name].run()
+            result = "passed"
+        except LeftOutError as err:
+            result = f"left out: {err}"
+        except FailedError as err:
+            result = f"FAILED: {err}"
+        results.append((name, time.monotonic() - started, result))
+        _say(f"== {name}: {result} ({_minutes(results[-1][1])})")
+    _say("")
+    for name, took_s, result in results:
+        _say(f"{name:8} {_minutes(took_s):>12}  {result}")
+    _say(f"{'all':8} {_minutes(sum(took_s for _, took_s, _ in results)):>12}")
+    return 1 if any(result.startswith("FAILED") for _, _, result in results) else 0
+
+
+def _long() -> None:
+    _run(sys.executable, *_TESTS, "-m", "long")
+
+
+def _lowest() -> None:
+    python = find_pythons().get(LOWEST_PYTHON)
+    if python is None:
+        raise LeftOutError(
+            f"there is no Python {_dotted(LOWEST_PYTHON)}, for which these versions have wheels"
+        )
+    environment = _environment("lowest", python, ["--requirement", str(ROOT / "requirements-lowest.lock")])
+    _run(environment, *_TESTS, "-m", "not long")
+
+
+def _newest() -> None:
+    pythons = find_pythons()
+    if not pythons:
+        raise LeftOutError("there is no Python that bagassets runs with and that can make environments")
+    version = max(pythons)
+    if version == sys.version_info[:2]:
+        _say(
+            f"There is no newer Python than {_dotted(version)} here: the newest packages are tried with that."
+        )
+    environment = _environment("newest", pythons[version], ["--prefer-binary", *_requirements()])
+    _run(environment, *_TESTS, "-m", "not long")
+
+
+PARTS = {
+    "long": Part("tests that take minutes: the wheel, installed outside of the checkout", _long),
+    "lowest": Part("all other tests with the lowest versions that pyproject.toml allows", _lowest),
+    "newest": Part("all other tests with the newest Python here, and the newest versions there are", _newest),
+}
+
+
+def find_pythons() -> dict[tuple[int, int], str]:
+    """Return the Pythons that bagassets runs with: version -> program.
+
+    This one comes first, then those on the PATH; those of pyenv are found even if none of them is chosen.
+    """
+    minors = range(NEWEST_PYTHON[1], LOWEST_PYTHON[1] - 1, -1)
+    pyenv = Path(os.environ.get("PYENV_ROOT", Path.home() / ".pyenv"))
+    candidates = [sys.executable, *(f"python3.{minor}" for minor in minors), "python3"]
+    candidates += [
+        str(path) for minor in minors for path in sorted(pyenv.glob(f"versions/3.{minor}.*/bin/python"))
+    ]
+    found: dict[tuple[int, int], str] = {}
+    for name in candidates:
+        version = _version(name)
+        if version is not None and LOWEST_PYTHON <= version <= NEWEST_PYTHON:
+            found.setdefault(version, name)
+    return found
+
+
+def _version(python: str) -> tuple[int, int] | None:
+    """Ask a program for its version; None if it is no Python that can make environments."""
+    try:
+        done = subprocess.run([python, "-c", _USABLE], capture_output=True, text=True, check=True, timeout=60)
+        major, minor = done.stdout.split()
+        return int(major), int(minor)
+    except (OSError, subprocess.SubprocessError, ValueError):  # shims of pyenv run, and fail
+        return None
+
+
+def _environment(name: str, python: str, requirements: Iterable[str]) -> str:
+    """Make an environment with these requirements and the checkout; return its Python."""
+    folder = FOLDER / name
+    shutil.rmtree(folder, ignore_errors=True)
+    _run(python, "-m", "venv", str(folder))
+    inside = str(folder / "bin" / "python")
+    install = (inside, "-m", "pip", "install", "--quiet", "--disable-pip-version-check")
+    _run(*install, *requirements)
+    _run(*install, "--no-deps", "--editable", str(ROOT))
+    _run(inside, "--version")
+    _run(
+        inside,
+        "-m",
+        "pip",
+        "freeze",
+        "--exclude-editable",
+        "--disable-pip-version-check",
+        to=folder / "freeze.txt",
+    )
+    _say(f"   versions: {folder / 'freeze.txt'}")
+    return inside
+
+
+def _requirements() -> list[str]:
+    """Return all that pyproject.toml asks for, as it has it."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
+    return [
+        *project["project"]["dependencies"],
+        *project["project"]["optional-dependencies"]["postgres"],
+        *project["dependency-groups"]["dev"],
+    ]
+
+
+def _run(*command: str, to: Path | None = None) -> None:
+    """Run a command in the checkout, and all that it starts no longer than a part may take.
+
+    Raises:
+        FailedError: it failed, or took too long.
+    """
+    shown = " ".join(part.replace(f"{ROOT}/", "") for part in command if len(part) < 200)
+    started = time.monotonic()
+    _say(f"-- {shown[:200]}")
+    output = to.open("wb") if to else None
+    try:
+        process = subprocess.Popen(
+            command, cwd=ROOT, start_new_session=True, stdout=output, stdin=subprocess.DEVNULL
+        )
+    finally:
+        if output:
+            output.close()
+    try:
+        status = process.wait(_AT_MOST_S)
+    except subprocess.TimeoutExpired:
+        raise FailedError(f"{shown[:60]} … took more than {_minutes(_AT_MOST_S)}") from None
+    finally:
+        with suppress(ProcessLookupError, PermissionError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+    _say(f"   {_minutes(time.monotonic() - started)}")
+    if status:
+        raise FailedError(f"{shown[:60]} … ended with exit status {status}")
+
+
+def _minutes(seconds: float) -> str:
+    return f"{seconds / 60:.1f} min" if seconds >= 60 else f"{seconds:.0f} s"
+
+
+def _dotted(version: tuple[int, int]) -> str:
+    return f"{version[0]}.{version[1]}"
+
+
+def _say(line: str) -> None:
+    print(line, flush=True)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
