@@ -652,9 +652,16 @@ class TestScenes:
                 {"dropped_keyframes": 4, "channels": {"LIDAR_TOP": SHORT | {"span_ns": [T0, T0]}}},
                 "4 of 4 keyframes were dropped, where a channel has no reading within 0.1 s",
             ),
-            ({"remainder_s": 0.5}, "its 0.5 s are shorter than scenes.min_length_s"),
+            (
+                {"remainder_s": 0.5},
+                "its 0.5 s are shorter than scenes.min_length_s (1.5); set that to 0.49 for a scene",
+            ),
+            (
+                {"remainder_s": 0.004},
+                "its 0.004 s are shorter than scenes.min_length_s (1.5); set that to 0 for",
+            ),
             ({"channels": {"LIDAR_TOP": {"without_pose": 3}}}, "the readings of LIDAR_TOP have no ego pose"),
-            ({}, "LIDAR_TOP has too few readings"),
+            ({}, "LIDAR_TOP has too few readings for one of scenes.min_length_s (1.5); set that to 0"),
         ],
     )
     def test_a_recording_without_scene_is_told_why(self, counts, reason):
@@ -666,13 +673,13 @@ class TestScenes:
             "channels": {"LIDAR_TOP": {}},
         }
         facts = {"reference": "LIDAR_TOP", "tolerance_s": 0.1, "counts": none | counts}
-        (problem,) = scenes_made(facts, ten_hz).problems
+        (problem,) = scenes_made(facts, ten_hz, 1.5).problems
         assert problem.startswith("it gives no scene: ")
         assert reason in problem
 
     def test_one_with_a_scene_passes(self):
         counts = {"scenes": 1, "samples": 4, "remainder_s": 0.2, "dropped_keyframes": 1, "channels": {}}
-        assert scenes_made({"reference": "LIDAR_TOP", "counts": counts}, ten_hz).passed
+        assert scenes_made({"reference": "LIDAR_TOP", "counts": counts}, ten_hz, 1.5).passed
 
 
 class TestKeyframes:

@@ -1,6 +1,7 @@
 """Rules about scenes: a recording that takes part gives at least one, and its samples have all channels."""
 
 from collections.abc import Callable, Mapping
+from math import floor
 
 import numpy as np
 
@@ -23,27 +24,36 @@ _WAYS_OUT = (
 StampsOf = Callable[[str], Stamps]
 
 
-def scenes_made(facts: JsonMapping, stamps_of: StampsOf) -> Finding:
+def scenes_made(facts: JsonMapping, stamps_of: StampsOf, min_length_s: float) -> Finding:
     """Check that a recording gave a scene, and say why it gave none.
 
     Args:
         facts: content of `facts.json` of the step `nuscenes_tables`.
         stamps_of: channel -> (N,) stamps of its readings, nanoseconds; asked for only if they matter.
+        min_length_s: least length of a scene, from the recipe.
     """
     counts = facts["counts"]
     told = {name: counts[name] for name in ("scenes", "samples", "remainder_s", "dropped_keyframes")}
-    return Finding([] if counts["scenes"] else [f"it gives no scene: {_reason(facts, stamps_of)}"], told)
+    return Finding(
+        [] if counts["scenes"] else [f"it gives no scene: {_reason(facts, stamps_of, min_length_s)}"], told
+    )
 
 
-def _reason(facts: JsonMapping, stamps_of: StampsOf) -> str:
+def _reason(facts: JsonMapping, stamps_of: StampsOf, min_length_s: float) -> str:
     counts, reference = facts["counts"], facts["reference"]
     if counts["dropped_keyframes"]:
         return f"{_dropped(facts, stamps_of)}; {_WAYS_OUT}"
     if counts["remainder_s"]:
-        return f"its {counts['remainder_s']:g} s are shorter than scenes.min_length_s"
+        length_s = counts["remainder_s"]  # rounded to milliseconds
+        enough_s = max(0.0, floor(100 * (length_s - 0.001)) / 100)
+        limit = f"scenes.min_length_s ({min_length_s:g})"
+        return f"its {length_s:g} s are shorter than {limit}; set that to {enough_s:g} for a scene"
     if counts["channels"][reference].get("without_pose"):
         return f"the readings of {reference} have no ego pose"
-    return f"{reference} has too few readings to make one of scenes.min_length_s"
+    return (
+        f"{reference} has too few readings for one of scenes.min_length_s ({min_length_s:g}); set that to 0 for a scene "
+        "of a single reading"
+    )
 
 
 def keyframes_complete(facts: JsonMapping, stamps_of: StampsOf) -> Finding:

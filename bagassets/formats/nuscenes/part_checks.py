@@ -83,7 +83,7 @@ PART_CHECKS = (
         "scenes_made",
         "The recording gives at least one scene.",
         "the recording gives no scene; the sentence says why",
-        lambda e: scenes_made(e.once(_facts), e.stamps_of),
+        lambda e: scenes_made(e.once(_facts), e.stamps_of, e.recipe.scenes.min_length_s),
     ),
     RecordingCheck(
         "keyframes_complete",
