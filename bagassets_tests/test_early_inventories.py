@@ -11,7 +11,7 @@ from bagassets.defs.early_inventories import make_inventories
 from bagassets.forkserver.client import Client
 from bagassets.forkserver.server_files import ServerFiles
 from bagassets.recipe import load_recipe
-from bagassets.recordings.digest import recording_digest
+from bagassets.recordings.digest import DigestIndex, recording_digest
 from bagassets.recordings.discover import discover
 from bagassets_tests.in_process import make_project
 
@@ -39,8 +39,11 @@ def steps_in_store(recipe_file):
 def test_inventories_are_made_and_digests_kept(project):
     assert make_inventories(asked(project)) == 3
     assert steps_in_store(project) == ["inventory"] * 3
-    recordings = discover(load_recipe(project).bags).recordings
-    assert [recording_digest(recording).hashed_bytes for recording in recordings.values()] == [0, 0, 0]
+    recipe = load_recipe(project)
+    index = DigestIndex(recipe.state)
+    recordings = discover(recipe.bags).recordings.values()
+    assert [recording_digest(recording, index).hashed_bytes for recording in recordings] == [0, 0, 0]
+    assert [recording_digest(recording).hashed_bytes > 0 for recording in recordings] == [True] * 3
 
 
 def test_those_that_are_asked_for(project):

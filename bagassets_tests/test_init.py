@@ -1,6 +1,8 @@
 """`bagassets init` as a new user meets it: what it lists, what it asks, how it ends."""
 
+import io
 import re
+import sys
 from textwrap import dedent
 
 import numpy as np
@@ -101,6 +103,26 @@ def test_recordings_without_sensors_are_told_to_have_nothing_to_convert(init, tm
     assert "so there is nothing to convert; name another" in " ".join(out.split())
     assert "bagassets build" not in out
     assert "guesses" not in out
+
+
+@pytest.mark.parametrize(("answer", "wanted"), [("y\n", True), ("n\n", False), ("\n", False), (None, False)])
+def test_whether_digests_go_beside_the_recordings_is_asked_on_a_terminal(
+    init, tmp_path, monkeypatch, answer, wanted
+):
+    write_drive(tmp_path / "bags" / "drive.bag", "ros1")
+    if answer is not None:
+        terminal = io.StringIO(answer)
+        terminal.isatty = lambda: True
+        monkeypatch.setattr(sys, "stdin", terminal)
+        monkeypatch.setattr(sys.stdout, "isatty", lambda: True, raising=False)
+    status, out, _ = init()
+    assert status == 0
+    assert ("Should they store digests beside them" in out) == (answer is not None)
+    recipe_file = tmp_path / "project" / "recipe.yaml"
+    assert load_recipe(recipe_file).bags.digest_attributes is wanted
+    if not wanted:
+        recipe_file.write_text(recipe_file.read_text().replace("# digest_attributes", "digest_attributes"))
+        assert load_recipe(recipe_file).bags.digest_attributes
 
 
 def test_what_cannot_be_read_is_named_with_its_reason_beside_what_can(init, tmp_path):

@@ -55,6 +55,8 @@ def init(project: Path, bags: Path | None, look_at: int, force: bool) -> None:
     Writes recipe.yaml, dagster.yaml, workspace.yaml and .env into PROJECT. The recipe is proposed
     from the first seconds of the recordings at PATH: rigs, channels, topics, frames, pose
     source, with a comment for each guess and for what is to be decided before a build can succeed.
+    On a terminal it asks whether builds may store digests beside the recordings, as extended
+    attributes; elsewhere the recipe has that as a comment.
 
     Without --bags, recipe.yaml and workspace.yaml of PROJECT are kept and the other files are
     written again, which a project needs after it was moved.
@@ -113,6 +115,7 @@ def _propose(project: Path, path: Path, look_at: int) -> "tuple[Proposal, dict[s
             *(f"{path}: {reason.removesuffix('.')}." for path, reason in sorted(reasons.items())),
         )
     unreadable |= reasons
+    digest_attributes = _may_write_attributes()
     chosen = _spread(recordings, look_at)
     summaries: dict[str, RecordingSummary] = {}
     with click.progressbar(
@@ -137,8 +140,20 @@ def _propose(project: Path, path: Path, look_at: int) -> "tuple[Proposal, dict[s
         include=bags.include if "include" in bags.model_fields_set else (),
         unreadable=unreadable,
         found=len(recordings),
+        digest_attributes=digest_attributes,
     )
     return proposal, unreadable
+
+
+def _may_write_attributes() -> bool:
+    """Ask whether builds may write to recordings; no, where nobody can answer."""
+    if not (sys.stdin.isatty() and sys.stdout.isatty()):
+        return False
+    return click.confirm(
+        "Builds only read recordings. Should they store digests beside them (extended attributes),\n"
+        "so that other projects and machines need not hash them again?",
+        default=False,
+    )
 
 
 def _spread(items: Sequence[T], number: int) -> Sequence[T]:

@@ -63,6 +63,7 @@ def propose_recipe(
     include: Sequence[str] = (),
     unreadable: Mapping[str, str] | None = None,
     found: int | None = None,
+    digest_attributes: bool = False,
 ) -> Proposal:
     """Return a recipe for the recordings.
 
@@ -76,6 +77,7 @@ def propose_recipe(
         include: globs of the recordings that the project takes; none = all below the root.
         unreadable: path below the bag root -> why that recording could not be read.
         found: number of recordings there are, if not all were looked into.
+        digest_attributes: builds may store digests beside the recordings.
     """
     unreadable = unreadable or {}
     groups, without_sensor = group_recordings(summaries)
@@ -92,6 +94,13 @@ def propose_recipe(
     sheet.field(1, f"root: {yaml_scalar(str(root))}")
     if include:
         sheet.field(1, f"include: [{', '.join(map(yaml_scalar, include))}]")
+    if digest_attributes:
+        sheet.field(1, "digest_attributes: true", "digests are stored beside the recordings")
+    else:
+        sheet.note(
+            1, "uncomment to store digests beside the recordings, so that nobody else has to hash them:"
+        )
+        sheet.off(1, "digest_attributes: true")
     _definitions(sheet, summaries, rigs)
     clocks = {rig.clock.clock for rig in rigs}
     usual = "log" if clocks == {"log"} else "header"

@@ -220,9 +220,9 @@ class Bags(Model):
         (), description="Folders of .msg files for recordings without type definitions."
     )
     digest_attributes: bool = Field(
-        True,
-        description="Store the digest of a recording with its files, as an extended attribute, so that other projects "
-        "and machines need not read them to know what they are; false: builds write nothing to recordings, and keep "
+        False,
+        description="Store the digest of a recording with its files, as an extended attribute, so that other projects and "
+        "machines need not read them to know what they are; without, builds write nothing to recordings, and keep "
         "digests in the state folder.",
     )
 
