@@ -463,7 +463,7 @@ class TestFullDisk:
             three.store_path.parent.mkdir(exist_ok=True)
             store.mkdir()
             three.store_path.symlink_to(store)
-            with pytest.raises(BagAssetsError, match=r"No space left on device.*free space"):
+            with pytest.raises(BagAssetsError, match=r"No space left on device.*free disk space"):
                 make_dataset(three)
             assert list(check_store(Store(store))) == []
             assert failed_actions(three) == []

@@ -448,7 +448,7 @@ class TestFileSystems:
             return real(path, *args)
 
         monkeypatch.setattr(Path, method, full)
-        with pytest.raises(StoreError, match=r"No space left on device.*free space"):
+        with pytest.raises(StoreError, match=r"No space left on device.*free disk space"):
             store.run(action_of(), write("a", b"x"))
         assert refused
         monkeypatch.setattr(Path, method, real)
