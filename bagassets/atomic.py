@@ -1,6 +1,6 @@
-"""Files that others see whole or not at all: written beside their place, and moved there when they are complete.
+"""Files that others see complete or not at all: written beside their final path, and moved there when complete.
 
-Nothing waits for the disk: what a power loss tears is for whoever reads it to notice.
+Nothing is synced to disk: whoever reads a file must notice if a power loss tore it.
 """
 
 import errno
@@ -16,10 +16,10 @@ _NO_HARD_LINK = {errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS, errno.EACCES, errn
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Have the block write a file beside `path`, which then takes the place of `path` if the block ends well.
+    """Write a file beside `path` in the block; it replaces `path` if the block succeeds.
 
     Yields:
-        The name to write to, hidden and on the same file system. Nothing is left under it in the end.
+        The path to write to, hidden and on the same file system. Nothing is left there in the end.
 
     Raises:
         OSError: the file cannot be moved into place.
@@ -35,7 +35,7 @@ def replacing(path: Path) -> Iterator[Path]:
 
 
 def write_atomically(path: Path, content: bytes) -> None:
-    """Write a file, or replace it in one step, in a folder that exists.
+    """Create or replace a file in one step, in an existing folder.
 
     Raises:
         OSError: it cannot be written.
@@ -45,9 +45,9 @@ def write_atomically(path: Path, content: bytes) -> None:
 
 
 def create_atomically(path: Path, content: bytes) -> bool:
-    """Write a file, in a folder that exists, unless there is one of this name: the first writer wins.
+    """Create a file in an existing folder, unless it exists: the first writer wins.
 
-    Where the file system has no hard links it is not done in one step, and a file may be torn.
+    Where the file system has no hard links, that is not one step, and the file may be torn.
 
     Returns:
         True if the file was created, False if it existed before.
@@ -74,5 +74,5 @@ def create_atomically(path: Path, content: bytes) -> bool:
 
 
 def _beside(path: Path) -> Path:
-    """Return a new name on the same file system; its dot hides it from whoever lists files."""
+    """Return a new path on the same file system; its name begins with a dot, so listings hide it."""
     return path.with_name(f".{path.name}.{os.urandom(16).hex()}")

@@ -1,7 +1,7 @@
 """The few errors that this package raises.
 
-Every message is one or two sentences a user can act on: it names the file, topic or
-field, says what was expected, and what to do. Only the command line turns an error into
+Every message is one or two sentences that a user can act on: it names the file, topic or
+field, and says what was expected and what to do. Only the command line turns an error into
 an exit status; nothing in the library exits or prints.
 """
 
@@ -28,17 +28,17 @@ __all__ = [
 
 
 class BagAssetsError(Exception):
-    """Base of all errors raised on purpose; its text is meant for users.
+    """Base of all errors raised on purpose; its message is meant for users.
 
-    It is shown by terminals, the web UI and logs, and quotes what somebody recorded: names that hold line
-    breaks or control characters are spelled out.
+    It is shown in terminals, the web UI and logs, and may quote names from recordings: line breaks and control
+    characters in them are escaped.
 
     Args:
-        sentences: the text, a line for each.
+        sentences: the message, one line per sentence.
 
     Attributes:
-        transient: the error says nothing about what was asked for, which may succeed when tried again;
-            it is not put on record.
+        transient: True if the action is not to blame and may succeed when run again, so the error is not
+            recorded.
     """
 
     transient: ClassVar[bool] = False
@@ -47,16 +47,16 @@ class BagAssetsError(Exception):
         super().__init__(*map(visible, sentences))
 
     def __str__(self) -> str:
-        """Return the text."""
+        """Return the message."""
         return "\n".join(self.args)
 
 
 class RecipeError(BagAssetsError):
-    """A recipe is missing, malformed, or asks for something that cannot be."""
+    """A recipe is missing, malformed, or asks for something impossible."""
 
 
 class PluginError(BagAssetsError):
-    """A decoder plug-in clashes with another, cannot be loaded, or is not what it says."""
+    """A plug-in clashes with another, cannot be loaded, or is not of the announced kind."""
 
 
 class RecordingError(BagAssetsError):
@@ -90,22 +90,22 @@ class PoseError(BagAssetsError):
 
 
 class StoreError(BagAssetsError):
-    """The artifact store misses something, holds damaged bytes, or cannot be written."""
+    """The artifact store lacks something, has damaged bytes, or cannot be written."""
 
     transient = True
 
 
 class MemoryShortageError(BagAssetsError):
-    """A step ran out of memory; with fewer beside it, or on another machine, it may succeed."""
+    """A step ran out of memory; with fewer others running, or on another machine, it may succeed."""
 
     transient = True
 
 
 class UnexpectedError(BagAssetsError):
-    """A step met what nobody thought of: a defect of ours, or damage of a new kind."""
+    """A step failed unexpectedly: through a bug of ours, or a new kind of damage."""
 
-    transient = True  # the code that mends it may leave the step's version alone
+    transient = True  # a fix may leave the step's version unchanged
 
 
 class DatasetError(BagAssetsError):
-    """A dataset cannot be assembled from the artifacts at hand."""
+    """A dataset cannot be assembled from its artifacts."""

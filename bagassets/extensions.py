@@ -1,7 +1,7 @@
-"""What installed packages add to bagassets: entry points, found without importing anything, and loaded with care.
+"""Formats and assets that installed packages add: entry points, found without importing anything.
 
 A package announces a dataset format in the group `bagassets.formats`, and an asset of recordings in the group
-`bagassets.assets`; the name of the entry point is that of the format or asset. Names and versions are read from the
+`bagassets.assets`; the entry point has the name of the format or asset. Names and versions are read from the
 metadata of installed distributions.
 """
 
@@ -23,13 +23,13 @@ ASSETS, DECODERS, FORMATS = "bagassets.assets", "bagassets.decoders", "bagassets
 
 @dataclass(frozen=True, slots=True)
 class Extension:
-    """Something that an installed distribution announces.
+    """An entry point of an installed distribution.
 
     Attributes:
-        name: of the entry point.
+        name: name of the entry point.
         package: name of the distribution.
-        version: its version.
-        reference: where the object is, `module:object`.
+        version: version of the distribution.
+        reference: the object, as `module:object`.
     """
 
     name: str
@@ -46,20 +46,20 @@ class Extension:
         """Return the object.
 
         Raises:
-            PluginError: it cannot be imported; the text names the package.
+            PluginError: it cannot be imported; the message names the package.
         """
         module, _, path = self.reference.partition(":")
         try:
-            found: object = import_module(module)
+            loaded: object = import_module(module)
             for part in path.split(".") if path else ():
-                found = getattr(found, part)
+                loaded = getattr(loaded, part)
         except (Exception, SystemExit) as err:
             what = f"{type(err).__name__}: {err}" if str(err) else type(err).__name__
             raise self.problem(f"importing {self.reference} raised {what}") from err
-        return found
+        return loaded
 
     def problem(self, what: str) -> PluginError:
-        """Return an error that says why this cannot be used."""
+        """Return an error that says why the object cannot be used."""
         return PluginError(
             f"{self.name} of {self.distribution} cannot be used: {what}; mend, upgrade or uninstall that package."
         )
@@ -67,9 +67,9 @@ class Extension:
 
 @cache
 def announced() -> "Mapping[str, tuple[EntryPoint, ...]]":
-    """Return group -> the entry points of packages that were installed when this process first asked.
+    """Return group -> entry points of the packages that were installed at the first call.
 
-    To look for those of one group takes as long as for all.
+    Finding those of one group takes as long as finding all.
     """
     from importlib.metadata import entry_points  # noqa: PLC0415  (50 ms, which `--help` should not pay)
 
@@ -79,10 +79,10 @@ def announced() -> "Mapping[str, tuple[EntryPoint, ...]]":
 
 @cache
 def installed_extensions(group: str) -> tuple[Extension, ...]:
-    """Return what packages that were installed when this process first asked announce in a group, by name."""
-    found = [
+    """Return the entry points in a group, by name, of the packages that were installed at the first call."""
+    extensions = [
         Extension(entry.name, entry.dist.name, entry.dist.version, entry.value)
         for entry in announced()[group]
         if entry.dist is not None
     ]
-    return tuple(sorted(found, key=lambda extension: (extension.name, extension.distribution)))
+    return tuple(sorted(extensions, key=lambda extension: (extension.name, extension.distribution)))

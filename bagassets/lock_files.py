@@ -1,8 +1,8 @@
-"""Lock files: what processes hold to keep others out, and the system releases when they end, however they end.
+"""Lock files, which processes hold to keep others out, and which the system releases however a process ends.
 
-Whoever can read a file can lock it, and keep everybody who waits for it waiting for ever. So the files of one user's
-project are his alone, and those of folders that users share are for the group that shares them. Where anybody may
-put files, a symbolic link in the place of one could name any file of ours: links are refused.
+Whoever can read a file can lock it, and keep others waiting for ever. So the lock files of a project are accessible
+only to its user, and those of shared folders only to the group that shares them. Where anybody may create files, a
+symbolic link in place of a lock file could lead to any file of ours: links are refused.
 """
 
 import fcntl
@@ -21,7 +21,7 @@ _FLAGS = os.O_CLOEXEC | os.O_NOFOLLOW
 class LockFile:
     """An open lock file; closing it, or leaving its `with` block, releases the lock.
 
-    The lock is that of the open file (`flock`): forked children share it, and it lasts until all have closed it.
+    The lock belongs to the open file (`flock`): forked children share it, and it lasts until all have closed it.
     """
 
     def __init__(self, path: Path, descriptor: int) -> None:
@@ -30,12 +30,12 @@ class LockFile:
 
     @classmethod
     def open(cls, path: Path, *, shared: bool = False, new: bool = False) -> Self:
-        """Open a lock file, made if need be.
+        """Open a lock file, and create it if it is missing.
 
         Args:
             path: the file.
-            shared: the group may lock it as well, as far as the umask allows.
-            new: there must be none yet.
+            shared: True if the group may lock it as well, as far as the umask allows.
+            new: True if it must not exist yet.
 
         Raises:
             OSError: it cannot be opened.
@@ -43,9 +43,9 @@ class LockFile:
         mode = _GROUP if shared else _OWNER
         flags = os.O_RDWR | os.O_CREAT | _FLAGS | (os.O_EXCL if new else 0)
         descriptor = os.open(path, flags, mode)
-        found = os.fstat(descriptor)
-        if found.st_mode & 0o777 & ~mode and found.st_uid == os.geteuid():
-            os.fchmod(descriptor, found.st_mode & mode)  # made by a version that let others read it
+        stat = os.fstat(descriptor)
+        if stat.st_mode & 0o777 & ~mode and stat.st_uid == os.geteuid():
+            os.fchmod(descriptor, stat.st_mode & mode)  # made by a version that let others read it
         return cls(path, descriptor)
 
     def __enter__(self) -> Self:
@@ -73,7 +73,7 @@ class LockFile:
         fcntl.flock(self._open_descriptor, fcntl.LOCK_SH)
 
     def try_lock(self) -> bool:
-        """Hold the lock unless somebody else does; tell whether it is held now.
+        """Take the lock unless somebody else holds it; return whether it is held now.
 
         Raises:
             OSError: the file system has no locks.
@@ -82,13 +82,13 @@ class LockFile:
 
     @property
     def is_in_place(self) -> bool:
-        """Return whether the name of the file still leads to it: a holder may have removed it before we locked it."""
+        """True if the path still leads to this file: a holder may have removed it before we locked it."""
         with suppress(FileNotFoundError):
             return os.path.samestat(self._path.stat(), os.fstat(self._open_descriptor))
         return False
 
     def read(self) -> str:
-        """Return what was written into the file, such as who holds it."""
+        """Return the text in the file, such as the name of its holder."""
         size = os.fstat(self._open_descriptor).st_size
         return os.pread(self._open_descriptor, size, 0).decode("utf-8", "replace")
 
@@ -102,7 +102,7 @@ class LockFile:
         os.pwrite(self._open_descriptor, text.encode(), 0)
 
     def remove(self) -> None:
-        """Remove the file and release the lock; nothing is left to do if it was closed.
+        """Remove the file and release the lock; does nothing if it was closed.
 
         Raises:
             OSError: it cannot be removed; the lock is released.
@@ -114,7 +114,7 @@ class LockFile:
                 self.close()
 
     def close(self) -> None:
-        """Release the lock; a forked process only lets go of its share."""
+        """Release the lock; in a forked process, only this process's share of it."""
         if self._descriptor is not None:
             os.close(self._descriptor)
             self._descriptor = None
@@ -130,7 +130,7 @@ def is_locked(path: Path) -> bool:
     """Return whether a process holds the lock of a file, whoever made it.
 
     Raises:
-        OSError: that cannot be told: there is no such file, it may not be opened, its file system has no locks.
+        OSError: that is unknown: the file does not exist or may not be opened, or its file system has no locks.
     """
     try:
         descriptor = os.open(path, os.O_RDWR | _FLAGS)

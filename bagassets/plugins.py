@@ -1,9 +1,9 @@
-"""Decoders that installed packages add: which there are, without importing any of them.
+"""Decoders that installed packages add, listed without importing any of them.
 
 A package announces a decoder as an entry point of the group `bagassets.decoders`, named
 `<family>.<package>.<Type>`, as in `image.acme_msgs.Frame`. Names and versions are read from the
-metadata of the installed distributions, so that planning never imports foreign code. In
-`bagassets.decode.registry` they stand beside the decoders that bagassets has itself.
+metadata of the installed distributions, so that planning never imports foreign code.
+`bagassets.decode.registry` combines them with the built-in decoders.
 """
 
 from collections.abc import Sequence
@@ -30,11 +30,11 @@ class DecoderPlugin:
     """A decoder that an installed distribution announces.
 
     Attributes:
-        family: what it makes of a message.
-        msgtype: the type it decodes, `pkg/msg/Type`.
+        family: the kind of reading that it returns.
+        msgtype: the message type that it decodes, `pkg/msg/Type`.
         distribution: name of the distribution.
         version: its version; a new one re-runs the actions that use the decoder, and no others.
-        reference: where the decoder is, `module:object`.
+        reference: the decoder, as `module:object`.
     """
 
     family: Family
@@ -50,7 +50,7 @@ class DecoderPlugin:
         return f"{self.family}.{package}.{kind}"
 
     def as_json(self) -> dict[str, str]:
-        """Return what the key of an action that uses the decoder says of it."""
+        """Return the entry for the decoder in actions that use it."""
         return {"distribution": self.distribution, "version": self.version, "object": self.reference}
 
     def __str__(self) -> str:
@@ -62,8 +62,8 @@ class InstalledDecoders:
     """The decoder plug-ins of this Python environment.
 
     Attributes:
-        plugins: all that are named properly, in order of name and distribution.
-        unusable: a sentence for each that is not.
+        plugins: all plug-ins with a valid name, in order of name and distribution.
+        unusable: a sentence for each entry point with an invalid name.
     """
 
     plugins: Sequence[DecoderPlugin]
@@ -85,7 +85,7 @@ def installed_decoders() -> InstalledDecoders:
         if family is None or len(parts) != 3 or not all(parts) or entry.dist is None:
             unusable.append(
                 f"Entry point {entry.name!r} of {owner} is no decoder: it must be named <family>.<package>.<Type>, "
-                f"its family one of {', '.join(FAMILIES)}."
+                f"with one of the families {', '.join(FAMILIES)}."
             )
             continue
         msgtype = f"{parts[1]}/msg/{parts[2]}"

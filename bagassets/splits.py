@@ -18,21 +18,20 @@ __all__ = ["SplitShare", "deal", "moves", "shares_of"]
 _POSITIONS = 2**64
 # Chance decides as long as no boundary between splits is off by more than this share of the recordings.
 _LEEWAY = Fraction(1, 20)
-# Shares that differ more from what was asked for are named.
+# Shares that differ more than this from the recipe are reported.
 _FAR = 0.1
 
 
 def deal(keys: Iterable[str], splits: Splits) -> dict[str, str]:
     """Return the split of each recording of a dataset.
 
-    A pinned recording is where the recipe says. A hash of seed and key gives each other one a position,
-    and the shares are laid end to end, in order of their names, over positions. With many recordings that
-    is all: none has a say about another. With few, chance would leave splits empty or far too large; so
-    each boundary is shifted along the row of recordings until no more than 5 % of all recordings (a quarter of
-    the smallest share, if that is less) are on the wrong side of it, and each split that was asked for has one
-    as long as there are enough.
+    The recipe determines the split of a pinned recording. Every other one gets a position by a hash of seed and key,
+    and the shares are laid end to end, in order of their names, over positions. With many recordings that is all: no
+    recording influences another. With few, chance would leave splits empty or far too large; so each boundary is
+    shifted along the row of recordings until no more than 5 % of all recordings (a quarter of the smallest share, if
+    that is less) are on the wrong side of it, and each split with a share has a recording as long as there are enough.
 
-    One recording more or less moves each boundary past at most one other: with n splits at most n - 1
+    Adding or removing one recording moves each boundary past at most one other: with n splits, at most n - 1
     recordings change theirs, once there are as many recordings as splits.
 
     Args:
@@ -66,9 +65,9 @@ def _cuts(positions: Sequence[int], shares: Sequence[Fraction], pinned: Sequence
     """Return where each split begins in the row of recordings, and where the last one ends.
 
     Args:
-        positions: of the recordings that are not pinned, ascending.
-        shares: of the splits, each > 0.
-        pinned: recordings that each split has already.
+        positions: positions of the recordings that are not pinned, ascending.
+        shares: shares of the splits, each > 0.
+        pinned: number of pinned recordings in each split.
     """
     number = len(positions)
     total, leeway = number + sum(pinned), min(_LEEWAY, min(shares) / (4 * sum(shares)))
@@ -92,7 +91,7 @@ def _cuts(positions: Sequence[int], shares: Sequence[Fraction], pinned: Sequence
 
 
 def moves(before: Mapping[str, str], after: Mapping[str, str]) -> dict[str, tuple[str, str]]:
-    """Return recording -> its old and its new split, of those that are in both and changed theirs."""
+    """Return recording -> its old and its new split, for those in both that changed their split."""
     return {
         key: (split, after[key])
         for key, split in sorted(before.items())
@@ -102,14 +101,14 @@ def moves(before: Mapping[str, str], after: Mapping[str, str]) -> dict[str, tupl
 
 @dataclass(frozen=True)
 class SplitShare:
-    """What a split got, against what the recipe asks for.
+    """The share of a split, beside its share in the recipe.
 
     Attributes:
         name: the split.
         asked: its share in the recipe.
-        recordings: how many it has.
-        duration_s: their time together.
-        share: its part of the time of all recordings; 0 if they have none.
+        recordings: number of its recordings.
+        duration_s: their total duration.
+        share: its part of the duration of all recordings; 0 if that is 0.
     """
 
     name: str
@@ -120,12 +119,12 @@ class SplitShare:
 
     @property
     def deviation(self) -> float:
-        """Share of the time that it has beyond (or short of) what the recipe asks for."""
+        """Difference between its share and that in the recipe."""
         return self.share - self.asked
 
     @property
     def is_far(self) -> bool:
-        """True if it is empty though it was asked for, or has far more or less time than that."""
+        """True if it is empty in spite of its share in the recipe, or its share is far from that."""
         return abs(self.deviation) > _FAR or (self.asked > 0 and not self.recordings)
 
     def as_json(self) -> JsonObject:
@@ -140,19 +139,19 @@ class SplitShare:
 
     @classmethod
     def from_json(cls, name: str, value: JsonMapping) -> "SplitShare":
-        """Return what `as_json` gave, as rounded there."""
+        """Inverse of `as_json`, with rounded numbers."""
         return cls(name, value["asked"], value["recordings"], value["duration_s"], value["share"])
 
 
 def shares_of(
     durations_s: Iterable[tuple[str, float]], splits: Splits, dealt: Mapping[str, str]
 ) -> list[SplitShare]:
-    """Return what each split of the recipe got, sorted by name.
+    """Return the share of each split of the recipe, sorted by name.
 
     Args:
         durations_s: key and duration of each recording.
         splits: the recipe's `splits`.
-        dealt: recording -> split, as `deal` gave them; others do not count.
+        dealt: recording -> split, from `deal`; other recordings do not count.
     """
     numbers = dict.fromkeys(splits.shares, 0)
     seconds = dict.fromkeys(splits.shares, 0.0)

@@ -1,4 +1,4 @@
-"""Spans of time, recorded by whichever process or thread works, for a trace of a build.
+"""Spans of time, recorded by every process and thread, for the trace of a build.
 
 A span costs a microsecond unless the environment names a folder to record into
 (`bagassets.build.trace_file` does). Then each process appends its spans, as events of the Chrome
@@ -23,15 +23,15 @@ def span(name: str, **facts: object) -> AbstractContextManager[None]:
     """Record how long a block takes.
 
     Args:
-        name: what is done, the same words for the same kind of work.
-        facts: JSON values that say on what.
+        name: kind of the work.
+        facts: JSON values that identify what is worked on.
     """
     folder = os.environ.get(VARIABLE)
     return _NOTHING if not folder else _Span(folder, name, facts)
 
 
 def name_process(name: str) -> None:
-    """Say what this process is, as its track in the trace is to be called."""
+    """Name the track of this process in the trace."""
     event("M", "process_name", args={"name": name})
 
 
@@ -69,7 +69,7 @@ class _Span(AbstractContextManager[None]):
 
 
 def _append(folder: str, fields: dict[str, object]) -> None:
-    """Append one line; small appends to a file of one's own are whole or not there."""
+    """Append one line; a small append to a file of one's own is complete or missing."""
     line = json.dumps({"pid": os.getpid(), "tid": threading.get_native_id(), **fields}) + "\n"
     with (
         suppress(OSError),  # a trace must not break a build

@@ -135,7 +135,7 @@ def test_frames_of_another_tree_and_without_tf_are_not_known():
     assert frames().knows("tool")
     assert not frames().knows("beach")
     assert not frames(tree=None).knows("tool")
-    assert frames().known().endswith("by TF extra, map, mast, tool")
+    assert frames().describe().endswith("by TF extra, map, mast, tool")
 
 
 def test_where_a_transform_pauses_the_box_is_lost_with_a_reason():

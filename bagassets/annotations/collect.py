@@ -1,4 +1,4 @@
-"""Collecting boxes: category mapping, checks, and an account of every box that was not kept."""
+"""Collecting boxes: mapping categories, checking boxes, and counting those that are not kept."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -31,7 +31,7 @@ class Place(NamedTuple):
     """Where a box was read.
 
     Attributes:
-        label: for the counts: file and line, or time; the same wherever the recording lies.
+        label: for the counts: file and line, or time, independent of the recording's path.
         full: for errors: path and line.
     """
 
@@ -44,17 +44,17 @@ NOWHERE = Place()
 
 @dataclass(frozen=True)
 class SourceRules:
-    """What the recipe says about the boxes of one source.
+    """The rules in the recipe for the boxes of one source.
 
     Attributes:
-        frame: frame of all its boxes; None: each says its own.
-        categories: recorded class -> category; others pass through by name, if `unmapped` lets them.
+        frame: frame of all its boxes; None if each box names its own.
+        categories: recorded class -> category; others keep their name, if `unmapped` allows it.
         attributes: category -> attributes given to each of its boxes.
         attribute_names: recorded attribute -> attribute; an empty name drops it.
-        refuse: a box that cannot be used is an error, not a count.
-        unmapped: what becomes of a box whose class is neither in `categories` nor a category there.
-        outside: what becomes of a box outside `span_ns`.
-        span_ns: first and last time of the recording; None: any time will do.
+        refuse: True if a box that cannot be used is an error, else it is counted as lost.
+        unmapped: what happens to a box whose class is neither in `categories` nor a category there.
+        outside: what happens to a box outside `span_ns`.
+        span_ns: first and last time of the recording; None if any time is allowed.
     """
 
     frame: str | None = None
@@ -67,7 +67,7 @@ class SourceRules:
     span_ns: tuple[int, int] | None = None
 
     def is_mapped(self, category: str) -> bool:
-        """Return whether a class is one that the recipe speaks of; without a mapping all are."""
+        """Return whether the mapping has a class; without a mapping, all classes count."""
         return not self.categories or category in self.categories or category in self.categories.values()
 
     def is_outside(self, stamp_ns: int) -> bool:
@@ -80,14 +80,14 @@ class SourceRules:
 
 @dataclass
 class BoxCounts:
-    """Where the boxes of one source went: read = written + sum of lost.
+    """Counts of one source's boxes: read = written + sum of lost.
 
     Attributes:
-        read: boxes met.
-        written: boxes in the table.
-        lost: reason -> number.
-        first: reason -> where the first such box is.
-        kept: what is unusual about boxes that were kept all the same -> number.
+        read: number of boxes read.
+        written: number of boxes in the table.
+        lost: reason -> number of boxes.
+        first: reason -> place of the first such box.
+        kept: anomaly -> number of boxes that were kept in spite of it.
     """
 
     read: int = 0
@@ -97,7 +97,7 @@ class BoxCounts:
     kept: dict[str, int] = field(default_factory=dict)
 
     def lose(self, reason: str, place: Place) -> None:
-        """Count one box that was lost, under a reason in words."""
+        """Count one lost box by its reason."""
         self.lost[reason] = self.lost.get(reason, 0) + 1
         if place.label:
             self.first.setdefault(reason, place.label)
@@ -114,12 +114,12 @@ class BoxCounts:
 
 
 class BoxCollector:
-    """Takes boxes one by one and gives them back as one table in the global frame.
+    """Collects boxes one by one, and returns them as one table in the global frame.
 
     Attributes:
-        frames: frames that boxes may be given in.
-        counts: source -> account of its boxes.
-        unknown_frames: source -> frames of boxes that could not be placed.
+        frames: frames in which boxes may be given.
+        counts: source -> counts of its boxes.
+        unknown_frames: source -> frames of boxes that could not be transformed.
     """
 
     def __init__(self, frames: BoxFrames, rules: Mapping[str, SourceRules]) -> None:
@@ -133,15 +133,15 @@ class BoxCollector:
         self._seen: set[tuple[str, int, str]] = set()
 
     def add(self, box: BoxReading, place: Place = NOWHERE, message: int | None = None) -> None:
-        """Take one box; `box.source` says which rules apply.
+        """Add one box; `box.source` determines which rules apply.
 
         Args:
             box: the box.
             place: where it was read.
-            message: number of the message that it came with; None: boxes of one stamp came together.
+            message: number of its message; None if boxes with equal stamps belong together.
 
         Raises:
-            DecodeError: the box cannot be used and its source refuses such boxes.
+            DecodeError: the box cannot be used, and its source refuses such boxes.
         """
         counts, rules = self.counts[box.source], self._rules[box.source]
         counts.read += 1
@@ -166,7 +166,7 @@ class BoxCollector:
         self._messages.append(message)
 
     def lose_undecoded(self, source: str, reason: str, place: Place = NOWHERE) -> None:
-        """Count a box that could not even be decoded.
+        """Count a box that could not be decoded.
 
         Raises:
             DecodeError: its source refuses such boxes.
@@ -175,7 +175,7 @@ class BoxCollector:
         self._lose(source, reason, place)
 
     def finish(self) -> BoxTable:
-        """Place all boxes; those without an ego pose at their time are counted as lost."""
+        """Transform all boxes to the global frame; those without an ego pose at their time are counted as lost."""
         centers, rotations, valid = self.frames.place(self._boxes)
         kept, numbers = [], []
         for box, place, message, has_pose in zip(
@@ -205,22 +205,22 @@ class BoxCollector:
         if self._rules[source].refuse if refuse is None else refuse:
             raise DecodeError(
                 f"{place.full or source}: a box cannot be used ({reason}) and the recipe refuses such boxes; "
-                "mend the labels, or say `count` instead of `refuse` for this source."
+                "mend the labels, or set `count` instead of `refuse` for this source."
             )
         self.counts[source].lose(reason, place)
 
     def _accepts(self, box: BoxReading, rules: SourceRules, place: Place) -> bool:
-        """Return whether the recipe lets a box pass that is fine in itself; count it if that is unusual."""
-        questions = (
+        """Return whether the rules accept a valid box; count it if it is kept in spite of an anomaly."""
+        rulings = (
             (rules.is_outside(box.stamp_ns), rules.outside, OUTSIDE),
             (not rules.is_mapped(box.category), rules.unmapped, UNMAPPED),
         )
-        for applies, answer, reason in questions:
-            if applies and answer != "keep":
-                self._lose(box.source, reason, place, refuse=answer == "refuse")
+        for applies, ruling, reason in rulings:
+            if applies and ruling != "keep":
+                self._lose(box.source, reason, place, refuse=ruling == "refuse")
                 return False
         kept = self.counts[box.source].kept
-        for applies, _, reason in questions:
+        for applies, _, reason in rulings:
             if applies:
                 kept[reason] = kept.get(reason, 0) + 1
         return True
@@ -242,7 +242,7 @@ class BoxCollector:
 
 
 def _message_stamps(boxes: Sequence[BoxReading], messages: Sequence[int | None]) -> NDArray[np.int64]:
-    """Return the stamp of the message that each box came with: the (lower) median, where its boxes differ."""
+    """Return the stamp of each box's message: the (lower) median of its boxes' stamps."""
     together: dict[tuple[str, int], list[int]] = {}
     for box, message in zip(boxes, messages, strict=True):
         if message is not None:

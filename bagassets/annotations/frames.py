@@ -1,4 +1,4 @@
-"""Bringing boxes from the frame they were recorded in to the global frame."""
+"""Transforming boxes from the frames in which they were recorded to the global frame."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -15,10 +15,10 @@ from bagassets.geometry.trajectory import Trajectory
 
 __all__ = ["DATASET_FRAME", "BoxFrames"]
 
-# The global frame as the dataset has it: local metres, after the origin was taken off.
+# The global frame of the dataset: local metres, after the origin was subtracted.
 DATASET_FRAME = "@dataset"
 
-# For rigs that stand still, whose poses set no limits: how transforms may pause.
+# Limits for gaps between transforms, for stationary rigs, whose poses set none.
 MAX_GAP_NS, EXTRAPOLATE_NS = 500_000_000, 50_000_000
 
 _Poses = tuple[Floats, Floats, NDArray[np.bool_]]
@@ -26,16 +26,16 @@ _Poses = tuple[Floats, Floats, NDArray[np.bool_]]
 
 @dataclass(frozen=True)
 class BoxFrames:
-    """The frames that boxes may be given in.
+    """The frames in which boxes may be given.
 
     Attributes:
         global_frame: frame of the ego poses.
         ego_frame: frame that moves with the vehicle.
         ego_SE3_sensor: sensor frame -> extrinsics.
         trajectory: `global_SE3_ego`.
-        origin_m: where the trajectory's origin lies in the global frame as recorded; boxes in that
-            frame are moved by it like the poses were.
-        tree: transforms of the recording, for further frames, static and moving ones; None if not read.
+        origin_m: the trajectory's origin in the recorded global frame; it is subtracted from boxes in that
+            frame, as it was from the poses.
+        tree: static and moving transforms of the recording, for further frames; None if not read.
     """
 
     global_frame: str
@@ -46,24 +46,24 @@ class BoxFrames:
     tree: TfTree | None = None
 
     def knows(self, frame: str) -> bool:
-        """Return whether boxes in a frame can be placed at all."""
+        """Return whether boxes in a frame can be transformed at all."""
         known = (self.global_frame, DATASET_FRAME, self.ego_frame)
         return frame in known or frame in self.ego_SE3_sensor or self._root(frame) is not None
 
-    def known(self) -> str:
-        """Return the frames in words."""
+    def describe(self) -> str:
+        """Return a text that names the known frames."""
         sensors = ", ".join(sorted(self.ego_SE3_sensor))
-        words = f"the global frame '{self.global_frame}', the ego frame '{self.ego_frame}'"
-        words = f"{words} and the sensor frames {sensors}" if sensors else words
+        text = f"the global frame '{self.global_frame}', the ego frame '{self.ego_frame}'"
+        text = f"{text} and the sensor frames {sensors}" if sensors else text
         named = {self.global_frame, self.ego_frame, *self.ego_SE3_sensor}
         further = [frame for frame in sorted(self._roots) if frame not in named]
-        return f"{words}; by TF {', '.join(further)}" if further else words
+        return f"{text}; by TF {', '.join(further)}" if further else text
 
     def place(self, boxes: Sequence[BoxReading]) -> _Poses:
-        """Return the boxes in the global frame, each moved with the transforms at its own stamp.
+        """Return the boxes in the global frame, each by the transforms at its own stamp.
 
         Args:
-            boxes: N boxes in frames that are known.
+            boxes: N boxes in known frames.
 
         Returns:
             centres (N, 3) in metres, rotations (N, 4), and a mask (N,) that is False where there is
@@ -102,7 +102,9 @@ class BoxFrames:
             return True, *_fixed(self.ego_SE3_sensor[frame], stamps_ns)
         root = self._root(frame)
         if self.tree is None or root is None:
-            raise CalibrationError(f"boxes in frame {frame} cannot be placed; known are {self.known()}.")
+            raise CalibrationError(
+                f"boxes in frame {frame} cannot be transformed; known are {self.describe()}."
+            )
         max_gap_ns, extrapolate_ns = MAX_GAP_NS, EXTRAPOLATE_NS
         if not self.trajectory.fixed:
             max_gap_ns, extrapolate_ns = self.trajectory.max_gap_ns, self.trajectory.extrapolate_ns

@@ -1,17 +1,17 @@
 """Attributes that the motion of an object determines.
 
-nuScenes tells vehicles that are moving, stopped (at rest, about to go on) and parked (at rest for good), and
+nuScenes distinguishes vehicles that are moving, stopped (at rest, about to go on) and parked (at rest for good), and
 persons that are moving, standing, and sitting or lying. From a track alone follows:
 
 - a vehicle or person at `moving_mps` or more is moving;
 - a slower vehicle is parked if it never moved in this recording, else stopped;
 - a slower person who moved before or after is standing. One who never moved may as well sit or lie.
 
-Whether a cycle has a rider, no motion says. What is not determined stays empty.
+Motion does not show whether a cycle has a rider. Attributes that are not determined stay empty.
 
-The speed at a time is how far the object comes, over ground, within `window_s` around it, as far as the track
-goes, but at least within half of that; labels are off by decimetres, and over 0.1 s that would be metres
-per second. It moved if it was ever that fast, or farther than `parked_m` from where it was first seen.
+The speed at a time is measured over ground, within `window_s` around it as far as the track reaches, and over at
+least half of that: labels are off by decimetres, which over 0.1 s would be metres per second. An object moved if it
+was ever that fast, or farther than `parked_m` from its first position.
 """
 
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ from bagassets.timeline.keyframes import Stamps, nearest
 __all__ = ["Motion", "MotionRule", "has_attributes", "motion_attributes", "motion_of", "speeds_of"]
 
 _CYCLES = frozenset({"vehicle.bicycle", "vehicle.motorcycle"})
-# Those that nuscenes-devkit detects as pedestrians; who sits in a wheelchair never stands.
+# Classes that nuscenes-devkit detects as pedestrians; somebody in a wheelchair never stands.
 _PERSONS = frozenset(
     f"human.pedestrian.{name}" for name in ("adult", "child", "construction_worker", "police_officer")
 )
@@ -37,10 +37,10 @@ class MotionRule:
     """When an object counts as moving.
 
     Attributes:
-        moving_mps: the least speed of what moves.
+        moving_mps: least speed of a moving object.
         window_ns: time over which a speed is measured.
-        parked_m: what never moved stays within this distance of where it was first seen.
-        gap_ns: across a longer gap between observations no speed is measured.
+        parked_m: an object that never moved stays within this distance of its first position.
+        gap_ns: no speed is measured across a longer gap between observations.
     """
 
     moving_mps: float
@@ -51,11 +51,11 @@ class MotionRule:
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """How one object moves at the times asked for.
+    """The motion of one object at given times.
 
     Attributes:
-        speeds_mps: (T,) over ground; NaN where the track is too short to tell.
-        moved: whether it ever moved in the recording; None: no part of the track is long enough to tell.
+        speeds_mps: (T,) speeds over ground; NaN where the track is too short.
+        moved: True if it ever moved in the recording; None if every part of the track is too short.
     """
 
     speeds_mps: Floats
@@ -68,7 +68,7 @@ def has_attributes(category: str) -> bool:
 
 
 def motion_of(track: Track, times_ns: Stamps, rule: MotionRule) -> Motion:
-    """Return how a track moves at (T,) times."""
+    """Return the motion of a track at (T,) times."""
     speeds = speeds_of(track, times_ns, rule.window_ns, rule.gap_ns)
     observed = speeds_of(track, track.stamps_ns, rule.window_ns, rule.gap_ns)
     known = observed[np.isfinite(observed)]
@@ -80,7 +80,7 @@ def motion_of(track: Track, times_ns: Stamps, rule: MotionRule) -> Motion:
 
 
 def motion_attributes(category: str, motion: Motion, rule: MotionRule) -> list[str]:
-    """Return the attribute that each speed determines for an object of a category; empty where it determines none."""
+    """Return for each speed the attribute of an object of a category; empty where it is not determined."""
     is_person = category in _PERSONS
     is_vehicle = category.startswith("vehicle.") and category not in _CYCLES
     if motion.moved is None or not (is_person or is_vehicle):
@@ -97,13 +97,13 @@ def motion_attributes(category: str, motion: Motion, rule: MotionRule) -> list[s
 
 
 def speeds_of(track: Track, times_ns: Stamps, window_ns: int, gap_ns: int) -> Floats:
-    """Return the speed over ground at (T,) times in m/s, NaN where the track around is too short.
+    """Return the speed over ground at (T,) times in m/s; NaN where the track is too short.
 
     Args:
         track: the object.
         times_ns: (T,).
         window_ns: time over which a speed is measured.
-        gap_ns: across a longer gap between observations none is.
+        gap_ns: no speed is measured across a longer gap between observations.
     """
     stamps = track.stamps_ns
     breaks = np.flatnonzero(np.diff(stamps) > gap_ns) + 1
@@ -122,7 +122,7 @@ def speeds_of(track: Track, times_ns: Stamps, window_ns: int, gap_ns: int) -> Fl
 
 
 def _positions(track: Track, times_ns: NDArray[np.int64]) -> Floats:
-    """Return where the track is, x and y (T, 2), at times between its first and its last observation."""
+    """Return positions of the track, x and y (T, 2), at times between its first and its last observation."""
     last = len(track.stamps_ns) - 1
     left = np.clip(np.searchsorted(track.stamps_ns, times_ns, side="right") - 1, 0, last)
     right = np.minimum(left + 1, last)

@@ -42,8 +42,8 @@ class BoxTable:
         sizes_m: (N, 3) width, length, height.
         scores: (N,) confidence.
         sources: topic or file of each box.
-        messages_ns: (N,) stamp of the message, or labelled frame, that each box came with; boxes of one source
-            that share it belong together. None: that is the stamp of the box.
+        messages_ns: (N,) stamp of the message, or labelled frame, of each box; boxes of one source with the same
+            stamp belong together. None if it is the stamp of the box.
     """
 
     stamps_ns: NDArray[np.int64]
@@ -62,7 +62,7 @@ class BoxTable:
 
     @property
     def message_stamps_ns(self) -> NDArray[np.int64]:
-        """Stamp of the message that each box came with."""
+        """Stamp of each box's message."""
         return self.stamps_ns if self.messages_ns is None else self.messages_ns
 
     @property

@@ -1,7 +1,7 @@
 """Boxes at chosen times.
 
-Boxes of a track are interpolated between the observations of the same object. Of boxes without identity
-nobody knows which ones are the same object, so a time takes those of one message, the nearest.
+Boxes of a track are interpolated between the observations of the same object. Boxes without identity cannot be
+assigned to objects, so each time takes those of the nearest message.
 """
 
 from collections.abc import Iterator, Sequence
@@ -20,10 +20,10 @@ __all__ = ["Messages", "Track", "TrackBoxes", "messages_of", "tracks_of"]
 
 @dataclass(frozen=True, eq=False)
 class TrackBoxes:
-    """Boxes of one track at those of the asked times at which it exists.
+    """Boxes of one track at those of the given times at which it exists.
 
     Attributes:
-        at: (M,) indices into the asked times, increasing.
+        at: (M,) indices into the given times, increasing.
         observations: (M,) index of the observation nearest to each, in the rows of the track.
         centers_m: (M, 3) in the global frame.
         rotations: (M, 4) quaternions w, x, y, z.
@@ -45,7 +45,7 @@ class Track:
         source: topic or file.
         track_id: unique within the source.
         stamps_ns: (N,) strictly increasing.
-        rows: (N,) rows of the table that it was made from.
+        rows: (N,) rows of its table.
         centers_m: (N, 3) in the global frame.
         rotations: (N, 4).
     """
@@ -61,11 +61,11 @@ class Track:
         """Return the boxes of the track at (T,) times.
 
         Between two observations at most `max_gap_ns` apart a box is interpolated: its centre along
-        the line, its rotation by slerp. Elsewhere the nearest observation counts, if it is within
-        `tolerance_ns`, and moves on as the track moved there; and else the track does not exist at that time.
+        the line, its rotation by slerp. Elsewhere the nearest observation within `tolerance_ns` is extrapolated by
+        the motion of the track there; without one the track does not exist at that time.
         """
         observation = nearest(self.stamps_ns, times_ns)
-        # Stretches without long gaps; the nearest observation tells which one a time belongs to.
+        # Stretches without long gaps; a time belongs to that of its nearest observation.
         starts = np.flatnonzero(np.diff(self.stamps_ns) > max_gap_ns) + 1
         stretch = np.searchsorted(starts, observation, side="right")
         bounds = [0, *starts.tolist(), len(self.stamps_ns)]
@@ -87,12 +87,12 @@ class Track:
 
 @dataclass(frozen=True, eq=False)
 class Messages:
-    """The boxes without identity of one source, by the message that they came with.
+    """The boxes without identity of one source, by message.
 
     Attributes:
         source: topic or file.
         stamps_ns: (M,) stamps of the messages, strictly increasing.
-        rows: (M,) rows of the table that came with each.
+        rows: (M,) rows of each message in the table.
     """
 
     source: str

@@ -328,7 +328,7 @@ def _check_frames(source: str, collector: BoxCollector, limit: float) -> None:
         frames = " and ".join(sorted(collector.unknown_frames[source])) or "(none)"
         raise LossLimitError(
             f"{source}: {astray} of {boxes.read} boxes are given in frame {frames}, but known are "
-            f"{collector.frames.known()}; name the frame of the boxes in `frame` of this source, "
+            f"{collector.frames.describe()}; name the frame of the boxes in `frame` of this source, "
             "or choose an ego_pose source with that global frame."
         )
 

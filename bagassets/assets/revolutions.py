@@ -4,14 +4,13 @@ A packet belongs to the revolution in which its first block was fired: the cut i
 packet is long (0.6 degrees for a VLS-128 at 10 Hz, 5 for a VLP-16). Azimuth is the lidar's own,
 clockwise from the x axis of its frame.
 
-A lidar may be set to report a part of the turn only; it then sends no packets for the rest. An arc that is passed
-over at the same place in most of the first turns is taken for such a *blind arc*: no revolution lacks
-it, and unless the recipe names an angle the cut lies in its middle, so that a revolution is one sweep.
+A lidar may be configured to report only a part of each turn; it then sends no packets for the rest. An arc that is
+missing at the same place in most of the first turns is taken for such a *blind arc*: it does not count as missing,
+and unless the recipe names an angle the cut is in its middle, so that a revolution is one sweep.
 
-A revolution ends where the azimuth comes back to the cut, whatever is missing there. It is complete if, the blind arc
-apart, no more than `MOST_MISSING_DEG` of it are missing in one piece, at its begin, at its end or
-inside. The first and the last one of a recording therefore count only if the recording started or
-ended close to the cut.
+A revolution ends where the azimuth returns to the cut, whatever is missing there. It is complete if, apart from the
+blind arc, no more than `MOST_MISSING_DEG` are missing in one piece, at its begin, at its end or inside. So the first and
+the last one of a recording count only if the recording started or ended close to the cut.
 """
 
 from collections.abc import Sequence
@@ -27,30 +26,30 @@ __all__ = ["Revolution", "RevolutionCutter", "packet_times_ns"]
 
 MOST_MISSING_DEG = 20.0
 # Packets follow each other within 2 ms. If 20 ms more have passed than the lidar needs from one azimuth to the
-# next, whole turns may be missing that azimuth cannot tell.
+# next, whole turns may be missing, which azimuths do not show.
 LONGEST_PAUSE_NS = 20_000_000
-# A lidar at 5 Hz takes 0.2 s; after this long without passing the cut it does not spin.
+# A lidar at 5 Hz takes 0.2 s; after this long without passing the cut it is not spinning.
 LONGEST_REVOLUTION_NS = 500_000_000
-# Those of the fastest lidar in that time, three times over: stamps may be made up.
+# Three times as many as the fastest lidar sends in that time: stamps may be made up.
 MOST_PACKETS = 20_000
 
 _TURN = 36_000  # hundredths of a degree
 _HOUR_US = 3_600_000_000
 _MOST_MISSING = round(MOST_MISSING_DEG * 100)
-# Lidars turn at 5 to 20 Hz; what takes less time than 30 Hz would is a step back.
+# Lidars turn at 5 to 20 Hz; an advance faster than 30 Hz is a step back.
 _FASTEST_PER_NS = 30 * _TURN * 1e-9
 _SLOWEST_TURN_NS = 200_000_000
-# What is learnt from: so many turns, or so many nanoseconds if it does not spin.
+# The spin is learnt from this many turns, or from this time if the lidar does not spin.
 _LEARNT_TURNS = 3
 _LEARNT_NS = 1_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
 class Spin:
-    """How a lidar turns.
+    """The rotation of a lidar.
 
     Attributes:
-        turn_ns: how long a turn takes.
+        turn_ns: duration of a turn.
         blind: first and last azimuth of the arc that it does not report, hundredths of a degree; None if it
             reports the whole turn. The last may be beyond a turn.
     """
@@ -65,8 +64,8 @@ class Revolution:
 
     Attributes:
         packets: in the order in which they were recorded.
-        azimuths: of each packet, hundredths of a degree after the cut.
-        log_times_ns: of the message that brought each packet.
+        azimuths: azimuth of each packet, hundredths of a degree after the cut.
+        log_times_ns: log time of each packet's message.
         next_packet: the packet after the cut; None if none followed without a pause.
         blind: the arc that the lidar does not report, hundredths of a degree after the cut; may reach beyond a turn.
     """
@@ -79,7 +78,7 @@ class Revolution:
 
     @property
     def missing_deg(self) -> float:
-        """The widest part of what the lidar reports of a turn that no packet covers, in degrees."""
+        """The widest part that no packet covers, outside the blind arc, in degrees."""
         edges = np.array([0, *self.azimuths, _TURN], dtype=np.int64)
         steps = np.diff(edges)
         width = int(np.sort(steps[1:-1])[(len(steps) - 2) // 2]) if len(steps) > 2 else 0
@@ -92,7 +91,7 @@ class Revolution:
 
     @property
     def complete(self) -> bool:
-        """Return whether (nearly) all that the lidar reports of a turn was recorded."""
+        """True if (nearly) everything outside the blind arc was recorded."""
         return self.missing_deg <= MOST_MISSING_DEG
 
     def times_ns(self) -> tuple[NDArray[np.int64], int]:
@@ -114,12 +113,12 @@ class Revolution:
 
 
 def packet_times_ns(packets: Sequence[Packet]) -> NDArray[np.int64]:
-    """Return when each of some consecutive packets was measured, (N,) on the host's clock.
+    """Return (N,) times of consecutive packets, on the host's clock.
 
-    The host's stamps carry the jitter of network and driver, often a millisecond; the lidar's
+    The host's stamps have the jitter of network and driver, often a millisecond; the lidar's
     own microseconds do not. So differences come from the lidar, and the offset between both
-    clocks is the median over the packets. Where the lidar's clock does not run (as in
-    data that were made up), the host's stamps stand for themselves.
+    clocks is the median over the packets. If the lidar's clock does not run (as in synthetic
+    data), the host's stamps are used.
     """
     host = np.array([packet.host_ns for packet in packets], dtype=np.int64)
     device = np.array([packet.device_us for packet in packets], dtype=np.int64)
@@ -136,7 +135,7 @@ def packet_times_ns(packets: Sequence[Packet]) -> NDArray[np.int64]:
 
 
 class RevolutionCutter:
-    """Collects packets and hands out revolutions as they end; the first ones once it is known how the lidar turns.
+    """Collects packets and returns revolutions as they end; the first ones once the spin of the lidar is known.
 
     Args:
         cut_angle_deg: azimuth at which revolutions begin; None for 0, or the middle of the blind arc if there is one.
@@ -151,7 +150,7 @@ class RevolutionCutter:
         self._turned = 0
 
     def push(self, packet: Packet, log_time_ns: int) -> list[Revolution]:
-        """Take the next packet; return the revolutions that are known to have ended before it."""
+        """Add the next packet; return the revolutions that are known to have ended before it."""
         if self._spin is not None:
             ended = self._take(packet, log_time_ns, self._spin)
             return [] if ended is None else [ended]
@@ -164,13 +163,13 @@ class RevolutionCutter:
         return []
 
     def flush(self) -> list[Revolution]:
-        """Return what was not handed out yet, the last revolution as far as it was recorded."""
+        """Return the remaining revolutions, the last one as far as it was recorded."""
         revolutions = self._learn()
         last, self._current = self._current, Revolution()
         return [*revolutions, last] if last.packets else revolutions
 
     def _learn(self) -> list[Revolution]:
-        """Return the revolutions that ended before it was known how the lidar turns."""
+        """Return the revolutions that ended before the spin of the lidar was known."""
         if self._spin is None:
             self._spin = _spin([packet for packet, _ in self._waiting])
             blind = self._spin.blind
@@ -216,16 +215,16 @@ def _elapsed_ns(before: Packet, after: Packet) -> int:
 
 
 def _advance(before: Packet, after: Packet) -> int:
-    """Return how far the lidar turned, hundredths of a degree; negative for a packet that comes late, or jitter."""
+    """Return how far the lidar turned, hundredths of a degree; negative for a late packet, or jitter."""
     forward = _forward(before, after)
     back = forward > _TURN // 2 and forward > _FASTEST_PER_NS * _elapsed_ns(before, after)
     return forward - _TURN if back else forward
 
 
 def _pause(before: Packet, after: Packet, advance: int, turn_ns: float) -> bool:
-    """Return whether more time has passed between two packets than the lidar needed, by either clock.
+    """Return whether more time has passed between two packets than the lidar needed, by both clocks.
 
-    Hosts stamp late in bursts, and the lidar's clock may jump: a pause is what both show.
+    Hosts stamp late in bursts, and the lidar's clock may jump: a pause shows in both.
     """
     needed_ns = max(0, advance) / _TURN * turn_ns
     device_ns = (after.device_us - before.device_us) % _HOUR_US * 1000
@@ -234,7 +233,7 @@ def _pause(before: Packet, after: Packet, advance: int, turn_ns: float) -> bool:
 
 
 def _spin(packets: Sequence[Packet]) -> Spin:
-    """Return how a lidar turns that sent these packets, which follow each other."""
+    """Return the spin of the lidar that sent these consecutive packets."""
     small_ns = small = turned = 0
     jumps: list[tuple[int, int, int]] = []
     for before, after in pairwise(packets):
@@ -254,15 +253,15 @@ def _spin(packets: Sequence[Packet]) -> Spin:
 
 
 def _blind_arc(arcs: Sequence[tuple[int, int]], turns: float) -> tuple[int, int] | None:
-    """Return the arc, of those that were passed over, that most turns lack: what is lost by chance is elsewhere each time.
+    """Return the arc that is missing in most turns, or None; arcs lost by chance are elsewhere each time.
 
     Args:
-        arcs: (begin, width) of each, hundredths of a degree.
-        turns: how many there were.
+        arcs: (begin, width) of each missing arc, hundredths of a degree.
+        turns: number of turns.
     """
     for begin, width in arcs:
         middle = begin + width // 2
-        # The same arc: its middle lies in the other one, and the other way round.
+        # The same arc: the middle of each lies in the other.
         alike = [
             (other, wide)
             for other, wide in arcs
@@ -271,7 +270,7 @@ def _blind_arc(arcs: Sequence[tuple[int, int]], turns: float) -> tuple[int, int]
         if len(alike) >= max(2, turns / 2):
             begins = sorted((other - begin + _TURN // 2) % _TURN - _TURN // 2 for other, _ in alike)
             ends = sorted((other - begin + _TURN // 2) % _TURN - _TURN // 2 + wide for other, wide in alike)
-            # What all of them lack, but for the one with the largest piece lost beside it.
+            # Medians, so that packets lost beside the arc in a single turn do not widen it.
             first, last = begin + begins[len(begins) // 2], begin + ends[(len(ends) - 1) // 2]
             return first % _TURN, first % _TURN + last - first
     return None

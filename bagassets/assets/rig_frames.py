@@ -1,4 +1,4 @@
-"""The fixed frames of a rig: where they are known from, and how they relate.
+"""The fixed frames of a rig, and the transforms between them.
 
 Sources in order of trust: `/tf_static`, the URDF, the joints in `/tf` that never move. `/tf` also
 carries the vehicle's motion and is by far the largest; it is read only when the others do not
@@ -17,7 +17,7 @@ from bagassets.recordings.recording import Recording
 
 __all__ = ["RigFrames"]
 
-# Sources that differ by more are told to the user.
+# Sources that differ by more are noted.
 SAME_M = 0.01
 SAME_DEG = 0.5
 
@@ -26,14 +26,14 @@ class RigFrames:
     """Fixed transforms between the frames of a rig.
 
     Args:
-        recording: offers the topics.
+        recording: has the topics.
         tf_static: topics with static transforms.
         tf: topics with transforms, some of which may be fixed joints.
         urdf: fixed joints of the URDF file, if there is one.
 
     Attributes:
-        counts: transforms read and lost, in the topics that were read.
-        troubles: topic -> why something in it could not be decoded, of the topics that were read.
+        counts: counts of transforms read and lost, in the topics that were read.
+        troubles: topic -> why a message in it could not be decoded, for topics that were read.
     """
 
     def __init__(
@@ -51,7 +51,7 @@ class RigFrames:
         self._tf_is_read = not tf
 
     def fixed(self, dst: str, src: str) -> tuple[SE3, tuple[str, ...]]:
-        """Return `dst_SE3_src` and the sources it is from.
+        """Return `dst_SE3_src` and its sources.
 
         Raises:
             CalibrationError: there is no such transform, or it moves.
@@ -68,7 +68,7 @@ class RigFrames:
         return self._tree.fixed(dst, src)
 
     def disagreements(self, dst: str, src: str) -> list[str]:
-        """Return what sources that were read say otherwise about `dst_SE3_src`, in words."""
+        """Return a text for each source that was read and has another `dst_SE3_src`."""
         dst_SE3_src, used = self.fixed(dst, src)
         notes = []
         for layer in self._layers:

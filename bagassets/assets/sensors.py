@@ -1,4 +1,4 @@
-"""The sensors of a rig as `calibration` knows them: what their messages are called, where they sit, their lenses."""
+"""The sensors of a rig for `calibration`: their topics, frames, extrinsics and lenses."""
 
 from dataclasses import dataclass
 
@@ -13,11 +13,11 @@ __all__ = ["CameraInfo", "Lens", "RecordedSensor", "Sensor", "camera_info_topic"
 
 @dataclass(frozen=True)
 class CameraInfo:
-    """What describes the lens of a camera whose intrinsics are recorded.
+    """The source of recorded intrinsics.
 
     Attributes:
         camera_info: topic of CameraInfo messages.
-        rectified: the recorded images are rectified.
+        rectified: True if the recorded images are rectified.
     """
 
     camera_info: str
@@ -29,9 +29,9 @@ class Lens:
     """The lens of a camera.
 
     Attributes:
-        intrinsics: given by hand, or None.
-        undistort: images are undistorted, which needs intrinsics.
-        recorded: where else they come from; None if given by hand.
+        intrinsics: intrinsics in the recipe, or None.
+        undistort: True if images are undistorted, which needs intrinsics.
+        recorded: source of recorded intrinsics; None if the recipe has them.
     """
 
     intrinsics: Intrinsics | None
@@ -40,7 +40,7 @@ class Lens:
 
     @classmethod
     def of(cls, channel: CameraChannel) -> "Lens":
-        """Return what the recipe says of it."""
+        """Return the lens of a channel in the recipe."""
         if channel.intrinsics is not None:
             return cls(channel.intrinsics, channel.undistort, None)
         return cls(None, channel.undistort, CameraInfo(camera_info_topic(channel), is_rectified(channel)))
@@ -51,11 +51,11 @@ class Sensor:
     """The sensor of a channel.
 
     Attributes:
-        topic: where its messages are.
+        topic: topic of its messages.
         modality: camera, lidar or radar.
-        frame: the frame that it sits in; None if its messages tell.
-        extrinsics: `ego_SE3_sensor` given by hand.
-        lens: that of a camera.
+        frame: its frame in the recipe; None to take it from the messages.
+        extrinsics: `ego_SE3_sensor` in the recipe.
+        lens: the lens of a camera.
     """
 
     topic: str
@@ -66,20 +66,20 @@ class Sensor:
 
     @classmethod
     def of(cls, channel: Channel) -> "Sensor":
-        """Return what the recipe says of it."""
+        """Return the sensor of a channel in the recipe."""
         lens = Lens.of(channel) if isinstance(channel, CameraChannel) else None
         return cls(channel.topic, channel.modality, channel.frame, channel.extrinsics, lens)
 
 
 @dataclass(frozen=True)
 class RecordedSensor:
-    """A sensor with what its messages in a recording tell.
+    """A sensor with facts from its messages in a recording.
 
     Attributes:
-        sensor: what the recipe says of it.
-        frame: the frame that it sits in; empty if its messages name none.
-        same_frame: for a camera with CameraInfo, other such topics in the frame of the camera: if it is the second
-            one of a stereo pair, the first one may be among these.
+        sensor: the sensor in the recipe.
+        frame: its frame; empty if its messages name none.
+        same_frame: for a camera with CameraInfo, other CameraInfo topics in the frame of the camera: if it is the
+            second camera of a stereo pair, the first one may be among these.
     """
 
     sensor: Sensor = inlined()
@@ -88,7 +88,7 @@ class RecordedSensor:
 
     @classmethod
     def of(cls, sensor: Sensor, inventory: Inventory) -> "RecordedSensor":
-        """Return a sensor whose topic is in a recording with what is told there."""
+        """Return a sensor with facts from the recording, which must have its topic."""
         frames = inventory.topic(sensor.topic).frame_ids
         frame = sensor.frame or (frames[0] if frames else "")
         if sensor.lens is None or sensor.lens.recorded is None:
@@ -101,7 +101,7 @@ class RecordedSensor:
 
     @property
     def infos(self) -> tuple[str, ...]:
-        """The CameraInfo topics that tell its lens."""
+        """The CameraInfo topics that describe its lens."""
         lens = self.sensor.lens
         own = () if lens is None or lens.recorded is None else (lens.recorded.camera_info,)
         return (*own, *(self.same_frame or ()))
@@ -118,7 +118,7 @@ def camera_info_topic(channel: CameraChannel) -> str:
 
 
 def is_rectified(channel: CameraChannel) -> bool:
-    """Return whether the recorded images are rectified: as the recipe says, else by the name of the topic."""
+    """Return whether the recorded images are rectified: by the recipe, else by the name of the topic."""
     if channel.rectified is not None:
         return channel.rectified
     return any(part.startswith("image_rect") for part in channel.topic.split("/"))

@@ -1,4 +1,4 @@
-"""The files of a lidar or radar channel, and what became of its messages and points."""
+"""The files of a lidar or radar channel, and the counts of its messages and points."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -28,10 +28,10 @@ _SPAN = {"start_ns": pa.int64(), "end_ns": pa.int64()}
 
 @dataclass(frozen=True, kw_only=True)
 class SensorSettings:
-    """What the recipe says of any lidar or radar.
+    """Settings of any lidar or radar in the recipe.
 
     Attributes:
-        topic: where its messages are.
+        topic: topic of its messages.
         clock: which time of a message counts.
         lost_messages: share of the messages that may be lost.
         cloud_points: points of the largest message that is read.
@@ -45,13 +45,13 @@ class SensorSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class SensorUse:
-    """What shapes the files of a lidar or radar in a recording besides its messages; subclasses have the rest.
+    """Everything besides its messages that shapes the files of a lidar or radar; subclasses add to it.
 
     Attributes:
         channel: canonical name.
-        modality: of the channel.
-        msgtype: the type of the messages, `pkg/msg/Type`.
-        decoder: the plug-in that decodes them; None if they need none.
+        modality: modality of the channel.
+        msgtype: type of the messages, `pkg/msg/Type`.
+        decoder: the plug-in that decodes them; None for a built-in decoder.
     """
 
     channel: str
@@ -62,20 +62,20 @@ class SensorUse:
 
 @dataclass
 class PointCounts:
-    """Where points went: read = written + sum of dropped."""
+    """Counts of points: read = written + sum of dropped."""
 
     read: int = 0
     written: int = 0
     dropped: dict[str, int] = field(default_factory=dict)
 
     def drop(self, reason: str, number: int) -> None:
-        """Count points that were dropped, under a reason in words."""
+        """Count dropped points by their reason."""
         if number:
             self.dropped[reason] = self.dropped.get(reason, 0) + number
 
     @property
     def balanced(self) -> bool:
-        """Return whether every point read is accounted for."""
+        """True if every point that was read is accounted for."""
         return self.read == self.written + sum(self.dropped.values())
 
     def as_json(self) -> JsonObject:
@@ -84,20 +84,20 @@ class PointCounts:
 
 
 class SweepFiles:
-    """Writes the files of one channel and counts what went into them.
+    """Writes the files of one channel, and counts messages and points.
 
-    Two readings whose stamps are equal in microseconds, the unit of nuScenes, would be one row
-    there: the first is kept.
+    Of two readings whose stamps are equal in microseconds, the unit of nuScenes, the first is kept:
+    they would be one row there.
 
     Args:
-        out: artifact that is being made.
-        extension: of the files, `.pcd.bin` or `.pcd`.
-        with_span: the index has begin and end of each revolution.
+        out: writes the artifact.
+        extension: extension of the files, `.pcd.bin` or `.pcd`.
+        with_span: True if the index has begin and end of each revolution.
 
     Attributes:
-        counts: where messages (of packet lidars: packets) went.
-        points: where points went.
-        bytes: size of the files together.
+        counts: counts of messages (for packet lidars: of packets).
+        points: counts of points.
+        bytes: total size of the files.
     """
 
     def __init__(self, out: ArtifactWriter, extension: str, *, with_span: bool) -> None:
@@ -120,7 +120,7 @@ class SweepFiles:
         parts: int = 1,
         span_ns: tuple[int, int] | None = None,
     ) -> None:
-        """Write one reading made of `parts` messages, or count it as lost if its stamp is taken."""
+        """Write one reading made of `parts` messages, or count it as lost if there is one with its stamp."""
         if stamp_ns // 1000 in self._stamps_us:
             self.lose("duplicate stamp", parts, points)
             return
@@ -143,7 +143,7 @@ class SweepFiles:
         self.bytes += entry.size
 
     def lose(self, reason: str, parts: int = 1, points: int = 0) -> None:
-        """Count a reading, with the points it had left, as lost."""
+        """Count a reading and its remaining points as lost."""
         self.counts.lose(reason, parts)
         self.points.drop(reason, points)
 

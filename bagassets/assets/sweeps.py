@@ -1,4 +1,4 @@
-"""The asset `sweeps`: the revolutions of each lidar and the scans of each radar of a recording, and an index of them.
+"""The asset `sweeps`: the revolutions of each lidar and the scans of each radar, with an index.
 
 Files of one sensor: `<stamp_ns>.pcd.bin` or `<stamp_ns>.pcd`, `index.parquet`, `channel.json`.
 """
@@ -46,13 +46,13 @@ SweepUse = CloudUse | PacketUse | RadarUse
 
 @dataclass(frozen=True, kw_only=True)
 class LidarChannelSettings:
-    """What the recipe says of a lidar; some of it counts for clouds only, some for packets.
+    """Settings of a lidar in the recipe, for clouds and packets.
 
     Attributes:
-        common: what counts for both.
-        header_stamp_is: if they are clouds, which time of a revolution their stamps mean.
-        model: if they hold packets, the model of the lidar.
-        cut_angle_deg: if they hold packets, azimuth at which revolutions begin.
+        common: settings for both.
+        header_stamp_is: for clouds, which time of a revolution their stamps are.
+        model: for packets, the model of the lidar.
+        cut_angle_deg: for packets, azimuth at which revolutions begin.
     """
 
     common: LidarSettings
@@ -63,7 +63,7 @@ class LidarChannelSettings:
 
 @dataclass(frozen=True)
 class SweepsParams:
-    """What `sweeps` may know of the recipe.
+    """Parameters of `sweeps`.
 
     Attributes:
         lidars: channel -> its settings.
@@ -75,7 +75,7 @@ class SweepsParams:
 
     @classmethod
     def of(cls, recipe: Recipe, rig: Rig) -> "SweepsParams":
-        """Return those of a rig."""
+        """Return the parameters of a rig."""
         lidars, radars = {}, {}
         for name, channel in sorted(rig.channels.items()):
             if isinstance(channel, LidarChannel):
@@ -123,11 +123,11 @@ def use(params: SweepsParams, facts: Facts) -> dict[str, Use[SweepUse] | Excepti
 def _use_of_lidar(facts: Facts, name: str, settings: LidarChannelSettings) -> Use[SweepUse]:
     """Return what the sweeps of one lidar depend on.
 
-    Of upstream that is the type of its messages. Extrinsics and ego poses enter only if it is deskewed; without,
-    no change of them makes its sweeps stale.
+    From upstream, that is its message type. Extrinsics and ego poses count only with deskewing; without it,
+    changing them makes no sweeps stale.
 
     Raises:
-        RecipeError: the recipe says something about packets, but the topic carries clouds.
+        RecipeError: the recipe has settings for packets, but the topic carries clouds.
         DecodeError: the topic carries something else.
         PluginError: several decoder plug-ins claim the type of its messages.
     """
@@ -151,17 +151,17 @@ def _use_of_lidar(facts: Facts, name: str, settings: LidarChannelSettings) -> Us
     clouds = CloudUse(
         **vars(lidar),
         header_stamp_is=settings.header_stamp_is,
-        # Only what the header is said to mean asks for the length of a revolution.
+        # The length of a revolution is only needed with `header_stamp_is`.
         period_ns=None if settings.header_stamp_is is None else topic.period_ns,
     )
     return Use(clouds, (topic.name,), inputs)
 
 
 def _use_of_radar(facts: Facts, name: str, settings: RadarSettings) -> Use[SweepUse]:
-    """Return what the sweeps of one radar depend on: of upstream the type of its messages.
+    """Return what the sweeps of one radar depend on: from upstream only its message type.
 
     Raises:
-        RecipeError: the recipe says something about azimuths, but a plug-in decodes them.
+        RecipeError: the recipe has `azimuth_positive`, but a plug-in decodes the messages.
         DecodeError: the topic carries something else.
         PluginError: several decoder plug-ins claim the type of its messages.
     """
@@ -180,9 +180,9 @@ class SweepExtractor:
     """Turns the messages of one lidar or radar channel into the files of an artifact.
 
     Args:
-        use: what shapes them.
+        use: everything that shapes the files.
         recording: decodes the messages.
-        out: the artifact.
+        out: writes the artifact.
         trajectory: returns `global_SE3_ego`; called only if the channel is deskewed.
     """
 
@@ -197,7 +197,7 @@ class SweepExtractor:
         self._failed_parts = 0
         self._first_error: str | None = None
         self._frame_id: str | None = None
-        # What plug-ins make of a message without header, or without stamp, is their own affair.
+        # Plug-ins decide themselves about messages without a header or stamp.
         self._needs_header = use.decoder is None and not isinstance(use, PacketUse)
         lidar = not isinstance(use, RadarUse)
         self._files = SweepFiles(out, ".pcd.bin" if lidar else ".pcd", with_span=lidar)
@@ -224,7 +224,7 @@ class SweepExtractor:
         self._failed_messages += self._failed_parts > failed_before
 
     def finish(self) -> JsonObject:
-        """Write what is left and the index; return the summary.
+        """Write pending readings and the index; return the summary.
 
         Raises:
             LossLimitError: more was lost than the recipe allows, or the counts do not add up.
@@ -251,7 +251,7 @@ class SweepExtractor:
         return {**facts, "bytes": files.bytes}
 
     def _take(self, message: RawMessage) -> str:
-        """Hand a message on to be written; return its frame."""
+        """Pass a message on to be written; return its frame."""
         if isinstance(self._sweeps, PacketSweeps):
             packet = self._recording.topics[message.topic].packet(message.data, PAYLOADS)
             if packet is not None:
@@ -288,7 +288,7 @@ class SweepExtractor:
             if failed > settings.lost_messages * read:
                 raise LossLimitError(
                     f"{where} lost {failed} of {read} {unit}; the first: {self._first_error}. "
-                    "If that is acceptable raise limits.lost_messages in the recipe, else remove the channel "
+                    "If that is acceptable, raise limits.lost_messages in the recipe; else remove the channel "
                     "or mend the recording."
                 )
         if not (counts.balanced and points.balanced):

@@ -1,4 +1,4 @@
-"""What the inventory collects about one topic while the recording is read."""
+"""Facts that the inventory collects about one topic while it reads the recording."""
 
 from array import array
 
@@ -19,10 +19,9 @@ MOST_FRAMES = 5
 class TopicLog:
     """Counts, times and the content digest of one topic.
 
-    The digest is of the type, of (log time, length, payload) of each message in order of log
-    time, and of the layout that the payloads are decoded by. Re-indexing, re-compressing or
-    splitting a recording leaves it alone; a definition that makes other numbers of the same bytes
-    does not.
+    The digest is computed from the type, from (log time, length, payload) of each message in order of
+    log time, and from the layout by which payloads are decoded. Re-indexing, re-compressing or splitting
+    a recording does not change it; a definition that decodes the same bytes to other values does.
     """
 
     def __init__(self, msgtype: str) -> None:
@@ -62,10 +61,10 @@ class TopicLog:
             self._frames[frame] = None
 
     def as_json(self, layout_digest: str) -> JsonObject:
-        """Return the facts as they stand in `inventory.json`.
+        """Return the facts in the form of `inventory.json`.
 
         Args:
-            layout_digest: how messages are laid out; empty if that is not known.
+            layout_digest: digest of the layout of messages; empty if it is not known.
         """
         times = np.array(self._times, dtype=np.int64)
         stamps = np.array(self._stamps, dtype=np.int64)
@@ -98,7 +97,7 @@ class TopicLog:
 
 
 def _median_period(stamps: NDArray[np.int64]) -> int | None:
-    """Return the median time between two of the stamps, in whichever order they came; pauses and lost ones shift nothing."""
+    """Return the median time between stamps, whatever their order; pauses and lost messages do not shift it."""
     periods = np.sort(np.diff(np.unique(stamps[stamps > 0])))
     return int(periods[len(periods) // 2]) if len(periods) else None
 

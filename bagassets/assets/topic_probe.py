@@ -1,4 +1,4 @@
-"""Whether the messages of a topic are what their definition says."""
+"""Whether the messages of a topic match their definition."""
 
 from bagassets.errors import DecodeError
 from bagassets.recordings.model import RawMessage
@@ -6,15 +6,15 @@ from bagassets.recordings.topic import Topic
 
 __all__ = ["TopicProbe"]
 
-# One damaged message does not condemn its topic.
+# A single damaged message does not make its topic unreadable.
 MOST_MISFITS = 5
 
 
 class TopicProbe:
     """Decodes the first messages of a topic, until one fits its definition.
 
-    Of a type that may be laid out in several ways, all messages are decoded: empty lists, for
-    example, fit any layout.
+    If a type has several possible layouts, all messages are decoded: empty lists, for example, fit
+    any layout.
 
     Args:
         topic: the topic, whose type is known.
@@ -43,7 +43,7 @@ class TopicProbe:
 
     @property
     def problem(self) -> str | None:
-        """Why its messages cannot be decoded; None if one could, or if there were none."""
+        """Why its messages cannot be decoded; None if one was decoded, or if there were none."""
         if self._fits or not self._misfits:
             return None
         if "limits." in self._reason:

@@ -1,4 +1,4 @@
-"""Which types of messages a channel can be made of, told before a message of its topic is read."""
+"""Finding the decoder of a channel by the type of its messages, before any of them is read."""
 
 from bagassets.decode.registry import AnyFamily, Decoder, advice, expected_types, find_decoder
 from bagassets.errors import DecodeError
@@ -12,13 +12,13 @@ def require_decoder(name: str, topic: str, msgtype: str, family: Family, *others
 
     Args:
         name: canonical channel.
-        topic: where its messages are.
-        msgtype: their type, `pkg/msg/Type`.
-        family: what the channel is made of.
-        others: what else it can be made of.
+        topic: topic of its messages.
+        msgtype: type of its messages, `pkg/msg/Type`.
+        family: family of decoders for the channel.
+        others: further families that may decode it.
 
     Raises:
-        DecodeError: messages of this type cannot be that.
+        DecodeError: none of the families has a decoder for messages of this type.
         PluginError: several decoder plug-ins claim the type.
     """
     for one in (family, *others):

@@ -1,7 +1,7 @@
 """The asset `track`: where on Earth a recording was driven, about once a second.
 
-It is made along with the others and shown nowhere by itself: maps, reports and the selection of datasets by place ask
-for it. File: `track.json` with `source` (`ego_poses`, a NavSatFix topic, or null), `points` (stamp_ns, latitude,
+It is made along with other assets and never shown by itself: maps, reports and the selection of datasets by place
+need it. File: `track.json` with `source` (`ego_poses`, a NavSatFix topic, or null), `points` (stamp_ns, latitude,
 longitude) and `local` (stamp_ns, x, y in the global frame of the ego poses, metres).
 """
 
@@ -32,19 +32,19 @@ PERIOD_NS = 1_000_000_000
 
 @dataclass(frozen=True)
 class TrackParams:
-    """What a track may know of the recipe: which time of a message counts."""
+    """Parameters of `track`: which time of a message counts."""
 
     clock: Clock
 
     @classmethod
     def of(cls, recipe: Recipe, rig: Rig) -> "TrackParams":
-        """Return those of a rig."""
+        """Return the parameters of a rig."""
         return cls(recipe.clock_of(rig))
 
 
 @dataclass(frozen=True)
 class TrackUse:
-    """What shapes a track besides messages and poses.
+    """Everything besides messages and poses that shapes a track.
 
     Attributes:
         topics: the NavSatFix topic that is read, if one is.
@@ -56,20 +56,20 @@ class TrackUse:
 
 
 class TrackFacts(Protocol):
-    """What is known of a recording before its track is made: less than `Facts`, the store alone has it."""
+    """Facts about a recording that a track depends on: a part of `Facts` that the store alone can provide."""
 
     @property
     def inventory(self) -> Inventory:
-        """What is in the recording."""
+        """Topics and time span of the recording."""
         ...
 
     def artifact(self, asset: str) -> Artifact:
-        """Return the artifact of an asset upstream."""
+        """Return the artifact of an upstream asset."""
         ...
 
 
 class TrackInputs(TrackFacts, Protocol):
-    """What a track is made from, likewise less than `Inputs`."""
+    """The inputs of a track: a part of `Inputs` that the store alone can provide."""
 
     @property
     def trajectory(self) -> Trajectory:
@@ -84,7 +84,7 @@ class TrackInputs(TrackFacts, Protocol):
 def use(params: TrackParams, facts: TrackFacts) -> dict[str, Use[TrackUse]]:
     """Return what a track depends on: the NavSatFix topic with the most messages, and the poses.
 
-    Where the poses lie on Earth, no topic is read.
+    If the origin of the poses on Earth is known, no topic is read.
     """
     poses = facts.artifact("ego_poses")
     origin = poses.read_json("ego_poses.json")["origin"]
@@ -125,7 +125,7 @@ def make(use: Use[TrackUse], inputs: TrackInputs, out: ArtifactWriter) -> Summar
 
 
 def _fixes(recording: Recording, topics: Sequence[str], clock: Clock) -> list[list[float]]:
-    """Return valid fixes, at most one a second; what cannot be decoded says nothing about the place."""
+    """Return valid fixes, at most one a second; messages that cannot be decoded are ignored."""
     points: list[list[float]] = []
     next_ns = 0
     for message in recording.messages(topics):

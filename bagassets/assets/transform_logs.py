@@ -1,4 +1,4 @@
-"""Reading the TF topics of a recording into edges, every sample accounted for."""
+"""Reading the TF topics of a recording into edges, with every sample accounted for."""
 
 from collections.abc import Collection
 
@@ -25,12 +25,12 @@ def read_transforms(
     """Return the edges in `topics`.
 
     Args:
-        recording: offers the topics.
+        recording: has the topics.
         topics: topics of transforms.
-        source: what to call them.
-        counts: takes the number of transforms read and lost.
-        clock: which time of a transform counts; that of its header, or when its message was logged.
-        troubles: takes, of each topic with something that could not be decoded, the first reason.
+        source: name of the source, for edges.
+        counts: gets the numbers of transforms read and lost.
+        clock: which time of a transform counts: its header stamp, or the log time of its message.
+        troubles: gets, for each topic with transforms that cannot be decoded, the first reason.
     """
     log = TransformLog(source)
     counts = counts if counts is not None else Counts()

@@ -1,7 +1,7 @@
-"""Bilinear look-up of 8-bit colour images through fixed-point maps, as `cv2.remap` does it.
+"""Bilinear look-up of 8-bit colour images through fixed-point maps, like `cv2.remap`.
 
-Twice as fast as OpenCV, which waits for memory: a lens bends rows, and the processor does not foresee
-which part of the image is next. Here each pixel is asked for some time before its turn.
+Twice as fast as OpenCV, which waits for memory: a lens bends rows, and the processor cannot predict
+which part of the image is next. Here each pixel is prefetched some time before it is needed.
 """
 
 import cv2
@@ -13,19 +13,19 @@ from bagassets.kernels.machine_code import Ir, MachineCode, begin_function, coun
 __all__ = ["BilinearLookup"]
 
 _LANES = 16  # pixels that are computed together
-_AHEAD = 8  # groups of pixels that a pixel is asked for before its turn
+_AHEAD = 8  # groups of pixels between the prefetch of a pixel and its use
 _BITS = 5  # OpenCV's maps count 32nds of a pixel (INTER_BITS)
 _MOST_AT_ONCE = 32_000  # OpenCV's maps are no wider
 
 
 class BilinearLookup:
-    """Looks images of one size up through one pair of maps.
+    """Looks up images of one size through one pair of maps.
 
     Args:
-        xy: (H, W, 2) int16, where each pixel comes from: column and row of the upper left of four.
+        xy: (H, W, 2) int16, source of each pixel: column and row of the upper left of four.
         fraction: (H, W) uint16, 32 * y + x, in 32nds of a pixel.
-        width: of the images.
-        height: of the images.
+        width: width of the source images.
+        height: height of the source images.
     """
 
     def __init__(self, xy: NDArray[np.int16], fraction: NDArray[np.uint16], width: int, height: int) -> None:
@@ -57,21 +57,21 @@ class BilinearLookup:
 
     @property
     def is_fast(self) -> bool:
-        """Return whether images can be looked up here; else use `cv2.remap`."""
+        """True if there is machine code for this processor; else use `cv2.remap`."""
         return _LOOKUP.function() is not None
 
     def __call__(self, bgra: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Return the (H, W, 3) image, BGR, that C-contiguous (height, width, 4) pixels, BGRA, give.
+        """Return the (H, W, 3) BGR image of C-contiguous (height, width, 4) BGRA pixels.
 
         Raises:
-            ValueError: they have another shape.
-            RuntimeError: it cannot be done here.
+            ValueError: the pixels have another shape.
+            RuntimeError: there is no machine code for this processor.
         """
         function = _LOOKUP.function()
         if function is None:
             raise RuntimeError("there is no machine code for this processor")
         if bgra.dtype != np.uint8 or bgra.shape != (*self._size, 4) or not bgra.flags.c_contiguous:
-            raise ValueError(f"{bgra.shape} {bgra.dtype} is no image of {self._size}")
+            raise ValueError(f"{bgra.shape} {bgra.dtype} is not an image of {self._size}")
         looked_up = (np.zeros if self._some_black else np.empty)((self._fraction.size, 3), np.uint8)
         function(
             bgra.ctypes.data,
@@ -88,14 +88,14 @@ class BilinearLookup:
         return looked_up.reshape(*self._fraction.shape, 3)
 
     def _at(self, bgra: NDArray[np.uint8], pixels: NDArray[np.int64]) -> NDArray[np.uint8]:
-        """Return some pixels as OpenCV gives them, which knows what to do at the border."""
+        """Return some pixels from OpenCV, which handles the border."""
         xy = self._xy.reshape(-1, 2)[pixels][None]
         fraction = self._fraction.ravel()[pixels][None]
         mixed: NDArray[np.uint8] = np.asarray(cv2.remap(bgra, xy, fraction, cv2.INTER_LINEAR), np.uint8)
         return mixed[0, :, :3]
 
 
-def _build() -> Ir:
+def _lookup_function() -> Ir:
     """Return the function: source, its bytes per row, both maps, target, runs of groups, number of runs."""
     from llvmlite import ir
 
@@ -173,4 +173,4 @@ def _build() -> Ir:
     return function
 
 
-_LOOKUP = MachineCode("lookup", _build)
+_LOOKUP = MachineCode("lookup", _lookup_function)

@@ -57,7 +57,7 @@ def _twin(values: NDArray[np.uint8]) -> list[int]:
     return places
 
 
-def _build() -> Ir:
+def _find_function() -> Ir:
     """Return the function: bytes, number of markers found and where they are, number of groups to look into."""
     from llvmlite import ir
 
@@ -88,4 +88,4 @@ def _build() -> Ir:
     return function
 
 
-_FIND = MachineCode("find_markers", _build)
+_FIND = MachineCode("find_markers", _find_function)

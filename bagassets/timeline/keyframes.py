@@ -23,21 +23,21 @@ def choose_keyframes(
 ) -> NDArray[np.intp]:
     """Choose the readings of the reference channel that become keyframes.
 
-    Targets lie on a grid: start, start + period, … Each takes the reading nearest to it among those
-    less than half a period away and at least half a period after the keyframe before. A target
-    without such a reading makes no keyframe: a gap costs the keyframes inside it and nothing else,
-    and a reference that is slower than the grid gives all its readings.
+    Targets lie on a grid: start, start + period, … Each takes the nearest reading among those less
+    than half a period away and at least half a period after the previous keyframe. A target without
+    such a reading has no keyframe: a gap costs the keyframes inside it and no others, and of a
+    reference that is slower than the grid all readings are keyframes.
 
-    With `partners` only complete readings count, so a keyframe moves to the nearest reading where
-    every channel is at hand, and there is none where there is no such reading.
+    With `partners` only complete readings count: a keyframe moves to the nearest reading for which
+    every channel has one, and is left out if there is no such reading.
 
     Args:
         readings_ns: (N,) stamps of the reference channel within the scene.
         start_ns: first target.
         end_ns: end of the scene, inclusive; no target lies after it.
         period_ns: time between targets, > 0.
-        partners: (C, N) reading of each other channel that would go with each reading, or -1; two
-            keyframes share none.
+        partners: (C, N) reading of each other channel that would go with each reading, or -1; no two
+            keyframes share one.
 
     Returns:
         (T,) for each target the index into `readings_ns`, or -1; those >= 0 are strictly increasing.
@@ -71,21 +71,21 @@ def choose_keyframes(
 def match_readings(keyframes_ns: Stamps, readings_ns: Stamps, tolerance_ns: int) -> NDArray[np.intp]:
     """Give each keyframe the reading of a channel that is nearest in time.
 
-    A reading that is nearest to several keyframes goes to the one it is nearest to, of equals the first.
+    A reading that is nearest to several keyframes goes to the closest of them, of equally close ones to the first.
 
     Args:
         keyframes_ns: (K,) stamps of the keyframes.
         readings_ns: (N,) stamps of the channel.
-        tolerance_ns: a reading farther from its keyframe than this does not count.
+        tolerance_ns: readings farther than this from the keyframe do not count.
 
     Returns:
-        (K,) index of the reading of each keyframe, or -1 where the channel has none; no reading
+        (K,) index of the reading of each keyframe, or -1 if the channel has none; no reading
         appears twice.
     """
     matched = partner_readings(keyframes_ns, readings_ns, tolerance_ns)
     taken = np.flatnonzero(matched >= 0)
     away = np.abs(readings_ns[matched[taken]] - keyframes_ns[taken])
-    # Keyframes that share a reading follow each other: the nearest of each group comes first, and stays.
+    # Keyframes that share a reading form a group, in which the nearest comes first and keeps it.
     order = taken[np.lexsort((taken, away, matched[taken]))]
     shared = np.zeros(len(order), dtype=np.bool_)
     shared[1:] = matched[order[1:]] == matched[order[:-1]]
@@ -96,7 +96,7 @@ def match_readings(keyframes_ns: Stamps, readings_ns: Stamps, tolerance_ns: int)
 def partner_readings(stamps_ns: Stamps, readings_ns: Stamps, tolerance_ns: int) -> NDArray[np.intp]:
     """Return for each of (N,) stamps the nearest of (M,) readings, or -1 if it is farther than the tolerance.
 
-    Several stamps may have the same one.
+    Several stamps may share a reading.
     """
     if not len(stamps_ns) or not len(readings_ns):
         return np.full(len(stamps_ns), -1, dtype=np.intp)
@@ -105,9 +105,9 @@ def partner_readings(stamps_ns: Stamps, readings_ns: Stamps, tolerance_ns: int) 
 
 
 def owning_keyframe(keyframes_ns: Stamps, readings_ns: Stamps) -> NDArray[np.intp]:
-    """Return the keyframe that each reading between keyframes belongs to.
+    """Return the keyframe to which each reading between keyframes belongs.
 
-    As in nuScenes it is the one that follows closest; after the last keyframe it is the last one.
+    As in nuScenes, that is the next keyframe; after the last keyframe it is the last one.
 
     Args:
         keyframes_ns: (K,) stamps, K >= 1.

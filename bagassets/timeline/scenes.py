@@ -33,7 +33,7 @@ class SceneCuts:
 
     Attributes:
         scenes: spans whose windows do not overlap.
-        remainder_ns: time at the end that was too short for a scene; 0 if there is none.
+        remainder_ns: time at the end that is too short for a scene; 0 if there is none.
     """
 
     scenes: tuple[SceneSpan, ...]
@@ -43,11 +43,11 @@ class SceneCuts:
 def cut_scenes(first_ns: int, last_ns: int, length_ns: int, min_length_ns: int, period_ns: int) -> SceneCuts:
     """Cut the time from the first to the last reference reading into scenes.
 
-    Scenes follow each other without a break. What is left at the end makes a shorter scene if it
-    is at least `min_length_ns` long, else none. A recording of one instant is a remainder of length zero.
+    Scenes follow each other without gaps. The remainder at the end becomes a shorter scene if it
+    is at least `min_length_ns` long. A recording of a single instant is a remainder of length zero.
 
-    The windows of readings open half a keyframe period before the first target, so that the reading
-    of a camera that fired just before the first keyframe is at hand and belongs to this scene only.
+    The window of readings opens half a keyframe period before the first target, so that the reading
+    of a camera that fired just before the first keyframe belongs to this scene, and to no other.
 
     Args:
         first_ns: stamp of the first reference reading.
