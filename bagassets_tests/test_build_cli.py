@@ -104,7 +104,7 @@ def test_the_table_fits_80_columns_and_tells_everything(report):
     assert "failed b: b.bag: [torn] at its end." in text
     assert "left out c.bag: its key a is that of a" in text
     assert "removed old" in text
-    assert "moved a: from val to train; `splits.pinned` keeps recordings where they are" in text
+    assert "moved a: from val to train; pin it in `splits.pinned` to keep it where it is" in text
     assert "dataset: /data set (updated)" in text
     assert (
         "splits:  train 2 (83% of the time), val 1 (17% of the time); in the devkit custom_train, custom_val"
@@ -165,7 +165,7 @@ def test_on_a_terminal_it_tells_what_is_in_work_done_and_left(monkeypatch):
     now = [100.0]
     monkeypatch.setattr(progress.time, "monotonic", lambda: now[0])
     show = progress.LiveProgress()
-    assert "looking" in drawn(show)
+    assert "scanning" in drawn(show)
     show(Event("planned", sizes={"small": 0, "big": 3_000_000}))
     show(Event("started", "small"))
     show(Event("started", "big"))

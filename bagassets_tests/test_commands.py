@@ -46,7 +46,7 @@ def test_a_place_that_cannot_be_is_told_and_is_no_defect(tmp_path, capsys, place
     assert main(["sample", str(tmp_path / place)]) == EXIT_ERROR
     told = capsys.readouterr().err
     assert f"{tmp_path / 'file'}" in told
-    assert "mend this one" in told
+    assert "fix this one" in told
 
 
 def test_pages_are_listed_and_printed(capsys):

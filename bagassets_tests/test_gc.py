@@ -461,5 +461,7 @@ class TestCommand:
     def test_it_says_what_it_did(self, recipe_file):
         make(Store(load_recipe(recipe_file).store_path), "old")
         result = CliRunner().invoke(command_line, ["gc", "--recipe", str(recipe_file)])
-        assert "1 artifact, 0.0 MB, removed; 1 project and 1 dataset lock asked." in result.output
+        assert (
+            "1 artifact, 0.0 MB, removed; kept what 1 project and 1 dataset lock refer to." in result.output
+        )
         assert "last used 30.0 days ago" in result.output

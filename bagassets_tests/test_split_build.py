@@ -74,11 +74,14 @@ def test_a_recording_that_moves_is_named_before_and_after_and_a_pin_stops_it(pro
     ((key, (was, now)),) = moves(deal(FIRST, Splits()), deal([*FIRST, name], Splits())).items()
     checked = run(folder, "--check")
     assert checked.returncode == STALE
-    assert f"{key} would move from {was} to {now}; `splits.pinned` keeps it where it is." in checked.stdout
+    assert (
+        f"{key} would move from {was} to {now}; pin it in `splits.pinned` to keep it where it is."
+        in checked.stdout
+    )
     assert json.loads(run(folder, "--check", "--json").stdout)["moved"] == {key: [was, now]}
     built = run(folder)
     assert (
-        f"moved {key}: from {was} to {now}; `splits.pinned` keeps recordings where they are" in built.stdout
+        f"moved {key}: from {was} to {now}; pin it in `splits.pinned` to keep it where it is" in built.stdout
     )
     assert f"{Path(key).name}_000" in splits_of(folder)[f"custom_{now}"]
 

@@ -104,7 +104,7 @@ def test_a_dry_run_runs_nothing_and_tells_what_would(edited):
     lines = [line.split() for line in done.stdout.splitlines()]
     assert ["run", "frames", "CAM_FRONT:", "quality", "90", "->", "33"] in lines
     assert any(line[:3] == ["may", "run", "nuscenes_tables"] for line in lines)
-    assert "failed before and is not tried again" in done.stdout
+    assert "failed before and is not retried" in done.stdout
     code, value = told("build", "-n", recipe=edited)
     assert code == ALL_WELL
     assert value["settled"] is False
@@ -140,7 +140,7 @@ def test_selecting_assets_runs_them_and_what_they_read(edited, monkeypatch):
         (["status", "--bag", "z*"], "no such recording"),
         (["explain", "nothing", "frames"], "no such recording"),
         (["explain", GOOD, "nothing"], "no such asset"),
-        (["explain", "*", "frames"], "means 3 recordings"),
+        (["explain", "*", "frames"], "matches 3 recordings"),
         (["build", "--jobs", "0"], "0 is not in the range"),
     ],
 )
@@ -160,7 +160,7 @@ def test_a_recording_may_be_named_by_key_glob_or_path(built, bag, monkeypatch):
 def test_more_jobs_than_make_sense_are_lowered_with_a_word(built, monkeypatch):
     monkeypatch.setattr("bagassets.cli.build.os.cpu_count", lambda: 2)
     done = run("build", "--jobs", "500", "--check", recipe=built)
-    assert "this machine has 2 processors; 4 are used" in done.stderr
+    assert "this machine has 2 processors; using 4" in done.stderr
 
 
 def test_explain_shows_both_actions_and_marks_what_differs(edited):
@@ -186,7 +186,7 @@ def test_explain_shows_both_actions_and_marks_what_differs(edited):
 def test_explain_says_what_is_not_known_yet(edited):
     edited.write_text(edited.read_text().replace("quality: 33", "quality: 34"))  # never built
     done = run("explain", GOOD, "nuscenes_tables", recipe=edited)
-    assert "what it would be now is not known yet" in done.stdout
+    assert "the current one is not known yet" in done.stdout
     assert " * param" not in done.stdout, "nothing to compare with"
     done = run("explain", SHORT, "frames", recipe=edited)
     assert "takes no part" in done.stdout

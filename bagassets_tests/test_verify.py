@@ -192,7 +192,7 @@ class TestHealing:
         assert {path: path.read_bytes() for path in before} == before
         assert {path: path.read_bytes() for path in tables} == tables
         assert check_dataset(project.nuscenes.output, VERSION) == []
-        assert run(project).stdout == "Store and datasets are as they were written.\n"
+        assert run(project).stdout == "Store and datasets are intact.\n"
 
     def test_a_dataset_outlives_its_store(self, project):
         files = {path: path.read_bytes() for path in project.nuscenes.output.rglob("*.jpg")}

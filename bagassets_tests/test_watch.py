@@ -324,7 +324,7 @@ class TestService:
         with (root / "sparse.bag").open("wb") as stream:
             stream.truncate(60 << 30)  # a minute's worth of hashing
         service = self.start(root, tmp_path / "state")
-        assert json.loads(service.stdout.readline())["message"] == f"following {root}"
+        assert json.loads(service.stdout.readline())["message"] == f"watching {root}"
         (root / "a.bag").write_bytes(b"content")
         time.sleep(0.5)
         service.send_signal(number)

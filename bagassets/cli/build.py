@@ -37,12 +37,12 @@ Examples:
   bagassets build --bag 'monday*' --select frames,sweeps
   bagassets build --dry-run
   bagassets build --check || echo stale
-  bagassets build --trace trace.json            # look at it with https://ui.perfetto.dev
+  bagassets build --trace trace.json            # open it with https://ui.perfetto.dev
 
 \b
 Exit status:
-    0  all that was asked for is up to date
-    1  a recording or the dataset failed (the others are done), or a recipe, option or disk is wrong
+    0  everything asked for is up to date
+    1  a recording or a dataset failed (the others are done), or something is wrong with the recipe or a disk
     2  wrong usage
     3  --check: there is something to do
   130  interrupted; what was finished is kept"""
@@ -51,17 +51,19 @@ Exit status:
 @click.option("--bag", "bags", multiple=True, metavar="BAG",
               help="Only this recording: its key, a glob of keys, or its path; may be repeated.")  # fmt: skip
 @click.option("--select", multiple=True, metavar="ASSETS",
-              help="Only these assets and what they read, with commas between; default: all.")  # fmt: skip
+              help="Only these assets and what they depend on, separated by commas; default: all.")  # fmt: skip
 @click.option("--jobs", "-j", type=click.IntRange(min=1), default=os.cpu_count() or 1,
-              show_default="processors", help="Recordings worked on at the same time; at most two per processor.")  # fmt: skip
-@click.option("--retry-failed", is_flag=True, help="Try again what failed before on the same input.")
+              show_default="processors", help="Most recordings to build at the same time; at most two per processor.")  # fmt: skip
+@click.option("--retry-failed", is_flag=True, help="Retry what failed before on the same input.")
 @click.option("--allow-empty", is_flag=True,
-              help="Believe a bag root without any recording where there were some; the dataset becomes empty.")  # fmt: skip
-@click.option("--dry-run", "-n", is_flag=True, help="Tell what would run, and why; run nothing.")
-@click.option("--check", is_flag=True, help="Run nothing; exit with 0 if all is fresh, 3 if not (for CI).")
+              help="Accept a bag root without recordings where there were some before; the dataset becomes empty.")  # fmt: skip
+@click.option("--dry-run", "-n", is_flag=True, help="Show what would run, and why; run nothing.")
+@click.option(
+    "--check", is_flag=True, help="Run nothing; exit with 0 if everything is fresh, with 3 if not (for CI)."
+)
 @click.option("--trace", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE",
-              help="Write what bags, steps and workers did when, as a trace for Chrome or Perfetto.")  # fmt: skip
-@click.option("--json", "as_json", is_flag=True, help="Print the outcome as JSON; progress goes to stderr.")
+              help="Write a trace of recordings, steps and workers over time, for Chrome or Perfetto.")  # fmt: skip
+@click.option("--json", "as_json", is_flag=True, help="Print the report as JSON; progress goes to stderr.")
 def build(
     recipe: Path,
     bags: tuple[str, ...],
@@ -74,7 +76,7 @@ def build(
     trace: Path | None,
     as_json: bool,
 ) -> None:
-    """Bring all recordings and the dataset up to date, and tell what was done.
+    """Bring all recordings and the dataset up to date, and report what was done.
 
     Only what is stale runs; a recording that fails does not stop the others.
     """
@@ -83,10 +85,10 @@ def build(
     from bagassets.cli.remote import InterruptedBuildError
 
     recipe = recipe.absolute()
-    options = BuildOptions(_sensible(jobs), retry_failed, bags, select, allow_empty)
+    options = BuildOptions(_limited(jobs), retry_failed, bags, select, allow_empty)
     try:
         if dry_run or check:
-            sys.exit(_look(recipe, options, check=check, as_json=as_json))
+            sys.exit(_dry_run(recipe, options, check=check, as_json=as_json))
         sys.exit(_build(recipe, options, trace, as_json=as_json))
     except SelectionError as err:
         raise click.UsageError(str(err)) from err
@@ -94,10 +96,10 @@ def build(
         raise click.Abort from err
 
 
-def _sensible(jobs: int) -> int:
+def _limited(jobs: int) -> int:
     most = _JOBS_PER_PROCESSOR * (os.cpu_count() or 1)
     if jobs > most:
-        echo(f"--jobs {jobs}: this machine has {os.cpu_count()} processors; {most} are used.", err=True)
+        echo(f"--jobs {jobs}: this machine has {os.cpu_count()} processors; using {most}.", err=True)
     return min(jobs, most)
 
 
@@ -105,12 +107,12 @@ def _build(recipe: Path, options: "BuildOptions", trace: Path | None, *, as_json
     from bagassets.build.build_report import BuildReport, SummaryRow
     from bagassets.cli.summary import MOST_ROWS, print_summary
 
-    told = _build_on_server(recipe, options, trace, None if as_json else MOST_ROWS)
-    report = BuildReport.from_json(told)
+    value = _build_on_server(recipe, options, trace, None if as_json else MOST_ROWS)
+    report = BuildReport.from_json(value)
     if as_json:
-        echo_lines(json.dumps(told, indent=1))
+        echo_lines(json.dumps(value, indent=1))
     else:
-        print_summary(report, [SummaryRow(**row) for row in told["summary"]], recipe)
+        print_summary(report, [SummaryRow(**row) for row in value["summary"]], recipe)
     if report.interrupted:
         return EXIT_INTERRUPTED
     return 0 if report.succeeded else EXIT_FAILED
@@ -119,7 +121,7 @@ def _build(recipe: Path, options: "BuildOptions", trace: Path | None, *, as_json
 def _build_on_server(
     recipe: Path, options: "BuildOptions", trace: Path | None, most: int | None
 ) -> JsonObject:
-    """Have the build made, and show how it goes; return the report and the rows of its table as JSON."""
+    """Build on the server and show the progress; return the report, with the rows of its table, as JSON."""
     from bagassets.cli.remote import build_on_server, server_for
 
     with ExitStack() as stack:
@@ -131,7 +133,7 @@ def _build_on_server(
             stack.enter_context(recorded_trace(trace, load_recipe(recipe).state))
             listeners.append(trace_recordings)
 
-        def tell(event: "Event") -> None:
+        def on_event(event: "Event") -> None:
             for listener in listeners:
                 listener(event)
 
@@ -139,13 +141,13 @@ def _build_on_server(
             with span("find or start the server"):
                 server = server_for(recipe, options.bags)
             with server:
-                told = build_on_server(server, recipe, options, tell, most)
-            if told is not None:
-                return told
+                report = build_on_server(server, recipe, options, on_event, most)
+            if report is not None:
+                return report
 
 
-def _look(recipe: Path, options: "BuildOptions", *, check: bool, as_json: bool) -> int:
-    """Tell what a build would do; return the exit status of --check, or 0 of a dry run."""
+def _dry_run(recipe: Path, options: "BuildOptions", *, check: bool, as_json: bool) -> int:
+    """Show what a build would do; return the exit status of --check, or 0 for a dry run."""
     from bagassets.cli.dry_run import dry_run_json, dry_run_lines, verdict
     from bagassets.cli.summary import print_remarks, summary_console
     from bagassets.defs.pending_work import expected_moves, find_pending_work, open_project
@@ -154,7 +156,7 @@ def _look(recipe: Path, options: "BuildOptions", *, check: bool, as_json: bool) 
     with open_project(recipe) as (instance, workspace):
         pending = find_pending_work(instance, workspace, options)
         moved = expected_moves(pending, workspace.recipe) if pending.datasets else {}
-        # What is going to be built again is going to be checked again.
+        # Recordings that will be built will also be checked again.
         done = [pending.plan.bags[key] for key in sorted(pending.chosen - pending.todo.keys())]
         remarks = tuple(remarks_on_record(workspace.recipe, workspace.store, pending.planned.discovery, done))
     if as_json:
@@ -164,7 +166,7 @@ def _look(recipe: Path, options: "BuildOptions", *, check: bool, as_json: bool) 
             echo_lines(line)
         print_remarks(remarks, summary_console())
         for key, (was, now) in moved.items():
-            echo(f"{key} would move from {was} to {now}; `splits.pinned` keeps it where it is.")
+            echo(f"{key} would move from {was} to {now}; pin it in `splits.pinned` to keep it where it is.")
         echo(verdict(pending))
     if not check:
         return 0

@@ -1,4 +1,4 @@
-"""`bagassets check`: what the asset checks say now, with the thresholds of the recipe as it is."""
+"""`bagassets check`: run the asset checks with the current thresholds of the recipe."""
 
 import json
 from collections.abc import Sequence
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from bagassets.cli.options import EXIT_FOUND, recipe_option
-from bagassets.cli.terminal import echo, echo_lines
+from bagassets.cli.terminal import count_text, echo, echo_lines
 
 if TYPE_CHECKING:
     from bagassets.formats.checking import Verdict
@@ -27,19 +27,19 @@ Examples:
 
 \b
 Exit status:
-  0  no check of severity error found anything
-  1  a recipe or folder is wrong
-  3  one did"""
+  0  no check of severity error failed
+  1  something is wrong with the recipe or a folder
+  3  a check of severity error failed"""
 )
 @recipe_option
 @click.option("--bag", "bags", multiple=True, metavar="BAG",
-              help="Only this recording: its key, a glob of keys, or its path; may be repeated. The dataset is left out.")  # fmt: skip
+              help="Only this recording: its key, a glob of keys, or its path; may be repeated. Leaves out the dataset.")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print all verdicts as a JSON list.")
 def check(recipe: Path, bags: tuple[str, ...], as_json: bool) -> int:
-    """Hold what was built against the checks of the recipe, and print what they find.
+    """Run the checks of the recipe on what was built, and print the findings.
 
-    These are the asset checks of the web UI, made anew: a changed threshold counts at once. Nothing is
-    built and nothing is recorded in Dagster.
+    These are the asset checks of the web UI, with the current thresholds of the recipe. Nothing is built, and nothing
+    is recorded in Dagster.
     """
     from bagassets.build.build_report import BuildOptions
     from bagassets.build.choose import SelectionError
@@ -83,5 +83,5 @@ def _print(verdicts: Sequence["Verdict"]) -> None:
             echo(f"      {problem}")
         if len(problems) > _MOST_PROBLEMS:
             echo(f"      and {len(problems) - _MOST_PROBLEMS} more")
-    told = ", ".join(f"{number} {what}" for what, number in counts.items() if number)
-    echo(f"{len(verdicts)} checks: {told or 'none'}.")
+    counted = ", ".join(f"{number} {what}" for what, number in counts.items() if number)
+    echo(f"{count_text(len(verdicts), 'check')}: {counted or 'none'}.")

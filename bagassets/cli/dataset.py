@@ -1,4 +1,4 @@
-"""`bagassets dataset`: comparing datasets, and making one again from its lock."""
+"""`bagassets dataset`: comparing datasets, and restoring one from its lock."""
 
 import json
 from collections import Counter
@@ -29,10 +29,10 @@ Examples:
   bagassets dataset restore releases/may.lock.json"""
 )
 def dataset() -> None:
-    """Compare datasets, and make one again from its lock.
+    """Compare datasets, and restore one from its lock.
 
-    The lock of a dataset is the file `dataset.lock.json` in its version folder. It names every
-    recording and artifact that the dataset was made from: keep a copy of it with whatever was trained.
+    The lock of a dataset is the file `dataset.lock.json` in its version folder. It names every recording and artifact
+    that the dataset was made from: keep a copy of it with every model trained on the dataset.
     """
 
 
@@ -55,10 +55,9 @@ Exit status:
     "--json", "as_json", is_flag=True, help="Print one JSON document, with the tokens of all samples."
 )
 def diff(before: Path, after: Path, recipe: Path, as_json: bool) -> int:
-    """Tell which recordings, scenes and samples differ between two datasets.
+    """Show which recordings, scenes and samples differ between two datasets.
 
-    A and B are lock files, or folders of datasets. The recipe says where the store is, which knows
-    the samples.
+    A and B are lock files or folders of datasets. The samples are read from the store that the recipe names.
     """
     from bagassets.formats.dataset_diff import diff_datasets
     from bagassets.formats.dataset_lock import load_lock
@@ -83,8 +82,8 @@ Examples:
 
 \b
 Exit status:
-  0  the dataset is there, byte for byte as the lock says
-  1  artifacts are missing, or this version makes other tables"""
+  0  the dataset is restored, byte for byte as locked
+  1  artifacts are missing, or this version of bagassets makes different tables"""
 )
 @click.argument("lock", type=click.Path(exists=True, path_type=Path))
 @recipe_option
@@ -92,15 +91,15 @@ Exit status:
     "--output",
     type=click.Path(file_okay=False, path_type=Path),
     metavar="DIR",
-    help="Folder of the dataset. Default: where the lock lies, if that is a dataset, else a folder beside the dataset "
-    "of the recipe, named after the lock.",
+    help="Folder of the dataset. Default: the dataset that the lock is in, else a folder beside the dataset of the "
+    "recipe, named after the lock.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON document.")
 def restore(lock: Path, recipe: Path, output: Path | None, as_json: bool) -> None:
-    """Make the dataset of a lock again, byte for byte.
+    """Restore the dataset of a lock, byte for byte.
 
-    All artifacts must be in the store; `bagassets gc --lock LOCK` keeps them there, as does a copy of the
-    lock in the folder `kept-locks` of the state folder.
+    All its artifacts must be in the store; `bagassets gc --lock LOCK` keeps them there, and so does a copy of the lock in
+    `kept-locks` of the state folder.
     """
     from bagassets.formats.dataset_lock import load_lock
     from bagassets.formats.dataset_restore import default_output, restore_dataset
@@ -206,8 +205,8 @@ def _lock_json(lock: "DatasetLock") -> JsonObject:
 def _bag_json(bag: "LockedBag | None") -> JsonObject | None:
     if bag is None:
         return None
-    told = {"key": bag.key, "content": bag.content, "artifact": bag.artifact, "split": bag.split}
-    return {**told, **bag.counts}
+    value = {"key": bag.key, "content": bag.content, "artifact": bag.artifact, "split": bag.split}
+    return {**value, **bag.counts}
 
 
 def _diff_json(found: "DatasetDiff") -> JsonObject:

@@ -1,4 +1,4 @@
-"""`bagassets demo`: sample drives and the dataset made from them, with one command."""
+"""`bagassets demo`: sample drives and their dataset, with one command."""
 
 from pathlib import Path
 
@@ -14,7 +14,7 @@ Examples:
   bagassets demo /tmp/demo --seconds 20
 
 \b
-Exit status: as of `bagassets build`."""
+Exit status: that of `bagassets build`."""
 )
 @click.argument("folder", type=click.Path(file_okay=False, path_type=Path), default=Path("build/demo"))
 @click.option(
@@ -22,15 +22,15 @@ Exit status: as of `bagassets build`."""
     type=click.FloatRange(1, 600),
     default=5.0,
     show_default=True,
-    help="Length of each drive that is written.",
+    help="Duration of each drive.",
 )
 @click.pass_context
 def demo(ctx: click.Context, folder: Path, seconds: float) -> None:
-    """Make sample drives and build the dataset from them.
+    """Write sample drives and build the dataset from them.
 
-    Writes six synthetic drives (two ROS 1, two ROS 2, two MCAP) into FOLDER/recordings, a project
-    around them, and its nuScenes dataset. FOLDER is build/demo unless given. What is there already
-    is kept: a second call only checks that all is up to date.
+    Writes six synthetic drives (two ROS 1, two ROS 2, two MCAP) into FOLDER/recordings, a project around them, and its
+    nuScenes dataset. FOLDER defaults to build/demo. Existing files are kept: a second call only checks that everything
+    is up to date.
     """
     from bagassets.cli.build import build
     from bagassets.propose.project import FILES, write_project
@@ -41,7 +41,7 @@ def demo(ctx: click.Context, folder: Path, seconds: float) -> None:
     folder = folder.absolute()
     recipe = folder / "recipe.yaml"
     if recipe.exists() and load_recipe(recipe).nuscenes.version != "v1.0-demo":
-        raise click.UsageError(f"{folder} holds a project of its own; give the demo another folder.")
+        raise click.UsageError(f"{folder} holds another project; choose another folder for the demo.")
     recordings = folder / "recordings"
     missing = missing_drives(recordings)
     if missing:

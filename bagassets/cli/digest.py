@@ -1,4 +1,4 @@
-"""`bagassets digest`: print digests of recordings, and keep them beside the files."""
+"""`bagassets digest`: print digests of recordings, and store them with the files."""
 
 import json
 import sys
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from bagassets.cli.options import EXIT_FOUND
-from bagassets.cli.terminal import echo, echo_lines
+from bagassets.cli.terminal import count_text, echo, echo_lines
 from bagassets.errors import BagAssetsError, RecordingError
 from bagassets.json_types import JsonObject
 
@@ -28,28 +28,28 @@ Examples:
   bagassets digest --recipe project/recipe.yaml
   bagassets digest /data/recordings --verify
 
-Exit status: 0 success; 1 a recording could not be read; 3 --verify found disagreements."""
+Exit status: 0 success; 1 a recording cannot be read; 3 --verify found disagreements."""
 )
 @click.argument("bags", metavar="[BAG]...", nargs=-1, type=click.Path(path_type=Path))
 @click.option(
     "--recipe",
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="Recipe whose recordings are meant if no BAG is given, and whose index is used for files that take no "
-    "attributes; default: recipe.yaml, if there is one here.",
+    help="Recipe whose recordings are hashed if no BAG is given, and whose index takes the digests of files without "
+    "extended attributes; default: recipe.yaml in the current folder, if there is one.",
 )
-@click.option("--rehash", is_flag=True, help="Hash all content again, whatever is on record.")
+@click.option("--rehash", is_flag=True, help="Hash all content again, even where a digest is on record.")
 @click.option(
     "--verify",
     is_flag=True,
-    help="Hash all content again, report every record that disagrees with it, and change none.",
+    help="Hash all content again and report every digest on record that disagrees; change nothing.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON document.")
 def digest(bags: tuple[Path, ...], recipe: Path | None, rehash: bool, verify: bool, as_json: bool) -> int:
-    """Print digests of recordings and store them beside the files.
+    """Print digests of recordings and store them with the files.
 
-    BAG is a recording, or a folder of recordings. Files whose digest is on record for their size and
-    time are not read. The digest of a single file is its BLAKE3, as `b3sum` prints it.
+    BAG is a recording or a folder of recordings. A file is not read if its digest is on record for its size and time.
+    The digest of a single file is its BLAKE3 digest, as `b3sum` prints it.
     """
     from bagassets.recipe import load_recipe
     from bagassets.recordings.digest_record import DigestIndex
@@ -83,7 +83,7 @@ def digest(bags: tuple[Path, ...], recipe: Path | None, rehash: bool, verify: bo
 
 
 def _recordings(roots: tuple[Path, ...], bags: Any, errors: list[str]) -> Iterator["RecordingFiles"]:
-    """Yield the recordings at or below `roots`; what is none becomes an error and others go on."""
+    """Yield the recordings at or below `roots`; a path without any is added to `errors`."""
     from bagassets.recipe.model import Bags
     from bagassets.recordings.discover import discover, find_one
 
@@ -151,9 +151,9 @@ def _show(entry: JsonObject) -> None:
 
 
 def _summarize(done: list[JsonObject], wrong: int | None) -> None:
-    """Say to standard error what was done, so that standard output stays a list of digests."""
+    """Print a summary to standard error, so that standard output stays a list of digests."""
     size = sum(entry["size"] for entry in done)
-    number = f"{len(done)} recording{'' if len(done) == 1 else 's'}, {_megabytes(size)}"
+    number = f"{count_text(len(done), 'recording')}, {_megabytes(size)}"
     if wrong is not None:
         echo(f"{number} hashed again: {wrong or 'no'} disagreement{'' if wrong == 1 else 's'}.", err=True)
         return
@@ -162,8 +162,8 @@ def _summarize(done: list[JsonObject], wrong: int | None) -> None:
     echo(f"{number}; {_megabytes(hashed)} hashed, the rest was on record.", err=True)
     if nowhere:
         echo(
-            f"{nowhere} digest{'' if nowhere == 1 else 's'} could not be stored: the files take no extended attributes "
-            "from you. Name a recipe with --recipe; its index takes them.",
+            f"{count_text(nowhere, 'digest')} could not be stored: you cannot set extended attributes of these files. "
+            "Name a recipe with --recipe; its index takes them.",
             err=True,
         )
 

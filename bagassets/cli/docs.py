@@ -1,7 +1,7 @@
-"""`bagassets docs`: references generated from the recipe's model, the assets and the commands' own help, and the pages of `docs/`."""
+"""`bagassets docs`: references generated from the model of the recipe, the assets and the help of commands; pages of `docs/`."""
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -10,7 +10,7 @@ from bagassets.cli.terminal import echo, echo_lines
 if TYPE_CHECKING:
     from bagassets.assets.asset import AnyAsset
 
-__all__ = ["all_commands", "asset_reference", "command_reference", "docs"]
+__all__ = ["all_commands", "asset_reference", "command_reference", "docs", "input_table"]
 
 _WIDTH = 96
 
@@ -19,9 +19,9 @@ _INTRODUCTION = """\
 
 <!-- Generated from the commands' help by `bagassets docs cli`; do not edit. -->
 
-Results go to standard output, progress and errors to standard error. Exit status: 0 success; 1 an error that
-the message says how to mend; 2 wrong usage; 70 a defect of bagassets, whose traceback is in the file that the message
-names; 130 interrupted.
+Results go to standard output, progress and errors to standard error. Exit status: 0 success; 1 an error, whose
+message says how to fix it; 2 wrong usage; 70 a defect of bagassets, whose message names the file with the traceback;
+130 interrupted.
 """
 
 _ASSETS_INTRODUCTION = """\
@@ -29,9 +29,8 @@ _ASSETS_INTRODUCTION = """\
 
 <!-- Generated from the assets by `bagassets docs assets`; do not edit. -->
 
-Each recording has these, in the order in which they are made; the recording itself is the asset `bag`. How it is decided what
-to make anew is said in [how it decides](how-it-decides.md). A new version, of the asset or of a library that shapes its bytes, makes it anew
-for all recordings.
+The assets of each recording, in the order in which they are made; the recording itself is the asset `bag`. [How it decides](how-it-decides.md)
+says what is made anew after which change. A new version of an asset, or of a library that shapes its bytes, makes it anew for all recordings.
 """
 
 
@@ -86,7 +85,7 @@ Examples:
   bagassets docs checks"""
 )
 def checks() -> None:
-    """Print the checks of recordings as a table: what each is about, and when it fails."""
+    """Print the checks of recordings as a table: the asset of each, and when it fails."""
     from bagassets.formats.checking import render_checks
 
     echo_lines(render_checks(), nl=False)
@@ -100,7 +99,7 @@ Examples:
 )
 @click.argument("name", required=False)
 def page(name: str | None) -> None:
-    """Print a page of the documentation, or without NAME the list of them."""
+    """Print a page of the documentation; without NAME, list the pages."""
     from bagassets.cli.pages import find_pages, page_title
 
     pages = find_pages()
@@ -126,7 +125,7 @@ def command_reference() -> str:
     """Return the help of every command as Markdown."""
     parts = [_INTRODUCTION]
     for name, command in all_commands():
-        # A fixed width, whatever terminal this runs in; environment and defaults are those of the help.
+        # A fixed width, whatever terminal this runs in.
         context = click.Context(
             command,
             info_name=name,
@@ -151,11 +150,45 @@ def _walk(
 
 
 def asset_reference() -> str:
-    """Return what there is to know of every asset, those of installed packages included."""
+    """Return a section on every asset, those of installed packages included, as Markdown."""
     from bagassets.formats.catalogue import known_assets
 
     assets = known_assets()
     return _ASSETS_INTRODUCTION + "".join(_section(asset, assets) for asset in assets)
+
+
+def input_table() -> str:
+    """Return the table of docs/how-it-decides.md: what each asset reads, its parameters and libraries."""
+    from bagassets.formats.catalogue import known_assets
+
+    rows = [
+        (f"`{asset.name}`", _reads(asset), _names(_parameters(asset)), ", ".join(asset.libraries))
+        for asset in known_assets()
+    ]
+    lines = ["| asset | reads | parameters | libraries |", "|---|---|---|---|"]
+    return "\n".join([*lines, *(f"| {' | '.join(row)} |" for row in rows)])
+
+
+def _reads(asset: "AnyAsset") -> str:
+    return _names([one.name for one in asset.reads] or ["bag"])
+
+
+def _parameters(asset: "AnyAsset") -> list[str]:
+    """Return the names of the parameters that an asset takes from a recipe."""
+    from typing import get_args, get_type_hints
+
+    returned = get_type_hints(asset.params)["return"]
+    owner = getattr(asset.params, "__self__", None)  # a classmethod of the parameters themselves
+    kinds = [owner] if owner is not None else [*get_args(returned)] or [returned]
+    names = [name for kind in kinds for name in _fields_of(kind)]
+    return list(dict.fromkeys(names))
+
+
+def _fields_of(kind: Any) -> list[str]:
+    """Return the names of the fields of a dataclass or of a recipe model."""
+    from dataclasses import fields, is_dataclass
+
+    return [one.name for one in fields(kind)] if is_dataclass(kind) else list(kind.model_fields)
 
 
 def _section(asset: "AnyAsset", assets: "tuple[AnyAsset, ...]") -> str:
@@ -163,19 +196,20 @@ def _section(asset: "AnyAsset", assets: "tuple[AnyAsset, ...]") -> str:
 
     readers = [other.name for other in assets if asset.name in {one.name for one in other.reads}]
     rows = {
-        "reads": _names([one.name for one in asset.reads] or ["bag"]),
-        "is read by": _names(readers),
-        "datasets made of it": _names([kind.name for kind in formats() if kind.part == asset.name]),
+        "reads": _reads(asset),
+        "read by": _names(readers),
+        "datasets made from it": _names([kind.name for kind in formats() if kind.part == asset.name]),
         "made with it": _names([one.name for one in asset.along]),
-        "one artifact for each": "" if asset.extract is None else "channel",
+        "one artifact per": "" if asset.extract is None else "channel",
+        "parameters": _names(_parameters(asset)),
         "decoder plug-ins": ", ".join(asset.families),
         "libraries": ", ".join(asset.libraries),
         "version": str(asset.version),
-        "if it fails": "the recording still enters datasets that are not made of it"
+        "if it fails": "the recording still enters datasets that are not made from it"
         if asset.optional
         else "",
     }
-    table = "".join(f"| {what} | {said} |\n" for what, said in rows.items() if said)
+    table = "".join(f"| {name} | {value} |\n" for name, value in rows.items() if value)
     return f"\n## {asset.name}\n\n{asset.about}\n\n| | |\n|---|---|\n{table}"
 
 

@@ -1,4 +1,4 @@
-"""What `bagassets build --dry-run` and `--check` say: what would run, what may run, and why."""
+"""The output of `bagassets build --dry-run` and `--check`: what would run, what may run, and why."""
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 __all__ = ["dry_run_json", "dry_run_lines", "verdict"]
 
-_WORDS: dict[State, str] = {
+_VERBS: dict[State, str] = {
     "missing": "run",
     "stale": "run",
     "unknown": "may run",
@@ -23,16 +23,16 @@ _WORDS: dict[State, str] = {
 
 
 def dry_run_lines(pending: "PendingWork") -> Iterator[str]:
-    """Yield what a build would do to recordings and datasets, for people."""
+    """Yield what a build would do to recordings and datasets, as lines of text."""
     for key, assets in pending.todo.items():
         yield key
         for name in assets:
             state = pending.plan.bags[key].assets[name]
-            if state.state in _WORDS:
-                yield f"  {_WORDS[state.state]:<8} {name:<17} {visible(state.reason)}"
+            if state.state in _VERBS:
+                yield f"  {_VERBS[state.state]:<8} {name:<17} {visible(state.reason)}"
     for key, reason in pending.failed.items():
         if key not in pending.todo:
-            yield f"{key}\n  failed before and is not tried again without --retry-failed: {reason}"
+            yield f"{key}\n  failed before and is not retried without --retry-failed: {reason}"
     for key in pending.plan.removed:
         yield f"{key}\n  is gone: its partition and scenes would be removed"
     if pending.datasets:
@@ -40,7 +40,7 @@ def dry_run_lines(pending: "PendingWork") -> Iterator[str]:
 
 
 def verdict(pending: "PendingWork") -> str:
-    """Return one line on whether there is something to do."""
+    """Return whether there is something to do, and what, as one line."""
     if pending.is_settled:
         fresh = len(pending.chosen) - len(pending.failed)
         failed = f", {len(pending.failed)} failed before" if pending.failed else ""
@@ -57,8 +57,8 @@ def dry_run_json(
     """Return what a build would do, as JSON.
 
     Args:
-        pending: how things are.
-        moved: recording that would change its split -> the old one and the new one.
+        pending: the work to be done.
+        moved: recording that would move to another split -> the old split and the new one.
         remarks: losses and dropped keyframes of recordings that are built.
     """
     value = {
@@ -85,7 +85,7 @@ def _dataset(pending: "PendingWork") -> str:
         return "up to date"
     if state == "unknown":
         return "may be updated, once the recordings above are done"
-    return "would be updated: it was made from other recordings, or by another recipe or version"
+    return "would be updated: its recordings, the recipe or the version changed"
 
 
 def _dataset_state(pending: "PendingWork") -> str:

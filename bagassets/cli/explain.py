@@ -1,4 +1,4 @@
-"""`bagassets explain`: why one asset of one recording is in its state."""
+"""`bagassets explain`: why an asset of a recording is in its state."""
 
 import json
 from collections.abc import Iterator
@@ -26,17 +26,17 @@ Examples:
   bagassets explain 'runs/tuesday' nuscenes_tables --json
 
 \b
-Exit status: 0, whatever the state; 1 if the recipe is wrong, 2 if there is no such recording or asset."""
+Exit status: 0 in any state; 1 if the recipe is wrong; 2 if there is no such recording or asset."""
 )
 @click.argument("bag")
 @click.argument("asset")
 @recipe_option
 @click.option("--json", "as_json", is_flag=True, help="Print everything as JSON.")
 def explain(bag: str, asset: str, recipe: Path, as_json: bool) -> None:
-    """Tell what an asset of a recording is made from, and what differs from the last time.
+    """Show what an asset of a recording is made from, and what has changed since the last time.
 
-    BAG is a recording's key or path, ASSET one of its assets. Inputs, parameters and libraries of the
-    action are printed beside those of the action that Dagster recorded last.
+    BAG is the key or path of a recording, ASSET one of its assets. The inputs, parameters and libraries of its action
+    are printed beside those of the action that Dagster recorded last.
     """
     from bagassets.build.choose import SelectionError, choose_assets, choose_recordings
     from bagassets.build.explain import explain_asset
@@ -54,7 +54,7 @@ def explain(bag: str, asset: str, recipe: Path, as_json: bool) -> None:
             raise click.UsageError(str(err)) from err
         if len(keys) > 1:
             raise click.UsageError(
-                f"{bag}: means {len(keys)} recordings ({', '.join(keys[:3])}, …); name one."
+                f"{bag}: matches {len(keys)} recordings ({', '.join(keys[:3])}, …); name one."
             )
         recorded = recorded_assets(instance, workspace.recipe, keys[0])
         explanation = explain_asset(planner, recordings[keys[0]], recorded, asset)
@@ -65,29 +65,29 @@ def explain(bag: str, asset: str, recipe: Path, as_json: bool) -> None:
         echo(line)
 
 
-def explanation_lines(told: "Explanation") -> Iterator[str]:
-    """Yield an explanation for people."""
-    yield f"{told.asset} of {told.key}: {told.state.state} ({told.state.reason})"
-    last = told.recorded
-    yield from _row("data version", last and last.data_version, told.state.data_version)
-    if told.code_version is not None:
-        yield from _row("code version", last and last.code_version, told.code_version)
+def explanation_lines(explanation: "Explanation") -> Iterator[str]:
+    """Yield an explanation as lines of text."""
+    yield f"{explanation.asset} of {explanation.key}: {explanation.state.state} ({explanation.state.reason})"
+    last = explanation.recorded
+    yield from _row("data version", last and last.data_version, explanation.state.data_version)
+    if explanation.code_version is not None:
+        yield from _row("code version", last and last.code_version, explanation.code_version)
     if last is not None:
         yield f"  recorded by run {last.run_id or '(none)'}"
-    for pair in told.actions:
+    for pair in explanation.actions:
         yield from _action_lines(pair)
-    if told.asset != "bag" and not told.actions:
-        yield "  Its action is not known: what it reads is not known yet, or the recording takes no part."
+    if explanation.asset != "bag" and not explanation.actions:
+        yield "  Its action is not known: an input is not known yet, or the recording is skipped."
 
 
 def _action_lines(pair: "ActionPair") -> Iterator[str]:
     from bagassets.build.differences import flatten
 
     value = pair.as_json()
-    # Where one of them is not known there is nothing to compare: it is printed as it is.
+    # If one of them is not known, there is nothing to compare, and the other is printed alone.
     last, now = value["last"] or value["now"] or {}, value["now"] or value["last"] or {}
     of = f" of {pair.channel}" if pair.channel else ""
-    remark = "" if pair.now is not None else " (the last one; what it would be now is not known yet)"
+    remark = "" if pair.now is not None else " (the last one; the current one is not known yet)"
     remark = remark if pair.last is not None else " (there was none before)"
     yield f"action{of}: {now.get('step')}{remark}"
     yield from _row("digest", last.get("digest"), now.get("digest"))
@@ -99,7 +99,7 @@ def _action_lines(pair: "ActionPair") -> Iterator[str]:
 
 
 def _row(name: str, last: object, now: object) -> Iterator[str]:
-    """Yield one line; where both differ it is marked and has both."""
+    """Yield one line; if the values differ, it shows both and is marked."""
     if last == now:
         yield f"    {name}: {_value(now)}"
     else:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from bagassets.cli.options import recipe_option
-from bagassets.cli.terminal import echo, echo_lines
+from bagassets.cli.terminal import count_text, echo, echo_lines
 from bagassets.json_types import JsonObject
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ Examples:
 \b
 Exit status:
   0  done
-  1  a recipe, lock or folder is wrong, or a project that uses the store cannot be asked"""
+  1  something is wrong with a recipe, lock or folder, or a project that uses the store cannot be read"""
 )
 @recipe_option
 @click.option("--dry-run", "-n", is_flag=True, help="List what would be removed, with sizes; remove nothing.")
@@ -39,7 +39,7 @@ Exit status:
     default=7.0,
     show_default=True,
     metavar="DAYS",
-    help="Keep what builds of the last days made or used.",
+    help="Keep what builds made or used in the last DAYS days.",
 )
 @click.option(
     "--lock",
@@ -47,15 +47,15 @@ Exit status:
     multiple=True,
     type=click.Path(exists=True, dir_okay=False, path_type=Path),
     metavar="FILE",
-    help="Keep what this dataset lock refers to, too; may be repeated. Locks in the folder `kept-locks` of the state are "
-    "always kept.",
+    help="Also keep what this dataset lock refers to; may be repeated. Locks in `kept-locks` of the state folder always "
+    "count.",
 )
 @click.option(
     "--forget",
     multiple=True,
     type=click.Path(path_type=Path),
     metavar="RECIPE",
-    help="A project that used this store is no more; may be repeated.",
+    help="A project that used this store and no longer exists; may be repeated.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON document.")
 def gc(
@@ -68,9 +68,10 @@ def gc(
 ) -> None:
     """Remove artifacts that nothing refers to any more.
 
-    Stays: what a dataset on disk was made from; what is current for a recording in the Dagster
-    instance of any project on this store; what recent builds made or used; and whatever a
-    running build works with. An artifact that comes to be needed again is made again.
+    Kept are the artifacts of every dataset on disk, the current artifacts of all recordings in the Dagster instance of
+    any project on this store, what recent builds made or used, and what a running build works with. Recordings are
+    not looked at, so a bag root that is not mounted makes nothing garbage. An artifact that is needed again is made
+    again.
     """
     from bagassets.defs.garbage import find_roots
     from bagassets.recipe import load_recipe
@@ -115,14 +116,14 @@ def gc(
         )
     verb = "would be removed" if dry_run else "removed"
     echo(
-        f"{len(listed)} artifact{'' if len(listed) == 1 else 's'}, {sum(e.size for e in listed) / 1e6:.1f} MB, {verb}; "
-        f"{len(roots.projects)} project{'' if len(roots.projects) == 1 else 's'} and {len(roots.locks)} dataset "
-        f"lock{'' if len(roots.locks) == 1 else 's'} asked.",
+        f"{count_text(len(listed), 'artifact')}, {sum(e.size for e in listed) / 1e6:.1f} MB, {verb}; kept what "
+        f"{count_text(len(roots.projects), 'project')} and {count_text(len(roots.locks), 'dataset lock')} refer to.",
         err=True,
     )
     if collected.spared or collected.leftovers:
         echo(
-            f"{collected.spared} spared, because a build uses them; {collected.leftovers} leftovers of killed builds removed.",
+            f"{collected.spared} kept because a build uses them; {count_text(collected.leftovers, 'leftover')} of killed "
+            "builds removed.",
             err=True,
         )
 

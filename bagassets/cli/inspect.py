@@ -32,13 +32,13 @@ Examples:
     "--recipe",
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="Recipe whose bags.message_definitions are used too, and whose limits.",
+    help="Recipe whose bags.message_definitions and limits apply.",
 )
 def inspect(bag: Path, as_json: bool, definitions: tuple[Path, ...], recipe: Path | None) -> None:
     """Print what a recording holds.
 
-    BAG is a .bag, .mcap or .db3 file, or a ROS 2 bag folder. All of it is read: topics, types,
-    counts, rates, gaps, frames, the offset of header stamps from log time, the place and the daylight.
+    BAG is a .bag, .mcap or .db3 file, or a ROS 2 bag folder. It is read completely. Printed are topics, types, counts,
+    rates, gaps, frames, the offset of header stamps from log time, place and daylight.
     """
     import tempfile
 

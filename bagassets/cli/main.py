@@ -1,6 +1,6 @@
-"""The command `bagassets`: its subcommands by name, and the one place that ends the process.
+"""The command `bagassets`: its subcommands by name, and the exit status.
 
-Subcommands are imported when they are called, so that `bagassets --help` pays for none of them.
+A subcommand is imported when it is called, so `bagassets --help` imports none.
 """
 
 import errno
@@ -18,50 +18,49 @@ from bagassets.errors import BagAssetsError
 
 __all__ = ["COMMANDS", "main", "root"]
 
-# Name -> module and attribute, and the line in the overview. A test holds each line against the
-# command's own help.
+# Name -> module and attribute, and the line in the overview, which a test compares with the help of the command.
 COMMANDS: dict[str, tuple[str, str]] = {
     "init": ("bagassets.cli.init:init", "Make a project folder, with a recipe proposed from recordings."),
     "inspect": ("bagassets.cli.inspect:inspect", "Print what a recording holds."),
     "build": (
         "bagassets.cli.build:build",
-        "Bring all recordings and the dataset up to date, and tell what was done.",
+        "Bring all recordings and the dataset up to date, and report what was done.",
     ),
-    "status": ("bagassets.cli.status:status", "Tell what is fresh, stale, skipped or failed, and why."),
+    "status": ("bagassets.cli.status:status", "Show what is fresh, stale, skipped or failed, and why."),
     "explain": (
         "bagassets.cli.explain:explain",
-        "Tell what an asset of a recording is made from, and what differs from the last time.",
+        "Show what an asset of a recording is made from, and what has changed since the last time.",
     ),
     "check": (
         "bagassets.cli.check:check",
-        "Hold what was built against the checks of the recipe, and print what they find.",
+        "Run the checks of the recipe on what was built, and print the findings.",
     ),
     "ui": ("bagassets.cli.ui:ui", "Open the web UI of a project."),
     "report": (
         "bagassets.cli.report:report",
-        "Write one HTML page about the dataset: recordings, split, gaps, what was left out, pictures, map.",
+        "Write one HTML page about the dataset: recordings, splits, gaps, losses, pictures, map.",
     ),
     "view": (
         "bagassets.cli.view:view",
-        "Write a scene of the finished dataset as an MCAP file with Foxglove's message types.",
+        "Write a scene of the dataset as an MCAP file with Foxglove's message types.",
     ),
     "digest": (
         "bagassets.cli.digest:digest",
-        "Print digests of recordings and store them beside the files.",
+        "Print digests of recordings and store them with the files.",
     ),
-    "watch": ("bagassets.cli.watch:watch", "Follow a folder of recordings and keep their digests true."),
+    "watch": ("bagassets.cli.watch:watch", "Watch a folder of recordings and keep their digests up to date."),
     "verify": (
         "bagassets.cli.verify:verify",
-        "Check that store and recordings are intact, and that actions repeat.",
+        "Check that store and recordings are intact, and that actions are reproducible.",
     ),
     "gc": ("bagassets.cli.gc:gc", "Remove artifacts that nothing refers to any more."),
-    "dataset": ("bagassets.cli.dataset:dataset", "Compare datasets, and make one again from its lock."),
-    "demo": ("bagassets.cli.demo:demo", "Make sample drives and build the dataset from them."),
-    "sample": ("bagassets.cli.sample:sample", "Write a synthetic drive, whose truth is known."),
-    "decoders": ("bagassets.cli.decoders:decoders", "List installed decoders of your own message types."),
+    "dataset": ("bagassets.cli.dataset:dataset", "Compare datasets, and restore one from its lock."),
+    "demo": ("bagassets.cli.demo:demo", "Write sample drives and build the dataset from them."),
+    "sample": ("bagassets.cli.sample:sample", "Write a synthetic drive with known ground truth."),
+    "decoders": ("bagassets.cli.plugins:decoders", "List installed decoders for your own message types."),
     "formats": (
-        "bagassets.cli.formats:formats",
-        "List dataset formats, and assets of recordings that packages add.",
+        "bagassets.cli.plugins:formats",
+        "List dataset formats, and the assets of recordings that packages add.",
     ),
     "docs": (
         "bagassets.cli.docs:docs",
@@ -76,7 +75,7 @@ EXIT_INTERRUPTED = 130
 # Importing Dagster makes a million objects that stay: with Python's 700, a quarter of its time is spent on looking.
 _GC_THRESHOLD = 100_000
 
-# What a file system may answer to a place that a user named; any other error of the system is a defect.
+# Errors of the file system that a path given by the user can cause; any other is a defect.
 _REFUSALS = frozenset(
     {
         errno.EACCES,
@@ -94,7 +93,7 @@ _REFUSALS = frozenset(
 
 
 class LazyGroup(click.Group):
-    """A group whose commands are imported by name; one without module is not offered."""
+    """A group that imports a command when it is called; commands without a module are not listed."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002  (signature of click)
         """Return the names of the commands in the order of `COMMANDS`."""
@@ -127,7 +126,7 @@ class LazyGroup(click.Group):
 
 
 def _exists(target: str) -> bool:
-    """Return whether the module of a command is there, without importing it."""
+    """Return whether the module of a command exists, without importing it."""
     name = target.partition(":")[0].rpartition(".")[2]
     return os.path.exists(os.path.join(os.path.dirname(__file__), f"{name}.py"))  # noqa: PTH110, PTH118, PTH120  (pathlib costs 5 ms here)
 
@@ -149,8 +148,7 @@ def root() -> None:
 def main(args: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status.
 
-    0 is success, 1 an error that a user can mend, 2 wrong usage, 70 a defect of this program,
-    130 an interruption.
+    0 is success, 1 an error that the user can fix, 2 wrong usage, 70 a defect of this program, 130 an interruption.
     """
     arguments = list(sys.argv[1:] if args is None else args)
     gc.set_threshold(_GC_THRESHOLD)
@@ -170,7 +168,7 @@ def main(args: Sequence[str] | None = None) -> int:
         if err.errno not in _REFUSALS or err.filename is None:
             return _crashed(err, arguments)
         echo(
-            f"error: {err.filename}: {err.strerror}; name another place, or mend this one and try again.",
+            f"error: {err.filename}: {err.strerror}; name another path, or fix this one and try again.",
             err=True,
         )
         return EXIT_ERROR
@@ -180,7 +178,7 @@ def main(args: Sequence[str] | None = None) -> int:
 
 
 def _crashed(err: Exception, arguments: list[str]) -> int:
-    """Write the traceback to a file and say where."""
+    """Write the traceback to a file and print its path."""
     import tempfile
     import traceback
 

@@ -7,7 +7,7 @@ import click
 __all__ = ["EXIT_FOUND", "recipe_option"]
 
 EXIT_FOUND = 3
-"""Exit status of a check that found what it looks for: damage, disagreement, difference."""
+"""Exit status of a check with findings: damage, a mismatch, a difference."""
 
 recipe_option = click.option(
     "--recipe",

@@ -1,4 +1,4 @@
-"""What a build shows while it works: a live display on a terminal, plain lines elsewhere."""
+"""The progress of a build: a live display on a terminal, plain lines elsewhere."""
 
 import sys
 import time
@@ -6,7 +6,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Protocol, Self
 
 from bagassets.build.build_report import Event
-from bagassets.cli.terminal import echo, echo_lines, print_lines
+from bagassets.cli.terminal import count_text, echo, echo_lines, print_lines
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -19,7 +19,7 @@ _MOST_SHOWN = 12
 
 
 class BuildProgress(Protocol):
-    """Takes the events of a build."""
+    """Shows the events of a build."""
 
     def __call__(self, event: Event) -> None:
         """Show an event."""
@@ -36,7 +36,7 @@ class SilentProgress:
     """Shows nothing."""
 
     def __call__(self, event: Event) -> None:
-        """Take an event."""
+        """Ignore an event."""
 
     def __enter__(self) -> Self:
         return self
@@ -46,7 +46,7 @@ class SilentProgress:
 
 
 class LinesProgress(SilentProgress):
-    """One line when a recording is begun and when it is done, for logs."""
+    """One line when a recording starts and one when it ends, for logs."""
 
     def __init__(self) -> None:
         self._total = self._ended = 0
@@ -58,8 +58,8 @@ class LinesProgress(SilentProgress):
         if event.kind == "planned":
             self._total = len(event.sizes)
             if self._total:
-                plural = "recording needs" if self._total == 1 else "recordings need"
-                echo(f"{self._total} {plural} a run.", err=True)
+                verb = "needs" if self._total == 1 else "need"
+                echo(f"{count_text(self._total, 'recording')} {verb} a run.", err=True)
         elif event.kind == "started":
             self._since[event.key] = now
             echo(f"start    {event.key or 'dataset'}", err=True)
@@ -72,9 +72,9 @@ class LinesProgress(SilentProgress):
 
 
 class LiveProgress(SilentProgress):
-    """A bar with done/total and the time left, and a line per recording in work.
+    """A bar with done/total and the time left, and a line per active recording.
 
-    The time left is that of the bytes left at the pace so far; it is shown once something is done.
+    The time left is extrapolated from the bytes done so far; it is shown once a recording is done.
     """
 
     def __init__(self) -> None:
@@ -86,7 +86,7 @@ class LiveProgress(SilentProgress):
         self._live: Live | None = None
 
     def __call__(self, event: Event) -> None:
-        """Note an event and draw anew."""
+        """Note an event and redraw."""
         now = time.monotonic()
         if event.kind == "planned":
             self._sizes = dict(event.sizes)
@@ -116,7 +116,7 @@ class LiveProgress(SilentProgress):
             self._live.stop()
 
     def render(self) -> "RenderableType":
-        """Return the display as it is now."""
+        """Return the current display."""
         from rich.console import Group
         from rich.progress_bar import ProgressBar
         from rich.table import Table
@@ -124,8 +124,8 @@ class LiveProgress(SilentProgress):
 
         now = time.monotonic()
         if not self._sizes and not self._since:
-            return Text("looking at recordings …", style="dim")
-        # Every recording counts a little besides its bytes, so that empty ones move the bar as well.
+            return Text("scanning recordings …", style="dim")
+        # Every recording counts a little more than its bytes, so that empty ones move the bar as well.
         weight = {key: size + 1_000_000 for key, size in self._sizes.items()}
         total = sum(weight.values())
         done = sum(weight.get(key, 0) for key in self._done)
@@ -154,7 +154,7 @@ def clock(seconds: float) -> str:
 
 
 def progress_for(*, quiet: bool = False) -> BuildProgress:
-    """Return the display that suits standard error: a terminal, or a log."""
+    """Return the display for standard error: live on a terminal, lines in a log."""
     if quiet:
         return SilentProgress()
     return LiveProgress() if sys.stderr.isatty() else LinesProgress()

@@ -1,7 +1,7 @@
-"""Running actions again in a process that is as unlike the first one as this machine allows.
+"""Running actions again in a process that differs from the first one as much as this machine allows.
 
-Results must not depend on the number of workers, on the processor's kind (BLAS, numpy and OpenCV choose
-other code for other processors), on hash seeds, or on the time zone.
+Results must not depend on the number of workers, the kind of processor (BLAS, numpy and OpenCV choose their code by
+it), hash seeds or the time zone.
 """
 
 import json
@@ -19,14 +19,14 @@ from bagassets.json_types import JsonObject
 
 __all__ = ["other_environment", "rebuild_elsewhere"]
 
-# Builds encode with as many threads as Dagster leaves them, mostly one.
+# Builds encode with as many threads as Dagster leaves them, usually one.
 WORKERS = 3
-# The oldest kernels that every processor of that kind can run.
+# The oldest kernels, which every processor of that architecture can run.
 _CORETYPES = {"x86_64": "Nehalem", "AMD64": "Nehalem", "aarch64": "ARMV8", "arm64": "ARMV8"}
 
 
 def other_environment() -> dict[str, str]:
-    """Return environment variables that make libraries choose other code than they do here by default."""
+    """Return environment variables that make libraries choose different code than they do here by default."""
     import cv2
     import numpy as np
 
@@ -51,7 +51,7 @@ def other_environment() -> dict[str, str]:
 def rebuild_elsewhere(
     recipe_file: Path, key: str, actions: Sequence[str], environment: dict[str, str]
 ) -> list[JsonObject]:
-    """Run actions of one recording in a process of their own; return `Rebuilt.as_json` of each.
+    """Run actions of a recording in a separate process; return `Rebuilt.as_json` of each.
 
     Raises:
         BagAssetsError: the process failed as a whole.
@@ -79,7 +79,7 @@ def _main() -> None:
     from bagassets.recipe import load_recipe
     from bagassets.store.store import Store
 
-    # What libraries print to standard output, as OpenCV does its log, is not the answer.
+    # Libraries print to standard output, too (OpenCV its log): keep that apart from the answer.
     answer = os.fdopen(os.dup(sys.stdout.fileno()), "w")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
     request = json.load(sys.stdin)

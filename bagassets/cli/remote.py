@@ -1,7 +1,6 @@
-"""Having a build made by the fork server, which has imported what a build needs.
+"""Building on the fork server, which has imported what a build needs.
 
-A server that is to be started imports Dagster once, for all builds until it ends; were the driver in
-this process, both would.
+A new server imports Dagster once, for all builds until it ends; if the build ran in this process, both would import it.
 """
 
 import os
@@ -20,19 +19,19 @@ from bagassets.store.writable import require_writable
 __all__ = ["InterruptedBuildError", "build_on_server", "find_server", "server_for"]
 
 _JOB = "bagassets.defs.project_build:build_project_in_worker"
-_AHEAD = "bagassets.defs.early_inventories:make_inventories"
-# A driver that was asked to stop waits this long for its runs; they have less.
+_EARLY_JOB = "bagassets.defs.early_inventories:make_inventories"
+# A build that is cancelled waits this long for its runs, which have less time to end.
 _GRACE_S = 40.0
 
 
 class InterruptedBuildError(BagAssetsError):
-    """A build was interrupted before it could tell what it did."""
+    """A build was interrupted before it could report what it did."""
 
 
 def find_server(recipe: Path) -> Client | None:
-    """Return a client of the server that fits a recipe, if one is up; none is started.
+    """Return a client of the server for a recipe, or None if no such server is up.
 
-    The recipe is not read: a server with its stamp has read this very text.
+    The recipe is not read: the stamp of the server covers its text.
     """
     from bagassets.freshness.decide import state_folder
     from bagassets.freshness.fingerprints import PlanNeeded
@@ -47,12 +46,11 @@ def find_server(recipe: Path) -> Client | None:
 
 
 def server_for(recipe: Path, bags: Sequence[str]) -> Client:
-    """Return a client of the server that fits a recipe; one is started if there is none.
+    """Return a client of the server for a recipe, which is started if it is not up.
 
     Args:
         recipe: recipe file.
-        bags: which recordings are going to be built (`BuildOptions.bags`): a server that starts reads the first
-            of them meanwhile.
+        bags: the recordings to build (`BuildOptions.bags`); the first ones are read while the server starts.
 
     Raises:
         RecipeError: the recipe is missing or wrong.
@@ -65,22 +63,22 @@ def server_for(recipe: Path, bags: Sequence[str]) -> Client:
 
     state = load_recipe(recipe).state
     require_writable(state)
-    ahead = {"recipe": str(recipe), "bags": list(bags)}
-    return Client.ensure(server_spec(state, recipe), first_job=(_AHEAD, ahead))
+    early = {"recipe": str(recipe), "bags": list(bags)}
+    return Client.ensure(server_spec(state, recipe), first_job=(_EARLY_JOB, early))
 
 
 def build_on_server(
     client: Client, recipe: Path, options: BuildOptions, on_event: Callable[[Event], None], most: int | None
 ) -> JsonObject | None:
-    """Have a build made; return its report and the rows of its table as JSON.
+    """Build on the server; return the report, with the rows of its table, as JSON.
 
-    An interrupt (Ctrl-C) stops it cleanly and returns what was done; a second one does not wait.
+    An interrupt (Ctrl-C) stops the build cleanly, and the report says what was done; a second interrupt does not wait.
 
     Returns:
-        The report, or None if the server is just going and was never asked.
+        The report, or None if the server was shutting down and refused the job.
 
     Raises:
-        BagAssetsError: what the driver raises, in its words.
+        BagAssetsError: an error of the build, with its message.
     """
     args = {"recipe": str(recipe), "options": options.as_json(), "most": most}
     try:
@@ -104,15 +102,15 @@ def build_on_server(
 
 
 def _follow(client: Client, job: str, on_event: Callable[[Event], None]) -> JsonObject:
-    """Hand on what the driver tells, and return how it ended."""
+    """Pass on the events of the build, and return the event with which its job ended."""
     while True:
         event = client.wait()
         if event is None or event["job"] != job:
             continue
         if event["event"] == "note":
-            told = event["note"].get("build")
-            if told is not None:
-                on_event(Event(**told))
+            fields = event["note"].get("build")
+            if fields is not None:
+                on_event(Event(**fields))
         elif event["event"] in {"finished", "killed"}:
             return event
 

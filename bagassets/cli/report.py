@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from bagassets.cli.options import recipe_option
-from bagassets.cli.terminal import echo, echo_lines
+from bagassets.cli.terminal import count_text, echo, echo_lines
 
 __all__ = ["report"]
 
@@ -22,14 +22,15 @@ Examples:
     "--output",
     type=click.Path(dir_okay=False, path_type=Path),
     metavar="FILE",
-    help="The page; default: report.html beside the recipe.",
+    help="File to write; default: report.html beside the recipe.",
 )
-@click.option("--json", "as_json", is_flag=True, help="Print what the page tells as JSON, and write no page.")
+@click.option(
+    "--json", "as_json", is_flag=True, help="Print the content of the page as JSON, and write no page."
+)
 def report(recipe: Path, output: Path | None, as_json: bool) -> None:
-    """Write one HTML page about the dataset: recordings, split, gaps, what was left out, pictures, map.
+    """Write one HTML page about the dataset: recordings, splits, gaps, losses, pictures, map.
 
-    The page holds everything, pictures included, and loads nothing. Nothing is built: the page tells
-    what there is now.
+    The page is self-contained, pictures included, and loads nothing. Nothing is built: the page shows the present state.
     """
     import json
 
@@ -47,4 +48,4 @@ def report(recipe: Path, output: Path | None, as_json: bool) -> None:
         return
     path = output or recipe.absolute().parent / "report.html"
     size = write_page(path, report_page(data))
-    echo(f"{path} ({len(data.recordings)} recordings, {size / 1e6:.1f} MB)")
+    echo(f"{path} ({count_text(len(data.recordings), 'recording')}, {size / 1e6:.1f} MB)")

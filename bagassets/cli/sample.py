@@ -1,4 +1,4 @@
-"""`bagassets sample`: synthetic drives, to try things on and to measure with."""
+"""`bagassets sample`: synthetic drives, for trying things out and for measurements."""
 
 from pathlib import Path
 
@@ -24,32 +24,37 @@ Examples:
     "--format",
     "file_format",
     type=click.Choice(["ros1", "ros2", "mcap"]),
-    help="Default: by the name: .bag is ros1, .mcap is mcap, no suffix is ros2 (a folder with a database).",
+    help="Default: by the suffix: .bag is ros1, .mcap is mcap, none is ros2 (a folder with a database).",
 )
 @click.option(
     "--compression",
     type=click.Choice(["none", "lz4", "bz2", "zstd"]),
     default="none",
     show_default=True,
-    help="ros1 knows lz4 and bz2, ros2 zstd, mcap lz4 and zstd.",
+    help="ros1 supports lz4 and bz2; ros2 zstd; mcap lz4 and zstd.",
 )
 @click.option(
     "--profile",
     type=click.Choice(["small", "drive", "tas"]),
     default="small",
     show_default=True,
-    help="small: 4 s, images of 320x200; drive: 20 s, 640x400; tas: 10 s of four Bayer cameras of 1920x1080 and "
-    "the packets of a lidar with 128 beams, whose pictures repeat; for measuring throughput.",
+    help="small: 4 s, images of 320x200; drive: 20 s, images of 640x400; tas: 10 s of four 1920x1080 Bayer cameras and the "
+    "packets of a 128-beam lidar, with repeating content, for measuring throughput.",
 )
-@click.option("--seed", type=click.IntRange(0, 10_000), default=0, show_default=True, help="Another world.")
 @click.option(
-    "--duration", type=click.FloatRange(0.1, 36_000), metavar="S", help="Seconds; default: the profile's."
+    "--seed", type=click.IntRange(0, 10_000), default=0, show_default=True, help="Seed of the world."
+)
+@click.option(
+    "--duration",
+    type=click.FloatRange(0.1, 36_000),
+    metavar="S",
+    help="Duration in seconds; default: that of the profile.",
 )
 @click.option(
     "--recipe-out",
     type=click.Path(dir_okay=False, path_type=Path),
     metavar="FILE",
-    help="Write a recipe for drives of this profile, too.",
+    help="Also write a recipe for drives of this profile.",
 )
 def sample(
     path: Path,
@@ -60,19 +65,21 @@ def sample(
     duration: float | None,
     recipe_out: Path | None,
 ) -> None:
-    """Write a synthetic drive, whose truth is known.
+    """Write a synthetic drive with known ground truth.
 
-    A round road with buildings, vehicles and pedestrians, seen by three cameras with lens distortion
-    (one Bayer, one colour, one JPEG), a spinning lidar and a radar; odometry, TF, GNSS, IMU, and the
-    true boxes on /annotations. The same seed gives the same drive in every format.
+    A circular road with buildings, vehicles and pedestrians, recorded by three cameras with lens distortion (one Bayer,
+    one colour, one JPEG), a spinning lidar and a radar, with odometry, TF, GNSS, IMU, and the true boxes on /annotations.
+    The same seed gives the same drive in every format.
     """
     from bagassets.sample.drive import PROFILES, Target, write_recordings
 
     kind = file_format or _FORMATS.get(path.suffix)
     if kind is None:
-        raise click.UsageError(f"{path}: which format? Give --format, or a name that ends in .bag or .mcap.")
+        raise click.UsageError(
+            f"{path}: the suffix names no format; give --format, or a name that ends in .bag or .mcap."
+        )
     if recipe_out is not None and recipe_out.exists():
-        raise click.UsageError(f"{recipe_out}: there is a file already; it is left as it is.")
+        raise click.UsageError(f"{recipe_out}: this file exists and is not overwritten; choose another name.")
     length_s = PROFILES[profile].duration_s if duration is None else duration
     with click.progressbar(length=1000, label=f"Writing {path}") as bar:
         write_recordings(
@@ -82,7 +89,7 @@ def sample(
             length_s,
             lambda seconds: bar.update(max(0, min(1000, int(1000 * seconds / length_s)) - bar.pos)),
         )
-    echo(f"Wrote {path}: {length_s:g} s of drive, seed {seed}. Look into it: bagassets inspect {path}")
+    echo(f"Wrote {path}: {length_s:g} s of drive, seed {seed}. Inspect it: bagassets inspect {path}")
     if recipe_out is not None:
         from bagassets.sample.recipe import sample_recipe
 

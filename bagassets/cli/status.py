@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from bagassets.cli.options import recipe_option
-from bagassets.cli.terminal import echo_lines, print_lines
+from bagassets.cli.terminal import count_text, echo_lines, print_lines
 from bagassets.escaping import visible
-from bagassets.json_types import JsonMapping, JsonObject
+from bagassets.json_types import JsonObject
 
 if TYPE_CHECKING:
     from bagassets.defs.pending_work import PendingWork
@@ -22,9 +22,9 @@ __all__ = ["status"]
 EXIT_FAILED = 1
 EXIT_STALE = 3
 
-# More recordings than this are not listed when they are fresh.
+# Beyond this number, fresh recordings are not listed.
 MOST_ROWS = 40
-# Narrower terminals get shorter headings.
+# Narrower terminals get shorter column headings.
 _WIDE = 110
 _SHORT = {
     "inventory": "invent.",
@@ -46,27 +46,27 @@ Examples:
 \b
 States:
   fresh        nothing to do
-  record-only  the result is in the store, Dagster's record of it is older; recorded anew, no work
-  stale        inputs, recipe fields or step version changed: will run
-  unknown      waits for a result that is not known yet: may run
+  record-only  the result is in the store, but Dagster's record is older: recorded again, without work
+  stale        inputs, recipe fields or versions changed: will run
+  unknown      depends on a result that is not known yet: may run
   missing      never made: will run
-  failed       failed on the input it has; tried again when that changes, or with build --retry-failed
-  skipped      the recording takes no part in the dataset
+  failed       failed on its current input; retried when that changes, or with build --retry-failed
+  skipped      the recording is not part of the dataset
 
 \b
-Exit status: 0 all is fresh or skipped, 1 some failed and there is nothing else to do, 3 there is
-something to do."""
+Exit status: 0 everything is fresh or skipped; 1 something failed and there is nothing else to do;
+3 there is something to do."""
 )
 @recipe_option
 @click.option("--bag", "bags", multiple=True, metavar="BAG",
               help="Only this recording: its key, a glob of keys, or its path; may be repeated.")  # fmt: skip
-@click.option("--all", "show_all", is_flag=True, help="List recordings that are fresh too, however many.")
+@click.option("--all", "show_all", is_flag=True, help="List fresh recordings, too, however many there are.")
 @click.option("--json", "as_json", is_flag=True, help="Print all states and reasons as JSON.")
 def status(recipe: Path, bags: tuple[str, ...], show_all: bool, as_json: bool) -> None:
-    """Tell what is fresh, stale, skipped or failed, and why.
+    """Show what is fresh, stale, skipped or failed, and why.
 
-    Every asset of every recording has a state, with the reason in words, back to what changed first.
-    Nothing is run and no recording is read: what has changed is told by sizes, times and stored digests.
+    Every asset of every recording has a state, with the reason, traced back to the first change. Nothing is run and no
+    recording is read: changes are found by sizes, times and stored digests.
     """
     from bagassets.build.build_report import BuildOptions
     from bagassets.build.choose import SelectionError
@@ -92,7 +92,7 @@ def status(recipe: Path, bags: tuple[str, ...], show_all: bool, as_json: bool) -
 
 
 def status_json(pending: "PendingWork", problems: Sequence[str] = ()) -> JsonObject:
-    """Return all states as JSON, and what of installed packages cannot be used."""
+    """Return all states as JSON, and the problems of installed packages."""
     bags = {key: bag for key, bag in pending.plan.bags.items() if key in pending.chosen}
     return {
         "settled": pending.is_settled,
@@ -125,14 +125,14 @@ def _print(pending: "PendingWork", *, show_all: bool) -> None:
         states = {key: {n: s.state for n, s in bag.assets.items()} for key, bag in listed.items()}
         console.print(_table(states, short=console.width < _WIDE))
     if len(listed) < len(bags):
-        console.print(f"{len(bags) - len(listed)} more recordings are fresh or skipped; --all lists them.")
+        console.print(f"{len(bags) - len(listed)} more are fresh or skipped; --all lists them.")
     for line in _reasons(pending, listed):
         print_lines(console, line)
     for name in pending.datasets:
         console.print(f"{name}: {_dataset_state(pending)}")
     counts = Counter[str](state.state for bag in bags.values() for state in bag.assets.values())
-    told = ", ".join(f"{counts[state]} {state}" for state in _ORDER if counts[state])
-    console.print(f"{len(bags)} recording{'' if len(bags) == 1 else 's'}: {told or 'nothing here'}.")
+    counted = ", ".join(f"{counts[state]} {state}" for state in _ORDER if counts[state])
+    console.print(f"{count_text(len(bags), 'recording')}: {counted or 'none'}.")
 
 
 def _table(states: Mapping[str, Mapping[str, str]], *, short: bool) -> Any:
@@ -152,16 +152,16 @@ def _table(states: Mapping[str, Mapping[str, str]], *, short: bool) -> Any:
     return table
 
 
-def _reasons(pending: "PendingWork", listed: JsonMapping) -> Iterator[str]:
-    """Yield the reasons of everything that is not fresh; assets with the same one share a line."""
+def _reasons(pending: "PendingWork", listed: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the reasons of everything that is not fresh; assets with the same reason share a line."""
     for key, bag in listed.items():
         by_reason: dict[tuple[str, str], list[str]] = {}
         for name, state in bag.assets.items():
             if state.state != "fresh":
                 by_reason.setdefault((state.state, state.reason), []).append(name)
         for (state, reason), names in by_reason.items():
-            told = "all but bag and inventory" if state == "skipped" else ", ".join(names)
-            yield f"{key}: {told} {state}: {reason if state == 'failed' else visible(reason)}"
+            shown = "all but bag and inventory" if state == "skipped" else ", ".join(names)
+            yield f"{key}: {shown} {state}: {reason if state == 'failed' else visible(reason)}"
     for key in pending.plan.removed:
         yield f"{key}: the recording is gone; the next build removes its partition and its scenes"
     for relative, reason in pending.plan.excluded.items():

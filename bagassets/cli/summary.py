@@ -1,4 +1,4 @@
-"""The table at the end of a build: what each recording gave, and what was done about it."""
+"""The summary at the end of a build: a table of recordings, the findings of checks, the dataset."""
 
 import sys
 from collections.abc import Mapping, Sequence
@@ -23,14 +23,14 @@ __all__ = [
     "ui_command",
 ]
 
-# More rows than this are not read; those where something happened are shown then.
+# Beyond this number, only recordings where something happened are shown.
 MOST_ROWS = 60
 _WIDTH_OF_LOGS = 120
 _COLOURS = {"built": "green", "hit": "cyan", "failed": "bold red", "stopped": "yellow", "skipped": "dim",
             "error": "bold red", "warn": "yellow"}  # fmt: skip
-# More findings of checks than this are only counted.
+# Further findings of checks are only counted.
 _MOST_REMARKS = 12
-# Nor more recordings that changed their split: a new seed moves many.
+# So are further recordings that moved to another split: a new seed moves many.
 _MOST_MOVES = 12
 
 
@@ -58,7 +58,7 @@ def print_summary(
         print_lines(console, f"removed {key}")
     for key, (was, now) in list(report.moved.items())[:_MOST_MOVES]:
         print_lines(
-            console, f"moved {key}: from {was} to {now}; `splits.pinned` keeps recordings where they are"
+            console, f"moved {key}: from {was} to {now}; pin it in `splits.pinned` to keep it where it is"
         )
     if len(report.moved) > _MOST_MOVES:
         console.print(f"{len(report.moved) - _MOST_MOVES} more recordings moved to another split.")
@@ -76,13 +76,13 @@ def summary_console() -> "Console":
 
 
 def counts_line(report: BuildReport) -> str:
-    """Return one line of what was done."""
+    """Return the number of recordings by result, and the time taken, as one line."""
     counts = [f"{number} {result}" for result, number in report.counts().items() if number]
     return f"{', '.join(counts) or 'no recordings'} in {report.seconds:.1f} s"
 
 
 def ui_command(recipe_file: Path) -> str:
-    """Return the command that opens the web UI, as typed in the current folder."""
+    """Return the command that opens the web UI from the current folder."""
     if recipe_file.absolute() == Path.cwd() / "recipe.yaml":
         return "bagassets ui"
     path = recipe_file.absolute()
@@ -97,14 +97,14 @@ def _quoted(path: Path) -> str:
 
 
 def print_remarks(remarks: Sequence[Remark], console: "Console") -> None:
-    """Print what checks found: errors first, and no more than fits a screen."""
-    told = sorted(remarks, key=lambda remark: remark.severity != "error")
-    for remark in told[:_MOST_REMARKS]:
+    """Print the findings of checks: errors first, and no more than fit on a screen."""
+    ranked = sorted(remarks, key=lambda remark: remark.severity != "error")
+    for remark in ranked[:_MOST_REMARKS]:
         console.print(f"[{_COLOURS[remark.severity]}]{remark.severity}[/] ", end="")
         problem = f"{remark.key or 'dataset'}: {visible(remark.problem)} ({remark.check})"
         print_lines(console, problem)
-    if len(told) > _MOST_REMARKS:
-        console.print(f"{len(told) - _MOST_REMARKS} more findings; `bagassets check` lists all.")
+    if len(ranked) > _MOST_REMARKS:
+        console.print(f"{len(ranked) - _MOST_REMARKS} more findings; `bagassets check` lists all.")
 
 
 def _print_dataset(report: BuildReport, console: "Console") -> None:
@@ -117,13 +117,13 @@ def _print_dataset(report: BuildReport, console: "Console") -> None:
 
 
 def splits_text(splits: Mapping[str, JsonMapping]) -> str:
-    """Return what each split has, what was asked for if that is far from it, and what the devkit calls it."""
-    told = []
+    """Return the share of each split, the share asked for if that is far off, and its name in the devkit."""
+    parts = []
     for name, share in splits.items():
         asked = f", {share['asked']:.0%} asked for" if share["is_far"] else ""
-        told.append(f"{name} {share['recordings']} ({share['share']:.0%} of the time{asked})")
+        parts.append(f"{name} {share['recordings']} ({share['share']:.0%} of the time{asked})")
     renamed = [devkit_split_name(name) for name in splits if devkit_split_name(name) != name]
-    return ", ".join(told) + (f"; in the devkit {', '.join(renamed)}" if renamed else "")
+    return ", ".join(parts) + (f"; in the devkit {', '.join(renamed)}" if renamed else "")
 
 
 def _table(rows: Sequence[SummaryRow]) -> Any:
@@ -146,7 +146,7 @@ def _table(rows: Sequence[SummaryRow]) -> Any:
 
 
 def span_text(seconds: float | None) -> str:
-    """Return a duration for people: `7.5 s`, `2:03 min`, `1:02:03 h`."""
+    """Return a duration: `7.5 s`, `2:03 min`, `1:02:03 h`."""
     if seconds is None:
         return ""
     if seconds < 60:

@@ -40,21 +40,20 @@ Examples:
     "allow_hosts",
     multiple=True,
     metavar="NAME",
-    help="Another name by which browsers reach the UI, such as that of a proxy.",
+    help="A further name by which browsers reach the UI, such as that of a proxy.",
 )
 @click.option("--no-browser", is_flag=True, help="Open no browser window.")
-@click.option("--verbose", is_flag=True, help="Show what Dagster does, not only what goes wrong.")
+@click.option("--verbose", is_flag=True, help="Show Dagster's log, not just warnings and errors.")
 def ui(
     recipe: Path, port: int, host: str, allow_hosts: tuple[str, ...], no_browser: bool, verbose: bool
 ) -> int:
     """Open the web UI of a project.
 
-    Runs Dagster's web server and daemon with the state of the project, so that the sensor notices
-    new, changed and removed recordings, until Ctrl-C. Runs that are at work then are waited for;
-    another Ctrl-C cancels them.
+    Runs Dagster's web server and daemon with the state of the project until Ctrl-C; the sensor notices new, changed and
+    removed recordings. Ctrl-C waits for active runs; another Ctrl-C cancels them.
 
-    There is no password. Requests that other sites make with your browser are refused: those under
-    a name that is not the UI's own, and those that come from their pages.
+    There is no password. Requests that other sites make with your browser are refused: those to a host name that is
+    not the UI's own, and those from their pages.
     """
     from bagassets.defs.services import Services
 
@@ -71,12 +70,12 @@ def ui(
         has_failed = not services.is_running
         services.stop()
         seen = signals.count
-        services.end_runs(_tell_waiting, cancel=lambda: signals.count > max(seen, 1) or signals.is_urgent)
+        services.end_runs(_report_waiting, cancel=lambda: signals.count > max(seen, 1) or signals.is_urgent)
     return 1 if has_failed else 0
 
 
 class _Signals:
-    """Counts requests to end; from now on none ends the process by itself."""
+    """Counts the signals to end; from now on none of them ends the process by itself."""
 
     def __init__(self) -> None:
         self.count = 0
@@ -86,17 +85,17 @@ class _Signals:
 
     def _note(self, number: int, _frame: FrameType | None) -> None:
         self.count += 1
-        # Whoever sends SIGTERM, or has closed the terminal, is not there to send another.
+        # After SIGTERM, or when the terminal was closed, nobody will send a second signal.
         self.is_urgent = self.is_urgent or number != signal.SIGINT
 
 
-def _tell_waiting(runs: int) -> None:
+def _report_waiting(runs: int) -> None:
     what = "a run" if runs == 1 else f"{runs} runs"
     echo(f"Waiting for {what} to end; Ctrl-C again cancels.", err=True)
 
 
 def _has_display() -> bool:
-    """Return whether a browser could show a window, rather than take over the terminal."""
+    """Return whether a browser can open a window, rather than take over the terminal."""
     return sys.stdout.isatty() and (
         sys.platform in {"darwin", "win32"}
         or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))

@@ -1,4 +1,4 @@
-"""`bagassets verify`: are store and recordings as they were, and do actions give the same bytes again?"""
+"""`bagassets verify`: check that store and recordings are intact and that actions are reproducible."""
 
 import json
 import random
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from bagassets.cli.options import EXIT_FOUND, recipe_option
-from bagassets.cli.terminal import echo, echo_lines
+from bagassets.cli.terminal import count_text, echo, echo_lines
 from bagassets.errors import BagAssetsError
 from bagassets.json_types import JsonObject
 
@@ -35,22 +35,22 @@ Examples:
 
 \b
 Exit status:
-  0  everything is as it was written
-  1  a recipe or folder is wrong
-  3  something is damaged, or came out different"""
+  0  everything is intact
+  1  something is wrong with the recipe or a folder
+  3  something is damaged or was not reproduced"""
 )
 @recipe_option
 @click.option(
     "--report-only",
     is_flag=True,
-    help="Leave what is damaged where it is; the next build will not notice it.",
+    help="Leave damaged files in place; the next build will not notice them.",
 )
 @click.option(
     "--recordings",
     "of_recordings",
     is_flag=True,
-    help="Instead of reading the store, hash every recording and name files whose content is not that of their digest "
-    "on record, with the topics that changed. Nothing is written.",
+    help="Instead of reading the store, hash every recording and name the files that do not match their digest on "
+    "record, with the topics that changed. Nothing is written.",
 )
 @click.option(
     "--rebuild",
@@ -58,9 +58,9 @@ Exit status:
     type=click.IntRange(min=1),
     metavar="N",
     help="Instead of reading the store, run N random actions again, in a process with another number of workers, "
-    "other BLAS kernels and fewer processor features, and compare what they make.",
+    "other BLAS kernels and fewer processor features, and compare the results.",
 )
-@click.option("--seed", type=int, help="Choose the same actions as another --rebuild did.")
+@click.option("--seed", type=int, help="Choose the same actions as an earlier --rebuild.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON document.")
 def verify(
     recipe: Path,
@@ -70,10 +70,10 @@ def verify(
     seed: int | None,
     as_json: bool,
 ) -> int:
-    """Check that store and recordings are intact, and that actions repeat.
+    """Check that store and recordings are intact, and that actions are reproducible.
 
-    Reads every file of the store and of the datasets. Artifacts with missing or changed files are
-    taken out of the store, and such files out of datasets: the next build makes them again.
+    Reads every file of the store and of the datasets. Artifacts with missing or changed files are removed from the
+    store, and such files from the datasets: the next build makes them again.
     """
     from bagassets.recipe import load_recipe
     from bagassets.store.store import Store
@@ -130,11 +130,9 @@ def _check(recipe: "Recipe", store: "Store", *, report_only: bool, as_json: bool
     if len(spoiled) > _MOST_SHOWN:
         echo(f"dataset  and {len(spoiled) - _MOST_SHOWN} more files")
     if not damages and not spoiled:
-        echo("Store and datasets are as they were written.")
+        echo("Store and datasets are intact.")
         return 0
-    done = (
-        "Nothing was changed." if report_only else "Taken out; the next `bagassets build` makes them again."
-    )
+    done = "Nothing was changed." if report_only else "Removed; the next `bagassets build` makes them again."
     echo(f"Damage: {len(damages)} in the store, {len(spoiled)} in datasets. {done}", err=True)
     return EXIT_FOUND
 
@@ -153,12 +151,12 @@ def _check_recordings(recipe: "Recipe", store: "Store", *, as_json: bool) -> int
         for topic in recording.topics:
             echo(f"           {topic}")
         if recording.files and not recording.topics and recording.problem is None:
-            echo("           no topic: an index, a header or the name of a tool is another")
+            echo("           no topic: only an index, a header or the name of a tool changed")
         if recording.problem is not None:
             echo_lines(f"{'           ' if recording.files else 'unread   '}{recording.problem}")
         for path in recording.unrecorded:
             echo(
-                f"unknown  {path}: it has no digest on record; `bagassets build` or `bagassets digest` makes one"
+                f"unknown  {path}: it has no digest on record; `bagassets build` or `bagassets digest` stores one"
             )
         sys.stdout.flush()
     wrong = sum(not recording.is_sound for recording in checked)
@@ -166,14 +164,13 @@ def _check_recordings(recipe: "Recipe", store: "Store", *, as_json: bool) -> int
         echo_lines(json.dumps({"recordings": [recording.as_json() for recording in checked]}, indent=1))
         return EXIT_FOUND if wrong else 0
     size = sum(recording.size for recording in checked)
-    plural = "" if len(checked) == 1 else "s"
     advice = (
-        " Put them back from their source; what was changed on purpose is accepted with `bagassets digest --rehash`."
+        " Restore them from their source; accept intended changes with `bagassets digest --rehash`."
         if wrong
         else ""
     )
     echo(
-        f"{len(checked)} recording{plural}, {size / 1e6:.1f} MB hashed: {wrong or 'none'} changed.{advice}",
+        f"{count_text(len(checked), 'recording')}, {size / 1e6:.1f} MB hashed: {wrong or 'none'} changed.{advice}",
         err=True,
     )
     return EXIT_FOUND if wrong else 0
@@ -197,7 +194,7 @@ def _damages(store: "Store") -> list["Damage"]:
 
 
 def _names(recipe: "Recipe", store: "Store") -> dict[str, str]:
-    """Return digest of artifact or action -> what it is to users, as far as current recordings tell."""
+    """Return digest of artifact or action -> recording, asset and channel, as far as they are known."""
     from bagassets.build.rebuild import known_actions
     from bagassets.formats.catalogue import recording_assets
 

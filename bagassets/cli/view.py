@@ -30,9 +30,9 @@ Examples:
               help="Any nuScenes dataroot, without a recipe; needs --version.")  # fmt: skip
 @click.option("--version", metavar="NAME", help="Version folder in --dataroot.")
 @click.option("--output", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE",
-              help="File to write; default: SCENE.mcap here.")  # fmt: skip
+              help="File to write; default: SCENE.mcap in the current folder.")  # fmt: skip
 @click.option("--list", "show_list", is_flag=True, help="Print the names of all scenes instead.")
-@click.option("--json", "as_json", is_flag=True, help="Print as JSON what was written, or the list.")
+@click.option("--json", "as_json", is_flag=True, help="Print the summary, or the list, as JSON.")
 def view(
     scene: str | None,
     recipe: Path,
@@ -43,10 +43,10 @@ def view(
     show_list: bool,
     as_json: bool,
 ) -> None:
-    """Write a scene of the finished dataset as an MCAP file with Foxglove's message types.
+    """Write a scene of the dataset as an MCAP file with Foxglove's message types.
 
-    SCENE is a scene's name or token. Images, clouds, poses, boxes, transforms and the position on Earth are
-    in it; open it in Foxglove or Rerun.
+    SCENE is the name or token of a scene. The file holds images, point clouds, poses, boxes, transforms and the position
+    on Earth; open it in Foxglove or Rerun.
     """
     import json
 
@@ -55,7 +55,7 @@ def view(
     if (dataroot is None) != (version is None):
         raise click.UsageError("--dataroot and --version go together.")
     if scene is None and not show_list:
-        raise click.UsageError("name a scene, or use --list to see which there are.")
+        raise click.UsageError("name a scene, or print all names with --list.")
     settings = None
     if dataroot is None or version is None:
         from bagassets.recipe import load_recipe

@@ -23,22 +23,22 @@ Examples:
   bagassets watch --recipe project/recipe.yaml
   bagassets watch /data/recordings --verify --once
 
-Exit status: 0 when stopped by SIGTERM or Ctrl-C; 1 the folder is not there; 3 --once --verify found disagreements."""
+Exit status: 0 when stopped by SIGTERM or Ctrl-C; 1 there is no such folder; 3 --once --verify found disagreements."""
 )
 @click.argument("root", required=False, type=click.Path(path_type=Path))
 @click.option(
     "--recipe",
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="Recipe that says where recordings are and which count, if no ROOT is given, and whose index is used for "
-    "files that take no attributes; default: recipe.yaml, if there is one here.",
+    help="Recipe whose recordings are watched if no ROOT is given, and whose index takes the digests of files without "
+    "extended attributes; default: recipe.yaml in the current folder, if there is one.",
 )
 @click.option(
     "--settle",
     "settle_s",
     type=click.FloatRange(min=0),
     metavar="SECONDS",
-    help="A recording is finished when it has not changed for so long; default: bags.settle_s of the recipe, or 5.",
+    help="A recording is finished once it has not changed for this long; default: bags.settle_s of the recipe, or 5.",
 )
 @click.option(
     "--rescan",
@@ -47,12 +47,14 @@ Exit status: 0 when stopped by SIGTERM or Ctrl-C; 1 the folder is not there; 3 -
     default=300.0,
     show_default=True,
     metavar="SECONDS",
-    help="Look at all files this often even if nobody reports a change; shorten it where the file system reports none.",
+    help="Scan all files this often even without a notification; shorten it where the file system sends none.",
 )
 @click.option(
-    "--verify", is_flag=True, help="First hash all content again, report every disagreement and correct it."
+    "--verify",
+    is_flag=True,
+    help="First hash all content again, and report and correct every digest that disagrees.",
 )
-@click.option("--once", is_flag=True, help="Catch up with what is finished, then end.")
+@click.option("--once", is_flag=True, help="Hash the recordings that are finished, then end.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object per line.")
 def watch(
     root: Path | None,
@@ -63,11 +65,11 @@ def watch(
     once: bool,
     as_json: bool,
 ) -> int:
-    """Follow a folder of recordings and keep their digests true.
+    """Watch a folder of recordings and keep their digests up to date.
 
-    Meant to run on the machine that has the disks. Each finished recording below ROOT is hashed
-    once; the digest is stored with its files, for size and time, so that builds elsewhere need not read
-    them to know what they are. After a restart it catches up with what it missed.
+    Meant to run on the machine that has the disks. Each finished recording below ROOT is hashed once; the digest is
+    stored with its files, together with their size and time, so that builds elsewhere need not read them to identify
+    them. After a restart it catches up.
     """
     from bagassets.recipe import load_recipe
     from bagassets.recipe.model import Bags
@@ -88,16 +90,16 @@ def watch(
     index = None if loaded is None else DigestIndex(loaded.state)
     wrong = 0
 
-    def tell(event: WatchEvent) -> None:
+    def report(event: WatchEvent) -> None:
         nonlocal wrong
         wrong += event.kind == "wrong"
         echo_lines(_json_line(event) if as_json else _line(event))
 
-    watcher = Watcher(bags, index, tell, rescan_s=rescan_s)
+    watcher = Watcher(bags, index, report, rescan_s=rescan_s)
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: watcher.stop())
     if not once:
-        tell(WatchEvent("note", f"following {bags.root}", bags.root))
+        report(WatchEvent("note", f"watching {bags.root}", bags.root))
     watcher.run(verify=verify, once=once)
     return EXIT_FOUND if once and verify and wrong else 0
 
