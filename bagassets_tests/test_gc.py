@@ -322,6 +322,11 @@ class TestLocks:
             locked_artifacts(tmp_path / "lock.json")
 
 
+def artifacts(store):
+    """The digests of all artifacts in a store."""
+    return {folder.name for folder in (store.root / "artifacts").glob("*/*")}
+
+
 class TestCommand:
     """In a real Dagster instance."""
 
@@ -446,6 +451,16 @@ class TestCommand:
             assert self.gc(recipe_file, "--keep-days", 0)["artifacts"] == []
             assert store.has(used)
         assert [e["artifact"] for e in self.gc(recipe_file, "--keep-days", 0)["artifacts"]] == [used]
+
+    def test_a_bag_root_that_is_not_mounted_makes_nothing_garbage(self, recipe_file):
+        """Roots are Dagster's records and locks; a plan would find no recording there."""
+        store = Store(load_recipe(recipe_file).store_path)
+        shutil.rmtree(recipe_file.parent / "nuscenes")  # nor does the lock of the dataset protect any artifact
+        before = artifacts(store)
+        (recipe_file.parent / "bags").rename(recipe_file.parent / "unmounted")
+        assert self.gc(recipe_file, "--keep-days", 0)["artifacts"] == []
+        assert before
+        assert artifacts(store) == before
 
     def test_a_wiped_instance_leaves_what_the_dataset_has(self, recipe_file):
         recipe = load_recipe(recipe_file)
