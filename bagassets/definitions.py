@@ -1,7 +1,7 @@
-"""The code location: what `workspace.yaml` and `dagster … -m bagassets.definitions` load.
+"""The code location that `workspace.yaml` and `dagster … -m bagassets.definitions` load.
 
 The recipe is the file named by BAGASSETS_RECIPE (a project's `.env` sets it), else
-`recipe.yaml` in the current folder, else the demo's of a source checkout.
+`recipe.yaml` in the current folder, else that of the demo in a source checkout.
 """
 
 import os

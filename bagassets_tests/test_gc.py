@@ -455,7 +455,9 @@ class TestCommand:
     def test_a_bag_root_that_is_not_mounted_makes_nothing_garbage(self, recipe_file):
         """Roots are Dagster's records and locks; a plan would find no recording there."""
         store = Store(load_recipe(recipe_file).store_path)
-        shutil.rmtree(recipe_file.parent / "nuscenes")  # nor does the lock of the dataset protect any artifact
+        shutil.rmtree(
+            load_recipe(recipe_file).nuscenes.output
+        )  # nor does the lock of the dataset protect any artifact
         before = artifacts(store)
         (recipe_file.parent / "bags").rename(recipe_file.parent / "unmounted")
         assert self.gc(recipe_file, "--keep-days", 0)["artifacts"] == []
