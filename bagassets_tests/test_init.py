@@ -98,7 +98,7 @@ def test_recordings_without_sensors_are_told_to_have_nothing_to_convert(init, tm
     status, out, _ = init()
     assert status == 2
     assert out.startswith(
-        "Left out: poses.bag (nothing to convert: it has poses or transforms, but no camera, lidar or radar)\n"
+        "Left out: poses.bag: nothing to convert: it has poses or transforms, but no camera, lidar or radar\n"
     )
     assert "so there is nothing to convert; name another" in " ".join(out.split())
     assert "bagassets build" not in out
@@ -132,17 +132,17 @@ def test_what_cannot_be_read_is_named_with_its_reason_beside_what_can(init, tmp_
     (tmp_path / "bags" / "lost" / "metadata.yaml").write_text("rosbag2_bagfile_information:\n")
     status, out, _ = init()
     assert status == 0
-    unreadable = [line for line in out.splitlines() if line.startswith("Unreadable: ")]
+    unreadable = [line for line in out.splitlines() if line.startswith("Left out: ")]
     assert [line.split(": ")[1] for line in unreadable] == ["lost", "torn.bag"]
     assert "there is no .db3 or .mcap file beside its metadata.yaml" in unreadable[0]
-    assert "torn.bag could not be read" in (tmp_path / "project" / "recipe.yaml").read_text()
+    assert "left out: torn.bag: " in (tmp_path / "project" / "recipe.yaml").read_text()
 
 
 def test_nothing_but_unreadable_recordings(init, tmp_path):
     (tmp_path / "bags" / "torn.bag").write_bytes(b"#ROSBAG V2.0\nnothing")
     status, out, _ = init()
     assert status == 2
-    assert "Unreadable: torn.bag: " in out
+    assert "Left out: torn.bag: " in out
     assert "rigs (line " in out
     assert "no recording could be read" in out
 

@@ -391,8 +391,8 @@ def test_recordings_of_two_rigs_and_of_none(tmp_path):
     recipe = parse_recipe(text, tmp_path / "recipe.yaml")
     assert [(rig.name, rig.match) for rig in recipe.rigs] == [("van", ("van/**",)), ("drone", ("drone/**",))]
     assert set(recipe.rigs[0].channels) == {"CAM_FRONT", "LIDAR_TOP"}
-    assert "left out: misc.bag (nothing to convert: it has no camera, lidar or radar)" in text
-    assert "left out: torn.bag could not be read: it is cut off; reindex it." in text
+    assert "left out: misc.bag: nothing to convert: it has no camera, lidar or radar" in text
+    assert "left out: torn.bag: it is cut off; reindex it." in text
     assert "5 recordings out of 50" in text
 
 

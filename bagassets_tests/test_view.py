@@ -7,14 +7,19 @@ import pytest
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 from mcap.reader import make_reader
 
+from bagassets import __version__
 from bagassets.assets.lidar_file import read_lidar_file
 from bagassets.assets.radar_file import FIELDS, read_radar_file
 from bagassets.cli.main import main
 from bagassets.errors import DatasetError
 from bagassets.geometry.se3 import SE3
+from bagassets.recipe.model import Bags
+from bagassets.recordings import own_files
+from bagassets.recordings.discover import discover
 from bagassets.view.mcap_scene import write_scene
 from bagassets.view.scene import load_scene, scene_names
 from bagassets_tests.sample_drives import VERSION, build_sample, pose_of
+from bagassets_tests.small_drive import write_drive
 
 NUMPY = {1: "u1", 2: "i1", 3: "u2", 4: "i2", 5: "u4", 6: "i4", 7: "f4", 8: "f8"}
 
@@ -54,6 +59,37 @@ def played(built, scene, tmp_path_factory):
             found.setdefault(channel.topic, []).append((message.log_time, schema.name, decoded))
     assert counts == {topic: len(messages) for topic, messages in found.items()}
     return found
+
+
+def test_a_scene_is_never_taken_for_a_recording(built, scene, tmp_path, capsys):
+    write_drive(tmp_path / "drive.mcap", "mcap", 0.5)
+    write_scene(scene, tmp_path / "scene.mcap")
+    write_scene(scene, tmp_path / "older.mcap")
+    older = tmp_path / "older.mcap"
+    library = f"bagassets view {__version__}".encode()
+    before = b"bagassets 0.9".ljust(len(library))
+    older.write_bytes(older.read_bytes().replace(library, before, 1))
+    discovery = discover(Bags(root=tmp_path))
+    assert set(discovery.recordings) == {"drive.mcap"}
+    assert dict(discovery.excluded) == dict.fromkeys(
+        ("older.mcap", "scene.mcap"), "a scene that `bagassets view` wrote"
+    )
+    # The drives of `bagassets sample` are recordings, also before any of them is whole.
+    (tmp_path / "torn.mcap").write_bytes((tmp_path / "drive.mcap").read_bytes()[:20])
+    assert "torn.mcap" in discover(Bags(root=tmp_path)).recordings
+    assert "drive.mcap" in discover(built.recipe.bags).recordings
+    assert main(["init", str(tmp_path / "project"), "--bags", str(tmp_path / "scene.mcap")]) == 1
+    assert "but this is a scene that `bagassets view` wrote" in capsys.readouterr().err
+
+
+def test_heads_are_read_once(scene, tmp_path, monkeypatch):
+    write_drive(tmp_path / "drive.mcap", "mcap", 0.5)
+    discover(Bags(root=tmp_path))
+    before = own_files._is_view_file.cache_info().misses
+    discover(Bags(root=tmp_path))
+    assert own_files._is_view_file.cache_info().misses == before
+    write_scene(scene, tmp_path / "drive.mcap")
+    assert set(discover(Bags(root=tmp_path)).recordings) == set()
 
 
 def rows_of(built, channel):

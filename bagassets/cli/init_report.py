@@ -31,12 +31,12 @@ def print_found(proposal: Proposal, unreadable: Mapping[str, str]) -> None:
         sorted(proposal.bare, key=lambda one: one.reason), key=lambda one: one.reason
     ):
         same = list(together)
-        echo(f"Left out: {_named([one.path for one in same])} ({reason})")
+        echo(f"Left out: {_named([one.path for one in same])}: {reason}")
         _print_topics(_merged(use for one in same for use in one.topic_uses))
     for path, reason in list(unreadable.items())[:_LISTED]:
-        echo(f"Unreadable: {path}: {reason}")
+        echo(f"Left out: {path}: {reason}")
     if len(unreadable) > _LISTED:
-        echo(f"Unreadable: {len(unreadable) - _LISTED} more, named in recipe.yaml")
+        echo(f"Left out: {len(unreadable) - _LISTED} more that cannot be read")
     echo("")
 
 

@@ -161,10 +161,10 @@ def _head(
     if len(rigs) > 1:
         sheet.guess_note(0, f"{len(rigs)} rigs, told apart by their sensors, frames and poses.")
     for path, reason in list(unreadable.items())[:_LISTED]:
-        sheet.note(0, f"left out: {path} could not be read: {reason}")
+        sheet.note(0, f"left out: {path}: {reason}")
     for one in bare[:_LISTED]:
         reasons = "; ".join(f"{use.topic.name}: {use.text}" for use in one.topic_uses if use.text)
-        sheet.note(0, f"left out: {one.path} ({one.reason}{f': {reasons}' if reasons else ''})")
+        sheet.note(0, f"left out: {one.path}: {one.reason}{f' ({reasons})' if reasons else ''}")
     more = max(0, len(unreadable) - _LISTED) + max(0, len(bare) - _LISTED)
     if more:
         sheet.note(0, f"left out: {more} more recordings, unreadable or without usable sensor")

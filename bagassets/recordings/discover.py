@@ -1,4 +1,4 @@
-"""Finding recordings below a folder, by names and sizes only."""
+"""Finding recordings below a folder, by names and sizes; of MCAP files the head is read, too."""
 
 import errno
 import hashlib
@@ -14,12 +14,14 @@ from bagassets.errors import RecordingError
 from bagassets.recipe.model import Bags
 from bagassets.recordings.globs import literal_glob, matches, may_match_within
 from bagassets.recordings.model import Format, RecordingFiles
+from bagassets.recordings.own_files import is_view_file
 
 __all__ = ["Discovery", "bags_of_one", "discover", "find_one", "matches"]
 
 METADATA = "metadata.yaml"
 _ROS2_KEY, _HEAD_BYTES = b"rosbag2_bagfile_information", 4096
 _NO_STORAGE = "there is no .db3 or .mcap file beside its metadata.yaml; it is still being copied, or damaged"
+_VIEW_FILE = "a scene that `bagassets view` wrote"
 # Storage files of a ROS 2 bag folder; zstd when compressed by file.
 _STORAGE = (".db3", ".mcap", ".db3.zstd", ".mcap.zstd")
 _BARE: dict[str, Format] = {".bag": "ros1", ".mcap": "mcap", ".db3": "ros2"}
@@ -147,7 +149,9 @@ def bags_of_one(path: Path) -> Bags:
     path = path.absolute()
     if path.is_file() and (path.parent / METADATA).is_file() and path.name.endswith(_STORAGE):
         path = path.parent
-    find_one(path)
+    recording = find_one(path)
+    if recording.format == "mcap" and is_view_file(path, path.stat()):
+        raise RecordingError(f"{path}: expected a recording, but this is {_VIEW_FILE}; name a recording.")
     if path.is_dir():
         return Bags(root=path)
     if path.name.startswith("."):
@@ -207,6 +211,8 @@ class _Walk:
             path, status = Path(entry.path), entry.stat()
             if (what := _special_kind(status)) is not None:
                 self._leave_out(relative, f"this is {what}, no file")
+            elif suffix == ".mcap" and is_view_file(path, status):
+                self._leave_out(relative, _VIEW_FILE)
             else:
                 self._take(_recording_files(path, relative, _BARE[suffix], [(path, status)]))
         elif entry.name not in _SYSTEM_FOLDERS and entry.is_dir() and self._may_hold_included(relative):

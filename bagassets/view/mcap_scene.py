@@ -22,6 +22,7 @@ from bagassets import __version__
 from bagassets.atomic import replacing
 from bagassets.errors import DatasetError
 from bagassets.geometry.wgs84 import LocalFrame
+from bagassets.recordings.own_files import VIEW_LIBRARY
 from bagassets.view import messages
 from bagassets.view.scene import DatasetScene, Reading
 
@@ -47,7 +48,7 @@ def write_scene(scene: DatasetScene, output: Path, fixes: Sequence[Fix] = ()) ->
         output.parent.mkdir(parents=True, exist_ok=True)
         with replacing(output) as temporary, temporary.open("wb") as stream:
             writer: Any = Writer(stream, compression=CompressionType.ZSTD)
-            writer.start(profile="", library=f"bagassets {__version__}")
+            writer.start(profile="", library=f"{VIEW_LIBRARY} {__version__}")
             channels: dict[str, int] = {}
             for topic, stamp_ns, message in _in_order(scene, fixes):
                 if topic not in channels:
