@@ -125,7 +125,7 @@ def _first_of_pair(
     baseline_m = hypot(*_beside_m(calibration))
     if baseline_m < LEAST_BASELINE_M:
         return None
-    told = f"{name}: P puts its centre {baseline_m:.4g} m beside the first camera of a stereo pair"
+    sentence = f"{name}: P puts its centre {baseline_m:.4g} m beside the first camera of a stereo pair"
     for topic in camera.same_frame or ():
         try:
             reading, _ = _one_calibration(name, topic, recording, rectified=True)
@@ -135,11 +135,11 @@ def _first_of_pair(
             continue
         if rectified:
             notes.append(
-                f"{told}, whose frame {camera.frame} it names ({topic}); its extrinsics include that."
+                f"{sentence}, whose frame {camera.frame} it names ({topic}); its extrinsics include that."
             )
             return reading.calibration
         notes.append(
-            f"{told}, whose frame {camera.frame} it names ({topic}); its extrinsics do not include that, as its "
+            f"{sentence}, whose frame {camera.frame} it names ({topic}); its extrinsics do not include that, as its "
             "images are not rectified. Give it a `frame` or `extrinsics` of its own."
         )
         return None
@@ -147,7 +147,7 @@ def _first_of_pair(
         what = (
             "the extrinsics in the recipe are" if camera.sensor.extrinsics else f"its frame {camera.frame} is"
         )
-        notes.append(f"{told}; {what} taken for its own centre, so nothing is added.")
+        notes.append(f"{sentence}; {what} taken for its own centre, so nothing is added.")
     return None
 
 

@@ -34,7 +34,7 @@ class RegionOfInterest:
 
 @dataclass(frozen=True, kw_only=True)
 class CameraLens:
-    """What of a camera shapes its images, as sensor_msgs/CameraInfo defines it.
+    """The parameters of a camera that shape its images, as defined by sensor_msgs/CameraInfo.
 
     Attributes:
         model: plumb_bob, rational_polynomial, equidistant or none.

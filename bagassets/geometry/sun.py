@@ -5,14 +5,14 @@ from math import asin, cos, degrees, pi, radians, sin
 
 __all__ = ["daylight", "sun_elevation_deg"]
 
-# Below this the sun gives no light worth speaking of (end of civil twilight).
+# Below this the sun gives hardly any light (end of civil twilight).
 NIGHT_DEG = -6.0
 
 
 def sun_elevation_deg(lat_deg: float, lon_deg: float, stamp_ns: int) -> float:
     """Return the elevation of the sun's centre above the horizon, good to about 0.6 degrees.
 
-    In leap years it is 0.3: the series takes each year to begin at the same place of the orbit.
+    In leap years the error is 0.3: the series assumes that each year begins at the same point of the orbit.
     NOAA Global Monitoring Division, "General Solar Position Calculations", low-accuracy series.
     """
     when = datetime.fromtimestamp(stamp_ns / 1e9, tz=UTC)

@@ -94,9 +94,9 @@ class Edge:
         """Return `parent_SE3_child` at (M,) stamps; see `TfTree.at`.
 
         Args:
-            stamps_ns: when.
+            stamps_ns: the stamps.
             max_gap_ns: longest gap to interpolate.
-            extrapolate_ns: how far to go on beyond the ends.
+            extrapolate_ns: how far to extrapolate beyond the ends.
             fastest_ns: period of the fastest edge that this one is combined with.
         """
         stamps, positions, rotations = self.stamps_ns, self.translations_m, self.rotations
@@ -120,7 +120,7 @@ class TransformLog:
         self._samples: dict[tuple[str, str], tuple[array[int], array[float]]] = {}
 
     def add(self, parent: str, child: str, stamp_ns: int, parent_SE3_child: SE3) -> None:
-        """Take one sample of one edge."""
+        """Add one sample of one edge."""
         stamps, numbers = self._samples.setdefault((parent, child), (array("q"), array("d")))
         stamps.append(stamp_ns)
         numbers.extend(parent_SE3_child.translation)
@@ -142,7 +142,7 @@ class TfTree:
 
     Args:
         *layers: edges of each source, the most trusted first. A frame takes its parent from the
-            first layer that has one for it, unless that would close a circle.
+            first layer that has one, unless that would close a cycle.
     """
 
     def __init__(self, *layers: Iterable[Edge]) -> None:
@@ -161,13 +161,13 @@ class TfTree:
         """Return the edges from `src` and from `dst` up to the first frame above both.
 
         Raises:
-            CalibrationError: a frame is not known, the two are not connected, or a frame on the
+            CalibrationError: a frame is unknown, the two are not connected, or a frame on the
                 way has two parents or is above itself.
         """
         for frame in (src, dst):
             if frame not in self.frames:
                 raise CalibrationError(
-                    f"no transform from {src} to {dst}: {frame} is not a frame known here ({self._known()})"
+                    f"no transform from {src} to {dst}: {frame} is not a frame known here ({self._describe_frames()})"
                 )
         from_src, trouble_src = self._way_up(src)
         from_dst, trouble_dst = self._way_up(dst)
@@ -179,12 +179,12 @@ class TfTree:
         trouble = (
             trouble_src
             or trouble_dst
-            or f"they hang on two trees with the roots {above_src[-1]} and {above_dst[-1]} ({self._known()})"
+            or f"they are in two trees with the roots {above_src[-1]} and {above_dst[-1]} ({self._describe_frames()})"
         )
         raise CalibrationError(f"no transform from {src} to {dst}: {trouble}")
 
     def fixed(self, dst: str, src: str) -> tuple[SE3, tuple[str, ...]]:
-        """Return `dst_SE3_src`, which must not change over the recording, and the sources it is from.
+        """Return `dst_SE3_src`, which must not change over the recording, and its sources.
 
         Raises:
             CalibrationError: there is no such transform, or it moves.
@@ -205,7 +205,7 @@ class TfTree:
     ) -> tuple[Floats, Floats, NDArray[np.bool_]]:
         """Return `dst_SE3_src` at (M,) stamps, each moving edge interpolated by itself.
 
-        The limits hold for the fastest edges on the way. One that is several times slower may pause
+        The limits apply to the fastest edges on the way. A slower edge, by several times, may pause
         for three of its own periods, and holds its first and last value for one period.
 
         Returns:
@@ -232,9 +232,9 @@ class TfTree:
         return translations, rotations, valid
 
     def _way_up(self, frame: str) -> tuple[list[Edge], str | None]:
-        """Edges from a frame towards its root, nearest first, and why they end before it, if so.
+        """Edges from a frame towards its root, nearest first, and why they end before it, or None.
 
-        What is wrong far above two frames does not matter for the transform between them.
+        A problem far above two frames does not affect the transform between them.
         """
         way: list[Edge] = []
         passed = [frame]
@@ -253,7 +253,7 @@ class TfTree:
         return way, None
 
     def _ancestors(self, frame: str) -> set[str]:
-        """Frames at and above a frame, as far as they are known yet."""
+        """Frames at and above a frame, among the edges added so far."""
         reached: set[str] = set()
         todo = [frame]
         while todo:
@@ -263,7 +263,7 @@ class TfTree:
                 todo.extend(edge.parent for edge in self._above.get(current, ()))
         return reached
 
-    def _known(self) -> str:
+    def _describe_frames(self) -> str:
         if not self.frames:
             return "no frames are known at all"
         named = ", ".join(self.frames[:MOST_FRAMES_NAMED])

@@ -19,10 +19,10 @@ class Trajectory:
         stamps_ns: (N,) int64, strictly increasing.
         positions_m: (N, 3) ego origin in the global frame.
         rotations: (N, 4) unit quaternions w, x, y, z.
-        max_gap_ns: between two poses farther apart there is no pose.
-        extrapolate_ns: beyond the first and last pose the motion goes on for this long, at the
-            velocity over a stretch of the same length at that end.
-        fixed: one pose that holds at all times.
+        max_gap_ns: poses farther apart than this are not interpolated.
+        extrapolate_ns: the motion is extrapolated for this long before the first and after the last
+            pose, at the velocity over a stretch of the same length at that end.
+        fixed: True for a single pose that holds at all times.
     """
 
     stamps_ns: NDArray[np.int64]
@@ -50,7 +50,7 @@ class Trajectory:
             raise ValueError("stamps of a trajectory must strictly increase")
 
     def at(self, stamps_ns: NDArray[np.int64]) -> tuple[Floats, Floats, NDArray[np.bool_]]:
-        """Interpolate (linear in position, slerp in rotation) at (M,) stamps; extrapolate a little.
+        """Interpolate (linear in position, slerp in rotation) at (M,) stamps; extrapolate at the ends.
 
         A recorded pose holds at its own stamp even if both its neighbours are far away.
 
@@ -83,16 +83,16 @@ class Trajectory:
         start, end = self.positions_m[left], self.positions_m[right]
         positions = start + (end - start) * fraction[:, None]
         rotations = slerp(self.rotations[left], self.rotations[right], fraction)
-        self._go_on(stamps, positions, rotations)
+        self._extrapolate(stamps, positions, rotations)
         positions[~valid] = np.nan
         rotations[~valid] = np.nan
         return positions, rotations, valid
 
-    def _go_on(self, stamps: NDArray[np.int64], positions: Floats, rotations: Floats) -> None:
+    def _extrapolate(self, stamps: NDArray[np.int64], positions: Floats, rotations: Floats) -> None:
         """Replace the poses before the first and after the last recorded one by extrapolated ones.
 
         The velocity is measured from a pose that lies as far inside as extrapolation reaches
-        outside, so that noise is at most doubled. Where poses pause there, the pose at the end holds.
+        outside, so that noise is at most doubled. If there is a gap, the pose at the end holds.
         """
         last = len(self.stamps_ns) - 1
         first_ns, last_ns, reach_ns = self.stamps_ns[0], self.stamps_ns[last], self.extrapolate_ns

@@ -1,4 +1,4 @@
-"""Making of an image what a camera without distortion, or of another size, would have taken."""
+"""Turning an image into what a camera without distortion, or with another pinhole matrix, would have taken."""
 
 from threading import Lock
 from typing import Any
@@ -18,11 +18,11 @@ Pixels = NDArray[Any]
 class Undistortion:
     """Turns images of one camera into those of another model; several threads may share it.
 
-    The maps are made with the first image: in a thread, those of several cameras side by side.
+    The maps are computed with the first image, in its thread, so that several cameras do so in parallel.
 
     Args:
-        recorded: the camera as recorded.
-        written: as the images are to be.
+        recorded: the camera that recorded the images.
+        written: the camera of the written images.
     """
 
     def __init__(self, recorded: CameraModel, written: CameraModel) -> None:
@@ -40,7 +40,7 @@ class Undistortion:
             return self._made
 
     def __call__(self, pixels: Pixels) -> Pixels:
-        """Return the image of (H, W) grey, (H, W, 3) BGR or (H, W, 4) BGRA; of the latter it is BGR, too.
+        """Return the image of (H, W) grey, (H, W, 3) BGR or (H, W, 4) BGRA pixels; for BGRA it is BGR, too.
 
         8-bit BGRA is fastest.
         """

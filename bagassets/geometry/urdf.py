@@ -1,7 +1,7 @@
 """Fixed joints of a URDF robot description, as edges of a tree of frames.
 
-Only what places sensors is read: http://wiki.ros.org/urdf/XML/joint. The XML parser is used
-directly because it alone knows the line of each element.
+Only joints are read: http://wiki.ros.org/urdf/XML/joint. The XML parser is used directly because only
+it reports the line of each element.
 """
 
 from collections.abc import Mapping
@@ -31,8 +31,8 @@ def urdf_edges(data: bytes, name: str = "URDF") -> list[Edge]:
     """Return the fixed joints as `parent_SE3_child`.
 
     Args:
-        data: the file, XML in any encoding.
-        name: what to call it in errors.
+        data: content of the file, XML in any encoding.
+        name: name of the file in errors.
 
     Raises:
         CalibrationError: it is not a URDF, has a document type or entities, or a fixed joint lacks a

@@ -1,4 +1,4 @@
-"""Our own form of box files, JSON or Parquet; `docs/annotations.md` describes it for people."""
+"""Our own format of box files, JSON or Parquet, described in `docs/annotations.md`."""
 
 import io
 from collections.abc import Iterator
@@ -29,7 +29,7 @@ def read_json_boxes(data: bytes) -> Iterator[Label]:
     """Yield the boxes of a JSON file.
 
     Raises:
-        UnreadableLabelsError: it is no JSON, or not of this form.
+        UnreadableLabelsError: it is not JSON, or not in this format.
     """
     text = as_text(data)
     content = parse(text)
@@ -105,7 +105,7 @@ def read_parquet_boxes(data: bytes) -> Iterator[Label]:
     """Yield the boxes of a Parquet file with the columns of `annotations.parquet`; lines are rows.
 
     Raises:
-        UnreadableLabelsError: it is no Parquet, or lacks a column.
+        UnreadableLabelsError: it is not Parquet, or lacks a column.
     """
     import pyarrow as pa  # noqa: PLC0415  (0.2 s, paid by those who have such files)
     import pyarrow.parquet as pq  # noqa: PLC0415

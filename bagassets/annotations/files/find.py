@@ -1,4 +1,4 @@
-"""Which label files belong to a recording, and what they hold."""
+"""Finding the label files of a recording, with their digests."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -30,10 +30,10 @@ class LabelSet:
     """The files of one entry of the recipe's `annotation_files` for one recording.
 
     Attributes:
-        source: the path as the recipe writes it; names the source whatever the recording is called.
-        place: where that is for this recording.
-        files: sorted by name; empty if there are none.
-        is_folder: `place` is a folder.
+        source: the path as written in the recipe, which names the source for all recordings.
+        place: that path for this recording.
+        files: label files sorted by name; empty if there are none.
+        is_folder: True if `place` is a folder.
         times: file of stamps, if the recipe names one that exists.
         logfile: log that rows of nuScenes tables must belong to; None for all.
     """
@@ -47,7 +47,7 @@ class LabelSet:
 
     @property
     def inputs(self) -> dict[str, str]:
-        """Name -> digest of everything that is read."""
+        """Name -> digest of each file that is read."""
         names = {
             file.name: f"{self.source}/{file.name}" if self.is_folder else self.source for file in self.files
         }
@@ -60,13 +60,13 @@ class LabelSet:
 def find_labels(sources: Iterable[AnnotationFiles], recording: RecordingFiles) -> dict[str, LabelSet]:
     """Return source -> label files beside a recording, with their digests.
 
-    A file is hashed once per process, as long as its signature stays.
+    A file is hashed once per process, as long as its signature stays the same.
     """
     return {entry.path: _find(entry, recording) for entry in sources}
 
 
 def label_paths(rig: Rig, recording: RecordingFiles) -> list[Path]:
-    """Return the files that `find_labels` would read, and the places where they might be, without reading any."""
+    """Return the paths of the files that `find_labels` would read, and paths where some might appear."""
     paths = []
     for entry in rig.annotation_files:
         place = recording.path.parent / expand(entry.path, recording)
@@ -78,9 +78,9 @@ def label_paths(rig: Rig, recording: RecordingFiles) -> list[Path]:
 
 
 def expand(template: str, recording: RecordingFiles) -> str:
-    """Return a path or name of the recipe with the names of a recording filled in."""
+    """Return a path or name from the recipe with the names of a recording filled in."""
     name = recording.path.name
-    # A folder, as of ROS 2, has no ending: `run.1` is all of its name.
+    # A folder, as in ROS 2, has no extension: `run.1` is its whole name.
     stem = Path(name).stem if recording.path in recording.files else name
     return template.replace("{stem}", stem).replace("{name}", name).replace("{key}", recording.key)
 
@@ -106,7 +106,7 @@ def _find(entry: AnnotationFiles, recording: RecordingFiles) -> LabelSet:
 def _files_at(place: Path, entry: AnnotationFiles) -> list[tuple[str, Path]]:
     """Return name within the source and path of each label file, sorted by name."""
     if place.is_file():
-        # The name as in the recipe: a renamed recording keeps its labels.
+        # The name in the recipe: it stays the same if a recording is renamed.
         return [(entry.path.rsplit("/", 1)[-1], place)]
     if not place.is_dir():
         return []

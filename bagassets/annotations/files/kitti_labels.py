@@ -22,8 +22,8 @@ def read_kitti_labels(data: bytes, *, tracking: bool) -> Iterator[Label]:
     """Yield the boxes of a file; `DontCare` regions are no boxes.
 
     Args:
-        data: the file.
-        tracking: lines begin with frame number and track id.
+        data: content of the file.
+        tracking: True if lines begin with frame number and track id.
 
     Raises:
         UnreadableLabelsError: it is not UTF-8 text.

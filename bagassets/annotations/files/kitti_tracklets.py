@@ -1,8 +1,8 @@
 """`tracklet_labels.xml` of KITTI raw data: tracks with a pose in each frame, in the lidar frame.
 
 Format: the readme of the raw data development kit, http://www.cvlibs.net/datasets/kitti/raw_data.php.
-A pose's tx, ty, tz is the middle of the bottom face. The XML parser is used directly because it
-alone knows the line of each element.
+A pose's tx, ty, tz is the middle of the bottom face. The XML parser is used directly because only it
+reports the line of each element.
 """
 
 from collections.abc import Iterator
@@ -74,10 +74,10 @@ class _Handler:
 
 
 def read_kitti_tracklets(data: bytes) -> Iterator[Label]:
-    """Yield the boxes of all tracks; a track is named by its number in the file.
+    """Yield the boxes of all tracks; the id of a track is its number in the file.
 
     Raises:
-        UnreadableLabelsError: it is no XML, or has no tracklets.
+        UnreadableLabelsError: it is not XML, or has no tracklets.
     """
     handler = _Handler()
     try:
@@ -125,6 +125,6 @@ def _labels(number: int, tracklet: _Tracklet) -> Iterator[Label]:
 
 
 def _unusable(tracklet: _Tracklet, problem: str) -> Iterator[Label]:
-    """Each pose of a broken tracklet is a box that is lost."""
+    """Yield a lost box for each pose of a broken tracklet."""
     for pose in tracklet.poses or [_Pose(tracklet.line)]:
         yield Label(pose.line, problem=problem)

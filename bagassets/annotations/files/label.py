@@ -1,4 +1,4 @@
-"""What readers of label files give: one label per box, with the line it came from."""
+"""The result of readers of label files: one label per box, with its line."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -29,7 +29,7 @@ _GREATEST = 10**300
 
 
 class UnreadableLabelsError(DecodeError):
-    """A label file does not parse; `line` counts from 1, 0 if it is not known."""
+    """A label file does not parse; `line` counts from 1, and is 0 if it is not known."""
 
     def __init__(self, line: int, reason: str) -> None:
         self.line = line
@@ -41,9 +41,9 @@ class LabelFile:
     """A file with labels.
 
     Attributes:
-        name: its name within its source, the same wherever the recording lies and however it is called.
-        path: where it is now.
-        digest: of its content.
+        name: its name within its source, independent of the recording's path and name.
+        path: its path.
+        digest: digest of its content.
     """
 
     name: str
@@ -56,10 +56,10 @@ class Label:
     """One entry of a label file.
 
     Attributes:
-        line: where it is in the file, counted from 1; for Parquet the row.
-        box: the box, its stamp 0 if its time is that of a frame; None if there is none.
-        frame_number: number of the labelled frame, if the entry says.
-        problem: why the entry is no usable box. Without box and problem it is no box by intent.
+        line: its line in the file, counted from 1; for Parquet the row.
+        box: the box, with stamp 0 if its time is that of a frame; None if there is none.
+        frame_number: number of the labelled frame, if the entry has it.
+        problem: why the entry is not a usable box. With neither box nor problem it is deliberately no box.
     """
 
     line: int
@@ -82,10 +82,10 @@ def box_label(
     attributes: tuple[str, ...] = (),
     score: float = 1.0,
 ) -> Label:
-    """Return the label of a box; one that has no pose is a problem, not an error.
+    """Return the label of a box; one without a valid pose has a `problem` and is not an error.
 
     Args:
-        line: where it is in the file.
+        line: its line in the file.
         center: x, y, z in metres.
         rotation: quaternion w, x, y, z, within 10 % of unit length.
         size_m: width, length, height.
@@ -99,7 +99,7 @@ def box_label(
     """
     try:
         "".join((track_id, category, frame_id, *attributes)).encode()
-    except UnicodeEncodeError:  # JSON can spell half a character
+    except UnicodeEncodeError:  # JSON can contain lone surrogates
         return Label(line, problem="a text in it has broken characters")
     if not all(isfinite(value) for value in (*center, *rotation)):
         return Label(line, problem="its position or rotation is not finite")
@@ -111,7 +111,7 @@ def box_label(
 
 
 def axis_rotation(axis: int, angle_rad: float) -> tuple[float, float, float, float]:
-    """Return the quaternion of a turn about an axis: 0 for x, 1 for y, 2 for z; NaN for no finite angle."""
+    """Return the quaternion of a rotation about an axis (0 for x, 1 for y, 2 for z); NaN if the angle is not finite."""
     if not isfinite(angle_rad):
         return (nan, nan, nan, nan)
     sine, cosine = sin_cos(np.array([angle_rad / 2]))
@@ -121,7 +121,7 @@ def axis_rotation(axis: int, angle_rad: float) -> tuple[float, float, float, flo
 
 
 def compose(*rotations: Sequence[float]) -> tuple[float, float, float, float]:
-    """Return the product of quaternions: the last one turns first."""
+    """Return the product of quaternions: the last rotation is applied first."""
     product = np.array([1.0, 0.0, 0.0, 0.0])
     for rotation in rotations:
         product = quaternion_multiply(product, np.array(rotation))

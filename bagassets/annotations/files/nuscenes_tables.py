@@ -24,7 +24,7 @@ class TableSet:
     """The small tables that rows of `sample_annotation` refer to.
 
     Args:
-        logfile: only samples of the log with this logfile count; None: all do.
+        logfile: only samples of the log with this logfile count; None for all.
     """
 
     def __init__(self, logfile: str | None) -> None:
@@ -32,10 +32,10 @@ class TableSet:
         self._rows: dict[str, dict[str, JsonObject]] = {}
 
     def add(self, name: str, data: bytes) -> None:
-        """Take the content of one table file but `sample_annotation.json`.
+        """Add the content of a table file other than `sample_annotation.json`.
 
         Raises:
-            UnreadableLabelsError: it is no list of rows with tokens.
+            UnreadableLabelsError: it is not a list of rows with tokens.
         """
         rows = parse(as_text(data))
         if not isinstance(rows, list) or not all(isinstance(row, dict) and "token" in row for row in rows):
@@ -47,7 +47,7 @@ class TableSet:
         return self._rows.get(table, {}).get(str(token))
 
     def is_wanted(self, sample: JsonMapping) -> bool:
-        """Return whether a sample is of the log that was asked for."""
+        """Return whether a sample belongs to the wanted log."""
         if self._logfile is None:
             return True
         scene = self.row("scene", sample.get("scene_token"))
@@ -59,7 +59,7 @@ def read_tables(tables: TableSet, data: bytes) -> Iterator[Label]:
     """Yield the boxes of `sample_annotation.json`; those of other logs are no boxes.
 
     Raises:
-        UnreadableLabelsError: it is no JSON list.
+        UnreadableLabelsError: it is not a JSON list.
     """
     text = as_text(data)
     if not isinstance(parse(text), list):

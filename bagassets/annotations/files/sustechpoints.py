@@ -27,7 +27,7 @@ def read_sustechpoints(data: bytes) -> Iterator[Label]:
     """Yield the boxes of one cloud; their time is that of the file.
 
     Raises:
-        UnreadableLabelsError: it is no JSON list of objects.
+        UnreadableLabelsError: it is not a JSON list of objects.
     """
     text = as_text(data)
     content = parse(text)

@@ -1,4 +1,4 @@
-"""Which time a labelled frame has: that of a message, of a line of a file, or of its own name."""
+"""The times of labelled frames: from messages, from lines of a file, or from the names of their files."""
 
 import re
 from calendar import timegm
@@ -19,14 +19,14 @@ _DATE = re.compile(r"(\d{4})-(\d\d)-(\d\d)[ T](\d\d):(\d\d):(\d\d)(?:\.(\d{1,9})
 
 
 class FrameClock(Protocol):
-    """Tells the time of a labelled frame."""
+    """Gives the times of labelled frames."""
 
     def stamp_ns(self, file: str, number: int | None) -> int | None:
         """Return the time of a frame, or None if it has none.
 
         Args:
             file: name of the label file.
-            number: number of the frame, if the label says; else the file's name does.
+            number: number of the frame in the label; None to take it from the name of the file.
         """
         ...
 
@@ -39,7 +39,7 @@ class NumberedFrames:
         self._first = first
 
     def stamp_ns(self, file: str, number: int | None) -> int | None:
-        """Return the stamp of frame `number`, else of the number that the file's name ends with."""
+        """Return the stamp of frame `number`, else of the number at the end of the file's name."""
         if number is None:
             found = _NUMBER.search(PurePath(file).stem)
             if found is None:
@@ -50,7 +50,7 @@ class NumberedFrames:
 
 
 class NamedFrames:
-    """Frames whose file's name ends with their time."""
+    """Frames whose time is at the end of the file's name."""
 
     def __init__(self, unit: str) -> None:
         self._digits: int = _DIGITS[unit]
@@ -71,7 +71,7 @@ def read_times(data: bytes) -> list[int]:
         UnreadableLabelsError: a line is neither.
     """
     stamps = []
-    # A blank line is no frame: were it left out, all later frames would move.
+    # A blank line is an error: skipping it would shift all later frames.
     for line, text in enumerate(as_text(data).rstrip().splitlines(), start=1):
         word = text.strip()
         if word.isdecimal() and len(word) <= _MOST_DIGITS:
