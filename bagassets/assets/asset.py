@@ -12,7 +12,7 @@ from concurrent.futures import Executor
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, fields, is_dataclass
 from pathlib import Path, PurePath
-from typing import Any, Generic, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
 from pydantic import BaseModel
 
@@ -20,7 +20,7 @@ from bagassets.annotations.files.find import LabelSet
 from bagassets.assets.channel import ChannelExtractor
 from bagassets.geometry.calibration import Calibration
 from bagassets.geometry.trajectory import Trajectory
-from bagassets.json_types import JsonObject
+from bagassets.json_types import Json, JsonObject
 from bagassets.plugins import Family
 from bagassets.quality.check import RecordingCheck
 from bagassets.recipe.model import Recipe, Rig
@@ -30,6 +30,9 @@ from bagassets.recordings.model import Format
 from bagassets.recordings.recording import Recording
 from bagassets.store.action import Action, Step
 from bagassets.store.artifact import Artifact, ArtifactWriter
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
 __all__ = [
     "AnyAsset",
@@ -58,7 +61,7 @@ Summary = JsonObject
 _OMITTED, _INLINED, _WITHOUT, _BY_DIGEST = "omitted", "inlined", "without", "by digest"
 
 
-def omitted(default: Any = None) -> Any:
+def omitted(default: object = None) -> Any:
     """Return a dataclass field that is left out of JSON while it has its default value.
 
     For fields that were added after actions had been recorded, and for those that only some recordings have: the
@@ -86,7 +89,7 @@ def by_digest() -> Any:
     return field(metadata={_BY_DIGEST: True})
 
 
-def as_json(value: Any) -> Any:
+def as_json(value: object) -> Json:
     """Return parameters as JSON: dataclasses and recipe models as objects, paths and sets as text and sorted lists.
 
     Raises:
@@ -109,7 +112,7 @@ def as_json(value: Any) -> Any:
     raise TypeError(f"{type(value).__name__} cannot be a parameter")
 
 
-def _object(value: Any) -> JsonObject:
+def _object(value: "DataclassInstance") -> JsonObject:
     entries: JsonObject = {}
     for own in fields(value):
         item = getattr(value, own.name)

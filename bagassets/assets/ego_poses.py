@@ -5,7 +5,6 @@ Files: `ego_poses.parquet` (stamp_ns, x, y, z, qw, qx, qy, qz) and `ego_poses.js
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -254,7 +253,7 @@ def load_trajectory(artifact: Artifact) -> Trajectory:
     )
 
 
-def _ordered(samples: PoseSamples) -> tuple[list[int], np.ndarray[Any, np.dtype[np.float64]], int]:
+def _ordered(samples: PoseSamples) -> tuple[list[int], Floats, int]:
     """Sort by stamp; of poses with the same stamp, keep the first one read."""
     first: dict[int, SE3] = {}
     for stamp_ns, pose in zip(samples.stamps_ns, samples.poses, strict=True):
@@ -268,9 +267,7 @@ def _rows(poses: list[SE3]) -> Floats:
     return np.array([[*pose.translation, *pose.rotation] for pose in poses])
 
 
-def _without_strays(
-    samples: PoseSamples, stamps_ns: list[int], rows: "np.ndarray[Any, np.dtype[np.float64]]"
-) -> tuple[list[int], "np.ndarray[Any, np.dtype[np.float64]]"]:
+def _without_strays(samples: PoseSamples, stamps_ns: list[int], rows: Floats) -> tuple[list[int], Floats]:
     """Remove and count poses that no vehicle could have reached and left again."""
     out_of_reach = strays(stamps_ns, rows[:, :3])
     number = int(out_of_reach.sum())
@@ -282,7 +279,7 @@ def _without_strays(
     return [stamp for stamp, keep in zip(stamps_ns, kept, strict=True) if keep], rows[kept]
 
 
-def _recentre(rows: np.ndarray[Any, np.dtype[np.float64]]) -> JsonObject | None:
+def _recentre(rows: Floats) -> JsonObject | None:
     """Move far-away coordinates, such as UTM, to a local origin, and return it."""
     if np.abs(rows[:, :2]).max() <= FAR_M:
         return None

@@ -11,7 +11,7 @@ The stamp of a file is the end (or, by the recipe, start or middle) of its revol
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -264,7 +264,7 @@ class PacketSweeps:
         self._cutter = RevolutionCutter(use.cut_angle_deg)
         self._by_log_time = use.settings.clock == "log"
 
-    def add(self, message: Any, raw: RawMessage) -> str:
+    def add(self, message: Message, raw: RawMessage) -> str:
         """Add the packets of a message; return their frame.
 
         Raises:

@@ -1,9 +1,9 @@
 """Ego poses from `NavSatFix`, projected to local metres; orientation from an Imu or from the course."""
 
 from math import isnan, sqrt
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bagassets.assets.channel import Counts
 from bagassets.assets.pose_samples import MovingRig, PoseSamples, mounted, stamp_of, wgs84_origin
@@ -95,8 +95,8 @@ def poses_from_navsat(
 
 
 def _orientations(
-    source: NavSatSource, turns: list[tuple[int, ImuReading]], stamps_ns: "np.ndarray[Any, Any]"
-) -> tuple[Floats, "np.ndarray[Any, np.dtype[np.bool_]]"]:
+    source: NavSatSource, turns: list[tuple[int, ImuReading]], stamps_ns: NDArray[np.int64]
+) -> tuple[Floats, NDArray[np.bool_]]:
     """Return (N, 4) Imu orientations interpolated at the stamps of the fixes, and (N,) whether there is one."""
     by_stamp: dict[int, tuple[float, float, float, float]] = {}
     for stamp_ns, reading in turns:

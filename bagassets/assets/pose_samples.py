@@ -2,9 +2,10 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bagassets.assets.asset import inlined, omitted
 from bagassets.assets.channel import Counts
@@ -111,7 +112,7 @@ class PoseSamples:
             self.poses.append(SE3.create(rotation, position) @ sensor_SE3_ego)
 
 
-def strays(stamps_ns: list[int], positions_m: Floats) -> "np.ndarray[Any, np.dtype[np.bool_]]":
+def strays(stamps_ns: list[int], positions_m: Floats) -> NDArray[np.bool_]:
     """Return (N,) whether each of (N, 3) positions, in order of time, is out of reach from both neighbours.
 
     A jump after which the positions continue, as when a vehicle has localized itself on a map, is not a

@@ -15,7 +15,6 @@ nuscenes-devkit, which is in part stricter than the format, in part laxer:
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,7 +101,7 @@ def _finite(column: NDArray[np.float64], default: float) -> NDArray[np.float64]:
     return np.where(np.isfinite(column), column, default)
 
 
-def _nothing() -> NDArray[Any]:
+def _nothing() -> NDArray[np.void]:
     """Return the single NaN target of a file without targets."""
     table = np.zeros(1, dtype=_DTYPE)
     for name, kind, default in _LAYOUT:

@@ -1,7 +1,7 @@
 """Radar readings become `.pcd` files: one per message, or one per cycle of single tracks."""
 
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,7 +93,7 @@ class RadarSweeps:
         self._cycle: _Sweep | None = None
         self._last_number = -1.0
 
-    def add(self, message: Any, raw: RawMessage) -> str:
+    def add(self, message: Message, raw: RawMessage) -> str:
         """Add one message; return its frame.
 
         Raises:

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from bagassets.json_types import JsonMapping
 
@@ -62,7 +61,7 @@ def describe_changes(changes: Sequence[Change]) -> str:
     return ", ".join(texts[:_MOST_NAMED]) + more
 
 
-def flatten(value: JsonMapping, prefix: str = "") -> Iterator[tuple[str, Any]]:
+def flatten(value: JsonMapping, prefix: str = "") -> Iterator[tuple[str, object]]:
     """Yield dotted name and value of each leaf; lists and empty objects are leaves."""
     for name, inner in value.items():
         if isinstance(inner, Mapping) and inner:

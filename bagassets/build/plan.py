@@ -2,8 +2,9 @@
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Self
+from typing import TYPE_CHECKING, Literal, NamedTuple, Self
 
+from bagassets.json_types import Json, JsonObject
 from bagassets.recordings.digest import RecordingStat
 from bagassets.recordings.model import Format
 
@@ -52,7 +53,7 @@ class AssetState(NamedTuple):
     reason: str
     data_version: str | None = None
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> JsonObject:
         """Return the state as JSON."""
         return {"state": self.state, "reason": self.reason, "data_version": self.data_version}
 
@@ -136,16 +137,16 @@ class BagPlan:
                 return store.artifact(digest)
         return None
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> JsonObject:
         """Return the states as JSON."""
         return {name: state.as_json() for name, state in self.assets.items()}
 
-    def as_row(self) -> list[Any]:
+    def as_row(self) -> list[Json]:
         """Return everything but the key as compact JSON: there may be 10,000 of them."""
         return [self.assets, self.format, self.recorded, self.channels, sorted(self.optional), self.rig]
 
     @classmethod
-    def from_row(cls, key: str, row: list[Any]) -> Self:
+    def from_row(cls, key: str, row: list[Json]) -> Self:
         """Inverse of `as_row`, from decoded JSON."""
         states, file_format, recorded, channels, optional, rig = row
         assets = {name: AssetState(*state) for name, state in states.items()}

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Iterator
 from functools import cached_property
-from typing import Any
 
 from bagassets.assets.asset import AnyAsset, as_json
 from bagassets.errors import PluginError
@@ -89,7 +88,7 @@ class RecordingAssets:
         """Return the names of the assets that an asset reads."""
         return tuple(asset.name for asset in self[name].reads)
 
-    def params(self, asset: AnyAsset, rig: Rig) -> Any:
+    def params(self, asset: AnyAsset, rig: Rig) -> object:
         """Return the parameters of an asset for recordings of a rig."""
         key = asset.name, rig.name
         if key not in self._params:

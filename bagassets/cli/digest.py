@@ -4,7 +4,7 @@ import json
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -14,6 +14,7 @@ from bagassets.errors import BagAssetsError, RecordingError
 from bagassets.json_types import JsonObject
 
 if TYPE_CHECKING:
+    from bagassets.recipe.model import Bags
     from bagassets.recordings.digest_record import DigestIndex
     from bagassets.recordings.model import RecordingFiles
 
@@ -82,7 +83,9 @@ def digest(bags: tuple[Path, ...], recipe: Path | None, rehash: bool, verify: bo
     return 1 if errors else EXIT_FOUND if wrong else 0
 
 
-def _recordings(roots: tuple[Path, ...], bags: Any, errors: list[str]) -> Iterator["RecordingFiles"]:
+def _recordings(
+    roots: tuple[Path, ...], bags: "Bags | None", errors: list[str]
+) -> Iterator["RecordingFiles"]:
     """Yield the recordings at or below `roots`; a path without any is added to `errors`."""
     from bagassets.recipe.model import Bags
     from bagassets.recordings.discover import discover, find_one

@@ -1,7 +1,7 @@
 """`bagassets docs`: references generated from the model of the recipe, the assets and the help of commands; pages of `docs/`."""
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -184,11 +184,15 @@ def _parameters(asset: "AnyAsset") -> list[str]:
     return list(dict.fromkeys(names))
 
 
-def _fields_of(kind: Any) -> list[str]:
+def _fields_of(kind: object) -> list[str]:
     """Return the names of the fields of a dataclass or of a recipe model."""
     from dataclasses import fields, is_dataclass
 
-    return [one.name for one in fields(kind)] if is_dataclass(kind) else list(kind.model_fields)
+    from pydantic import BaseModel
+
+    if is_dataclass(kind):
+        return [one.name for one in fields(kind)]
+    return list(kind.model_fields) if isinstance(kind, type) and issubclass(kind, BaseModel) else []
 
 
 def _section(asset: "AnyAsset", assets: "tuple[AnyAsset, ...]") -> str:

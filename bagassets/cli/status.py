@@ -5,16 +5,18 @@ import sys
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
 from bagassets.cli.options import recipe_option
 from bagassets.cli.terminal import count_text, echo_lines, print_lines
 from bagassets.escaping import visible
-from bagassets.json_types import JsonObject
+from bagassets.json_types import JsonMapping, JsonObject
 
 if TYPE_CHECKING:
+    from rich.table import Table
+
     from bagassets.defs.pending_work import PendingWork
 
 __all__ = ["status"]
@@ -135,7 +137,7 @@ def _print(pending: "PendingWork", *, show_all: bool) -> None:
     console.print(f"{count_text(len(bags), 'recording')}: {counted or 'none'}.")
 
 
-def _table(states: Mapping[str, Mapping[str, str]], *, short: bool) -> Any:
+def _table(states: Mapping[str, Mapping[str, str]], *, short: bool) -> "Table":
     from rich import box
     from rich.table import Table
     from rich.text import Text
@@ -152,7 +154,7 @@ def _table(states: Mapping[str, Mapping[str, str]], *, short: bool) -> Any:
     return table
 
 
-def _reasons(pending: "PendingWork", listed: Mapping[str, Any]) -> Iterator[str]:
+def _reasons(pending: "PendingWork", listed: JsonMapping) -> Iterator[str]:
     """Yield the reasons of everything that is not fresh; assets with the same reason share a line."""
     for key, bag in listed.items():
         by_reason: dict[tuple[str, str], list[str]] = {}

@@ -3,7 +3,7 @@
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from bagassets.build.build_report import BuildReport, Remark, SummaryRow
 from bagassets.cli.terminal import print_lines
@@ -13,6 +13,7 @@ from bagassets.json_types import JsonMapping
 
 if TYPE_CHECKING:
     from rich.console import Console
+    from rich.table import Table
 
 
 __all__ = [
@@ -126,7 +127,7 @@ def splits_text(splits: Mapping[str, JsonMapping]) -> str:
     return ", ".join(parts) + (f"; in the devkit {', '.join(renamed)}" if renamed else "")
 
 
-def _table(rows: Sequence[SummaryRow]) -> Any:
+def _table(rows: Sequence[SummaryRow]) -> "Table":
     from rich import box
     from rich.table import Table
     from rich.text import Text

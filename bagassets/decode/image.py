@@ -2,15 +2,14 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from bagassets.decode.fields import stamp_and_frame
 from bagassets.decode.model import ImageReading
 from bagassets.errors import DecodeError
+from bagassets.geometry.undistortion import Pixels
 from bagassets.recordings.model import Message
 
 __all__ = [
@@ -24,7 +23,6 @@ __all__ = [
 ]
 
 # uint8 or uint16: OpenCV takes both, and its type hints cannot tell them apart.
-Pixels = NDArray[Any]
 
 
 @dataclass(frozen=True, slots=True)

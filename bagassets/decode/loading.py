@@ -116,11 +116,11 @@ def load_built_in() -> None:
         load_decoder(line)
 
 
-def _checked_function(plugin: DecoderPlugin, function: object, kind: type) -> Callable[..., Any]:
+def _checked_function(plugin: DecoderPlugin, function: object, kind: type) -> Callable[..., object]:
     if not callable(function):
         raise PluginError(f"{plugin}: {plugin.reference} is no function; mend or uninstall it.")
 
-    def decode(message: Message, *_of_the_recipe: object) -> Any:
+    def decode(message: Message, *_of_the_recipe: object) -> object:
         reading = _guarded(plugin, function, message)
         _check(plugin, reading, kind)
         return reading
@@ -147,7 +147,7 @@ def _checked_boxes(plugin: DecoderPlugin, decoder: object) -> BoxDecoder:
     return BoxDecoder(items, decode)
 
 
-def _load(plugin: DecoderPlugin) -> Any:
+def _load(plugin: DecoderPlugin) -> object:
     """Import a decoder.
 
     Raises:

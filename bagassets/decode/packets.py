@@ -4,9 +4,9 @@
 """
 
 from struct import Struct
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bagassets.decode.fields import stamp_ns
 from bagassets.errors import DecodeError
@@ -56,7 +56,7 @@ def payload(message: Message) -> bytes:
     raise DecodeError(f"it has no field {' or '.join(PAYLOADS)} with the bytes of a packet")
 
 
-def _as_bytes(value: Any) -> bytes:
+def _as_bytes(value: NDArray[np.generic] | bytes | bytearray | memoryview | list[int]) -> bytes:
     """Return the content of an array field as bytes.
 
     Raises:

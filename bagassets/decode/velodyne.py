@@ -16,7 +16,6 @@ library or processor might round differently.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from struct import Struct
-from typing import Any
 
 import numpy as np
 import velodyne_decoder
@@ -46,7 +45,7 @@ _CHUNK = 64
 
 _Model = velodyne_decoder.Model
 # Name without punctuation -> model, product id in its packets.
-_MODELS: dict[str, tuple[Any, int]] = {
+_MODELS: dict[str, tuple[object, int]] = {
     "HDL32E": (_Model.HDL32E, 0x21),
     "VLP16": (_Model.VLP16, 0x22),
     "PUCK": (_Model.VLP16, 0x22),
@@ -181,7 +180,7 @@ class RevolutionDecoder:
         return np.asarray(cloud)
 
 
-def _model(name: str) -> tuple[Any, int]:
+def _model(name: str) -> tuple[object, int]:
     plain = "".join(c for c in name.upper() if c.isalnum())
     if plain.startswith("HDL64"):
         raise RecipeError(

@@ -31,9 +31,9 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Self
+from typing import Self
 
 import dagster as dg
 
@@ -58,6 +58,7 @@ from bagassets.forkserver.process import ProcessId
 from bagassets.forkserver.server_files import ServerFiles, last_lines
 from bagassets.forkserver.spec import IDLE_TIMEOUT_S, ServerSpec
 from bagassets.forkserver.tasks import END_WORKER, connect, server_spec, submit_run
+from bagassets.json_types import JsonMapping
 from bagassets.recipe import load_recipe
 
 __all__ = ["BagAssetsRunLauncher"]
@@ -117,7 +118,7 @@ class BagAssetsRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
         }
 
     @classmethod
-    def from_config_value(cls, inst_data: ConfigurableClassData, config_value: Mapping[str, Any]) -> Self:
+    def from_config_value(cls, inst_data: ConfigurableClassData, config_value: JsonMapping) -> Self:
         """Return the launcher that `dagster.yaml` describes."""
         return cls(inst_data, **config_value)
 

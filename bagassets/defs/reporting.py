@@ -21,6 +21,7 @@ from bagassets.escaping import visible
 from bagassets.formats.assembly import DatasetSummary
 from bagassets.formats.catalogue import MAIN
 from bagassets.formats.dataset_build import DatasetInputs
+from bagassets.json_types import Json
 from bagassets.preview.pictures import TITLES
 from bagassets.recordings.sizes import readable_bytes
 from bagassets.splits import SplitShare
@@ -35,14 +36,17 @@ __all__ = [
     "split_table",
 ]
 
+Metadata = dict[str, Any]
+"""What Dagster shows of a materialization: its `MetadataValue`, or what it makes one of."""
+
 CHANNEL_ASSETS = ("frames", "sweeps")
 _COUNTS = {"read", "written", "merged", "lost"}
 
 
-def result_metadata(result: AssetResult) -> dict[str, Any]:
+def result_metadata(result: AssetResult) -> Metadata:
     """Return a result as Dagster metadata: what people look for first, paths and digests last."""
     summary = dict(result.artifact.summary())
-    metadata: dict[str, Any] = {}
+    metadata: Metadata = {}
     if result.asset == "inventory":
         metadata["contents"] = dg.MetadataValue.md(topics_table(result.artifact))
     elif result.asset == "calibration":
@@ -75,7 +79,7 @@ def _pictures(preview: Artifact) -> dict[str, dg.MetadataValue[str]]:
     return metadata
 
 
-def _shown(value: Any) -> Any:
+def _shown(value: Json) -> object:
     """Return a fact in readable form, or None if it is empty."""
     if isinstance(value, str):
         return visible(value)
@@ -93,9 +97,9 @@ def _shown(value: Any) -> Any:
     return dg.MetadataValue.json(value)
 
 
-def inputs_metadata(inputs: DatasetInputs) -> dict[str, Any]:
+def inputs_metadata(inputs: DatasetInputs) -> Metadata:
     """Return the number of recordings that enter the dataset, and why others are left out."""
-    metadata: dict[str, Any] = dict(inputs.as_json())
+    metadata: Metadata = dict(inputs.as_json())
     failed = inputs.failed.get(MAIN.name, {})
     for name, reasons in (("why_failed", failed), ("why_skipped", inputs.skipped)):
         if reasons:
@@ -103,14 +107,14 @@ def inputs_metadata(inputs: DatasetInputs) -> dict[str, Any]:
     return metadata
 
 
-def dataset_metadata(summary: DatasetSummary, failed: Mapping[str, str]) -> dict[str, Any]:
+def dataset_metadata(summary: DatasetSummary, failed: Mapping[str, str]) -> Metadata:
     """Return the summary of a dataset as Dagster metadata.
 
     Args:
         summary: of the dataset.
         failed: recording that could not enter it -> why.
     """
-    metadata: dict[str, Any] = {
+    metadata: Metadata = {
         "folder": dg.MetadataValue.path(str(summary.folder)),
         "recordings": sum(share.recordings for share in summary.shares),
         **{

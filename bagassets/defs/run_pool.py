@@ -10,7 +10,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Self
+from typing import Self
 from uuid import uuid4
 
 import dagster as dg
@@ -55,7 +55,7 @@ class _Active:
     """
 
     key: str
-    launch: "Future[Any]"
+    launch: "Future[dg.DagsterRun]"
     since: float
     checked_at: float
 

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cache, wraps
-from typing import Any, ParamSpec, TypeVar
+from typing import ParamSpec, TypeVar
 
 from bagassets.assets.annotations import ANNOTATIONS
 from bagassets.assets.asset import AnyAsset, AnyUse, Asset, Facts, as_json
@@ -311,12 +311,12 @@ def _guarded(asset: AnyAsset, extension: Extension) -> AnyAsset:
 
     guard = _Guard(raised)
 
-    def params(recipe: Recipe, rig: Rig) -> Any:
+    def params(recipe: Recipe, rig: Rig) -> object:
         found = asset.params(recipe, rig)
         as_json(found)  # raises if it has no normal form
         return found
 
-    def use(params: Any, facts: Facts) -> Mapping[str, AnyUse | Exception]:
+    def use(params: object, facts: Facts) -> Mapping[str, AnyUse | Exception]:
         uses = asset.use(params, facts)
         return {
             channel: guard.explained(one, "use") if isinstance(one, Exception) else one
@@ -346,7 +346,7 @@ class _Enabled:
     """Whether recordings have an asset of a package: not if planning cannot even begin with it."""
 
     asked: Callable[[Recipe], bool]
-    params: Callable[[Recipe, Rig], Any]
+    params: Callable[[Recipe, Rig], object]
 
     def __call__(self, recipe: Recipe) -> bool:
         return not any(self.problems(recipe)) and self.asked(recipe)

@@ -10,7 +10,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import NoReturn
 from uuid import uuid4
 
 from bagassets.errors import DatasetError, StoreError
@@ -19,7 +19,6 @@ from bagassets.formats.dataset_build import dataset_folders
 from bagassets.formats.dataset_lock import LOCK, DatasetLock, load_lock
 from bagassets.formats.format import AnyFormat, Entry, Part, UnitFolders
 from bagassets.freshness.published import Publication
-from bagassets.json_types import Json
 from bagassets.recipe.model import Recipe
 from bagassets.store.artifact import Artifact, FileEntry
 from bagassets.store.canonical import digest_file
@@ -126,12 +125,12 @@ def _links(check: "_Check", lock: DatasetLock, output: Path, kind: AnyFormat) ->
 class _Untrusted(Artifact):
     """A damaged artifact: which files it has is known, what is in them is not to be relied on."""
 
-    def read_json(self, relative: str) -> Json:
+    def read_json(self, relative: str) -> NoReturn:
         raise StoreError(f"{self.path(relative)}: this artifact is damaged, so it is not read.")
 
-    def read_table(self, relative: str, columns: Sequence[str] | None = None) -> Any:
+    def read_table(self, relative: str, columns: Sequence[str] | None = None) -> NoReturn:
         del columns
-        return self.read_json(relative)
+        self.read_json(relative)
 
 
 def take_out(damages: Collection[DatasetDamage]) -> None:

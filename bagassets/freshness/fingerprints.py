@@ -279,7 +279,7 @@ def records_fingerprint(place: str, partitions: str) -> str:
     return digest_lines([repr(rows) for rows in adapter(place, partitions)])
 
 
-def _sqlite(path: str, partitions: str) -> list[Any]:
+def _sqlite(path: str, partitions: str) -> list[object]:
     try:
         with closing(open_read_only(path)) as connection:
             return _rows(connection.cursor(), partitions, placeholder="?")
@@ -287,7 +287,7 @@ def _sqlite(path: str, partitions: str) -> list[Any]:
         raise PlanNeeded(f"{path}: {err}") from err
 
 
-def _postgres(url: str, partitions: str) -> list[Any]:
+def _postgres(url: str, partitions: str) -> list[object]:
     try:
         import psycopg2
     except ImportError as err:
@@ -313,9 +313,9 @@ def open_read_only(path: str) -> sqlite3.Connection:
     return sqlite3.connect(f"file:{quoted}?mode=ro", timeout=1.0, uri=True)
 
 
-def _rows(cursor: Any, partitions: str, *, placeholder: str, chosen: str = "") -> list[Any]:
+def _rows(cursor: Any, partitions: str, *, placeholder: str, chosen: str = "") -> list[object]:
     """Return the rows of each query; `placeholder` stands for a value, `chosen` selects the events that count."""
-    rows: list[Any] = []
+    rows: list[object] = []
     for query in _QUERIES:
         cursor.execute(query.format(chosen=chosen))
         rows.append(cursor.fetchall())

@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
+from bagassets.json_types import JsonMapping
 from bagassets.recipe.model_annotations import AnnotationFiles, AnnotationTopic
 from bagassets.recipe.model_base import (
     ChannelName,
@@ -368,7 +369,7 @@ class Limits(Model):
         return {name: value for name in names if (value := getattr(self, name)) != fields[name].default}
 
     @classmethod
-    def of(cls, params: Mapping[str, Any]) -> Self:
+    def of(cls, params: JsonMapping) -> Self:
         """Return the limits that the parameters of an action hold; what they leave out is as by default."""
         return cls(**{name: params[name] for name in cls.model_fields if name in params})
 

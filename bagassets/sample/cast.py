@@ -3,7 +3,6 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -81,7 +80,7 @@ def _angle(cosine: float) -> float:
 
 def _near(
     box: Thing, origins: Floats, ways: Floats, times_s: Floats, middle: Floats, spread_rad: float
-) -> NDArray[Any]:
+) -> NDArray[np.int64]:
     """Return the rays that may hit a box: those within the cone around it as seen from the origins.
 
     How far box and origins move between the first and the last ray widens the cone.

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isfinite, nan
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -141,7 +140,7 @@ def as_text(data: bytes) -> str:
         raise UnreadableLabelsError(data[: err.start].count(b"\n") + 1, "is not UTF-8 text") from None
 
 
-def is_number(value: Any) -> bool:
+def is_number(value: object) -> bool:
     """Return whether a JSON value is a number that a float can hold."""
     if isinstance(value, int) and not isinstance(value, bool):
         return abs(value) < _GREATEST
