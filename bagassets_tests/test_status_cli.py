@@ -189,7 +189,7 @@ def test_explain_says_what_is_not_known_yet(edited):
     assert "the current one is not known yet" in done.stdout
     assert " * param" not in done.stdout, "nothing to compare with"
     done = run("explain", SHORT, "frames", recipe=edited)
-    assert "takes no part" in done.stdout
+    assert "the recording is skipped" in done.stdout
     _, value = told("explain", GOOD, "bag", recipe=edited)
     assert value["actions"] == []
     assert value["recorded"]["data_version"] == value["data_version"]
