@@ -448,7 +448,7 @@ class TestRecordings:
         )
         assert done.return_value == 3, done.stdout
         assert f"changed  {path}" in done.stdout
-        assert "no topic: an index, a header" in done.stdout
+        assert "no topic: only an index, a header" in done.stdout
 
     def test_a_recording_without_record_is_told_and_no_fault(self, kept):
         path = kept.parent.parent / "bags" / "new.bag"
