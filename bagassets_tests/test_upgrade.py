@@ -1,0 +1,134 @@
+"""Projects of older versions: recipe, state folder, store and lock are used on, or refused in one sentence."""
+
+import json
+import re
+import shutil
+import sqlite3
+import subprocess
+import tarfile
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+
+from bagassets.forkserver.client import Client
+from bagassets.freshness.cache import _FORMAT
+from bagassets.recipe import load_recipe
+from bagassets_tests.services import BIN, bare_environment
+
+OLD = sorted((Path(__file__).parent / "upgrade").glob("*.tar.xz"))
+LOCK = Path("dataset/nuscenes/v1.0-test/dataset.lock.json")
+# What versions before 0.1.0 kept in the state folder to tell whether anything had changed.
+LEFT_BEHIND = ("plan.sqlite", "nothing-to-do.snapshot", "published", "last-build.json")
+
+pytestmark = [
+    pytest.mark.parametrize("old", OLD, ids=lambda path: path.name.partition(".")[0], scope="module"),
+    pytest.mark.xdist_group("upgrade"),
+]
+
+
+def run(project, *arguments, status=0):
+    done = subprocess.run(
+        [BIN / "bagassets", *map(str, arguments)],
+        cwd=project, env=bare_environment(), capture_output=True, text=True, check=False, timeout=300,
+    )  # fmt: skip
+    assert done.returncode == status, done.stdout + done.stderr
+    return done.stdout + done.stderr
+
+
+def unpack(old, folder):
+    """Unpack a project, and have its absolute paths lead to where it lies now."""
+    with tarfile.open(old) as archive:
+        archive.extractall(folder, filter="data")
+    project = folder / "old" / "project"
+    [place] = re.findall(r"^DAGSTER_HOME='(.+)'$", (project / ".env").read_text(), re.MULTILINE)
+    for name in (".env", "dagster.yaml", "workspace.yaml"):
+        file = project / name
+        file.write_text(file.read_text().replace(place, str(project)))
+    return project
+
+
+@pytest.fixture(scope="module")
+def project(old, tmp_path_factory):
+    """The project as it was left: nothing of it was read yet."""
+    return unpack(old, tmp_path_factory.mktemp("untouched"))
+
+
+@pytest.fixture(scope="module")
+def built(old, tmp_path_factory):
+    """The project after a build of now."""
+    project = unpack(old, tmp_path_factory.mktemp("built"))
+    run(project, "build")
+    yield project
+    for client in Client.all_of(project / ".bagassets"):
+        client.shutdown(grace_s=0.0)
+
+
+def test_recipes_are_read(project):
+    for recipe in (project / "recipe.yaml", project.parent / "proposed" / "recipe.yaml"):
+        assert load_recipe(recipe).rigs
+
+
+def test_the_store_is_intact(project):
+    assert "as they were written" in run(project, "verify")
+
+
+def test_a_build_takes_the_state_over(built):
+    project = built
+    assert "nothing to do" in run(project, "build")
+    assert re.search(r"1 recording: \d+ fresh\.", run(project, "status"))
+    assert not [name for name in LEFT_BEHIND if (project / ".bagassets" / name).exists()]
+
+
+def test_the_dataset_is_the_same(project, built):
+    for name in ("scene", "sample"):
+        table = LOCK.with_name(f"{name}.json")
+        assert (built / table).read_bytes() == (project / table).read_bytes()
+
+
+def test_a_lock_is_compared_with_one_of_now(project, built):
+    said = run(built, "dataset", "diff", project / LOCK, built / LOCK)
+    assert "1 recording, 1 scene, 3 samples" in said
+
+
+def test_a_dataset_is_made_again_from_its_lock(old, tmp_path):
+    project = unpack(old, tmp_path)
+    lock = shutil.copy(project / LOCK, tmp_path / "kept.lock.json")
+    before = (project / LOCK).with_name("scene.json").read_bytes()
+    run(project, "dataset", "restore", lock, "--output", tmp_path / "again")
+    assert next((tmp_path / "again").rglob("scene.json")).read_bytes() == before
+
+
+def test_the_lock_keeps_its_artifacts_in_the_store(project):
+    assert "0 artifacts" in run(project, "gc", "--dry-run", "--keep-days", "0")
+
+
+def test_a_lock_of_a_later_version_is_refused(project, tmp_path):
+    later = tmp_path / "later.lock.json"
+    later.write_text(json.dumps({**json.loads((project / LOCK).read_text()), "format": 99}))
+    said = run(project, "dataset", "diff", later, project / LOCK, status=1)
+    assert said.splitlines() == [
+        f"error: {later}: this lock has format 99, this version of bagassets knows 1 and 2; use the version that wrote it."
+    ]
+
+
+def test_what_a_later_version_noted_about_changes_is_not_believed(old, tmp_path):
+    project = unpack(old, tmp_path)
+    noted = project / ".bagassets" / "freshness.sqlite"
+    with closing(sqlite3.connect(noted)) as connection:
+        connection.execute(f"PRAGMA user_version = {_FORMAT + 1}")
+        connection.execute("CREATE TABLE entries (something TEXT)")
+        connection.commit()
+    run(project, "build")
+    assert "nothing to do" in run(project, "build")
+    with closing(sqlite3.connect(noted)) as connection:
+        assert connection.execute("PRAGMA user_version").fetchone() == (_FORMAT,)
+    for client in Client.all_of(project / ".bagassets"):
+        client.shutdown(grace_s=0.0)
+
+
+def test_a_recipe_of_a_later_version_is_refused(project, tmp_path):
+    recipe = tmp_path / "recipe.yaml"
+    recipe.write_text((project / "recipe.yaml").read_text() + "field_of_tomorrow: 1\n")
+    [line] = run(tmp_path, "status", status=1).splitlines()
+    assert "field_of_tomorrow" in line
