@@ -178,6 +178,8 @@ def test_three_robots_in_one_folder(init, tmp_path):
     assert [line for line in out.splitlines() if line.startswith("Rig ")] == [
         f"Rig robot{number} (1 recording; poses from odometry)" for number in range(3)
     ]
+    assert out.count("  the topics of rig robot0, with other frames or poses\n") == 2
+    assert out.count("LIDAR_TOP") == 1
     recipe = load_recipe(tmp_path / "project" / "recipe.yaml")
     assert [(rig.match, rig.ego_frame) for rig in recipe.rigs] == [
         ((f"robot{number}.bag",), f"r{number}/base_link") for number in range(3)

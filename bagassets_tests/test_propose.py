@@ -615,6 +615,13 @@ def test_short_recordings_get_scenes(lengths_s, least_s, tmp_path):
     assert proposed(recordings, tmp_path).scenes.min_length_s == least_s
 
 
+def test_rigs_that_only_names_of_recordings_tell_apart_say_so():
+    recordings = {"1.bag": robot("base_link"), "2.bag": robot("r2/base_link"), "3.bag": robot("base_link")}
+    text = " ".join(text_of(recordings).replace("#", "").split())
+    assert text.count("guess: these recordings by their names; new ones of this rig need a glob") == 1
+    assert "by their names" not in text_of({"a/1.bag": robot("base_link"), "b/1.bag": robot("r2/base_link")})
+
+
 def test_same_topic_of_another_type_is_another_rig(tmp_path):
     other = summary(topic("/velodyne_points", "sensor_msgs/msg/LaserScan", frame="velodyne"), odometry())
     assert len(proposed({"a.bag": car(), "b.bag": other}, tmp_path).rigs) == 2

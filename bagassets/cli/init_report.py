@@ -22,17 +22,25 @@ _LEFT_OUT_LISTED = 8
 
 def print_found(proposal: Proposal, unreadable: Mapping[str, str]) -> None:
     """Print the rigs with their topics, and the recordings that are left out."""
+    printed: dict[tuple[tuple[str, str, str], ...], str] = {}
     for rig in proposal.rigs:
         poses = f"poses from {rig.pose.fields['source']}" if rig.pose.fields else "no poses"
         title = "One rig" if len(proposal.rigs) == 1 else f"Rig {rig.name}"
         echo(f"{title} ({_count(len(rig.recordings), 'recording')}; {poses})")
-        _print_topics(rig.topic_uses)
+        uses = rig.topic_uses
+        same = printed.setdefault(
+            tuple((use.topic.name, use.topic.msgtype, _becomes(use)) for use in uses), rig.name
+        )
+        if same == rig.name:
+            _print_topics(uses)
+        else:
+            echo(f"  the topics of rig {same}, with other frames or poses")
     for reason, together in groupby(
         sorted(proposal.bare, key=lambda one: one.reason), key=lambda one: one.reason
     ):
-        same = list(together)
-        echo(f"Left out: {_named([one.path for one in same])}: {reason}")
-        _print_topics(_merged(use for one in same for use in one.topic_uses))
+        recordings = list(together)
+        echo(f"Left out: {_named([one.path for one in recordings])}: {reason}")
+        _print_topics(_merged(use for one in recordings for use in one.topic_uses))
     for path, reason in list(unreadable.items())[:_LISTED]:
         echo(f"Left out: {path}: {reason}")
     if len(unreadable) > _LISTED:

@@ -8,6 +8,7 @@ from bagassets.propose.rigs import RigProposal
 from bagassets.propose.sensors import Sensor
 from bagassets.propose.topic_uses import transform_topics
 from bagassets.recipe.model import Rig
+from bagassets.recordings.globs import literal_glob
 
 __all__ = ["write_rig"]
 
@@ -56,6 +57,10 @@ def _write_match(sheet: Sheet, rig: RigProposal) -> None:
     if len(rig.match) == 1:
         sheet.field(2, f"match: [{yaml_scalar(rig.match[0])}]")
     else:
+        if rig.match == [literal_glob(path) for path in sorted(rig.recordings)]:
+            sheet.guess_note(
+                2, "these recordings by their names; new ones of this rig need a glob that matches them"
+            )
         sheet.field(2, "match:")
         for glob in rig.match:
             sheet.field(3, f"- {yaml_scalar(glob)}")
