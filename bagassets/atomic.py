@@ -1,17 +1,22 @@
-"""Files that others see complete or not at all: written beside their final path, and moved there when complete.
+"""Files and folders that others see complete or not at all: written beside their final path, and moved there when complete.
 
 Nothing is synced to disk: whoever reads a file must notice if a power loss tore it.
 """
 
+import ctypes
 import errno
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-__all__ = ["create_atomically", "replacing", "write_atomically"]
+__all__ = ["create_atomically", "replacing", "swap_in", "write_atomically"]
 
 _NO_HARD_LINK = {errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS, errno.EACCES, errno.EMLINK}
+# Linux: arguments of renameat2, and its errors on file systems that cannot exchange two paths.
+_AT_FDCWD = -100
+_RENAME_EXCHANGE = 2
+_NO_EXCHANGE = {errno.EINVAL, errno.ENOSYS, errno.EOPNOTSUPP}
 
 
 @contextmanager
@@ -71,6 +76,39 @@ def create_atomically(path: Path, content: bytes) -> bool:
         with suppress(OSError):
             temporary.unlink()
     return True
+
+
+def swap_in(new: Path, current: Path) -> Path | None:
+    """Put the folder `new` in place of `current`, so that readers see either the old folder or the new one.
+
+    Linux exchanges the two atomically. Elsewhere `current` is renamed away first, and for an instant there is none.
+
+    Returns:
+        The path of the old folder, or None if there was none.
+    """
+    if not current.exists():
+        new.rename(current)
+        return None
+    if _exchange(new, current):
+        return new
+    old = current.with_name(f"{new.name}-old-{os.urandom(16).hex()}")
+    current.rename(old)
+    new.rename(current)
+    return old
+
+
+def _exchange(one: Path, other: Path) -> bool:
+    """Exchange two paths with renameat2; return False where the system does not support that."""
+    try:
+        renameat2 = ctypes.CDLL(None, use_errno=True).renameat2
+    except (AttributeError, OSError):
+        return False
+    if renameat2(_AT_FDCWD, os.fsencode(one), _AT_FDCWD, os.fsencode(other), _RENAME_EXCHANGE) == 0:
+        return True
+    number = ctypes.get_errno()
+    if number in _NO_EXCHANGE:
+        return False
+    raise OSError(number, os.strerror(number), str(one))
 
 
 def _beside(path: Path) -> Path:

@@ -32,7 +32,6 @@ from bagassets.errors import (
 from bagassets.formats.assembly import assemble
 from bagassets.formats.dataset_lock import read_lock
 from bagassets.formats.format import Part
-from bagassets.formats.nuscenes.check import check_dataset
 from bagassets.formats.nuscenes.format import NUSCENES
 from bagassets.recipe import load_recipe
 from bagassets.recordings import digest
@@ -44,6 +43,7 @@ from bagassets.store.integrity import check_store
 from bagassets.store.store import Store
 from bagassets_tests import in_process
 from bagassets_tests.build_process import make_dataset
+from bagassets_tests.nuscenes_checks import check_dataset
 from bagassets_tests.small_drive import RECIPE, write_drive
 from bagassets_tests.test_end_to_end import build_all, build_of, make_project
 from bagassets_tests.tiny_mcap import write_tiny

@@ -13,11 +13,11 @@ from devkit import run_devkit
 
 from bagassets.forkserver.client import Client
 from bagassets.formats.dataset_lock import read_lock
-from bagassets.formats.nuscenes.check import check_dataset
 from bagassets.recipe import load_recipe
 from bagassets.store.integrity import check_store
 from bagassets.store.store import Store
 from bagassets_tests.in_process import make_project
+from bagassets_tests.nuscenes_checks import check_dataset
 from bagassets_tests.test_databases import kill_all
 
 pytestmark = pytest.mark.xdist_group("by_command")

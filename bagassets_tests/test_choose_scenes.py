@@ -5,7 +5,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from bagassets.formats.nuscenes.choose_scenes import inside, objection
+from bagassets.formats.nuscenes.scene_conditions import inside, unmet_condition
 from bagassets.formats.nuscenes.scene_facts import scene_facts
 from bagassets.formats.nuscenes.subset import subset_facts, subset_tables
 from bagassets.formats.nuscenes.tokens import attribute_token, category_token
@@ -22,7 +22,7 @@ SQUARE = [[47.0, 10.0], [47.0, 12.0], [49.0, 12.0], [49.0, 10.0]]
 
 
 def why_not(scene=SCENE, rig="car", key="day/a.bag", **wanted):
-    return objection(
+    return unmet_condition(
         NamedDataset.model_validate({"name": "chosen", "output": "out"} | wanted), rig, key, scene
     )
 

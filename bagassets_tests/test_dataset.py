@@ -10,18 +10,20 @@ from contextlib import suppress
 import pytest
 from handmade import Drive, make_tables
 
+from bagassets import atomic
 from bagassets.errors import DatasetError, StoreError
-from bagassets.formats import linking, swap
+from bagassets.formats import linking
 from bagassets.formats.assembly import assemble
 from bagassets.formats.dataset_lock import read_lock
 from bagassets.formats.format import Part
-from bagassets.formats.nuscenes.check import check_dataset, check_files, check_tables
 from bagassets.formats.nuscenes.format import NUSCENES
 from bagassets.formats.nuscenes.schema import TABLES
 from bagassets.formats.nuscenes.table_file import read_table
+from bagassets.formats.nuscenes.table_integrity import check_files
 from bagassets.recipe.model import NuScenes
 from bagassets.recipe.model_splits import Splits
 from bagassets.store.store import Store
+from bagassets_tests.nuscenes_checks import check_dataset, check_tables
 
 VERSION = "v1.0-test"
 SETTINGS = NuScenes(version=VERSION)
@@ -383,7 +385,7 @@ class TestFileSystems:
         )
 
     def test_without_an_exchange_folders_are_renamed(self, store, parts, tmp_path, monkeypatch):
-        monkeypatch.setattr(swap, "_exchange", lambda *_: False)
+        monkeypatch.setattr(atomic, "_exchange", lambda *_: False)
         assemble(NUSCENES, parts, SETTINGS, store, tmp_path)
         assemble(NUSCENES, parts[:1], SETTINGS, store, tmp_path)
         assert check_dataset(tmp_path, VERSION) == []
@@ -414,7 +416,7 @@ class TestChecks:
             ("sample", lambda rows: rows.append(dict(rows[0])), "sample: 1 token appears more than once: "),
             ("sample_data", lambda rows: rows[0].update(sample_token="x"), "1 value of sample_token is in no row of sample"),
             ("sample_data", lambda rows: rows[3].update(next=""), "links of prev and next are broken"),
-            ("sample_data", lambda rows: rows[0].update(is_key_frame="true"), "is_key_frame is no JSON boolean"),
+            ("sample_data", lambda rows: rows[0].update(is_key_frame="true"), "is_key_frame is not a JSON boolean"),
             ("sample_data", lambda rows: rows[0].update(filename=rows[1]["filename"]), "named by more than one row"),
             ("sample", lambda rows: rows.pop(), "scene: 1 rows disagree with their rows of sample"),
             ("instance", lambda rows: rows[0].update(nbr_annotations=1), "instance: 1 rows disagree"),

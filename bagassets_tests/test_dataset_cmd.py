@@ -23,13 +23,13 @@ from bagassets.formats.dataset_diff import diff_datasets
 from bagassets.formats.dataset_lock import load_lock, locked_artifacts, read_lock
 from bagassets.formats.dataset_restore import missing_recordings, restore_dataset
 from bagassets.formats.format import Part
-from bagassets.formats.nuscenes.check import check_dataset
 from bagassets.formats.nuscenes.filenames import recording_of
 from bagassets.formats.nuscenes.format import NUSCENES
 from bagassets.formats.vision.format import VISION
 from bagassets.recipe.model import NuScenes
 from bagassets.recipe.model_splits import Splits
 from bagassets.store.store import Store
+from bagassets_tests.nuscenes_checks import check_dataset
 from bagassets_tests.small_drive import RECIPE
 from bagassets_tests.test_dataset import content
 from bagassets_tests.test_end_to_end import build_all, build_of, make_project
@@ -158,7 +158,7 @@ class TestLocks:
         (tmp_path / "x.json").write_text(text)
         with pytest.raises(DatasetError, match=r"x\.json: expected the lock file of a dataset"):
             load_lock(tmp_path / "x.json")
-        with pytest.raises(DatasetError, match=r"x\.json: expected the lock file .*names the artifacts"):
+        with pytest.raises(DatasetError, match=r"x\.json: expected the lock file .*names its artifacts"):
             locked_artifacts(tmp_path / "x.json")
 
     def test_what_a_lock_of_any_format_needs_is_known(self, tmp_path):
@@ -299,7 +299,7 @@ class TestRestore:
         value = json.loads(lock.read_bytes())
         value["nuscenes"]["novelty"] = 1
         lock.write_text(json.dumps(value))
-        with pytest.raises(DatasetError, match="settings are not understood"):
+        with pytest.raises(DatasetError, match="settings are invalid here"):
             restore_dataset(load_lock(lock), store, tmp_path / "again")
 
 

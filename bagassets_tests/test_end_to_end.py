@@ -10,13 +10,13 @@ from bagassets.assets.ego_poses import load_trajectory
 from bagassets.build.execute import BuildFailure, Skipped
 from bagassets.formats.assembly import assemble
 from bagassets.formats.format import Part
-from bagassets.formats.nuscenes.check import check_dataset
 from bagassets.formats.nuscenes.format import NUSCENES
 from bagassets.recipe import load_recipe
 from bagassets.recordings.digest import recording_digest, recording_stat
 from bagassets.recordings.discover import discover
 from bagassets.store.store import Store
 from bagassets_tests.devkit import run_devkit
+from bagassets_tests.nuscenes_checks import check_dataset
 from bagassets_tests.recording_build import RecordingBuild
 from bagassets_tests.small_drive import RECIPE, SPEED_MPS, START_NS, write_drive
 

@@ -193,7 +193,7 @@ class TestBad:
             ("import sys; sys.exit(3)\n", "raised SystemExit: 3"),
             ("1 / 0\n", "raised ZeroDivisionError"),
             ("X = 1\n", "raised AttributeError"),
-            ("ACME = {}\n", "is no bagassets.formats.format.Format"),
+            ("ACME = {}\n", "is not a bagassets.formats.format.Format"),
             (
                 HEAD + "del FIELDS['join']\nACME = Format(**FIELDS)\n",
                 "missing 1 required positional argument: 'join'",
@@ -207,11 +207,11 @@ class TestBad:
             (HEAD + "ACME = Format(**FIELDS | {'name': 'other'})\n", "the format calls itself 'other'"),
             (
                 HEAD + "ACME = Format(**FIELDS | {'assets': ()})\n",
-                "its part 'acme_part' is none of its assets",
+                "its part 'acme_part' is not one of its assets",
             ),
             (
                 HEAD + "ACME = Format(**FIELDS | {'assets': ('acme_part', PART)})\n",
-                "'acme_part' is no bagassets",
+                "'acme_part' is not a bagassets",
             ),
             (HEAD + "ACME = Format(**FIELDS | {'version': '1'})\n", "its version must be a whole number"),
             (
@@ -219,13 +219,16 @@ class TestBad:
                 + "ACME = Format(**FIELDS | {'checks': (DatasetCheck('x', 'y', ''),), 'check': print})\n",
                 "the section 'y'",
             ),
-            (HEAD + "ACME = Format(**FIELDS | {'check': print})\n", "checks and check go together"),
+            (
+                HEAD + "ACME = Format(**FIELDS | {'check': print})\n",
+                "it must have both checks and check, or neither",
+            ),
             (with_check("'y'"), "its check acme_sound has the section 'y'"),
             (with_check("'enabled'"), "its check acme_sound has the section 'enabled'"),
-            (GOOD.replace("make=make,", "make=make, checks=(print,),"), "is no RecordingCheck"),
+            (GOOD.replace("make=make,", "make=make, checks=(print,),"), "is not a RecordingCheck"),
             (
                 HEAD.replace("acme_part", "frames") + "ACME = Format(**FIELDS)\n",
-                "'frames' is no name for an asset",
+                "'frames' is not a valid name for an asset",
             ),
             (
                 HEAD.replace("make=make,", "") + "ACME = Format(**FIELDS)\n",
@@ -261,7 +264,7 @@ class TestBad:
         site.install("one", "1", GOOD, group=FORMATS, acme="ACME")
         site.install("two", "2", GOOD.replace('name="acme"', 'name="other"'), group=FORMATS, other="ACME")
         (sentence,) = catalogue().problems
-        assert "other of two 2 cannot be used: its asset acme_part is one of one 1, too" in sentence
+        assert "other of two 2 cannot be used: one 1 has an asset acme_part, too" in sentence
         assert [kind.name for kind in formats()] == ["nuscenes", "vision", "acme"]
 
     @pytest.mark.parametrize(
@@ -408,8 +411,8 @@ class TestAssets:
     @pytest.mark.parametrize(
         ("name", "code", "words"),
         [
-            ("acme_part", ALONE + "PART = {}\n", "acme_package:PART is no asset of that name"),
-            ("other", ALONE, "acme_package:PART is no asset of that name"),
+            ("acme_part", ALONE + "PART = {}\n", "acme_package:PART is not an asset of that name"),
+            ("other", ALONE, "acme_package:PART is not an asset of that name"),
             ("acme_part", ALONE.replace("version=1,", ""), "missing 1 required keyword-only argument: 'version'"),
             ("acme_part", ALONE.replace("make=make,", "make=make, reads=(Asset(name='b', version=1, title='', kinds=frozenset(), params=print, use=print, make=print),),"),
              "asset acme_part of acme_package 1.2 cannot be used: it reads b"),

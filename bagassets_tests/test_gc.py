@@ -19,7 +19,6 @@ from bagassets.formats.assembly import assemble
 from bagassets.formats.dataset_lock import locked_artifacts
 from bagassets.formats.format import Part
 from bagassets.formats.lock_roots import locks_of
-from bagassets.formats.nuscenes.check import check_dataset
 from bagassets.formats.nuscenes.format import NUSCENES
 from bagassets.propose.project import dagster_home, write_project
 from bagassets.recipe import load_recipe
@@ -31,6 +30,7 @@ from bagassets.store.lease import in_use, in_use_since_s
 from bagassets.store.store import Store
 from bagassets.store.users import User, forget_user, note_user, users_of
 from bagassets_tests import in_process
+from bagassets_tests.nuscenes_checks import check_dataset
 from bagassets_tests.test_end_to_end import build_all, build_of, make_project
 
 DAY_S = 86400.0

@@ -287,7 +287,7 @@ def test_gc_spares_what_its_lock_names(project, tmp_path):
     assert not needed & {each["artifact"] for each in found["artifacts"]}
     del value["bags"][0]["artifacts"]
     lock.write_text(json.dumps(value))
-    with pytest.raises(DatasetError, match=r"may\.json: expected the lock file .*names the artifacts"):
+    with pytest.raises(DatasetError, match=r"may\.json: expected the lock file .*names its artifacts"):
         run(project, "gc", "--dry-run", "--lock", lock)
     assert project.read_text() == text
 

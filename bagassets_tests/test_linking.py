@@ -9,15 +9,16 @@ import sys
 
 import pytest
 
+from bagassets import atomic
+from bagassets.atomic import swap_in
 from bagassets.errors import DatasetError
-from bagassets.formats import linking, swap
+from bagassets.formats import linking
 from bagassets.formats.assembly import remove_files
 from bagassets.formats.guard import GUARD, guarded, refuse_unexpected
 from bagassets.formats.json_files import copy_rows, rows_text, write_joined
 from bagassets.formats.linking import Linker
 from bagassets.formats.nuscenes.format import NUSCENES
 from bagassets.formats.nuscenes.table_file import read_table, table_bytes
-from bagassets.formats.swap import swap_in
 
 
 @pytest.fixture
@@ -133,7 +134,7 @@ class TestSwap:
     @pytest.mark.parametrize("number", [errno.EINVAL, errno.ENOSYS, errno.EOPNOTSUPP, None])
     def test_where_they_cannot_be_they_are_renamed(self, folders, monkeypatch, number):
         new, current = folders
-        monkeypatch.setattr(swap.ctypes, "CDLL", fake_c_library(number))
+        monkeypatch.setattr(atomic.ctypes, "CDLL", fake_c_library(number))
         old = swap_in(new, current)
         assert old.parent == current.parent
         assert (current / "which").read_text() == "new"
@@ -142,7 +143,7 @@ class TestSwap:
 
     def test_any_other_refusal_is_an_error(self, folders, monkeypatch):
         new, current = folders
-        monkeypatch.setattr(swap.ctypes, "CDLL", fake_c_library(errno.EACCES))
+        monkeypatch.setattr(atomic.ctypes, "CDLL", fake_c_library(errno.EACCES))
         with pytest.raises(PermissionError, match="Permission denied"):
             swap_in(new, current)
         assert (current / "which").read_text() == "current"
@@ -154,7 +155,7 @@ def fake_c_library(number):
     class Library:
         def __init__(self, *_args, **_options):
             if number is not None:
-                self.renameat2 = lambda *_args: (swap.ctypes.set_errno(number), -1)[1]
+                self.renameat2 = lambda *_args: (atomic.ctypes.set_errno(number), -1)[1]
 
     return Library
 
@@ -265,5 +266,5 @@ class TestGuard:
         (folder / "a").write_bytes(b"")
         with pytest.raises(DatasetError) as caught:
             refuse_unexpected(folder, {"a": "1", "b": "2"}, expected)
-        assert str(caught.value).startswith(f"{tmp_path}: {named} came out different from what the lock says")
+        assert str(caught.value).startswith(f"{tmp_path}: {named} would differ from the lock")
         assert not folder.exists()

@@ -14,9 +14,8 @@ from bagassets.formats.catalogue import recording_assets
 from bagassets.formats.dataset_build import Dataset, DatasetInputs, build_dataset, dataset_code_versions
 from bagassets.formats.dataset_lock import read_lock
 from bagassets.formats.format import Part
-from bagassets.formats.nuscenes.check import check_dataset
-from bagassets.formats.nuscenes.choose_scenes import inside, objection
 from bagassets.formats.nuscenes.format import NUSCENES
+from bagassets.formats.nuscenes.scene_conditions import inside, unmet_condition
 from bagassets.formats.nuscenes.table_file import read_table
 from bagassets.recipe import load_recipe
 from bagassets.recipe.model_datasets import NamedDataset, moment_ns
@@ -24,6 +23,7 @@ from bagassets.sample.drive import Target, write_recordings
 from bagassets.sample.recipe import sample_recipe
 from bagassets.store.store import Store
 from bagassets_tests.devkit import run_devkit
+from bagassets_tests.nuscenes_checks import check_dataset
 from bagassets_tests.sample_drives import build_recordings
 
 SCENE = {
@@ -37,7 +37,7 @@ SCENE = {
 
 
 def refused(scene=SCENE, rig="car", key="monday.bag", **fields):
-    return objection(NamedDataset(name="n", **fields), rig, key, scene)
+    return unmet_condition(NamedDataset(name="n", **fields), rig, key, scene)
 
 
 class TestConditions:

@@ -17,13 +17,13 @@ from bagassets.errors import PluginError
 from bagassets.formats.assembly import assemble
 from bagassets.formats.catalogue import recording_assets
 from bagassets.formats.format import Part
-from bagassets.formats.nuscenes.check import check_dataset
 from bagassets.formats.nuscenes.format import NUSCENES
 from bagassets.freshness import fingerprints
 from bagassets.freshness.fingerprints import code_fingerprint
 from bagassets.plugins import FAMILIES as FAMILY_NAMES
 from bagassets.plugins import installed_decoders
 from bagassets.store.store import Store
+from bagassets_tests.nuscenes_checks import check_dataset
 from bagassets_tests.plugin_build import build, channel, project
 from bagassets_tests.plugin_drive import RECIPE, write_recording
 from bagassets_tests.plugin_install import EXAMPLE, Site, pip_install, wheel_of

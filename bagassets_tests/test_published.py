@@ -322,7 +322,7 @@ def test_another_boot_needs_a_plan(fresh, monkeypatch):
 def test_without_a_crash_nothing_is_read_again(fresh, monkeypatch):
     start_anew(fresh)
     build(fresh, monkeypatch)
-    monkeypatch.setattr(after_crash, "mend_last_writes", pytest.fail)
+    monkeypatch.setattr(after_crash, "repair_last_writes", pytest.fail)
     build(fresh, monkeypatch)
 
 

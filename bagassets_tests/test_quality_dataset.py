@@ -9,10 +9,14 @@ from bagassets.formats.assembly import assemble
 from bagassets.formats.checking import check_dataset, dataset_checks
 from bagassets.formats.dataset_build import datasets_of
 from bagassets.formats.format import Part
-from bagassets.formats.nuscenes.check import check_tables
-from bagassets.formats.nuscenes.dataset_checks import CHECKS, check
+from bagassets.formats.nuscenes.dataset_checks import (
+    CHECKS,
+    check,
+    dataset_files_match,
+    dataset_references_intact,
+    dataset_tokens_unique,
+)
 from bagassets.formats.nuscenes.dataset_rows import read_dataset, repeated_tokens
-from bagassets.formats.nuscenes.dataset_rules import files_match, references_intact, tokens_unique
 from bagassets.formats.nuscenes.devkit_rules import devkit_ready
 from bagassets.formats.nuscenes.format import NUSCENES
 from bagassets.formats.nuscenes.schema import TABLES
@@ -20,6 +24,7 @@ from bagassets.formats.nuscenes.table_file import read_table
 from bagassets.recipe.model import NuScenes, Recipe
 from bagassets.recipe.model_checks import Checks
 from bagassets.store.store import Store
+from bagassets_tests.nuscenes_checks import check_tables
 
 VERSION = "v1.0-test"
 RECORDINGS = 6
@@ -46,7 +51,7 @@ def size_of(dataset):
     return sum((dataset / VERSION / f"{name}.json").stat().st_size for name in TABLES)
 
 
-RULES = (references_intact, tokens_unique, files_match, devkit_ready)
+RULES = (dataset_references_intact, dataset_tokens_unique, dataset_files_match, devkit_ready)
 
 
 @pytest.mark.parametrize(("share", "recordings"), [(2.0, 6), (0.5, 3), (0.34, 2), (0.01, 1)])
@@ -62,7 +67,7 @@ def test_the_rows_of_some_recordings_are_closed_in_themselves(dataset, share, re
     assert check_tables(rows.tables) == []
     for rule in RULES:
         assert list(rule(rows).problems) == []
-    assert tokens_unique(rows).facts["recordings_checked"] == recordings
+    assert dataset_tokens_unique(rows).facts["recordings_checked"] == recordings
 
 
 def last_of(dataset, table):
@@ -81,7 +86,7 @@ def test_a_token_that_two_recordings_share_is_found_whichever_rows_are_read(data
     append(dataset, "ego_pose", row)
     append(dataset, "ego_pose", row)
     rows = read_dataset(dataset, VERSION, round(share * size_of(dataset)))
-    (problem,) = tokens_unique(rows).problems
+    (problem,) = dataset_tokens_unique(rows).problems
     assert problem == f"ego_pose: 1 token appears more than once: {token}."
 
 
@@ -101,7 +106,7 @@ def test_files_that_are_gone_or_empty_are_named(dataset, share):
     (dataset / gone).unlink()
     (dataset / empty).unlink()
     (dataset / empty).touch()
-    problems = files_match(rows).problems
+    problems = dataset_files_match(rows).problems
     assert [problem.rsplit(" ", 1)[-1] for problem in problems] == [f"{gone}.", f"{empty}."]
 
 
@@ -112,7 +117,7 @@ def test_a_broken_link_in_a_recording_that_is_read_is_named(dataset):
     lines[1] = lines[1].replace('"ego_pose_token":"', '"ego_pose_token":"f')
     path.write_text("\n".join(lines) + "\n")
     rows = read_dataset(dataset, VERSION, size_of(dataset) // 4)
-    (problem,) = references_intact(rows).problems
+    (problem,) = dataset_references_intact(rows).problems
     assert token in problem
 
 

@@ -10,11 +10,11 @@ from handmade import Drive, make_tables
 from bagassets.annotations.table import BoxTable
 from bagassets.formats.assembly import assemble
 from bagassets.formats.format import Part
-from bagassets.formats.nuscenes.check import broken_references, duplicate_tokens
 from bagassets.formats.nuscenes.dataset_rows import DatasetRows, read_dataset
 from bagassets.formats.nuscenes.devkit_rules import devkit_ready
 from bagassets.formats.nuscenes.format import NUSCENES
 from bagassets.formats.nuscenes.schema import RECORDING_TABLES
+from bagassets.formats.nuscenes.table_integrity import broken_references, duplicate_tokens
 from bagassets.geometry.calibration import Calibration
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.quality.box_rules import boxes_plausible
@@ -552,10 +552,10 @@ class TestDevkit:
                 "sample",
                 "timestamp",
                 1_700_000_000_000_000_000,
-                "sample.timestamp is no integer in microseconds",
+                "sample.timestamp is not an integer in microseconds",
             ),
-            ("ego_pose", "timestamp", 1.7e15, "ego_pose.timestamp is no integer in microseconds"),
-            ("ego_pose", "rotation", [1.0, 1.0, 0.0, 0.0], "ego_pose.rotation is no unit quaternion"),
+            ("ego_pose", "timestamp", 1.7e15, "ego_pose.timestamp is not an integer in microseconds"),
+            ("ego_pose", "rotation", [1.0, 1.0, 0.0, 0.0], "ego_pose.rotation is not a unit quaternion"),
             ("ego_pose", "translation", [690_000.0, 5_330_000.0, 500.0], "too far from the origin"),
             (
                 "calibrated_sensor",
@@ -620,8 +620,8 @@ class TestDevkit:
         radar = next(row["filename"] for row in tables["sample_data"] if row["filename"].endswith(".pcd"))
         for name, damage, words in (
             (lidar, lambda data: data + b"1234", "does not hold points of 5 float32"),
-            (radar, lambda data: data[:-1], "the devkit's reader wants more"),
-            (radar, lambda data: data.replace(b"DATA binary", b"DATA ascii!"), "is no binary PCD file"),
+            (radar, lambda data: data[:-1], "the devkit's reader requires more"),
+            (radar, lambda data: data.replace(b"DATA binary", b"DATA ascii!"), "is not a binary PCD file"),
             (radar, lambda data: data.replace(b" vy_rms\n", b"\n"), "has 17 fields"),
             (radar, lambda data: data.replace(b"WIDTH 12", b"WIDTH 0"), "has no points at all"),
         ):

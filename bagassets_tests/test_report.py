@@ -18,9 +18,9 @@ from bagassets.recipe import load_recipe
 from bagassets.recipe.model_splits import Splits
 from bagassets.report.grid_map import colour_of_split, grid_map
 from bagassets.report.map_shell import map_shell
-from bagassets.report.model import Gaps, RecordingFacts, ReportData, Way
+from bagassets.report.model import Gaps, RecordingFacts, ReportData, Route
 from bagassets.report.page import report_json, report_page
-from bagassets.report.trajectory_map import MapWay, trajectory_map_page
+from bagassets.report.trajectory_map import MapRoute, trajectory_map_page
 from bagassets.report.write import write_page
 from bagassets.sample.drive import Target, write_recordings
 from bagassets.sample.recipe import sample_recipe
@@ -100,14 +100,16 @@ class TestPage:
 
     def test_names_cannot_break_out_of_the_page(self, tmp_path):
         evil = '<script>alert("x")</script>'
-        recordings = [facts(evil, rig=evil, notes=[evil], gaps=[Gaps(evil, 1, 1.0)], way=Way([(48.0, 11.0)]))]
+        recordings = [
+            facts(evil, rig=evil, notes=[evil], gaps=[Gaps(evil, 1, 1.0)], route=Route([(48.0, 11.0)]))
+        ]
         recordings.append(RecordingFacts("b", "failed", evil))
         page = Page(report_page(data_of(tmp_path, recordings, {evil: evil})))
         assert [tag for tag, _ in page.found].count("script") == 1
         assert evil in page.text
 
     def test_it_loads_nothing(self, tmp_path):
-        page = report_page(data_of(tmp_path, [facts("a", way=Way([(48.0, 11.0), (48.1, 11.2)]))]))
+        page = report_page(data_of(tmp_path, [facts("a", route=Route([(48.0, 11.0), (48.1, 11.2)]))]))
         sources = [attrs.get("src") or attrs.get("href") for tag, attrs in Page(page).found if tag != "a"]
         assert [source for source in sources if source and not source.startswith("data:")] == []
         assert "http" not in page
@@ -174,9 +176,9 @@ class TestGridMap:
 
 
 WAYS = [
-    MapWay("monday", "train", "#2f7ed8", "20 s", [(48.0, 11.0), (48.001, 11.001)]),
-    MapWay("<tuesday>", "val", "#d9822b", "30 s", [(48.0, 11.01), (48.002, 11.011)]),
-    MapWay("hall", "val", "#d9822b", "9 s", [], [(0.0, 0.0), (5.0, 5.0)]),
+    MapRoute("monday", "train", "#2f7ed8", "20 s", [(48.0, 11.0), (48.001, 11.001)]),
+    MapRoute("<tuesday>", "val", "#d9822b", "30 s", [(48.0, 11.01), (48.002, 11.011)]),
+    MapRoute("hall", "val", "#d9822b", "9 s", [], [(0.0, 0.0), (5.0, 5.0)]),
 ]
 
 
@@ -210,7 +212,7 @@ class TestTrajectoryMap:
 
     def test_names_cannot_break_out_of_the_data(self, shell):
         evil = '</script><script>alert("x")</script>'
-        page = trajectory_map_page([MapWay(evil, evil, "#000", evil, [(1.0, 2.0)])], shell)
+        page = trajectory_map_page([MapRoute(evil, evil, "#000", evil, [(1.0, 2.0)])], shell)
         assert data_in(page)[0]["ways"][0]["key"] == evil
         assert [tag for tag, _ in Page(page).found].count("script") == [
             tag for tag, _ in Page(trajectory_map_page(WAYS[:1], shell)).found
@@ -218,7 +220,7 @@ class TestTrajectoryMap:
 
     def test_many_long_ways_stay_a_small_page(self, shell):
         way = [(48.0 + n * 1e-5, 11.0) for n in range(3600)]
-        page = trajectory_map_page([MapWay(f"r{n}", "train", "#000", "", way) for n in range(1000)], shell)
+        page = trajectory_map_page([MapRoute(f"r{n}", "train", "#000", "", way) for n in range(1000)], shell)
         assert len(page) < 4_000_000
         first = data_in(page)[0]["ways"][0]["points"]
         assert (first[0], first[-1]) == ([48.0, 11.0], [48.03599, 11.0])
@@ -277,7 +279,7 @@ class TestGathered:
         assert recording.daylight == "day"
         assert recording.length_m == made["ego_poses"].artifact.summary()["length_m"]
         assert len(recording.pictures) == 5
-        assert recording.way.points[0][0] == pytest.approx(48.0775, abs=1e-3)
+        assert recording.route.points[0][0] == pytest.approx(48.0775, abs=1e-3)
         assert "lidar_over_camera.jpg" in {path.name for path in recording.full_pictures.iterdir()}
 
     def test_failed_and_skipped_recordings_are_told_with_reason(self, built):

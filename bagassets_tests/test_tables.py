@@ -24,12 +24,12 @@ from handmade import (
 
 from bagassets.annotations.table import BoxTable
 from bagassets.errors import DatasetError, PoseError
-from bagassets.formats.nuscenes.check import check_tables
 from bagassets.formats.nuscenes.schema import RECORDING_TABLES
 from bagassets.formats.nuscenes.tokens import category_token, sensor_token
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.store.store import Store
+from bagassets_tests.nuscenes_checks import check_tables
 
 
 @pytest.fixture(scope="module")

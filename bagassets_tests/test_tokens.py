@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bagassets.formats.json_files import copy_rows, rows_text, write_joined
-from bagassets.formats.nuscenes.blank_map import blank_png
 from bagassets.formats.nuscenes.filenames import filename, recording_of
 from bagassets.formats.nuscenes.schema import RECORDING_TABLES, SHARED_TABLES, TABLES
+from bagassets.formats.nuscenes.shared_rows import blank_png
 from bagassets.formats.nuscenes.table_file import quaternion, read_table, rounded, table_bytes
 from bagassets.formats.nuscenes.tokens import (
     RecordingTokens,

@@ -15,9 +15,8 @@ from bagassets.cli.rebuild_process import other_environment
 from bagassets.forkserver.client import Client
 from bagassets.formats.assembly import assemble
 from bagassets.formats.catalogue import recording_assets
-from bagassets.formats.dataset_integrity import check_datasets
+from bagassets.formats.dataset_integrity import find_damage
 from bagassets.formats.format import Part
-from bagassets.formats.nuscenes.check import check_dataset
 from bagassets.formats.nuscenes.format import NUSCENES
 from bagassets.formats.vision.format import VISION
 from bagassets.recipe import load_recipe
@@ -26,6 +25,7 @@ from bagassets.recordings.open import open_recording
 from bagassets.store.action import Step
 from bagassets.store.integrity import artifact_damage, check_store
 from bagassets.store.store import Store
+from bagassets_tests.nuscenes_checks import check_dataset
 from bagassets_tests.services import make_project as make_command_project
 from bagassets_tests.small_drive import write_drive
 from bagassets_tests.test_dataset import content
@@ -97,7 +97,7 @@ class TestStore:
         counted = []
         assert list(check_store(store_of(project), counted.append)) == []
         assert sum(counted) == len(list((project.store_path / "artifacts").glob("*/*")))
-        assert list(check_datasets(project, store_of(project))) == []
+        assert list(find_damage(project, store_of(project))) == []
 
     def test_an_empty_store_is_whole(self, tmp_path):
         assert list(check_store(Store(tmp_path / "none"))) == []
@@ -186,7 +186,7 @@ class TestHealing:
         make_dataset(project)
         assert list(check_store(store)) == []
         # Files of artifacts that were gone altogether could not be checked the first time.
-        if list(check_datasets(project, store)):
+        if list(find_damage(project, store)):
             run(project, status=3)
         make_dataset(project)
         assert {path: path.read_bytes() for path in before} == before
@@ -279,7 +279,7 @@ class TestDatasets:
         parts = [Part(k, k, assets["vision_sequences"].artifact.digest) for k, assets in made.items()]
         store, output = store_of(recipe), recipe.vision.output
         assemble(VISION, parts, recipe.vision, store, recipe.vision.output, splits=recipe.splits)
-        assert list(check_datasets(recipe, store)) == []
+        assert list(find_damage(recipe, store)) == []
         before = content(output)
         image = next(output.rglob("*.jpg"))
         image.unlink()

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from bagassets.json_types import JsonObject
 from bagassets.report.map_shell import map_shell
-from bagassets.report.trajectory_map import MapWay, trajectory_map_page
+from bagassets.report.trajectory_map import MapRoute, trajectory_map_page
 from bagassets.store.action import Action, Step
 from bagassets.store.artifact import Artifact, ArtifactWriter
 from bagassets.store.canonical import digest_json
@@ -25,7 +25,7 @@ def make_shell(out: ArtifactWriter) -> JsonObject:
     return {}
 
 
-def action(ways: Sequence[MapWay], shell: Artifact) -> Action:
+def action(ways: Sequence[MapRoute], shell: Artifact) -> Action:
     """Return the action that makes the map of these recordings."""
     ways_digest = digest_json(
         [[way.key, way.split, way.colour, way.note, list(way.points), list(way.local)] for way in ways]
@@ -33,7 +33,7 @@ def action(ways: Sequence[MapWay], shell: Artifact) -> Action:
     return STEP.action({}, {"ways": ways_digest, "shell": shell.digest})
 
 
-def make(ways: Sequence[MapWay], shell: Artifact, out: ArtifactWriter) -> JsonObject:
+def make(ways: Sequence[MapRoute], shell: Artifact, out: ArtifactWriter) -> JsonObject:
     """Write the map; return the summary."""
     page = trajectory_map_page(ways, shell.path(SHELL).read_text(encoding="utf-8"))
     out.write(MAP, page.encode())

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from bagassets.build.build_report import BuildReport, Remark, SummaryRow
 from bagassets.cli.terminal import print_lines
 from bagassets.escaping import visible
-from bagassets.formats.nuscenes.splits import devkit_split_name
+from bagassets.formats.nuscenes.schema import devkit_split_name
 from bagassets.json_types import JsonMapping
 
 if TYPE_CHECKING:

@@ -89,18 +89,18 @@ def verify(
 
 
 def _check(recipe: "Recipe", store: "Store", *, report_only: bool, as_json: bool) -> int:
-    from bagassets.formats.dataset_integrity import check_datasets, take_out
+    from bagassets.formats.dataset_integrity import find_damage, remove_damaged
 
     damages = _damages(store)
     names = _names(recipe, store) if damages else {}
-    spoiled = list(check_datasets(recipe, store, {d.digest for d in damages if d.kind == "artifact"}))
+    spoiled = list(find_damage(recipe, store, {d.digest for d in damages if d.kind == "artifact"}))
     if not report_only:
         for damage in damages:
             if damage.kind == "artifact":
                 store.remove(damage.digest)
             else:
                 store.forget(damage.digest)
-        take_out(spoiled)
+        remove_damaged(spoiled)
     if as_json:
         echo_lines(
             json.dumps(

@@ -22,8 +22,8 @@ from bagassets.formats.dataset_build import (
     dataset_code_versions,
     datasets_of,
     deal_contents,
+    recordings_without_scenes,
     split_on_disk,
-    without_scenes,
 )
 from bagassets.propose.project import dagster_home
 from bagassets.recipe.model import Recipe
@@ -125,7 +125,7 @@ def expected_moves(pending: PendingWork, recipe: Recipe) -> dict[str, tuple[str,
         if bag.skipped is None and bag.unusable is None:
             entering[key] = bag.assets["bag"].data_version or key
     made = {name: {part.key: part.artifact for part in parts} for name, parts in inputs.items()}
-    dealt = deal_contents(entering, recipe.splits, without_scenes(Store(recipe.store_path), made))
+    dealt = deal_contents(entering, recipe.splits, recordings_without_scenes(Store(recipe.store_path), made))
     return moves(split_on_disk(recipe), dealt)
 
 

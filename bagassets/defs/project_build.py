@@ -29,7 +29,7 @@ from bagassets.forkserver.worker import note
 from bagassets.formats.after_crash import noted_build
 from bagassets.formats.catalogue import problems_of
 from bagassets.formats.dataset_build import main_lock, split_on_disk
-from bagassets.formats.dataset_integrity import take_out_changed_sources
+from bagassets.formats.dataset_integrity import remove_changed_sources
 from bagassets.json_types import JsonMapping, JsonObject
 from bagassets.recipe import load_recipe
 from bagassets.recipe.model import Recipe
@@ -50,7 +50,7 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
         recipe = workspace.recipe
         end_orphaned_runs(instance)
         mended = {"after_crash": stack.enter_context(noted_build(recipe, recipe_file))}
-        mended["changed_in_place"] = take_out_changed_sources(recipe, workspace.store)
+        mended["changed_in_place"] = remove_changed_sources(recipe, workspace.store)
         mended["installed_packages"] = list(problems_of(recipe))
         snapshot = Snapshot(instance, workspace)
         before = now = find_pending_work(instance, workspace, options)

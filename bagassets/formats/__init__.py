@@ -1,1 +1,1 @@
-"""Dataset formats, one folder each, and what they share: links, swaps, locks, splits, verification."""
+"""Dataset formats, one folder each, and what they share: links, locks, splits, verification."""

@@ -1,10 +1,9 @@
-"""What was written last before a crash is read once more, and what is torn is taken out so that the build mends it.
+"""After a crash, the last writes are read again, and torn files are removed so that the build makes them again.
 
-Files appear by renaming, so a killed process leaves none that is torn. But nothing waits for the disk: when a machine
-loses power, what was written in the last half minute may be there by name, with zeros or nothing in it. So the first
-build after another boot, or after a build that did not get to its end, reads what the store got in the last
-`WINDOW_S` seconds before its newest file, all that datasets were put together from, and the copies in them that
-are as new.
+Files appear by renaming, so a killed process leaves no torn one. But nothing waits for the disk: when a machine loses power,
+files of the last half minute may exist with zeros or nothing in them. So the first build after a reboot, or after a build
+that was killed, reads the artifacts written in the last `WINDOW_S` seconds before the newest one, the joined files of
+datasets, and copies in datasets that are as new.
 """
 
 import json
@@ -25,54 +24,54 @@ from bagassets.store.artifact import MANIFEST, Artifact
 from bagassets.store.integrity import artifact_damage
 from bagassets.store.store import Store
 
-__all__ = ["WINDOW_S", "mend_last_writes", "noted_build"]
+__all__ = ["WINDOW_S", "noted_build", "repair_last_writes"]
 
-# Linux writes back what is older than 30 s, every 5 s, and a slow disk takes its time.
+# Every 5 s, Linux writes back what is older than 30 s; a slow disk takes longer.
 WINDOW_S = 120.0
-# What earlier versions kept in the state folder; now it is in one file.
+# Caches of earlier versions in the state folder; now they are one file.
 _OLD_CACHES = ("plan.sqlite", "nothing-to-do.snapshot", "last-build.json")
 _OLD_PUBLISHED = "published"
 
 
 @contextmanager
 def noted_build(recipe: Recipe, recipe_file: Path) -> Iterator[list[str]]:
-    """Mend what a crash tore, and note that a build is at work, until it ends in whatever way but a kill.
+    """Repair what a crash tore, and note that a build is running until it ends; only a kill leaves the note.
 
     Yields:
-        What was taken out, in words.
+        A sentence about each removed artifact.
     """
     _remove_old_caches(recipe.state)
     builds = BuildLog(recipe.state)
     crashed = _crashed(builds)
-    mended = []
+    repaired = []
     if crashed is not None:
         Cache(recipe.state).remove_if_damaged()
-        mended = mend_last_writes(recipe)
+        repaired = repair_last_writes(recipe)
     process = json.dumps(ProcessId.current().as_json())
     builds.begin(process, recipe_file, over=crashed or ())
     try:
-        yield mended
+        yield repaired
     finally:
         builds.end(process)
 
 
-def mend_last_writes(recipe: Recipe) -> list[str]:
-    """Read what was written last, take out what is torn, and return that in words."""
+def repair_last_writes(recipe: Recipe) -> list[str]:
+    """Read the last writes, remove torn artifacts, and return a sentence about each."""
     store = Store(recipe.store_path)
-    told = []
+    sentences = []
     newest, since_s = _newest(store)
     for artifact in newest:
         reasons = artifact_damage(artifact)
         if reasons and artifact.folder.is_dir():
             store.remove(artifact.digest)
-            told.append(f"{artifact.folder}: {reasons[0]}; torn by a crash, so it is made again")
+            sentences.append(f"{artifact.folder}: {reasons[0]}; torn by a crash, so it is made again")
     for asset in dataset_code_versions(recipe):
-        Publication(recipe.state, asset).distrust(since_s, links=bool(told))
-    return told
+        Publication(recipe.state, asset).distrust(since_s, links=bool(sentences))
+    return sentences
 
 
 def _newest(store: Store) -> tuple[list[Artifact], float]:
-    """Return the artifacts that came last into the store, and since when (Unix seconds)."""
+    """Return the newest artifacts in the store, and the time from which on they were written (Unix seconds)."""
     times: dict[str, float] = {}
     for group in (store.root / "artifacts").glob("??"):
         with suppress(OSError), os.scandir(group) as entries:
@@ -85,14 +84,14 @@ def _newest(store: Store) -> tuple[list[Artifact], float]:
 
 
 def _crashed(builds: BuildLog) -> list[str] | None:
-    """Return the builds that were killed; None if none was, and the machine runs since before the last one."""
+    """Return the builds that were killed; None if none was and the machine has not rebooted since the last build."""
     try:
         killed = [
             text for text in builds.unfinished() if not ProcessId.from_json(json.loads(text)).is_alive()
         ]
         is_same_boot = builds.last_boot_id() == boot_id()
     except PlanNeeded:
-        return []  # the first build of this project, or what was on record is lost
+        return []  # the first build of this project, or the record is lost
     return killed if killed or not is_same_boot else None
 
 
@@ -102,6 +101,6 @@ def _remove_old_caches(state: Path) -> None:
             for path in [
                 *state.glob(f"{name}*"),
                 *state.glob(f".{name}*"),
-            ]:  # with journals, and what was being written
+            ]:  # with their journals and temporary files
                 path.unlink()
     shutil.rmtree(state / _OLD_PUBLISHED, ignore_errors=True)

@@ -1,8 +1,8 @@
-"""A dataset put together from the parts of recordings, whatever its format.
+"""Assembling a dataset of any format from the parts of recordings.
 
-Files of recordings appear first, under names that change with their content; then the folder of what was put together is
-exchanged in one step; then files that only the old one named are removed. Killed at any point, it leaves a complete
-dataset, the old or the new one, and the next run removes what the killed one left.
+First the files of recordings appear, under names that change with their content; then the folder of joined files is
+swapped in one step; then files that only the old folder named are removed. Killed at any point, this leaves a complete
+dataset, old or new, and the next run removes the leftovers.
 """
 
 import shutil
@@ -15,14 +15,13 @@ from pathlib import Path
 from typing import TypeVar
 from uuid import uuid4
 
-from bagassets.atomic import write_atomically
+from bagassets.atomic import swap_in, write_atomically
 from bagassets.errors import DatasetError
 from bagassets.formats.dataset_lock import FORMAT, LOCK, DatasetLock, read_lock
 from bagassets.formats.format import FACTS, Entry, Format, Joined, Link, LooseFiles, Member, Part, UnitFolders
 from bagassets.formats.guard import GUARD, guarded, refuse_unexpected
 from bagassets.formats.json_files import json_bytes
 from bagassets.formats.linking import Linker
-from bagassets.formats.swap import swap_in
 from bagassets.json_types import JsonMapping, JsonObject
 from bagassets.recipe.model_base import DatasetSettings
 from bagassets.recipe.model_splits import Splits
@@ -37,19 +36,19 @@ S = TypeVar("S", bound=DatasetSettings)
 
 @dataclass(frozen=True)
 class DatasetSummary:
-    """What a dataset came to.
+    """The result of assembling a dataset.
 
     Attributes:
-        digest: digest of all files that were put together; equal digests mean equal datasets.
-        folder: the folder that users of the dataset name.
-        facts: what the format tells of it.
-        shares: what each split of the recipe got of the driven time.
-        files: way (linked, cloned, copied, removed; kept: looked at and found in place) -> number of files.
-        duplicates: recording that was left out -> recording with the same content.
-        changed: the folder was exchanged; False if it was the same already.
-        moved: recordings that are in another split than before -> the old one and the new one.
-        published: files that were put together -> digest.
-        links: part of a recording -> gives the names of its links below the output.
+        digest: digest of all joined files; equal digests mean equal datasets.
+        folder: the folder that users of the dataset open.
+        facts: facts from the format.
+        shares: each split's share of the driven time.
+        files: linked, cloned, copied, removed, or kept (compared, and found in place) -> number of files.
+        duplicates: left-out recording -> recording with the same content.
+        changed: the folder was swapped; False if it was up to date.
+        moved: recordings whose split changed -> old and new split.
+        published: joined file -> digest.
+        links: part of a recording -> function that yields the names of its links below the output.
     """
 
     digest: str
@@ -80,26 +79,26 @@ def assemble(
 ) -> DatasetSummary:
     """Bring the dataset in `output` up to date.
 
-    The result does not depend on the order of `parts`, nor on what was there before. Without any recording it is
-    an empty dataset.
+    The result depends neither on the order of `parts` nor on what was there before. Without recordings the dataset is
+    empty.
 
     Args:
         kind: the format.
-        parts: the recordings to put in.
+        parts: the recordings to include.
         settings: the format's section of the recipe.
-        store: where the artifacts are.
-        output: the folder of the dataset.
-        splits: the recipe's `splits`; None: its defaults.
-        dealt: recording -> its split; None: as the recipe deals just these.
-        skipped: recordings that take no part -> why, for the lock file.
-        failed: recordings that failed -> why, for the lock file.
-        expected: digests of the files that must come out, by name; otherwise nothing is exchanged.
-        suspects: files that are not as they were published, which are compared with what belongs there; all
-            others are. None: that is not known.
+        store: has the artifacts.
+        output: folder of the dataset.
+        splits: the recipe's `splits`; None for the defaults.
+        dealt: recording -> split; None to deal these recordings by `splits`.
+        skipped: recordings that take no part -> reason, for the lock file.
+        failed: recordings that failed -> reason, for the lock file.
+        expected: name -> digest of the joined files; if they differ, nothing is swapped.
+        suspects: files that changed since they were published and are compared with their sources; all others are
+            trusted. None if that is unknown.
 
     Raises:
-        DatasetError: the folder holds something else, files cannot be written, or other files came out
-            than expected.
+        DatasetError: the folder holds something else, files cannot be written, or joined files differ from those
+            expected.
         StoreError: an artifact is not in the store.
     """
     splits = splits or Splits()
@@ -111,7 +110,7 @@ def assemble(
     )
     folder = kind.folder(settings)
     current = output / folder
-    if suspects is None:  # else it is on record that the folder is ours, whatever became of its lock
+    if suspects is None:  # otherwise it is on record that the folder is ours, even if its lock is lost
         _refuse_foreign(kind, output, current)
     with guarded(output):
         before = _lock_of(current)
@@ -156,7 +155,7 @@ def assemble(
 def _members(
     kind: Format[S], parts: Sequence[Part], splits: Splits, store: Store, dealt: Mapping[str, str] | None
 ) -> tuple[list[Member], dict[str, str]]:
-    """Return the recordings that enter in the order of their keys, and copies -> what stands for them."""
+    """Return the recordings in the dataset in the order of their keys, and duplicate -> recording in its place."""
     chosen: dict[str, Part] = {}
     duplicates: dict[str, str] = {}
     for part in sorted(parts, key=lambda part: part.key):
@@ -175,7 +174,7 @@ def _members(
 def _needs(
     kind: Format[S], members: Sequence[Member], before: DatasetLock | None
 ) -> dict[str, Sequence[str]]:
-    """Return part -> artifacts that the dataset needs of it: itself, and those that files are linked from."""
+    """Return part -> artifacts that the dataset needs: the part, and the artifacts that its files are linked from."""
     known: dict[str, Sequence[str]] = {}
     if before is not None and before.kind == kind.name:
         known = {bag.artifact: bag.needs for bag in before.bags.values() if bag.needs is not None}
@@ -197,7 +196,7 @@ def _lock(
     joined: Joined,
     left_out: Mapping[str, Mapping[str, str]],
 ) -> JsonObject:
-    """Return everything that this dataset can be made from again, and what is not in it and why."""
+    """Return the lock: everything needed to restore the dataset, and what was left out and why."""
     return {
         "format": FORMAT,
         "dataset": kind.name,
@@ -234,13 +233,13 @@ def _put_files(
 
     Args:
         kind: the format.
-        linker: puts them below the output.
+        linker: makes files appear below the output.
         members: the recordings.
-        known: the lock of the dataset as it is, if that can be relied on.
+        known: the lock of the dataset on disk, if it can be trusted.
         suspects: see `assemble`.
-        store: where the artifacts are.
-        output: of the dataset.
-        new: the folder that is going to be exchanged; None if it stays.
+        store: has the artifacts.
+        output: folder of the dataset.
+        new: the folder to be swapped in; None if the old one stays.
     """
     for folder in kind.folders:
         (output / folder).mkdir(exist_ok=True)
@@ -273,10 +272,10 @@ def _put_loose(
     *,
     is_there: bool,
 ) -> None:
-    """Link the files of a recording that is not there yet, and mend suspects in any case."""
+    """Link the files of a recording that is not there yet, and replace suspects in any case."""
     for link in kind.links(member):
         if link.name in suspects:
-            linker.mend(sources.path(link), link.name)
+            linker.replace(sources.path(link), link.name)
         elif not is_there:
             linker.put(sources.path(link), link.name)
 
@@ -290,7 +289,7 @@ def _put_unit(
     sources: "_Sources",
     output: Path,
 ) -> None:
-    """Make the folder of a recording appear, whole; of one that is there, mend the suspects, or all files."""
+    """Make the folder of a recording appear whole; in an existing one, replace the suspects or, if unknown, all files."""
     unit = units.unit(member)
     is_there = (output / unit).is_dir()
     if is_there and suspects is not None and not any(name.startswith(f"{unit}/") for name in suspects):
@@ -302,7 +301,7 @@ def _put_unit(
         if not is_there:
             linker.put(sources.path(link), temporary + link.name.removeprefix(unit))
         elif suspects is None or link.name in suspects:
-            linker.mend(sources.path(link), link.name)
+            linker.replace(sources.path(link), link.name)
     if not is_there:
         (output / temporary).rename(output / unit)
 
@@ -315,7 +314,7 @@ class _Sources:
         self._folders: dict[str, str] = {}
 
     def path(self, link: Link) -> str:
-        """Return where the file of a link is in the store."""
+        """Return the path of a link's file in the store."""
         folder = self._folders.get(link.artifact)
         if folder is None:
             folder = self._folders[link.artifact] = str(self._store.artifact(link.artifact).files)
@@ -323,7 +322,7 @@ class _Sources:
 
 
 def _put_beside(output: Path, files: Mapping[str, bytes]) -> None:
-    """Write the files that are the same whatever the recordings, unless they are there."""
+    """Write the files that do not depend on recordings, unless they are there."""
     for name, content in files.items():
         path = output / name
         if not path.is_file() or path.read_bytes() != content:
@@ -337,7 +336,7 @@ def _names(kind: Format[S], entry: Entry, folder: str) -> Iterator[str]:
 
 
 def _is_same(new: Path, current: Path, digests: Mapping[str, str]) -> bool:
-    """Tell whether `current` has all that was put together in `new`, byte for byte."""
+    """Tell whether `current` has the lock and the joined files of `new`, byte for byte."""
     try:
         return (current / LOCK).read_bytes() == (new / LOCK).read_bytes() and all(
             (current / name).stat().st_size == (new / name).stat().st_size
@@ -351,7 +350,7 @@ def _is_same(new: Path, current: Path, digests: Mapping[str, str]) -> bool:
 def _retire(
     kind: Format[S], output: Path, current: Path, retired: Sequence[Path], members: Sequence[Member]
 ) -> int:
-    """Remove old folders and the files of recordings that nothing names any more; return the number of such files."""
+    """Remove old folders, and files of recordings that nothing names any more; return the number of such files."""
     removed = 0
     if isinstance(kind.places, LooseFiles):
         removed = _remove_loose(kind.places, output, current, retired)
@@ -370,7 +369,7 @@ def _remove_loose(loose: LooseFiles, output: Path, current: Path, retired: Seque
     now = _parts(current)
     stale: set[str] = set()
     for folder in retired:
-        # Recordings whose part is the same now as then have the same files.
+        # Recordings whose part did not change have the same files.
         gone = {key for key, part in _parts(folder).items() if now.get(key) != part}
         stale |= (
             {name for name in loose.named_in(folder) if loose.recording_of(name) in gone} if gone else set()
@@ -381,7 +380,7 @@ def _remove_loose(loose: LooseFiles, output: Path, current: Path, retired: Seque
 
 
 def remove_files(output: Path, names: AbstractSet[str]) -> int:
-    """Remove files, and the folders that become empty by that; return the number of files."""
+    """Remove files, and folders that become empty; return the number of files."""
     removed = 0
     for name in sorted(names):
         with suppress(FileNotFoundError):
@@ -394,7 +393,7 @@ def remove_files(output: Path, names: AbstractSet[str]) -> int:
 
 
 def _parts(folder: Path) -> dict[str, str]:
-    """Return recording -> its part in the dataset of a folder; nothing if it never got its lock."""
+    """Return recording -> part, as in the lock of a folder; empty if it has none."""
     lock = _lock_of(folder)
     return {} if lock is None else {key: bag.artifact for key, bag in lock.bags.items()}
 
@@ -402,16 +401,16 @@ def _parts(folder: Path) -> dict[str, str]:
 def _lock_of(folder: Path) -> DatasetLock | None:
     try:
         return read_lock(folder)
-    except DatasetError:  # torn by a power loss, in a folder that is exchanged anyway
+    except DatasetError:  # torn by a power loss, in a folder that is swapped anyway
         return None
 
 
 def _refuse_foreign(kind: Format[S], output: Path, current: Path) -> None:
-    """Refuse to write where somebody else has put something."""
+    """Refuse to write into a folder that is not ours."""
     folders = [current]
     what = f"it has no {LOCK}"
     if isinstance(kind.places, UnitFolders):
-        if (output / GUARD).exists():  # a run of ours was here, perhaps one that was killed
+        if (output / GUARD).exists():  # one of our runs was here, perhaps a killed one
             return
         folders.append(output / kind.places.folder)
         what = f"there is no {GUARD} in {output}"
@@ -419,5 +418,5 @@ def _refuse_foreign(kind: Format[S], output: Path, current: Path) -> None:
         if folder.exists() and any(folder.iterdir()) and not (folder / LOCK).is_file():
             fields = " or ".join(f"{kind.section}.{field}" for field in kind.named_by)
             raise DatasetError(
-                f"{folder}: this folder was not made by bagassets ({what}), so it is left alone; choose another {fields}."
+                f"{folder}: this folder was not made by bagassets ({what}), so nothing is written into it; choose another {fields}."
             )

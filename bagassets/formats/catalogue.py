@@ -1,7 +1,7 @@
-"""Which formats there are, and which assets recordings have: ours, and those of installed packages.
+"""The formats, and the assets of recordings: those of bagassets and those of installed packages.
 
-What a package adds is looked at before it is used. If something is wrong with it, it is left out and a sentence says so;
-everything else goes on.
+What a package adds is checked before it is used. If something is wrong with it, it is left out, and a sentence says so;
+everything else works as usual.
 """
 
 import re
@@ -44,7 +44,7 @@ __all__ = [
 ]
 
 MAIN = NUSCENES
-"""The format of the dataset that every recipe has: what enters it is reported, and its splits are those of all."""
+"""The format of the dataset that every recipe has; reports count its recordings, and all datasets share its splits."""
 
 OURS: tuple[AnyFormat, ...] = (NUSCENES, VISION)
 OUR_ASSETS: tuple[AnyAsset, ...] = (
@@ -60,7 +60,7 @@ OUR_ASSETS: tuple[AnyAsset, ...] = (
 _OUR_NAMES = frozenset(asset.name for asset in OUR_ASSETS)
 _CALLABLE = ("join", "links", "counts", "duration_s", "folder", "row")
 _CALLABLE_OR_NONE = ("fills_split", "samples", "select", "check")
-# Names that assets of Dagster have which are none of a recording.
+# Names of assets in Dagster that are not assets of recordings.
 _TAKEN = {"bag", "dataset_inputs", "trajectory_map"}
 _A = ParamSpec("_A")
 _R = TypeVar("_R")
@@ -68,12 +68,12 @@ _R = TypeVar("_R")
 
 @dataclass(frozen=True)
 class Catalogue:
-    """What there is in this Python environment.
+    """The formats and assets in this Python environment.
 
     Attributes:
         formats: all formats, the main one first.
-        assets: assets of recordings that packages add, by name, each after those that it reads.
-        problems: what cannot be used, a sentence each.
+        assets: assets of recordings that packages add, by name, each after those it reads.
+        problems: a sentence about each format or asset that cannot be used.
     """
 
     formats: tuple[AnyFormat, ...]
@@ -83,13 +83,13 @@ class Catalogue:
 
 @cache
 def catalogue() -> Catalogue:
-    """Return what was installed when this process first asked."""
+    """Return the catalogue, as of the first call in this process."""
     problems: list[str] = []
     formats = list(OURS)
     assets: dict[str, AnyAsset] = {}
 
     def add(asset: object, extension: Extension) -> None:
-        """Take an asset, or refuse it."""
+        """Add an asset, or refuse it."""
         checked = _checked_asset(asset, extension)
         if checked.name in assets:
             raise extension.problem(
@@ -101,7 +101,7 @@ def catalogue() -> Catalogue:
         try:
             found = extension.load()
             if getattr(found, "name", None) != extension.name:
-                raise extension.problem(f"{extension.reference} is no asset of that name")
+                raise extension.problem(f"{extension.reference} is not an asset of that name")
             add(found, extension)
         except PluginError as err:
             problems.append(str(err))
@@ -113,7 +113,7 @@ def catalogue() -> Catalogue:
                 add(asset, extension)
             formats.append(kind)
         except PluginError as err:
-            assets = before  # a format comes with all that it brings, or not at all
+            assets = before  # a format is used with all its assets, or not at all
             problems.append(str(err))
     assets = _in_order(assets, problems)
     formats = [kind for kind in formats if kind.part in assets or kind.part in _OUR_NAMES]
@@ -121,7 +121,7 @@ def catalogue() -> Catalogue:
 
 
 def _in_order(assets: Mapping[str, AnyAsset], problems: list[str]) -> dict[str, AnyAsset]:
-    """Return assets of packages, each after those that it reads, without those that read what is not there."""
+    """Return assets of packages, each after those it reads, without those that read a missing asset."""
     ordered: dict[str, AnyAsset] = {}
     waiting = dict(assets)
     while waiting:
@@ -134,19 +134,19 @@ def _in_order(assets: Mapping[str, AnyAsset], problems: list[str]) -> dict[str, 
     for name, asset in waiting.items():
         lacking = ", ".join(one.name for one in asset.reads if one.name not in _OUR_NAMES | ordered.keys())
         problems.append(
-            f"asset {name} of {asset.distribution} cannot be used: it reads {lacking}, which is no asset of recordings here; "
-            "mend, upgrade or uninstall that package."
+            f"asset {name} of {asset.distribution} cannot be used: it reads {lacking}, which is not an asset of recordings here; "
+            "repair, upgrade or uninstall that package."
         )
     return ordered
 
 
 def known_assets() -> tuple[AnyAsset, ...]:
-    """Return all assets that recordings may have, each after those that it reads; `bag` is none of them."""
+    """Return all assets that recordings may have except `bag`, each after those it reads."""
     return (*OUR_ASSETS, *catalogue().assets.values())
 
 
 def recording_assets(recipe: Recipe) -> RecordingAssets:
-    """Return the assets that recordings have under a recipe."""
+    """Return the assets of recordings under a recipe."""
     return RecordingAssets(recipe, known_assets())
 
 
@@ -156,28 +156,28 @@ def formats() -> tuple[AnyFormat, ...]:
 
 
 def installed_format(name: str) -> AnyFormat | None:
-    """Return the format of a name, or None if there is none."""
+    """Return the format with a name, or None if it is not installed."""
     return next((kind for kind in formats() if kind.name == name), None)
 
 
 def format_of(lock: DatasetLock) -> AnyFormat:
-    """Return the format of a dataset.
+    """Return the format of a locked dataset.
 
     Raises:
-        DatasetError: it is not installed.
+        DatasetError: the format is not installed.
     """
     found = installed_format(lock.kind)
     if found is None:
         names = ", ".join(kind.name for kind in formats())
         raise DatasetError(
-            f"{lock.path}: this dataset has the format {lock.kind}, which is not installed here (there are {names}); install "
+            f"{lock.path}: this dataset has the format {lock.kind}, which is not installed here (installed: {names}); install "
             "the package that made it."
         )
     return found
 
 
 def problems_of(recipe: Recipe) -> Iterator[str]:
-    """Yield what of installed packages cannot be used, also with just this recipe, a sentence each."""
+    """Yield a sentence about each format or asset of a package that cannot be used, in general or with this recipe."""
     yield from catalogue().problems
     for asset in catalogue().assets.values():
         if isinstance(asset.enabled, _Enabled):
@@ -185,7 +185,7 @@ def problems_of(recipe: Recipe) -> Iterator[str]:
 
 
 def _single(group: str, problems: list[str]) -> Iterator[Extension]:
-    """Yield what is announced once in a group; nobody wins silently."""
+    """Yield the extensions of a group; two of one name are a problem, and neither is used."""
     by_name: dict[str, list[Extension]] = {}
     for extension in installed_extensions(group):
         by_name.setdefault(extension.name, []).append(extension)
@@ -198,8 +198,8 @@ def _single(group: str, problems: list[str]) -> Iterator[Extension]:
             )
         elif any(name == kind.name for kind in OURS) and group == FORMATS:
             problems.append(
-                f"format {name}: {found[0].distribution} would replace that of bagassets; uninstall it, or have it "
-                "call its format something else."
+                f"format {name}: {found[0].distribution} would replace that of bagassets; uninstall it, or give "
+                "its format another name."
             )
         else:
             yield found[0]
@@ -209,13 +209,13 @@ def _checked_format(found: object, extension: Extension) -> AnyFormat:
     """Return a format that a package adds.
 
     Raises:
-        PluginError: it is none, or is incomplete.
+        PluginError: it is no format, or incomplete.
     """
     if not isinstance(found, Format):
-        raise extension.problem(f"{extension.reference} is no bagassets.formats.format.Format")
+        raise extension.problem(f"{extension.reference} is not a bagassets.formats.format.Format")
     if found.name != extension.name or not re.fullmatch(r"[a-z][a-z0-9_]*", str(found.name)):
         raise extension.problem(
-            f"the format calls itself {found.name!r}; it must be called as its entry point, in small letters, digits and '_'"
+            f"the format calls itself {found.name!r}; it must have the name of its entry point, in lower-case letters, digits and '_'"
         )
     for field in _CALLABLE:
         if not callable(getattr(found, field)):
@@ -229,20 +229,20 @@ def _checked_format(found: object, extension: Extension) -> AnyFormat:
     brought = [getattr(asset, "name", None) for asset in found.assets]
     if found.part not in brought and found.part not in _OUR_NAMES:
         raise extension.problem(
-            f"its part {found.part!r} is none of its assets ({', '.join(map(str, brought)) or 'none'})"
+            f"its part {found.part!r} is not one of its assets ({', '.join(map(str, brought)) or 'none'})"
         )
     for check in found.checks:
         _check_section(check, extension)
     if bool(found.checks) != (found.check is not None):
-        raise extension.problem("checks and check go together")
+        raise extension.problem("it must have both checks and check, or neither")
     return _guarded_format(replace(found, distribution=extension.distribution))
 
 
 def _check_section(check: DatasetCheck | RecordingCheck, extension: Extension) -> None:
-    """Refuse a check whose severity no recipe tells."""
+    """Refuse a check whose severity is no field of the recipe."""
     if check.section not in Checks.model_fields.keys() - {"enabled"}:
         raise extension.problem(
-            f"its check {check.name} has the section {check.section!r}, which recipes do not know"
+            f"its check {check.name} has the section {check.section!r}, which is not in `checks` of the recipe"
         )
 
 
@@ -253,19 +253,19 @@ def _checked_asset(asset: object, extension: Extension) -> AnyAsset:
         PluginError: it is none, or cannot be one beside ours.
     """
     if not isinstance(asset, Asset):
-        raise extension.problem(f"{asset!r} is no bagassets.assets.asset.Asset")
+        raise extension.problem(f"{asset!r} is not a bagassets.assets.asset.Asset")
     taken = _TAKEN | {kind.asset for kind in OURS} | _OUR_NAMES
     if (
         not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", asset.name)
         or asset.name in taken
         or asset.name.startswith("dataset_")
     ):
-        raise extension.problem(f"{asset.name!r} is no name for an asset, or is taken by bagassets")
+        raise extension.problem(f"{asset.name!r} is not a valid name for an asset, or is taken by bagassets")
     if (asset.make is None) == (asset.extract is None):
         raise extension.problem(f"its asset {asset.name} must have either make or extract")
     for check in asset.checks:
         if not isinstance(check, RecordingCheck):
-            raise extension.problem(f"the check {check!r} of its asset {asset.name} is no RecordingCheck")
+            raise extension.problem(f"the check {check!r} of its asset {asset.name} is not a RecordingCheck")
         _check_section(check, extension)
     return asset
 
@@ -304,16 +304,16 @@ def _guarded_format(kind: AnyFormat) -> AnyFormat:
 
 
 def _guarded(asset: AnyAsset, extension: Extension) -> AnyAsset:
-    """Return an asset of a package whose surprises cost just itself, and whose package's version shapes its bytes."""
+    """Return an asset whose exceptions name its package, and whose action includes the package's version."""
 
-    def raised(what: str, said: str) -> PluginError:
-        return extension.problem(f"{what} of its asset {asset.name} raised {said}")
+    def raised(what: str, reason: str) -> PluginError:
+        return extension.problem(f"{what} of its asset {asset.name} raised {reason}")
 
     guard = _Guard(raised)
 
     def params(recipe: Recipe, rig: Rig) -> object:
         found = asset.params(recipe, rig)
-        as_json(found)  # raises if it has no normal form
+        as_json(found)  # raises without a normal form
         return found
 
     def use(params: object, facts: Facts) -> Mapping[str, AnyUse | Exception]:
@@ -343,7 +343,7 @@ def _guarded(asset: AnyAsset, extension: Extension) -> AnyAsset:
 
 @dataclass(frozen=True)
 class _Enabled:
-    """Whether recordings have an asset of a package: not if planning cannot even begin with it."""
+    """Whether recordings have an asset of a package: only if its parameters can be made from the recipe."""
 
     asked: Callable[[Recipe], bool]
     params: Callable[[Recipe, Rig], object]
@@ -352,7 +352,7 @@ class _Enabled:
         return not any(self.problems(recipe)) and self.asked(recipe)
 
     def problems(self, recipe: Recipe) -> Iterator[str]:
-        """Yield why it cannot be planned with a recipe."""
+        """Yield a sentence if the asset cannot be planned with a recipe."""
         try:
             if self.asked(recipe):
                 for rig in recipe.rigs:

@@ -1,4 +1,4 @@
-"""Running the checks now, on what is on record, without a run in Dagster."""
+"""Running checks on the artifacts on record, without a Dagster run."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from collections.abc import Set as AbstractSet
@@ -34,14 +34,14 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Verdict:
-    """What one check said.
+    """The verdict of one check.
 
     Attributes:
         recording: partition key; None for the dataset.
-        asset: what was checked.
+        asset: the checked asset.
         check: name of the check.
-        severity: how much a finding weighs.
-        finding: what was found; None if the asset is not materialized.
+        severity: severity of a finding.
+        finding: its finding; None if the asset is not materialized.
     """
 
     recording: str | None
@@ -52,12 +52,12 @@ class Verdict:
 
     @property
     def is_error(self) -> bool:
-        """Tell whether something was found that weighs as an error."""
+        """Tell whether the check failed with the severity of an error."""
         return self.finding is not None and not self.finding.passed and self.weight == "error"
 
     @property
     def weight(self) -> Severity:
-        """How much what was found weighs."""
+        """Severity of the finding."""
         return (
             self.severity
             if self.finding is None or self.finding.passed
@@ -85,14 +85,14 @@ def check_bag(
     *,
     quick: bool = False,
 ) -> Iterator[Verdict]:
-    """Check what is on record of one recording; nothing is said about one that is skipped.
+    """Check the artifacts of one recording; a skipped recording has no verdicts.
 
     Args:
         recipe: the recipe, with the thresholds.
-        store: where the artifacts are.
+        store: has the artifacts.
         discovery: the recordings on disk.
         bag: the recording.
-        quick: make those checks only that take no time.
+        quick: run only those checks that take no time.
     """
     recording = discovery.recordings.get(bag.key)
     rig = None if recording is None else choose_rig(recipe, recording.relative)
@@ -116,7 +116,7 @@ def check_bag(
 def remarks_on_record(
     recipe: Recipe, store: Store, discovery: Discovery, bags: Iterable[BagPlan]
 ) -> Iterator[Remark]:
-    """Yield what the quick checks find in recordings that were built some time: losses, keyframes that were dropped."""
+    """Yield the findings of quick checks on recordings built earlier, such as losses and dropped keyframes."""
     for bag in bags:
         for verdict in check_bag(recipe, store, discovery, bag, quick=True):
             if verdict.finding is not None and not verdict.finding.passed:
@@ -130,7 +130,7 @@ def remarks_on_record(
 
 
 def render_checks() -> str:
-    """Return the checks of a recording's assets as a table in Markdown; severities are those by default."""
+    """Return the checks of recordings' assets as a Markdown table, with default severities."""
     defaults = Checks()
     rows = [
         f"| `{check.name}` | `{asset.name}` | {check.fails_if} | {severity_of(defaults, check.section)} |"
@@ -141,10 +141,10 @@ def render_checks() -> str:
 
 
 def check_datasets(recipe: Recipe) -> Iterator[Verdict]:
-    """Check the datasets of each format as they lie on disk.
+    """Check the whole datasets on disk, one per format.
 
     Raises:
-        DatasetError: a file of one cannot be read.
+        DatasetError: a file of a dataset cannot be read.
     """
     for dataset in datasets_of(recipe).values():
         if dataset.selection is None:
@@ -156,16 +156,16 @@ def check_datasets(recipe: Recipe) -> Iterator[Verdict]:
 
 
 def dataset_checks(recipe: Recipe, kind: AnyFormat) -> dict[str, Severity]:
-    """Return the checks of a format that the recipe does not skip -> how much a finding weighs."""
+    """Return the checks of a format that the recipe does not skip -> severity."""
     weights = {check.name: severity_of(recipe.checks, check.section) for check in kind.checks}
     return {name: severity for name, severity in weights.items() if severity != "skip"}
 
 
 def check_dataset(dataset: Dataset, names: AbstractSet[str]) -> Mapping[str, Finding]:
-    """Return check -> what it finds in a dataset on disk, of those that are named.
+    """Run the named checks on a dataset on disk; return check -> finding.
 
     Raises:
-        DatasetError: a file of it cannot be read.
+        DatasetError: a file of the dataset cannot be read.
     """
     kind = dataset.kind
     return {} if kind.check is None else kind.check(dataset.settings, names)
@@ -173,7 +173,7 @@ def check_dataset(dataset: Dataset, names: AbstractSet[str]) -> Mapping[str, Fin
 
 @dataclass(frozen=True)
 class _Current:
-    """The artifacts that are on record for one recording."""
+    """The artifacts on record for one recording."""
 
     key: str
     store: Store

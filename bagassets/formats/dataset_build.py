@@ -1,4 +1,4 @@
-"""The datasets of a recipe: what enters them now, and putting them together."""
+"""The datasets of a recipe: which recordings enter them, and building them."""
 
 from collections.abc import Mapping
 from collections.abc import Set as AbstractSet
@@ -35,21 +35,21 @@ __all__ = [
     "deal_contents",
     "is_on_disk",
     "main_lock",
+    "recordings_without_scenes",
     "select_inputs",
     "split_on_disk",
-    "without_scenes",
 ]
 
 
 @dataclass(frozen=True)
 class Dataset:
-    """A dataset that a recipe asks for.
+    """A dataset that a recipe defines.
 
     Attributes:
         asset: its name in Dagster.
         kind: its format.
-        settings: the section of the recipe.
-        selection: of a named dataset, what it takes of the whole one.
+        settings: its section of the recipe.
+        selection: the conditions of a named dataset; None for the whole one.
     """
 
     asset: str
@@ -59,10 +59,10 @@ class Dataset:
 
     @property
     def description(self) -> str:
-        """What it is, for the web UI."""
+        """Description for the web UI."""
         if self.selection is None:
             return self.kind.description
-        return f"The scenes that the recipe selects for dataset {self.selection.name}: links and tables, nothing decoded again."
+        return f"The scenes that the recipe selects for dataset {self.selection.name}: links and tables only, nothing is decoded again."
 
     def code_version(self, splits: Splits) -> str:
         """Return `<version>-<digest of the recipe fields>`."""
@@ -76,7 +76,7 @@ class Dataset:
 
 
 def datasets_of(recipe: Recipe) -> dict[str, Dataset]:
-    """Return asset -> dataset, of those of each format and then the named ones; in order."""
+    """Return asset -> dataset: first one per format, then the named ones."""
     found = {}
     for kind in formats():
         if kind.name in recipe.dataset_settings:
@@ -89,12 +89,12 @@ def datasets_of(recipe: Recipe) -> dict[str, Dataset]:
 
 @dataclass(frozen=True)
 class DatasetInputs:
-    """What the datasets are made from.
+    """The recordings that datasets are made from.
 
     Attributes:
-        parts: format -> recordings that enter, sorted by key.
-        skipped: recordings that take no part -> why.
-        failed: format -> recordings that could not be made -> why.
+        parts: format -> recordings in the dataset, sorted by key.
+        skipped: recordings that take no part -> reason.
+        failed: format -> recordings whose part could not be made -> reason.
     """
 
     parts: Mapping[str, tuple[Part, ...]]
@@ -115,29 +115,29 @@ class DatasetInputs:
         return digest_json(value)
 
     def dealt(self, splits: Splits, store: Store) -> dict[str, str]:
-        """Return recording -> its split, the same for all datasets."""
+        """Return recording -> split, the same for all datasets."""
         contents = {part.key: part.content for parts in self.parts.values() for part in parts}
         made = {name: {part.key: part.artifact for part in parts} for name, parts in self.parts.items()}
-        return deal_contents(contents, splits, without_scenes(store, made))
+        return deal_contents(contents, splits, recordings_without_scenes(store, made))
 
     def as_json(self) -> JsonObject:
-        """Return counts for people."""
+        """Return counts for display."""
         parts, failed = self.parts.get(MAIN.name, ()), self.failed.get(MAIN.name, {})
         return {"recordings": len(parts), "skipped": len(self.skipped), "failed": len(failed)}
 
 
-def without_scenes(store: Store, made: Mapping[str, Mapping[str, str]]) -> frozenset[str]:
-    """Return the recordings that give a dataset nothing, too short ones say.
+def recordings_without_scenes(store: Store, parts: Mapping[str, Mapping[str, str]]) -> frozenset[str]:
+    """Return the recordings that add no scene to a dataset, such as too short ones.
 
     Args:
         store: the artifact store.
-        made: format -> recording -> its part.
+        parts: format -> recording -> part.
     """
     found = set()
     for kind in formats():
         if kind.fills_split is None:
             continue
-        for key, digest in made.get(kind.name, {}).items():
+        for key, digest in parts.get(kind.name, {}).items():
             with suppress(BagAssetsError):
                 if not kind.fills_split(store.artifact(digest).read_json(FACTS)):
                     found.add(key)
@@ -147,14 +147,14 @@ def without_scenes(store: Store, made: Mapping[str, Mapping[str, str]]) -> froze
 def deal_contents(
     contents: Mapping[str, str], splits: Splits, sceneless: AbstractSet[str] = frozenset()
 ) -> dict[str, str]:
-    """Return recording -> its split; a copy counts once and goes where its original goes.
+    """Return recording -> split. Recordings with equal content count once and share a split.
 
-    Recordings without scenes fill no split of a dataset of scenes, so they are dealt after the others.
+    Recordings without scenes fill no split of a dataset, so they are dealt after the others.
 
     Args:
         contents: recording -> digest of its content.
         splits: the recipe's `splits`.
-        sceneless: recordings that give no scene.
+        sceneless: recordings without scenes.
     """
     first: dict[str, str] = {}
     for key, content in sorted(contents.items()):
@@ -166,7 +166,7 @@ def deal_contents(
 
 
 def main_lock(recipe: Recipe) -> DatasetLock | None:
-    """Return the lock of the dataset that every recipe has; None if there is none yet.
+    """Return the lock of the dataset that every recipe has; None before the first build.
 
     Raises:
         DatasetError: it cannot be read.
@@ -175,7 +175,7 @@ def main_lock(recipe: Recipe) -> DatasetLock | None:
 
 
 def split_on_disk(recipe: Recipe) -> Mapping[str, str]:
-    """Return recording -> its split in the dataset as it is; nothing if there is none that can be read."""
+    """Return recording -> split in the dataset on disk; empty without a readable lock."""
     try:
         lock = main_lock(recipe)
     except DatasetError:
@@ -184,9 +184,9 @@ def split_on_disk(recipe: Recipe) -> Mapping[str, str]:
 
 
 def select_inputs(plan: Plan, live: frozenset[str]) -> DatasetInputs:
-    """Return what the datasets are made from now: current parts of live recordings that take part.
+    """Select the current parts of all live recordings that take part.
 
-    A recording whose newest content failed is left out rather than put in with old content.
+    A recording whose newest content failed is left out rather than included with old content.
     """
     parts: dict[str, list[Part]] = {kind.name: [] for kind in formats()}
     failed: dict[str, dict[str, str]] = {kind.name: {} for kind in formats()}
@@ -207,7 +207,7 @@ def select_inputs(plan: Plan, live: frozenset[str]) -> DatasetInputs:
 
 
 def _failure(bag: BagPlan, part: str) -> str | None:
-    """Return why the part of a recording, or something that it is made from, failed; None if nothing did."""
+    """Return why the part of a recording, or anything upstream of it, failed; None if nothing did."""
     state = bag.assets[part]
     if state.state == "failed":
         return state.reason
@@ -217,17 +217,17 @@ def _failure(bag: BagPlan, part: str) -> str | None:
 def build_dataset(
     dataset: Dataset, recipe: Recipe, store: Store, plan: Plan, inputs: DatasetInputs
 ) -> DatasetSummary:
-    """Bring a dataset on disk up to date, mend what is not as it was published, and record it.
+    """Bring a dataset on disk up to date, repair files that changed since they were published, and record them.
 
     Args:
         dataset: one of `datasets_of` the recipe.
         recipe: the recipe.
-        store: where the artifacts are.
+        store: has the artifacts.
         plan: states of all recordings.
-        inputs: what enters the datasets.
+        inputs: the recordings in the datasets.
 
     Raises:
-        DatasetError: its folder holds something else, or files cannot be written.
+        DatasetError: the folder holds something else, or files cannot be written.
     """
     kind, publication, output = (
         dataset.kind,
@@ -239,7 +239,7 @@ def build_dataset(
         if dataset.selection is not None and kind.select is not None:
             chosen = kind.select(recipe, store, plan, chosen.parts, dataset.selection)
         suspects = publication.changed_files(output)
-        made = assemble(
+        summary = assemble(
             kind,
             chosen.parts,
             dataset.settings,
@@ -251,16 +251,16 @@ def build_dataset(
             failed=inputs.failed.get(kind.name, {}),
             suspects=suspects,
         )
-        publication.write(output, made.published, made.links, suspects)
+        publication.write(output, summary.published, summary.links, suspects)
     return (
-        made
+        summary
         if dataset.selection is None
-        else replace(made, facts={**made.facts, "scenes_left_out": chosen.left_out})
+        else replace(summary, facts={**summary.facts, "scenes_left_out": chosen.left_out})
     )
 
 
 def dataset_code_versions(recipe: Recipe) -> dict[str, str]:
-    """Return dataset asset -> its code version, for all that the recipe asks for; in order."""
+    """Return dataset asset -> code version, for all datasets of a recipe, in order."""
     datasets = datasets_of(recipe)
     versions = {
         asset: dataset.code_version(recipe.splits)
@@ -279,11 +279,11 @@ def dataset_code_versions(recipe: Recipe) -> dict[str, str]:
 
 
 def dataset_folders(recipe: Recipe) -> dict[str, Path]:
-    """Return dataset asset -> the folder that it is written to, for all that the recipe asks for."""
+    """Return dataset asset -> output folder, for all datasets of a recipe."""
     return {asset: dataset.settings.output for asset, dataset in datasets_of(recipe).items()}
 
 
 def is_on_disk(recipe: Recipe, asset: str) -> bool:
-    """Tell whether a dataset that was made once is on disk as it was published."""
+    """Tell whether a dataset on disk is as it was published."""
     root = recipe.state if asset == "trajectory_map" else dataset_folders(recipe)[asset]
     return Publication(recipe.state, asset).is_as_published(root, lambda path: digest_file(Path(path)))

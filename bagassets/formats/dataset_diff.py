@@ -1,4 +1,4 @@
-"""How two datasets differ: recordings, scenes, samples, settings; told from their lock files and the store."""
+"""How two datasets differ in recordings, scenes, samples and settings, by their lock files and the store."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -19,14 +19,14 @@ _LEFT_OUT = ("skipped", "failed", "duplicates")
 
 @dataclass(frozen=True)
 class SceneDiff:
-    """A scene that is not the same in both.
+    """A scene that differs.
 
     Attributes:
-        name: of the scene.
+        name: name of the scene.
         change: what happened to it.
         added: tokens of samples that only the second dataset has.
         removed: tokens of samples that only the first has.
-        changed: token of a sample in both -> what of it differs (readings, poses, calibration, boxes).
+        changed: token of a sample in both -> its parts that differ (readings, poses, calibration, boxes).
     """
 
     name: str
@@ -38,15 +38,15 @@ class SceneDiff:
 
 @dataclass(frozen=True)
 class BagDiff:
-    """A recording that is not the same in both.
+    """A recording that differs.
 
     Attributes:
         key: partition key.
         change: what happened to it; `renamed` if the same content had another key.
-        before: in the first dataset.
-        after: in the second.
-        scenes: scenes that differ; None if that is not known, because an artifact is not in the store or the format does
-            not tell samples apart.
+        before: its entry in the first dataset.
+        after: its entry in the second.
+        scenes: scenes that differ; None if unknown, because an artifact is not in the store or the format has no
+            samples.
     """
 
     key: str
@@ -58,14 +58,14 @@ class BagDiff:
 
 @dataclass(frozen=True)
 class DatasetDiff:
-    """The differences.
+    """The differences between two datasets.
 
     Attributes:
         bags: recordings that differ.
-        left_out: why -> partition key -> reason before and after; None where it was not left out so.
+        left_out: `skipped`, `failed` or `duplicates` -> partition key -> reason before and after; None where it was not.
         settings: field of the recipe -> value before and after.
         files: tables whose bytes differ.
-        has_samples: the format tells samples apart.
+        has_samples: the format has samples.
     """
 
     bags: tuple[BagDiff, ...]
@@ -86,7 +86,7 @@ def diff_datasets(before: DatasetLock, after: DatasetLock, store: Store) -> Data
     Args:
         before: lock of the first.
         after: lock of the second.
-        store: where their artifacts are.
+        store: has their artifacts.
 
     Raises:
         DatasetError: they are of different formats.
@@ -108,21 +108,21 @@ def diff_datasets(before: DatasetLock, after: DatasetLock, store: Store) -> Data
 
 def _bags(before: DatasetLock, after: DatasetLock, store: Store, kind: AnyFormat | None) -> list[BagDiff]:
     gone = {bag.content: bag for key, bag in before.bags.items() if key not in after.bags}
-    found, renamed = [], set()
+    diffs, renamed = [], set()
     for key, bag in after.bags.items():
         old = before.bags.get(key)
         if old is None and bag.content in gone:
             old = gone[bag.content]
             renamed.add(old.key)
-            found.append(BagDiff(key, "renamed", old, bag))
+            diffs.append(BagDiff(key, "renamed", old, bag))
         elif old is None:
-            found.append(BagDiff(key, "added", None, bag, _scenes(None, bag, store, kind)))
+            diffs.append(BagDiff(key, "added", None, bag, _scenes(None, bag, store, kind)))
         elif old != bag:
-            found.append(BagDiff(key, "changed", old, bag, _scenes(old, bag, store, kind)))
+            diffs.append(BagDiff(key, "changed", old, bag, _scenes(old, bag, store, kind)))
     for key, bag in before.bags.items():
         if key not in after.bags and key not in renamed:
-            found.append(BagDiff(key, "removed", bag, None, _scenes(bag, None, store, kind)))
-    return sorted(found, key=lambda diff: diff.key)
+            diffs.append(BagDiff(key, "removed", bag, None, _scenes(bag, None, store, kind)))
+    return sorted(diffs, key=lambda diff: diff.key)
 
 
 def _scenes(
@@ -138,7 +138,7 @@ def _scenes(
         )
     except StoreError:
         return None
-    found = []
+    diffs = []
     for name in sorted(old.keys() | new.keys()):
         was, now = old.get(name, {}), new.get(name, {})
         added = tuple(token for token in now if token not in was)
@@ -149,12 +149,12 @@ def _scenes(
             if token in was and now[token] != was[token]
         }
         if name not in old:
-            found.append(SceneDiff(name, "added", added=added))
+            diffs.append(SceneDiff(name, "added", added=added))
         elif name not in new:
-            found.append(SceneDiff(name, "removed", removed=removed))
+            diffs.append(SceneDiff(name, "removed", removed=removed))
         elif added or removed or changed:
-            found.append(SceneDiff(name, "changed", added, removed, changed))
-    return tuple(found)
+            diffs.append(SceneDiff(name, "changed", added, removed, changed))
+    return tuple(diffs)
 
 
 def _settings(lock: DatasetLock) -> JsonObject:
@@ -163,13 +163,13 @@ def _settings(lock: DatasetLock) -> JsonObject:
 
 
 def _flat(value: JsonMapping, prefix: str = "") -> list[tuple[str, object]]:
-    found: list[tuple[str, object]] = []
+    diffs: list[tuple[str, object]] = []
     for name, inner in value.items():
         if isinstance(inner, Mapping) and inner:
-            found += _flat(inner, f"{prefix}{name}.")
+            diffs += _flat(inner, f"{prefix}{name}.")
         else:
-            found.append((prefix + name, inner))
-    return found
+            diffs.append((prefix + name, inner))
+    return diffs
 
 
 def _changes(before: Mapping[str, _V], after: Mapping[str, _V]) -> dict[str, tuple[_V | None, _V | None]]:

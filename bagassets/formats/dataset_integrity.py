@@ -1,7 +1,7 @@
-"""Checking datasets against the store that they were linked from.
+"""Verifying datasets against the store that they were linked from.
 
-A hard link is the file of the store itself and is checked there; a copy is hashed. What is damaged is taken
-out of the dataset, so that the next build puts it in again.
+A hard link is the file in the store and is verified there; a copy is hashed. Damaged files are removed from the dataset,
+so that the next build links them again.
 """
 
 import os
@@ -24,18 +24,18 @@ from bagassets.store.artifact import Artifact, FileEntry
 from bagassets.store.canonical import digest_file
 from bagassets.store.store import Store
 
-__all__ = ["DatasetDamage", "check_datasets", "take_out", "take_out_changed_sources"]
+__all__ = ["DatasetDamage", "find_damage", "remove_changed_sources", "remove_damaged"]
 
 
 @dataclass(frozen=True)
 class DatasetDamage:
-    """A file of a dataset that is not as it was written.
+    """A damaged file of a dataset.
 
     Attributes:
         path: the file.
-        reason: what is wrong, in words.
-        unit: what has to go for the next build to make it again: the file, or the folder of its recording;
-            None if that would be wrong.
+        reason: a clause that says what is wrong.
+        unit: what to remove so that the next build makes it again: the file, or the folder of its recording; None if
+            nothing may be removed.
     """
 
     path: Path
@@ -46,13 +46,13 @@ class DatasetDamage:
         return f"{self.path}: {self.reason}"
 
 
-def check_datasets(recipe: Recipe, store: Store, damaged: Collection[str] = ()) -> Iterator[DatasetDamage]:
-    """Yield what is damaged in the datasets of a recipe; nothing is changed.
+def find_damage(recipe: Recipe, store: Store, damaged: Collection[str] = ()) -> Iterator[DatasetDamage]:
+    """Yield the damaged files in the datasets of a recipe; nothing is changed.
 
     Args:
         recipe: the recipe.
         store: the store that the datasets were made from.
-        damaged: artifacts whose files in the store are not to be trusted.
+        damaged: artifacts that are damaged in the store.
 
     Raises:
         DatasetError: a lock file cannot be read.
@@ -70,11 +70,11 @@ def check_datasets(recipe: Recipe, store: Store, damaged: Collection[str] = ()) 
             yield from check.unchecked(path.parent)
 
 
-def take_out_changed_sources(recipe: Recipe, store: Store) -> list[str]:
-    """Take artifacts out of the store that were changed through a dataset, and return what they were, in words.
+def remove_changed_sources(recipe: Recipe, store: Store) -> list[str]:
+    """Remove artifacts from the store that were changed through a dataset; return a sentence about each.
 
-    A hard link in a dataset is the file of the store: whoever writes into it damages both, and linking it again
-    would mend nothing. Only links that are not as they were published are looked at.
+    A hard link in a dataset is the file in the store: writing into it damages both, and linking it again would repair
+    nothing. Only links that changed since they were published are examined.
     """
     reasons: dict[str, str] = {}
     check = _Check(store, frozenset())
@@ -82,7 +82,7 @@ def take_out_changed_sources(recipe: Recipe, store: Store) -> list[str]:
         differing = Publication(recipe.state, asset).changed_files(folder) or ()
         suspects = {folder / name for name in differing if _has_other_names(folder / name)}
         for path in sorted(folder.glob(f"*/{LOCK}")) if suspects else ():
-            with suppress(DatasetError):  # a torn lock is mended with the tables
+            with suppress(DatasetError):  # a torn lock is replaced with the tables
                 lock = load_lock(path)
                 for link in _links(check, lock, folder, format_of(lock)):
                     if link.path in suspects and check.is_changed_in_store(link):
@@ -111,9 +111,9 @@ class _Linked:
 
 
 def _links(check: "_Check", lock: DatasetLock, output: Path, kind: AnyFormat) -> Iterator[_Linked]:
-    """Yield the files that a dataset consists of, as far as what says so is not damaged itself."""
+    """Yield the linked files of a dataset, except those of parts that are damaged themselves."""
     for number, bag in enumerate(lock.bags.values()):
-        with suppress(StoreError, KeyError, TypeError):  # of a manifest that is damaged itself
+        with suppress(StoreError, KeyError, TypeError):  # the manifest is damaged itself
             part = check.artifact(bag.artifact)
             entry = Entry(Part(bag.key, bag.content, bag.artifact), part, bag.split, number, bag.row)
             unit = output / kind.places.unit(entry) if isinstance(kind.places, UnitFolders) else None
@@ -123,18 +123,18 @@ def _links(check: "_Check", lock: DatasetLock, output: Path, kind: AnyFormat) ->
 
 
 class _Untrusted(Artifact):
-    """A damaged artifact: which files it has is known, what is in them is not to be relied on."""
+    """A damaged artifact: its files are known, but their content cannot be trusted."""
 
     def read_json(self, relative: str) -> NoReturn:
-        raise StoreError(f"{self.path(relative)}: this artifact is damaged, so it is not read.")
+        raise StoreError(f"{self.path(relative)}: this artifact is damaged and is not read.")
 
     def read_table(self, relative: str, columns: Sequence[str] | None = None) -> NoReturn:
         del columns
         self.read_json(relative)
 
 
-def take_out(damages: Collection[DatasetDamage]) -> None:
-    """Remove what is damaged from its dataset."""
+def remove_damaged(damages: Collection[DatasetDamage]) -> None:
+    """Remove damaged files from their datasets."""
     for unit in sorted({damage.unit for damage in damages if damage.unit is not None}):
         if unit.is_dir():
             retired = unit.with_name(f"{unit.name}.tmp-{uuid4().hex}")
@@ -145,7 +145,7 @@ def take_out(damages: Collection[DatasetDamage]) -> None:
 
 
 class _Check:
-    """Compares files of datasets with what manifests say, each of which is read once."""
+    """Compares files of datasets with the manifests of their artifacts; each manifest is read once."""
 
     def __init__(self, store: Store, damaged: frozenset[str]) -> None:
         self._store = store
@@ -154,7 +154,7 @@ class _Check:
         self._unchecked = 0
 
     def entries(self, artifact: str) -> Mapping[str, FileEntry] | None:
-        """Return the files of an artifact by name; None if the store does not know (any more)."""
+        """Return the files of an artifact by name; None if the store does not have it (any more)."""
         if artifact not in self._entries:
             try:
                 entries = self._store.artifact(artifact).entries()
@@ -165,16 +165,16 @@ class _Check:
         return self._entries[artifact]
 
     def artifact(self, digest: str) -> Artifact:
-        """Return an artifact; of a damaged one no file is read: its files are made again.
+        """Return an artifact; no file of a damaged one is read, because all are made again.
 
         Raises:
-            StoreError: the store has none.
+            StoreError: the store does not have it.
         """
         artifact = self._store.artifact(digest)
         return _Untrusted(artifact.digest, artifact.folder) if digest in self._damaged else artifact
 
     def tables(self, folder: Path, digests: Mapping[str, str]) -> Iterator[DatasetDamage]:
-        """Check the files that a lock has digests of."""
+        """Check the files whose digests are in a lock."""
         for name, digest in sorted(digests.items()):
             path = folder / name
             reason = _difference(path, digest)
@@ -182,14 +182,14 @@ class _Check:
                 yield DatasetDamage(path, reason, path)
 
     def is_changed_in_store(self, link: _Linked) -> bool:
-        """Tell whether a file of the store has other bytes than when it was written."""
+        """Tell whether a file in the store differs from its manifest."""
         entry = (self.entries(link.artifact) or {}).get(link.name)
         if entry is None:
             return False
         return _difference(self._store.artifact(link.artifact).path(link.name), entry.digest) is not None
 
     def file(self, link: _Linked) -> Iterator[DatasetDamage]:
-        """Check one file that was linked or copied from the store."""
+        """Check a file that was linked or copied from the store."""
         path, artifact, name, unit = link.path, link.artifact, link.name, link.unit
         try:
             stat = path.stat()
@@ -212,9 +212,9 @@ class _Check:
             yield DatasetDamage(path, reason, unit)
 
     def unchecked(self, output: Path) -> Iterator[DatasetDamage]:
-        """Tell of files whose artifacts are gone; they stay, since they may be all that is left."""
+        """Report the files whose artifacts are gone; they stay, since no other copy may be left."""
         if self._unchecked:
-            reason = f"{self._unchecked} files cannot be checked, because the store lacks what they come from; build, then verify again"
+            reason = f"{self._unchecked} files cannot be checked, because their artifacts are not in the store; build, then verify again"
             yield DatasetDamage(output, reason, None)
         self._unchecked = 0
 

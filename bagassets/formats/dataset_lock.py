@@ -1,8 +1,8 @@
-"""Lock files of datasets: what was made from which artifacts.
+"""Lock files: from which artifacts a dataset was made.
 
-A lock says the same of every format: `dataset` is the name of the format, under which its settings are; each of `bags` has
-under `artifacts` what the dataset needs of the store, its part first; `files` has digests. Locks of format 1, which
-bagassets wrote before formats could be installed, called these things differently in each of its two datasets.
+A lock has the same keys for every format. `dataset` names the format, and the key of that name has its settings;
+`bags` lists the recordings, each with the `artifacts` that the dataset needs, its part first; `files` has digests. Locks
+of format 1, from before formats could be installed, have other keys for each of the two formats.
 """
 
 import json
@@ -21,7 +21,7 @@ FORMAT = 2
 
 
 class _Names(NamedTuple):
-    """Where locks of format 1 have the part of a recording, its counts, and the digests of files."""
+    """Keys in locks of format 1: the part of a recording, its counts, the digests of files."""
 
     part: str
     counts: tuple[str, ...]
@@ -43,9 +43,9 @@ class LockedBag:
         content: digest of the recording.
         artifact: digest of its part.
         split: name of its split.
-        counts: what it gives the dataset, in the plural -> how many.
-        needs: artifacts that the dataset needs of it, the part among them; None in old locks, which do not say.
-        row: all that the lock says of it.
+        counts: what the dataset has of it -> number, such as `scenes`.
+        needs: artifacts that the dataset needs, its part among them; None in old locks, which do not say.
+        row: its whole entry in the lock.
     """
 
     key: str
@@ -79,21 +79,21 @@ class DatasetLock:
 
     @property
     def settings(self) -> JsonMapping:
-        """The section of the recipe about the dataset, without its output."""
+        """The dataset's section of the recipe, without `output`."""
         settings: JsonMapping = self.value[self.kind]
         return settings
 
     @property
     def splits(self) -> Mapping[str, str]:
-        """Recording -> its split."""
+        """Recording -> split."""
         return {key: bag.split for key, bag in self.bags.items()}
 
 
 def load_lock(path: Path) -> DatasetLock:
-    """Return a lock file.
+    """Read a lock file.
 
     Args:
-        path: the file, the folder that it is in, or a dataset with just one.
+        path: the file, its folder, or a dataset with exactly one lock.
 
     Raises:
         DatasetError: there is none, there are several, or it cannot be read.
@@ -123,7 +123,7 @@ def load_lock(path: Path) -> DatasetLock:
 
 
 def read_lock(folder: Path) -> DatasetLock | None:
-    """Return the lock of the dataset whose exchanged folder this is, or None if there is none.
+    """Return the lock in a folder of a dataset, or None if there is none.
 
     Raises:
         DatasetError: it cannot be read.
@@ -139,10 +139,10 @@ def read_lock(folder: Path) -> DatasetLock | None:
 
 
 def locked_artifacts(path: Path) -> set[str]:
-    """Return the artifacts that a lock file names, whatever its format.
+    """Return the artifacts that a dataset needs, from its lock file of any format.
 
     Raises:
-        DatasetError: it is no lock file, or it does not tell what its dataset needs.
+        DatasetError: it is no lock file, or does not say what its dataset needs.
     """
     try:
         value = json.loads(path.read_bytes())
@@ -152,8 +152,8 @@ def locked_artifacts(path: Path) -> set[str]:
         return {digest for row in value["bags"] for digest in _digests(row["artifacts"])}
     except (OSError, ValueError, KeyError, TypeError, AttributeError, StopIteration) as err:
         raise DatasetError(
-            f"{path}: expected the lock file of a dataset, which names the artifacts that it needs, but it cannot be read "
-            f"({type(err).__name__}: {err}); remove it, or replace it by a good copy."
+            f"{path}: expected the lock file of a dataset, which names its artifacts, but it cannot be read "
+            f"({type(err).__name__}: {err}); remove it, or replace it with a good copy."
         ) from err
 
 

@@ -1,4 +1,4 @@
-"""Making a dataset again from its lock file and the store, byte for byte."""
+"""Restoring a dataset from its lock file and the store, byte for byte."""
 
 from pathlib import Path
 
@@ -19,7 +19,7 @@ __all__ = ["default_output", "missing_recordings", "restore_dataset"]
 
 
 def default_output(lock: DatasetLock, recipe: Recipe) -> Path:
-    """Return where a dataset is restored to: in place, if the lock lies in one, else beside that of the recipe."""
+    """Return where to restore a dataset: in place if the lock is in one, else beside the recipe's output."""
     folder = lock.path.parent
     if lock.path.name == LOCK and (folder / next(iter(lock.files), LOCK)).exists():
         return folder.parent
@@ -29,22 +29,22 @@ def default_output(lock: DatasetLock, recipe: Recipe) -> Path:
 
 
 def missing_recordings(lock: DatasetLock, store: Store) -> list[str]:
-    """Return the keys of recordings of which an artifact is not in the store (any more)."""
+    """Return the keys of recordings with an artifact that is not in the store (any more)."""
     kind = format_of(lock)
     return [key for number, key in enumerate(lock.bags) if not _is_there(lock.bags[key], number, store, kind)]
 
 
 def restore_dataset(lock: DatasetLock, store: Store, output: Path) -> Path:
-    """Make the dataset of a lock again; return its folder.
+    """Restore the dataset of a lock; return its folder.
 
     Args:
         lock: the lock file.
-        store: where the artifacts are.
-        output: the dataset to write; what is there already stays if it belongs to it.
+        store: has the artifacts.
+        output: folder of the dataset; files that are there already and belong to it stay.
 
     Raises:
-        DatasetError: an artifact is missing, the lock's settings are not understood, or this version of
-            bagassets makes other tables; then the dataset in `output` stays as it was.
+        DatasetError: an artifact is missing, the lock's settings are invalid, or this version of bagassets makes
+            other tables; then the dataset in `output` stays as it was.
     """
     kind = format_of(lock)
     missing = missing_recordings(lock, store)
@@ -64,10 +64,10 @@ def restore_dataset(lock: DatasetLock, store: Store, output: Path) -> Path:
         except ValidationError as err:
             field = ".".join(str(part) for part in err.errors()[0]["loc"])
             raise DatasetError(
-                f"{lock.path}: its settings are not understood (field {field}: {err.errors()[0]['msg']}); use the version "
+                f"{lock.path}: its settings are invalid here (field {field}: {err.errors()[0]['msg']}); use the version "
                 f"of {kind.distribution or 'bagassets'} that wrote it."
             ) from err
-        made = assemble(
+        restored = assemble(
             kind,
             list(parts.values()),
             settings,
@@ -79,7 +79,7 @@ def restore_dataset(lock: DatasetLock, store: Store, output: Path) -> Path:
             failed=lock.value["failed"],
             expected=lock.files,
         )
-    return made.folder
+    return restored.folder
 
 
 def _is_there(bag: LockedBag, number: int, store: Store, kind: AnyFormat) -> bool:

@@ -1,14 +1,14 @@
-"""What a dataset format is: one object that says what a dataset is made from, and how it is put together and read.
+"""What a dataset format is: one object that says what a dataset is made from, and how it is assembled and read.
 
-A format is a folder of Python that ends in a `Format`. What every dataset needs is not in it but shared: linking,
-exchanging, locks, duplicates, splits, and `verify`, `diff`, `restore` and `gc` (`bagassets.formats.assembly` and the
-modules beside it).
+A format is a Python package that defines one `Format`. Everything that all datasets need is shared: linking, swapping,
+locks, duplicates, splits, and `verify`, `diff`, `restore` and `gc` (`bagassets.formats.assembly` and its neighbours).
 
-On disk a dataset has one folder that is exchanged whole, so that readers see the old dataset or the new one. Files of
-recordings are links to artifacts. A format has them in one of three places:
+On disk, a dataset has one folder that is swapped as a whole, so that readers see the old dataset or the new one. Files of
+recordings are links to artifacts. A format puts them in one of three places:
 
-- in the folder that is exchanged, under any names: they are linked anew with it;
-- in a folder of their recording, which appears and goes whole, and whose name changes with its content (`UnitFolders`);
+- in the swapped folder, under any names: they are linked anew with it;
+- in one folder per recording, which appears and disappears whole, and whose name changes with its content
+  (`UnitFolders`);
 - elsewhere below the output, under names that change with their content (`LooseFiles`).
 """
 
@@ -45,12 +45,12 @@ __all__ = [
 ]
 
 FACTS = "facts.json"
-"""File of a recording's part: a JSON object with what the format wants to know of it, without reading the rest."""
+"""File of a recording's part: a JSON object with all that the format needs to know without reading the rest."""
 
 S = TypeVar("S", bound=DatasetSettings)
 Facts = JsonMapping
 Samples = Mapping[str, Mapping[str, Mapping[str, str]]]
-"""Scene -> sample -> what belongs to it (its images, its poses) -> digest."""
+"""Scene -> sample -> part of it (its images, its poses) -> digest."""
 
 
 @dataclass(frozen=True)
@@ -59,8 +59,8 @@ class Part:
 
     Attributes:
         key: partition key.
-        content: digest of the recording's content; equal content enters once.
-        artifact: digest of what the dataset is made from.
+        content: digest of the recording's content; recordings with equal content enter once.
+        artifact: digest of the artifact that the dataset is made from.
     """
 
     key: str
@@ -69,12 +69,12 @@ class Part:
 
 
 class Link(NamedTuple):
-    """A file of a dataset that is linked from the store.
+    """A link from a dataset to a file in the store.
 
     Attributes:
-        name: where it lies below the folder that is exchanged; of formats that say `places`, below the output.
-        artifact: digest of the artifact that it is a file of.
-        file: its name there.
+        name: path below the swapped folder or, if the format defines `places`, below the output.
+        artifact: digest of the file's artifact.
+        file: its name in the artifact.
     """
 
     name: str
@@ -84,14 +84,14 @@ class Link(NamedTuple):
 
 @dataclass(frozen=True)
 class Entry:
-    """A recording in a dataset, as its lock tells: enough to say which files are linked.
+    """A recording in a dataset as its lock describes it: enough to know which files are linked.
 
     Attributes:
         part: the recording.
         artifact: its part.
-        split: the split that it belongs to.
-        number: its place among all, which are in the order of their keys; from 0.
-        row: what the lock says of it, made by `Format.row`.
+        split: its split.
+        number: its position among all recordings in the order of their keys, from 0.
+        row: its entry in the lock, with the values of `Format.row`.
     """
 
     part: Part
@@ -103,7 +103,7 @@ class Entry:
 
 @dataclass(frozen=True)
 class Member(Entry):
-    """A recording that a dataset is put together from.
+    """A recording from which a dataset is assembled.
 
     Attributes:
         facts: content of `facts.json` of its part.
@@ -114,12 +114,12 @@ class Member(Entry):
 
 @dataclass(frozen=True)
 class Joined:
-    """What `Format.join` wrote.
+    """The result of `Format.join`.
 
     Attributes:
-        files: file in the folder -> digest; equal files mean equal datasets.
-        facts: what people are told about the dataset.
-        beside: file below the output, outside the folder -> its content, the same whatever the recordings.
+        files: file in the folder -> digest; equal digests mean equal datasets.
+        facts: numbers and texts about the dataset, shown to users.
+        beside: file below the output, outside the folder -> content, which does not depend on the recordings.
     """
 
     files: Mapping[str, str]
@@ -129,10 +129,10 @@ class Joined:
 
 @dataclass(frozen=True)
 class UnitFolders:
-    """Links of a format whose recordings have a folder each.
+    """Links of a format with one folder per recording.
 
     Attributes:
-        folder: below the output; each folder in it is that of a recording.
+        folder: folder below the output that contains the folders of recordings.
         name: name of the folder of a recording.
     """
 
@@ -146,11 +146,11 @@ class UnitFolders:
 
 @dataclass(frozen=True)
 class LooseFiles:
-    """Links of a format that lie in folders together; several versions of a dataset may share them.
+    """Links of a format that share folders; several versions of a dataset may share the links.
 
     Attributes:
-        named_in: folder that was or will be exchanged -> all links that its files name; none if it is no such folder.
-        recording_of: name of a link -> key of its recording; None if it is no link.
+        named_in: a swapped folder, old or new -> all links that its files name; none for any other folder.
+        recording_of: name of a link -> key of its recording; None for any other file.
     """
 
     named_in: Callable[[Path], Iterable[str]]
@@ -159,12 +159,12 @@ class LooseFiles:
 
 @dataclass(frozen=True)
 class Selection:
-    """What a named dataset takes of the whole one.
+    """The part of the whole dataset that a named dataset takes.
 
     Attributes:
-        parts: recordings whose whole part belongs to it, or with a part of some of their scenes.
-        skipped: recordings of which nothing belongs to it -> why.
-        left_out: why scenes do not belong to it -> their number.
+        parts: recordings in it, with their whole part or with one made from some of their scenes.
+        skipped: recordings that are not in it at all -> reason.
+        left_out: reason why scenes are not in it -> number of scenes.
     """
 
     parts: Sequence[Part]
@@ -178,8 +178,8 @@ class DatasetCheck:
 
     Attributes:
         name: unique among the checks of the format; shown in Dagster.
-        section: field of the recipe's `checks` with its severity.
-        description: what holds if it passes.
+        section: field of `checks` in the recipe with its severity.
+        description: what is true of the dataset if it passes.
     """
 
     name: str
@@ -196,30 +196,30 @@ class Format(Generic[S]):
     """A dataset format.
 
     Attributes:
-        name: of the format, of its section in the recipe and in locks; the asset is `<name>_dataset`.
+        name: name of the format, and of its section in recipes and locks; the asset is `<name>_dataset`.
         version: raised whenever the bytes of a dataset change for the same parts.
         description: what the dataset is, for the web UI.
         kinds: tags of the asset in the web UI.
         settings: model of its section in the recipe.
-        part: asset of each recording that the dataset is made from; its artifact has a `facts.json`.
-        join: writes the files of all recordings together into an empty folder. The members are in the order of
-            their keys, the shares in that of the splits.
+        part: the asset of each recording from which the dataset is made; its artifact has a `facts.json`.
+        join: writes the joined files of all recordings into an empty folder. Members come in the order of their keys,
+            shares in the order of the splits' names.
         links: the files of one recording.
-        counts: facts of a recording -> what it gives the dataset, in the plural -> how many.
-        row: facts of a recording -> what the lock tells of it besides: small values that `links` needs.
-        duration_s: facts of a recording -> time that counts for the shares of the splits.
-        folder: settings -> name of the folder below the output that is exchanged.
-        fills_split: facts of a recording -> whether it gives this dataset anything; those that give nothing are dealt
-            to splits after the others. None: all do.
-        named_by: fields of the settings that say where the dataset lies.
-        places: where links lie; None: in the folder that is exchanged.
-        folders: folders below the output that are there even if empty.
-        samples: part -> its samples, for `dataset diff`; None if the format does not tell them apart.
-        select: chooses what a named dataset takes of the parts; None if there are no named datasets of the format.
-        assets: assets of recordings that it brings, the part among them, unless bagassets has them.
+        counts: facts of a recording -> what the dataset gets from it (`scenes`, in the plural) -> number.
+        row: facts of a recording -> further values for its entry in the lock: small ones that `links` needs.
+        duration_s: facts of a recording -> the duration that counts for the shares of the splits.
+        folder: settings -> name of the swapped folder below the output.
+        fills_split: facts of a recording -> whether it adds anything to the dataset; recordings that do not are dealt to
+            splits after the others. None: all do.
+        named_by: fields of the settings that decide where the dataset is.
+        places: where links are; None: in the swapped folder.
+        folders: folders below the output that exist even if empty.
+        samples: part -> its samples, for `dataset diff`; None if the format has none.
+        select: selects the parts of a named dataset; None if the format has no named datasets.
+        assets: assets of recordings that the format adds, its part among them unless bagassets has it.
         checks: checks of the finished dataset.
-        check: output and settings of a dataset -> check -> what it found, of those of `checks` that are asked for.
-        distribution: name and version of the package that it came from; "" for those of bagassets.
+        check: settings and names of `checks` -> name -> finding.
+        distribution: name and version of the package that adds it; "" for formats of bagassets.
     """
 
     name: str
@@ -252,19 +252,19 @@ class Format(Generic[S]):
 
     @property
     def section(self) -> str:
-        """Where the recipe has its settings."""
+        """Section of the recipe with its settings."""
         return f"formats.{self.name}" if self.distribution else self.name
 
     def link_path(self, output: Path, folder: Path, link: Link) -> Path:
-        """Return where a link lies.
+        """Return the path of a link.
 
         Args:
-            output: of the dataset.
-            folder: the folder below it that is exchanged.
+            output: folder of the dataset.
+            folder: the swapped folder below it.
             link: one of `links`.
         """
         return (folder if self.places is None else output) / link.name
 
 
 AnyFormat = Format[Any]
-"""A format, whatever the model of its section is."""
+"""A format with any model of settings."""

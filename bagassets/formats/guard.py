@@ -1,4 +1,4 @@
-"""Keeping two processes from writing one dataset at the same time, and other bytes than asked for from appearing."""
+"""Protecting a dataset from two writers at once, and from files that differ from those expected."""
 
 import shutil
 from collections.abc import Iterator, Mapping
@@ -15,7 +15,7 @@ GUARD = ".bagassets.lock"
 
 @contextmanager
 def guarded(output: Path) -> Iterator[None]:
-    """Keep other processes from writing into the same folder meanwhile, and name it in errors.
+    """Keep other processes from writing into a dataset, and name it in errors.
 
     Raises:
         DatasetError: files cannot be written.
@@ -28,17 +28,17 @@ def guarded(output: Path) -> Iterator[None]:
             yield
     except OSError as err:
         raise DatasetError(
-            f"{err.filename or output}: the dataset cannot be written ({err.strerror}); free space or mend the folder."
+            f"{err.filename or output}: the dataset cannot be written ({err.strerror}); free disk space, or make the folder writable."
         ) from err
 
 
 def refuse_unexpected(folder: Path, made: Mapping[str, str], expected: Mapping[str, str] | None) -> None:
-    """Remove a folder of tables that was just made, if its files are not those expected.
+    """Remove a new folder and raise if its files are not those expected.
 
     Args:
         folder: the folder.
         made: digests of its files, by name.
-        expected: digests that they must have; None allows all.
+        expected: digests that they must have; None allows any.
 
     Raises:
         DatasetError: a file differs.
@@ -48,6 +48,6 @@ def refuse_unexpected(folder: Path, made: Mapping[str, str], expected: Mapping[s
     names = sorted(name for name in {*made, *expected} if made.get(name) != expected.get(name))
     shutil.rmtree(folder, ignore_errors=True)
     raise DatasetError(
-        f"{folder.parent}: {', '.join(names)} came out different from what the lock says, so nothing was exchanged; use the "
+        f"{folder.parent}: {', '.join(names)} would differ from the lock, so the dataset stays as it was; use the "
         "version of bagassets that wrote the lock."
     )

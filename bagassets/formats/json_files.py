@@ -1,4 +1,4 @@
-"""JSON files of datasets: rows of recordings joined without parsing them, and digests taken while writing."""
+"""JSON files of datasets: joining the rows of recordings without parsing them, and hashing files while writing."""
 
 import json
 from collections.abc import Iterable, Iterator
@@ -15,7 +15,7 @@ class _Writable(Protocol):
 
 
 class HashedFile:
-    """A file that is written and digested in one go."""
+    """A file that is hashed while it is written."""
 
     def __init__(self, path: Path) -> None:
         self._file = path.open("wb", buffering=1 << 20)
@@ -51,7 +51,7 @@ def json_bytes(value: object) -> bytes:
 
 
 def rows_text(path: Path) -> bytes:
-    """Return the rows of a JSON list with one row per line as they stand there, without the brackets."""
+    """Return the rows of a JSON list with one row per line, unchanged but without the brackets."""
     return path.read_bytes().removeprefix(b"[").removesuffix(b"]\n").strip(b"\n")
 
 
@@ -65,7 +65,7 @@ def copy_rows(path: Path) -> Iterator[bytes]:
 
 
 def write_joined(file: _Writable, lists: Iterable[bytes]) -> int:
-    """Write one list of the rows of several, given as `rows_text`; return the number of rows."""
+    """Join several lists, given as `rows_text`, into one; return the number of rows."""
     number = 0
     for text in lists:
         if text:

@@ -1,4 +1,4 @@
-"""Putting files of the store into a dataset without copying them, if the file system allows."""
+"""Placing files of the store in a dataset, without copying them if the file system allows."""
 
 import errno
 import filecmp
@@ -14,22 +14,22 @@ from bagassets.errors import DatasetError
 __all__ = ["Linker"]
 
 FICLONE = 0x40049409  # linux/fs.h: make a file share the blocks of another
-# Hard links do not cross file systems, and some file systems have none or only so many per file.
+# Hard links do not cross file systems; some file systems have none, or limit their number per file.
 _NO_HARD_LINK = {errno.EXDEV, errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS, errno.EACCES}
 
 
 class Linker:
-    """Makes files appear in a dataset: hard link, else reflink, else copy.
+    """Makes files appear in a dataset as hard links, else reflinks, else copies.
 
-    A file is there whole or not at all, and one that is there already is left alone: names of the
-    dataset contain the digest of the content.
+    A file is there whole or not at all. One that exists already is kept, because names in a dataset contain a digest of
+    the content.
 
     Attributes:
-        counts: way -> number of files; `kept` for those that were there.
+        counts: `linked`, `cloned`, `copied`, or `kept` for existing files -> number of files.
 
     Args:
         root: the dataset's folder.
-        compares: of files that are there, the bytes are compared unless they are links to the store.
+        compares: compare the bytes of existing files that are not links to the store.
     """
 
     def __init__(self, root: Path, *, compares: bool = False) -> None:
@@ -57,15 +57,15 @@ class Linker:
             self.counts[self._put(source, target)] += 1
         except FileNotFoundError as err:
             raise DatasetError(
-                f"{source}: this file of the store is gone, so {filename} cannot be made; build again to heal the store."
+                f"{source}: this file of the store is gone, so {filename} cannot be made; build again to repair the store."
             ) from err
         except OSError as err:
             raise DatasetError(
-                f"{target}: cannot be written ({err.strerror}); free space or mend the folder."
+                f"{target}: cannot be written ({err.strerror}); free disk space, or make the folder writable."
             ) from err
 
-    def mend(self, source: str, filename: str) -> None:
-        """Make the file `source` appear as `filename`, in place of whatever else is there under that name.
+    def replace(self, source: str, filename: str) -> None:
+        """Make the file `source` appear as `filename`, replacing any other file of that name.
 
         Raises:
             DatasetError: as for `put`.
@@ -80,7 +80,7 @@ class Linker:
                 Path(target).unlink()
         except OSError as err:
             raise DatasetError(
-                f"{target}: cannot be exchanged for what belongs there ({err.strerror}); move it away."
+                f"{target}: cannot be replaced by the file that belongs there ({err.strerror}); move it away."
             ) from err
 
     def _put(self, source: str, target: str) -> str:
@@ -92,7 +92,7 @@ class Linker:
             except OSError as err:
                 if err.errno in _NO_HARD_LINK:
                     self._hard_links = False
-                elif err.errno != errno.EMLINK:  # too many links to this one file: copy just this one
+                elif err.errno != errno.EMLINK:  # too many links to this file: copy only this one
                     raise
             else:
                 return "linked"
@@ -103,7 +103,7 @@ class Linker:
 
 
 def _same_content(source: str, target: str) -> bool:
-    """Tell whether a target is its source, or has the bytes of it; a source that is gone is told by who links it."""
+    """Tell whether a target is its source or has the same bytes; whoever links the source reports a missing one."""
     try:
         return Path(source).samefile(target) or filecmp.cmp(source, target, shallow=False)
     except FileNotFoundError:

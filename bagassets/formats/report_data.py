@@ -1,4 +1,4 @@
-"""What reports and maps tell, gathered from the plan and the artifacts it names."""
+"""Data of reports and maps, gathered from the plan and its artifacts."""
 
 from collections.abc import Mapping
 from functools import partial
@@ -10,14 +10,14 @@ from bagassets.build.plan import BagPlan, Plan
 from bagassets.build.track import Track, track_of
 from bagassets.errors import StoreError
 from bagassets.formats.catalogue import formats
-from bagassets.formats.dataset_build import deal_contents, without_scenes
+from bagassets.formats.dataset_build import deal_contents, recordings_without_scenes
 from bagassets.freshness.published import Publication
 from bagassets.json_types import JsonMapping, JsonObject
 from bagassets.preview.pictures import TITLES
 from bagassets.recipe.model import Recipe
 from bagassets.report.grid_map import colour_of_split
-from bagassets.report.model import Gaps, RecordingFacts, ReportData, Way
-from bagassets.report.trajectory_map import MapWay
+from bagassets.report.model import Gaps, RecordingFacts, ReportData, Route
+from bagassets.report.trajectory_map import MapRoute
 from bagassets.report.write import write_page
 from bagassets.splits import shares_of
 from bagassets.store.artifact import Artifact
@@ -30,11 +30,11 @@ _NO_SPLIT = "not in the dataset"
 
 
 def report_data(recipe: Recipe, store: Store, plan: Plan) -> ReportData:
-    """Return what the report tells about all recordings.
+    """Return the report's data about all recordings.
 
     Args:
         recipe: the recipe.
-        store: where the artifacts are.
+        store: has the artifacts.
         plan: states of all recordings.
     """
     dealt = _dealt(recipe, store, plan)
@@ -47,19 +47,19 @@ def report_data(recipe: Recipe, store: Store, plan: Plan) -> ReportData:
 
 
 def map_path(recipe: Recipe) -> Path:
-    """Return where the map of the recipe's recordings is."""
+    """Return the path of the map of a recipe's recordings."""
     return recipe.state / trajectory_map.MAP
 
 
 def build_map(recipe: Recipe, store: Store, plan: Plan) -> Outcome:
-    """Make the map of all recordings, and put it where `map_path` says.
+    """Make the map of all recordings, and write it to `map_path`.
 
     Raises:
         DatasetError: it cannot be written.
     """
-    ways = _map_ways(recipe, _tracks(recipe, store, plan), _dealt(recipe, store, plan))
+    routes = _map_routes(recipe, _tracks(recipe, store, plan), _dealt(recipe, store, plan))
     shell = store.run(trajectory_map.SHELL_STEP.action({}, {}), trajectory_map.make_shell).artifact
-    outcome = store.run(trajectory_map.action(ways, shell), partial(trajectory_map.make, ways, shell))
+    outcome = store.run(trajectory_map.action(routes, shell), partial(trajectory_map.make, routes, shell))
     page = outcome.artifact.path(trajectory_map.MAP).read_text(encoding="utf-8")
     write_page(map_path(recipe), page)
     digests = {map_path(recipe).name: digest_bytes(page.encode())}
@@ -68,23 +68,23 @@ def build_map(recipe: Recipe, store: Store, plan: Plan) -> Outcome:
 
 
 def _dealt(recipe: Recipe, store: Store, plan: Plan) -> dict[str, str]:
-    """Return recording -> its split, of all that take part."""
+    """Return recording -> split, for all that take part."""
     contents = {
         key: bag.assets["bag"].data_version or key
         for key, bag in plan.bags.items()
         if bag.skipped is None and bag.unusable is None
     }
-    made = {
+    parts = {
         kind.name: {
             key: bag.recorded[kind.part] for key, bag in plan.bags.items() if kind.part in bag.recorded
         }
         for kind in formats()
     }
-    return deal_contents(contents, recipe.splits, without_scenes(store, made))
+    return deal_contents(contents, recipe.splits, recordings_without_scenes(store, parts))
 
 
 def _tracks(recipe: Recipe, store: Store, plan: Plan) -> dict[str, Track]:
-    """Return the tracks of all recordings that have poses, by key in order."""
+    """Return the tracks of all recordings with poses, in the order of their keys."""
     found = {}
     for key, bag in sorted(plan.bags.items()):
         inventory, poses = (
@@ -96,17 +96,19 @@ def _tracks(recipe: Recipe, store: Store, plan: Plan) -> dict[str, Track]:
     return found
 
 
-def _map_ways(recipe: Recipe, found: Mapping[str, Track], dealt: Mapping[str, str]) -> list[MapWay]:
+def _map_routes(recipe: Recipe, found: Mapping[str, Track], dealt: Mapping[str, str]) -> list[MapRoute]:
     """Return the recordings on the map, coloured by split."""
     splits = sorted(recipe.splits.shares)
-    ways = []
+    routes = []
     for key, track in found.items():
         split = dealt.get(key, _NO_SPLIT)
         stamps_ns = [point[0] for point in track.local]
         seconds = (stamps_ns[-1] - stamps_ns[0]) / 1e9 if stamps_ns else 0.0
         note = f"{split}, {seconds:.0f} s"
-        ways.append(MapWay(key, split, colour_of_split(split, splits), note, _points(track), _local(track)))
-    return ways
+        routes.append(
+            MapRoute(key, split, colour_of_split(split, splits), note, _points(track), _local(track))
+        )
+    return routes
 
 
 def _points(track: Track) -> list[tuple[float, float]]:
@@ -143,7 +145,7 @@ def _facts(recipe: Recipe, store: Store, bag: BagPlan, split: str) -> RecordingF
         counts=_counts(store, bag),
         lost=_lost(store, bag),
         gaps=_gaps(seen["topics"]),
-        way=Way() if track is None else Way(_points(track), _local(track)),
+        route=Route() if track is None else Route(_points(track), _local(track)),
         pictures={} if pictures is None else _pictures(pictures),
         thumbnail=None if pictures is None else pictures.path(THUMBNAIL),
         full_pictures=None if pictures is None else pictures.files,

@@ -5,7 +5,7 @@ from math import cos, floor, log10, radians
 
 from bagassets.escaping import html
 
-__all__ = ["COLOURS", "NamedWay", "colour_of_split", "grid_map"]
+__all__ = ["COLOURS", "NamedRoute", "colour_of_split", "grid_map"]
 
 METRES_PER_DEGREE = 111_320.0  # of latitude, and of longitude at the equator; good enough for a picture
 COLOURS = ("#2f7ed8", "#d9822b", "#2ca05a", "#b04ac0", "#c0392b", "#16868e")
@@ -13,7 +13,7 @@ _MARGIN_PX = 34
 _LINES = 8
 
 Points = Sequence[tuple[float, float]]
-NamedWay = tuple[str, str, Points]
+NamedRoute = tuple[str, str, Points]
 """Key of a recording, its colour, and its way: (latitude, longitude), or (x, y) in metres."""
 
 
@@ -22,7 +22,9 @@ def colour_of_split(split: str, splits: Sequence[str]) -> str:
     return COLOURS[splits.index(split) % len(COLOURS)] if split in splits else "#7f7f7f"
 
 
-def grid_map(ways: Sequence[NamedWay], *, on_earth: bool, width: int = 900, most_points: int = 20_000) -> str:
+def grid_map(
+    ways: Sequence[NamedRoute], *, on_earth: bool, width: int = 900, most_points: int = 20_000
+) -> str:
     """Return an SVG of ways on a grid of round metres; each way tells its name under the pointer.
 
     Args:

@@ -6,11 +6,11 @@ from pathlib import Path
 
 from bagassets.splits import SplitShare
 
-__all__ = ["Gaps", "RecordingFacts", "ReportData", "Way"]
+__all__ = ["Gaps", "RecordingFacts", "ReportData", "Route"]
 
 
 @dataclass(frozen=True)
-class Way:
+class Route:
     """Where a recording was driven.
 
     Attributes:
@@ -50,7 +50,7 @@ class RecordingFacts:
         counts: what was made of it: images, sweeps, poses, boxes, scenes, keyframes.
         lost: messages that were lost, by channel and reason.
         gaps: topics with pauses, the worst first.
-        way: where it was driven.
+        route: where it was driven.
         pictures: name -> small picture as JPEG file, in the order of the report.
         thumbnail: a very small picture.
         full_pictures: folder of the pictures in full size.
@@ -71,7 +71,7 @@ class RecordingFacts:
     counts: Mapping[str, int] = field(default_factory=dict)
     lost: Sequence[str] = ()
     gaps: Sequence[Gaps] = ()
-    way: Way = field(default_factory=Way)
+    route: Route = field(default_factory=Route)
     pictures: Mapping[str, Path] = field(default_factory=dict)
     thumbnail: Path | None = None
     full_pictures: Path | None = None

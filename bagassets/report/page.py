@@ -146,8 +146,10 @@ def _idle_pins(keys: Sequence[str]) -> str:
 def _map(data: ReportData) -> str:
     splits = [share.name for share in data.shares]
     shown = [recording for recording in data.recordings if recording.state in {"ready", "stale"}]
-    on_earth = [(r.key, colour_of_split(r.split, splits), r.way.points) for r in shown]
-    elsewhere = [(r.key, colour_of_split(r.split, splits), r.way.local) for r in shown if not r.way.points]
+    on_earth = [(r.key, colour_of_split(r.split, splits), r.route.points) for r in shown]
+    elsewhere = [
+        (r.key, colour_of_split(r.split, splits), r.route.local) for r in shown if not r.route.points
+    ]
     maps = [
         grid_map(on_earth, on_earth=True),
         grid_map(elsewhere, on_earth=False),

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 
 from bagassets.escaping import html
 from bagassets.json_types import JsonObject
-from bagassets.report.grid_map import NamedWay, grid_map
+from bagassets.report.grid_map import NamedRoute, grid_map
 from bagassets.report.map_shell import FALLBACK_MARK, WAYS_MARK
 from bagassets.report.style import MAP_CSS
 
-__all__ = ["MapWay", "trajectory_map_page"]
+__all__ = ["MapRoute", "trajectory_map_page"]
 
 # All ways together have about this many points, and none has more than its share allows.
 MOST_POINTS = 60_000
@@ -34,7 +34,7 @@ _FALLBACK = """
 
 
 @dataclass(frozen=True)
-class MapWay:
+class MapRoute:
     """One recording on the map.
 
     Attributes:
@@ -54,7 +54,7 @@ class MapWay:
     local: Sequence[tuple[float, float]] = ()
 
 
-def trajectory_map_page(ways: Sequence[MapWay], shell: str) -> str:
+def trajectory_map_page(ways: Sequence[MapRoute], shell: str) -> str:
     """Return the page; the same bytes for the same ways.
 
     Args:
@@ -78,7 +78,7 @@ def trajectory_map_page(ways: Sequence[MapWay], shell: str) -> str:
     return shell.replace(FALLBACK_MARK, _fallback(ways), 1).replace(WAYS_MARK, data, 1)
 
 
-def _json(way: MapWay, most: int) -> JsonObject:
+def _json(way: MapRoute, most: int) -> JsonObject:
     points = [[round(lat, _DIGITS), round(lon, _DIGITS)] for lat, lon in _thinned(way.points, most)]
     return {"key": way.key, "note": way.note, "points": points}
 
@@ -89,17 +89,17 @@ def _thinned(points: Sequence[tuple[float, float]], most: int) -> list[tuple[flo
     return thin if thin[-1] == points[-1] else [*thin, points[-1]]
 
 
-def _grids(ways: Sequence[MapWay]) -> str:
-    on_earth: list[NamedWay] = [(way.key, way.colour, way.points) for way in ways]
-    elsewhere: list[NamedWay] = [(way.key, way.colour, way.local) for way in ways if not way.points]
+def _grids(ways: Sequence[MapRoute]) -> str:
+    on_earth: list[NamedRoute] = [(way.key, way.colour, way.points) for way in ways]
+    elsewhere: list[NamedRoute] = [(way.key, way.colour, way.local) for way in ways if not way.points]
     local = grid_map(elsewhere, on_earth=False)
     heading = "<p>Recordings without position on Earth, each in its own metres:</p>"
     return grid_map(on_earth, on_earth=True) + (heading + local if local else "")
 
 
-def _elsewhere(ways: Sequence[MapWay]) -> str:
+def _elsewhere(ways: Sequence[MapRoute]) -> str:
     """Return a box in the corner of the map with those that are nowhere on it."""
-    lost: list[NamedWay] = [(way.key, way.colour, way.local) for way in ways if not way.points]
+    lost: list[NamedRoute] = [(way.key, way.colour, way.local) for way in ways if not way.points]
     if not lost:
         return ""
     style = "position:fixed;left:130px;bottom:12px;z-index:1000;background:#fff;padding:.3rem .7rem;font:14px sans-serif"
@@ -109,11 +109,11 @@ def _elsewhere(ways: Sequence[MapWay]) -> str:
     return f'<details class="elsewhere" style="{style}">{box}</details>'
 
 
-def _fallback(ways: Sequence[MapWay]) -> str:
+def _fallback(ways: Sequence[MapRoute]) -> str:
     return _FALLBACK.format(css=MAP_CSS, svg=_grids(ways)) + _elsewhere(ways)
 
 
-def _grid_page(ways: Sequence[MapWay]) -> str:
+def _grid_page(ways: Sequence[MapRoute]) -> str:
     """Return the page for recordings none of which is anywhere on Earth."""
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>Map of recordings</title>'

@@ -1,1 +1,1 @@
-"""The nuScenes format: point files, tables, tokens, and datasets put together from recordings."""
+"""The nuScenes format: tables, tokens, and datasets joined from recordings."""

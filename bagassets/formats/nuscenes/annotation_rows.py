@@ -28,19 +28,19 @@ from bagassets.timeline.keyframes import Stamps
 __all__ = ["AnnotationRows", "annotation_rows"]
 
 _SPEED_WINDOW_NS = 1_000_000_000
-# A lidar takes no longer for its points, however far apart its readings are.
+# No lidar takes longer for one revolution, however far apart its readings are.
 _LONGEST_REVOLUTION_S = 0.2
 
 
 @dataclass
 class AnnotationRows:
-    """Rows about objects, and what became of their observations.
+    """Rows about objects, and counts of their observations.
 
     Attributes:
         tables: table -> rows.
         categories: names of the categories of the instances.
         attributes: names of the attributes of the boxes.
-        counts: see the step's documentation.
+        counts: see `bagassets.formats.nuscenes.tables`.
     """
 
     tables: dict[str, list[JsonObject]] = field(
@@ -59,20 +59,19 @@ def annotation_rows(
     params: SceneParams,
     motion: MotionRule | None,
 ) -> AnnotationRows:
-    """Return the rows of all scenes: each track at each keyframe where it exists, and boxes without identity.
+    """Return the rows of all scenes: tracks at each keyframe where they exist, and boxes without track.
 
-    An instance is a track within one scene. Its category is the one that most of its boxes carry
-    (of equals the first by name), since nuScenes keeps the category with the instance.
-    Of boxes without identity a keyframe takes those of the nearest message of each source; each is an instance
-    of its own, at each keyframe.
+    An instance is a track within one scene. Its category is the one that most of its boxes have (on a tie, the first by
+    name), because in nuScenes instances have categories. Of boxes without track, a keyframe gets those in the nearest
+    message of each source; each becomes an instance of its own at each keyframe.
 
     Args:
-        tokens: of the recording.
+        tokens: tokens of the recording.
         boxes: in the global frame.
         channels: readings of all channels.
-        scenes: of the recording.
-        params: how boxes reach keyframes.
-        motion: when objects that come without attributes count as moving; None: they get none.
+        scenes: scenes of the recording.
+        params: the recipe's scenes, which limit how far boxes are from keyframes.
+        motion: when objects without attributes count as moving; None to give them none.
     """
     builder = _Builder(tokens, boxes, params, motion)
     rows = builder.rows
@@ -116,7 +115,7 @@ class _Builder:
         self.rows = AnnotationRows()
         self.held = 0
         self.used: set[int] = set()
-        self.speeds_mps: dict[str, float] = {}  # by annotation; 0 where it is not known
+        self.speeds_mps: dict[str, float] = {}  # by annotation token; 0 where unknown
         self.attribute_counts = dict.fromkeys(
             ("attributes_given", "attributes_by_motion", "attributes_undetermined", "attributes_none"), 0
         )
@@ -157,7 +156,7 @@ class _Builder:
         return True
 
     def add_messages(self, messages: Messages, scene: ScenePlan, samples: list[list[JsonObject]]) -> None:
-        """Add the boxes without identity of a source: those of the message nearest to each keyframe."""
+        """Add boxes without track from a source: those of the message nearest to each keyframe."""
         boxes = self._boxes
         nearest = messages.at(scene.keyframes_ns, self._params.tolerance_ns).tolist()
         for sample, (message, stamp_ns) in enumerate(zip(nearest, scene.keyframes_ns.tolist(), strict=True)):
@@ -200,13 +199,13 @@ class _Builder:
         )
 
     def _by_motion(self, track: Track, category: str, times_ns: Stamps) -> list[str]:
-        """Return the attribute that the motion of a track determines at each time, or an empty name."""
+        """Return the attribute at each time according to the motion of a track, or an empty name."""
         if self._motion is None:
             return [""] * len(times_ns)
         return motion_attributes(category, motion_of(track, times_ns, self._motion), self._motion)
 
     def _attributes(self, row: int, category: str, by_motion: str) -> list[str]:
-        """Return the attribute tokens of a box: those that its source gives, else the one by motion."""
+        """Return the attribute tokens of a box: those from its source, else the one by motion."""
         names: Sequence[str] = self._boxes.attributes[row]
         if names:
             kind = "given"
@@ -226,7 +225,7 @@ def _measure(
     sample: int,
     speeds_mps: Mapping[str, float],
 ) -> None:
-    """Fill in points and visibility of the boxes of one sample, from the files of its keyframe."""
+    """Add numbers of points and visibility to the boxes of one sample, from the files of its keyframe."""
     centers = np.array([row["translation"] for row in annotations])
     rotations = np.array([row["rotation"] for row in annotations])
     sizes = np.array([row["size"] for row in annotations])
@@ -264,6 +263,6 @@ def _measure(
 
 
 def _period_s(stamps_ns: Stamps, reading: int) -> float:
-    """Return the time since the reading before, in which a lidar took its points; of the first one, until the next."""
+    """Return the time since the previous reading, in which a lidar measures its points; for the first, until the next."""
     around = stamps_ns[max(reading - 1, 0) : max(reading - 1, 0) + 2]
     return min(float(around[-1] - around[0]) / 1e9, _LONGEST_REVOLUTION_S)

@@ -1,37 +1,96 @@
-"""The checks of a finished nuScenes dataset."""
+"""The checks of a finished nuScenes dataset, over all its recordings."""
 
 from collections.abc import Callable, Mapping
 from collections.abc import Set as AbstractSet
 
 from bagassets.formats.format import DatasetCheck
-from bagassets.formats.nuscenes import dataset_rules
-from bagassets.formats.nuscenes.dataset_rows import DatasetRows, read_dataset
+from bagassets.formats.nuscenes.dataset_rows import DatasetRows, read_dataset, repeated_tokens
 from bagassets.formats.nuscenes.devkit_rules import devkit_ready
+from bagassets.formats.nuscenes.table_integrity import (
+    broken_references,
+    check_dataset_files,
+    duplicate_tokens,
+)
 from bagassets.quality.finding import Finding
 from bagassets.recipe.model import NuScenes
 
-__all__ = ["CHECKS", "check"]
+__all__ = ["CHECKS", "check", "dataset_files_match", "dataset_references_intact", "dataset_tokens_unique"]
+
+
+def dataset_references_intact(rows: DatasetRows) -> Finding:
+    """Check that every token refers to a row, that chains are closed, and that counts are true."""
+    return Finding(broken_references(rows.tables), _facts(rows))
+
+
+def dataset_tokens_unique(rows: DatasetRows) -> Finding:
+    """Check that no token and no file name exists twice.
+
+    Where not all rows fit into memory, tokens are still compared over all recordings, file names are not.
+    """
+    if rows.is_whole:
+        return Finding(duplicate_tokens(rows.tables), _facts(rows))
+    problems = [
+        f"{table}: 1 token appears more than once: {tokens[0]}."
+        if len(tokens) == 1
+        else f"{table}: {len(tokens)} tokens appear more than once, the first is {tokens[0]}."
+        for table, tokens in repeated_tokens(rows.folder)
+    ]
+    return Finding(problems, _facts(rows))
+
+
+def dataset_files_match(rows: DatasetRows) -> Finding:
+    """Check that the files in the tables are on disk and not empty, and that there are no others.
+
+    Others are searched for only if the rows of all recordings are read.
+    """
+    if rows.is_whole:
+        return Finding(check_dataset_files(rows.dataroot, rows.version, rows.tables), _facts(rows))
+    missing, empty = [], []
+    for row in rows.tables["sample_data"]:
+        name = str(row["filename"])
+        try:
+            size = (rows.dataroot / name).stat().st_size
+        except FileNotFoundError:
+            missing.append(name)
+            continue
+        if size == 0 and not name.endswith(".pcd.bin"):
+            empty.append(name)
+    problems = []
+    for names, what in ((missing, "not on disk"), (empty, "empty")):
+        if len(names) == 1:
+            problems.append(f"1 file of the tables is {what}: {names[0]}.")
+        elif names:
+            problems.append(f"{len(names)} files of the tables are {what}, the first is {names[0]}.")
+    return Finding(problems, _facts(rows))
+
+
+def _facts(rows: DatasetRows) -> dict[str, int]:
+    counts = {
+        name: len(rows.tables[name]) for name in ("scene", "sample", "sample_data", "sample_annotation")
+    }
+    return counts | {"recordings_checked": rows.recordings, "recordings": rows.of}
+
 
 _RULES: Mapping[DatasetCheck, Callable[[DatasetRows], Finding]] = {
     DatasetCheck(
         "dataset_references_intact",
         "references_intact",
-        "Over all recordings, every token leads somewhere and chains are closed.",
-    ): dataset_rules.references_intact,
+        "Over all recordings, every token refers to a row, and chains are closed.",
+    ): dataset_references_intact,
     DatasetCheck(
         "dataset_tokens_unique",
         "tokens_unique",
         "Over all recordings, no token and no file name exists twice.",
-    ): dataset_rules.tokens_unique,
+    ): dataset_tokens_unique,
     DatasetCheck(
         "dataset_files_match",
         "files_match",
-        "The files below the dataroot are those that the tables name.",
-    ): dataset_rules.files_match,
+        "The files below the dataroot are exactly those in the tables.",
+    ): dataset_files_match,
     DatasetCheck(
         "devkit_ready",
         "devkit_ready",
-        "The dataset has what nuscenes-devkit and its users ask for: formats, units, maps, splits, layouts of files, all "
+        "The dataset has what nuscenes-devkit and its users rely on: formats, units, maps, splits, file layouts, all "
         "channels in every sample.",
     ): devkit_ready,
 }
@@ -39,7 +98,7 @@ CHECKS = tuple(_RULES)
 
 
 def check(settings: NuScenes, names: AbstractSet[str]) -> dict[str, Finding]:
-    """Return check -> what it finds in the dataset on disk, of those that are named.
+    """Run the named checks on the dataset on disk; return check -> finding.
 
     Raises:
         DatasetError: a table is missing or cannot be read.

@@ -17,24 +17,24 @@ from bagassets.json_types import JsonObject
 
 __all__ = ["DatasetRows", "read_dataset", "repeated_tokens"]
 
-# As objects in memory, rows take about eight times what they take on disk.
+# Rows take about eight times as much memory as disk space.
 MOST_BYTES = 128 * 1024 * 1024
-# A row begins with {"token":"; this many hex digits of a token tell 10^8 of them apart.
+# A row begins with {"token":"; this many hex digits tell 10^8 tokens apart.
 _START, _DIGITS = len(b'{"token":"'), 16
 
 
 @dataclass(frozen=True)
 class DatasetRows:
-    """Tables of a dataset.
+    """The tables of a dataset.
 
     Attributes:
         dataroot: folder of samples, sweeps and maps.
         version: name of the version folder.
-        tables: table -> rows; of recordings that were not chosen only those of `log`.
+        tables: table -> rows; for recordings that were not chosen, only the rows of `log`.
         scenes: names of all scenes.
         recordings: number of recordings whose rows are in `tables`.
         of: number of recordings in the dataset.
-        rigs: recording -> the rig that made it, as the lock file says.
+        rigs: recording -> its rig, according to the lock file.
     """
 
     dataroot: Path
@@ -57,12 +57,12 @@ class DatasetRows:
 
 
 def read_dataset(dataroot: Path, version: str, most_bytes: int = MOST_BYTES) -> DatasetRows:
-    """Read the tables of a dataset that we wrote.
+    """Read the tables of a dataset written by bagassets.
 
     Args:
         dataroot: folder of samples, sweeps and maps.
         version: name of the version folder.
-        most_bytes: of larger tables, the rows of recordings at equal steps are read, as many as fit.
+        most_bytes: of larger tables, the rows of evenly spaced recordings are read, as many as fit.
 
     Raises:
         DatasetError: a table is missing or cannot be read.
@@ -97,9 +97,9 @@ def read_dataset(dataroot: Path, version: str, most_bytes: int = MOST_BYTES) -> 
 
 
 def repeated_tokens(folder: Path) -> Iterator[tuple[str, list[str]]]:
-    """Yield table and repeated tokens, in order of appearance, of all rows of recordings.
+    """Yield each table of recordings with repeated tokens, and these in order of appearance.
 
-    Eight bytes per row are kept, not the rows.
+    Only eight bytes per row are kept in memory.
     """
     for table in RECORDING_TABLES:
         path = folder / f"{table}.json"
@@ -129,7 +129,7 @@ def _chosen(folder: Path, table: str, column: str, wanted: AbstractSet[str]) -> 
 
 
 def _value(text: bytes, column: str) -> str:
-    """Return the text in a column without parsing the row."""
+    """Return the text of a column without parsing the row."""
     key = f'"{column}":"'.encode()
     start = text.find(key) + len(key)
     return text[start : text.find(b'"', start)].decode()

@@ -1,6 +1,6 @@
-"""Rules about a finished dataset: what nuscenes-devkit asks for, read from its source (1.2), without it.
+"""Rules about a finished dataset: the requirements of nuscenes-devkit, read from its source (1.2) and checked without it.
 
-Integrity of references and files is checked by `bagassets.formats.nuscenes.check`.
+References and files are checked by `bagassets.formats.nuscenes.table_integrity`.
 """
 
 import json
@@ -10,9 +10,7 @@ from collections.abc import Set as AbstractSet
 from pathlib import Path
 
 from bagassets.formats.nuscenes.dataset_rows import DatasetRows
-from bagassets.formats.nuscenes.join import SPLITS
-from bagassets.formats.nuscenes.schema import Row
-from bagassets.formats.nuscenes.splits import DEVKIT_SPLITS
+from bagassets.formats.nuscenes.schema import DEVKIT_SPLITS, SPLITS, Row
 from bagassets.quality.finding import Finding
 
 __all__ = ["devkit_ready"]
@@ -23,14 +21,14 @@ _LIDAR_POINT_BYTES = 20
 _RADAR_FIELDS = 18
 # 1970-01-01 to 2100-01-01: simulators start their clocks at zero; a stamp in nanoseconds falls outside.
 _MICROSECONDS = (0, 4_102_444_800_000_000)
-# Here float32, which the devkit reckons in, resolves a centimetre.
+# At this distance float32, which the devkit computes in, resolves a centimetre.
 _FAR_M = 100_000.0
 
 Tables = Mapping[str, Sequence[Row]]
 
 
 def devkit_ready(rows: DatasetRows) -> Finding:
-    """Check what the devkit asserts or silently relies on, and what those who use it take for granted."""
+    """Check what the devkit asserts or silently relies on, and what its users take for granted."""
     dataroot, tables = rows.dataroot, rows.tables
     problems = [
         *_map(dataroot, tables),
@@ -40,19 +38,19 @@ def devkit_ready(rows: DatasetRows) -> Finding:
         *_annotations(tables),
         *_splits(rows.folder / SPLITS, rows.scenes),
     ]
-    held = _channels_of_samples(tables)
-    lacking = _lacking_channels(rows, held)
+    present = _channels_of_samples(tables)
+    lacking = _lacking_channels(rows, present)
     facts = {
         "scenes": len(rows.scenes),
         # The devkit's evaluation and renderers name this channel.
-        "samples_without_LIDAR_TOP": sum("LIDAR_TOP" not in channels for channels in held.values()),
+        "samples_without_LIDAR_TOP": sum("LIDAR_TOP" not in channels for channels in present.values()),
         "samples_lacking_a_channel": len(lacking),
     }
-    return Finding(problems, facts, _lacking_told(lacking, held))
+    return Finding(problems, facts, _lacking_sentences(lacking, present))
 
 
 def _channels_of_samples(tables: Tables) -> dict[str, set[str]]:
-    """Return sample token -> channels with a keyframe of it, in order of the table."""
+    """Return sample token -> channels with a keyframe in it, in the order of the table."""
     channels = _channel_of(tables)
     held: dict[str, set[str]] = {row["token"]: set() for row in tables["sample"]}
     for row in tables["sample_data"]:
@@ -68,9 +66,9 @@ def _channel_of(tables: Tables) -> dict[str, str]:
 
 
 def _lacking_channels(rows: DatasetRows, held: Mapping[str, AbstractSet[str]]) -> dict[str, list[str]]:
-    """Return sample token -> channels that it lacks and other readings of its rig have.
+    """Return sample token -> channels that it lacks though other samples of its rig have them.
 
-    Recordings of one rig are looked at together, so that a camera that was off for all of one is missed.
+    Recordings of one rig are compared, so that a camera that was off for a whole recording is noticed.
     """
     tables = rows.tables
     rig_of_log = {row["token"]: rows.rigs.get(row["logfile"], row["token"]) for row in tables["log"]}
@@ -85,14 +83,16 @@ def _lacking_channels(rows: DatasetRows, held: Mapping[str, AbstractSet[str]]) -
     return {token: names for token, names in lacking.items() if names}
 
 
-def _lacking_told(lacking: Mapping[str, Sequence[str]], held: Mapping[str, AbstractSet[str]]) -> list[str]:
+def _lacking_sentences(
+    lacking: Mapping[str, Sequence[str]], held: Mapping[str, AbstractSet[str]]
+) -> list[str]:
     if not lacking:
         return []
     counts = Counter(name for names in lacking.values() for name in names)
-    told = ", ".join(f"{name} in {number}" for name, number in counts.most_common())
+    by_channel = ", ".join(f"{name} in {number}" for name, number in counts.most_common())
     sentence = (
         f"{len(lacking)} of {len(held)} samples {'lacks' if len(lacking) == 1 else 'lack'} a channel that other samples of "
-        f"the same rig have, and code that expects every channel in each sample fails on them: {told}; the first is sample "
+        f"the same rig have, and code that expects every channel in each sample fails on them: {by_channel}; the first is sample "
         f"{next(iter(lacking))}. `missing: refuse` under "
         "scenes drops single samples, rigs[].required leaves out recordings without the channel"
     )
@@ -132,7 +132,7 @@ def _readings(tables: Tables) -> Iterator[str]:
     for name in ("sample", "sample_data", "ego_pose"):
         low, high = _MICROSECONDS
         yield from _first(
-            f"{name}.timestamp is no integer in microseconds from 1970 to 2100",
+            f"{name}.timestamp is not an integer in microseconds from 1970 to 2100",
             [
                 f"{row['token']} ({row['timestamp']})"
                 for row in tables[name]
@@ -178,7 +178,7 @@ def _point_files(dataroot: Path, tables: Tables) -> Iterator[str]:
 
 
 def _radar_problem(path: Path) -> str | None:
-    """Return why `RadarPointCloud.from_file` would refuse a file, or None; missing files are told elsewhere."""
+    """Return why `RadarPointCloud.from_file` would refuse a file, or None; missing files are reported elsewhere."""
     try:
         content = path.read_bytes()
     except OSError:
@@ -186,7 +186,7 @@ def _radar_problem(path: Path) -> str | None:
     header, separator, _ = content.partition(b"DATA binary\n")
     lines = dict(line.split(" ", 1) for line in header.decode("ascii", "replace").splitlines() if " " in line)
     if not separator:
-        return "is no binary PCD file"
+        return "is not a binary PCD file"
     fields = lines.get("FIELDS", "").split()
     if len(fields) != _RADAR_FIELDS:
         return f"has {len(fields)} fields, the devkit reads {_RADAR_FIELDS}"
@@ -195,7 +195,7 @@ def _radar_problem(path: Path) -> str | None:
     sizes = [int(size) for size in lines["SIZE"].split()]
     needed = len(header) + len(separator) + int(lines["WIDTH"]) * sum(sizes)
     if len(content) <= needed:
-        return f"has {len(content)} bytes, the devkit's reader wants more than {needed}"
+        return f"has {len(content)} bytes, the devkit's reader requires more than {needed}"
     return None
 
 
@@ -214,7 +214,7 @@ def _annotations(tables: Tables) -> Iterator[str]:
 def _geometry(tables: Tables) -> Iterator[str]:
     for name in ("ego_pose", "calibrated_sensor", "sample_annotation"):
         yield from _first(
-            f"{name}.rotation is no unit quaternion w, x, y, z",
+            f"{name}.rotation is not a unit quaternion w, x, y, z",
             [str(row["token"]) for row in tables[name] if not _is_unit(row["rotation"])],
         )
     modality = {row["token"]: row["modality"] for row in tables["sensor"]}

@@ -1,6 +1,6 @@
 """The nuScenes format.
 
-Tables lie in the version folder, which is exchanged whole; files of recordings in `samples` and `sweeps`, which all
+Tables are in the version folder, which is swapped as a whole; files of recordings are in `samples` and `sweeps`, which all
 versions in the dataroot share.
 """
 
@@ -35,20 +35,19 @@ def _counts(facts: JsonMapping) -> dict[str, int]:
 
 
 def _named_in(folder: Path) -> Iterator[str]:
-    """Yield the files that the tables of a version folder name.
+    """Yield the names of the files in the tables of a version folder.
 
-    Rows are one per line and file names need no escapes, so that nothing has to be parsed: an old
-    dataset may have millions of rows.
+    Each row is a line and file names need no escapes, so nothing is parsed: a dataset may have millions of rows.
     """
     path = folder / "sample_data.json"
     for row in copy_rows(path) if path.is_file() else ():
-        _, found, rest = row.partition(_FIELD)
-        if found:
+        _, field, rest = row.partition(_FIELD)
+        if field:
             yield rest.partition(b'"')[0].decode()
 
 
 def _samples(tables: Artifact) -> Samples:
-    """Return scene -> sample token -> part -> digest of everything that belongs to it."""
+    """Return scene -> sample token -> part of the sample -> digest."""
 
     def rows(table: str) -> list[JsonObject]:
         found: list[JsonObject] = tables.read_json(f"{table}.json")
@@ -58,19 +57,21 @@ def _samples(tables: Artifact) -> Samples:
     calibrations = {row["token"]: row for row in rows("calibrated_sensor")}
     parts: dict[str, dict[str, list[object]]] = defaultdict(lambda: defaultdict(list))
     for row in rows("sample_data"):
-        of = parts[row["sample_token"]]
-        of["readings"].append([row["filename"], row["timestamp"], row["is_key_frame"]])
-        of["poses"].append(poses[row["ego_pose_token"]])
-        of["calibration"].append(calibrations[row["calibrated_sensor_token"]])
+        sample = parts[row["sample_token"]]
+        sample["readings"].append([row["filename"], row["timestamp"], row["is_key_frame"]])
+        sample["poses"].append(poses[row["ego_pose_token"]])
+        sample["calibration"].append(calibrations[row["calibrated_sensor_token"]])
     for row in rows("sample_annotation"):
         parts[row["sample_token"]]["boxes"].append(row)
     scenes = {row["token"]: row["name"] for row in rows("scene")}
-    found: dict[str, dict[str, dict[str, str]]] = {name: {} for name in scenes.values()}
+    samples: dict[str, dict[str, dict[str, str]]] = {name: {} for name in scenes.values()}
     names = ("boxes", "calibration", "poses", "readings")
     for row in rows("sample"):
-        of = parts[row["token"]]
-        found[scenes[row["scene_token"]]][row["token"]] = {name: digest_json(of[name]) for name in names}
-    return found
+        sample = parts[row["token"]]
+        samples[scenes[row["scene_token"]]][row["token"]] = {
+            name: digest_json(sample[name]) for name in names
+        }
+    return samples
 
 
 NUSCENES = Format(
@@ -78,8 +79,8 @@ NUSCENES = Format(
     version=3,
     description="""The nuScenes dataset of all recordings, which the nuscenes-devkit loads.
 
-Samples, sweeps and maps are links to artifacts; the tables are exchanged in one step, so that a reader never sees half a
-dataset. `dataset.lock.json` names every recording and artifact, and what was skipped or failed.""",
+Samples, sweeps and maps are links to artifacts. The tables are swapped in one step, so that readers never see half a
+dataset. `dataset.lock.json` names every recording and artifact, and the recordings that were skipped or failed.""",
     kinds=frozenset({"nuscenes", "dataset"}),
     settings=NuScenes,
     part=NUSCENES_TABLES.name,

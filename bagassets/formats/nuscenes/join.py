@@ -1,4 +1,4 @@
-"""The folder of tables of a dataset: rows of recordings joined, shared rows made once, splits."""
+"""The version folder of a dataset: tables joined from recordings, shared tables, splits."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -6,30 +6,27 @@ from pathlib import Path
 from bagassets.formats.format import Joined, Member
 from bagassets.formats.json_files import HashedFile, json_bytes, rows_text, write_hashed, write_joined
 from bagassets.formats.nuscenes import shared_rows
-from bagassets.formats.nuscenes.blank_map import blank_png
-from bagassets.formats.nuscenes.schema import RECORDING_TABLES, TABLES
-from bagassets.formats.nuscenes.splits import devkit_split_name
+from bagassets.formats.nuscenes.schema import RECORDING_TABLES, SPLITS, TABLES, devkit_split_name
 from bagassets.formats.nuscenes.table_file import table_bytes
 from bagassets.json_types import JsonMapping, JsonObject
 from bagassets.recipe.model import NuScenes
 from bagassets.splits import SplitShare
 
-__all__ = ["SPLITS", "join"]
+__all__ = ["join"]
 
-SPLITS = "splits.json"
 MAP_SIZE_PX = 64
 
 
 def join(members: Sequence[Member], settings: NuScenes, shares: Sequence[SplitShare], out: Path) -> Joined:
     """Write all 13 tables and `splits.json` into an empty folder.
 
-    Memory does not grow with the number of recordings, but for their scenes and logs. Without recordings it is a dataset
-    of empty tables, which the devkit loads.
+    Memory grows only with the scenes and logs of the recordings, not with their other rows. Without recordings the tables
+    are empty, and the devkit loads them.
 
     Args:
         members: recordings in the order of their keys.
         settings: the recipe's `nuscenes`.
-        shares: the splits, in order of their names.
+        shares: shares of the splits, in order of their names.
         out: the folder.
     """
     rows: dict[str, int] = {}
@@ -55,7 +52,7 @@ def join(members: Sequence[Member], settings: NuScenes, shares: Sequence[SplitSh
         "boxes": rows["sample_annotation"],
         "rows": {name: rows[name] for name in TABLES},
     }
-    picture = {shared_rows.MAP_FILE: blank_png(MAP_SIZE_PX, MAP_SIZE_PX)}
+    picture = {shared_rows.MAP_FILE: shared_rows.blank_png(MAP_SIZE_PX, MAP_SIZE_PX)}
     return Joined(dict(sorted(digests.items())), facts, picture)
 
 
@@ -64,13 +61,13 @@ def _shared(members: Sequence[Member], settings: NuScenes) -> Mapping[str, list[
     sensors = {pair for fact in facts for pair in fact["channels"].items()}
     logs = [row["token"] for member in members for row in member.artifact.read_json("log.json")]
     return {
-        "category": shared_rows.category_rows(settings.categories, _met(facts, "categories")),
-        "attribute": shared_rows.attribute_rows(settings.attributes, _met(facts, "attributes")),
+        "category": shared_rows.category_rows(settings.categories, _recorded(facts, "categories")),
+        "attribute": shared_rows.attribute_rows(settings.attributes, _recorded(facts, "attributes")),
         "visibility": shared_rows.visibility_rows(),
         "sensor": shared_rows.sensor_rows(sensors),
         "map": shared_rows.map_rows(logs),
     }
 
 
-def _met(facts: Iterable[JsonMapping], what: str) -> set[str]:
+def _recorded(facts: Iterable[JsonMapping], what: str) -> set[str]:
     return {name for fact in facts for name in fact[what]}

@@ -5,8 +5,8 @@ from numpy.typing import NDArray
 
 from bagassets.assets.ego_poses import load_trajectory
 from bagassets.assets.lidar_file import read_lidar_file
-from bagassets.formats.nuscenes.check import broken_references, duplicate_tokens
 from bagassets.formats.nuscenes.schema import RECORDING_TABLES, Row
+from bagassets.formats.nuscenes.table_integrity import broken_references, duplicate_tokens
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.json_types import JsonObject
@@ -62,7 +62,7 @@ def _sweeps(artifact: Artifact, ego_SE3_sensor: SE3) -> Sweeps:
         try:
             return read_lidar_file(artifact.path(files[number].as_py()))
         except (OSError, ValueError):
-            return None  # the check of files says what is wrong with it
+            return None  # the check `files_match` reports it
 
     return Sweeps(times[0], np.stack(times[1:], axis=1), points, ego_SE3_sensor)
 
@@ -81,16 +81,16 @@ PART_CHECKS = (
     RecordingCheck(
         "scenes_made",
         "scenes_made",
-        "The recording gives at least one scene.",
-        "the recording gives no scene; the sentence says why",
+        "The recording has at least one scene.",
+        "the recording has no scene; the sentence says why",
         lambda e: scenes_made(e.once(_facts), e.stamps_of, e.recipe.scenes.min_length_s),
     ),
     RecordingCheck(
         "keyframes_complete",
         "keyframes_complete",
-        "No keyframe was dropped for want of a channel, and no sample lacks one.",
-        "keyframes were dropped because a channel has no reading there, or samples lack one because the recipe allows "
-        "it ([scenes](scenes.md))",
+        "No keyframe was dropped because a channel is missing, and no sample lacks a channel.",
+        "keyframes were dropped because a channel has no reading there, or samples lack a channel, which the recipe "
+        "allows ([scenes](scenes.md))",
         lambda e: keyframes_complete(e.once(_facts), e.stamps_of),
         quick=True,
     ),
@@ -105,16 +105,15 @@ PART_CHECKS = (
     RecordingCheck(
         "sweeps_timed",
         "sweeps_timed",
-        "Clouds of lidars fit each other best with the poses of their own times.",
-        "clouds of a lidar fit each other clearly better with the poses of other times than with those of their stamps "
-        "(see below)",
+        "Lidar clouds match best with the ego poses at their own stamps.",
+        "clouds of a lidar match clearly better with ego poses at other times than at their stamps (see below)",
         _sweeps_timed,
     ),
     RecordingCheck(
         "references_intact",
         "references_intact",
-        "Every token that a row refers to exists; chains are closed, in order, and as long as they say.",
-        "a token leads nowhere; a chain of `prev` and `next` is broken or out of order; a count is wrong; a keyframe "
+        "Every token in a row exists; chains are closed, in order, and as long as stated.",
+        "a token does not exist; a chain of `prev` and `next` is broken or out of order; a count is wrong; a keyframe "
         "has two readings of a channel, or none at all",
         _references_intact,
     ),
@@ -128,8 +127,8 @@ PART_CHECKS = (
     RecordingCheck(
         "files_match",
         "files_match",
-        "The files that the tables name are in the store, whole, and no others are listed.",
-        "a file that a row names is not in the store or has another size; a file is listed that no row names",
+        "The files in the tables are whole in the store, and no others are listed.",
+        "a file in the tables is not in the store or has another size; a listed file is in no table",
         lambda e: files_match(e.once(_tables)["sample_data"], e.once(_files), e.store.artifact),
     ),
 )

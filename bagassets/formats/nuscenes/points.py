@@ -1,4 +1,4 @@
-"""What the points of a sensor say about boxes: how many lie inside, and how many rays end before they get there."""
+"""Points of a sensor and boxes: how many points are in each box, and how many rays end in front of it."""
 
 from dataclasses import dataclass
 
@@ -9,29 +9,29 @@ from bagassets.geometry.se3 import SE3, Floats, rotate
 
 __all__ = ["Hits", "count_points", "hits_of"]
 
-# What float32 and the way there and back may move a point by.
+# Largest error of a point due to float32 and two transformations.
 ROUNDING_M = 1e-3
-# A return this much before a box is something else; one nearer may be a mirror, a coupling, or a tight box.
+# A return farther in front of a box is another object; a nearer one may be a mirror, a coupling, or a tight box.
 BEFORE_M = 0.3
-# Rays are asked for that pass through the middle of a box, not along its faces or over the ground it stands on.
+# Only rays through the core of a box count, not those along its faces or over the ground that it stands on.
 CORE = 0.9
-# Of larger clouds every n-th ray is asked. A prime, as the points of most clouds come in columns of 2^n.
+# Of larger clouds, every n-th ray counts; n is prime, because the points of most clouds come in columns of 2^k.
 _RAYS, _STEPS = 32_768, (1, 2, 3, 5, 7, 11, 13, 17, 23, 31, 47, 61, 97, 127, 251, 509, 1021)
 
-# So few pairs of a box and a point, as radars give, are looked at one by one.
+# Up to so many pairs of a box and a point, as radars have, all are examined.
 _ALL_PAIRS = 2048
-_SECTORS = 4096  # of a turn
+_SECTORS = 4096  # per turn
 _CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
 
 
 @dataclass(frozen=True, eq=False)
 class Hits:
-    """What the points of one sensor say about (B,) boxes.
+    """The points and rays of one sensor at (B,) boxes.
 
     Attributes:
-        inside: points in each box; one on the surface is inside.
-        rays: rays that pass through the core of each box, or would; of a sample of the points.
-        blocked: those of them that end before it.
+        inside: number of points in each box, its surface included.
+        rays: number of rays, from a sample of the points, that pass through the core of each box or point at it.
+        blocked: number of these rays that end in front of the box.
     """
 
     inside: NDArray[np.int64]
@@ -42,7 +42,7 @@ class Hits:
 def count_points(
     points: NDArray[np.float32], global_SE3_sensor: SE3, centers_m: Floats, rotations: Floats, sizes_m: Floats
 ) -> NDArray[np.int64]:
-    """Count the points inside each box; arguments as of `hits_of`.
+    """Count the points in each box; arguments as for `hits_of`.
 
     Returns:
         (B,) counts.
@@ -62,34 +62,34 @@ def hits_of(
     sizes_m: Floats,
     moves_m: Floats,
 ) -> Hits:
-    """Hold the points of a sensor against boxes.
+    """Count points in boxes and rays to boxes.
 
     Args:
-        points: (N, 3) in the sensor frame, whose origin their rays come from; NaN is inside no box and ends no ray.
-        global_SE3_sensor: where the sensor was.
+        points: (N, 3) in the sensor frame, at whose origin the rays begin; NaN points are ignored.
+        global_SE3_sensor: pose of the sensor.
         centers_m: (B, 3) box centres in the global frame.
         rotations: (B, 4) `global <- box` quaternions.
         sizes_m: (B, 3) width, length, height.
-        moves_m: (B,) how far each object moves while the sensor takes its points: so far before its box they may be its own.
+        moves_m: (B,) how far each object moves during one revolution: points so far in front of its box may be its own.
     """
     centers = global_SE3_sensor.inverse().transform_points(centers_m)
     pairs = _pairs_near(points, centers, _radii(sizes_m))
-    # In the frames of the boxes: where rays begin (B, 3), and where those of the pairs end (M, 3).
+    # In the frames of the boxes: the origins of rays (B, 3), and the ends of the rays in pairs (M, 3).
     half = sizes_m[:, [1, 0, 2]] / 2
     origins = rotate(rotations * _CONJUGATE, np.array(global_SE3_sensor.translation) - centers_m)
     ends = _in_boxes(pairs, global_SE3_sensor, centers_m, rotations)
     inside = _all_three(np.abs(ends) <= half[pairs.box])
-    # Where the sensor is in the box itself, nothing is before it.
-    asked = np.flatnonzero(pairs.is_ray & ~_all_three(np.abs(origins) <= half)[pairs.box])
-    box = pairs.box[asked]
-    ways = ends[asked] - origins[box]
-    # In parts of the way to the point: 1 is the point itself. Slab method (Kay and Kajiya, 1986).
+    # If the sensor is inside a box, nothing is in front of it.
+    rays = np.flatnonzero(pairs.is_ray & ~_all_three(np.abs(origins) <= half)[pairs.box])
+    box = pairs.box[rays]
+    ways = ends[rays] - origins[box]
+    # Positions along the ray: 0 is the sensor, 1 the point. Slab method (Kay and Kajiya, 1986).
     per_m = 1.0 / np.where(np.abs(ways) < 1e-9, 1e-9, ways)
     middle, reach = -origins[box] * per_m, np.abs(half[box] * per_m)
     into_core, out_of_core = _greatest(middle - reach * CORE), -_greatest(reach * -CORE - middle)
     through = (into_core <= out_of_core) & (out_of_core > 0)
     slack = (BEFORE_M + moves_m[box]) / np.sqrt((ways * ways).sum(axis=1))
-    blocked = through & (_greatest(middle - reach) > 1.0 + slack) & ~inside[asked]
+    blocked = through & (_greatest(middle - reach) > 1.0 + slack) & ~inside[rays]
     return Hits(
         *(
             np.bincount(boxes, minlength=len(centers_m)).astype(np.int64)
@@ -100,12 +100,12 @@ def hits_of(
 
 @dataclass(frozen=True, eq=False)
 class _Pairs:
-    """Pairs of a box and a point that may have to do with each other.
+    """Pairs of a box and a point in or near it, or whose ray may pass it.
 
     Attributes:
         box: (M,) indices.
         points: (M, 3) in the sensor frame.
-        is_ray: (M,) whether the ray of the point is asked for.
+        is_ray: (M,) whether the ray of the point counts.
     """
 
     box: NDArray[np.intp]
@@ -114,15 +114,14 @@ class _Pairs:
 
 
 def _pairs_near(points: NDArray[np.float32], centers: Floats, radii: Floats) -> _Pairs:
-    """Find the points in the ball around each box, and those of a sample whose rays pass it: few among 10^5.
+    """Find the few points, among 10^5, in the ball around each box, and those of a sample whose rays pass the ball.
 
-    Points are put in the order of their azimuth, told by a quotient that grows with it, so that sums and
-    quotients are all it takes.
+    Points are sorted by azimuth, or rather by a quotient that grows with it: sums and quotients are exact on every machine.
 
     Args:
         points: (N, 3) in the sensor frame.
         centers: (B, 3) in the sensor frame.
-        radii: (B,) of the balls.
+        radii: (B,) radii of the balls.
     """
     px, py, pz = (np.ascontiguousarray(points[:, axis]) for axis in range(3))
     finite = np.isfinite(px + py + pz)
@@ -148,7 +147,7 @@ def _pairs_near(points: NDArray[np.float32], centers: Floats, radii: Floats) -> 
     cosine = np.sqrt(1.0 - sine * sine)
     first = np.where(all_around, 0, _sectors(cosine * x + sine * y, cosine * y - sine * x) - 1)
     last = np.where(all_around, _SECTORS - 1, _sectors(cosine * x - sine * y, cosine * y + sine * x) + 1)
-    # Sectors lie on a ring: what reaches over its seam comes in two parts.
+    # Sectors form a ring: a range across its seam has two parts.
     first, last = np.where(first < 0, first + _SECTORS, first), np.where(last >= _SECTORS, 0, last)
     over = first > last
     lows = np.concatenate([starts[first], np.zeros(np.count_nonzero(over), np.intp)])
@@ -164,7 +163,7 @@ def _pairs_near(points: NDArray[np.float32], centers: Floats, radii: Floats) -> 
     cx, cy, cz = (axis.astype(np.float32)[box] for axis in (x, y, z))
     dx, dy, dz = qx - cx, qy - cy, qz - cz
     in_ball = dx * dx + dy * dy + dz * dz <= square.astype(np.float32)[box]
-    # The cone around the ball, a little wider; a ball around the sensor has none.
+    # A cone slightly wider than the ball; there is none if the ball contains the sensor.
     apart = flat + z * z - square
     least = np.where(apart > 0.01 * square, apart * 0.995, 0.0).astype(np.float32)[box]
     along = qx * cx + qy * cy + qz * cz
@@ -176,34 +175,34 @@ def _pairs_near(points: NDArray[np.float32], centers: Floats, radii: Floats) -> 
 
 
 def _radii(sizes_m: Floats) -> Floats:
-    """Return the radius of the ball around each box (B,)."""
+    """Return the radius (B,) of the ball around each box."""
     radii: Floats = np.sqrt((sizes_m * sizes_m).sum(axis=1)) / 2 + ROUNDING_M
     return radii
 
 
 def _in_boxes(pairs: _Pairs, global_SE3_sensor: SE3, centers_m: Floats, rotations: Floats) -> Floats:
-    """Return the point of each pair in the frame of its box (M, 3)."""
+    """Return the points (M, 3) of pairs in the frames of their boxes."""
     offsets = global_SE3_sensor.transform_points(pairs.points) - centers_m[pairs.box]
     return rotate((rotations * _CONJUGATE)[pairs.box], offsets)
 
 
 def _sectors(x: NDArray[np.floating], y: NDArray[np.floating]) -> NDArray[np.int16]:
-    """Return the sector of each direction, counted counter-clockwise from x."""
+    """Return the sector of each direction, counter-clockwise from x."""
     length = np.abs(x) + np.abs(y)
-    part = np.divide(y, length, out=np.zeros_like(y), where=length > 0)  # -1 … 1, quarter by quarter
+    part = np.divide(y, length, out=np.zeros_like(y), where=length > 0)  # from -1 to 1 in each quarter
     turn = np.where(x < 0, 2 - part, np.where(part < 0, 4 + part, part))
-    # Just before a whole turn is rounded up to it.
+    # Just below a whole turn may round up to it.
     sectors: NDArray[np.int16] = (turn * (_SECTORS // 4)).astype(np.int16) & np.int16(_SECTORS - 1)
     return sectors
 
 
 def _all_three(truths: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return where all three of (M, 3) hold; numpy is ten times slower along an axis of three."""
+    """Return (M,) whether all three of (M, 3) are true; numpy is ten times slower along an axis of three."""
     every: NDArray[np.bool_] = truths[:, 0] & truths[:, 1] & truths[:, 2]
     return every
 
 
 def _greatest(values: Floats) -> Floats:
-    """Return the greatest of each three of (M, 3)."""
+    """Return the (M,) greatest of (M, 3)."""
     greatest: Floats = np.maximum(np.maximum(values[:, 0], values[:, 1]), values[:, 2])
     return greatest

@@ -1,4 +1,4 @@
-"""The readings of one channel with the ego pose of each: what rows are made from."""
+"""The readings of one channel with their ego poses, from which rows are made."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,15 +18,15 @@ __all__ = ["ChannelReadings", "load_readings"]
 
 @dataclass(frozen=True, eq=False)
 class ChannelReadings:
-    """Those readings of a channel at whose time there is an ego pose, in order of time.
+    """The readings of a channel that have an ego pose at their time, in order of time.
 
-    Poses are as written: rounded, so that whatever is derived from them follows from the tables.
+    Poses are rounded as in the tables, so that all values derived from them agree with the tables.
 
     Attributes:
         channel: canonical name.
         modality: camera, lidar or radar.
         fileformat: jpg, png or pcd.
-        intrinsic: K of the images as written, 3 rows of 3; empty if there is none.
+        intrinsic: K of the images as written, 3 rows of 3; empty if unknown.
         ego_SE3_sensor: extrinsics.
         stamps_ns: (N,) strictly increasing.
         files: names in the artifact.
@@ -34,8 +34,8 @@ class ChannelReadings:
         sizes_px: width and height of each image; 0, 0 for point files.
         translations: x, y, z of `global_SE3_ego` at each stamp.
         rotations: w, x, y, z of `global_SE3_ego` at each stamp.
-        artifact: where the files are.
-        without_pose: readings left out because there is no ego pose at their time.
+        artifact: the artifact with the files.
+        without_pose: number of readings left out for want of an ego pose at their time.
     """
 
     channel: str
@@ -56,11 +56,11 @@ class ChannelReadings:
         return len(self.stamps_ns)
 
     def global_SE3_sensor(self, reading: int) -> SE3:
-        """Return where the sensor was at one reading."""
+        """Return the pose of the sensor at one reading."""
         return SE3.create(self.rotations[reading], self.translations[reading]) @ self.ego_SE3_sensor
 
     def path(self, reading: int) -> Path:
-        """Return the file of one reading."""
+        """Return the path of one reading's file."""
         return self.artifact.path(self.files[reading])
 
     def intrinsic_matrix(self) -> Floats:

@@ -1,4 +1,4 @@
-"""What is known about each scene of a recording: what selections of scenes go by."""
+"""Facts about each scene of a recording, by which named datasets select scenes."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -45,7 +45,7 @@ def scene_facts(
     found = []
     for scene in tables["scene"]:
         stamps_ns = [1000 * stamp for stamp in sorted(stamps_us[scene["token"]])]
-        length_m, duration_s = _way(trajectory, stamps_ns), (stamps_ns[-1] - stamps_ns[0]) / 1e9
+        length_m, duration_s = _driven_m(trajectory, stamps_ns), (stamps_ns[-1] - stamps_ns[0]) / 1e9
         points = _points(track, stamps_ns[0], stamps_ns[-1])
         found.append(
             {
@@ -64,8 +64,8 @@ def scene_facts(
     return found
 
 
-def _way(trajectory: Trajectory, stamps_ns: Sequence[int]) -> float:
-    """Return metres driven, from keyframe to keyframe."""
+def _driven_m(trajectory: Trajectory, stamps_ns: Sequence[int]) -> float:
+    """Return the metres driven, measured from keyframe to keyframe."""
     positions, _, valid = trajectory.at(np.array(stamps_ns, dtype=np.int64))
     steps = pairwise(position.tolist() for position in positions[valid])
     return sum(sqrt(sum((b - a) ** 2 for a, b in zip(one, other, strict=True))) for one, other in steps)

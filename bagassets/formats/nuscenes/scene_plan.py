@@ -1,7 +1,7 @@
-"""Which readings make up which scene: keyframes, their readings, and the sample of every other reading.
+"""Planning scenes: their keyframes, the readings at these, and the sample of every other reading.
 
-A keyframe lies where every channel has a reading within tolerance. A channel of which the recording
-has no reading at all costs none: a sample without it is better than no sample, and checks name it.
+Keyframes are where every channel has a reading within tolerance. A channel without any reading in the recording drops no
+keyframe: a sample without it is better than no sample, and checks report the channel.
 """
 
 from collections.abc import Mapping
@@ -26,7 +26,7 @@ __all__ = ["ChannelPlan", "RecordingPlan", "SceneParams", "ScenePlan", "Shortage
 
 @dataclass(frozen=True)
 class SceneParams:
-    """How a recording is cut: the recipe's `scenes`, with the channel whose readings become keyframes."""
+    """How a recording is cut: the recipe's `scenes`, and the reference channel whose readings become keyframes."""
 
     reference: str
     keyframe_hz: float
@@ -38,7 +38,7 @@ class SceneParams:
 
     @classmethod
     def of(cls, scenes: Scenes, reference: str) -> "SceneParams":
-        """Return the recipe's `scenes` with a reference channel that is in the recording."""
+        """Return the recipe's `scenes` with the reference channel of the recording."""
         return cls(**{**scenes.model_dump(), "reference": reference})
 
     @property
@@ -63,12 +63,12 @@ class SceneParams:
 
     @property
     def box_gap_ns(self) -> int:
-        """Longest time between two observations of a box that stands between them."""
+        """Longest time between two observations of a box that it is interpolated over."""
         return round(self.box_gap_s * 1e9)
 
     @property
     def refuse_incomplete(self) -> bool:
-        """A keyframe must have readings of all channels that the recording has."""
+        """Whether a keyframe must have readings of all channels in the recording."""
         return self.missing == "refuse"
 
 
@@ -78,7 +78,7 @@ class ChannelPlan:
 
     Attributes:
         readings: (N,) indices into the channel's readings, increasing.
-        sample: (N,) keyframe that each belongs to.
+        sample: (N,) index of the keyframe that each belongs to.
         is_keyframe: (N,) whether it is the reading of that keyframe itself.
     """
 
@@ -92,7 +92,7 @@ class ScenePlan:
     """One scene.
 
     Attributes:
-        span: its time.
+        span: its time span.
         keyframes_ns: (K,) stamps of its samples, K >= 1.
         channels: channel -> its readings.
     """
@@ -107,9 +107,9 @@ class Shortage:
     """Keyframes at which a channel has no reading within tolerance: dropped, or kept without it.
 
     Attributes:
-        keyframes: their number.
-        before_first: those of them before the channel's first reading.
-        after_last: those of them after its last reading.
+        keyframes: number of these keyframes.
+        before_first: number before the channel's first reading.
+        after_last: number after its last reading.
     """
 
     keyframes: int = 0
@@ -119,15 +119,15 @@ class Shortage:
 
 @dataclass
 class RecordingPlan:
-    """The scenes of a recording, and what became of the rest.
+    """The scenes of a recording, and counts of what is in none.
 
     Attributes:
         scenes: in order.
-        remainder_s: time at the end that was too short for a scene.
-        empty_scenes: scenes left out because no keyframe was found in them.
-        dropped_keyframes: keyframes left out because there a channel has no reading.
+        remainder_s: time at the end, too short for a scene.
+        empty_scenes: scenes left out because they have no keyframe.
+        dropped_keyframes: keyframes left out because a channel has no reading there.
         lacking_samples: samples that lack a channel.
-        shortages: channel -> where it has no reading.
+        shortages: channel -> keyframes at which it has no reading.
     """
 
     scenes: list[ScenePlan] = field(default_factory=list)
@@ -188,7 +188,7 @@ def _keyframes(
     params: SceneParams,
     plan: RecordingPlan,
 ) -> Stamps:
-    """Return the stamps of a scene's keyframes; count what lacks a channel.
+    """Return the stamps of a scene's keyframes, and count keyframes that lack a channel.
 
     Args:
         span: the scene.
@@ -203,9 +203,9 @@ def _keyframes(
     if params.refuse_incomplete and others:
         partners = [partner_readings(reference, readings[name], params.tolerance_ns) for name in others]
         placed = choose_keyframes(reference, span.start_ns, span.end_ns, params.period_ns, np.stack(partners))
-    looked_at = anywhere >= 0
-    candidates = reference[anywhere[looked_at]]
-    dropped = placed[looked_at] < 0
+    possible = anywhere >= 0
+    candidates = reference[anywhere[possible]]
+    dropped = placed[possible] < 0
     lacks_any = np.zeros(len(candidates), dtype=np.bool_)
     for name in others:
         lacks = match_readings(candidates, readings[name], params.tolerance_ns) < 0

@@ -1,4 +1,4 @@
-"""The tables of nuScenes v1.0: their columns, and which columns point into which table."""
+"""The tables of nuScenes v1.0: their columns, which columns refer to which table, and the names of splits."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -6,7 +6,21 @@ from types import MappingProxyType
 
 from bagassets.json_types import JsonMapping
 
-__all__ = ["RECORDING_TABLES", "SHARED_TABLES", "TABLES", "Row", "Table"]
+__all__ = [
+    "DEVKIT_SPLITS",
+    "RECORDING_TABLES",
+    "SHARED_TABLES",
+    "SPLITS",
+    "TABLES",
+    "Row",
+    "Table",
+    "devkit_split_name",
+]
+
+SPLITS = "splits.json"
+"""File beside the tables that names the scenes of each split."""
+# Names that nuscenes-devkit answers itself, with the scenes of nuScenes.
+DEVKIT_SPLITS = frozenset({"train", "val", "test", "mini_train", "mini_val", "train_detect", "train_track"})
 
 Row = JsonMapping
 
@@ -18,9 +32,9 @@ class Table:
     Attributes:
         name: file name without `.json`.
         columns: in the order in which they are written.
-        references: column -> table that its token, or each of its tokens, is found in.
+        references: column -> table that its token, or each of its tokens, refers to.
         optional: columns of `references` that may be empty.
-        shared: one for the whole dataset; else concatenated from the recordings.
+        shared: written once for the dataset; other tables are joined from the recordings.
     """
 
     name: str
@@ -50,7 +64,7 @@ _ALL = (
     _table("visibility", "token level description", shared=True),
     _table("sensor", "token channel modality", shared=True),
     _table("map", "token log_tokens:log category filename", shared=True),
-    # `origin` is ours: where on Earth the local metres of a recording begin; null if that is not known.
+    # `origin` is not in nuScenes: where on Earth the global frame of a recording begins; null if unknown.
     _table("log", "token logfile vehicle date_captured location origin"),
     _table(
         "scene",
@@ -79,3 +93,11 @@ _ALL = (
 TABLES: Mapping[str, Table] = MappingProxyType({table.name: table for table in _ALL})
 SHARED_TABLES = tuple(table.name for table in _ALL if table.shared)
 RECORDING_TABLES = tuple(table.name for table in _ALL if not table.shared)
+
+
+def devkit_split_name(name: str) -> str:
+    """Return the name of a split in `splits.json`.
+
+    The devkit never looks up its own names there, so these get a prefix: `train` becomes `custom_train`.
+    """
+    return f"custom_{name}" if name in DEVKIT_SPLITS else name

@@ -18,14 +18,14 @@ NS_PER_US = 1000
 
 @dataclass(frozen=True)
 class Identity:
-    """What the log table says of a recording.
+    """Facts that identify a recording in the tables.
 
     Attributes:
         rig: name of the rig.
         key: partition key.
-        vehicle: named in the log.
-        location: named in the log.
-        origin: where the global frame begins on Earth, or None.
+        vehicle: its name in the log table.
+        location: its name in the log table.
+        origin: place of the global frame's origin on Earth, or None.
     """
 
     rig: str
@@ -37,13 +37,13 @@ class Identity:
 
 @dataclass
 class SensorRows:
-    """Rows of the tables about readings, and which file each reading is.
+    """Rows about readings, and the file of each reading.
 
     Attributes:
         tables: table -> rows.
         files: `filename` in the dataset, `artifact` and `file` in the store.
-        keyframes: channel -> keyframe readings.
-        sweeps: channel -> readings between keyframes.
+        keyframes: channel -> number of readings at keyframes.
+        sweeps: channel -> number of readings between keyframes.
     """
 
     tables: dict[str, list[JsonObject]] = field(default_factory=dict)
@@ -57,14 +57,14 @@ class SensorRows:
 
 
 def microseconds(stamp_ns: int) -> int:
-    """Return a stamp as nuScenes writes it: whole microseconds since the epoch, rounded down."""
+    """Return a stamp in nuScenes units: whole microseconds since the epoch, rounded down."""
     return stamp_ns // NS_PER_US
 
 
 def sensor_rows(
     identity: Identity, channels: Mapping[str, ChannelReadings], scenes: Sequence[ScenePlan]
 ) -> SensorRows:
-    """Return the rows of all scenes of a recording; none at all if it has no scene."""
+    """Return the rows of all scenes of a recording; no rows at all without a scene."""
     tables = ("log", "scene", "sample", "calibrated_sensor", "ego_pose", "sample_data")
     rows = SensorRows({name: [] for name in tables})
     if not scenes:

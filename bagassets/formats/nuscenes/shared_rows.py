@@ -1,5 +1,7 @@
-"""Rows that exist once per dataset: category, attribute, visibility, sensor, map."""
+"""Rows and files that exist once per dataset: category, attribute, visibility, sensor, map."""
 
+import struct
+import zlib
 from collections.abc import Iterable, Sequence
 
 from bagassets.formats.nuscenes.tokens import (
@@ -13,19 +15,27 @@ from bagassets.formats.nuscenes.tokens import (
 from bagassets.json_types import JsonObject
 from bagassets.recipe.model import NamedText
 
-__all__ = ["MAP_FILE", "attribute_rows", "category_rows", "map_rows", "sensor_rows", "visibility_rows"]
+__all__ = [
+    "MAP_FILE",
+    "attribute_rows",
+    "blank_png",
+    "category_rows",
+    "map_rows",
+    "sensor_rows",
+    "visibility_rows",
+]
 
 MAP_FILE = "maps/blank.png"
 
 
-def category_rows(named: Sequence[NamedText], met: Iterable[str]) -> list[JsonObject]:
-    """Return the categories of the recipe, in its order, then others met in recordings, by name."""
-    return [{"token": category_token(name), **row} for name, row in _named(named, met)]
+def category_rows(named: Sequence[NamedText], recorded: Iterable[str]) -> list[JsonObject]:
+    """Return the categories of the recipe, in its order, then others recorded in recordings, by name."""
+    return [{"token": category_token(name), **row} for name, row in _named(named, recorded)]
 
 
-def attribute_rows(named: Sequence[NamedText], met: Iterable[str]) -> list[JsonObject]:
-    """Return the attributes of the recipe, in its order, then others met in recordings, by name."""
-    return [{"token": attribute_token(name), **row} for name, row in _named(named, met)]
+def attribute_rows(named: Sequence[NamedText], recorded: Iterable[str]) -> list[JsonObject]:
+    """Return the attributes of the recipe, in its order, then others recorded in recordings, by name."""
+    return [{"token": attribute_token(name), **row} for name, row in _named(named, recorded)]
 
 
 def visibility_rows() -> list[JsonObject]:
@@ -60,7 +70,32 @@ def map_rows(log_tokens: Iterable[str]) -> list[JsonObject]:
     ]
 
 
-def _named(named: Sequence[NamedText], met: Iterable[str]) -> list[tuple[str, JsonObject]]:
+def blank_png(width: int, height: int) -> bytes:
+    """Return an 8-bit grey PNG of zeros: the mask of the one map, which shows nothing.
+
+    Its data is stored, not deflated, because the output of compressors differs between versions of zlib.
+    """
+    rows = bytes((width + 1) * height)  # a filter byte leads each row
+    blocks = [rows[start : start + 0xFFFF] for start in range(0, len(rows), 0xFFFF)]
+    stored = b"".join(
+        struct.pack("<BHH", number == len(blocks), len(block), len(block) ^ 0xFFFF) + block
+        for number, block in enumerate(blocks, start=1)
+    )
+    data = b"\x78\x01" + stored + struct.pack(">I", zlib.adler32(rows))
+    header = struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)
+    return (
+        b"\x89PNG\r\n\x1a\n"
+        + _png_chunk(b"IHDR", header)
+        + _png_chunk(b"IDAT", data)
+        + _png_chunk(b"IEND", b"")
+    )
+
+
+def _png_chunk(kind: bytes, data: bytes) -> bytes:
+    return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+
+def _named(named: Sequence[NamedText], recorded: Iterable[str]) -> list[tuple[str, JsonObject]]:
     texts = {entry.name: entry.description for entry in named}
-    names = [*texts, *sorted(set(met) - texts.keys())]
+    names = [*texts, *sorted(set(recorded) - texts.keys())]
     return [(name, {"name": name, "description": texts.get(name, "")}) for name in names]

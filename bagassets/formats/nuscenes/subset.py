@@ -1,4 +1,4 @@
-"""The tables of some of the scenes of a recording: the same rows, the same tokens, fewer of them."""
+"""Tables of some scenes of a recording: a subset of its rows, with the same tokens."""
 
 from collections.abc import Collection, Mapping, Sequence
 
@@ -11,13 +11,13 @@ Rows = Sequence[JsonMapping]
 
 
 def subset_tables(tables: Mapping[str, Rows], scenes: Collection[str]) -> dict[str, list[JsonMapping]]:
-    """Return the rows that some scenes consist of.
+    """Return the rows of some scenes.
 
     Chains of samples, readings and boxes end with their scene, so no row has to be rewritten.
 
     Args:
         tables: all tables of one recording.
-        scenes: tokens of the scenes that stay.
+        scenes: tokens of the scenes to keep.
     """
     chosen = frozenset(scenes)
     kept: dict[str, list[JsonMapping]] = {}
@@ -45,8 +45,8 @@ def subset_facts(
     Args:
         facts: of the whole recording.
         tables: of the subset.
-        duration_s: of its scenes.
-        of_recording: digest of the tables that it was taken from.
+        duration_s: total duration of its scenes.
+        of_recording: digest of the recording's whole tables.
     """
     categories = {row["category_token"] for row in tables["instance"]}
     attributes = {token for row in tables["sample_annotation"] for token in row["attribute_tokens"]}

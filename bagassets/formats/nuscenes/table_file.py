@@ -1,11 +1,10 @@
-"""Tables as files: a JSON list with one row per line.
+"""Table files: a JSON list with one row per line.
 
-The form is canonical: columns in the order of the schema, no spaces, shortest floats. Tables of
-recordings are joined by copying lines, without parsing them.
+The form is canonical: columns in the order of the schema, no spaces, shortest exact floats. Tables of recordings are
+joined by copying lines, without parsing them.
 
-Numbers are rounded before they are written: metres and pixels to a millionth, quaternions to nine
-digits. That is finer than any sensor, keeps the files small, and hides differences in the last bit
-between processors, should an operation ever have any.
+Numbers are rounded before they are written: metres and pixels to six decimals, quaternions to nine. That is finer than any
+sensor, keeps files small, and hides differences in the last bit between processors, should there ever be any.
 """
 
 import json
@@ -29,7 +28,7 @@ QUATERNION_DIGITS = 9
 
 
 def rounded(values: Iterable[float], digits: int = METRE_DIGITS) -> list[float]:
-    """Return numbers rounded for writing; there is no negative zero."""
+    """Return numbers rounded for writing, without negative zeros."""
     return [round(float(value), digits) + 0.0 for value in values]
 
 
@@ -53,7 +52,7 @@ def read_table(folder: Path, name: str) -> list[JsonObject]:
     """Return the rows of a table of a folder.
 
     Raises:
-        DatasetError: the file is missing or is no table.
+        DatasetError: the file is missing or not a table.
     """
     path = folder / f"{name}.json"
     try:

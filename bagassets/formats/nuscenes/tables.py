@@ -1,14 +1,13 @@
 """The asset `nuscenes_tables`: one recording's rows of the nuScenes tables.
 
-`facts.json` counts, per channel, where the readings went: `keyframes` and `sweeps` have rows,
-`without_pose` and `outside_scenes` have none; `lacking_at_keyframes` says at how many keyframes, dropped or
-kept, it has no reading within tolerance, and how many of these lie before its first reading and after its
-last. Of the boxes it counts `observations` (rows of
-`annotations`), those `observations_outside_scenes`, `tracks` and `tracks_without_keyframe`, boxes
-`without_track` and those of them that no keyframe took (`without_track_unused`), and what was written:
-`instances`, `annotations`, and of these how many were `held`, not interpolated. Each annotation has
-`attributes_given` by its source or `attributes_by_motion`; of the others nuScenes has attributes for those that are
-`attributes_undetermined`, and none for `attributes_none`.
+`facts.json` has these counts. Per channel: readings with rows (`keyframes`, `sweeps`) and without (`without_pose`,
+`outside_scenes`), and `lacking_at_keyframes`: the keyframes, dropped or kept, at which the channel has no reading within
+tolerance, and how many of them are before its first or after its last reading. Boxes: `observations` (rows of
+`annotations`), `observations_outside_scenes`, `tracks`, `tracks_without_keyframe`, boxes `without_track`, and those of
+them at no keyframe (`without_track_unused`); as written, `instances` and `annotations`, of which some are `held` rather
+than interpolated. Annotations with attributes: `attributes_given` by the source, `attributes_by_motion`. Annotations
+without: `attributes_undetermined`, though nuScenes has attributes for the category, and `attributes_none`, where it has
+none.
 """
 
 from collections.abc import Mapping
@@ -56,27 +55,27 @@ class MotionLimits:
 
     @classmethod
     def of(cls, attributes: AttributesByMotion) -> "MotionLimits | None":
-        """Return those of a recipe; None if motion gives no attributes."""
+        """Return the recipe's limits; None if attributes by motion are off."""
         if not attributes.enabled:
             return None
         return cls(attributes.moving_mps, attributes.window_s, attributes.parked_m)
 
     def rule(self, scenes: SceneParams) -> MotionRule:
-        """Return the rule for boxes of which observations are as far apart as the recipe's scenes allow."""
+        """Return the rule for boxes whose observations are as far apart as `scenes` allows."""
         return MotionRule(self.moving_mps, round(self.window_s * 1e9), self.parked_m, scenes.box_gap_ns)
 
 
 @dataclass(frozen=True)
 class TablesParams:
-    """What the tables of a recording may know of the recipe.
+    """The recipe's parameters for the tables of a recording.
 
     Attributes:
-        rig: name of the rig; tokens are made of it.
-        vehicle: as the log table names it.
-        location: as the log table names it.
-        scenes: how recordings are cut. It names a reference channel only if the rig has that.
-        candidates: if it names none, the channels of the rig, the best reference first.
-        attributes_by_motion: which attributes motion gives; None: none.
+        rig: name of the rig; a part of all tokens.
+        vehicle: its name in the log table.
+        location: its name in the log table.
+        scenes: how recordings are cut; names a reference channel only if the rig has it.
+        candidates: channels of the rig, the best reference first; empty if `scenes` names one.
+        attributes_by_motion: when objects count as moving; None if motion gives no attributes.
     """
 
     rig: str
@@ -88,10 +87,10 @@ class TablesParams:
 
     @classmethod
     def of(cls, recipe: Recipe, rig: Rig) -> "TablesParams":
-        """Return those of a rig.
+        """Return the parameters for a rig.
 
-        A rig that does not have the recipe's reference at all falls back to the default; so rigs
-        with different sensors can share a recipe.
+        A rig without the recipe's reference channel uses the default, so that rigs with different sensors can share a
+        recipe.
         """
         scenes = recipe.scenes
         candidates: tuple[str, ...] = ()
@@ -108,7 +107,7 @@ class TablesParams:
 
 
 def _by_preference(rig: Rig) -> tuple[str, ...]:
-    """Return the channels of a rig: LIDAR_TOP, cameras, others."""
+    """Return the channels of a rig: LIDAR_TOP first, then cameras, then others."""
 
     def rank(name: str) -> tuple[bool, bool]:
         return name != "LIDAR_TOP", not isinstance(rig.channels[name], CameraChannel)
@@ -118,13 +117,13 @@ def _by_preference(rig: Rig) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class TablesUse:
-    """What shapes the tables of a recording besides its artifacts.
+    """All that determines the tables of a recording besides its artifacts.
 
     Attributes:
-        rig: as of `TablesParams`, as are `vehicle`, `location` and `attributes_by_motion`.
+        rig: as in `TablesParams`; so are `vehicle`, `location` and `attributes_by_motion`.
         key: partition key.
         scenes: how the recording is cut.
-        extrinsics: channel -> where the sensor is.
+        extrinsics: channel -> `ego_SE3_sensor`.
     """
 
     rig: str
@@ -137,7 +136,7 @@ class TablesUse:
 
 
 def use(params: TablesParams, facts: Facts) -> dict[str, Use[TablesUse]]:
-    """Return what the tables of a recording depend on: all its artifacts; of the calibration, the extrinsics.
+    """Return the inputs of a recording's tables: all its artifacts, but of the calibration only the extrinsics.
 
     Raises:
         DatasetError: the reference channel of the recipe is not in the recording.

@@ -1,9 +1,8 @@
-"""Tokens of nuScenes rows: hashes of what a row is about, never random.
+"""Tokens of nuScenes rows: hashes of what identifies a row, never random.
 
-A row of a recording is named by rig, partition key, table, channel and stamp. Re-indexing or
-re-compressing the recording changes none of these, two recordings never share one, and no
-token has to be rewritten when datasets are merged. Rows that all recordings share are named
-by what they are called.
+Rows of a recording are identified by rig, partition key, table, channel and stamp. Re-indexing or re-compressing a
+recording changes none of these, two recordings never share a token, and merging datasets rewrites none. Rows that all
+recordings share are identified by their names.
 """
 
 from blake3 import blake3
@@ -41,7 +40,7 @@ class RecordingTokens:
         self._rig, self._key = rig, key
 
     def row(self, table: str, channel: str = "", stamp_ns: int = 0) -> str:
-        """Return the token of a row that is told apart by channel and time."""
+        """Return the token of a row identified by channel and time."""
         return token(self._rig, self._key, table, channel, stamp_ns)
 
     def track(self, table: str, source: str, track_id: str, stamp_ns: int) -> str:

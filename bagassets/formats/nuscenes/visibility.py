@@ -1,21 +1,21 @@
-"""Visibility of boxes: which part of an object can be seen.
+"""Visibility of boxes: the visible fraction of an object.
 
-nuScenes bins "the fraction of annotation visible in all 6 images" into v0-40, v40-60, v60-80 and v80-100 (schema of
-nuScenes, table `visibility`); people judged it, occlusion included. Here it follows from the files of the keyframe:
+nuScenes bins "the fraction of annotation visible in all 6 images" into v0-40, v40-60, v60-80 and v80-100 (its schema, table
+`visibility`); annotators judged it, occlusion included. Here it is computed from the files of the keyframe:
 
-1. In the images: a box is a lattice of 5 x 5 x 5 points from face to face. A point is in an image if it lies in front
-   of the camera and projects into it. The share of points that at least one image has counts.
-2. Not hidden: of the lidar's rays through the core of the box, or towards it, the share that do not end before it
-   (`nuscenes.points`). A return up to 0.3 m before the box is the object's own, or farther, if it moves while the lidar
-   turns. Of several lidars the one that sees most of the box counts. A box that no ray goes to is judged by the images
-   alone.
+1. In the images: a box is a lattice of 5 x 5 x 5 points from face to face. A point is in an image if it is in front of
+   the camera and projects into the image. The result is the share of points that are in at least one image.
+2. Not occluded: of the lidar's rays through the core of the box or towards it, the share that do not end in front of it
+   (`nuscenes.points`). A return up to 0.3 m in front of the box belongs to the object; farther, if the object moves while
+   the lidar turns. With several lidars, the one that sees most of the box counts. A box without rays is judged by the
+   images alone.
 
-The product of both is the visibility. A box without a single lidar point is v60-80 at most, as nothing confirms that it
-can be seen at all. Where the keyframe has no image (or none with intrinsics) the lidar judges alone, and a box without
-lidar points is v0-40. Without lidar the images judge alone; with neither, a box with a radar point is v80-100, any other
-v0-40. Levels include their lower bound, and not their upper one.
+The visibility is the product of both. A box without a single lidar point is v60-80 at most, because nothing confirms that it
+can be seen. Where the keyframe has no image (or none with intrinsics), the lidar decides alone, and a box without lidar
+points is v0-40. Without lidar, the images decide alone; with neither, a box with a radar point is v80-100 and any other
+v0-40. Levels include their lower bound, but not the upper one.
 
-Pixels are those of a pinhole, so cameras written without undistortion are judged approximately.
+Projection assumes a pinhole camera, so results are approximate for images that are written without undistortion.
 """
 
 from collections.abc import Sequence
@@ -36,7 +36,7 @@ _AXIS = np.arange(STEPS) / (STEPS - 1) - 0.5
 # (125, 3) in units of length (x), width (y), height (z).
 _LATTICE = np.stack(np.meshgrid(_AXIS, _AXIS, _AXIS, indexing="ij"), axis=-1).reshape(-1, 3)
 _BOUNDS = (0.4, 0.6, 0.8)
-# The most that is said of a box without points: the middle of v60-80.
+# Upper bound for a box without points: the middle of v60-80.
 _UNCONFIRMED = 0.7
 
 
@@ -45,7 +45,7 @@ class CameraView:
     """One image.
 
     Attributes:
-        global_SE3_camera: where the camera was when it was taken; z points forward, y down.
+        global_SE3_camera: pose of the camera when the image was taken; z points forward, y down.
         intrinsic: (3, 3) matrix K of the image as written.
         width: in pixels.
         height: in pixels.
@@ -60,7 +60,7 @@ class CameraView:
 def share_in_images(
     views: Sequence[CameraView], centers_m: Floats, rotations: Floats, sizes_m: Floats
 ) -> Floats:
-    """Return the share (B,) of each box that lies in the images of a sample.
+    """Return the share (B,) of each box that is in the images of a sample.
 
     Args:
         views: the images, at least one.
@@ -77,11 +77,11 @@ def share_in_images(
 
 
 def share_open(hits: Sequence[Hits], number: int) -> Floats:
-    """Return the share (B,) of the rays to each box that are not blocked; NaN where there are none.
+    """Return the share (B,) of rays to each box that are not blocked; NaN for boxes without rays.
 
     Args:
-        hits: what the points of each lidar of a sample say.
-        number: of boxes.
+        hits: the hits of each lidar of a sample.
+        number: number of boxes.
     """
     shares = np.full(number, np.nan)
     for one in hits:
@@ -97,9 +97,9 @@ def visibility_levels(
     """Return the visibility level of each of (B,) boxes.
 
     Args:
-        in_images: (B,) shares in the images; None: there is no image.
-        is_open: (B,) shares of rays that are not blocked, NaN where none was asked; None: there is no lidar.
-        points: (B,) lidar points in each box, or radar points if there is no lidar.
+        in_images: (B,) shares in the images; None without images.
+        is_open: (B,) shares of rays that are not blocked, NaN without rays; None without a lidar.
+        points: (B,) number of lidar points in each box; of radar points without a lidar.
     """
     shares = np.ones(len(points)) if in_images is None else in_images
     if is_open is not None:

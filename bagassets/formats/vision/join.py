@@ -1,4 +1,4 @@
-"""The merged files of the vision dataset: the sequences of recordings joined, and a manifest for each split."""
+"""The merged files of the vision dataset: the sequences of all recordings, and a manifest for each split."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -23,7 +23,7 @@ def join(members: Sequence[Member], settings: Vision, shares: Sequence[SplitShar
     Args:
         members: recordings in the order of their keys.
         settings: the recipe's `vision`.
-        shares: what each split got of the recorded time, in order of their names.
+        shares: each split's share of the recorded time, in order of their names.
         out: empty folder.
     """
     groups = {share.name: [one for one in members if one.split == share.name] for share in shares}

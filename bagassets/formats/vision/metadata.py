@@ -14,16 +14,15 @@ __all__ = ["recording_metadata", "transforms_json"]
 def recording_metadata(key: str, rig: str, inventory: Inventory) -> JsonObject:
     """Return what is told about a recording as a whole.
 
-    Nothing of it changes when the recording is re-indexed, re-compressed or converted: file size and
-    format are left out.
+    It does not change when the recording is re-indexed, re-compressed or converted, so it lacks file size and format.
 
     Args:
         key: partition key.
-        rig: the rig that made it.
-        inventory: what is in it.
+        rig: name of the rig.
+        inventory: inventory of the recording.
     """
     first, last = inventory.gnss or (None, None)
-    # Without daylight the clock of the fix is not to be trusted, so neither is the sun.
+    # Without daylight the clock of the fix cannot be trusted, and so neither can the sun.
     elevation = None
     if first is not None and inventory.daylight is not None:
         elevation = round(sun_elevation_deg(first.lat, first.lon, first.stamp_ns), 1)
@@ -44,10 +43,10 @@ def recording_metadata(key: str, rig: str, inventory: Inventory) -> JsonObject:
 
 
 def transforms_json(mounts: Mounts, cameras: Mapping[str, JsonMapping]) -> JsonObject:
-    """Return extrinsics of all sensors, and intrinsics of the images as they are written.
+    """Return the content of `transforms.json`: extrinsics of all sensors, and intrinsics of the images as written.
 
     Args:
-        mounts: where the sensors sit.
+        mounts: extrinsics of the sensors.
         cameras: channel -> content of `channel.json` of its images.
     """
     return {

@@ -1,9 +1,9 @@
 """The asset `vision_sequences`: one recording's part of the vision dataset.
 
 Files: `metadata.json`, `transforms.json`, `trajectories/SENSOR-REFERENCE.csv` and `.parquet`,
-`CHANNEL/0000.json` for each sequence; `sequences.json` with the rows of all sequences for the merged
-files; `files.json`, which image of which artifact becomes which file; `facts.json`. Images are not
-copied: the dataset links them from the artifacts of `frames`.
+`CHANNEL/0000.json` for each sequence; `sequences.json` with the rows of all sequences, for the merged files;
+`files.json`, which maps the dataset's files to images in artifacts; `facts.json`. Images are not copied: the dataset links
+them from the artifacts of `frames`.
 """
 
 import json
@@ -50,18 +50,18 @@ class Cuts:
 
 @dataclass(frozen=True)
 class VisionParams:
-    """What a recording's part of the vision dataset may know of the recipe.
+    """The recipe's parameters for a recording's part of the vision dataset.
 
     Attributes:
         rig: name of the rig.
-        cameras: those of the rig that make sequences, sorted.
+        cameras: cameras of the rig with sequences, sorted.
         cuts: how they are cut.
         trajectories: pairs `sensor:reference`, sorted.
-        tf: topics of transforms. They matter only to frames that may not be known without: none but `ego` and
-            `global` are known always.
-        tf_static: topics of static transforms, likewise.
-        tf_clock: time of transforms; None if they do not matter.
-        tf_max_gap_s: a longer gap between poses is not bridged; 0 for a rig that stands still.
+        tf: topics of transforms; empty unless a trajectory has a frame other than `ego` and `global`, which are always
+            known.
+        tf_static: topics of static transforms; empty likewise.
+        tf_clock: clock of the transforms; None if they are not needed.
+        tf_max_gap_s: longest gap between transforms to interpolate over; 0 for a rig that stands still.
     """
 
     rig: str
@@ -75,7 +75,7 @@ class VisionParams:
 
     @classmethod
     def of(cls, recipe: Recipe, rig: Rig) -> "VisionParams":
-        """Return those of a rig.
+        """Return the parameters for a rig.
 
         Raises:
             DatasetError: the recipe makes no vision dataset.
@@ -102,18 +102,18 @@ class VisionParams:
 
 @dataclass(frozen=True)
 class VisionUse:
-    """What shapes a recording's part besides its images and poses.
+    """All that determines a recording's part besides its images and poses.
 
     Attributes:
         key: partition key.
         rig: name of the rig.
-        cameras: those that make sequences and that the recording has.
+        cameras: cameras with sequences that the recording has.
         trajectories: pairs `sensor:reference`.
-        tf: topics of transforms that are read.
-        tf_static: topics of static transforms that are read.
-        tf_clock: time of transforms; None if none are read.
-        tf_max_gap_s: as of `VisionParams`.
-        calibration: where the sensors sit.
+        tf: topics of transforms to read.
+        tf_static: topics of static transforms to read.
+        tf_clock: clock of the transforms; None if none are read.
+        tf_max_gap_s: as in `VisionParams`.
+        calibration: extrinsics of the sensors.
         metadata: content of `metadata.json`.
         cuts: how sequences are cut.
     """
@@ -132,12 +132,12 @@ class VisionUse:
 
 
 def use(params: VisionParams, facts: Facts) -> dict[str, Use[VisionUse]]:
-    """Return what a recording's part depends on: images, poses, extrinsics, what it holds, and perhaps transforms."""
+    """Return the inputs of a recording's part: images, poses, extrinsics, metadata, and transforms if needed."""
     mounts, images = facts.calibration.mounts, facts.channels("frames")
     cameras = {name: images[name] for name in params.cameras if name in images}
     poses = facts.artifact("ego_poses")
     bodies = Bodies.of(mounts, poses.read_json("ego_poses.json")["global_frame"])
-    through_tf = not all(bodies.know(*pair.split(":")) for pair in params.trajectories)
+    through_tf = not all(bodies.has(*pair.split(":")) for pair in params.trajectories)
     tf, tf_static = (
         tuple(topic for topic in topics if through_tf and facts.inventory.has(topic))
         for topics in (params.tf, params.tf_static)
@@ -178,7 +178,7 @@ def make(use: Use[VisionUse], inputs: Inputs, out: ArtifactWriter) -> Summary:
         counts[name] = _cut_camera(name, images[name], cameras[name], params, trajectory, rows, files)
     for row in rows:
         out.write_json(f"{row['channel']}/{row['sequence']}.json", row)
-    # The folder's name is told by what is in it, so that a reader never sees it change.
+    # The folder's name depends on its content, so that readers never see it change.
     content = [[entry.digest for entry in written], rows, files, as_json(params), poses_json]
     folder = f"{params.key}-{digest_json(content)[:12]}"
     lines = [
@@ -214,7 +214,7 @@ def _cut_camera(
     rows: list[JsonObject],
     files: list[dict[str, str]],
 ) -> dict[str, int]:
-    """Add the sequences of one camera and the files they consist of; return where its images went."""
+    """Add the sequences of one camera and their files; return the counts of its images."""
     index = artifact.read_table("index.parquet")
     stamps_ns = index.column("stamp_ns").to_numpy()
     names = index.column("file").to_pylist()
@@ -272,7 +272,7 @@ def _write_trajectories(
     trajectory: Trajectory,
     poses_json: JsonMapping,
 ) -> dict[str, str]:
-    """Write the configured trajectories; return pair -> why it could not be made."""
+    """Write the configured trajectories; return pair -> reason for those that could not be made."""
     bodies = Bodies.of(params.calibration, poses_json["global_frame"])
     tree = TfTree(
         read_transforms(recording, params.tf_static, "tf_static"),
@@ -284,7 +284,7 @@ def _write_trajectories(
         try:
             poses = (
                 bodies.poses(sensor, reference, trajectory)
-                if bodies.know(sensor, reference)
+                if bodies.has(sensor, reference)
                 else tf_poses(sensor, reference, bodies, tree, round(params.tf_max_gap_s * 1e9))
             )
         except CalibrationError as err:
@@ -298,7 +298,7 @@ def _write_trajectories(
 
 
 def _start(metadata: JsonMapping, poses_json: JsonMapping) -> dict[str, float] | None:
-    """Return where on Earth the recording begins, if it says so anywhere."""
+    """Return where on Earth the recording begins, if known."""
     if metadata["gnss"] is not None:
         first = metadata["gnss"]["first"]
         return {"lat": first["lat"], "lon": first["lon"]}

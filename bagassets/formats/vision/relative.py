@@ -12,15 +12,15 @@ __all__ = ["relative_poses", "roll_pitch_yaw"]
 METRE_DIGITS = 6
 RADIAN_DIGITS = 9
 _CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
-# Nearer to the zenith than this, roll and yaw are one rotation; all of it is called yaw.
+# Closer to the zenith, roll and yaw are the same rotation; all of it is called yaw.
 _GIMBAL_LOCK = 1.0 - 1e-12
 
 
 def relative_poses(positions_m: Floats, rotations: Floats) -> list[list[float]]:
     """Return `first_SE3_i` of each pose as x, y, z (metres) and roll, pitch, yaw (radians).
 
-    The transforms are composed, `first_SE3_i = (global_SE3_first)^-1 global_SE3_i`, and the angles taken
-    of the result: the difference of angles of two poses is not the rotation between them.
+    The transforms are composed, `first_SE3_i = (global_SE3_first)^-1 global_SE3_i`, and the angles are those of the
+    result: the difference between the angles of two poses is not the rotation between them.
 
     Args:
         positions_m: (N, 3) of `global_SE3_i`.
@@ -37,9 +37,9 @@ def relative_poses(positions_m: Floats, rotations: Floats) -> list[list[float]]:
 
 
 def roll_pitch_yaw(rotations: Floats) -> Floats:
-    """Return (N, 3) angles in radians of (N, 4) unit quaternions w, x, y, z.
+    """Return the (N, 3) angles in radians of (N, 4) unit quaternions w, x, y, z.
 
-    Rotation by roll about x, then pitch about y, then yaw about z, all fixed axes (REP 103);
+    They rotate by roll about x, then pitch about y, then yaw about z, all fixed axes (REP 103):
     `R = Rz(yaw) Ry(pitch) Rx(roll)`. At a pitch of ±90 degrees roll is set to 0.
     """
     w, x, y, z = np.moveaxis(rotations, -1, 0)

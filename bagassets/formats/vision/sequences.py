@@ -10,16 +10,16 @@ __all__ = ["SequenceCuts", "cut_sequences"]
 
 @dataclass(frozen=True, eq=False)
 class SequenceCuts:
-    """The sequences of one camera, and what became of the images in none of them.
+    """The sequences of one camera, and counts of the images in none of them.
 
     images = sequences x length + strided + without_pose + remainder.
 
     Attributes:
         sequences: (S, N) indices of images, increasing.
-        strided: images passed over by the stride.
-        without_pose: images at whose time there is no ego pose.
-        remainder: images of runs that were too short for a further sequence.
-        breaks: places where a run of images ended before the last image: a gap, or missing poses.
+        strided: images skipped by the stride.
+        without_pose: images without an ego pose at their time.
+        remainder: images at the end of runs, too few for another sequence.
+        breaks: number of runs that end before the last image, at a gap or a missing pose.
     """
 
     sequences: NDArray[np.intp]
@@ -37,21 +37,21 @@ def cut_sequences(
     stride: int,
     max_gap_ns: int,
 ) -> SequenceCuts:
-    """Cut images into sequences that follow each other without sharing an image.
+    """Cut images into consecutive sequences that share no image.
 
-    A sequence never reaches over a gap longer than `max_gap_ns` nor over an image without pose: it
-    would not be one drive. After such a break the next sequence starts at the next image.
+    A sequence never spans a gap longer than `max_gap_ns` or an image without pose, because it would not be one drive.
+    After such a break the next sequence starts at the next image.
 
     Args:
         stamps_ns: (N,) strictly increasing.
         has_pose: (N,) whether there is an ego pose at the stamp.
-        length: images in a sequence.
-        stride: every `stride`-th image is taken, counted from the first one.
-        max_gap_ns: longest time between two taken images of a sequence.
+        length: images per sequence.
+        stride: every `stride`-th image is used, counted from the first one.
+        max_gap_ns: longest time between two consecutive images of a sequence.
     """
     taken = np.arange(0, len(stamps_ns), stride, dtype=np.intp)
     posed = taken[has_pose[taken]]
-    # Two neighbours belong together if nothing was left out between them and they are close in time.
+    # Two neighbours belong together if no image between them was left out and they are close in time.
     adjacent = (np.diff(posed) == stride) & (np.diff(stamps_ns[posed]) <= max_gap_ns)
     runs = np.split(posed, np.flatnonzero(~adjacent) + 1)
     sequences = [

@@ -19,8 +19,8 @@ from bagassets.json_types import JsonMapping
 
 __all__ = ["Bodies", "TimedPoses", "csv_bytes", "geodetic_columns", "trajectory_table"]
 
-# Places behind the point: a micrometre, a billionth of a quaternion or radian, a tenth of a millimetre
-# of latitude, and the tenth of a millimetre that UTM is good for.
+# Decimal places: a micrometre, 1e-9 for quaternions and radians, a tenth of a millimetre of latitude, and the tenth of a
+# millimetre that UTM is accurate to.
 _DIGITS = {"x": 6, "y": 6, "z": 6, "qw": 9, "qx": 9, "qy": 9, "qz": 9, "roll": 9, "pitch": 9, "yaw": 9,
            "lat": 9, "lon": 9, "alt": 4, "easting": 4, "northing": 4}  # fmt: skip
 _CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
@@ -45,13 +45,13 @@ class TimedPoses:
 
 @dataclass(frozen=True)
 class Bodies:
-    """Frames that are known without looking into TF: fixed to the vehicle, or the global frame.
+    """Frames whose poses do not need TF: those fixed to the vehicle, and the global frame.
 
     Attributes:
-        ego_SE3: name (channel, sensor frame, `ego`, ego frame) -> where it is on the vehicle.
+        ego_SE3: name (channel, sensor frame, `ego`, ego frame) -> `ego_SE3_<name>`.
         global_names: names of the global frame.
-        ego_frame: the ego frame in TF.
-        global_frame: the global frame in TF.
+        ego_frame: its name in TF.
+        global_frame: its name in TF.
     """
 
     ego_SE3: Mapping[str, SE3]
@@ -61,7 +61,7 @@ class Bodies:
 
     @classmethod
     def of(cls, mounts: Mounts, global_frame: str) -> "Bodies":
-        """Return the frames of the sensors and of the ego poses."""
+        """Return the frames of sensors and of ego poses in `global_frame`."""
         ego_SE3 = {"ego": SE3(), mounts.ego_frame: SE3()}
         for name, mount in sorted(mounts.channels.items()):
             ego_SE3_sensor = mount.ego_SE3_sensor.normalised()
@@ -72,20 +72,20 @@ class Bodies:
         return cls(ego_SE3, names, mounts.ego_frame, global_frame)
 
     def in_tf(self, frame: str) -> tuple[str, SE3]:
-        """Return the frame of TF that a frame hangs on, and `tf_SE3_frame`.
+        """Return the TF frame that a frame is fixed to, and `tf_SE3_frame`.
 
-        Frames on the vehicle hang on the ego frame: extrinsics of the recipe are not in TF.
+        Frames on the vehicle are fixed to the ego frame, because extrinsics in the recipe are not in TF.
         """
         if frame in self.global_names:
             return self.global_frame, SE3()
         return (self.ego_frame, self.ego_SE3[frame]) if frame in self.ego_SE3 else (frame, SE3())
 
-    def know(self, *frames: str) -> bool:
-        """Tell whether all of these frames are among them."""
+    def has(self, *frames: str) -> bool:
+        """Tell whether the poses of all these frames are known without TF."""
         return all(frame in self.ego_SE3 or frame in self.global_names for frame in frames)
 
     def poses(self, sensor: str, reference: str, trajectory: Trajectory) -> TimedPoses:
-        """Return `reference_SE3_sensor` at the stamps of the ego poses; one pose if it never changes."""
+        """Return `reference_SE3_sensor` at the stamps of the ego poses, or a single pose if it never changes."""
         t, q = trajectory.positions_m, trajectory.rotations
         stamps_ns = trajectory.stamps_ns
         if (sensor in self.global_names) == (reference in self.global_names):
@@ -105,7 +105,7 @@ class Bodies:
 
 
 def tf_poses(sensor: str, reference: str, bodies: Bodies, tree: TfTree, max_gap_ns: int) -> TimedPoses:
-    """Return `reference_SE3_sensor` through TF at every stamp at which anything between the two was published.
+    """Return `reference_SE3_sensor` from TF, at every stamp of a transform between the two.
 
     Raises:
         CalibrationError: the frames are not connected.
@@ -123,7 +123,7 @@ def tf_poses(sensor: str, reference: str, bodies: Bodies, tree: TfTree, max_gap_
 
 
 def _between(reference: str, sensor: str, tree: TfTree, max_gap_ns: int) -> TimedPoses:
-    """Return `reference_SE3_sensor` of two frames that are both in TF."""
+    """Return `reference_SE3_sensor` for two frames in TF."""
     up, down = tree.chain(reference, sensor)
     moving = [edge.stamps_ns for edge in (*up, *down) if edge.moves]
     if not moving:
@@ -141,11 +141,11 @@ def _between(reference: str, sensor: str, tree: TfTree, max_gap_ns: int) -> Time
 
 
 def trajectory_table(poses: TimedPoses, origin: JsonMapping | None) -> pa.Table:
-    """Return the table: stamp, position, quaternion, roll, pitch, yaw; on Earth, where that is known.
+    """Return a table of stamps, positions, quaternions and angles, with positions on Earth where known.
 
     Args:
         poses: the trajectory.
-        origin: `origin` of `ego_poses.json`, where the reference is the global frame.
+        origin: `origin` of `ego_poses.json`; used if the reference is the global frame.
     """
     angles = roll_pitch_yaw(poses.rotations)
     columns: dict[str, pa.Array] = {"stamp_ns": pa.array(poses.stamps_ns, pa.int64())}
@@ -168,7 +168,7 @@ def trajectory_table(poses: TimedPoses, origin: JsonMapping | None) -> pa.Table:
 def geodetic_columns(
     positions_m: Floats, origin: JsonMapping
 ) -> tuple[dict[str, Floats], list[str | None]] | None:
-    """Return lat, lon, alt, UTM easting and northing, and UTM zones; None if the origin is not on Earth.
+    """Return lat, lon, alt, UTM easting and northing, and UTM zones; None if the place of the origin on Earth is unknown.
 
     Beyond 80° S and 84° N, where UTM is not defined, easting and northing are NaN and the zone is None.
 
@@ -186,7 +186,7 @@ def geodetic_columns(
 
 
 def csv_bytes(table: pa.Table) -> bytes:
-    """Return a table as CSV: names in the first line, shortest numbers, empty for unknown."""
+    """Return a table as CSV: names in the first line, shortest exact numbers, empty for unknown ones."""
     columns = [table.column(name).to_pylist() for name in table.column_names]
     lines = [",".join(table.column_names)]
     lines += [",".join("" if v is None else str(v) for v in row) for row in zip(*columns, strict=True)]

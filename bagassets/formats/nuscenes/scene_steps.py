@@ -1,7 +1,7 @@
-"""The steps `scene_facts` and `scene_subset`: what named datasets are made from.
+"""The steps `scene_facts` and `scene_subset`, from which named datasets are made.
 
-They belong to no asset: facts about the scenes of a recording are kept because every named dataset asks for
-them, and tables of some of its scenes because the dataset is made from tables.
+They belong to no asset. Facts about scenes are stored because every named dataset selects by them; tables of some of a
+recording's scenes are stored because datasets link and lock artifacts.
 """
 
 from collections.abc import Collection, Sequence
@@ -52,12 +52,12 @@ def make_facts(
 
 
 def subset_action(tables: Artifact, scenes: Collection[str]) -> Action:
-    """Return the action that keeps just these scenes (their tokens)."""
+    """Return the action that keeps only these scenes, given by their tokens."""
     return SUBSET_STEP.action({"scenes": sorted(scenes)}, {"nuscenes_tables": tables.digest})
 
 
 def make_subset(tables: Artifact, scenes: Collection[JsonMapping], out: ArtifactWriter) -> JsonObject:
-    """Write the tables of some scenes, given by their facts, in the form of `nuscenes_tables`; return the summary."""
+    """Write the tables of some scenes, given by their facts, laid out as in `nuscenes_tables`; return the summary."""
     rows = {name: tables.read_json(f"{name}.json") for name in RECORDING_TABLES}
     kept = subset_tables(rows, [scene["token"] for scene in scenes])
     for name in RECORDING_TABLES:

@@ -1,6 +1,6 @@
-"""Checks of nuScenes tables: each returns sentences about what is wrong, none if all is well.
+"""Integrity of nuScenes tables and their files: each check returns a sentence per problem.
 
-A sentence counts the offenders and names the first.
+A sentence counts the offending rows or files and names the first.
 """
 
 from collections import Counter
@@ -14,10 +14,8 @@ from bagassets.formats.nuscenes.table_file import read_table
 
 __all__ = [
     "broken_references",
-    "check_dataset",
     "check_dataset_files",
     "check_files",
-    "check_tables",
     "duplicate_tokens",
 ]
 
@@ -25,7 +23,7 @@ Tables = Mapping[str, Sequence[Row]]
 
 
 class _Group(NamedTuple):
-    """A table whose rows own a chain of rows of another."""
+    """A table whose rows each own a chain of rows in another table."""
 
     owner: str
     member: str
@@ -34,21 +32,12 @@ class _Group(NamedTuple):
     end: str
 
 
-def check_tables(tables: Tables) -> list[str]:
-    """Check tokens, references, chains and counts of rows.
+def broken_references(tables: Tables) -> list[str]:
+    """Check that every token refers to a row, that chains are closed and in order, and that counts are true.
 
     Args:
         tables: table -> rows. References into a table that is not given are not followed, so that
             one recording can be checked by itself.
-    """
-    return [*duplicate_tokens(tables), *broken_references(tables)]
-
-
-def broken_references(tables: Tables) -> list[str]:
-    """Check that tokens lead somewhere, chains are closed and in order, and counts are true.
-
-    Args:
-        tables: as for `check_tables`.
     """
     index = {name: {row["token"]: row for row in rows} for name, rows in tables.items()}
     return [
@@ -66,12 +55,12 @@ def broken_references(tables: Tables) -> list[str]:
 
 
 def check_files(dataroot: Path, tables: Tables, elsewhere: AbstractSet[str] = frozenset()) -> list[str]:
-    """Check that the files that the tables name are on disk and not empty, and that there are no others.
+    """Check that the files in the tables are on disk and not empty, and that there are no others.
 
     Args:
         dataroot: folder of samples, sweeps and maps.
         tables: table -> rows.
-        elsewhere: files that tables of other versions in this dataroot name.
+        elsewhere: files in the tables of other versions in this dataroot.
     """
     named = {row["filename"] for name in ("sample_data", "map") for row in tables.get(name, ())}
     present = {
@@ -101,18 +90,8 @@ def check_files(dataroot: Path, tables: Tables, elsewhere: AbstractSet[str] = fr
     ]
 
 
-def check_dataset(dataroot: Path, version: str) -> list[str]:
-    """Check the tables and files of a finished dataset.
-
-    Raises:
-        DatasetError: a table is missing or cannot be read.
-    """
-    tables = {name: read_table(dataroot / version, name) for name in TABLES}
-    return [*check_tables(tables), *check_dataset_files(dataroot, version, tables)]
-
-
 def check_dataset_files(dataroot: Path, version: str, tables: Tables) -> list[str]:
-    """Check the files of a dataset whose dataroot may hold further versions.
+    """Check the files of one version of a dataset; its dataroot may hold others.
 
     Raises:
         DatasetError: a table of another version cannot be read.
@@ -130,13 +109,13 @@ def check_dataset_files(dataroot: Path, version: str, tables: Tables) -> list[st
 
 
 def _sentence(text: str, offenders: Sequence[str], *, one: str | None = None) -> list[str]:
-    """Return the sentence with the number of offenders and the first; `one` is what it is for a single one."""
+    """Return the sentence with the number of offenders and the first one; `one` is the text for a single offender."""
     text = one if one is not None and len(offenders) == 1 else text
     return [text.format(len(offenders), offenders[0]) + "."] if offenders else []
 
 
 def duplicate_tokens(tables: Tables) -> list[str]:
-    """Check that no token of a table and no file of a reading appears twice."""
+    """Check that no token appears twice in a table, and no file in `sample_data`."""
     return list(_duplicates(tables))
 
 
@@ -178,7 +157,7 @@ def _references(tables: Tables, index: Mapping[str, Mapping[str, Row]]) -> Itera
 
 
 def _chains(index: Mapping[str, Mapping[str, Row]]) -> Iterable[str]:
-    """Links must be mutual, go forward in time, and stay in one scene, channel or instance."""
+    """Check that links are mutual, go forward in time, and stay within one scene, channel or instance."""
     chained = {
         "sample": "scene_token",
         "sample_data": "calibrated_sensor_token",
@@ -211,7 +190,7 @@ def _time(row: Row, index: Mapping[str, Mapping[str, Row]]) -> int:
 
 
 def _ends(group: _Group, tables: Tables, index: Mapping[str, Mapping[str, Row]]) -> Iterable[str]:
-    """The first and last member that a scene or instance names, and their number, must be true."""
+    """Check the first and last member of each scene and instance, and the number of members."""
     counts = Counter(row[group.column] for row in tables.get(group.member, ()))
     members = index.get(group.member, {})
     wrong = []
@@ -235,7 +214,7 @@ def _keyframes(tables: Tables) -> Iterable[str]:
     data = tables.get("sample_data", ())
     not_boolean = [row["token"] for row in data if not isinstance(row["is_key_frame"], bool)]
     yield from _sentence(
-        "sample_data: is_key_frame is no JSON boolean in {} rows, the first is {}", not_boolean
+        "sample_data: is_key_frame is not a JSON boolean in {} rows, the first is {}", not_boolean
     )
     pairs: Counter[tuple[str, str]] = Counter(
         (row["sample_token"], row["calibrated_sensor_token"]) for row in data if row["is_key_frame"] is True

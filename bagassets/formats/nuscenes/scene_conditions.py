@@ -1,4 +1,4 @@
-"""Choosing scenes by what the recipe says about a named dataset."""
+"""The conditions of a named dataset, and which of them a scene does not meet."""
 
 from collections.abc import Sequence
 from fnmatch import fnmatchcase
@@ -6,17 +6,17 @@ from fnmatch import fnmatchcase
 from bagassets.json_types import JsonMapping
 from bagassets.recipe.model_datasets import NamedDataset, moment_ns
 
-__all__ = ["inside", "objection"]
+__all__ = ["inside", "unmet_condition"]
 
 Point = Sequence[float]
 
 
-def objection(wanted: NamedDataset, rig: str, key: str, scene: JsonMapping) -> str | None:
-    """Return the first condition that a scene does not satisfy, in words; None if it belongs to the dataset.
+def unmet_condition(wanted: NamedDataset, rig: str, key: str, scene: JsonMapping) -> str | None:
+    """Return a clause about the first condition that a scene does not meet; None if it belongs to the dataset.
 
     Args:
         wanted: the dataset.
-        rig: what made the recording.
+        rig: name of the rig that made the recording.
         key: partition key of the recording.
         scene: facts about the scene.
     """
@@ -48,12 +48,11 @@ def objection(wanted: NamedDataset, rig: str, key: str, scene: JsonMapping) -> s
 
 
 def inside(point: Point, polygon: Sequence[Point]) -> bool:
-    """Tell whether a point lies in a polygon, by the parity of its edges on one side of the point.
+    """Tell whether a point lies in a polygon, by the parity of the edges on one side of the point.
 
     Args:
         point: latitude, longitude.
-        polygon: its corners in order; it is closed by itself, may be concave, and does not reach over the
-            180th meridian.
+        polygon: its corners in order, the first not repeated; it may be concave, but not cross the 180th meridian.
     """
     lat, lon = point
     odd = False
