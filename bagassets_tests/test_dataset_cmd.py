@@ -290,7 +290,7 @@ class TestRestore:
         value["files"]["sample.json"] = "0" * 64
         lock.write_text(json.dumps(value))
         before = content(folder)
-        with pytest.raises(DatasetError, match=r"sample\.json came out different"):
+        with pytest.raises(DatasetError, match=r"sample\.json would differ"):
             restore_dataset(load_lock(lock), store, folder)
         assert content(folder) == before
 
