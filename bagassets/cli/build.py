@@ -19,7 +19,7 @@ from bagassets.trace import span
 if TYPE_CHECKING:
     from bagassets.build.build_report import BuildOptions, Event
 
-__all__ = ["build"]
+__all__ = ["build", "build_with_progress"]
 
 EXIT_FAILED = 1
 EXIT_STALE = 3
@@ -107,7 +107,7 @@ def _build(recipe: Path, options: "BuildOptions", trace: Path | None, *, as_json
     from bagassets.build.build_report import BuildReport, SummaryRow
     from bagassets.cli.summary import MOST_ROWS, print_summary
 
-    value = _build_on_server(recipe, options, trace, None if as_json else MOST_ROWS)
+    value = build_with_progress(recipe, options, trace, None if as_json else MOST_ROWS)
     report = BuildReport.from_json(value)
     if as_json:
         echo_lines(json.dumps(value, indent=1))
@@ -118,7 +118,7 @@ def _build(recipe: Path, options: "BuildOptions", trace: Path | None, *, as_json
     return 0 if report.succeeded else EXIT_FAILED
 
 
-def _build_on_server(
+def build_with_progress(
     recipe: Path, options: "BuildOptions", trace: Path | None, most: int | None
 ) -> JsonObject:
     """Build on the server and show the progress; return the report, with the rows of its table, as JSON."""

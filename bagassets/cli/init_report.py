@@ -13,7 +13,7 @@ from bagassets.propose.proposal import Proposal
 from bagassets.propose.sensors import shown_type
 from bagassets.propose.topic_uses import TopicUse
 
-__all__ = ["print_found", "print_next_steps"]
+__all__ = ["print_found", "print_next_steps", "print_questions"]
 
 _WIDEST = 110
 _LISTED = 20
@@ -65,7 +65,7 @@ def print_next_steps(project: Path, proposal: Proposal, problems: Sequence[str])
         )
     if proposal.questions or problems:
         echo("To be decided in recipe.yaml before the first build:")
-        _print_questions(proposal)
+        print_questions(proposal)
         for problem in problems:
             echo(f"  {problem}")
     if proposal.rigs:
@@ -74,7 +74,7 @@ def print_next_steps(project: Path, proposal: Proposal, problems: Sequence[str])
         echo("  bagassets build")
 
 
-def _print_questions(proposal: Proposal) -> None:
+def print_questions(proposal: Proposal) -> None:
     """Print the questions, those of one text together."""
     together: dict[tuple[str, str], list[Question]] = {}
     for question in proposal.questions:

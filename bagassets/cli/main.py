@@ -26,6 +26,10 @@ COMMANDS: dict[str, tuple[str, str]] = {
         "bagassets.cli.build:build",
         "Bring all recordings and the dataset up to date, and report what was done.",
     ),
+    "convert": (
+        "bagassets.cli.convert:convert",
+        "Convert one recording into a dataset, without a project.",
+    ),
     "status": ("bagassets.cli.status:status", "Show what is fresh, stale, skipped or failed, and why."),
     "explain": (
         "bagassets.cli.explain:explain",

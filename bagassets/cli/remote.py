@@ -4,7 +4,9 @@ A new server imports Dagster once, for all builds until it ends; if the build ra
 """
 
 import os
+import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from uuid import uuid4
 
@@ -14,14 +16,19 @@ from bagassets.forkserver.client import Client, ServerRefusedError
 from bagassets.forkserver.server_files import ServerFiles
 from bagassets.forkserver.tasks import server_spec
 from bagassets.json_types import JsonObject
+from bagassets.lock_files import is_locked
 from bagassets.store.writable import require_writable
 
-__all__ = ["InterruptedBuildError", "build_on_server", "find_server", "server_for"]
+__all__ = ["InterruptedBuildError", "build_on_server", "end_servers", "find_server", "server_for"]
 
 _JOB = "bagassets.defs.project_build:build_project_in_worker"
 _EARLY_JOB = "bagassets.defs.early_inventories:make_inventories"
 # A build that is cancelled waits this long for its runs, which have less time to end.
 _GRACE_S = 40.0
+# Jobs of a server that is ended have so long; it itself, which may be importing Dagster, has longer.
+_END_GRACE_S = 5.0
+_END_S = 60.0
+_POLL_S = 0.02
 
 
 class InterruptedBuildError(BagAssetsError):
@@ -65,6 +72,32 @@ def server_for(recipe: Path, bags: Sequence[str]) -> Client:
     require_writable(state)
     early = {"recipe": str(recipe), "bags": list(bags)}
     return Client.ensure(server_spec(state, recipe), first_job=(_EARLY_JOB, early))
+
+
+def end_servers(state: Path) -> None:
+    """End the servers of a state folder that nobody else uses, and return when they and their jobs are gone.
+
+    One that is still starting cannot be asked; it is as soon as it answers.
+    """
+    deadline = time.monotonic() + _END_S
+    asked: set[str] = set()
+    while running := [files for files in ServerFiles.known(state) if _is_up(files)]:
+        for files in running:
+            client = None if files.stamp in asked else Client.connect(files)
+            if client is not None:
+                with client, suppress(ServerRefusedError):
+                    client.shutdown(grace_s=_END_GRACE_S)
+                asked.add(files.stamp)
+        if time.monotonic() > deadline:
+            return
+        time.sleep(_POLL_S)
+
+
+def _is_up(files: ServerFiles) -> bool:
+    try:
+        return is_locked(files.lock)
+    except OSError:
+        return False  # it removed its lock file as it ended
 
 
 def build_on_server(

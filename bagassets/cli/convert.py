@@ -1,0 +1,286 @@
+"""`bagassets convert`: the dataset of one recording, without a project."""
+
+import os
+import shlex
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from bagassets.cli.terminal import count_text, echo, echo_lines
+from bagassets.errors import DatasetError, RecipeError, RecordingError
+
+if TYPE_CHECKING:
+    from bagassets.build.build_report import BuildReport, SummaryRow
+    from bagassets.formats.format import AnyFormat
+    from bagassets.propose.proposal import Proposal
+    from bagassets.recipe.model import Bags, Recipe
+
+__all__ = ["convert"]
+
+EXIT_FAILED = 1
+EXIT_UNDECIDED = 2
+EXIT_INTERRUPTED = 130
+
+
+@click.command(
+    epilog="""\b
+Examples:
+  bagassets convert monday.bag monday
+  bagassets convert monday.mcap sequences --format vision
+  bagassets convert monday.bag monday --recipe monday.recipe.yaml      # once its questions are answered
+  bagassets convert tuesday.bag tuesday --recipe monday/recipe.yaml    # of the same robot
+
+\b
+Exit status:
+    0  OUT is there
+    1  the recording cannot be converted, or OUT, the recipe or the disk is wrong
+    2  wrong usage, or something is to be decided first
+  130  interrupted"""
+)
+@click.argument("bag", type=click.Path(exists=True, path_type=Path))
+@click.argument("out", type=click.Path(path_type=Path))
+@click.option("--recipe", "recipe_file", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE",
+              help="Convert by this recipe; its `bags`, folders and other datasets do not count. Default: one is guessed.")  # fmt: skip
+@click.option("--format", "format_name", default="nuscenes", show_default=True, metavar="NAME",
+              help="Format of the dataset; `bagassets formats` lists them.")  # fmt: skip
+def convert(bag: Path, out: Path, recipe_file: Path | None, format_name: str) -> int:
+    """Convert one recording into a dataset, without a project.
+
+    A recipe is guessed from the first seconds of BAG, as `bagassets init` does. OUT, a folder that must
+    not exist, gets the dataset and, as OUT/recipe.yaml, the recipe; it appears when it is complete. BAG is only
+    read. For more than one recording, or to build again after a change, make a project: `bagassets init`.
+
+    What cannot be guessed is listed. The recipe is then written to OUT.recipe.yaml: decide there, and convert
+    with --recipe.
+    """
+    from bagassets.recipe.load import parse_recipe
+    from bagassets.recordings.discover import bags_of_one
+
+    out = out.absolute()
+    if os.path.lexists(out):
+        raise DatasetError(f"{out} exists already; name another folder, or move this one away.")
+    kind = _format(format_name)
+    bags = bags_of_one(bag.resolve())
+    if recipe_file is not None:
+        recipe, text = _read(recipe_file, kind)
+        return _build(_matched(recipe, bags), bags, kind, out, text)
+    proposal = _propose(bags)
+    text = proposal.text + ("" if kind.name == "nuscenes" else _section(kind))
+    beside = out.with_name(f"{out.name}.recipe.yaml")
+    problems: list[str] = []
+    if not proposal.questions:
+        try:
+            recipe = parse_recipe(text, beside)
+        except RecipeError as err:
+            problems = str(err).splitlines()
+    if proposal.questions or problems:
+        _write_beside(beside, text)
+        _ask(proposal, problems, beside, f"bagassets convert {_quoted(bag)} {_quoted(out)}")
+        return EXIT_UNDECIDED
+    status = _build(recipe, bags, kind, out, text)
+    if status == EXIT_FAILED:
+        _write_beside(beside, text)
+        echo(
+            f"The guessed recipe is in {beside}; if it is to blame, correct it and add --recipe {_quoted(beside)}.",
+            err=True,
+        )
+    if status == 0 and proposal.guesses:
+        plural = "guess is" if proposal.guesses == 1 else "guesses are"
+        echo(f"{proposal.guesses} {plural} marked in {_quoted(out / 'recipe.yaml')}.")
+    return status
+
+
+# --- the recipe --------------------------------------------------------------------------
+
+
+def _format(name: str) -> "AnyFormat":
+    from bagassets.formats.catalogue import formats, installed_format
+
+    kind = installed_format(name)
+    if kind is None:
+        known = ", ".join(kind.name for kind in formats())
+        raise click.BadParameter(f"there is no format {name}; there are {known}.", param_hint="--format")
+    return kind
+
+
+def _propose(bags: "Bags") -> "Proposal":
+    """Guess a recipe for a recording, and print what it holds.
+
+    Raises:
+        RecordingError: it cannot be read, or holds nothing that any recipe could convert.
+    """
+    from bagassets.cli.init_report import print_found
+    from bagassets.propose.proposal import propose_recipe
+    from bagassets.propose.scan import scan_recording
+    from bagassets.recordings.discover import discover
+    from bagassets.recordings.open import open_recording
+
+    (recording,) = discover(bags).recordings.values()
+    with open_recording(recording) as opened:
+        summary = scan_recording(opened)
+    proposal = propose_recipe(
+        {recording.relative: summary},
+        name=recording.path.stem,
+        root=bags.root,
+        include=bags.include if "include" in bags.model_fields_set else (),
+    )
+    print_found(proposal, {})
+    uses = [use for bare in proposal.bare for use in bare.topic_uses]
+    if not proposal.rigs and not any(use.status == "not decodable" for use in uses):
+        raise RecordingError(f"{recording.path}: nothing to convert: it has no camera, lidar or radar.")
+    return proposal
+
+
+def _section(kind: "AnyFormat") -> str:
+    """Return the lines of a recipe that ask for a dataset with the defaults of its format."""
+    if kind.distribution:
+        return f"formats:\n  {kind.name}: {{output: dataset/{kind.name}}}\n"
+    return f"{kind.name}: {{}}\n"
+
+
+def _read(path: Path, kind: "AnyFormat") -> "tuple[Recipe, str]":
+    """Return the recipe of a user and its text, with a comment that says where it is from."""
+    from bagassets.recipe import load_recipe
+
+    recipe = load_recipe(path)
+    if kind.name not in recipe.dataset_settings:
+        lines = _section(kind).splitlines()
+        raise RecipeError(
+            f"{path}: this recipe asks for no {kind.name} dataset; add `{' '.join(line.strip() for line in lines)}`."
+        )
+    path = path.absolute()
+    origin = f"# Copied by `bagassets convert` from {path}; relative paths are from {path.parent}.\n"
+    text = path.read_text(encoding="utf-8")
+    return recipe, text if text.startswith("# Copied by `bagassets convert`") else origin + text
+
+
+def _matched(recipe: "Recipe", bags: "Bags") -> "Recipe":
+    """Return a recipe with a rig for the recording: its only one, whatever that matches, or the one that matches.
+
+    Raises:
+        RecipeError: several rigs, of which none matches.
+    """
+    from bagassets.recordings.discover import discover
+    from bagassets.recordings.globs import matches
+
+    if len(recipe.rigs) == 1:
+        return recipe.model_copy(update={"rigs": (recipe.rigs[0].model_copy(update={"match": ("**",)}),)})
+    (recording,) = discover(bags).recordings.values()
+    names = [recording.relative]
+    if recording.path.is_relative_to(recipe.bags.root):
+        names.append(recording.path.relative_to(recipe.bags.root).as_posix())
+    for rig in recipe.rigs:
+        if any(matches(glob, name) for glob in rig.match for name in names):
+            return recipe.model_copy(update={"rigs": (rig.model_copy(update={"match": ("**",)}),)})
+    rigs = ", ".join(rig.name for rig in recipe.rigs)
+    raise RecipeError(
+        f"{recording.path}: none of the rigs {rigs} matches this recording; leave only its rig in the recipe."
+    )
+
+
+def _ask(proposal: "Proposal", problems: list[str], beside: Path, command: str) -> None:
+    """Print what is to be decided, and how to go on."""
+    from bagassets.cli.init_report import print_questions
+
+    echo(f"To be decided in {beside}, the guessed recipe:")
+    print_questions(proposal)
+    for problem in problems:
+        echo(f"  {problem}")
+    if proposal.rigs:
+        echo("When that is done:")
+        echo(f"  {command} --recipe {_quoted(beside)}")
+
+
+def _write_beside(path: Path, text: str) -> None:
+    """Write the guessed recipe for its user, who may have edited the one that is there.
+
+    Raises:
+        RecipeError: another one is there, or it cannot be written.
+    """
+    try:
+        if path.exists() and path.read_text(encoding="utf-8") == text:
+            return
+        with path.open("x", encoding="utf-8") as file:
+            file.write(text)
+    except FileExistsError:
+        raise RecipeError(
+            f"{path} exists already; convert with --recipe {_quoted(path)} if you edited it, or remove it."
+        ) from None
+    except OSError as err:
+        raise RecipeError(f"{path}: the recipe cannot be written ({err.strerror or err}).") from err
+
+
+# --- the build ---------------------------------------------------------------------------
+
+
+def _build(recipe: "Recipe", bags: "Bags", kind: "AnyFormat", out: Path, text: str) -> int:
+    """Build the dataset, move it to `out`, and return the exit status."""
+    from bagassets.build.build_report import BuildOptions, BuildReport, SummaryRow
+    from bagassets.cli.build import build_with_progress
+    from bagassets.cli.remote import InterruptedBuildError
+    from bagassets.cli.summary import print_remarks, summary_console
+    from bagassets.cli.throw_away import throw_away_project
+    from bagassets.formats.dataset_lock import read_lock
+
+    options = BuildOptions(jobs=1, select=(kind.asset,))
+    try:
+        with _interrupted_by_signals(), throw_away_project(recipe, bags, kind, out) as project:
+            result = build_with_progress(project.recipe_file, options, None, None)
+            report = BuildReport.from_json(result)
+            rows = [SummaryRow(**row) for row in result["summary"]]
+            if report.interrupted:
+                raise click.Abort
+            print_remarks(report.remarks, summary_console())
+            problem = _problem(report, rows)
+            counts: dict[str, int] = {}
+            if problem is None:
+                lock = read_lock(project.dataset / kind.folder(recipe.dataset_settings[kind.name]))
+                for entry in () if lock is None else lock.value["bags"]:
+                    counts |= entry["counts"]
+                if not any(counts.values()):
+                    problem = f"{rows[0].recording}: its dataset would be empty; it may be too short, see the recipe."
+            if problem is not None:
+                echo_lines(f"error: {problem}", err=True)
+                return EXIT_FAILED
+            (project.dataset / "recipe.yaml").write_text(text, encoding="utf-8")
+            project.move_dataset(out)
+    except (InterruptedBuildError, KeyboardInterrupt) as err:
+        raise click.Abort from err
+    counts |= {name: getattr(rows[0], name) for name in ("images", "sweeps", "boxes") if name not in counts}
+    given = ", ".join(count_text(number, name.removesuffix("s")) for name, number in counts.items() if number)
+    echo(f"{_quoted(out)}: {given}")
+    return 0
+
+
+def _problem(report: "BuildReport", rows: "list[SummaryRow]") -> str | None:
+    """Return why there is no dataset worth moving, or None."""
+    for row in rows:
+        if row.result not in {"built", "hit", "fresh"}:
+            return f"{row.recording}: {row.reason}"
+        if row.scenes == 0:
+            return f"{row.recording}: it gives no scene, so the dataset would be empty."
+    return report.dataset_problem or (None if rows else "the recording is gone.")
+
+
+@contextmanager
+def _interrupted_by_signals() -> Iterator[None]:
+    """Have SIGTERM and SIGHUP end the command as Ctrl-C does, so that nothing is left behind."""
+    before = {
+        number: signal.signal(number, signal.default_int_handler)
+        for number in (signal.SIGTERM, signal.SIGHUP)
+    }
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _quoted(path: Path) -> str:
+    here = Path.cwd()
+    path = path.absolute()
+    return shlex.quote(str(path.relative_to(here) if path.is_relative_to(here) else path))

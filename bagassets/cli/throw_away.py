@@ -1,0 +1,130 @@
+"""A project that lasts for one build: its state in the temporary folder, its store and dataset beside where the dataset goes."""
+
+import json
+import os
+import shutil
+import signal
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from bagassets.cli.remote import end_servers
+from bagassets.errors import DatasetError
+from bagassets.formats.format import AnyFormat
+from bagassets.formats.guard import GUARD
+from bagassets.recipe.model import Bags, Recipe
+
+__all__ = ["ThrowAwayProject", "throw_away_project"]
+
+
+@dataclass(frozen=True)
+class ThrowAwayProject:
+    """A recipe of which only one recording and one dataset are built.
+
+    Attributes:
+        recipe_file: recipe of the project.
+        dataset: folder of the dataset.
+        store: the store, on the same file system as the dataset, so that its files are linked and not copied.
+    """
+
+    recipe_file: Path
+    dataset: Path
+    store: Path
+
+    def move_dataset(self, out: Path) -> None:
+        """Move the finished dataset to `out`, which must not exist; its files are nobody else's then.
+
+        Raises:
+            DatasetError: it cannot be moved.
+        """
+        try:
+            shutil.rmtree(self.store)
+            (self.dataset / GUARD).unlink(missing_ok=True)
+            for folder, _, names in os.walk(self.dataset):
+                for name in names:
+                    _make_own(Path(folder, name))
+            if os.path.lexists(out):
+                raise FileExistsError(None, "it appeared meanwhile")
+            self.dataset.rename(out)
+        except OSError as err:
+            raise DatasetError(
+                f"{out}: the dataset cannot be put there ({err.strerror or err}); name another folder."
+            ) from err
+
+
+@contextmanager
+def throw_away_project(recipe: Recipe, bags: Bags, kind: AnyFormat, out: Path) -> Iterator[ThrowAwayProject]:
+    """Make a project that builds one dataset of the recording that `bags` selects, and remove all of it afterwards.
+
+    Its server is ended, too. The recording is only read: no digest is stored with it.
+
+    Args:
+        recipe: how recordings are read; its folders and its other datasets do not count.
+        bags: select the recording.
+        kind: format of the dataset, whose section the recipe has.
+        out: where the dataset is going to be.
+
+    Raises:
+        DatasetError: nothing can be written beside `out`.
+    """
+    try:
+        beside = Path(tempfile.mkdtemp(prefix=f".{out.name[:100]}.", dir=out.parent))
+    except OSError as err:
+        raise DatasetError(
+            f"{out.parent}: the dataset cannot be written here ({err.strerror or err}); make the folder, mend its "
+            "permissions, or name another place."
+        ) from err
+    # Databases and sockets work in the temporary folder, whatever file system the dataset goes to.
+    state = Path(tempfile.mkdtemp(prefix="bagassets-convert-")).resolve()
+    try:
+        project = ThrowAwayProject(state / "recipe.yaml", beside / "dataset", beside / "store")
+        own = _own_recipe(recipe, bags, kind, project, state)
+        project.recipe_file.write_text(json.dumps(own, ensure_ascii=False), encoding="utf-8")
+        yield project
+    finally:
+        # Who presses Ctrl-C once more must not keep this from being removed.
+        with _ignored(signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            end_servers(state)
+            shutil.rmtree(state, ignore_errors=True)
+            shutil.rmtree(beside, ignore_errors=True)
+
+
+def _own_recipe(
+    recipe: Recipe, bags: Bags, kind: AnyFormat, project: ThrowAwayProject, state: Path
+) -> dict[str, object]:
+    """Return the recipe of the project as JSON, which is YAML."""
+    own = recipe.model_dump(mode="json", exclude_unset=True)
+    unwanted = {"vision", "formats", "datasets"}
+    own = {name: value for name, value in own.items() if name not in unwanted}
+    own["bags"] |= bags.model_dump(mode="json", include={"root", "include"})
+    own["bags"] |= {"exclude": [], "digest_attributes": False}
+    own |= {"state": str(state), "store": str(project.store)}
+    own["nuscenes"] = own.get("nuscenes", {}) | {"output": str(project.dataset.with_name("nuscenes"))}
+    section = recipe.dataset_settings[kind.name].model_dump(mode="json", exclude_unset=True)
+    section["output"] = str(project.dataset)
+    if kind.distribution:
+        own["formats"] = {kind.name: section}
+    else:
+        own[kind.name] = section
+    return own
+
+
+def _make_own(path: Path) -> None:
+    """Make a file of a dataset one that its user may write to, and no link to another."""
+    if path.stat().st_nlink > 1:
+        copy = path.with_name(f".{path.name}.copy")
+        shutil.copyfile(path, copy)
+        copy.replace(path)
+    path.chmod(path.stat().st_mode | 0o200)
+
+
+@contextmanager
+def _ignored(*signals: signal.Signals) -> Iterator[None]:
+    before = {number: signal.signal(number, signal.SIG_IGN) for number in signals}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
