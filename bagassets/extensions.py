@@ -61,7 +61,7 @@ class Extension:
     def problem(self, what: str) -> PluginError:
         """Return an error that says why the object cannot be used."""
         return PluginError(
-            f"{self.name} of {self.distribution} cannot be used: {what}; mend, upgrade or uninstall that package."
+            f"{self.name} of {self.distribution} cannot be used: {what}; fix, upgrade or uninstall that package."
         )
 
 

@@ -310,7 +310,7 @@ class TestCrashes:
 
 
 class TestChangedByOthers:
-    """What somebody else changed is mended: all of it if nobody says what, else what is said."""
+    """What somebody else changed is fixed: all of it if nobody says what, else what is said."""
 
     @pytest.mark.parametrize("which", ["a file", "a table", "a channel", "the lock"])
     def test_what_is_gone_is_made_again(self, store, parts, tmp_path, which):

@@ -1,4 +1,4 @@
-"""What was published is compared with what is there: replaced, torn and missing files are noticed and mended."""
+"""What was published is compared with what is there: replaced, torn and missing files are noticed and fixed."""
 
 import errno
 import json
@@ -117,7 +117,7 @@ def test_a_published_file_that_is_not_as_it_was_is_mended(fresh, monkeypatch, pa
 def test_a_link_that_was_written_into_is_made_again_with_the_file_of_the_store(
     fresh, monkeypatch, pattern, change
 ):
-    """Both are one file, so that linking it again would mend nothing."""
+    """Both are one file, so that linking it again would fix nothing."""
     whole = everything(fresh)
     path = first(fresh, pattern)
     assert path.stat().st_nlink > 1

@@ -1,4 +1,4 @@
-"""Clouds against the poses: stamps that are off by a known time are found, and what the check says mends them."""
+"""Clouds against the poses: stamps that are off by a known time are found, and what the check says fixes them."""
 
 import heapq
 from contextlib import ExitStack
@@ -140,9 +140,9 @@ def test_headers_that_are_late_by_a_known_time_are_found_and_mended(tmp_path, dr
     field, _, value = advice(problem).partition(": ")
     assert field == "stamp_offset_s"
     assert float(value) == pytest.approx(-late_ms / 1e3, abs=0.005)
-    mended = checked(tmp_path, f", deskew: true, {advice(problem)}")
-    assert mended.problems == []
-    assert mended.facts["LIDAR_TOP"]["best_offset_ms"] == pytest.approx(0, abs=5)
+    fixed = checked(tmp_path, f", deskew: true, {advice(problem)}")
+    assert fixed.problems == []
+    assert fixed.facts["LIDAR_TOP"]["best_offset_ms"] == pytest.approx(0, abs=5)
 
 
 @pytest.mark.parametrize(

@@ -192,8 +192,8 @@ def test_an_offset_of_the_clock_counts_before_deskewing(run):
     for message in late:
         message.data.header = header(START_NS + 200_000_000 if message is late[0] else START_NS + 300_000_000)
     exact = run(request(lidar(deskew=True), CLOUD, **fields), clouds(2, t=times), driving(10.0))
-    mended = run(request(lidar(deskew=True, stamp_offset_s=-0.2), CLOUD, **fields), late, driving(10.0))
-    assert [(row["stamp_ns"], row["digest"]) for row in mended.index] == [
+    fixed = run(request(lidar(deskew=True, stamp_offset_s=-0.2), CLOUD, **fields), late, driving(10.0))
+    assert [(row["stamp_ns"], row["digest"]) for row in fixed.index] == [
         (row["stamp_ns"], row["digest"]) for row in exact.index
     ]
 

@@ -205,7 +205,7 @@ class BoxCollector:
         if self._rules[source].refuse if refuse is None else refuse:
             raise DecodeError(
                 f"{place.full or source}: a box cannot be used ({reason}) and the recipe refuses such boxes; "
-                "mend the labels, or set `count` instead of `refuse` for this source."
+                "fix the labels, or set `count` instead of `refuse` for this source."
             )
         self.counts[source].lose(reason, place)
 

@@ -161,7 +161,7 @@ def add_labels(
             except UnreadableLabelsError as err:
                 if labels.entry.bad_files == "refuse":
                     raise DecodeError(
-                        f"{file.path}{_line(err)}: the file {err}; mend it, or say `bad_files: count` in the recipe."
+                        f"{file.path}{_line(err)}: the file {err}; fix it, or say `bad_files: count` in the recipe."
                     ) from err
                 files.lose(str(err))
                 first.setdefault(str(err), f"{file.name}{_line(err)}")
@@ -264,7 +264,7 @@ def _frame_clock(labels: Labels, recording: Recording, clock: Clock) -> FrameClo
     try:
         stamps = read_times(_content(found.times))
     except UnreadableLabelsError as err:
-        raise DecodeError(f"{found.times.path}{_line(err)}: {err}; mend the file of times.") from err
+        raise DecodeError(f"{found.times.path}{_line(err)}: {err}; fix the file of times.") from err
     return NumberedFrames(stamps, times.first)
 
 

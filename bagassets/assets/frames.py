@@ -291,7 +291,7 @@ class FrameExtractor:
         if self._failed > self._use.settings.lost_messages * self._counts.read:
             raise LossLimitError(
                 f"{where} lost {self._failed} of {self._counts.read} messages; the first: {self._first_error}. "
-                "If that is acceptable, raise limits.lost_messages in the recipe; else remove the channel or mend "
+                "If that is acceptable, raise limits.lost_messages in the recipe; else remove the channel or fix "
                 "the recording."
             )
         if not self._counts.balanced:

@@ -38,7 +38,7 @@ def poses_from_tf(source: TfSource, rig: MovingRig, recording: Recording) -> Pos
         if edge.moves and edge.source != "tf":
             raise PoseError(
                 f"ego poses from TF: {edge.parent} -> {edge.child} is published as static ({', '.join(rig.tf_static)}) "
-                "with different values; mend the recording, or leave the topic out of tf_static in the recipe."
+                "with different values; repair the recording, or leave the topic out of tf_static in the recipe."
             )
     on_way = [edge.stamps_ns for edge in (*up, *down) if edge.moves]
     if not on_way:

@@ -289,7 +289,7 @@ class SweepExtractor:
                 raise LossLimitError(
                     f"{where} lost {failed} of {read} {unit}; the first: {self._first_error}. "
                     "If that is acceptable, raise limits.lost_messages in the recipe; else remove the channel "
-                    "or mend the recording."
+                    "or repair the recording."
                 )
         if not (counts.balanced and points.balanced):
             raise LossLimitError(

@@ -73,7 +73,7 @@ def throw_away_project(recipe: Recipe, bags: Bags, kind: AnyFormat, out: Path) -
         beside = Path(tempfile.mkdtemp(prefix=f".{out.name[:100]}.", dir=out.parent))
     except OSError as err:
         raise DatasetError(
-            f"{out.parent}: the dataset cannot be written here ({err.strerror or err}); make the folder, mend its "
+            f"{out.parent}: the dataset cannot be written here ({err.strerror or err}); make the folder, fix its "
             "permissions, or name another place."
         ) from err
     # Databases and sockets work in the temporary folder, whatever file system the dataset goes to.

@@ -118,7 +118,7 @@ def load_built_in() -> None:
 
 def _checked_function(plugin: DecoderPlugin, function: object, kind: type) -> Callable[..., object]:
     if not callable(function):
-        raise PluginError(f"{plugin}: {plugin.reference} is no function; mend or uninstall it.")
+        raise PluginError(f"{plugin}: {plugin.reference} is no function; fix or uninstall it.")
 
     def decode(message: Message, *_of_the_recipe: object) -> object:
         reading = _guarded(plugin, function, message)
@@ -130,7 +130,7 @@ def _checked_function(plugin: DecoderPlugin, function: object, kind: type) -> Ca
 
 def _checked_boxes(plugin: DecoderPlugin, decoder: object) -> BoxDecoder:
     if not isinstance(decoder, BoxDecoder):
-        raise PluginError(f"{plugin}: {plugin.reference} is no BoxDecoder; mend or uninstall it.")
+        raise PluginError(f"{plugin}: {plugin.reference} is no BoxDecoder; fix or uninstall it.")
 
     def items(message: Message) -> Iterable[Message]:
         found: list[Message] = _guarded(plugin, lambda whole: list(decoder.items(whole)), message)
@@ -161,7 +161,7 @@ def _load(plugin: DecoderPlugin) -> object:
             return entry.load()
     except Exception as err:  # foreign code runs: whatever it raises is the plug-in's fault
         raise PluginError(
-            f"{plugin}: {plugin.reference} cannot be loaded ({_in_words(err)}); mend or uninstall it."
+            f"{plugin}: {plugin.reference} cannot be loaded ({_in_words(err)}); fix or uninstall it."
         ) from err
     raise PluginError(f"{plugin}: version {version} was installed while this process ran; start it again.")
 

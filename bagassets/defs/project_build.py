@@ -49,15 +49,15 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
     with open_project(recipe_file) as (instance, workspace), ExitStack() as stack:
         recipe = workspace.recipe
         end_orphaned_runs(instance)
-        mended = {"after_crash": stack.enter_context(noted_build(recipe, recipe_file))}
-        mended["changed_in_place"] = remove_changed_sources(recipe, workspace.store)
-        mended["installed_packages"] = list(problems_of(recipe))
+        repaired = {"after_crash": stack.enter_context(noted_build(recipe, recipe_file))}
+        repaired["changed_in_place"] = remove_changed_sources(recipe, workspace.store)
+        repaired["installed_packages"] = list(problems_of(recipe))
         snapshot = Snapshot(instance, workspace)
         before = now = find_pending_work(instance, workspace, options)
         report = BuildReport(before.plan, dataset_path=recipe.nuscenes.output)
         split_before = split_on_disk(recipe)
         report.remarks = tuple(
-            Remark("", "warn", name, problem) for name, problems in mended.items() for problem in problems
+            Remark("", "warn", name, problem) for name, problems in repaired.items() for problem in problems
         )
         if not options.allow_empty:
             _refuse_empty(recipe, before.planned)

@@ -275,7 +275,7 @@ def _guarded_format(kind: AnyFormat) -> AnyFormat:
 
     def raised(what: str, said: str) -> DatasetError:
         return DatasetError(
-            f"{what} of the format {kind.name} of {kind.distribution} raised {said}; mend, upgrade or uninstall that "
+            f"{what} of the format {kind.name} of {kind.distribution} raised {said}; fix, upgrade or uninstall that "
             "package."
         )
 

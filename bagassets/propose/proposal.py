@@ -196,7 +196,7 @@ def _no_rig(sheet: Sheet, bare: Sequence[Bare], unreadable: Mapping[str, str]) -
         more = f" (and {len(undecodable) - 1} more topics)" if len(undecodable) > 1 else ""
         sheet.ask(0, "rigs", f"no sensor can be decoded. {topic}: {why}{more}")
     elif unreadable and not bare:
-        sheet.ask(0, "rigs", "no recording could be read; mend them, or name another folder with --bags")
+        sheet.ask(0, "rigs", "no recording could be read; fix them, or name another folder with --bags")
     else:
         sheet.ask(
             0,

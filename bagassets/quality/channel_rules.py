@@ -71,4 +71,4 @@ def _way_out(name: str, reason: str, clock: Clock) -> str:
             "They were logged in the same microsecond; if their header stamps differ, use `clock: header` "
             f"{field}; other channels keep their stamps"
         )
-    return "If that is acceptable, raise limits.reported_losses in the recipe; else mend the recording or remove the channel"
+    return "If that is acceptable, raise limits.reported_losses in the recipe; else repair the recording or remove the channel"

@@ -21,6 +21,6 @@ def require_writable(state: Path) -> None:
         existing = next(one for one in (path, *path.parents) if one.exists())
         if not os.access(existing, os.W_OK | (os.X_OK if existing.is_dir() else 0)):
             raise StoreError(
-                f"{state}: this state folder cannot be written ({existing} is read-only for this user); mend its permissions, "
+                f"{state}: this state folder cannot be written ({existing} is read-only for this user); fix its permissions, "
                 "or set `state` in the recipe to a folder that can be written."
             )
