@@ -449,7 +449,7 @@ class TestRecipe:
     @pytest.mark.parametrize(
         ("sources", "words"),
         [
-            ([{"format": "boxes", "path": "{bag}.json"}], "`{bag}` stands for nothing"),
+            ([{"format": "boxes", "path": "{bag}.json"}], "`{bag}` is not a placeholder"),
             ([{"format": "boxes", "path": " "}], "must not be empty"),
             ([BOX_FILE, BOX_FILE], "x.json is listed twice"),
             ([{"format": "kitti", "path": "a"}], "must be boxes, sustechpoints, kitti_tracklets"),

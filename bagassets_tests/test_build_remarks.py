@@ -39,7 +39,7 @@ def test_what_checks_find_in_what_was_built_is_told(project):
     told = done.stdout
     assert "error a.bag: RADAR_FRONT: topic /radr is not in the recording" in told
     assert "(and 1 more)" in told
-    assert "warn short.mcap: it gives no scene: " in told
+    assert "warn short.mcap: it has no scene: " in told
     assert "scenes.min_length_s" in told
 
 

@@ -86,7 +86,7 @@ def test_a_threshold_counts_at_once_and_an_error_ends_with_status_3(with_checks)
 def test_a_warning_is_printed_and_ends_well(with_checks):
     done = run(recipe=with_checks({"calibration_plausible": {"max_distance_m": 0.1}}))
     assert done.return_value == PASSED
-    assert done.stdout.startswith(f"warn  {GOOD}: calibration_plausible\n      CAM_FRONT: sits ")
+    assert done.stdout.startswith(f"warn  {GOOD}: calibration_plausible\n      CAM_FRONT: is ")
 
 
 def test_one_recording_is_checked_without_the_dataset(built):

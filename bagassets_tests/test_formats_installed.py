@@ -155,7 +155,7 @@ class TestGood:
             ("{acme: {output: ~/out}}", r"formats\.acme\.output: `~` is not expanded"),
             (
                 "{acme: {output: dataset/nuscenes/x}}",
-                r"formats\.acme\.output: .* must not be the same nor lie in each other",
+                r"formats\.acme\.output: .* must be different, and neither may contain the other",
             ),
             (
                 "{acne: {output: out}}",

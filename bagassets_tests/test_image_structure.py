@@ -12,12 +12,13 @@ import numpy as np
 import pytest
 
 from bagassets.assets.frames import FrameExtractor
-from bagassets.decode.compressed_image import checked_size, unpack
+from bagassets.decode.compressed_image import checked_size
 from bagassets.errors import DecodeError
 from bagassets.kernels import markers
 from bagassets.kernels.machine_code import MachineCode
 from bagassets.store.artifact import ArtifactWriter
 from bagassets_tests.cameras import camera_use
+from bagassets_tests.decoded_images import pixels_of
 
 HEIGHT, WIDTH = 120, 200
 NOISE = np.random.default_rng(5).integers(0, 256, (HEIGHT, WIDTH, 3), np.uint8)
@@ -65,7 +66,7 @@ def test_whole_ones_are_taken(name):
     data = WHOLE[name]
     kind = "png" if "png" in name else "jpeg"
     assert checked_size(data, kind) == (WIDTH, HEIGHT)
-    assert unpack(data, kind).shape[:2] == (HEIGHT, WIDTH)
+    assert pixels_of(data, kind).shape[:2] == (HEIGHT, WIDTH)
 
 
 def changed(data, at, new):
@@ -129,7 +130,7 @@ def test_damage_is_refused(name):
     with pytest.raises(DecodeError, match=reason):
         checked_size(data, kind)
     with pytest.raises(DecodeError, match=reason):
-        unpack(data, kind)
+        pixels_of(data, kind)
 
 
 @pytest.mark.parametrize(

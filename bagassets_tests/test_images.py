@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 
 from bagassets.assets.image_output import ImageOutput
-from bagassets.decode.compressed_image import checked_size, decode_compressed_image, unpack
+from bagassets.decode.compressed_image import checked_size, decode_compressed_image
 from bagassets.decode.image import decode_image, demosaic, to_bgr_or_grey
 from bagassets.errors import DecodeError
 from bagassets.geometry.calibration import CameraLens, RegionOfInterest
 from bagassets.geometry.camera import CameraModel
 from bagassets_tests.cameras import camera_use
+from bagassets_tests.decoded_images import pixels_of
 
 RGB = (200, 120, 40)
 HEADER = SimpleNamespace(stamp=SimpleNamespace(sec=1, nanosec=2), frame_id="/cam")
@@ -171,7 +172,7 @@ def published(rgb, said):
 
 def decoded(message):
     reading = decode_compressed_image(message)
-    return unpack(reading.encoded, reading.encoding)
+    return pixels_of(reading.encoded, reading.encoding)
 
 
 @pytest.mark.parametrize("kind", ["png", "jpeg"])

@@ -272,11 +272,14 @@ class TestRecipe:
     @pytest.mark.parametrize(
         ("datasets", "words"),
         [
-            ("[{name: a}, {name: a}]", "datasets[1].name: is too much like a"),
-            ("[{name: a-b}, {name: a.b}]", "is too much like a-b"),
+            (
+                "[{name: a}, {name: a}]",
+                "datasets[1].name: would have the same asset name as the dataset a; rename one",
+            ),
+            ("[{name: a-b}, {name: a.b}]", "the same asset name as the dataset a-b"),
             ("[{name: a, place: [[48, 11], [49, 11]]}]", "a polygon needs three corners"),
             ("[{name: a, place: [[48, 11], [49, 11], [111, 48]]}]", "latitude comes first"),
-            ("[{name: a, rigs: [bus]}]", "bus is no rig of this recipe"),
+            ("[{name: a, rigs: [bus]}]", "bus is not a rig of this recipe"),
             ("[{name: a, since: yesterday}]", "as in 2025-06-15"),
             ("[{name: a, since: 2025-06-15, until: 2025-06-15}]", "must be later than since"),
             ("[{name: a, output: nuscenes}]", "must not be the same"),

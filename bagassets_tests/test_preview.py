@@ -28,11 +28,11 @@ from bagassets.preview.contact_sheet import GAP_PX, HEADER_PX, contact_sheet
 from bagassets.preview.future import future_trajectory
 from bagassets.preview.lens import View
 from bagassets.preview.lidar_over_camera import lidar_over_camera
-from bagassets.preview.moments import evenly_spaced, reading_at, telling_moment
+from bagassets.preview.moments import best_moment, evenly_spaced, reading_at
 from bagassets.preview.pictures import TITLES, boxes_at, suitable_range_m
 from bagassets.preview.timeline import ROW_PX, TOP_PX, timeline
 from bagassets.recipe import load_recipe
-from bagassets.recipe.model_preview import Preview
+from bagassets.recipe.model import Preview
 from bagassets.sample.drive import Target, write_recordings
 from bagassets.sample.recipe import sample_recipe
 from bagassets.store.store import Store
@@ -226,15 +226,15 @@ class TestMoments:
     STAMPS = np.arange(0, 100 * S, S // 10, dtype=np.int64)
 
     def test_the_middle_with_enough_ahead(self):
-        index = telling_moment(self.STAMPS, [], 4 * S, S // 10)
+        index = best_moment(self.STAMPS, [], 4 * S, S // 10)
         assert self.STAMPS[index] == pytest.approx(50 * S, abs=S)
         short = self.STAMPS[:60]
-        assert short[telling_moment(short, [], 4 * S, S // 10)] == pytest.approx(1.9 * S, abs=S / 5)
+        assert short[best_moment(short, [], 4 * S, S // 10)] == pytest.approx(1.9 * S, abs=S / 5)
 
     def test_a_moment_that_the_lidar_has_too_is_preferred(self):
-        index = telling_moment(self.STAMPS, [np.array([80 * S], dtype=np.int64)], S, S // 100)
+        index = best_moment(self.STAMPS, [np.array([80 * S], dtype=np.int64)], S, S // 100)
         assert self.STAMPS[index] == 80 * S
-        assert telling_moment(self.STAMPS[:0], [self.STAMPS], S, S) is None
+        assert best_moment(self.STAMPS[:0], [self.STAMPS], S, S) is None
 
     def test_spacing_and_tolerance(self):
         assert evenly_spaced(0, 100, 2) == [25, 75]

@@ -147,10 +147,10 @@ class TestTopics:
     def test_stamps_far_from_the_log_time_are_named(self):
         broken = inventory(topic("/odom", header_offset_s=HeaderOffset(3599.0, 3600.0, 3601.0)))
         (problem,) = stamps_monotonic(RIG, broken, StampsCheck()).problems
-        assert problem.startswith("/odom: header stamps lie 3600 s before the log time")
+        assert problem.startswith("/odom: header stamps are 3600 s before the log time")
         older = inventory(topic("/odom", header_offset_s=HeaderOffset(-9e6, -9e6, -9e6)))
         (problem,) = stamps_monotonic(RIG, older, StampsCheck()).problems
-        assert problem.startswith("/odom: header stamps lie 104.2 days after the log time")
+        assert problem.startswith("/odom: header stamps are 104.2 days after the log time")
 
 
 COUNTS = {"read": 100, "written": 99, "merged": 0, "lost": {"too short": 1}}
@@ -172,7 +172,10 @@ class TestChannels:
         ("counts", "words"),
         [
             ({"written": 98}, "CAM_FRONT: 100 messages were read, but 98 written, 0 merged and 1 lost"),
-            ({"written": 0, "lost": {"too short": 100}}, "CAM_FRONT: 100 messages became no file"),
+            (
+                {"written": 0, "lost": {"too short": 100}},
+                "CAM_FRONT: 100 messages were read, but no file was written",
+            ),
             (
                 {"written": 95, "lost": {"a": 2, "b": 3}},
                 "CAM_FRONT: 5 of 100 messages (5%) were lost, most often (3 times) because b. If that is acceptable, raise limits",
@@ -363,16 +366,16 @@ class TestCalibration:
     @pytest.mark.parametrize(
         ("changes", "words"),
         [
-            ({"translation": [1500.0, 0, 1200]}, "sits 1920.94 m from the ego frame"),
+            ({"translation": [1500.0, 0, 1200]}, "is 1920.94 m from the ego frame"),
             ({"rotation": [1.0, 0, 0, 0]}, "looks 90 degrees up"),
             ({"rotation": [0.0, 1.0, 0, 0]}, "looks 90 degrees down"),
-            ({"k": [4.0, 0, 319.5, 0, 4.0, 239.5, 0, 0, 1], "d": []}, "a view of 178"),
-            ({"k": [40000.0, 0, 319.5, 0, 40000.0, 239.5, 0, 0, 1]}, "a view of 0.9 degrees"),
+            ({"k": [4.0, 0, 319.5, 0, 4.0, 239.5, 0, 0, 1], "d": []}, "a field of view of 178"),
+            ({"k": [40000.0, 0, 319.5, 0, 40000.0, 239.5, 0, 0, 1]}, "a field of view of 0.9 degrees"),
             ({"k": [400.0, 0, 319.5, 0, 225.0, 239.5, 0, 0, 1]}, "differ by a factor of 1.78"),
-            ({"k": [400.0, 0, 639.5, 0, 400.0, 239.5, 0, 0, 1]}, "cx 639.5 lies 50% of 640 pixels off"),
-            ({"k": [400.0, 0, 319.5, 0, 400.0, 0.5, 0, 0, 1]}, "cy 0.5 lies 50% of 480 pixels off"),
-            ({"k": [0.0, 0, 319.5, 0, 400.0, 239.5, 0, 0, 1]}, "are no lens"),
-            ({"d": [-0.9, 0.1, 0, 0, 0]}, "distortion folds the image over"),
+            ({"k": [400.0, 0, 639.5, 0, 400.0, 239.5, 0, 0, 1]}, "cx 639.5 is 50% of 640 pixels off"),
+            ({"k": [400.0, 0, 319.5, 0, 400.0, 0.5, 0, 0, 1]}, "cy 0.5 is 50% of 480 pixels off"),
+            ({"k": [0.0, 0, 319.5, 0, 400.0, 239.5, 0, 0, 1]}, "are impossible for a lens"),
+            ({"d": [-0.9, 0.1, 0, 0, 0]}, "distortion folds the image"),
         ],
     )
     def test_what_no_vehicle_has_is_named(self, changes, words):
@@ -457,7 +460,7 @@ class TestFiles:
         row = next(row for row in made[2]["sample_data"] if row["filename"] == first["filename"])
         others = [other for other in made[2]["sample_data"] if other is not row]
         assert self.find(made, sample_data=others).problems == [
-            f"1 file is listed that sample_data does not name: {first['filename']}"
+            f"1 listed file is not in sample_data: {first['filename']}"
         ]
 
     def test_removed_torn_and_collected_files_are_named(self, tmp_path):
@@ -470,7 +473,7 @@ class TestFiles:
         gone, kept = files_match(rows, files, store.artifact).problems
         assert gone == f"1 file is not in the store: {files[0]['filename']}"
         assert kept.startswith(
-            f"1 file differs in size from what its artifact was recorded with: {files[1]['filename']} (1 bytes"
+            f"1 file does not have the size in its artifact's manifest: {files[1]['filename']} (1 bytes"
         )
         manifest = store.artifact(files[0]["artifact"]).folder / "manifest.json"
         manifest.unlink()
@@ -674,7 +677,7 @@ class TestScenes:
         }
         facts = {"reference": "LIDAR_TOP", "tolerance_s": 0.1, "counts": none | counts}
         (problem,) = scenes_made(facts, ten_hz, 1.5).problems
-        assert problem.startswith("it gives no scene: ")
+        assert problem.startswith("it has no scene: ")
         assert reason in problem
 
     def test_one_with_a_scene_passes(self):

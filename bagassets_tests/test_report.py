@@ -240,11 +240,11 @@ class TestTrajectoryMap:
 
     def test_those_that_are_nowhere_on_earth_are_named(self, shell):
         page = trajectory_map_page(WAYS, shell)
-        assert "1 without position on Earth" in page
+        assert "1 without a position on Earth" in page
         only_local = trajectory_map_page(WAYS[2:], shell)
         assert "hall" in only_local
         assert "leaflet" not in only_local
-        assert "No recording has a way to draw" in trajectory_map_page([], shell)
+        assert "No recording has a route" in trajectory_map_page([], shell)
 
 
 @pytest.fixture(scope="module")
@@ -304,7 +304,7 @@ class TestGathered:
         data = report_data(pinned, Store(recipe.store_path), plan_of(recipe, made))
         assert data.recordings[0].split == "val"
         assert data.idle_pins == ["dirve"]
-        assert "there is no such recording: dirve" in Page(report_page(data)).text
+        assert "not among the recordings: dirve" in Page(report_page(data)).text
 
     def test_a_thousand_recordings_make_a_page_below_five_megabytes_in_seconds(self, built):
         recipe, made = built

@@ -68,7 +68,7 @@ def test_every_format_has_the_same_topics_times_and_counts(tmp_path):
 
 def test_what_is_there_is_not_overwritten(tmp_path):
     (tmp_path / "d.bag").write_text("precious")
-    with pytest.raises(RecordingError, match=r"d\.bag: there is something already"):
+    with pytest.raises(RecordingError, match=r"d\.bag: exists already"):
         write_recordings([Target(tmp_path / "d.bag", "ros1")], duration_s=SHORT_S)
     assert (tmp_path / "d.bag").read_text() == "precious"
 

@@ -22,8 +22,8 @@ from bagassets.formats.vision.sequences import cut_sequences
 from bagassets.formats.vision.trajectories import geodetic_columns
 from bagassets.geometry.se3 import SE3
 from bagassets.recipe import load_recipe
+from bagassets.recipe.model_datasets import Vision
 from bagassets.recipe.model_splits import Splits
-from bagassets.recipe.model_vision import Vision
 from bagassets.recordings.discover import find_one
 from bagassets.recordings.open import open_recording
 from bagassets.sample.drive import Target, write_recordings

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from bagassets.assets.asset import inlined, omitted
-from bagassets.decode.compressed_image import checked_size, unpack_checked
+from bagassets.decode.compressed_image import checked_size, decode_pixels
 from bagassets.decode.image import Pixels, bayer_to_bgra, check_pixels, to_bgr_or_grey
 from bagassets.decode.model import ImageReading
 from bagassets.errors import CalibrationError, DecodeError, RecipeError
@@ -121,7 +121,7 @@ def _size_of(reading: ImageReading, most_pixels: int) -> tuple[int, int]:
 def _converted(reading: ImageReading) -> Pixels:
     if reading.pixels is not None:
         return to_bgr_or_grey(reading.pixels, reading.encoding)
-    return unpack_checked(reading.encoded or b"", reading.encoding)
+    return decode_pixels(reading.encoded or b"", reading.encoding)
 
 
 def _refused(err: cv2.error) -> Exception:

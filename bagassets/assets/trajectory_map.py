@@ -1,6 +1,6 @@
 """The step `trajectory_map`: the interactive map of all recordings, one HTML file.
 
-The step `map_shell` makes the page without the ways, which is the same for all datasets.
+The step `map_shell` makes the page without routes, which is the same for all datasets.
 """
 
 from collections.abc import Sequence
@@ -14,31 +14,34 @@ from bagassets.store.canonical import digest_json
 
 __all__ = ["MAP", "SHELL_STEP", "STEP", "action", "make", "make_shell"]
 
-STEP = Step("trajectory_map", 3)
+STEP = Step("trajectory_map", 4)
 SHELL_STEP = Step("map_shell", 1, ("folium", "branca"))
 MAP, SHELL = "trajectory_map.html", "shell.html"
 
 
 def make_shell(out: ArtifactWriter) -> JsonObject:
-    """Write the page without the ways; return the summary."""
+    """Write the page without the routes; return the summary."""
     out.write(SHELL, map_shell().encode())
     return {}
 
 
-def action(ways: Sequence[MapRoute], shell: Artifact) -> Action:
+def action(routes: Sequence[MapRoute], shell: Artifact) -> Action:
     """Return the action that makes the map of these recordings."""
-    ways_digest = digest_json(
-        [[way.key, way.split, way.colour, way.note, list(way.points), list(way.local)] for way in ways]
+    routes_digest = digest_json(
+        [
+            [route.key, route.split, route.colour, route.note, list(route.points), list(route.local)]
+            for route in routes
+        ]
     )
-    return STEP.action({}, {"ways": ways_digest, "shell": shell.digest})
+    return STEP.action({}, {"ways": routes_digest, "shell": shell.digest})
 
 
-def make(ways: Sequence[MapRoute], shell: Artifact, out: ArtifactWriter) -> JsonObject:
+def make(routes: Sequence[MapRoute], shell: Artifact, out: ArtifactWriter) -> JsonObject:
     """Write the map; return the summary."""
-    page = trajectory_map_page(ways, shell.path(SHELL).read_text(encoding="utf-8"))
+    page = trajectory_map_page(routes, shell.path(SHELL).read_text(encoding="utf-8"))
     out.write(MAP, page.encode())
     return {
-        "recordings": len(ways),
-        "on_earth": sum(bool(way.points) for way in ways),
-        "points": sum(len(way.points) for way in ways),
+        "recordings": len(routes),
+        "on_earth": sum(bool(route.points) for route in routes),
+        "points": sum(len(route.points) for route in routes),
     }

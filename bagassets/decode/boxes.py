@@ -1,7 +1,6 @@
-"""What reads boxes from a type of messages.
+"""The interface of box decoders.
 
-A message is split into its items first and each item decoded by itself, so that one box that
-is nonsense does not cost the others.
+A message is split into items first, and each item is decoded by itself, so that one bad box does not cost the others.
 """
 
 from collections.abc import Callable, Iterable
@@ -15,12 +14,12 @@ __all__ = ["BoxDecoder"]
 
 @dataclass(frozen=True)
 class BoxDecoder:
-    """How boxes are read from one message type.
+    """Reads boxes from one message type.
 
     Attributes:
         items: message -> its items in order.
-        decode: (message, item) -> box; None if the item is no box at all.
-            Raises DecodeError if it is a box that cannot be used. `source` of the box stays empty.
+        decode: (message, item) -> box, whose `source` stays empty; None if the item is not a box.
+            Raises DecodeError for an unusable box.
     """
 
     items: Callable[[Message], Iterable[Message]]

@@ -1,6 +1,6 @@
 """Fields that many ROS messages share: stamps, frame ids, poses, points.
 
-The texts of the errors carry no numbers: steps count lost messages by them.
+Texts of errors contain no numbers, because steps count lost messages by them.
 """
 
 from dataclasses import fields, is_dataclass
@@ -20,8 +20,8 @@ __all__ = ["Column", "check_points", "rigid_transform", "stamp_and_frame", "stam
 Column = NDArray[Any]
 """One field of many points, of whichever type of number the message has it in."""
 
-# Coordinates in metres have their origin in the Earth's centre (ECEF), on the equator (UTM) or nearby:
-# twice the Earth's circumference is beyond all of them.
+# Coordinates in metres are relative to the Earth's centre (ECEF), the equator (UTM) or a place nearby; none exceeds
+# twice the Earth's circumference.
 _FARTHEST_M = 8e7
 
 
@@ -38,8 +38,8 @@ def stamp_and_frame(header: Message) -> tuple[int, str]:
 def unit_quaternion(orientation: Message) -> tuple[float, float, float, float]:
     """Return a `geometry_msgs/Quaternion` as w, x, y, z.
 
-    One whose length is within 10 % of one is normalised, as single-precision publishers need
-    it; any other is nonsense, most often all zeros.
+    A length within 10 % of one is normalised, because some publishers use single precision; any other quaternion is invalid,
+    most often all zeros.
 
     Raises:
         DecodeError: a number is not finite, or the length is far from one.
@@ -68,9 +68,9 @@ def rigid_transform(position: Message, orientation: Message) -> SE3:
 
 
 def check_points(message: Message, most_points: int) -> None:
-    """Check how many points a lidar or radar message announces, itself or in a cloud that it holds.
+    """Check the number of points that a lidar or radar message, or a cloud in it, announces.
 
-    A point takes several times its recorded size once it is decoded.
+    A decoded point takes several times its recorded size.
 
     Raises:
         DecodeError: there are more than `most_points`.

@@ -69,7 +69,7 @@ def decode_image(message: Message) -> ImageReading:
     """Return the image with its pixels as recorded: a view of the message, not yet converted.
 
     Raises:
-        DecodeError: the encoding is not known, or the size does not fit the data.
+        DecodeError: the encoding is unknown, or the size does not fit the data.
     """
     stamp_ns, frame_id = stamp_and_frame(message.header)
     encoding = str(message.encoding).lower()
@@ -83,7 +83,7 @@ def decode_image(message: Message) -> ImageReading:
         raise DecodeError(
             f"an image of {width}x{height} in {encoding} with step {step} does not fit {len(data)} bytes"
         )
-    # The last row may end with its last pixel; a step may be made up.
+    # The last row may end with its last pixel, without padding.
     rows = np.ndarray((height, row_bytes), np.uint8, np.ascontiguousarray(data), strides=(step, 1))
     pixels: Pixels = rows
     if layout.bytes_per_channel == 2:
@@ -95,7 +95,7 @@ def decode_image(message: Message) -> ImageReading:
 
 
 def check_pixels(width: int, height: int, most_pixels: int) -> None:
-    """Check the size of an image before room is made for it.
+    """Check the size of an image before memory is allocated for it.
 
     Raises:
         DecodeError: it has more than `most_pixels`.
@@ -114,7 +114,7 @@ def to_bgr_or_grey(pixels: Pixels, encoding: str) -> Pixels:
 
 
 def bayer_to_bgra(pixels: Pixels, encoding: str) -> Pixels | None:
-    """Convert an 8-bit Bayer mosaic to (H, W, 4) BGRA, whose colours are those of BGR; None for other images.
+    """Convert an 8-bit Bayer mosaic to (H, W, 4) BGRA, with the colours of `demosaic`; None for other images.
 
     Four channels are resampled faster than three.
     """
@@ -126,7 +126,7 @@ def bayer_to_bgra(pixels: Pixels, encoding: str) -> Pixels | None:
 
 
 def demosaic(mosaic: Pixels, encoding: str) -> Pixels:
-    """Convert a (H, W) Bayer mosaic, as it may hide in a compressed image, to (H, W, 3) BGR."""
+    """Convert a (H, W) Bayer mosaic, as some compressed images hold, to (H, W, 3) BGR."""
     pattern = encoding.lower().removeprefix("bayer_").rstrip("0123456789")
     if pattern not in _BAYER:
         raise DecodeError(f"Bayer pattern '{encoding}' is not known")

@@ -1,9 +1,9 @@
-"""Whether a JPEG or PNG is whole: every segment and chunk of it, up to its end.
+"""Checking that a JPEG or PNG is whole, every segment and chunk up to its end.
 
-Decoders make a picture of damaged bytes without a word, and files that are passed through are not
-decoded at all. Sources: ITU-T T.81, annex B; the PNG specification, sections 5 and 11.
+Decoders return a picture for damaged bytes without an error, and files that are passed through are not decoded at all.
+Sources: ITU-T T.81, annex B; the PNG specification, sections 5 and 11.
 
-The texts of the errors carry no numbers: steps count lost messages by them.
+Texts of errors contain no numbers, because steps count lost messages by them.
 """
 
 import re
@@ -23,10 +23,10 @@ _END, _SCAN, _TABLES, _QUANTISATION, _INTERVAL = 0xD9, 0xDA, 0xC4, 0xDB, 0xDD
 _RESTARTS = range(0xD0, 0xD8)
 # SOF0-SOF15 but DHT, JPG and DAC in between.
 _FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
-# What else has a length: DHT, DAC, DNL, DHP, EXP, JPGn, APPn, COM.
+# Other segments with a length: DHT, DAC, DNL, DHP, EXP, JPGn, APPn, COM.
 _SEGMENTS = _FRAMES | {0xC4, 0xCC, *range(0xDA, 0xE0), *range(0xE0, 0xFF)}
 
-# A progressive one has some ten scans, each with its tables; profiles and comments come in pieces of 64 kB.
+# A progressive JPEG has about ten scans, each with its tables; profiles and comments are split into 64 kB.
 _MOST_SEGMENTS = 5000
 
 _FRAME_SIZE = struct.Struct(">HH")
@@ -36,12 +36,12 @@ _CHUNK_TYPE = re.compile(rb"[A-Za-z]{4}")
 
 
 def check_jpeg(data: memoryview) -> tuple[int, int]:
-    """Return width and height of a JPEG whose segments and scans are whole up to its end.
+    """Check that the segments and scans of a JPEG are whole up to its end; return width and height.
 
-    Zeros may follow, which drivers pad with, and further pictures, as in stereo and preview files.
+    Zeros may follow, because drivers pad with them, and further pictures, as in stereo and preview files.
 
     Raises:
-        DecodeError: it is cut off, or there is something that cannot be where it is.
+        DecodeError: it is cut off, or a segment is out of place.
     """
     size, at = _picture(data, 0)
     while (at := _after_padding(data, at)) < len(data):
@@ -52,7 +52,7 @@ def check_jpeg(data: memoryview) -> tuple[int, int]:
 
 
 def _picture(data: memoryview, at: int) -> tuple[tuple[int, int], int]:
-    """Return the size of the picture that starts at `at`, and where it ends."""
+    """Return the size of the picture that begins at `at`, and where it ends."""
     size: tuple[int, int] | None = None
     interval = 0
     has_scan = False
@@ -90,7 +90,7 @@ def _picture(data: memoryview, at: int) -> tuple[tuple[int, int], int]:
 
 
 def _fits(marker: int, inside: memoryview) -> bool:
-    """Tell whether a segment has the length that its content asks for."""
+    """Tell whether the length of a segment fits its content."""
     if marker in _FRAMES:
         return len(inside) >= 9 and len(inside) == 6 + 3 * inside[5] and any(inside[1:3]) and any(inside[3:5])
     if marker == _SCAN:

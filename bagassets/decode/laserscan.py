@@ -17,7 +17,7 @@ __all__ = ["decode_laserscan"]
 
 Floats = NDArray[np.float64]
 
-# Rays may take a little longer than `scan_time`, which some drivers measure and others set.
+# Rays may take slightly longer than `scan_time`, which some drivers measure and others set.
 _LONGEST_IN_SCANS = 1.5
 
 
@@ -64,7 +64,7 @@ def decode_laserscan(
 
 
 def _ray_offsets_ns(increment_s: float, scan_s: float, number: int) -> NDArray[np.int64] | None:
-    """Return when each ray was measured after the first one; None if the message does not tell."""
+    """Return the time of each ray after the first one; None if the message does not say."""
     if not number or not np.isfinite(increment_s) or increment_s == 0.0:
         return None
     duration_s = abs(increment_s) * (number - 1)
@@ -74,7 +74,7 @@ def _ray_offsets_ns(increment_s: float, scan_s: float, number: int) -> NDArray[n
 
 
 def _header_offset_ns(offsets: NDArray[np.int64], header_stamp_is: Moment | None) -> int:
-    """Return which of the offsets from the first ray the header stamp means; rays may be listed backwards."""
+    """Return the offset of the header stamp from the first ray; rays may be listed backwards."""
     first, last = int(offsets.min()), int(offsets.max())
     if header_stamp_is is None:
         return 0
@@ -83,5 +83,5 @@ def _header_offset_ns(offsets: NDArray[np.int64], header_stamp_is: Moment | None
 
 @lru_cache(maxsize=8)
 def _directions(angle_min: float, increment: float, number: int) -> tuple[Floats, Floats]:
-    """Sines and cosines of all rays, made once per scanner."""
+    """Return sines and cosines of all rays, computed once per scanner."""
     return sin_cos(angle_min + np.arange(number, dtype=np.float64) * increment)

@@ -1,6 +1,6 @@
-"""Importing decoders, and calling those of plug-ins: what they return or raise is checked message by message.
+"""Importing decoders, and guarding those of plug-ins: their results and exceptions are checked for each message.
 
-A foreign mistake costs messages, which are counted, and is told in one sentence.
+A mistake in a plug-in costs messages, which are counted, and is reported in one sentence.
 """
 
 import importlib.metadata
@@ -39,15 +39,15 @@ _READINGS: Mapping[AnyFamily, type] = {
 
 
 def keyed_decoder(family: AnyFamily, msgtype: str, given: Mapping[str, str] | None) -> Any:
-    """Return the decoder that an action is keyed by, imported; None if nothing decodes the type.
+    """Import and return the decoder in an action's key; None if there is no decoder for the type.
 
     Args:
-        family: what it makes of a message.
-        msgtype: the type of the messages.
-        given: the parameter `decoder` of the action; None if it has none, and so uses none of a plug-in.
+        family: family of the decoder.
+        msgtype: type of the messages.
+        given: the parameter `decoder` of the action; None without a plug-in.
 
     Raises:
-        PluginError: it cannot be loaded, or is not the one that the action names.
+        PluginError: the decoder cannot be loaded, or is not the one in the key.
     """
     if given is None:
         own = built_in_decoder(family, msgtype)
@@ -55,9 +55,9 @@ def keyed_decoder(family: AnyFamily, msgtype: str, given: Mapping[str, str] | No
     decoder = find_decoder(family, msgtype)
     plugin = None if decoder is None else decoder.plugin
     if decoder is None or plugin is None or plugin.as_json() != given:
-        there = "it is not installed" if plugin is None else f"installed is {plugin.version}"
+        there = "it is not installed" if plugin is None else f"version {plugin.version} is installed"
         raise PluginError(
-            f"{msgtype}: planned was the decoder of {given['distribution']} {given['version']}, but {there}; "
+            f"{msgtype}: the plan has the decoder of {given['distribution']} {given['version']}, but {there}; "
             "start again."
         )
     return load_decoder(decoder)
@@ -65,13 +65,13 @@ def keyed_decoder(family: AnyFamily, msgtype: str, given: Mapping[str, str] | No
 
 @cache
 def own_decoder(family: AnyFamily, msgtype: str) -> Callable[[Message], Any]:
-    """Return the decoder of a family that packages cannot add to, imported.
+    """Import and return the decoder of a family that packages cannot add to.
 
-    The topics of these families are named by the recipe. Some drivers publish types of their own that have the
-    fields of the usual one, and are read as that.
+    The recipe names the topics of these families. Some drivers publish types of their own with the fields of the standard
+    one; these are read like it.
 
     Returns:
-        A function of the message, which raises DecodeError also if a type has not the fields.
+        A function of the message; it also raises DecodeError if a type does not have the fields.
     """
     line = built_in_decoder(family, msgtype)
     if line is not None:
@@ -90,15 +90,15 @@ def own_decoder(family: AnyFamily, msgtype: str) -> Callable[[Message], Any]:
 
 
 def load_decoder(decoder: Decoder) -> Any:
-    """Import a decoder and return it as its family is called.
+    """Import and return a decoder, with the signature of its family.
 
-    `image`, `pose`, `fix`, `imu`, `camera_info`: a function of the message that returns a reading. `cloud` takes also
-    what the header stamp means and which moment will be the stamp (`decode_pointcloud2`), `radar` the type of the
-    message and to which side azimuths are positive (`decode_radar`), which both decide nothing where a plug-in
-    decodes. `boxes`: a `BoxDecoder`. `packets` and `transforms`: what is in the message, one by one.
+    `image`, `pose`, `fix`, `imu`, `camera_info`: a function of the message that returns a reading. `cloud` also takes the
+    meaning of the header stamp and the moment for the stamp (`decode_pointcloud2`), `radar` the message type and the side
+    of positive azimuths (`decode_radar`); plug-ins ignore these. `boxes`: a `BoxDecoder`. `packets` and `transforms`: a
+    function that returns the items in a message.
 
     Raises:
-        PluginError: it is of a plug-in and cannot be loaded.
+        PluginError: the decoder is a plug-in and cannot be loaded.
     """
     plugin = decoder.plugin
     if plugin is None:
@@ -111,14 +111,14 @@ def load_decoder(decoder: Decoder) -> Any:
 
 
 def load_built_in() -> None:
-    """Import all built-in decoders ahead, for processes that are forked from this one."""
+    """Import all built-in decoders before processes are forked from this one."""
     for line in BUILT_IN:
         load_decoder(line)
 
 
 def _checked_function(plugin: DecoderPlugin, function: object, kind: type) -> Callable[..., object]:
     if not callable(function):
-        raise PluginError(f"{plugin}: {plugin.reference} is no function; fix or uninstall it.")
+        raise PluginError(f"{plugin}: {plugin.reference} is not a function; fix or uninstall it.")
 
     def decode(message: Message, *_of_the_recipe: object) -> object:
         reading = _guarded(plugin, function, message)
@@ -130,7 +130,7 @@ def _checked_function(plugin: DecoderPlugin, function: object, kind: type) -> Ca
 
 def _checked_boxes(plugin: DecoderPlugin, decoder: object) -> BoxDecoder:
     if not isinstance(decoder, BoxDecoder):
-        raise PluginError(f"{plugin}: {plugin.reference} is no BoxDecoder; fix or uninstall it.")
+        raise PluginError(f"{plugin}: {plugin.reference} is not a BoxDecoder; fix or uninstall it.")
 
     def items(message: Message) -> Iterable[Message]:
         found: list[Message] = _guarded(plugin, lambda whole: list(decoder.items(whole)), message)
@@ -151,41 +151,41 @@ def _load(plugin: DecoderPlugin) -> object:
     """Import a decoder.
 
     Raises:
-        PluginError: it cannot be imported, or was upgraded since this process read its version.
+        PluginError: the plug-in cannot be imported, or was upgraded since this process read its version.
     """
     entry = importlib.metadata.EntryPoint(plugin.name, plugin.reference, "")
     try:
-        # Code that is imported only now must be of the version that the action is keyed by.
+        # Code imported only now must have the version in the action's key.
         version = importlib.metadata.version(plugin.distribution)
         if version == plugin.version:
             return entry.load()
-    except Exception as err:  # foreign code runs: whatever it raises is the plug-in's fault
+    except Exception as err:  # any exception of foreign code is the plug-in's fault
         raise PluginError(
-            f"{plugin}: {plugin.reference} cannot be loaded ({_in_words(err)}); fix or uninstall it."
+            f"{plugin}: {plugin.reference} cannot be loaded ({_describe_error(err)}); fix or uninstall it."
         ) from err
     raise PluginError(f"{plugin}: version {version} was installed while this process ran; start it again.")
 
 
 def _guarded(plugin: DecoderPlugin, function: Callable[_A, _R], *args: _A.args, **options: _A.kwargs) -> _R:
-    """Call foreign code; whatever it raises costs this message, and names the line to blame."""
+    """Call foreign code; any exception costs this message, with the line that raised it as the reason."""
     try:
         return function(*args, **options)
     except DecodeError:
         raise
     except Exception as err:
-        # By type and place, not by text: lost messages are counted by reason, and texts hold values.
+        # By type and line, not by text: lost messages are counted by reason, and texts contain values.
         raise DecodeError(f"{plugin} raised {type(err).__name__}{_place(err)}") from err
 
 
 def _place(err: Exception) -> str:
-    """Return where in the plug-in's own code an error arose, and not in a library that it calls."""
+    """Return the line in the plug-in's own code, not in a library that it calls, from which an error came."""
     frames = traceback.extract_tb(err.__traceback__)[1:]
     own = [frame for frame in frames if Path(frame.filename).parent == Path(frames[0].filename).parent]
     return f" at {Path(own[-1].filename).name}:{own[-1].lineno}" if own else ""
 
 
 def _check(plugin: DecoderPlugin, reading: object, kind: type) -> None:
-    """Raise DecodeError unless a reading is what its family says."""
+    """Raise DecodeError unless a reading is valid for its family."""
     if not isinstance(reading, kind):
         raise DecodeError(f"{plugin} returned {type(reading).__name__}, not {kind.__name__}")
     problem = problem_of(reading)
@@ -193,6 +193,6 @@ def _check(plugin: DecoderPlugin, reading: object, kind: type) -> None:
         raise DecodeError(f"{plugin} returned a {kind.__name__} whose {problem}")
 
 
-def _in_words(err: Exception) -> str:
+def _describe_error(err: Exception) -> str:
     lines = str(err).strip().splitlines()
     return f"{type(err).__name__}: {lines[0]}" if lines else type(err).__name__

@@ -1,4 +1,4 @@
-"""What decoders make of messages: the internal form of each kind of sensor data."""
+"""Readings: the results of decoders, one class per kind of sensor data."""
 
 from dataclasses import dataclass, field
 
@@ -17,10 +17,10 @@ class ImageReading:
     Attributes:
         stamp_ns: header stamp.
         frame_id: sensor frame, without leading slash.
-        pixels: (H, W) or (H, W, 3) BGR, uint8 or uint16; None if only `encoded` is at hand.
-        encoded: the bytes of a JPEG or PNG as recorded, maybe as a view of the message's, else None.
-        encoding: `jpeg` or `png`, followed by `:rgb` if red and blue are exchanged inside, or by a colon and the
-            Bayer pattern of a compressed mosaic; or the raw encoding as recorded.
+        pixels: (H, W) or (H, W, 3) BGR, uint8 or uint16; None if there is only `encoded`.
+        encoded: the recorded bytes of a JPEG or PNG, possibly a view of the message; else None.
+        encoding: the raw encoding as recorded; or `jpeg` or `png`, followed by `:rgb` if red and blue are swapped, or by a
+            colon and the Bayer pattern of a compressed mosaic.
     """
 
     stamp_ns: int
@@ -35,13 +35,12 @@ class CloudReading:
     """Points of one lidar message or revolution.
 
     Attributes:
-        stamp_ns: the time the points are given for (header stamp, or see the step).
+        stamp_ns: time that the points are given for: the header stamp, or another moment of the revolution.
         frame_id: sensor frame, without leading slash.
         points: (N, 5) float32: x, y, z in metres in the sensor frame, intensity, ring.
         times_ns: (N,) int64 absolute time of each point, or None if not recorded.
-        dropped: points dropped because not finite.
-        span_ns: time of the first and of the last measurement, whether or not it hit anything,
-            where the message tells; else None.
+        dropped: number of points dropped because they are not finite.
+        span_ns: time of the first and last measurement, whether or not it hit anything; None if unknown.
     """
 
     stamp_ns: int
@@ -59,8 +58,8 @@ class RadarReading:
     Attributes:
         stamp_ns: header stamp.
         frame_id: sensor frame, without leading slash.
-        targets: field name of the nuScenes radar format -> (N,) array; x, y, z always present.
-        dropped: targets dropped because not finite.
+        targets: field of the nuScenes radar format -> (N,) array; always with x, y, z.
+        dropped: number of targets dropped because they are not finite.
     """
 
     stamp_ns: int
@@ -91,14 +90,14 @@ class TransformReading:
 
 @dataclass(frozen=True, slots=True)
 class BoxReading:
-    """One 3-D box in the frame it was recorded in.
+    """One 3-D box in its recorded frame.
 
     Attributes:
         stamp_ns: time of the box.
         frame_id: frame of the pose, without leading slash.
         frame_SE3_box: pose of the box centre; x forward, y left, z up.
         size_m: width (y), length (x), height (z), as in nuScenes.
-        track_id: the same object over time within a recording.
+        track_id: identifies an object over time within a recording.
         category: as recorded, before mapping.
         attributes: as recorded.
         score: confidence, 1.0 for ground truth.

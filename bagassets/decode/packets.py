@@ -1,4 +1,4 @@
-"""Network packets in messages: of one payload, as `ethernet_msgs/Packet` and `udp_msgs/UdpPacket`, or of many.
+"""Network packets in messages: one payload, as in `ethernet_msgs/Packet` and `udp_msgs/UdpPacket`, or many.
 
 `velodyne_msgs/VelodyneScan` holds many.
 """
@@ -18,7 +18,7 @@ VELODYNE_PACKET_SIZE = 1206
 _VELODYNE_HEAD = Struct("<HH")  # flag and azimuth, in hundredths of a degree, of the first block
 _VELODYNE_FLAG = 0xEEFF
 
-# Names of the field with the bytes of a packet, in the order in which they are looked for.
+# Possible names of the field with the bytes of a packet, in the order of lookup.
 PAYLOADS = ("payload", "data", "packet", "raw", "bytes")
 _ADDRESSES = ("sender_ip", "address", "src_ip", "source_ip")
 _PORTS = ("sender_port", "src_port", "source_port")
@@ -36,7 +36,7 @@ def packets_in(message: Message) -> list[tuple[int | None, bytes]]:
 
 
 def is_velodyne_packet(data: bytes) -> bool:
-    """Tell whether bytes are a data packet of a Velodyne, whichever model: by size, flag and azimuth."""
+    """Tell by size, flag and azimuth whether bytes are a data packet of any Velodyne model."""
     if len(data) != VELODYNE_PACKET_SIZE:
         return False
     flag, azimuth = _VELODYNE_HEAD.unpack_from(data)
@@ -69,7 +69,7 @@ def _as_bytes(value: NDArray[np.generic] | bytes | bytearray | memoryview | list
 
 
 def sender(message: Message) -> tuple[str, int]:
-    """Return IPv4 address and port that a packet came from; "" and 0 for what the message does not tell."""
+    """Return IPv4 address and port of a packet's sender; "" and 0 if the message does not say."""
     address = next((value for name in _ADDRESSES if (value := getattr(message, name, None)) is not None), "")
     if not isinstance(address, str):
         address = ".".join(str(int(part)) for part in address)

@@ -1,4 +1,4 @@
-"""Times of single points of a cloud, whatever the driver calls and counts them.
+"""Times of the points of a cloud, in the various fields and units of drivers.
 
 The field is found by name. Its unit and its zero are told from type and values:
 
@@ -78,10 +78,10 @@ def point_times_ns(
 
     Args:
         fields: field name -> (height, width) values.
-        keep: (height * width,) which points are wanted; None for all.
+        keep: (height * width,) which points to keep; None for all.
         header_ns: header stamp.
-        header_stamp_is: what the header stamp means; None if the recipe does not say.
-        stamp: which moment of the revolution will be its stamp.
+        header_stamp_is: the moment that the header stamp means; None if the recipe does not say.
+        stamp: the moment of the revolution for its stamp.
 
     Returns:
         None if the cloud has no usable point times.
@@ -126,11 +126,11 @@ def _float_ns(name: str, values: Column) -> tuple[NDArray[np.int64], bool] | Non
         raise DecodeError(f"its field {name} is not finite for a point")
     absolute = next((unit for least, unit in _ABSOLUTE if low >= least), None)
     if absolute is not None and values.dtype.itemsize < 8:
-        return None  # a time since 1970 in single precision is good to two minutes
+        return None  # a time since 1970 in single precision is accurate to two minutes only
     unit = absolute or next((unit for longest, unit in _RELATIVE if high - low <= longest), None)
     if unit is None:
         return None
-    # The whole part apart, so that absolute times keep what precision they have.
+    # The whole part is converted separately, so that absolute times keep their precision.
     base = np.floor(low)
     offsets_ns = np.rint((seconds - base) * float(unit)).astype(np.int64)
     return offsets_ns + int(base) * unit, absolute is not None

@@ -50,7 +50,7 @@ _TYPES = {
 
 
 def point_fields(cloud: Message) -> dict[str, Column]:
-    """Return field name in lower case -> (height, width) view of the values, nothing copied.
+    """Return field name in lower case -> (height, width) view of the values, without copies.
 
     Of a field with several elements per point the first is taken, of two fields of the same
     name the first.
@@ -61,7 +61,7 @@ def point_fields(cloud: Message) -> dict[str, Column]:
     height, width = int(cloud.height), int(cloud.width)
     step, row_step = int(cloud.point_step), int(cloud.row_step)
     data = np.ascontiguousarray(cloud.data).view(np.uint8)
-    if row_step == 0 and height == 1:  # several drivers leave it out
+    if row_step == 0 and height == 1:  # several drivers leave it zero
         row_step = width * step
     if row_step < width * step or len(data) != row_step * height:
         raise DecodeError("its data has another size than height, width, point_step and row_step say")
@@ -96,13 +96,13 @@ def first_of(fields: Mapping[str, Column], names: tuple[str, ...]) -> Column | N
 def decode_pointcloud2(
     message: Message, header_stamp_is: Moment | None = None, stamp_is: Moment = "end"
 ) -> CloudReading:
-    """Return the points of a lidar cloud; those that are not finite are dropped and counted.
+    """Return the points of a lidar cloud; points that are not finite are dropped and counted.
 
     Args:
         message: a `sensor_msgs/PointCloud2`.
-        header_stamp_is: which moment of the revolution the header stamp means, as far as the recipe says;
+        header_stamp_is: the moment of the revolution that the header stamp means, according to the recipe;
             point times are read accordingly.
-        stamp_is: which moment of the revolution will be its stamp.
+        stamp_is: the moment of the revolution for its stamp.
 
     Raises:
         DecodeError: x, y or z is missing, or the layout contradicts itself.

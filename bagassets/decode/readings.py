@@ -1,6 +1,6 @@
-"""Whether a reading is what `bagassets.decode.model` says: asked of foreign decoders only.
+"""Validating the readings of plug-ins against `bagassets.decode.model`.
 
-A wrong type or shape would otherwise surface far from its cause, or in what is written.
+A wrong type or shape would otherwise show far from its cause, or in written files.
 """
 
 import numpy as np

@@ -1,13 +1,12 @@
-"""Which decoder reads which messages: one table, in which built-in decoders stand beside those of plug-ins.
+"""The table of decoders: which one reads which message type, built in or from a plug-in.
 
-A decoder belongs to a *family*, which says what it makes of a message, and reads one type. A built-in one is
-a line of `BUILT_IN`, a plug-in an entry point of an installed package. Neither is imported here, so that
-planning runs no foreign code and commands start fast; `bagassets.decode.loading` imports a decoder when its
-first message comes. Whatever has to know message types (what a topic may carry, errors, proposals, what the
-inventory keeps) asks this table.
+A decoder reads one message type, and its *family* says what it returns. Built-in decoders are lines of `BUILT_IN`, plug-ins
+are entry points of installed packages. Neither are imported here, so that planning runs no foreign code and commands start
+fast; `bagassets.decode.loading` imports a decoder for its first message. All code that has to know message types (of
+topics, in errors, for proposals, for the inventory) asks this table.
 
-What lidars and radars send comes in the types of many drivers and is found by its fields. Such a decoder reads
-any type; one of just that type goes first.
+Lidars and radars have message types of many drivers, which are recognized by their fields. A decoder that goes by fields
+reads any type; a decoder for exactly that type comes first.
 """
 
 from collections.abc import Mapping
@@ -33,7 +32,7 @@ __all__ = [
 ]
 
 AnyFamily = Family | Literal["packets", "fix", "imu", "camera_info", "transforms"]
-"""What a decoder makes of messages; packages may add decoders to those of `bagassets.plugins.Family`."""
+"""The kinds of results of decoders; packages may add decoders to the families in `bagassets.plugins.Family`."""
 
 Bulk = Literal["no", "large", "yes"]
 ANY = "*"
@@ -44,13 +43,13 @@ class Decoder:
     """A line of the table.
 
     Attributes:
-        family: what the decoder makes of a message.
-        msgtype: the type it reads, `pkg/msg/Type`; `*` for any whose fields are what it looks for.
-        reference: where it is, `module:object`.
-        by_fields: it goes by the fields of a message, so that a plug-in for the type goes first.
-        bulk: whether such messages are sensor data in bulk, which the inventory does not keep: always, or if they
-            are large for a network packet. A line that says so changes inventories, whose version must be raised.
-        plugin: the plug-in that it is; None if it is built in.
+        family: what kind of result it returns.
+        msgtype: the message type, `pkg/msg/Type`; `*` for any type with the right fields.
+        reference: its place, `module:object`.
+        by_fields: it goes by the fields of a message, so a plug-in for the type comes first.
+        bulk: whether such messages are bulk data that the inventory does not keep: always, or if they are large for a
+            network packet. Changing this changes inventories, so raise their version.
+        plugin: the plug-in; None if it is built in.
     """
 
     family: AnyFamily
@@ -62,7 +61,7 @@ class Decoder:
 
     @property
     def key(self) -> dict[str, str] | None:
-        """What an action that uses the decoder is keyed by; None of built-in ones, which belong to the step's version."""
+        """Part of the key of actions that use the decoder; None for built-in ones, which belong to the step's version."""
         return None if self.plugin is None else self.plugin.as_json()
 
 
@@ -113,7 +112,7 @@ BUILT_IN = (
 )
 _TABLE: Mapping[tuple[str, str], Decoder] = {(line.family, line.msgtype): line for line in BUILT_IN}
 
-# Packages whose types are the same everywhere, none of them a driver's: not searched unless the table says so.
+# Packages of standard types, none of a driver: decoders that go by fields do not read them unless the table says so.
 _COMMON_PACKAGES = frozenset(
     [
         "actionlib_msgs",
@@ -128,7 +127,7 @@ _COMMON_PACKAGES = frozenset(
         "tf2_msgs",
     ]
 )
-# What is found by its fields, as errors call it.
+# Messages that are recognized by their fields, as errors call them.
 _FOUND_BY_FIELDS: Mapping[AnyFamily, str] = {
     "cloud": "Velodyne packets (velodyne_msgs/VelodyneScan, ethernet_msgs/Packet and the like)",
     "radar": "the targets of a radar (radar_msgs/RadarScan, RadarTracks and the like)",
@@ -139,7 +138,7 @@ def find_decoder(family: AnyFamily, msgtype: str) -> Decoder | None:
     """Return the decoder of a type, or None if there is none.
 
     Raises:
-        PluginError: several plug-ins claim the type, or one that is decoded without a plug-in.
+        PluginError: several plug-ins claim the type, or one claims a type of a built-in decoder.
     """
     own = built_in_decoder(family, msgtype)
     plugins = [
@@ -171,7 +170,7 @@ def built_in_decoder(family: AnyFamily, msgtype: str) -> Decoder | None:
 
 
 def decoder_key(family: AnyFamily, msgtype: str) -> dict[str, str] | None:
-    """Return what an action whose messages a plug-in decodes is keyed by; None where none does.
+    """Return the decoder's part of the key of actions; None without a plug-in.
 
     Raises:
         PluginError: as `find_decoder`.
@@ -181,7 +180,7 @@ def decoder_key(family: AnyFamily, msgtype: str) -> dict[str, str] | None:
 
 
 def own_types(family: AnyFamily) -> tuple[str, ...]:
-    """Return the types of a family that need no plug-in, as far as the table names them."""
+    """Return the types of a family in the table, without those of plug-ins."""
     return tuple(line.msgtype for line in BUILT_IN if line.family == family and line.msgtype != ANY)
 
 
@@ -192,19 +191,19 @@ def types_of(family: AnyFamily) -> tuple[str, ...]:
 
 
 def families_of(msgtype: str) -> tuple[AnyFamily, ...]:
-    """Return what decoders of a type make of it, plug-ins first; decoders that go by its fields do not count."""
+    """Return the families with a decoder for a type, plug-ins first; decoders that go by fields do not count."""
     plugins = (plugin.family for plugin in installed_decoders().plugins if plugin.msgtype == msgtype)
     own = (line.family for line in BUILT_IN if line.msgtype == msgtype and not line.by_fields)
     return tuple(dict.fromkeys((*plugins, *own)))
 
 
 def bulk_types(bulk: Bulk) -> frozenset[str]:
-    """Return the types whose messages are sensor data in bulk; plug-ins do not count, on which no inventory depends."""
+    """Return the types of bulk data; plug-ins do not count, because inventories do not depend on them."""
     return frozenset(line.msgtype for line in BUILT_IN if line.bulk == bulk)
 
 
 def expected_types(family: AnyFamily) -> str:
-    """Return what a topic of a family carries, for an error about one that carries something else."""
+    """Return the types that a topic of a family may have, for errors about other types."""
     exact = (line for line in BUILT_IN if line.family == family and not line.by_fields)
     names = [line.msgtype.replace("/msg/", "/") for line in exact]
     packages = [name.partition("/")[0] for name in names]
@@ -219,7 +218,7 @@ def expected_types(family: AnyFamily) -> str:
 
 
 def advice(family: Family, msgtype: str) -> str:
-    """Return what to do about a type that nothing decodes, to end a sentence with."""
+    """Return the end of a sentence: what to do about a type without a decoder."""
     package, _, kind = msgtype.partition("/msg/")
     text = f"correct the topic in the recipe, or install a decoder plug-in ({family}.{package}.{kind})"
     unusable = installed_decoders().unusable

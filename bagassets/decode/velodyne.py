@@ -1,4 +1,4 @@
-"""Velodyne data packets: finding them in messages, and turning a revolution of them into points.
+"""Velodyne data packets: parsing them, and decoding a revolution of them into points.
 
 A data packet is the 1206-byte UDP payload that all Velodyne spinning lidars send: twelve blocks
 of flag, azimuth and 32 returns, a 32-bit time in microseconds since the top of the hour, the
@@ -39,8 +39,8 @@ _HEAD = Struct("<HH")  # flag and azimuth of the first block
 _TAIL = Struct("<IBB")  # microseconds, return mode, product id
 _TAIL_OFFSET = VELODYNE_PACKET_SIZE - _TAIL.size
 
-_RETURNS = 12 * 32  # most returns of one packet, in any mode
-# So many packets are decoded at a time that their points stay in the processor's cache.
+_RETURNS = 12 * 32  # most returns in one packet, in any mode
+# Number of packets decoded at a time: their points fit into the processor's cache.
 _CHUNK = 64
 
 _Model = velodyne_decoder.Model
@@ -88,7 +88,7 @@ class PacketPoints:
 
 
 class PacketParser:
-    """Reads what is needed of each packet before decoding, and refuses what is none.
+    """Reads the facts about each packet that are needed before decoding, and refuses other bytes.
 
     Args:
         model: name of the model; None to go by the product id of the first packet.
@@ -127,7 +127,7 @@ class PacketParser:
 
 
 class RevolutionDecoder:
-    """Turns packets into points; one per stream, as VLS-128 firing times are learnt on the way.
+    """Decodes packets into points. Use one per stream, because VLS-128 firing times are learnt from its packets.
 
     Args:
         model: as for `PacketParser`.
@@ -136,14 +136,14 @@ class RevolutionDecoder:
     def __init__(self, model: str | None) -> None:
         config = velodyne_decoder.Config(
             model=None if model is None else _model(model)[0],
-            min_range=0.0,  # limits are applied, and counted, by the step
+            min_range=0.0,  # the step applies limits, and counts
             max_range=1e9,
             timestamp_first_packet=True,
         )
         self._decoder = velodyne_decoder.ScanDecoder(config)
 
     def decode(self, packets: Sequence[Packet], times_ns: NDArray[np.int64]) -> PacketPoints:
-        """Return the returns in `packets`, whose first firings were at (M,) `times_ns`.
+        """Decode the returns in `packets`, whose first firings were at (M,) `times_ns`.
 
         Both returns of a dual-return lidar are points; equal ones count once. Intensity is the
         calibrated reflectivity, 0 to 255; rings count from the lowest laser.
@@ -170,7 +170,7 @@ class RevolutionDecoder:
         """Return the decoder's structured array, with times relative to the first packet."""
         vector = velodyne_decoder.PacketVector()
         for packet, offset_ns in zip(packets, offsets_ns.tolist(), strict=True):
-            # A list of (cached) integers passes the binding faster than bytes, and 20 times faster
+            # The binding takes a list of (cached) integers faster than bytes, and 20 times faster
             # than an array.
             vector.append(velodyne_decoder.VelodynePacket(TimePair(0.0, offset_ns * 1e-9), list(packet.data)))
         try:

@@ -27,9 +27,9 @@ from bagassets.formats.format import AnyFormat, DatasetCheck, Format, LooseFiles
 from bagassets.formats.nuscenes.format import NUSCENES
 from bagassets.formats.vision.format import VISION
 from bagassets.quality.check import RecordingCheck
+from bagassets.recipe.format_settings import settings_model
 from bagassets.recipe.model import Recipe, Rig
 from bagassets.recipe.model_checks import Checks
-from bagassets.recipe.section_models import settings_model
 
 __all__ = [
     "MAIN",

@@ -1,4 +1,4 @@
-"""The bird's-eye view: points, boxes and the way so far, the vehicle in the middle heading up."""
+"""The bird's-eye view: points, boxes and the trajectory so far, with the vehicle in the middle heading up."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ class BoxAt:
     """A box at the moment of the picture.
 
     Attributes:
-        category: decides the colour.
+        category: determines the colour.
         global_SE3_box: its pose; x points forward.
         width_m: across.
         length_m: along.
@@ -43,7 +43,7 @@ def birds_eye(
     width: int,
     title: str = "",
 ) -> Image:
-    """Draw what is around the vehicle.
+    """Draw the surroundings of the vehicle.
 
     Args:
         points_global: (N, 3) lidar points, metres.
@@ -51,8 +51,8 @@ def birds_eye(
         past_global: (P, 3) positions of the vehicle up to this moment.
         global_SE3_ego: the vehicle at this moment.
         range_m: half the side of the view.
-        width: of the picture, which is square, pixels.
-        title: written into the corner.
+        width: of the square picture in pixels.
+        title: text in the corner.
     """
     picture = blank(width, width)
     ground = _Ground(global_SE3_ego.inverse(), width / (2 * range_m), width / 2)
@@ -73,7 +73,7 @@ def birds_eye(
 
 @dataclass(frozen=True)
 class _Ground:
-    """From the global frame to pixels: x (forward) up, y (left) left."""
+    """Maps the global frame to pixels: x (forward) up, y (left) left."""
 
     ego_SE3_global: SE3
     pixels_per_m: float
@@ -84,7 +84,7 @@ class _Ground:
         points_ego = self.ego_SE3_global.transform_points(points_global)
         u = self.middle_px - points_ego[:, 1] * self.pixels_per_m
         v = self.middle_px - points_ego[:, 0] * self.pixels_per_m
-        # Far outside, OpenCV's integers would overflow.
+        # Far outside the picture, OpenCV's integers would overflow.
         limited = np.clip(np.stack([u, v], axis=1), -1e5, 1e5)
         return np.rint(limited * (1 << shift)).astype(np.int32)
 
@@ -122,7 +122,7 @@ def _box(picture: Image, ground: _Ground, box: BoxAt, colour: tuple[int, int, in
 
 
 def _vehicle(picture: Image, pixels_per_m: float) -> None:
-    """Draw an arrowhead of the size of a car in the middle."""
+    """Draw an arrowhead as large as a car in the middle."""
     middle = picture.shape[0] / 2
     shape_m = np.array([[2.2, 0.0], [-2.2, 1.0], [-1.4, 0.0], [-2.2, -1.0]])
     pixels = np.stack([middle - shape_m[:, 1] * pixels_per_m, middle - shape_m[:, 0] * pixels_per_m], axis=1)

@@ -1,4 +1,4 @@
-"""What all pictures share: colours, text, scaling, and JPEGs that stay below a size."""
+"""Drawing for all pictures: colours, text, scaling, and JPEGs below a given size."""
 
 from pathlib import Path
 
@@ -66,7 +66,7 @@ def read_image(path: Path, most_width: int | None = None) -> Image:
     """
     flags = cv2.IMREAD_COLOR
     if most_width is not None and path.suffix == ".jpg":
-        # The header alone tells the size; decoding at an eighth costs next to nothing.
+        # The size is in the header; decoding at an eighth costs next to nothing.
         small = cv2.imread(str(path), cv2.IMREAD_REDUCED_COLOR_8)
         if small is not None:
             reduced = (
@@ -103,7 +103,7 @@ def text(
     colour: Colour = TEXT,
     halo: bool = False,
 ) -> None:
-    """Write words whose baseline starts at (x, y); with a dark halo they can be read on any image.
+    """Write text whose baseline starts at (x, y); a dark halo makes it legible on any image.
 
     Letters outside ASCII, which the font does not have, become question marks.
     """
@@ -115,7 +115,7 @@ def text(
 
 
 def text_width(words: str, size_px: float = 13) -> int:
-    """Return the width of words in pixels."""
+    """Return the width of a text in pixels."""
     (width, _), _ = cv2.getTextSize(words, _FONT, size_px / _FONT_HEIGHT_PX, 1)
     return int(width)
 
@@ -131,7 +131,7 @@ def turbo(shares: Floats) -> NDArray[np.uint8]:
 
 
 def colour_of(number: int) -> Colour:
-    """Return one of a few colours that are easily told apart."""
+    """Return one of a few distinct colours."""
     return _PALETTE[number % len(_PALETTE)]
 
 

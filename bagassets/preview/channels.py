@@ -1,4 +1,4 @@
-"""Images and clouds of a recording as pictures need them: by time, and where the sensor was."""
+"""Images and clouds of a recording for pictures: by time, and with the pose of the sensor."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -23,10 +23,10 @@ class CameraImages:
 
     Attributes:
         channel: its name.
-        artifact: where the files are.
+        artifact: artifact with the files.
         stamps_ns: (N,) increasing.
         files: names in the artifact.
-        camera: model of the images as written; None if that is not known.
+        camera: model of the images as written; None if unknown.
         ego_SE3_cam: extrinsics.
     """
 
@@ -45,7 +45,7 @@ class CameraImages:
 
         Args:
             channel: its name.
-            artifact: of the channel.
+            artifact: artifact of the channel.
             ego_SE3_cam: extrinsics as calibrated.
             lens: that of the images, if they were written with their distortion, else None.
         """
@@ -68,11 +68,11 @@ class CameraImages:
         )
 
     def path(self, image: int) -> Path:
-        """Return the file of an image."""
+        """Return the path of an image."""
         return self.artifact.path(self.files[image])
 
     def view(self, image: int, trajectory: Trajectory) -> View | None:
-        """Return the camera when it took an image; None without intrinsics, or without a pose then."""
+        """Return the camera at the time of an image; None without intrinsics, or without an ego pose at that time."""
         global_SE3_ego = trajectory.pose_at(int(self.stamps_ns[image]))
         if self.camera is None or global_SE3_ego is None:
             return None
@@ -85,7 +85,7 @@ class Clouds:
 
     Attributes:
         channel: its name.
-        artifact: where the files are.
+        artifact: artifact with the files.
         stamps_ns: (N,) increasing.
         files: names in the artifact.
         ego_SE3_lidar: extrinsics.
@@ -119,7 +119,7 @@ class Clouds:
         )
 
     def points_global(self, revolution: int, trajectory: Trajectory) -> Floats | None:
-        """Return (N, 3) points of a revolution in the global frame, metres; None without a pose then."""
+        """Return the (N, 3) points of a revolution in the global frame, metres; None without an ego pose at its time."""
         global_SE3_ego = trajectory.pose_at(int(self.stamps_ns[revolution]))
         if global_SE3_ego is None:
             return None

@@ -11,12 +11,12 @@ HEADER_PX = 22
 
 
 def contact_sheet(tiles: Mapping[str, Sequence[Image | None]], seconds: Sequence[float], width: int) -> Image:
-    """Return cameras as rows and moments as columns.
+    """Return a picture with cameras as rows and moments as columns.
 
     Args:
         tiles: camera -> its image at each moment, None where it has none.
         seconds: time of each moment since the start of the recording.
-        width: of the picture, pixels.
+        width: of the picture in pixels.
     """
     columns = len(seconds)
     tile_width = (width - GAP_PX * (columns + 1)) // columns

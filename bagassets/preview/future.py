@@ -1,4 +1,4 @@
-"""The way that was driven after an image was taken, drawn into it: poses, extrinsics and intrinsics at once."""
+"""The future trajectory drawn into an image, which shows poses, extrinsics and intrinsics at once."""
 
 import cv2
 import numpy as np
@@ -23,7 +23,7 @@ def future_trajectory(
     width: int = 1280,
     title: str = "",
 ) -> Image:
-    """Draw the band that the vehicle drives over, as wide as a car, with a mark for each second.
+    """Draw the band that the vehicle will drive over, as wide as a car, with a mark for each second.
 
     It lies at the height of the ego frame's origin, which is on the ground in most vehicles (REP 105).
 
@@ -32,9 +32,9 @@ def future_trajectory(
         positions_global: (P, 3) of the ego frame from the moment of the image on.
         rotations: (P, 4) of the ego frame.
         seconds: (P,) time of each since the image.
-        view: the camera when the image was taken.
-        width: of the picture, pixels.
-        title: written into the corner.
+        view: pose and model of the camera when the image was taken.
+        width: of the picture in pixels.
+        title: text in the corner.
     """
     picture = scaled_to(image, width).copy()
     scale = picture.shape[1] / image.shape[1]
@@ -44,7 +44,7 @@ def future_trajectory(
     ]
     (left, depth, left_seen), (right, _, right_seen) = sides
     band = picture.copy()
-    # Only while both edges are seen: a band that leaves the image ends there.
+    # The band ends where one of its edges leaves the image.
     drawn = left_seen & right_seen & (depth > 0)
     for i in np.flatnonzero(drawn[:-1] & drawn[1:]).tolist():
         corners = np.array([left[i], left[i + 1], right[i + 1], right[i]])

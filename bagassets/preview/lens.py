@@ -1,4 +1,4 @@
-"""From points in space to pixels of an image as it was written."""
+"""Projecting points in space to pixels of an image as written."""
 
 from dataclasses import dataclass
 
@@ -41,8 +41,8 @@ class View:
         depth = points_cam[:, 2]
         inside = (pixels >= -0.5).all(axis=1)
         inside &= (pixels[:, 0] < self.camera.width - 0.5) & (pixels[:, 1] < self.camera.height - 0.5)
-        # A lens model far outside its image folds back into it: take the narrow cone that can be seen at all.
+        # Far outside its image a lens model may fold back into it, so only points in the cone of visible rays count.
         limit = 2.0 * max(self.camera.width / self.camera.fx, self.camera.height / self.camera.fy)
         inside &= np.abs(points_cam[:, :2]).max(axis=1) <= limit * np.maximum(depth, 0.0)
-        # Pixel centres are at whole numbers, before and after scaling.
+        # Pixel centres are at integers, before and after scaling.
         return (pixels + 0.5) * scale - 0.5, depth, in_front & inside & (depth > NEAREST_M)

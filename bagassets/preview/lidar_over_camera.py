@@ -1,4 +1,4 @@
-"""Lidar points over a camera image, coloured by distance: wrong calibration shows at once."""
+"""Lidar points over a camera image, coloured by distance; wrong calibration is obvious in it."""
 
 import cv2
 import numpy as np
@@ -20,14 +20,14 @@ _DARKEST = 0.12
 def lidar_over_camera(
     image: Image, points_global: Floats, view: View, *, width: int = 1280, title: str = ""
 ) -> Image:
-    """Draw the points that the camera can see into its image.
+    """Draw the points in the camera's view into its image.
 
     Args:
         image: (H, W, 3) BGR, as written.
         points_global: (N, 3) lidar points in the global frame, metres.
-        view: the camera when the image was taken.
-        width: of the picture, pixels.
-        title: written into the corner.
+        view: pose and model of the camera when the image was taken.
+        width: of the picture in pixels.
+        title: text in the corner.
     """
     picture = scaled_to(image, width).copy()
     scale = picture.shape[1] / image.shape[1]
@@ -46,7 +46,7 @@ def lidar_over_camera(
 
 
 def _share(depth_m: Floats) -> Floats:
-    """Return where distances lie between near (1, red) and far (0, blue): the root of their inverse, scaled.
+    """Return the place of distances between near (1, red) and far (0, blue): the root of their inverse, scaled.
 
     Nearly a logarithm, but made of operations that every processor rounds alike.
     """
@@ -56,7 +56,7 @@ def _share(depth_m: Floats) -> Floats:
 
 
 def _colours(shares: Floats) -> NDArray[np.uint8]:
-    """Return colours of shares; the scale begins where its blue can be told from a dark image."""
+    """Return the colours of shares; the scale begins at a blue that stands out from a dark image."""
     return turbo(_DARKEST + (1.0 - _DARKEST) * shares)
 
 

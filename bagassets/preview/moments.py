@@ -1,4 +1,4 @@
-"""Which moments of a recording are shown."""
+"""Choosing the moments of a recording that pictures show."""
 
 from collections.abc import Sequence
 
@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from bagassets.timeline.keyframes import nearest
 
-__all__ = ["evenly_spaced", "reading_at", "telling_moment"]
+__all__ = ["best_moment", "evenly_spaced", "reading_at"]
 
 Stamps = NDArray[np.int64]
 
@@ -19,26 +19,26 @@ def evenly_spaced(first_ns: int, last_ns: int, number: int) -> list[int]:
 
 
 def reading_at(stamps_ns: Stamps, moment_ns: int, tolerance_ns: int) -> int | None:
-    """Return the index of the reading nearest to a moment, or None if none is near enough."""
+    """Return the index of the reading nearest to a moment, or None if it is too far."""
     if not len(stamps_ns):
         return None
     index = int(nearest(stamps_ns, np.array([moment_ns], dtype=np.int64))[0])
     return index if abs(int(stamps_ns[index]) - moment_ns) <= tolerance_ns else None
 
 
-def telling_moment(
+def best_moment(
     stamps_ns: Stamps, others_ns: Sequence[Stamps], future_ns: int, tolerance_ns: int
 ) -> int | None:
-    """Return the index of the reading that is shown alone.
+    """Return the index of the reading in single pictures.
 
     It is the one nearest to the middle of the recording that leaves `future_ns` (or half of the recording)
     ahead, among those that the most of the `others_ns` have a reading for.
 
     Args:
         stamps_ns: (N,) readings to choose from.
-        others_ns: stamps of other channels that the picture would like to have.
-        future_ns: time ahead that is drawn.
-        tolerance_ns: how far a reading of another channel may be.
+        others_ns: stamps of other channels that the picture should show.
+        future_ns: duration of the future trajectory.
+        tolerance_ns: largest time to a reading of another channel.
     """
     if not len(stamps_ns):
         return None

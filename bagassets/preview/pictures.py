@@ -1,4 +1,4 @@
-"""The pictures of a recording: each drawn from its readings, or a reason why it cannot be."""
+"""The pictures of a recording: each is drawn from its readings, or has a reason why it cannot be."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ from bagassets.preview.channels import CameraImages, Clouds
 from bagassets.preview.contact_sheet import contact_sheet
 from bagassets.preview.future import future_trajectory
 from bagassets.preview.lidar_over_camera import lidar_over_camera
-from bagassets.preview.moments import evenly_spaced, reading_at, telling_moment
+from bagassets.preview.moments import best_moment, evenly_spaced, reading_at
 from bagassets.preview.timeline import timeline
 
 __all__ = ["TITLES", "CannotDrawError", "Pictures"]
@@ -39,23 +39,23 @@ LEAST_RANGE_M, MOST_RANGE_M = 10.0, 50.0
 
 
 class CannotDrawError(Exception):
-    """A picture cannot be made of this recording; the text is the reason, for people."""
+    """A picture cannot be drawn for this recording; the text is the reason."""
 
 
 @dataclass(frozen=True)
 class Pictures:
-    """What the pictures of one recording are drawn from.
+    """The data that pictures of one recording are drawn from.
 
     Attributes:
-        cameras: channel -> images, the one of the single pictures first.
-        clouds: the lidar of the pictures, if there is one.
+        cameras: channel -> images; the first camera is the one in single pictures.
+        clouds: revolutions of the lidar in pictures, if there is one.
         trajectory: `global_SE3_ego`.
         boxes: annotations in the global frame.
         timeline_facts: from `timeline_facts`.
-        width: of the pictures, pixels.
-        columns: moments on the contact sheet.
-        future_s: length of the way ahead.
-        range_m: half the side of the bird's-eye view; None: what suits the points.
+        width: of the pictures in pixels.
+        columns: number of moments on the contact sheet.
+        future_s: duration of the future trajectory.
+        range_m: half the side of the bird's-eye view; None to fit the points.
     """
 
     cameras: Mapping[str, CameraImages]
@@ -94,7 +94,7 @@ class Pictures:
         ):
             _, _, posed = self.trajectory.at(stamps_ns)
             chosen = stamps_ns[posed] if posed.any() else stamps_ns
-            index = telling_moment(chosen, others, future_ns, TOLERANCE_NS)
+            index = best_moment(chosen, others, future_ns, TOLERANCE_NS)
             if index is not None:
                 return int(chosen[index])
         return None
@@ -174,7 +174,7 @@ class Pictures:
         start_ns = int(camera.stamps_ns[image])
         stamps_ns = start_ns + np.arange(0, round(self.future_s * 1e9) + 1, FUTURE_STEP_NS, dtype=np.int64)
         positions, rotations, valid = self.trajectory.at(stamps_ns)
-        # Up to the first moment without a pose: what lies beyond is not one way.
+        # Only up to the first moment without a pose, so that the trajectory has no gap.
         known = len(valid) if valid.all() else int(np.argmin(valid))
         return future_trajectory(
             read_image(camera.path(image)),
@@ -193,7 +193,7 @@ class Pictures:
         if not spans:
             raise CannotDrawError("there is no camera with images")
         first_ns, last_ns = min(start for start, _ in spans), max(end for _, end in spans)
-        # A recording of few images shows each of them once.
+        # A recording with few images shows each of them once.
         columns = min(self.columns, max(len(camera.files) for camera in self.cameras.values()))
         moments = evenly_spaced(first_ns, last_ns, columns)
         tolerance_ns = max(TOLERANCE_NS, (last_ns - first_ns) // (2 * columns))

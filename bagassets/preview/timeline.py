@@ -1,4 +1,4 @@
-"""The timeline: when each topic was there, how often, and where it paused."""
+"""The timeline: when and how often each topic has messages, and where it pauses."""
 
 from collections.abc import Sequence
 
@@ -18,7 +18,7 @@ _LEAST_GAP_PX = 2
 
 
 def timeline_facts(inventory: Inventory) -> JsonObject:
-    """Return what the picture shows, and nothing else: its digest stands for the inventory."""
+    """Return exactly what the picture shows: the picture depends on the digest of this, not on the inventory."""
     return {
         "start_ns": inventory.start_ns,
         "end_ns": inventory.end_ns,
@@ -45,7 +45,7 @@ def timeline(facts: JsonMapping, width: int) -> Image:
 
     Args:
         facts: from `timeline_facts`.
-        width: of the picture, pixels.
+        width: of the picture in pixels.
     """
     topics = _chosen(facts["topics"])
     hidden = len(facts["topics"]) - len(topics)
@@ -55,8 +55,8 @@ def timeline(facts: JsonMapping, width: int) -> Image:
     for row, topic in enumerate(topics):
         _row(picture, axis, topic, TOP_PX + ROW_PX * row)
     if hidden:
-        words = f"and {hidden} more topics with fewer messages"
-        text(picture, words, 10, TOP_PX + ROW_PX * len(topics) + 13, size_px=10, colour=DIM)
+        label = f"and {hidden} more topics with fewer messages"
+        text(picture, label, 10, TOP_PX + ROW_PX * len(topics) + 13, size_px=10, colour=DIM)
     return picture
 
 
@@ -66,7 +66,7 @@ def _chosen(topics: Sequence[JsonMapping]) -> list[JsonMapping]:
 
 
 class _Axis:
-    """The axis of time, from the first to the last message of the recording."""
+    """The time axis, from the first to the last message of the recording."""
 
     def __init__(self, facts: JsonMapping, left: int, right: int) -> None:
         self.start_ns = facts["start_ns"] or 0
@@ -111,7 +111,7 @@ def _row(picture: Image, axis: _Axis, topic: JsonMapping, top: int) -> None:
         begin, end = axis.x(start_ns), axis.x(start_ns + duration_s * 1e9)
         cv2.rectangle(picture, (begin, top + 4), (max(end, begin + _LEAST_GAP_PX), top + 14), WARNING, -1)
     rate = topic["rate_hz"]
-    words = (
+    label = (
         f"{rate:.1f} Hz"
         if rate is not None and rate < 99.95
         else f"{rate:.0f} Hz"
@@ -119,5 +119,5 @@ def _row(picture: Image, axis: _Axis, topic: JsonMapping, top: int) -> None:
         else f"{topic['count']} msg"
     )
     text(
-        picture, words, axis.right + 10, top + 13, size_px=10, colour=WARNING if topic["gap_count"] else TEXT
+        picture, label, axis.right + 10, top + 13, size_px=10, colour=WARNING if topic["gap_count"] else TEXT
     )

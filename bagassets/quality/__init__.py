@@ -1,1 +1,1 @@
-"""Rules that finished artifacts are held against: plain functions that return what they found."""
+"""Rules about finished artifacts: plain functions that return findings."""

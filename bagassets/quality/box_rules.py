@@ -1,4 +1,4 @@
-"""Rules about boxes: few were lost, tracks do not jump, sizes are those of things on roads."""
+"""Rules about boxes: few are lost, tracks do not jump, and sizes are plausible for road users."""
 
 from collections.abc import Iterator
 
@@ -45,21 +45,21 @@ def boxes_plausible(counts: JsonMapping, table: BoxTable, check: BoxesCheck) -> 
 
 
 def _jumps(table: BoxTable, check: BoxesCheck) -> Iterator[str]:
-    """Two objects under one id show as one that jumps back and forth."""
+    """Find tracks that jump: two objects with one id look like one that jumps back and forth."""
     jumping: list[tuple[Track, int, float]] = []
     for track in tracks_of(table):
         seconds = np.diff(track.stamps_ns) / 1e9
         moves = np.diff(track.centers_m, axis=0)
         distances = np.sqrt((moves * moves).sum(axis=1))
-        # Labels are a few decimetres off, whatever the time between them.
+        # Labels are a few decimetres off, however close in time they are.
         jumps = np.flatnonzero(distances > check.max_speed_mps * seconds + check.noise_m)
         if len(jumps):
             jumping.append((track, int(jumps[0]), float(distances[jumps[0]])))
     if jumping:
         track, at, distance_m = jumping[0]
-        told = "1 track jumps:" if len(jumping) == 1 else f"{len(jumping)} tracks jump, the first is"
+        subject = "1 track jumps:" if len(jumping) == 1 else f"{len(jumping)} tracks jump, the first is"
         yield (
-            f"{told} {track.track_id} of {track.source}: {distance_m:.1f} m "
+            f"{subject} {track.track_id} of {track.source}: {distance_m:.1f} m "
             f"from {clock(int(track.stamps_ns[at]))} to {clock(int(track.stamps_ns[at + 1]))}; "
             "perhaps two objects share the id"
         )
@@ -73,9 +73,11 @@ def _sizes(table: BoxTable, check: BoxesCheck) -> Iterator[str]:
     if len(wrong):
         row = int(wrong[0])
         width, length, height = table.sizes_m[row].tolist()
-        told, first = ("1 box is", ":") if len(wrong) == 1 else (f"{len(wrong)} boxes are", ", the first is")
+        subject, first = (
+            ("1 box is", ":") if len(wrong) == 1 else (f"{len(wrong)} boxes are", ", the first is")
+        )
         yield (
-            f"{told} smaller than {check.min_size_m:g} m or larger than {check.max_size_m:g} m{first} "
+            f"{subject} smaller than {check.min_size_m:g} m or larger than {check.max_size_m:g} m{first} "
             f"{table.tracks[row] or 'one without track'} of {table.sources[row]} at {clock(int(table.stamps_ns[row]))}: "
             f"{width:g} x {length:g} x {height:g} m"
         )

@@ -1,4 +1,4 @@
-"""Rules about calibration: sensors sit on the vehicle, cameras look out of it through real lenses."""
+"""Rules about calibration: sensors are on the vehicle, and cameras have plausible lenses and directions."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
@@ -21,7 +21,7 @@ def calibration_plausible(calibration: Calibration, rig: Rig, check: Calibration
 
     Args:
         calibration: content of `calibration.json`.
-        rig: tells which channels are cameras.
+        rig: says which channels are cameras.
         check: thresholds.
     """
     problems = []
@@ -39,7 +39,7 @@ def calibration_plausible(calibration: Calibration, rig: Rig, check: Calibration
 
 
 def _full_image(camera: CameraLens) -> CameraModel:
-    """Return the model of the whole image: a region of interest is rightly off centre."""
+    """Return the model of the whole image, because a region of interest may be off centre."""
     whole = RegionOfInterest(0, 0, camera.width, camera.height, do_rectify=False)
     return CameraModel.from_calibration(replace(camera, roi=whole, binning=(1, 1)))
 
@@ -48,13 +48,13 @@ def _extrinsics(ego_SE3_sensor: SE3, is_camera: bool, check: CalibrationCheck) -
     distance_m = sqrt(sum(value * value for value in ego_SE3_sensor.translation))
     if distance_m > check.max_distance_m:
         yield (
-            f"sits {distance_m:.2f} m from the ego frame, at most {check.max_distance_m:g} m expected; "
+            f"is {distance_m:.2f} m from the ego frame, at most {check.max_distance_m:g} m expected; "
             "check units and direction of the extrinsics"
         )
     if not is_camera:
         return
     _, x, y, _ = ego_SE3_sensor.rotation
-    # Third row of the third column: how far the optical axis z points up in the ego frame.
+    # Third row of the third column: the upward component of the optical axis z in the ego frame.
     up = max(-1.0, min(1.0, 1 - 2 * (x * x + y * y)))
     tilt_deg = degrees(asin(up))
     if abs(tilt_deg) > check.max_tilt_deg:
@@ -67,12 +67,12 @@ def _extrinsics(ego_SE3_sensor: SE3, is_camera: bool, check: CalibrationCheck) -
 def _intrinsics(camera: CameraModel, check: CalibrationCheck) -> Iterator[str]:
     numbers = (camera.fx, camera.fy, camera.cx, camera.cy, *camera.distortion)
     if not all(isfinite(value) for value in numbers) or min(camera.fx, camera.fy) <= 0:
-        yield f"focal lengths {camera.fx:g} and {camera.fy:g} are no lens"
+        yield f"focal lengths {camera.fx:g} and {camera.fy:g} are impossible for a lens"
         return
     view_deg = _view_deg(camera)
     if not check.min_view_deg <= view_deg <= check.max_view_deg:
         yield (
-            f"fx {camera.fx:g} at {camera.width} pixels is a view of {view_deg:.1f} degrees, "
+            f"fx {camera.fx:g} at {camera.width} pixels means a field of view of {view_deg:.1f} degrees, "
             f"{check.min_view_deg:g} to {check.max_view_deg:g} expected"
         )
     aspect = max(camera.fx / camera.fy, camera.fy / camera.fx)
@@ -82,16 +82,16 @@ def _intrinsics(camera: CameraModel, check: CalibrationCheck) -> Iterator[str]:
         offset = abs(center - (size - 1) / 2) / size
         if offset > check.max_offset:
             yield (
-                f"{axis} {center:g} lies {offset:.0%} of {size} pixels off the image centre, "
+                f"{axis} {center:g} is {offset:.0%} of {size} pixels off the image centre, "
                 f"at most {check.max_offset:.0%} expected"
             )
     folded = _folds_at(camera)
     if folded is not None:
-        yield f"distortion folds the image over at {folded:.0%} of the way to its corner; the coefficients belong to another model or image"
+        yield f"distortion folds the image at {folded:.0%} of the distance to its corner; the coefficients belong to another model or image"
 
 
 def _view_deg(camera: CameraModel) -> float:
-    """Horizontal field of view; the lens's angles for a fisheye, a pinhole's for the others."""
+    """Return the horizontal field of view, with the lens's angles for a fisheye and a pinhole's for others."""
     if camera.fx <= 0:
         return 0.0
     left, right = (camera.cx + 0.5) / camera.fx, (camera.width - 0.5 - camera.cx) / camera.fx
@@ -101,9 +101,9 @@ def _view_deg(camera: CameraModel) -> float:
 
 
 def _folds_at(camera: CameraModel) -> float | None:
-    """Return how far from the centre to the corner (0 to 1) the radial distortion stops to grow, or None.
+    """Return where from the centre (0) to the corner (1) the distorted radius stops growing; None if it never does.
 
-    Tangential terms are left out: they are small wherever the radial ones make sense.
+    Tangential terms are ignored: they are small if the radial ones are plausible.
     """
     if not camera.distorts:
         return None
@@ -124,7 +124,7 @@ def _folds_at(camera: CameraModel) -> float | None:
 
 
 def _distorted(camera: CameraModel, radius: float) -> float:
-    """Radius in the recorded image of a ray at `radius` in the pinhole's, both for focal length 1."""
+    """Return the radius in the recorded image of a ray at `radius` in a pinhole image, both for focal length 1."""
     if camera.model == "equidistant":
         k1, k2, k3, k4 = (*camera.distortion, 0.0, 0.0, 0.0, 0.0)[:4]
         theta = atan(radius)
@@ -136,7 +136,7 @@ def _distorted(camera: CameraModel, radius: float) -> float:
 
 
 def _copies(channels: Mapping[str, CalibratedSensor], rig: Rig) -> Iterator[str]:
-    """Sensors of one kind in different frames cannot be at the same place, looking the same way."""
+    """Find sensors of one modality with the same pose although their frames differ."""
     seen: dict[tuple[str, SE3], str] = {}
     for name, sensor in channels.items():
         if name not in rig.channels:

@@ -1,4 +1,4 @@
-"""Rules about extracted channels: every one has files, and not too many messages were lost."""
+"""Rules about extracted channels: each has files, and not too many messages were lost."""
 
 from collections.abc import Callable, Mapping
 
@@ -9,7 +9,7 @@ from bagassets.recipe.model_base import Clock
 __all__ = ["channels_complete"]
 
 _DUPLICATE = "duplicate stamp"
-# Reasons that are no clauses, as they follow `because`; errors are.
+# Reasons that are not clauses, as texts after `because`; messages of errors are clauses.
 _BECAUSE = {
     _DUPLICATE: "of duplicate stamps",
     "zero stamp": "their header stamps are zero",
@@ -25,8 +25,8 @@ def channels_complete(channels: JsonMapping, max_lost: float, clock_of: Callable
 
     Args:
         channels: content of `channels.json`: channel -> `counts` (read, written, merged, lost).
-        max_lost: share of a channel's messages whose loss is no finding.
-        clock_of: channel -> which time of its messages counts.
+        max_lost: share of a channel's messages that may be lost.
+        clock_of: channel -> its clock.
     """
     problems = []
     lost: dict[str, int] = {}
@@ -41,29 +41,29 @@ def channels_complete(channels: JsonMapping, max_lost: float, clock_of: Callable
                 f"{counts['merged']} merged and {number} lost"
             )
         elif not counts["written"]:
-            problems.append(f"{name}: {counts['read']} messages became no file")
+            problems.append(f"{name}: {counts['read']} messages were read, but no file was written")
         elif number > max_lost * counts["read"]:
             reason = max(sorted(counts["lost"]), key=lambda text: counts["lost"][text])
             problems.append(
                 f"{name}: {number} of {counts['read']} messages ({number / counts['read']:.0%}) "
-                f"{'was' if number == 1 else 'were'} lost{_why(reason, counts['lost'])}. {_way_out(name, reason, clock_of(name))}"
+                f"{'was' if number == 1 else 'were'} lost{_why(reason, counts['lost'])}. {_advice(name, reason, clock_of(name))}"
             )
     written = {name: entry["counts"]["written"] for name, entry in sorted(channels.items())}
     return Finding(problems, {"files": written, "lost": lost})
 
 
 def _why(reason: str, lost: Mapping[str, int]) -> str:
-    """Return why messages were lost, as it follows `lost`: for one reason, or most often for this one."""
+    """Return why messages were lost, as a text after `lost`: for one reason, or most often for this one."""
     because = f"because {_BECAUSE.get(reason, reason)}"
     return f" {because}" if len(lost) == 1 else f", most often ({lost[reason]} times) {because}"
 
 
-def _way_out(name: str, reason: str, clock: Clock) -> str:
-    """Return what to do about messages of a channel that were lost for a reason."""
+def _advice(name: str, reason: str, clock: Clock) -> str:
+    """Return what to do about messages of a channel lost for a reason."""
     field = f"for this channel (rigs[].channels.{name}.clock)"
     if reason == _DUPLICATE and clock == "header":
         return (
-            f"If these are readings of their own, `clock: log` {field} tells them apart by when they were logged; "
+            f"If these are separate readings, `clock: log` {field} tells them apart by their log times; "
             "other channels keep their stamps"
         )
     if reason == _DUPLICATE:

@@ -1,7 +1,6 @@
-"""What a check of a recording's asset is, and the evidence that its rule is handed.
+"""Checks of recordings' assets, and the evidence that their rules get.
 
-A rule is a function over the content of artifacts. Checks stand in the objects of the assets that they are about
-(`bagassets.assets.asset.Asset.checks`).
+A rule is a function of the content of artifacts. An asset lists its own checks (`bagassets.assets.asset.Asset.checks`).
 """
 
 from collections.abc import Callable
@@ -28,13 +27,13 @@ T = TypeVar("T")
 
 
 class Evidence:
-    """The artifacts of one recording, each read when a rule asks for it, and what the recipe expects of them.
+    """The artifacts of one recording, read when a rule asks for them, and the recipe.
 
     Args:
         recipe: clock, limits, and the thresholds of checks.
         rig: the rig that made the recording.
-        store: where artifacts are.
-        current: asset -> its current artifact for this recording.
+        store: has the artifacts.
+        current: asset -> current artifact of this recording.
     """
 
     def __init__(self, recipe: Recipe, rig: Rig, store: Store, current: Callable[[str], Artifact]) -> None:
@@ -45,7 +44,7 @@ class Evidence:
         self._read: dict[Callable[[Evidence], object], object] = {}
 
     def once(self, read: "Callable[[Evidence], T]") -> T:
-        """Return what `read` makes of this evidence, which it is asked only once, however many rules look at it."""
+        """Return `read(self)`, called only once however many rules ask for it."""
         if read not in self._read:
             self._read[read] = read(self)
         return cast("T", self._read[read])
@@ -57,17 +56,17 @@ class Evidence:
 
     @property
     def max_lost(self) -> float:
-        """Share of a channel's messages whose loss is no finding."""
+        """Share of a channel's messages that may be lost."""
         own = self.checks.channels_present.max_lost
         return self.recipe.limits.reported_losses if own is None else own
 
     def clock_of(self, channel: str) -> Clock:
-        """Return which time of a channel's messages counts."""
+        """Return the clock of a channel."""
         return self.recipe.clock_of(self.rig, self.rig.channels.get(channel))
 
     @cached_property
     def inventory(self) -> Inventory:
-        """What is in the recording."""
+        """The inventory of the recording."""
         return Inventory.from_json(self.artifact("inventory").read_json("inventory.json"))
 
     @cached_property
@@ -101,13 +100,13 @@ class RecordingCheck:
     """A check of an asset of each recording.
 
     Attributes:
-        name: unique; shown in Dagster.
-        section: field of the recipe's `checks` with its severity and thresholds.
-        description: what holds if it passes.
-        fails_if: what it finds, in Markdown, for docs/checks.md.
-        rule: evidence -> what was found.
-        quick: it reads counts, and stamps only where there is something to find: a moment for thousands of
-            recordings, so that each build tells what it finds.
+        name: unique name, shown in Dagster.
+        section: field of `checks` in the recipe with its severity and thresholds.
+        description: what is true if it passes.
+        fails_if: when it fails, in Markdown, for docs/checks.md.
+        rule: evidence -> finding.
+        quick: it reads counts, and stamps only if there is a finding. It takes a moment for thousands of recordings, so
+            every build reports its findings.
     """
 
     name: str
@@ -119,6 +118,6 @@ class RecordingCheck:
 
 
 def severity_of(checks: Checks, section: str) -> Severity:
-    """Return how much a finding of a section weighs; `skip` if checks are off altogether."""
+    """Return the severity of a section's findings; `skip` if checks are disabled."""
     severity: Severity = getattr(checks, section).severity if checks.enabled else "skip"
     return severity

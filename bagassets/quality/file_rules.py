@@ -1,4 +1,4 @@
-"""Rules about files: those that tables name are in the store, whole, and no others are listed."""
+"""Rules about files: those in the tables are whole in the store, and no others are listed."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
@@ -31,8 +31,8 @@ def files_match(
             "file of sample_data is in no artifact", "files of sample_data are in no artifact", nowhere
         ),
         *_sentence(
-            "file is listed that sample_data does not name",
-            "files are listed that sample_data does not name",
+            "listed file is not in sample_data",
+            "listed files are not in sample_data",
             unnamed,
         ),
     ]
@@ -51,18 +51,18 @@ def files_match(
         if digest in lost:
             continue
         try:
-            found = artifact(digest).path(entry["file"]).stat().st_size
+            size = artifact(digest).path(entry["file"]).stat().st_size
         except FileNotFoundError:
             missing.append(entry["filename"])
             continue
-        total += found
+        total += size
         expected = sizes[digest].get(entry["file"])
-        if found != expected:
-            torn.append(f"{entry['filename']} ({found} bytes instead of {expected})")
+        if size != expected:
+            torn.append(f"{entry['filename']} ({size} bytes instead of {expected})")
     problems += _sentence("file is not in the store", "files are not in the store", missing)
     problems += _sentence(
-        "file differs in size from what its artifact was recorded with",
-        "files differ in size from what their artifact was recorded with",
+        "file does not have the size in its artifact's manifest",
+        "files do not have the sizes in their artifacts' manifests",
         torn,
     )
     return Finding(problems, {"files": len(files), "bytes": total})

@@ -1,4 +1,4 @@
-"""What a rule finds: sentences about what is wrong, and the numbers it looked at."""
+"""Findings of rules: sentences about problems, and the numbers behind them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -16,8 +16,8 @@ class Finding:
 
     Attributes:
         problems: sentences, each naming its first offender; empty if all is well.
-        warnings: sentences about what the recipe may have asked for; they never weigh more than a warning.
-        facts: numbers that were looked at, for people.
+        warnings: sentences about results that the recipe may have asked for; at most a warning.
+        facts: the numbers behind them, for display.
     """
 
     problems: Sequence[str] = ()
@@ -26,20 +26,20 @@ class Finding:
 
     @property
     def sentences(self) -> list[str]:
-        """All that was found, problems first."""
+        """All sentences, problems first."""
         return [*self.problems, *self.warnings]
 
     @property
     def passed(self) -> bool:
-        """Tell whether nothing was found."""
+        """Tell whether there are no problems or warnings."""
         return not self.sentences
 
     def weight(self, severity: Severity) -> Severity:
-        """Return how much the finding weighs, given what the recipe says of the check."""
+        """Return the severity of the finding, given the severity of the check in the recipe."""
         return severity if self.problems else "warn"
 
 
 def clock(stamp_ns: int) -> str:
-    """Return a time as people read it: `2026-11-21T07:30:03.125Z (1763710203125000000)`."""
+    """Format a time: `2026-11-21T07:30:03.125Z (1763710203125000000)`."""
     text = datetime.fromtimestamp(stamp_ns // 1_000_000 / 1e3, UTC).isoformat(timespec="milliseconds")
     return f"{text.replace('+00:00', 'Z')} ({stamp_ns})"

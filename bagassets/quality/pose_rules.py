@@ -33,9 +33,9 @@ def poses_cover_sensors(
         if with_pose < check.min_share * len(stamps):
             first = int(stamps[~valid][0])
             without = len(stamps) - with_pose
-            told = "has no ego pose, that" if without == 1 else "have no ego pose, the first"
+            lack = "has no ego pose, that" if without == 1 else "have no ego pose, the first"
             problems.append(
-                f"{name}: {without} of {len(stamps)} readings {told} at {clock(first)}; a share of {check.min_share:g} is expected to have one"
+                f"{name}: {without} of {len(stamps)} readings {lack} at {clock(first)}; a share of {check.min_share:g} is expected to have one"
             )
     return Finding([*problems, *_jumps(trajectory, check)], {"with_pose": shares})
 
@@ -44,7 +44,7 @@ def _jumps(trajectory: Trajectory, check: PosesCheck) -> list[str]:
     seconds = np.diff(trajectory.stamps_ns) / 1e9
     moves = np.diff(trajectory.positions_m, axis=0)
     speeds = np.sqrt((moves * moves).sum(axis=1)) / seconds
-    # Poses logged within a millisecond divide noise by nearly nothing.
+    # Between poses within a millisecond, noise alone gives high speeds.
     jumps = np.flatnonzero((speeds > check.max_speed_mps) & (seconds > 1e-3))
     if not len(jumps):
         return []

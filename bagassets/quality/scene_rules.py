@@ -1,4 +1,4 @@
-"""Rules about scenes: a recording that takes part gives at least one, and its samples have all channels."""
+"""Rules about scenes: a recording that takes part has at least one, and its samples have all channels."""
 
 from collections.abc import Callable, Mapping
 from math import floor
@@ -11,11 +11,11 @@ from bagassets.timeline.keyframes import Stamps
 
 __all__ = ["keyframes_complete", "scenes_made"]
 
-# Channels named in one sentence.
+# Number of channels named in one sentence.
 _MOST_CHANNELS = 3
-# A channel starts late or stops early if more than so many of its periods are missing: a slow one may just not be due.
+# A channel starts late or stops early only if more than this many of its periods are missing: a slow one may not be due.
 _MISSING_PERIODS = 2
-_WAYS_OUT = (
+_ADVICE = (
     "raise scenes.tolerance_s, lower scenes.keyframe_hz, or keep samples that lack a channel with "
     "`missing: allow` under scenes"
 )
@@ -25,24 +25,24 @@ StampsOf = Callable[[str], Stamps]
 
 
 def scenes_made(facts: JsonMapping, stamps_of: StampsOf, min_length_s: float) -> Finding:
-    """Check that a recording gave a scene, and say why it gave none.
+    """Check that a recording has a scene, and say why not.
 
     Args:
         facts: content of `facts.json` of the step `nuscenes_tables`.
-        stamps_of: channel -> (N,) stamps of its readings, nanoseconds; asked for only if they matter.
+        stamps_of: channel -> (N,) stamps of its readings in nanoseconds; called only if needed.
         min_length_s: least length of a scene, from the recipe.
     """
     counts = facts["counts"]
-    told = {name: counts[name] for name in ("scenes", "samples", "remainder_s", "dropped_keyframes")}
+    numbers = {name: counts[name] for name in ("scenes", "samples", "remainder_s", "dropped_keyframes")}
     return Finding(
-        [] if counts["scenes"] else [f"it gives no scene: {_reason(facts, stamps_of, min_length_s)}"], told
+        [] if counts["scenes"] else [f"it has no scene: {_reason(facts, stamps_of, min_length_s)}"], numbers
     )
 
 
 def _reason(facts: JsonMapping, stamps_of: StampsOf, min_length_s: float) -> str:
     counts, reference = facts["counts"], facts["reference"]
     if counts["dropped_keyframes"]:
-        return f"{_dropped(facts, stamps_of)}; {_WAYS_OUT}"
+        return f"{_dropped(facts, stamps_of)}; {_ADVICE}"
     if counts["remainder_s"]:
         length_s = counts["remainder_s"]  # rounded to milliseconds
         enough_s = max(0.0, floor(100 * (length_s - 0.001)) / 100)
@@ -57,17 +57,17 @@ def _reason(facts: JsonMapping, stamps_of: StampsOf, min_length_s: float) -> str
 
 
 def keyframes_complete(facts: JsonMapping, stamps_of: StampsOf) -> Finding:
-    """Check that no keyframe was dropped for want of a channel, and that no sample lacks one.
+    """Check that no keyframe was dropped because a channel is missing, and that no sample lacks a channel.
 
-    Channels of which the recording has no reading at all are for `channels_present` to name.
+    Channels without any reading in the recording are reported by `channels_present`.
 
     Args:
         facts: content of `facts.json` of the step `nuscenes_tables`.
-        stamps_of: channel -> (N,) stamps of its readings, nanoseconds; asked for only if they matter.
+        stamps_of: channel -> (N,) stamps of its readings in nanoseconds; called only if needed.
     """
     counts = facts["counts"]
     dropped, lacking = counts["dropped_keyframes"], counts["lacking_samples"]
-    told = {
+    numbers = {
         "samples": counts["samples"],
         "dropped_keyframes": dropped,
         "samples_lacking_a_channel": lacking,
@@ -75,12 +75,12 @@ def keyframes_complete(facts: JsonMapping, stamps_of: StampsOf) -> Finding:
     }
     problems = []
     if dropped and counts["scenes"]:
-        problems.append(f"{_dropped(facts, stamps_of)}; {_WAYS_OUT}")
+        problems.append(f"{_dropped(facts, stamps_of)}; {_ADVICE}")
     if lacking:
         problems.append(
             f"{lacking} of {counts['samples']} samples {'lacks' if lacking == 1 else 'lack'} a channel, as scenes.missing allows: {_channels(facts, stamps_of)}"
         )
-    return Finding(problems, told)
+    return Finding(problems, numbers)
 
 
 def _dropped(facts: JsonMapping, stamps_of: StampsOf) -> str:
@@ -94,35 +94,35 @@ def _dropped(facts: JsonMapping, stamps_of: StampsOf) -> str:
 
 def _shortages(facts: JsonMapping) -> list[tuple[str, Mapping[str, int], list[int]]]:
     """Return channel, counts and span of the channels that lack readings at keyframes, the worst first."""
-    found = [
+    lacking = [
         (name, counts["lacking_at_keyframes"], counts["span_ns"])
         for name, counts in sorted(facts["counts"]["channels"].items())
         if counts["lacking_at_keyframes"]["keyframes"]
     ]
-    return sorted(found, key=lambda entry: -entry[1]["keyframes"])
+    return sorted(lacking, key=lambda entry: -entry[1]["keyframes"])
 
 
 def _channels(facts: JsonMapping, stamps_of: StampsOf) -> str:
-    """Return which channels lack readings at how many keyframes, and when they start late or stop early."""
+    """Describe which channels lack readings at how many keyframes, and when they start late or stop early."""
     spans = _spans(facts)
     begins_ns = min((span[0] for span in spans), default=0)
     ends_ns = max((span[1] for span in spans), default=0)
     shortages = _shortages(facts)
-    told = []
+    clauses = []
     for name, short, span in shortages[:_MOST_CHANNELS]:
         ends = []
-        if short["before_first"] and span[0] - begins_ns > _patience_ns(stamps_of(name)):
+        if short["before_first"] and span[0] - begins_ns > _silence_ns(stamps_of(name)):
             ends.append(f"{short['before_first']} before it starts {_moment(span[0], begins_ns)}")
-        if short["after_last"] and ends_ns - span[1] > _patience_ns(stamps_of(name)):
+        if short["after_last"] and ends_ns - span[1] > _silence_ns(stamps_of(name)):
             ends.append(f"{short['after_last']} after it stops {_moment(span[1], begins_ns)}")
         number = f"{short['keyframes']} keyframe{'' if short['keyframes'] == 1 else 's'}"
-        told.append(f"{name} at {number}" + (f" ({', '.join(ends)})" if ends else ""))
-    more = len(shortages) - len(told)
-    return ", ".join(told) + (f" and {more} more channel{'' if more == 1 else 's'}" if more > 0 else "")
+        clauses.append(f"{name} at {number}" + (f" ({', '.join(ends)})" if ends else ""))
+    more = len(shortages) - len(clauses)
+    return ", ".join(clauses) + (f" and {more} more channel{'' if more == 1 else 's'}" if more > 0 else "")
 
 
-def _patience_ns(stamps_ns: Stamps) -> float:
-    """Return how long a channel may be silent at an end of the recording: some of its median periods."""
+def _silence_ns(stamps_ns: Stamps) -> float:
+    """Return how long a channel may be silent at the start or end of a recording: a few of its median periods."""
     return _MISSING_PERIODS * float(np.median(np.diff(stamps_ns))) if len(stamps_ns) > 1 else 0.0
 
 

@@ -1,4 +1,4 @@
-"""Rules about what was recorded: channels, rates, pauses and header stamps, from the inventory."""
+"""Rules about the inventory: channels, rates, pauses and header stamps."""
 
 from collections.abc import Mapping
 
@@ -11,7 +11,7 @@ __all__ = ["channels_present", "stamps_monotonic", "topic_rates", "watched_topic
 
 
 def watched_topics(rig: Rig) -> dict[str, str]:
-    """Return topic -> what it is for, of the topics that a dataset of this rig hangs on."""
+    """Return topic -> channel or `ego_pose`, for the topics that a dataset of this rig needs."""
     watched = {channel.topic: name for name, channel in sorted(rig.channels.items(), reverse=True)}
     pose_topic = getattr(rig.ego_pose, "topic", None)
     if pose_topic is not None:
@@ -22,7 +22,7 @@ def watched_topics(rig: Rig) -> dict[str, str]:
 def channels_present(rig: Rig, inventory: Inventory, check: ChannelsCheck) -> Finding:
     """Check that each configured channel has readable messages in the recording.
 
-    It costs no keyframe if one has none: the samples are made without it.
+    A channel without any drops no keyframe: samples are made without it.
     """
     problems = []
     absent = []
@@ -59,7 +59,7 @@ def topic_rates(rig: Rig, inventory: Inventory, check: TopicsCheck) -> Finding:
         record = inventory.topics.get(topic)
         if record is None or not record.count:
             if limits.required:
-                problems.append(f"{topic}: has no messages in the recording, but checks say it is required")
+                problems.append(f"{topic}: has no messages in the recording, but is required in checks")
             continue
         rates[topic] = record.rate_hz
         problems += _rate_problems(record, limits)
@@ -93,7 +93,7 @@ def _gap_problem(record: TopicRecord, max_gap_s: float) -> str:
 
 
 def _span(seconds: float) -> str:
-    """Return a time span as people say it."""
+    """Return a time span with a fitting unit."""
     for size, unit in ((86_400, "days"), (3_600, "hours")):
         if seconds >= 2 * size:
             return f"{seconds / size:.1f} {unit}"
@@ -121,7 +121,7 @@ def stamps_monotonic(rig: Rig, inventory: Inventory, check: StampsCheck) -> Find
         if offset is not None and abs(offset.median) > check.max_offset_s:
             side = "before" if offset.median > 0 else "after"
             problems.append(
-                f"{topic}: header stamps lie {_span(abs(offset.median))} {side} the log time, "
+                f"{topic}: header stamps are {_span(abs(offset.median))} {side} the log time, "
                 f"at most {check.max_offset_s:g} s expected"
             )
     return Finding(problems, {"backward": {topic: number for topic, number in backward.items() if number}})

@@ -1,4 +1,4 @@
-"""The recipe: what a user configures, checked and typed."""
+"""The recipe: the configuration of a project, validated and typed."""
 
 from bagassets.recipe.load import load_recipe, parse_recipe, where_in
 from bagassets.recipe.model import Recipe, Rig

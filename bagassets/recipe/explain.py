@@ -1,8 +1,4 @@
-"""What is wrong with a value of the recipe, as a sentence with a suggestion.
-
-Turns pydantic's errors, which speak of models, unions and tags, into the words of
-somebody who writes YAML.
-"""
+"""Explaining pydantic's errors, which are about models, unions and tags, to somebody who writes YAML."""
 
 from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
@@ -11,15 +7,15 @@ from typing import Any, get_args
 from pydantic import BaseModel
 
 from bagassets.json_types import Json
+from bagassets.recipe.format_settings import section_model
 from bagassets.recipe.model import Recipe
 from bagassets.recipe.model_base import FieldValueError
 from bagassets.recipe.schema import describe, enter, plain, tag_field, variants
-from bagassets.recipe.section_models import section_model
 
 __all__ = ["Problem", "closest", "explain"]
 
 Problem = tuple[tuple[str | int, ...], str]
-"""Where in the recipe (field names, keys, indices), and what is wrong there, without full stop."""
+"""A location in the recipe (field names, keys, indices), and what is wrong there, without full stop."""
 
 _BOUNDS = {
     "greater_than": ("must be greater than {gt:g}", "gt"),
@@ -30,7 +26,7 @@ _BOUNDS = {
 
 
 def explain(error: Mapping[str, Any], data: Json) -> Problem:
-    """Return where and what the problem behind one entry of `ValidationError.errors()` is.
+    """Return the problem behind one entry of `ValidationError.errors()`.
 
     Args:
         error: the entry.
@@ -67,14 +63,14 @@ def explain(error: Mapping[str, Any], data: Json) -> Problem:
 
 
 def closest(word: object, known: Iterable[str]) -> str:
-    """Return the entry of `known` that `word` was probably meant to be; "" if none is near."""
+    """Return the entry of `known` that `word` is probably a misspelling of; "" if none is close."""
     by_lower = {entry.lower(): entry for entry in known}
     near = get_close_matches(str(word).lower(), by_lower, n=1, cutoff=0.6)
     return by_lower[near[0]] if near else ""
 
 
 def _locate(location: tuple[str | int, ...]) -> tuple[tuple[str | int, ...], object]:
-    """Return a location without pydantic's tags of unions and marks of keys, and the type there."""
+    """Return a location without pydantic's union tags and key markers, and the type there."""
     at: list[str | int] = []
     annotation: object = Recipe
     for part in location:
@@ -123,8 +119,8 @@ def _tag(at: tuple[str | int, ...], annotation: object, value: Json) -> Problem:
     tag, allowed = tag_field(annotation), list(variants(annotation))
     if not isinstance(value, dict) or tag not in value:
         return (*at, tag), f"this field is required; it is {_either(allowed)}"
-    found = value[tag]
-    return (*at, tag), f"must be {_either(allowed)}; found {_show(found)}{_suggestion(found, allowed)}"
+    given = value[tag]
+    return (*at, tag), f"must be {_either(allowed)}; found {_show(given)}{_suggestion(given, allowed)}"
 
 
 def _suggestion(value: Json, allowed: list[str]) -> str:

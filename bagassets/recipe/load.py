@@ -1,7 +1,6 @@
-"""Reading a recipe file: YAML to `Recipe`, with the line of whatever is wrong.
+"""Reading a recipe file into a `Recipe`; errors name their lines.
 
-The result depends on the text and on the recipe's folder only: no environment variables,
-no home folder, no current folder.
+The result depends only on the text and the recipe's folder, not on environment variables, home or current folder.
 """
 
 import json
@@ -13,12 +12,12 @@ from pydantic_core import ErrorDetails
 
 from bagassets.errors import RecipeError
 from bagassets.json_types import JsonObject
-from bagassets.recipe.checks import problems_in
+from bagassets.recipe.consistency import problems_in
 from bagassets.recipe.explain import Problem, explain
+from bagassets.recipe.format_sections import read_sections
 from bagassets.recipe.model import Recipe
 from bagassets.recipe.model_base import DatasetSettings
 from bagassets.recipe.model_datasets import NamedDataset
-from bagassets.recipe.sections import read_sections
 from bagassets.recipe.yaml_text import Place, read_yaml
 
 __all__ = ["load_recipe", "parse_recipe", "paths_written", "where_in"]
@@ -39,7 +38,7 @@ def load_recipe(path: Path | str) -> Recipe:
         ) from None
     except IsADirectoryError:
         raise RecipeError(
-            f"{path}: this is a folder; name the recipe file in it, mostly {path / 'recipe.yaml'}."
+            f"{path}: this is a folder; name the recipe file in it, usually {path / 'recipe.yaml'}."
         ) from None
     except UnicodeDecodeError as err:
         line = err.object[: err.start].count(b"\n") + 1
@@ -116,16 +115,16 @@ def _as_written(text: str, path: Path) -> tuple[Recipe, JsonObject, Place]:
 
 
 def where_in(path: Path, at: tuple[str | int, ...]) -> str:
-    """Return `file:line: field` of a value in a recipe, for what turns out to be wrong only when it is used."""
+    """Return `file:line: field` of a value in a recipe, for errors that show only when the value is used."""
     try:
         _, places = read_yaml(path.read_text(encoding="utf-8"), path)
     except (OSError, UnicodeDecodeError, RecipeError):
-        return f"{path}: {field_name(at)}"  # it was read before, and is another now
+        return f"{path}: {field_name(at)}"  # it was readable before, and has changed
     return f"{path}:{places.line_of(at)}: {field_name(at)}"
 
 
 def _causes(err: ValidationError) -> list[ErrorDetails]:
-    """Return the errors without those that only say that a list lacks its wrong entries."""
+    """Return the errors, except those about a list that is too short because of its wrong entries."""
     errors = err.errors()
     inner = {error["loc"][:depth] for error in errors for depth in range(len(error["loc"]))}
     return [error for error in errors if error["type"] != "too_short" or error["loc"] not in inner]

@@ -1,7 +1,7 @@
-"""What a recipe may say: the configuration of one dataset build, checked field by field.
+"""The recipe: the configuration of one dataset build, validated field by field.
 
-A step never sees a `Recipe`. It is handed a small parameter object made from the fields it
-reads (`bagassets.assets`), so that changing any other field cannot make it stale.
+A step never sees a `Recipe`. It gets a small parameter object made from the fields that it reads (`bagassets.assets`), so
+that changing any other field cannot make it stale.
 
 Paths in a loaded recipe are absolute; relative ones are relative to the recipe's folder.
 """
@@ -26,15 +26,13 @@ from bagassets.recipe.model_base import (
     Transform,
 )
 from bagassets.recipe.model_checks import Checks
-from bagassets.recipe.model_datasets import NamedDataset
+from bagassets.recipe.model_datasets import NamedDataset, Vision
 from bagassets.recipe.model_poses import PoseSource
-from bagassets.recipe.model_preview import Preview
 from bagassets.recipe.model_splits import Splits
-from bagassets.recipe.model_vision import Vision
 
 
 class Intrinsics(Model):
-    """Camera calibration given by hand, for recordings without CameraInfo."""
+    """Camera calibration for recordings without CameraInfo."""
 
     model: Literal["plumb_bob", "rational_polynomial", "equidistant"] = Field(
         "plumb_bob", description="Distortion model, named as in sensor_msgs/CameraInfo."
@@ -46,12 +44,12 @@ class Intrinsics(Model):
     cx: float = Field(description="Principal point in pixels.")
     cy: float = Field(description="Principal point in pixels.")
     distortion: tuple[float, ...] = Field(
-        (), description="Coefficients in the order of the model; empty = none."
+        (), description="Coefficients in the order of the model; empty: no distortion."
     )
 
 
 class PinholeIntrinsics(Model):
-    """The pinhole matrix that undistorted images are written with."""
+    """The pinhole matrix K of undistorted images."""
 
     fx: float = Field(gt=0, description="Focal length in pixels.")
     fy: float = Field(gt=0, description="Focal length in pixels.")
@@ -60,11 +58,11 @@ class PinholeIntrinsics(Model):
 
 
 class GreyRange(Model):
-    """How 16-bit grey values become 8 bit: one rule for the whole recording, never per image."""
+    """How 16-bit grey values become 8-bit ones: the same for the whole recording, never per image."""
 
-    range: tuple[float, float] | None = Field(None, description="Fixed grey values mapped to 0 and 255.")
+    range: tuple[float, float] | None = Field(None, description="Grey values that are mapped to 0 and 255.")
     percentiles: tuple[float, float] | None = Field(
-        None, description="Percentiles over the whole recording mapped to 0 and 255."
+        None, description="Percentiles of the whole recording that are mapped to 0 and 255."
     )
 
     @model_validator(mode="after")
@@ -77,15 +75,15 @@ class GreyRange(Model):
         if not low < high:
             raise FieldValueError((field,), "the first value must be smaller than the second")
         if self.percentiles is not None and not (low >= 0.0 and high <= 100.0):
-            raise FieldValueError((field,), "percentiles lie between 0 and 100")
+            raise FieldValueError((field,), "percentiles must be between 0 and 100")
         return self
 
 
 class _Channel(Model):
-    topic: TopicName = Field(description="Topic that carries the data.")
+    topic: TopicName = Field(description="Topic with the data.")
     frame: FrameName | None = Field(None, description="Sensor frame; default: the header's frame_id.")
     extrinsics: Transform | None = Field(
-        None, description="ego <- sensor given by hand; default: from TF or the URDF."
+        None, description="Transform `ego <- sensor`; default: from TF or the URDF."
     )
     clock: Clock | None = Field(
         None,
@@ -101,22 +99,22 @@ class CameraChannel(_Channel):
     camera_info: TopicName | None = Field(
         None, description="CameraInfo topic; default: `camera_info` beside the topic."
     )
-    intrinsics: Intrinsics | None = Field(None, description="Calibration by hand; wins over CameraInfo.")
+    intrinsics: Intrinsics | None = Field(None, description="Calibration that replaces CameraInfo.")
     output: Literal["jpeg", "png", "as_recorded"] = Field(
         "jpeg",
-        description="File format. as_recorded passes a JPEG or PNG through byte for byte if it needs no undistortion "
-        "and holds neither a Bayer mosaic nor red and blue exchanged.",
+        description="File format. `as_recorded` keeps the bytes of a JPEG or PNG unless it needs undistortion, "
+        "holds a Bayer mosaic, or has red and blue swapped.",
     )
     quality: int = Field(90, ge=1, le=100, description="JPEG quality.")
-    undistort: bool = Field(True, description="Remove lens distortion (R = identity); needs intrinsics.")
+    undistort: bool = Field(True, description="Remove lens distortion (with R = identity); needs intrinsics.")
     rectified: bool | None = Field(
         None,
-        description="The recorded images are rectified: P and R of CameraInfo hold, not K and D; default: if a part of the topic starts with image_rect.",
+        description="The recorded images are rectified, so P and R of CameraInfo apply, not K and D; default: true if a part of the topic's name starts with image_rect.",
     )
     target: PinholeIntrinsics | None = Field(
         None, description="Another K for undistorted images; default: the camera's K."
     )
-    to_8bit: GreyRange | None = Field(None, description="Rule that makes 16-bit grey 8 bit, needed for jpeg.")
+    to_8bit: GreyRange | None = Field(None, description="How 16-bit grey becomes 8-bit; required for jpeg.")
 
 
 class LidarChannel(_Channel):
@@ -124,31 +122,36 @@ class LidarChannel(_Channel):
 
     modality: Literal["lidar"] = "lidar"
     model: str | None = Field(
-        None, description="Velodyne model for packets, e.g. VLP-16, VLS-128; default: asked from the packets."
+        None, description="Velodyne model of packets, such as VLP-16 or VLS-128; default: as the packets say."
     )
     stamp: Literal["end", "start", "middle"] = Field(
         "end",
-        description="Which time of a revolution is its stamp; of clouds without point times, if header_stamp_is is given.",
+        description="Which moment of a revolution its stamp is; for clouds without point times only if header_stamp_is is given.",
     )
     header_stamp_is: Literal["end", "start", "middle"] | None = Field(
         None,
-        description="Which time of a revolution the recording's own stamp means, for clouds; default: what the points' "
-        "own times say, and without such times the stamp stays as recorded.",
+        description="Which moment of a revolution the header stamp of a cloud is; default: as the times of its "
+        "points show; without such times the stamp is kept.",
     )
     stamp_offset_s: float = Field(
         0.0,
-        description="Added to all stamps of the channel, for a sensor whose clock runs behind (positive) or ahead.",
+        description="Added to all stamps of the channel; positive for a sensor whose clock is behind.",
     )
     cut_angle_deg: float | None = Field(
         None,
         ge=0,
         lt=360,
-        description="Azimuth at which packets are cut into revolutions; default: 0, or the middle of the arc that a "
-        "lidar with a restricted field of view does not report.",
+        description="Azimuth at which packets are cut into revolutions; default: 0 or, if the field of view is "
+        "restricted, the middle of the arc outside it.",
     )
-    deskew: bool = Field(False, description="Move each point to the stamp of its revolution, with ego poses.")
-    min_range_m: float = Field(0.0, ge=0, description="Nearer points are dropped and counted.")
-    max_range_m: float | None = Field(None, gt=0, description="Farther points are dropped and counted.")
+    deskew: bool = Field(
+        False,
+        description="Move each point to where it would be seen at the stamp of its revolution, using ego poses.",
+    )
+    min_range_m: float = Field(0.0, ge=0, description="Points nearer than this are dropped and counted.")
+    max_range_m: float | None = Field(
+        None, gt=0, description="Points farther than this are dropped and counted."
+    )
 
 
 class RadarChannel(_Channel):
@@ -157,7 +160,7 @@ class RadarChannel(_Channel):
     modality: Literal["radar"] = "radar"
     azimuth_positive: Literal["left", "right"] | None = Field(
         None,
-        description="Side on which recorded azimuths are positive; default: as the message type defines it.",
+        description="Side of positive recorded azimuths; default: as the message type defines it.",
     )
 
 
@@ -165,11 +168,11 @@ Channel = Annotated[CameraChannel | LidarChannel | RadarChannel, Field(discrimin
 
 
 class Rig(Model):
-    """One sensor set-up: which recordings it made and what their topics mean."""
+    """One sensor set-up: the recordings that it made, and the meaning of their topics."""
 
     name: Slug = Field(description="Name, used in tokens and logs.")
     match: tuple[str, ...] = Field(
-        ("**",), description="Globs on the path below the bag root; the first rig that matches wins."
+        ("**",), description="Globs for the path below `bags.root`; the first rig that matches is used."
     )
     ego_frame: FrameName = Field("base_link", description="Frame that ego poses and extrinsics refer to.")
     clock: Clock | None = Field(
@@ -179,22 +182,24 @@ class Rig(Model):
     )
     channels: dict[ChannelName, Channel] = Field(min_length=1, description="Canonical channel -> sensor.")
     required: tuple[ChannelName, ...] = Field(
-        (), description="Channels without which a recording is skipped."
+        (), description="A recording that lacks one of these channels is skipped."
     )
     ego_pose: PoseSource = Field(
-        description="Where poses come from; a rig that stands still says `source: fixed`."
+        description="Source of ego poses; for a rig that stands still, `source: fixed`."
     )
     tf_static: tuple[TopicName, ...] = Field(("/tf_static",), description="Topics with static transforms.")
     tf: tuple[TopicName, ...] = Field(
-        ("/tf",), description="Topics with transforms, searched for fixed joints too."
+        ("/tf",), description="Topics with transforms; also searched for fixed joints."
     )
     urdf: Path | None = Field(None, description="URDF file whose fixed joints give extrinsics.")
     annotations: tuple[AnnotationTopic, ...] = Field((), description="Topics with 3-D boxes.")
     annotation_files: tuple[AnnotationFiles, ...] = Field(
         (), description="Files with 3-D boxes beside the recordings."
     )
-    vehicle: str | None = Field(None, description="Vehicle named in the log table; default: the rig's name.")
-    location: str = Field("unknown", description="Place named in the log table.")
+    vehicle: str | None = Field(
+        None, description="Name of the vehicle in the log table; default: the rig's name."
+    )
+    location: str = Field("unknown", description="Name of the place in the log table.")
 
     @model_validator(mode="after")
     def _known_channels(self) -> Self:
@@ -208,14 +213,16 @@ class Rig(Model):
 
 
 class Bags(Model):
-    """Where recordings are and which of them count."""
+    """Where recordings are, and which of them to use."""
 
     root: Path = Field(description="Folder searched for recordings.")
-    include: tuple[str, ...] = Field(("**",), description="Globs on the path below the root.")
+    include: tuple[str, ...] = Field(
+        ("**",), description="Globs of recordings to use, for the path below the root."
+    )
     exclude: tuple[str, ...] = Field((), description="Globs of recordings to leave out.")
     min_duration_s: float = Field(0.0, ge=0, description="Shorter recordings are skipped.")
     settle_s: float = Field(
-        5.0, ge=0, description="A new file must keep its size this long before it is read."
+        5.0, ge=0, description="A new file is read only after its size has not changed for this long."
     )
     message_definitions: tuple[Path, ...] = Field(
         (), description="Folders of .msg files for recordings without type definitions."
@@ -236,22 +243,22 @@ class Scenes(Model):
     )
     keyframe_hz: float = Field(2.0, gt=0, description="Keyframes per second.")
     length_s: float = Field(20.0, gt=0, description="Length of a scene.")
-    min_length_s: float = Field(1.0, ge=0, description="A shorter remainder makes no scene (and is counted).")
+    min_length_s: float = Field(1.0, ge=0, description="A shorter remainder is no scene; it is counted.")
     tolerance_s: float = Field(
-        0.1, gt=0, description="A channel's reading may be this far from its keyframe."
+        0.1, gt=0, description="A channel's reading may differ this much in time from its keyframe."
     )
     box_gap_s: float = Field(
         1.0,
         gt=0,
         description="Boxes of a track are interpolated to keyframes between observations at most this far apart; "
-        "elsewhere the nearest observation within tolerance_s counts, moved on as the track moved there.",
+        "elsewhere the nearest observation within tolerance_s is used, moved with the velocity of the track there.",
     )
     missing: Literal["allow", "refuse"] = Field(
         "refuse",
-        description="What if a channel has no reading within tolerance_s of a keyframe: refuse moves the keyframe to the "
-        "nearest reading of the reference where all channels that the recording has are at hand, and drops it if there "
-        "is none; allow keeps the sample without the channel, which code that takes every channel for granted stumbles "
-        "over. Builds say how many keyframes are dropped, or samples lack a channel.",
+        description="If a channel has no reading within tolerance_s of a keyframe: `refuse` moves the keyframe to the "
+        "nearest reading of the reference at which all channels in the recording have one, and drops it if there is "
+        "none; `allow` keeps the sample without the channel, which breaks code that expects every channel. Builds "
+        "report the numbers of dropped keyframes and of samples that lack a channel.",
     )
 
 
@@ -265,38 +272,66 @@ class NamedText(Model):
 class AttributesByMotion(Model):
     """Attributes for boxes whose source gives none: moving, stopped, parked, standing (`bagassets docs page annotations`)."""
 
-    enabled: bool = Field(True, description="Determine attributes by motion.")
-    moving_mps: float = Field(0.5, gt=0, description="An object at this speed or more is moving.")
+    enabled: bool = Field(True, description="Give attributes by motion.")
+    moving_mps: float = Field(0.5, gt=0, description="An object at least this fast is moving.")
     window_s: float = Field(
         1.0,
         gt=0,
-        description="A speed is measured over this time around the keyframe, at least over half of it.",
+        description="Speeds are measured over this time around the keyframe, or over at least half of it.",
     )
     parked_m: float = Field(
         1.0,
         gt=0,
-        description="A vehicle is parked if it was never moving in the recording and never farther than this from "
-        "where it was first seen; otherwise, when at rest, it has stopped.",
+        description="A vehicle is parked if it never moves in the recording and stays within this distance of "
+        "where it is first seen; any other vehicle at rest is stopped.",
     )
 
 
 class NuScenes(DatasetSettings):
-    """The nuScenes dataset that is written."""
+    """The nuScenes dataset."""
 
     output: Path = Field(Path("dataset/nuscenes"), description="Dataroot.")
     version: Slug = Field("v1.0-custom", description="Version folder.")
-    categories: tuple[NamedText, ...] = Field((), description="Categories; those met in the bags are added.")
-    attributes: tuple[NamedText, ...] = Field((), description="Attributes; those met in the bags are added.")
+    categories: tuple[NamedText, ...] = Field(
+        (), description="Categories; others in the recordings are added."
+    )
+    attributes: tuple[NamedText, ...] = Field(
+        (), description="Attributes; others in the recordings are added."
+    )
     attributes_by_motion: AttributesByMotion = Field(
         AttributesByMotion(), description="Attributes for boxes whose source gives none."
     )
 
 
-class Limits(Model):
-    """What may go wrong before a recording counts as failed, and what one may ask of the memory.
+class Preview(Model):
+    """Pictures of each recording: in the web UI, on disk and in `bagassets report`."""
 
-    Damaged and hostile files declare any size. Sizes are held against these limits before memory is
-    taken; what exceeds one is lost with the message, the topic or the recording that it belongs to.
+    enabled: bool = Field(True, description="Make pictures.")
+    camera: ChannelName | None = Field(
+        None,
+        description="Camera in pictures that show one camera; default: CAM_FRONT, else the rig's first camera.",
+    )
+    lidar: ChannelName | None = Field(
+        None, description="Lidar in pictures; default: LIDAR_TOP, else the rig's first lidar."
+    )
+    columns: int = Field(6, ge=1, le=24, description="Number of moments on the contact sheet.")
+    width: int = Field(1280, ge=320, le=3840, description="Width of each picture in pixels.")
+    future_s: float = Field(
+        4.0, gt=0, description="Seconds of the future trajectory drawn into the front image."
+    )
+    range_m: float | None = Field(
+        None,
+        gt=0,
+        description="Half the side of the bird's-eye view; default: 10 to 50 m, so that it shows most points.",
+    )
+    trajectory_map: bool = Field(True, description="Make the map of all recordings (`trajectory_map`).")
+
+
+class Limits(Model):
+    """How much may be lost before a recording fails, and how large things in a recording may be.
+
+    Damaged and hostile files may announce any size. Sizes are checked before memory is allocated; exceeding a limit
+    costs the message, the topic or the recording.
     """
 
     lost_messages: float = Field(
@@ -306,20 +341,20 @@ class Limits(Model):
         0.05,
         ge=0,
         le=1,
-        description="Share of a channel's messages that may be lost, for whatever reason, before the end of a build, "
-        "`build --check` and `bagassets check` name it.",
+        description="Share of a channel's messages that may be lost, for any reason, before builds, "
+        "`build --check` and `bagassets check` report it.",
     )
     chunk_bytes: int = Field(
         256_000_000,
         ge=1_000_000,
         le=4_000_000_000,
-        description="Size of a chunk of a bag or MCAP, unpacked; a larger one costs the recording.",
+        description="Uncompressed size of a chunk of a bag or MCAP; a larger one costs the recording.",
     )
     message_bytes: int = Field(
         256_000_000,
         ge=1_000_000,
         le=4_000_000_000,
-        description="Size of a message, unpacked; a larger one is lost.",
+        description="Uncompressed size of a message; a larger one is lost.",
     )
     message_elements: int = Field(
         1_000_000,
@@ -330,7 +365,7 @@ class Limits(Model):
     array_length: int = Field(
         2_000,
         ge=100,
-        description="Strings and nested messages that a definition announces in arrays of fixed length; more cost "
+        description="Strings and nested messages in the fixed-length arrays of a definition; more cost "
         "the topic. Numbers do not count.",
     )
     definition_bytes: int = Field(
@@ -341,7 +376,7 @@ class Limits(Model):
     compression_ratio: int = Field(
         1_000,
         ge=10,
-        description="How many times its size a recording may unpack to once that is more than a gigabyte; more cost "
+        description="Uncompressed size of a recording relative to its files, if it is more than a gigabyte; more costs "
         "the recording.",
     )
     topics: int = Field(5_000, ge=1, description="Topics of a recording; more cost the recording.")
@@ -353,7 +388,7 @@ class Limits(Model):
     image_pixels: int = Field(
         50_000_000,
         ge=10_000,
-        description="Width times height of an image; a larger one is lost. A calibration of a larger one costs the "
+        description="Width times height of an image; a larger one is lost. A calibration for a larger one costs the "
         "channel.",
     )
     cloud_points: int = Field(
@@ -361,9 +396,9 @@ class Limits(Model):
     )
 
     def changed(self, *names: str) -> dict[str, int]:
-        """Return those of the named limits that are not the defaults, for the parameters of an action.
+        """Return the named limits that differ from their defaults, for the parameters of an action.
 
-        Defaults are part of a step's version: a step whose default changes gets a new one.
+        Defaults belong to a step's version: a step whose default changes gets a new one.
         """
         fields = type(self).model_fields
         return {name: value for name in names if (value := getattr(self, name)) != fields[name].default}
@@ -374,7 +409,7 @@ class Limits(Model):
         return cls(**{name: params[name] for name in cls.model_fields if name in params})
 
 
-# Those that reading a recording is held to, whatever reads it.
+# The limits that apply to every reader of a recording.
 READING_LIMITS = (
     "chunk_bytes",
     "message_bytes",
@@ -390,12 +425,12 @@ READING_LIMITS = (
 class Recipe(Model):
     """Everything that shapes a dataset."""
 
-    name: Slug = Field(description="Name of the project; also names the partitions in Dagster.")
-    bags: Bags = Field(description="Where recordings are and which of them count.")
-    state: Path = Field(Path(".bagassets"), description="Folder that keeps store and Dagster state.")
+    name: Slug = Field(description="Name of the project and of its partitions in Dagster.")
+    bags: Bags = Field(description="Where recordings are, and which of them to use.")
+    state: Path = Field(Path(".bagassets"), description="Folder of the store and of Dagster's state.")
     store: Path | None = Field(
         None,
-        description="Folder of the artifact store; default: `store` in the state folder. Projects and machines may share one.",
+        description="Folder of the artifact store; default: `store` in the state folder. Projects and machines may share a store.",
     )
     clock: Clock = Field(
         "header",
@@ -403,16 +438,18 @@ class Recipe(Model):
     )
     rigs: tuple[Rig, ...] = Field(min_length=1, description="Sensor set-ups.")
     scenes: Scenes = Field(Scenes(), description="Scenes and keyframes.")
-    splits: Splits = Field(Splits(), description="Which recordings belong to train, val and so on.")
+    splits: Splits = Field(Splits(), description="Which recordings belong to train, val and other splits.")
     nuscenes: NuScenes = Field(NuScenes(), description="The nuScenes dataset.")
-    vision: Vision | None = Field(None, description="The vision dataset; default: none is made.")
+    vision: Vision | None = Field(None, description="The vision dataset; default: none.")
     formats: dict[Slug, Any] = Field(
         {},
-        description="Datasets in formats that installed packages add (`bagassets docs page formats`): the name of the format -> its "
-        "settings, of which all have an `output`.",
+        description="Datasets in formats that installed packages add (`bagassets docs page formats`): name of the format -> its "
+        "settings, with an `output`.",
     )
-    datasets: tuple[NamedDataset, ...] = Field((), description="Further datasets of some of the scenes.")
-    preview: Preview = Field(Preview(), description="Pictures for people.")
+    datasets: tuple[NamedDataset, ...] = Field(
+        (), description="Further nuScenes datasets of selected scenes."
+    )
+    preview: Preview = Field(Preview(), description="Pictures of recordings.")
     limits: Limits = Field(Limits(), description="Accepted losses and sizes.")
     checks: Checks = Field(Checks(), description="Checks of finished assets.")
 
@@ -421,7 +458,7 @@ class Recipe(Model):
         names: set[str] = set()
         for number, rig in enumerate(self.rigs):
             if rig.name in names:
-                raise FieldValueError(("rigs", number, "name"), f"another rig is called {rig.name} too")
+                raise FieldValueError(("rigs", number, "name"), f"another rig is called {rig.name}, too")
             names.add(rig.name)
         return self
 
@@ -431,12 +468,15 @@ class Recipe(Model):
         for number, dataset in enumerate(self.datasets):
             if dataset.asset in assets:
                 raise FieldValueError(
-                    ("datasets", number, "name"), f"is too much like {assets[dataset.asset]}, another dataset"
+                    ("datasets", number, "name"),
+                    f"would have the same asset name as the dataset {assets[dataset.asset]}; rename one",
                 )
             assets[dataset.asset] = dataset.name
             unknown = [rig for rig in dataset.rigs if rig not in {rig.name for rig in self.rigs}]
             if unknown:
-                raise FieldValueError(("datasets", number, "rigs"), f"{unknown[0]} is no rig of this recipe")
+                raise FieldValueError(
+                    ("datasets", number, "rigs"), f"{unknown[0]} is not a rig of this recipe"
+                )
         return self
 
     def rig_named(self, name: str) -> Rig | None:
@@ -450,10 +490,10 @@ class Recipe(Model):
 
     @property
     def dataset_settings(self) -> Mapping[str, DatasetSettings]:
-        """Name of a dataset format -> its section, of the datasets that are made; in order."""
+        """Format -> section, for the datasets of this recipe, in order."""
         sections: dict[str, DatasetSettings] = {"nuscenes": self.nuscenes}
         sections |= {} if self.vision is None else {"vision": self.vision}
-        # A section whose package cannot be used is no such object.
+        # A section whose package cannot be used is left as plain data.
         return sections | {
             name: section for name, section in self.formats.items() if isinstance(section, DatasetSettings)
         }

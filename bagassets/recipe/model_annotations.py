@@ -1,4 +1,4 @@
-"""Annotations in the recipe: boxes in topics of the recording, and in files beside it."""
+"""Recipe sections about annotations: boxes in topics of a recording, and in files beside it."""
 
 import re
 from typing import Annotated, Literal
@@ -22,7 +22,7 @@ __all__ = [
 ]
 
 _PATH = (
-    "Relative to the recording's folder; `{stem}` (file name without ending), `{name}` and `{key}` stand for those "
+    "Relative to the recording's folder; `{stem}` (file name without suffix), `{name}` and `{key}` are replaced by those "
     "of the recording."
 )
 
@@ -36,9 +36,7 @@ def _template(text: str) -> str:
         raise ValueError(msg)
     for name in re.findall(r"\{(.*?)\}", text):
         if name not in _PLACEHOLDERS:
-            msg = (
-                f"`{{{name}}}` stands for nothing; there are {', '.join(f'`{{{p}}}`' for p in _PLACEHOLDERS)}"
-            )
+            msg = f"`{{{name}}}` is not a placeholder; there are {', '.join(f'`{{{p}}}`' for p in _PLACEHOLDERS)}"
             raise ValueError(msg)
     return text
 
@@ -47,24 +45,26 @@ Template = Annotated[str, AfterValidator(_template)]
 
 
 class _BoxRules(Model):
-    frame: FrameName | None = Field(None, description="Frame of the boxes; default: the one they name.")
+    frame: FrameName | None = Field(
+        None, description="Frame of the boxes; default: the frame that they name."
+    )
     categories: dict[str, str] = Field(
-        default_factory=dict, description="Recorded class -> category; others pass through by name."
+        default_factory=dict, description="Recorded class -> category; others keep their names."
     )
     attributes: dict[str, tuple[str, ...]] = Field(
-        default_factory=dict, description="Category -> attributes given to each of its boxes."
+        default_factory=dict, description="Category -> attributes of all its boxes."
     )
     attribute_names: dict[str, str] = Field(
         default_factory=dict,
-        description="Recorded attribute -> attribute; others pass through by name, an empty name drops it.",
+        description="Recorded attribute -> attribute; others keep their names. An empty name drops the attribute.",
     )
     unmapped: Literal["keep", "count", "refuse"] = Field(
         "keep",
-        description="A class that `categories` does not name is kept by its own name (and counted), left out and "
+        description="A class that is not in `categories` keeps its own name (and is counted), is left out and "
         "counted, or fails the recording.",
     )
     bad_boxes: Literal["count", "refuse"] = Field(
-        "count", description="A box that cannot be used is left out and counted, or fails the recording."
+        "count", description="An unusable box is left out and counted, or fails the recording."
     )
 
 
@@ -81,8 +81,8 @@ class TopicTimes(Model):
     """Frames are the messages of a topic, counted in order of log time."""
 
     by: Literal["topic"] = "topic"
-    topic: TopicName = Field(description="Topic that was labelled.")
-    first: int = Field(0, ge=0, description="Number of the frame that is the first message.")
+    topic: TopicName = Field(description="The labelled topic.")
+    first: int = Field(0, ge=0, description="Frame number of the first message.")
 
 
 class FileTimes(Model):
@@ -90,7 +90,7 @@ class FileTimes(Model):
 
     by: Literal["file"] = "file"
     path: Template = Field(description=f"File with one stamp per line. {_PATH}")
-    first: int = Field(0, ge=0, description="Number of the frame that is the first line.")
+    first: int = Field(0, ge=0, description="Frame number of the first line.")
 
 
 class NameTimes(Model):
@@ -106,17 +106,17 @@ NumberedTimes = Annotated[TopicTimes | FileTimes, Field(discriminator="by")]
 
 class _AnnotationFiles(_BoxRules):
     path: Template = Field(description=f"File or folder. {_PATH}")
-    offset_s: float = Field(0.0, description="Added to the time of each box.")
+    offset_s: float = Field(0.0, description="Added to the stamp of each box.")
     outside: Literal["count", "keep", "refuse"] = Field(
         "count",
-        description="A box more than a second outside the recording is left out and counted, kept (and counted), or fails it.",
+        description="A box more than a second before or after the recording is left out and counted, kept (and counted), or fails it.",
     )
     missing: Literal["allow", "refuse"] = Field(
-        "allow", description="A recording without this file or folder has no such boxes, or fails."
+        "allow", description="A recording without this file or folder has no boxes from it, or fails."
     )
     bad_files: Literal["count", "refuse"] = Field(
         "refuse",
-        description="A file that does not parse fails the recording, or is left out whole and counted.",
+        description="A file that does not parse fails the recording, or is left out and counted.",
     )
 
 
@@ -130,21 +130,21 @@ class SustechFolder(_AnnotationFiles):
     """A label folder of SUSTechPOINTS: one JSON file per labelled cloud."""
 
     format: Literal["sustechpoints"] = "sustechpoints"
-    times: FrameTimes = Field(description="Which time a label file has.")
+    times: FrameTimes = Field(description="Times of the label files.")
 
 
 class KittiTracklets(_AnnotationFiles):
     """`tracklet_labels.xml` of KITTI raw data: tracks in the lidar frame."""
 
     format: Literal["kitti_tracklets"] = "kitti_tracklets"
-    times: NumberedTimes = Field(description="Which time a numbered frame has.")
+    times: NumberedTimes = Field(description="Times of the numbered frames.")
 
 
 class KittiLabels(_AnnotationFiles):
     """KITTI labels in the frame of the rectified camera: a tracking file, or a folder with one file per frame."""
 
     format: Literal["kitti_labels"] = "kitti_labels"
-    times: FrameTimes = Field(description="Which time a numbered frame, or a label file, has.")
+    times: FrameTimes = Field(description="Times of the numbered frames, or of the label files.")
 
 
 class NuScenesTables(_AnnotationFiles):
@@ -154,7 +154,7 @@ class NuScenesTables(_AnnotationFiles):
     logfile: Template | None = Field(
         None,
         description="Only boxes of the log with this logfile; `{stem}`, `{name}` and `{key}` as in the path. "
-        "Default: of all logs.",
+        "Default: all logs.",
     )
 
 

@@ -1,4 +1,4 @@
-"""What all parts of the recipe model share: strict models, names, and small geometry."""
+"""Shared parts of the recipe model: strict base models, names, transforms."""
 
 import re
 from pathlib import Path
@@ -26,7 +26,7 @@ Quaternion = tuple[float, float, float, float]
 
 
 class FieldValueError(ValueError):
-    """A check across fields failed; `at` leads from the checked mapping to the field to blame."""
+    """A check across fields failed; `at` is the path from the checked mapping to the wrong field."""
 
     def __init__(self, at: tuple[str | int, ...], problem: str) -> None:
         super().__init__(problem)
@@ -42,13 +42,13 @@ def _slug(name: str) -> str:
 
 def _channel_name(name: str) -> str:
     if not re.fullmatch(r"[A-Z][A-Z0-9_]*", name):
-        msg = "a channel is named in capitals, digits and '_', as in CAM_FRONT"
+        msg = "a channel's name has capitals, digits and '_' only, as in CAM_FRONT"
         raise ValueError(msg)
     return name
 
 
 def _frame_name(name: str) -> str:
-    """Recordings write a frame with and without leading slash; we name it without."""
+    """Return a frame without leading slash; recordings write it with or without."""
     return _not_empty(name.lstrip("/"))
 
 
@@ -72,7 +72,7 @@ class Model(BaseModel):
 
 
 class DatasetSettings(Model):
-    """Base of the sections about datasets of one format."""
+    """Base of sections for the dataset of one format."""
 
     output: Path = Field(description="Folder of the dataset.")
 

@@ -1,4 +1,4 @@
-"""What a recipe may say about further datasets: selections of scenes of the one store."""
+"""Recipe sections about the vision dataset, and about nuScenes datasets of selected scenes."""
 
 from datetime import UTC, date, datetime
 from pathlib import Path
@@ -6,18 +6,18 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
-from bagassets.recipe.model_base import FieldValueError, Model, Slug
+from bagassets.recipe.model_base import ChannelName, DatasetSettings, FieldValueError, Model, Slug
 
-__all__ = ["NamedDataset", "moment_ns"]
+__all__ = ["FramePair", "NamedDataset", "Vision", "moment_ns"]
 
 LatLon = tuple[float, float]
 
 
 def moment_ns(text: str) -> int:
-    """Return nanoseconds since 1970 of an ISO date (its first moment, UTC) or date and time (UTC if not said).
+    """Return nanoseconds since 1970 of an ISO date (its start, UTC) or date and time (UTC without offset).
 
     Raises:
-        ValueError: it is neither.
+        ValueError: the text is neither.
     """
     try:
         moment = datetime.combine(date.fromisoformat(text), datetime.min.time())
@@ -40,31 +40,30 @@ Moment = Annotated[str, AfterValidator(_moment)]
 
 
 class NamedDataset(Model):
-    """A nuScenes dataset of some of the scenes: those that satisfy all conditions that are given.
+    """A nuScenes dataset of those scenes that meet all the given conditions.
 
-    Files are links and nothing is decoded again.
+    Its files are links; nothing is decoded again.
     """
 
     name: Slug = Field(description="Name of the dataset.")
     output: Path | None = Field(None, description="Dataroot; default: `dataset/NAME`.")
     version: Slug | None = Field(None, description="Version folder; default: that of `nuscenes`.")
-    rigs: tuple[str, ...] = Field((), description="Rigs that made the recording; default: any.")
-    recordings: tuple[str, ...] = Field((), description="Globs of recordings (their partition keys).")
-    scenes: tuple[str, ...] = Field((), description="Globs of scene names; with these, a list of scenes.")
+    rigs: tuple[str, ...] = Field((), description="Names of rigs; default: any.")
+    recordings: tuple[str, ...] = Field((), description="Globs of partition keys.")
+    scenes: tuple[str, ...] = Field((), description="Globs of scene names, or names.")
     place: tuple[LatLon, ...] = Field(
-        (), description="Polygon of latitude, longitude in degrees; the way of a scene enters it somewhere."
+        (),
+        description="Polygon of latitude and longitude in degrees, which the trajectory of a scene enters.",
     )
     daylight: tuple[Literal["day", "twilight", "night"], ...] = Field(
-        (), description="By the elevation of the sun where and when the scene begins."
+        (), description="By the elevation of the sun at the beginning of the scene."
     )
-    since: Moment | None = Field(
-        None, description="Date, or date and time, at which scenes begin at the earliest."
-    )
-    until: Moment | None = Field(None, description="Date, or date and time, before which scenes begin.")
+    since: Moment | None = Field(None, description="Scenes begin at this date, or date and time, or later.")
+    until: Moment | None = Field(None, description="Scenes begin before this date, or date and time.")
     labels: tuple[str, ...] = Field(
-        (), description="Globs of categories, as vehicle.*; the scene has a box of each at a keyframe."
+        (), description="Globs of categories, as in vehicle.*; a scene has a box of each at a keyframe."
     )
-    min_speed_mps: float | None = Field(None, ge=0, description="Mean speed over the scene, at least.")
+    min_speed_mps: float | None = Field(None, ge=0, description="Lowest mean speed of the scene.")
 
     @model_validator(mode="after")
     def _sound(self) -> Self:
@@ -75,7 +74,7 @@ class NamedDataset(Model):
         for number, (lat, lon) in enumerate(self.place):
             if abs(lat) > 90 or abs(lon) > 180:
                 raise FieldValueError(
-                    ("place", number), f"({lat:g}, {lon:g}) is no place on Earth; latitude comes first"
+                    ("place", number), f"({lat:g}, {lon:g}) is not a place on Earth; latitude comes first"
                 )
         if self.since and self.until and moment_ns(self.since) >= moment_ns(self.until):
             raise FieldValueError(("until",), "must be later than since")
@@ -85,3 +84,37 @@ class NamedDataset(Model):
     def asset(self) -> str:
         """Name of its asset in Dagster, which takes letters, digits and '_' only."""
         return "dataset_" + "".join(c if c.isalnum() else "_" for c in self.name)
+
+
+def _pair(text: str) -> str:
+    sensor, colon, reference = (part.strip().lstrip("/") for part in text.partition(":"))
+    if not (sensor and colon and reference) or ":" in reference:
+        msg = "name two frames, as in CAM_FRONT:global"
+        raise ValueError(msg)
+    return f"{sensor}:{reference}"
+
+
+FramePair = Annotated[str, AfterValidator(_pair)]
+
+
+class Vision(DatasetSettings):
+    """The vision dataset: image sequences in plain folders, each with its trajectory."""
+
+    output: Path = Field(Path("dataset/vision"), description="Folder of the dataset.")
+    cameras: tuple[ChannelName, ...] | None = Field(
+        None, description="Cameras with sequences; default: all cameras of the rig."
+    )
+    frames: int = Field(25, ge=1, description="Images per sequence.")
+    stride: int = Field(1, ge=1, description="Use only every n-th image.")
+    max_gap_s: float = Field(
+        1.0, gt=0, description="Longest time between two consecutive images of a sequence."
+    )
+    trajectories: tuple[FramePair, ...] = Field(
+        ("ego:global",),
+        description="Pairs `sensor:reference` whose trajectories are written as CSV and Parquet. A frame is `ego`, "
+        "`global`, a channel, or a frame in the calibration or in TF.",
+    )
+    files: Literal["per_split", "one"] = Field(
+        "per_split",
+        description="Merged files: one per split (train.json, val.json), or a single all.json.",
+    )

@@ -1,4 +1,4 @@
-"""The part of the recipe that says where the poses of the ego frame come from."""
+"""Recipe sections about the source of ego poses."""
 
 import re
 from typing import Annotated, Literal
@@ -32,12 +32,14 @@ Sender = Annotated[str, AfterValidator(_sender)]
 
 class _MovingSource(Model):
     max_gap_s: float = Field(
-        0.5, gt=0, description="Readings inside a longer gap between poses have no pose."
+        0.5,
+        gt=0,
+        description="Longest gap between poses to interpolate over; readings in longer gaps have no pose.",
     )
     extrapolate_s: float = Field(
         0.05,
         ge=0,
-        description="Readings this much before the first or after the last pose get one by going on at the same velocity.",
+        description="Readings this much before the first or after the last pose get one extrapolated with constant velocity.",
     )
 
 
@@ -47,7 +49,7 @@ class OdometrySource(_MovingSource):
     source: Literal["odometry"] = "odometry"
     topic: TopicName = Field(description="Odometry topic.")
     frame: FrameName | None = Field(
-        None, description="Frame whose pose is given; default: the child frame in the messages."
+        None, description="Frame of the poses; default: the child frame in the messages."
     )
 
 
@@ -56,7 +58,7 @@ class PoseTopicSource(_MovingSource):
 
     source: Literal["pose"] = "pose"
     topic: TopicName = Field(description="Topic of stamped poses.")
-    frame: FrameName | None = Field(None, description="Frame whose pose is given; default: the ego frame.")
+    frame: FrameName | None = Field(None, description="Frame of the poses; default: the ego frame.")
 
 
 class TfSource(_MovingSource):
@@ -69,7 +71,7 @@ class TfSource(_MovingSource):
 class NavSatSource(_MovingSource):
     """`NavSatFix` projected to local metres, with orientation from an Imu or from the course.
 
-    Where transforms tell how antenna and Imu sit in the ego frame, that is taken into account.
+    If transforms from the ego frame to antenna and Imu are known, they are applied.
     """
 
     source: Literal["navsat"] = "navsat"
@@ -84,21 +86,17 @@ class NcomSource(_MovingSource):
 
     source: Literal["ncom"] = "ncom"
     topic: TopicName = Field(
-        description="Topic of ethernet_msgs/Packet, udp_msgs/UdpPacket or another message that holds one UDP payload."
+        description="Topic of ethernet_msgs/Packet, udp_msgs/UdpPacket or another message with one UDP payload."
     )
     sender: Sender | None = Field(
-        None, description="Address, with or without port, that packets must come from; default: any."
+        None, description="Address, with or without port, of the sender; default: any sender."
     )
     stamp: Literal["message", "packet"] = Field(
         "message",
-        description="Time of a pose: that of its message, by the recipe's clock, as for all other readings; or the GPS time in the packet, as UTC.",
+        description="Time of a pose: that of its message, by the recipe's clock as for all other readings, or the GPS time in the packet as UTC.",
     )
-    leap_seconds: int = Field(
-        18, description="GPS time minus UTC, for recordings whose packets do not tell it; 18 since 2017."
-    )
-    frame: FrameName | None = Field(
-        None, description="Frame that the navigation system gives the pose of; default: the ego frame."
-    )
+    leap_seconds: int = Field(18, description="GPS time minus UTC, for packets without it; 18 since 2017.")
+    frame: FrameName | None = Field(None, description="Frame of the poses; default: the ego frame.")
 
 
 class FixedPose(Model):

@@ -1,4 +1,4 @@
-"""What a recipe may say about splits."""
+"""The recipe section about splits."""
 
 from typing import Self
 
@@ -12,21 +12,21 @@ __all__ = ["Splits"]
 class Splits(Model):
     """How recordings are dealt to train, val and other splits, for all datasets alike.
 
-    The set of recordings alone decides, in whatever order they came; no split is empty while there are as many
-    recordings as splits. In small sets a new recording may move another one, which the build and `build --check` say and
-    `pinned` prevents; in large ones a hash of the key decides. Shares of recordings, and still more of driven time, are
-    met approximately. In `splits.json`, train and val are called custom_train and custom_val, because nuscenes-devkit
+    Only the set of recordings decides, not their order; no split is empty if there are at least as many recordings as
+    splits. In small sets a new recording may move another one, which the build and `build --check` report and `pinned`
+    prevents; in large ones a hash of the key decides. Shares of recordings are met approximately, shares of driven time
+    less closely. In `splits.json`, train and val are called custom_train and custom_val, because nuscenes-devkit
     answers the plain names with the scenes of nuScenes.
     """
 
     shares: dict[Slug, float] = Field(
         default_factory=lambda: {"train": 0.8, "val": 0.2},
-        description="Split -> share of the recordings; they add up to 1.",
+        description="Split -> share of the recordings; shares add up to 1.",
     )
-    seed: int = Field(0, description="Another seed deals all recordings anew.")
+    seed: int = Field(0, description="Another seed deals all recordings differently.")
     pinned: dict[str, Slug] = Field(
         default_factory=dict,
-        description="Recording (its partition key) -> the split it belongs to; `pin` is another name of the field.",
+        description="Partition key -> split of the recording; `pin` is another name of this field.",
     )
 
     @model_validator(mode="before")

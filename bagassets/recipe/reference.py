@@ -19,23 +19,23 @@ _INTRODUCTION = """\
 
 <!-- Generated from bagassets/recipe/model.py by `bagassets docs recipe`; do not edit. -->
 
-A recipe is one YAML file that says everything that shapes a dataset. `bagassets init` proposes
-one from the recordings it finds; most need only the fields without default. A small one in full:
+A recipe is one YAML file with everything that shapes a dataset. `bagassets init` proposes one for the recordings that it
+finds; most recipes need only the fields without default. A complete small one:
 
 ```yaml
 {example}```
 
-Rules that hold everywhere:
+Rules for all fields:
 
 - Paths are relative to the recipe's folder. `~` and environment variables are not expanded, so that a recipe
-  means the same for everybody who runs it.
+  means the same for everybody.
 - Globs are matched against the path of a recording below `bags.root`, with `/` between folders; `*` and `?`
-  stay within a folder, `**` crosses folders. A recording in a ROS 2 folder goes by the name of that folder.
-- Frames are named without leading slash; recordings that write one are understood.
-- Transforms are `parent <- child`: they take coordinates in the child (sensor) frame to the parent (ego) frame. Metres;
-  quaternions are w, x, y, z.
-- An unknown field, a field given twice or a value of the wrong type is refused, with its line.
-- Changing a field makes stale only the steps that read it: `scenes` re-extracts no image.
+  stay within a folder, `**` crosses folders. The path of a ROS 2 bag is that of its folder.
+- Frames have no leading slash here, even if recordings write one.
+- Transforms are `parent <- child`: they map coordinates in the child (sensor) frame to the parent (ego) frame. Lengths are
+  in metres, quaternions are w, x, y, z.
+- Unknown fields, fields given twice and values of the wrong type are errors, reported with their line.
+- Changing a field makes only those steps stale that read it: a change of `scenes` extracts no image again.
 """
 
 EXAMPLE = """\
@@ -54,7 +54,7 @@ rigs:
 scenes: {length_s: 20, keyframe_hz: 2}
 nuscenes: {output: dataset/nuscenes, version: v1.0-courtyard}
 """
-"""A recipe for readers; a test loads it."""
+"""An example; a test loads it."""
 
 
 def render_reference() -> str:
@@ -66,7 +66,7 @@ def render_reference() -> str:
 
 
 def _sections() -> Iterator[tuple[type[BaseModel], list[str]]]:
-    """Yield each model once, outer ones first, with the paths of all fields that hold it."""
+    """Yield each model once, outer ones first, with the paths of all its fields in the recipe."""
     paths: dict[type[BaseModel], list[str]] = {Recipe: [""]}
     queue: list[type[BaseModel]] = [Recipe]
     for model in queue:
@@ -109,7 +109,7 @@ def _prose(model: type[BaseModel]) -> str:
 def _table(model: type[BaseModel]) -> str:
     rows = ["| field | value | default | meaning |", "|---|---|---|---|"]
     for name, field in model.model_fields.items():
-        meaning = _cell(field.description or "Which kind this is.")
+        meaning = _cell(field.description or "Selects this kind.")
         rows.append(f"| `{name}` | {_value(field)} | {_default(field)} | {meaning} |")
     return "\n".join(rows) + "\n"
 

@@ -1,7 +1,4 @@
-"""The shape of the recipe model, walked by name: what a field holds, in words.
-
-Error messages and the recipe reference both speak from this.
-"""
+"""The structure of the recipe model, and descriptions of its types for error messages and the recipe reference."""
 
 import types
 from collections.abc import Iterator
@@ -31,7 +28,7 @@ def plain(annotation: object) -> object:
 
 
 def variants(annotation: object) -> dict[str, type[BaseModel]]:
-    """Return tag -> model of a union whose members are told apart by a tag field; {} otherwise."""
+    """Return tag -> model for a union with a tag field; {} for other types."""
     annotation = plain(annotation)
     if not _is_union(annotation):
         return {}
@@ -41,7 +38,7 @@ def variants(annotation: object) -> dict[str, type[BaseModel]]:
 
 
 def tag_field(annotation: object) -> str:
-    """Return the field that tells the members of a union apart; "" if it is no such union."""
+    """Return the tag field of a union; "" for other types."""
     annotation = plain(annotation)
     if not _is_union(annotation):
         return ""
@@ -55,10 +52,7 @@ def tag_field(annotation: object) -> str:
 
 
 def enter(annotation: object, part: str | int) -> object:
-    """Return the type behind one part of a pydantic error location: field, key, index or tag.
-
-    Returns None if there is no such part.
-    """
+    """Return the type at one part of a pydantic error location (field, key, index or tag), or None if there is none."""
     annotation = plain(annotation)
     if _is_model(annotation):
         field = annotation.model_fields.get(str(part))
@@ -75,7 +69,7 @@ def enter(annotation: object, part: str | int) -> object:
 
 
 def describe(annotation: object) -> str:
-    """Return what a value of this type is, in words: `a number`, `a list of texts`."""
+    """Describe a value of this type: `a number`, `a list of texts`."""
     for known, words in _NAMED:
         if annotation is known:
             return words
@@ -110,7 +104,7 @@ def limits(field: FieldInfo) -> str:
 
 
 def models_in(annotation: object) -> Iterator[type[BaseModel]]:
-    """Yield the models that a value of this type is made of, not those inside them."""
+    """Yield the models directly in a type, not those nested in them."""
     annotation = plain(annotation)
     if _is_model(annotation):
         yield annotation

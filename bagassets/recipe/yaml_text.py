@@ -1,9 +1,8 @@
-"""YAML text to plain data, with the line of every field, and without YAML's surprises.
+"""Reading YAML as plain data, with the line of every field and without YAML's surprises.
 
-Compared with `yaml.safe_load`: a key given twice is an error, keys are always text, and
-only null, true/false, numbers and text exist. PyYAML follows YAML 1.1, where `12:30` is
-the number 750, `010` is 8, `2024-05-01` is a date and `1e-3` is text; here they are text,
-text, text and a number.
+Unlike with `yaml.safe_load`, a key given twice is an error, keys are always text, and values are null, true/false, numbers
+or text. PyYAML follows YAML 1.1, where `12:30` is the number 750, `010` is 8, `2024-05-01` is a date and `1e-3` is text;
+here they are text, text, text and a number.
 """
 
 import re
@@ -19,25 +18,25 @@ from bagassets.json_types import Json, JsonObject
 __all__ = ["Place", "read_yaml"]
 
 _TAG = "tag:yaml.org,2002:"
-# A text has fewer values than characters; aliases may add as many as this.
+# A text has fewer values than characters; aliases may add up to this many.
 _PLENTY = 100_000
 _TRUE = frozenset({"true", "yes", "on"})
 
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Where a value stands in the file.
+    """The place of a value in the file.
 
     Attributes:
         line: line of its key, or of the value itself in a list; from 1.
-        children: the same for the values inside it, by key or index.
+        children: places of the values in it, by key or index.
     """
 
     line: int
     children: Mapping[str | int, "Place"] = field(default_factory=dict)
 
     def line_of(self, location: tuple[str | int, ...]) -> int:
-        """Return the line of the deepest value on `location` that the file has."""
+        """Return the line of the deepest value along `location` that is in the file."""
         place = self
         for part in location:
             if part not in place.children:
@@ -67,7 +66,7 @@ for _name, _pattern, _first in (
 
 
 def read_yaml(text: str, path: Path) -> tuple[Json, Place]:
-    """Return the data in `text` and where each value stands; `path` is for messages.
+    """Return the data in `text` and the places of its values; `path` is for messages.
 
     Raises:
         RecipeError: the text is not YAML, or uses a feature that a recipe does not have.
@@ -93,9 +92,7 @@ def read_yaml(text: str, path: Path) -> tuple[Json, Place]:
 def _syntax_error(err: yaml.YAMLError, text: str, path: Path) -> str:
     if isinstance(err, yaml.reader.ReaderError):
         line = text.count("\n", 0, err.position) + 1
-        return (
-            f"{path}:{line}: the recipe holds a character that YAML does not allow ({text[err.position]!r})."
-        )
+        return f"{path}:{line}: the recipe has a character that YAML does not allow ({text[err.position]!r})."
     mark = getattr(err, "problem_mark", None)
     where = f"{path}:{mark.line + 1}" if mark is not None else str(path)
     problem = str(getattr(err, "problem", None) or "not valid YAML")
@@ -111,7 +108,7 @@ def _syntax_error(err: yaml.YAMLError, text: str, path: Path) -> str:
 
 
 class _Reader:
-    """Turns nodes into data and places; remembers where it is, for messages."""
+    """Turns YAML nodes into data and places."""
 
     def __init__(self, path: Path, most: int) -> None:
         self._path = path
@@ -119,7 +116,7 @@ class _Reader:
         self._left = self._most = most
 
     def value(self, node: yaml.Node, line: int, at: tuple[str, ...]) -> tuple[Json, Place]:
-        """Return data and place of `node`, whose key stands in `line`."""
+        """Return data and place of `node`, whose key is in `line`."""
         if isinstance(node, yaml.ScalarNode):
             return self._scalar(node, at), Place(line)
         self._enter(node, line, at)
@@ -137,7 +134,7 @@ class _Reader:
                 return data, Place(line, places)
         finally:
             self._open.discard(id(node))
-        raise self._error(_line(node), at, f"the tag {node.tag} means nothing in a recipe; remove it")
+        raise self._error(_line(node), at, f"the tag {node.tag} has no meaning in a recipe; remove it")
 
     def _mapping(
         self, node: yaml.MappingNode, at: tuple[str, ...]
@@ -148,7 +145,7 @@ class _Reader:
         for key_node, value_node in node.value:
             if not isinstance(key_node, yaml.ScalarNode):
                 raise self._error(
-                    _line(key_node), at, "a field's name is plain text, this is a list or mapping"
+                    _line(key_node), at, "a field's name must be plain text, but this is a list or mapping"
                 )
             if key_node.tag == _TAG + "merge":
                 several = isinstance(value_node, yaml.SequenceNode)
@@ -176,7 +173,7 @@ class _Reader:
         if id(node) in self._open:
             raise self._error(line, at, "the alias refers to a value that contains it")
         self._open.add(id(node))
-        # Aliases of lists of aliases make thousands of millions of values of ten lines.
+        # Ten lines of aliases to lists of aliases can stand for billions of values.
         self._left -= 1 + len(node.value)
         if self._left < 0:
             raise self._error(
@@ -199,7 +196,7 @@ class _Reader:
                     return text
         except ValueError:
             raise self._error(_line(node), at, f"{text!r} is not a number") from None
-        raise self._error(_line(node), at, f"the tag {node.tag} means nothing in a recipe; remove it")
+        raise self._error(_line(node), at, f"the tag {node.tag} has no meaning in a recipe; remove it")
 
     def _error(self, line: int, at: tuple[str, ...], problem: str) -> RecipeError:
         field = f"{'.'.join(at)}: " if at else ""

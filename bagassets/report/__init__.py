@@ -1,1 +1,1 @@
-"""Pages for people about the whole dataset: the report and the map."""
+"""Pages about the whole dataset: the report and the map."""

@@ -1,4 +1,4 @@
-"""A map that needs nothing: ways on a plain grid, as SVG."""
+"""A map without any network: routes on a plain grid, as SVG."""
 
 from collections.abc import Sequence
 from math import cos, floor, log10, radians
@@ -14,26 +14,26 @@ _LINES = 8
 
 Points = Sequence[tuple[float, float]]
 NamedRoute = tuple[str, str, Points]
-"""Key of a recording, its colour, and its way: (latitude, longitude), or (x, y) in metres."""
+"""Key of a recording, its colour, and its route: (latitude, longitude), or (x, y) in metres."""
 
 
 def colour_of_split(split: str, splits: Sequence[str]) -> str:
-    """Return the colour of a split on maps; `splits` are all of them, in order."""
+    """Return the colour of a split on maps; `splits` lists all splits in order."""
     return COLOURS[splits.index(split) % len(COLOURS)] if split in splits else "#7f7f7f"
 
 
 def grid_map(
-    ways: Sequence[NamedRoute], *, on_earth: bool, width: int = 900, most_points: int = 20_000
+    routes: Sequence[NamedRoute], *, on_earth: bool, width: int = 900, most_points: int = 20_000
 ) -> str:
-    """Return an SVG of ways on a grid of round metres; each way tells its name under the pointer.
+    """Return an SVG of routes on a metric grid; each route has its key as a tooltip.
 
     Args:
-        ways: what is drawn; those without points are left out.
+        routes: the routes; those without points are left out.
         on_earth: points are latitude and longitude; else metres.
-        width: in pixels; the height follows from what is drawn.
-        most_points: ways are thinned so that all of them together have about this many points.
+        width: in pixels; the height follows from the routes.
+        most_points: routes are thinned to about this many points in total.
     """
-    shown = [(key, colour, points) for key, colour, points in ways if points]
+    shown = [(key, colour, points) for key, colour, points in routes if points]
     if not shown:
         return ""
     total = sum(len(points) for _, _, points in shown)
@@ -64,8 +64,8 @@ def grid_map(
     return "\n".join(parts)
 
 
-def _middle(ways: Sequence[Points]) -> tuple[float, float]:
-    first = [way[0] for way in ways]
+def _middle(routes: Sequence[Points]) -> tuple[float, float]:
+    first = [route[0] for route in routes]
     return sum(a for a, _ in first) / len(first), sum(b for _, b in first) / len(first)
 
 
@@ -86,7 +86,7 @@ def _metres(
 
 
 class _Frame:
-    """From metres to pixels, with what is drawn in the middle."""
+    """Maps metres to pixels, with the routes in the middle."""
 
     def __init__(self, points: Points, width: int) -> None:
         xs, ys = [x for x, _ in points], [y for _, y in points]

@@ -1,7 +1,7 @@
-"""The page of the interactive map without the ways: made with folium, once per version of it.
+"""The page of the interactive map without routes, made with folium once per version of folium.
 
-Importing folium costs more than filling in the ways of a dataset, so the page is kept in the store, and an update
-of the map only puts data into it.
+Importing folium takes longer than adding the routes of a dataset, so the page is kept in the store, and an update of the map
+only inserts data.
 """
 
 from collections.abc import Iterator
@@ -10,10 +10,10 @@ from typing import Any
 __all__ = ["FALLBACK_MARK", "WAYS_MARK", "map_shell"]
 
 WAYS_MARK, FALLBACK_MARK = "@@WAYS@@", "@@FALLBACK@@"
-# Leaflet is all that is needed; every further script is one more that may not load.
+# Only Leaflet is needed; every other script is one more that may fail to load.
 _NEEDED = ("leaflet", "leaflet_css")
 
-# A layer below the tiles that needs no network: the border of every tile.
+# A layer below the tiles that needs no network: the outlines of tiles.
 _GRID = """
 {% macro script(this, kwargs) %}
     var {{ this.get_name() }} = L.gridLayer({attribution: "plain grid"});
@@ -26,7 +26,7 @@ _GRID = """
 {% endmacro %}
 """
 
-# Ways become layers, one for each split; what is told of them is set as text, never as HTML.
+# Routes become layers, one per split; their names and notes are set as text, never as HTML.
 _WAYS = """
 {% macro script(this, kwargs) %}
     (function () {
@@ -59,7 +59,7 @@ _WAYS = """
 
 
 def map_shell() -> str:
-    """Return the page with `WAYS_MARK` where its data and `FALLBACK_MARK` where what replaces the map belongs."""
+    """Return the page, with `WAYS_MARK` in place of its data and `FALLBACK_MARK` in place of the map's substitute."""
     import folium
     from branca.element import Element, MacroElement
     from folium.plugins import HeatMap
@@ -81,7 +81,7 @@ def map_shell() -> str:
     data = f'<script type="application/json" id="ways">{WAYS_MARK}</script>{FALLBACK_MARK}'
     figure.html.add_child(Element(data))
     for number, element in enumerate(_elements(figure)):
-        element._id = f"{number:032x}"  # noqa: SLF001  (random otherwise, and the page must not be)
+        element._id = f"{number:032x}"  # noqa: SLF001  (it would be random, and the page must be reproducible)
     return str(figure.render())
 
 

@@ -1,4 +1,4 @@
-"""What a report tells about recordings; where it comes from is not its business."""
+"""Data of a report, independent of where it is from."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -11,11 +11,11 @@ __all__ = ["Gaps", "RecordingFacts", "ReportData", "Route"]
 
 @dataclass(frozen=True)
 class Route:
-    """Where a recording was driven.
+    """The route of a recording.
 
     Attributes:
-        points: latitude and longitude in order of time; empty if nothing says where on Earth.
-        local: x and y in metres, for recordings that are nowhere on Earth.
+        points: latitude and longitude in order of time; empty if the place on Earth is unknown.
+        local: x and y in metres in the recording's global frame, in order of time.
     """
 
     points: Sequence[tuple[float, float]] = ()
@@ -37,18 +37,18 @@ class RecordingFacts:
 
     Attributes:
         key: partition key.
-        state: `ready`, `skipped`, `failed`, or `stale` (what is told may be of an older version).
+        state: `ready`, `skipped`, `failed`, or `stale` (facts may be those of an older version).
         reason: why it is skipped, failed or stale.
         format: ros1, ros2 or mcap.
-        size: bytes of its files; None if it was never looked into.
+        size: bytes of its files; None if it has no inventory.
         start_ns: log time of its first message.
         duration_s: its length.
-        rig: what made it.
-        split: where it belongs.
+        rig: name of the rig.
+        split: name of its split.
         daylight: day, night, twilight, or None if unknown.
-        length_m: way driven.
-        counts: what was made of it: images, sweeps, poses, boxes, scenes, keyframes.
-        lost: messages that were lost, by channel and reason.
+        length_m: metres driven.
+        counts: numbers of images, sweeps, poses, boxes, scenes and keyframes.
+        lost: a line per channel and reason about lost messages.
         gaps: topics with pauses, the worst first.
         route: where it was driven.
         pictures: name -> small picture as JPEG file, in the order of the report.
@@ -83,12 +83,12 @@ class ReportData:
     """The whole dataset.
 
     Attributes:
-        name: of the project.
+        name: name of the project.
         dataset: folder of the nuScenes dataset.
         recordings: sorted by key.
-        excluded: path below the bag root -> why the globs leave it out.
-        shares: what each split got.
-        idle_pins: recordings that the recipe pins to a split and that are not there.
+        excluded: path below the bag root -> reason why it is excluded.
+        shares: each split's share.
+        idle_pins: keys pinned to a split in the recipe that no recording has.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""The report: one HTML page about the whole dataset, with everything in it."""
+"""The report: one self-contained HTML page about the whole dataset."""
 
 from base64 import b64encode
 from collections.abc import Iterator, Mapping, Sequence
@@ -14,7 +14,7 @@ from bagassets.splits import SplitShare
 
 __all__ = ["PICTURE_BYTES", "report_json", "report_page"]
 
-# All pictures of a page together, before they are written as text, which makes four bytes of three.
+# Total size of the pictures on a page, before base64 makes four bytes of three.
 PICTURE_BYTES = 2_700_000
 _MOST_GAPS = 5
 _COUNTS = ("images", "sweeps", "poses", "boxes", "scenes", "keyframes")
@@ -23,7 +23,7 @@ _COUNTS = ("images", "sweeps", "poses", "boxes", "scenes", "keyframes")
 def report_page(data: ReportData) -> str:
     """Return the page.
 
-    Pictures share a budget: a few recordings show all of theirs, many show a thumbnail each.
+    Pictures share a budget: few recordings show all their pictures, many show a thumbnail each.
     """
     chosen = _chosen_pictures(data.recordings)
     parts = [
@@ -50,7 +50,7 @@ def report_page(data: ReportData) -> str:
 
 
 def report_json(data: ReportData) -> JsonObject:
-    """Return what the page tells, without pictures and ways, as JSON."""
+    """Return the content of the page as JSON, without pictures and routes."""
     return {
         "name": data.name,
         "dataset": str(data.dataset),
@@ -90,7 +90,7 @@ _COLUMNS = (
 
 
 def _chosen_pictures(recordings: Sequence[RecordingFacts]) -> Mapping[str, Sequence[tuple[str, Path]]]:
-    """Return recording -> the pictures that fit: all of them, or the first, or the thumbnail, or none."""
+    """Return recording -> pictures that fit the budget: all, the first, the thumbnail, or none."""
     with_pictures = [recording for recording in recordings if recording.thumbnail is not None]
     budget = PICTURE_BYTES // max(len(with_pictures), 1)
     chosen: dict[str, Sequence[tuple[str, Path]]] = {recording.key: () for recording in recordings}
@@ -140,7 +140,7 @@ def _idle_pins(keys: Sequence[str]) -> str:
     if not keys:
         return ""
     names = ", ".join(html(key) for key in keys)
-    return f'<p class="stale">Pinned in the recipe, but there is no such recording: {names}</p>'
+    return f'<p class="stale">Pinned in the recipe, but not among the recordings: {names}</p>'
 
 
 def _map(data: ReportData) -> str:
@@ -154,7 +154,7 @@ def _map(data: ReportData) -> str:
         grid_map(on_earth, on_earth=True),
         grid_map(elsewhere, on_earth=False),
     ]
-    titles = ["Map", "Recordings without position on Earth, each in its own metres"]
+    titles = ["Map", "Recordings without a position on Earth, each in its own local frame"]
     legend = " ".join(
         f'<span style="color:{colour_of_split(name, splits)}">&#9632;</span> {html(name)}' for name in splits
     )
@@ -215,7 +215,7 @@ def _first_picture(recording: RecordingFacts, pictures: Sequence[tuple[str, Path
 
 
 def _details(number: int, recording: RecordingFacts, pictures: Sequence[tuple[str, Path]]) -> str:
-    """Return what there is to tell beyond the row, in a box that opens over the page."""
+    """Return further facts about a recording, in a box that opens over the page."""
     shown = "".join(
         f'<img class="p" alt="{html(title)}" title="{html(title)}" src="{_data_uri(path)}">'
         for title, path in pictures
@@ -232,7 +232,7 @@ def _details(number: int, recording: RecordingFacts, pictures: Sequence[tuple[st
 
 
 def _lines(recording: RecordingFacts) -> Iterator[str]:
-    """Yield what is unusual, one line each."""
+    """Yield lines about what is unusual."""
     if recording.state == "stale":
         yield html(recording.reason)
     for gap in recording.gaps[:_MOST_GAPS]:

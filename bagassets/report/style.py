@@ -1,4 +1,4 @@
-"""Style and script of the pages: small, and nothing is loaded from anywhere."""
+"""Style and script of the pages; nothing is loaded from the network."""
 
 __all__ = ["MAP_CSS", "PAGE_CSS", "TABLE_SCRIPT"]
 

@@ -1,4 +1,4 @@
-"""Putting a page on disk, whole or not at all."""
+"""Writing a page, whole or not at all."""
 
 from pathlib import Path
 

@@ -1,1 +1,1 @@
-"""Sample drives: a small world, physically consistent, recorded in every format, its truth known."""
+"""Sample drives: a small, physically consistent world with known ground truth, recorded in every format."""

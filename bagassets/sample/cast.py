@@ -1,4 +1,4 @@
-"""Casting rays into the world: the one way that cameras and lidars of the sample see."""
+"""Ray casting, by which cameras and lidars of the sample see the world."""
 
 import math
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ __all__ = ["Hits", "cast"]
 
 @dataclass(frozen=True)
 class Hits:
-    """Where rays end.
+    """The hits of rays.
 
     Attributes:
         distance_m: (M,) along the ray; infinite for the sky.
@@ -29,7 +29,7 @@ class Hits:
 
 
 def cast(things: Sequence[Thing], origins: Floats, directions: Floats, times_s: Floats) -> Hits:
-    """Follow rays to the nearest surface; each sees the world at its own time.
+    """Cast rays to the nearest surface; each ray sees the world at its own time.
 
     Args:
         things: the boxes; the ground is the plane z = 0.
@@ -59,7 +59,7 @@ def cast(things: Sequence[Thing], origins: Floats, directions: Floats, times_s: 
 
 
 def _view(ways: Floats) -> tuple[Floats, float]:
-    """Return the middle of all rays (3, M) and the greatest angle of one from it."""
+    """Return the mean direction of rays (3, M) and the largest angle of a ray from it."""
     total: Floats = ways.sum(axis=1)
     length = math.sqrt((total * total).sum())
     if length < 1e-3 * ways.shape[1]:  # all around
@@ -69,7 +69,7 @@ def _view(ways: Floats) -> tuple[Floats, float]:
 
 
 def _along(ways: Floats, direction: Floats) -> Floats:
-    """Return the cosine of each ray (3, M) to a direction; a threaded matrix product costs more."""
+    """Return the cosine between each ray (3, M) and a direction; a threaded matrix product is slower."""
     cosines: Floats = ways[0] * direction[0] + ways[1] * direction[1] + ways[2] * direction[2]
     return cosines
 
@@ -81,7 +81,7 @@ def _angle(cosine: float) -> float:
 def _near(
     box: Thing, origins: Floats, ways: Floats, times_s: Floats, middle: Floats, spread_rad: float
 ) -> NDArray[np.int64]:
-    """Return the rays that may hit a box: those within the cone around it as seen from the origins.
+    """Return the rays that may hit a box: those in the cone from the origins around it.
 
     How far box and origins move between the first and the last ray widens the cone.
     """

@@ -1,4 +1,4 @@
-"""The drives of the demo: six, two per format, each another seed."""
+"""The six drives of the demo: two per format, each with its own seed."""
 
 import os
 import shutil
@@ -12,7 +12,7 @@ from bagassets.sample.drive import Target, write_recordings
 
 __all__ = ["missing_drives", "write_drives"]
 
-# Number of a drive is its seed; compressions are those that people use.
+# The number of a drive is its seed; compressions are the common ones.
 _TARGETS = (
     Target(Path("drive_1.bag"), "ros1"),
     Target(Path("drive_2.bag"), "ros1", "lz4"),
@@ -29,21 +29,21 @@ def missing_drives(folder: Path) -> list[Target]:
 
 
 def write_drives(folder: Path, targets: list[Target], duration_s: float) -> Iterator[str]:
-    """Write drives side by side; yields the name of each that is done.
+    """Write drives in parallel, and yield the name of each finished one.
 
     Each is written elsewhere and moved into the folder when it is whole, so that an interrupted demo
     leaves no half recording behind, and begins with what is missing.
 
     Args:
-        folder: of the recordings.
+        folder: folder of the recordings.
         targets: drives to write.
-        duration_s: length of each.
+        duration_s: duration of each drive.
     """
     folder.mkdir(parents=True, exist_ok=True)
     unfinished = folder.parent / ".writing"
     shutil.rmtree(unfinished, ignore_errors=True)
     unfinished.mkdir()
-    # Spawned, as the caller may have threads.
+    # Spawned, because the caller may have threads.
     with ProcessPoolExecutor(os.cpu_count(), get_context("spawn")) as pool:
         yield from pool.map(partial(_write, unfinished, folder, duration_s), targets)
     unfinished.rmdir()

@@ -1,4 +1,4 @@
-"""Writing sample drives: what `bagassets sample`, the demo, tests and benchmarks call.
+"""Writing sample drives, for `bagassets sample`, the demo, tests and benchmarks.
 
 The same seed and profile give the same drive in every format: the messages have the same content
 and the same stamps.
@@ -18,7 +18,7 @@ from bagassets.sample.world import World
 
 __all__ = ["PROFILES", "Profile", "Target", "drive_start_ns", "write_recordings"]
 
-# The first drive begins on Sunday, 15 June 2025, 15:06:40 UTC; each next seed an hour later.
+# The first drive begins on Sunday, 15 June 2025, 15:06:40 UTC; each further seed begins an hour later.
 FIRST_START_NS, HOUR_NS = 1_750_000_000_000_000_000, 3_600_000_000_000
 
 
@@ -27,10 +27,10 @@ class Profile:
     """A kind of drive.
 
     Attributes:
-        width: of its images, pixels.
-        height: of its images, pixels.
-        duration_s: unless said otherwise.
-        throughput: for measuring speed: see `bagassets.sample.throughput`.
+        width: of its images in pixels.
+        height: of its images in pixels.
+        duration_s: default duration.
+        throughput: whether it is made to measure speed; see `bagassets.sample.throughput`.
     """
 
     width: int
@@ -56,7 +56,7 @@ class Target:
 
 
 def drive_start_ns(seed: int) -> int:
-    """Return the stamp with which the drive of a seed begins."""
+    """Return the first stamp of the drive of a seed."""
     return FIRST_START_NS + seed * HOUR_NS
 
 
@@ -67,14 +67,14 @@ def write_recordings(
     duration_s: float | None = None,
     progress: Callable[[float], None] = lambda _seconds: None,
 ) -> Truth:
-    """Write recordings of one drive, which is rendered once, and return what is true in it.
+    """Write recordings of one drive, which is rendered once, and return its ground truth.
 
     Args:
         targets: recordings to write.
-        seed: another seed is another world, another speed and another hour.
+        seed: each seed has its own world, speed and hour.
         profile: name in `PROFILES`.
-        duration_s: length; default: that of the profile.
-        progress: called with the seconds of drive that are written.
+        duration_s: duration; default: that of the profile.
+        progress: called with the number of seconds written so far.
 
     Raises:
         RecordingError: something is in the place of a recording already, or its format has no such compression.

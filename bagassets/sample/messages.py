@@ -15,7 +15,7 @@ from bagassets.sample.truth import TruthBox
 
 __all__ = ["Messages", "typestore"]
 
-# Types that no store of rosbags has, or not in both ROS versions.
+# Types that rosbags lacks in one or both ROS versions.
 _DEFINITIONS = {
     "tf2_msgs/msg/TFMessage": "geometry_msgs/TransformStamped[] transforms\n",
     "vision_msgs/msg/ObjectHypothesis": "string class_id\nfloat64 score\n",
@@ -34,7 +34,7 @@ _POINT_FIELD_TYPES = {"u1": 2, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8": 8}
 
 
 def typestore(*, ros1: bool) -> Typestore:
-    """Return a type store of one ROS version that has all types of the sample."""
+    """Return a type store of one ROS version with all types of the sample."""
     store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
     time = "time" if ros1 else "builtin_interfaces/Time"
     for name, text in _DEFINITIONS.items():
@@ -152,16 +152,18 @@ class Messages:
         )  # fmt: skip
 
     def detections(self, stamp_ns: int, frame: str, boxes: Sequence[TruthBox]) -> Message:
-        """Return `vision_msgs/Detection3DArray` of boxes in `frame`, which must be theirs."""
-        header, found = self.header(stamp_ns, frame), []
+        """Return `vision_msgs/Detection3DArray` of boxes, which must be in `frame`."""
+        header, detections = self.header(stamp_ns, frame), []
         for box in boxes:
             pose, (width, length, height) = self._pose(box.odom_SE3_box), box.size_m
             covariance = self.make("geometry_msgs/PoseWithCovariance", pose, np.zeros(36))
             guess = self.make("vision_msgs/ObjectHypothesis", box.category, 1.0)
             result = self.make("vision_msgs/ObjectHypothesisWithPose", guess, covariance)
             bounds = self.make("vision_msgs/BoundingBox3D", pose, self._vector(length, width, height))
-            found.append(self.make("vision_msgs/Detection3D", header, [result], bounds, str(box.track_id)))
-        return self.make("vision_msgs/Detection3DArray", header, found)
+            detections.append(
+                self.make("vision_msgs/Detection3D", header, [result], bounds, str(box.track_id))
+            )
+        return self.make("vision_msgs/Detection3DArray", header, detections)
 
     def velodyne_scan(self, frame: str, stamps_ns: Sequence[int], packets: NDArray[np.uint8]) -> Message:
         """Return `velodyne_msgs/VelodyneScan` of (M, 1206) packets."""

@@ -1,4 +1,4 @@
-"""The recipe of sample drives: what a person would write for the sample car."""
+"""The recipe of sample drives, as a person would write it for the sample car."""
 
 from bagassets.escaping import yaml_scalar
 from bagassets.propose.commented_yaml import Sheet
@@ -20,9 +20,9 @@ def sample_recipe(
     """Return a recipe for drives that `write_drive` writes.
 
     Args:
-        name: of the project.
-        root: folder of the recordings, from the recipe.
-        output: dataroot, from the recipe.
+        name: name of the project.
+        root: folder of the recordings, relative to the recipe.
+        output: dataroot, relative to the recipe.
         version: version folder of the dataset.
         match: glob of the rig.
         throughput: for drives of the profile `tas`.

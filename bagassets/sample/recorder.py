@@ -1,4 +1,4 @@
-"""Writers of sample recordings: one interface, three formats, every compression they know."""
+"""Writers of sample recordings: one interface, three formats with all their compressions."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -22,7 +22,7 @@ __all__ = ["COMPRESSIONS", "Compression", "Recorder", "RecordingFormat", "open_r
 RecordingFormat = Literal["ros1", "ros2", "mcap"]
 Compression = Literal["none", "lz4", "bz2", "zstd"]
 
-# What each format knows; ros2 is a folder with an sqlite3 database.
+# Compressions of each format; ros2 is a folder with an sqlite3 database.
 COMPRESSIONS: dict[RecordingFormat, tuple[Compression, ...]] = {
     "ros1": ("none", "lz4", "bz2"),
     "ros2": ("none", "zstd"),
@@ -39,14 +39,14 @@ class Recorder(Protocol):
         """Serialize a message and append it."""
 
     def write_raw(self, topic: str, msgtype: str, log_time_ns: int, data: bytes | bytearray) -> None:
-        """Append a message that is serialized already."""
+        """Append a serialized message."""
 
     def serialize(self, msgtype: str, message: Message) -> bytes:
         """Return the bytes of a message in this format."""
 
 
 class _Recorder(ABC):
-    """What the formats share: `_add` makes the connection of a topic, and returns what appends to it."""
+    """Base of the writers; `_add` creates the connection of a topic."""
 
     def __init__(self, *, ros1: bool) -> None:
         self.messages = Messages(ros1=ros1)
@@ -54,7 +54,7 @@ class _Recorder(ABC):
 
     @abstractmethod
     def _add(self, topic: str, msgtype: str) -> Callable[[int, bytes | bytearray], None]:
-        """Make the connection of a topic; return what appends to it."""
+        """Create the connection of a topic; return a function that appends a message to it."""
 
     def serialize(self, msgtype: str, message: Message) -> bytes:
         store = self.messages.store
@@ -86,7 +86,7 @@ class _Ros1Recorder(_Recorder):
 
 
 def _roslz4(data: bytes) -> bytes:
-    """Return a frame as ROS 1 writes it, and as it alone reads: with a checksum, without size, blocks apart.
+    """Return a frame as ROS 1 writes it, the only kind that it reads: with checksum, without size, with independent blocks.
 
     Source: `roslz4/src/lz4s.c` of ros_comm, which refuses any other frame.
     """
@@ -143,7 +143,7 @@ _RECORDERS: dict[RecordingFormat, Callable[[Path, Compression, ExitStack], Recor
 def open_recorder(
     path: Path, file_format: RecordingFormat, compression: Compression, stack: ExitStack
 ) -> Recorder:
-    """Begin a recording, which ends with `stack`.
+    """Open a recording for writing; closing `stack` finishes it.
 
     Raises:
         RecordingError: something is there already, or the format has no such compression.
@@ -154,6 +154,6 @@ def open_recorder(
             f"{path}: {file_format} recordings know no compression {compression}; use {known}."
         )
     if path.exists():
-        raise RecordingError(f"{path}: there is something already; remove it or give another path.")
+        raise RecordingError(f"{path}: exists already; remove it or give another path.")
     path.parent.mkdir(parents=True, exist_ok=True)
     return _RECORDERS[file_format](path, compression, stack)

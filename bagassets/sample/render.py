@@ -1,4 +1,4 @@
-"""What the sensors of the sample car see: images, lidar revolutions, radar targets."""
+"""Rendering the sensors of the sample car: images, lidar revolutions, radar targets."""
 
 from functools import cached_property
 from typing import Any
@@ -16,7 +16,7 @@ from bagassets.sample.world import RADIUS_M, World
 __all__ = ["CameraView", "lidar_points", "radar_targets", "rays_of"]
 
 SKY = np.array([205, 220, 235], np.float32)
-# How bright the faces of a box are: front and back, sides, top.
+# Brightness of the faces of a box: front and back, sides, top.
 _FACE_LIGHT = np.array([0.72, 0.86, 1.0])
 
 
@@ -39,7 +39,7 @@ def rays_of(model: CameraModel) -> Floats:
 
 
 class CameraView:
-    """Renders one camera; the rays of its pixels are found once."""
+    """Renders one camera; the rays of its pixels are computed once."""
 
     def __init__(self, world: World, camera: Camera) -> None:
         self._world = world

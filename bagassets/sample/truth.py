@@ -1,4 +1,4 @@
-"""What is true in a sample drive, for tests of geometry."""
+"""Ground truth of a sample drive, for tests of geometry."""
 
 from dataclasses import dataclass
 
@@ -23,11 +23,11 @@ class TruthBox:
 
 @dataclass(frozen=True)
 class Truth:
-    """The truth of one drive.
+    """The ground truth of one drive.
 
     Attributes:
-        world: what is in it.
-        start_ns: stamp of time 0.
+        world: its world.
+        start_ns: stamp of its start.
         cameras: channel -> camera.
     """
 
@@ -44,7 +44,7 @@ class Truth:
         return self.world.ego.at(self.seconds(stamp_ns))
 
     def ego_SE3_sensor(self, channel: str) -> SE3:
-        """Return where a sensor sits."""
+        """Return the extrinsics of a sensor."""
         fixed = {"LIDAR_TOP": EGO_SE3_LIDAR, "RADAR_FRONT": EGO_SE3_RADAR}
         return fixed[channel] if channel in fixed else self.cameras[channel].ego_SE3_cam
 

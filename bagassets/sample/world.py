@@ -1,4 +1,4 @@
-"""A small world: a round road with buildings, parked and moving vehicles, pedestrians, and our car.
+"""A small world: a circular road with buildings, parked and moving vehicles, pedestrians, and the ego car.
 
 Everything that moves does so in closed form, so the truth is known at any time. Times are
 seconds since the start of the drive; lengths are metres in the frame `odom`, z up.
@@ -15,7 +15,7 @@ from bagassets.geometry.se3 import SE3, Floats, quaternion_multiply
 
 __all__ = ["Ego", "Thing", "World"]
 
-# Labels are drawn around an object, without cutting into it.
+# Labels surround an object without cutting into it.
 LABEL_MARGIN_M = 0.02
 
 
@@ -25,11 +25,11 @@ class Thing:
 
     Attributes:
         track_id: number of the object, from 1; 0 is the ground.
-        category: nuScenes category, or empty for what is not annotated.
-        size_m: width (y), length (x), height (z); of what is annotated that of its label.
-        radius_m: distance of its centre from the centre of the road's circle.
-        angle_rad: where on the circle it is at time 0.
-        speed_mps: along the circle, counter-clockwise; 0 stands.
+        category: nuScenes category; empty if it is not annotated.
+        size_m: width (y), length (x), height (z); of an annotated thing, those of its label.
+        radius_m: distance of its centre from the centre of the road.
+        angle_rad: its angle on the circle at time 0.
+        speed_mps: speed along the circle, counter-clockwise; 0 at rest.
         yaw_rad: heading relative to the direction of the road.
         colour: red, green, blue.
     """
@@ -45,7 +45,7 @@ class Thing:
 
     @property
     def body_m(self) -> tuple[float, float, float]:
-        """Width, length, height of what sensors see; its centre is that of the label."""
+        """Width, length, height of the visible body; its centre is that of the label."""
         margin = 2 * LABEL_MARGIN_M if self.category else 0.0
         width, length, height = self.size_m
         return width - margin, length - margin, height - margin
@@ -64,7 +64,7 @@ class Thing:
         return centres, angle + self.yaw_rad
 
 
-# Radius of the lane that our car follows; the centre of the circle is (0, RADIUS_M).
+# Radius of the ego car's lane; the centre of the circle is (0, RADIUS_M).
 RADIUS_M = 90.0
 
 
@@ -74,7 +74,7 @@ def _circle_shift(radius_m: float) -> float:
 
 @dataclass(frozen=True)
 class Ego:
-    """Our car: round the circle at constant speed, swaying a little."""
+    """The ego car: along the circle at constant speed, swaying slightly."""
 
     speed_mps: float
     start_rad: float
@@ -136,7 +136,7 @@ class World:
             )
         for i in range(5):
             add("vehicle.car", (1.9, dice.uniform(4.1, 4.9), 1.5), -4.6, 12.0 + 14 * i + dice.uniform(0, 5))
-        # Beyond the walk, where it hides nobody, and within 50 m of the first seconds of every drive.
+        # Beyond the pavement, where it occludes nobody, and within 50 m of the first seconds of every drive.
         add("vehicle.truck", (2.5, 8.0, 3.2), 12.5, 26.0 + dice.uniform(0, 5))
         add("vehicle.car", (1.9, 4.5, 1.5), 0.0, dice.uniform(16, 20), speed=self.ego.speed_mps * 0.98)
         for along in (62.0, 97.0):

@@ -37,8 +37,8 @@ def write_scene(scene: DatasetScene, output: Path, fixes: Sequence[Fix] = ()) ->
 
     Args:
         scene: the scene.
-        output: file to make; one that is there is replaced.
-        fixes: stamp, latitude and longitude, for scenes whose global frame is nowhere on Earth.
+        output: the file; an existing one is replaced.
+        fixes: stamp, latitude and longitude, for scenes whose global frame has no known place on Earth.
 
     Raises:
         DatasetError: a file of the scene is missing, or the output cannot be written.
@@ -66,7 +66,7 @@ def write_scene(scene: DatasetScene, output: Path, fixes: Sequence[Fix] = ()) ->
 
 
 def _in_order(scene: DatasetScene, fixes: Sequence[Fix]) -> Iterator[TimedMessage]:
-    """Yield the messages in order of time; files are read when their turn comes."""
+    """Yield the messages in order of time; each file is read when it is needed."""
     if not scene.readings:
         return
     categories = sorted({row["category"] for rows in scene.boxes.values() for row in rows})
@@ -87,7 +87,7 @@ def _in_order(scene: DatasetScene, fixes: Sequence[Fix]) -> Iterator[TimedMessag
         if moved_ns != reading.stamp_ns:
             moved_ns = reading.stamp_ns
             edges = [(messages.GLOBAL, messages.EGO, reading.global_SE3_ego)]
-            # Sensors do not move; repeated with each pose, they are known wherever playback begins.
+            # Extrinsics are constant, but repeated with each pose so that playback may begin anywhere.
             edges += [(messages.EGO, name, ego_SE3_sensor) for name, ego_SE3_sensor in sorted(mounts.items())]
             yield "/tf", moved_ns, messages.transforms(moved_ns, edges)
             yield "/ego", moved_ns, messages.pose(moved_ns, reading.global_SE3_ego)
@@ -109,7 +109,7 @@ def _reading(reading: Reading) -> Iterator[TimedMessage]:
 def _places(
     scene: DatasetScene, fixes: Sequence[Fix]
 ) -> Iterator[tuple[int, tuple[float, float, float | None]]]:
-    """Yield where the vehicle was: at each sample from its pose, else the fixes during the scene."""
+    """Yield places of the vehicle: from its pose at each sample, else from the fixes during the scene."""
     first_ns, last_ns = scene.readings[0].stamp_ns, scene.readings[-1].stamp_ns
     if scene.origin is None or scene.origin.get("kind") != "wgs84":
         for stamp_ns, lat, lon in fixes:
@@ -135,7 +135,7 @@ def _register(writer: Any, topic: str, message: Message) -> int:
 
 
 def _add_file(files: FileDescriptorSet, file: FileDescriptor) -> None:
-    """Add a file after those that it imports, each once."""
+    """Add a file after its imports, each file once."""
     if any(known.name == file.name for known in files.file):
         return
     for dependency in file.dependencies:

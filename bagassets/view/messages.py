@@ -1,4 +1,4 @@
-"""Foxglove messages of what is in a scene. Frames: `global`, `ego`, and one for each channel."""
+"""Foxglove messages for the content of a scene. Frames: `global`, `ego`, and one per channel."""
 
 from collections.abc import Iterable, Sequence
 
@@ -52,7 +52,7 @@ _TYPES = {
     "f4": PackedElementField.FLOAT32,
     "f8": PackedElementField.FLOAT64,
 }
-# Red, green, blue: told apart by the first part of a category, then by its whole.
+# Red, green, blue; by the first part of a category, then by the whole category.
 _COLOURS = (
     (1.0, 0.62, 0.0),
     (0.2, 0.65, 1.0),
@@ -79,7 +79,7 @@ def image(reading: Reading) -> CompressedImage:
 
 
 def calibration(reading: Reading) -> CameraCalibration:
-    """Return the pinhole camera of an image as written; nuScenes knows no distortion."""
+    """Return the pinhole camera of an image as written; nuScenes has no distortion."""
     rows = [[float(value) for value in row] for row in reading.intrinsic]
     width, height = reading.size_px
     return CameraCalibration(
@@ -139,7 +139,7 @@ def pose(stamp_ns: int, global_SE3_ego: SE3) -> PoseInFrame:
 
 
 def path(stamp_ns: int, poses: Iterable[SE3]) -> PosesInFrame:
-    """Return the way of the whole scene."""
+    """Return the trajectory of the whole scene."""
     return PosesInFrame(timestamp=stamp(stamp_ns), frame_id=GLOBAL, poses=[_pose(one) for one in poses])
 
 
@@ -151,12 +151,12 @@ def location(stamp_ns: int, lat_deg: float, lon_deg: float, alt_m: float | None)
 
 
 def boxes(stamp_ns: int, rows: Sequence[JsonMapping], categories: Sequence[str]) -> SceneUpdate:
-    """Return the boxes of a sample; they take the place of those before.
+    """Return the boxes of a sample, which replace those of the previous one.
 
     Args:
-        stamp_ns: of the sample.
-        rows: of sample_annotation, with `category` and `attributes` by name.
-        categories: all of the scene, in order, for colours.
+        stamp_ns: stamp of the sample.
+        rows: rows of sample_annotation, with `category` and `attributes` by name.
+        categories: all categories of the scene in order, for colours.
     """
     everything = SceneEntityDeletion(timestamp=stamp(stamp_ns), type=SceneEntityDeletion.ALL)
     return SceneUpdate(deletions=[everything], entities=[_entity(stamp_ns, row, categories) for row in rows])

@@ -22,9 +22,9 @@ class Reading:
     Attributes:
         channel: canonical name.
         modality: camera, lidar or radar.
-        stamp_ns: when it was taken.
-        is_keyframe: it belongs to a sample as such.
-        path: its file.
+        stamp_ns: its stamp.
+        is_keyframe: whether it is a keyframe of its sample.
+        path: path of its file.
         size_px: width and height of an image.
         intrinsic: K of an image, 3 rows of 3; empty if there is none.
         global_SE3_ego: where the vehicle was.
@@ -47,9 +47,9 @@ class DatasetScene:
     """A scene.
 
     Attributes:
-        name: as in the table.
+        name: its name in the table.
         recording: `logfile` of its log: the partition key of the recording.
-        origin: where on Earth the global frame lies, as in the log table; None if that is not known.
+        origin: place of the global frame on Earth, as in the log table; None if unknown.
         samples: stamps of its samples, in order.
         readings: readings of all channels in order of time.
         boxes: stamp of a sample -> its rows of sample_annotation, with `category` and `attributes` by name.
@@ -76,7 +76,7 @@ def load_scene(dataroot: Path, version: str, name: str) -> DatasetScene:
     """Return a scene of a dataset.
 
     Args:
-        dataroot: of the dataset.
+        dataroot: dataroot of the dataset.
         version: its version folder.
         name: name or token of the scene.
 
@@ -107,9 +107,9 @@ def _table(dataroot: Path, version: str, name: str) -> list[JsonObject]:
 
 
 def _find(scenes: Sequence[Row], name: str, folder: Path) -> Row:
-    found = [row for row in scenes if name in (row["name"], row["token"])]
-    if found:
-        return found[0]
+    matching = [row for row in scenes if name in (row["name"], row["token"])]
+    if matching:
+        return matching[0]
     names = [row["name"] for row in scenes]
     near = get_close_matches(name, names, n=3, cutoff=0.3) or names[:3]
     offer = f"did you mean {' or '.join(near)}?" if near else "it has no scenes at all."

@@ -1,4 +1,4 @@
-"""`acme_msgs/RawFrame`: a Bayer mosaic as the camera's MIPI bus packs it, in RAW10.
+"""`acme_msgs/RawFrame`: a Bayer mosaic in RAW10, as packed on the camera's MIPI bus.
 
 The message::
 
@@ -20,10 +20,10 @@ __all__ = ["decode_raw_frame"]
 
 
 def decode_raw_frame(message: Any) -> ImageReading:
-    """Return the mosaic; bagassets makes it colour, undistorts it and writes it.
+    """Return the mosaic; bagassets demosaics, undistorts and writes it.
 
-    RAW10 packs four pixels into five bytes: their high eight bits each, then their low two bits
-    together. A training image keeps the high ones.
+    RAW10 packs four pixels into five bytes: the high eight bits of each, then the low two bits of all. Training images
+    need the high bits only.
 
     Raises:
         DecodeError: the size does not fit the data.

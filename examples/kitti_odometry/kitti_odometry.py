@@ -62,7 +62,7 @@ class Kitti(DatasetSettings):
 
 @dataclass(frozen=True)
 class SequenceParams:
-    """What a sequence may know of the recipe."""
+    """The recipe's parameters for a sequence."""
 
     camera: str
     lidar: str
@@ -70,7 +70,7 @@ class SequenceParams:
 
     @classmethod
     def of(cls, recipe: Recipe, rig: Rig) -> "SequenceParams":
-        """Return those of a rig; a sensor that it lacks is ""."""
+        """Return the parameters for a rig; a sensor that it lacks is ""."""
         settings: Kitti = recipe.formats["kitti"]
         cameras = [name for name, one in rig.channels.items() if isinstance(one, CameraChannel)]
         lidars = sorted(
@@ -86,7 +86,7 @@ class SequenceParams:
 
 @dataclass(frozen=True)
 class SequenceUse:
-    """What shapes the sequence of one recording; the inputs have the rest."""
+    """All that determines the sequence of one recording besides its inputs."""
 
     key: str
     camera: str
@@ -97,7 +97,7 @@ class SequenceUse:
 
 
 def use(params: SequenceParams, facts: Facts) -> dict[str, Use[SequenceUse] | Exception]:
-    """Return what the sequence of a recording reads."""
+    """Return the inputs of a recording's sequence."""
     channels = {**facts.channels("frames"), **facts.channels("sweeps")}
     missing = [name or "no such sensor" for name in (params.camera, params.lidar) if name not in channels]
     if missing:
@@ -128,7 +128,7 @@ def use(params: SequenceParams, facts: Facts) -> dict[str, Use[SequenceUse] | Ex
 
 
 def make(use: Use[SequenceUse], inputs: Inputs, out: ArtifactWriter) -> Summary:
-    """Write everything of a sequence but its images, which are linked from where they are."""
+    """Write a sequence except its images, which are linked from the artifacts of `frames`."""
     params = use.params
     images = inputs.channels("frames")[params.camera]
     clouds = inputs.channels("sweeps")[params.lidar]
@@ -173,7 +173,7 @@ def make(use: Use[SequenceUse], inputs: Inputs, out: ArtifactWriter) -> Summary:
 
 
 def _nearest(stamps_ns: Any, others_ns: Any) -> tuple[Any, Any]:
-    """Return, for each stamp, which of the others is nearest, and how far that is; nothing is near if there is none."""
+    """Return the index of the nearest other stamp for each stamp, and the time to it; without others, none is near."""
     if not len(others_ns):
         return np.zeros(len(stamps_ns), np.int64), np.full(len(stamps_ns), np.iinfo(np.int64).max)
     after = np.clip(np.searchsorted(others_ns, stamps_ns), 1, max(1, len(others_ns) - 1))
@@ -222,7 +222,7 @@ def links(entry: Entry) -> Iterator[Link]:
 
 
 def join(members: Sequence[Member], settings: Kitti, shares: Sequence[SplitShare], out: Path) -> Joined:
-    """Write which recording each sequence is."""
+    """Write the recording of each sequence."""
     del settings, shares
     index = {
         f"{member.number:02d}": {
@@ -254,7 +254,7 @@ def samples(part: Artifact) -> Samples:
 
 
 def check(settings: Kitti, names: AbstractSet[str]) -> dict[str, Finding]:
-    """Count what lies on disk: a frame has an image, a cloud, a time and a pose."""
+    """Count files and rows on disk: each frame has an image, a cloud, a time and a pose."""
     root, problems, frames = settings.output / FOLDER, [], 0
     for folder in sorted((root / "sequences").glob("*")):
         counts = {name: len(list((folder / name).glob("*"))) for name in ("image_2", "velodyne")}
@@ -262,8 +262,8 @@ def check(settings: Kitti, names: AbstractSet[str]) -> dict[str, Finding]:
             counts[path.name] = len(path.read_text("ascii").splitlines()) if path.is_file() else 0
         frames += counts["image_2"]
         if len(set(counts.values())) > 1:
-            told = ", ".join(f"{name} {number}" for name, number in counts.items())
-            problems.append(f"sequence {folder.name} has not one of each for every frame: {told}.")
+            counts = ", ".join(f"{name} {number}" for name, number in counts.items())
+            problems.append(f"sequence {folder.name} has not one of each for every frame: {counts}.")
     return {name: Finding(problems, {"frames": frames}) for name in names}
 
 

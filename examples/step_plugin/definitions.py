@@ -1,6 +1,6 @@
-"""Two steps beside those of bagassets: how sharp each camera is, per recording and over the dataset.
+"""Two steps in addition to those of bagassets: sharpness of each camera, per recording and for the dataset.
 
-`workspace.yaml` points here. Everything of bagassets is in, with these two assets downstream.
+`workspace.yaml` loads this module: all assets of bagassets, and these two downstream.
 """
 
 import csv
@@ -90,13 +90,13 @@ defs = dg.Definitions.merge(
     dg.Definitions(
         assets=[image_quality, quality_report],
         sensors=[
-            # Asks for recordings whose images are new, as the automation condition says.
+            # Requests recordings whose images are new, according to the automation condition.
             dg.AutomationConditionSensorDefinition(
                 "image_quality_of_new_images",
                 target=[image_quality],
                 default_status=dg.DefaultSensorStatus.RUNNING,
             ),
-            # Asks for the report whenever a recording changed, came or went.
+            # Requests the report whenever a recording changed, appeared or disappeared.
             follow_recordings("quality_report", upstream="image_quality"),
         ],
     ),

@@ -6,7 +6,7 @@ from pathlib import Path
 from bagassets.formats.format import Joined, Member
 from bagassets.formats.json_files import HashedFile, json_bytes, rows_text, write_hashed, write_joined
 from bagassets.json_types import JsonObject
-from bagassets.recipe.model_vision import Vision
+from bagassets.recipe.model_datasets import Vision
 from bagassets.splits import SplitShare
 
 __all__ = ["RECORDINGS", "SEQUENCES", "join"]

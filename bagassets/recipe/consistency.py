@@ -1,4 +1,4 @@
-"""What a well-formed recipe cannot ask for: checks across fields, and against the disk."""
+"""Problems of a well-formed recipe: checks across fields, and against the disk."""
 
 from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
@@ -12,15 +12,15 @@ from bagassets.recipe.model_poses import FixedPose, NavSatSource, TfSource
 __all__ = ["problems_in"]
 
 _COEFFICIENTS = {"plumb_bob": (0, 4, 5), "rational_polynomial": (0, 8, 12, 14), "equidistant": (0, 4)}
-"""Lengths of distortion vectors that OpenCV and ROS know, by model."""
+"""Model -> possible numbers of distortion coefficients in OpenCV and ROS."""
 
 
 def problems_in(recipe: Recipe, data: JsonObject) -> Iterator[Problem]:
-    """Yield everything wrong with a recipe whose fields are each fine by themselves.
+    """Yield the problems of a recipe whose fields are valid by themselves.
 
     Args:
         recipe: the recipe, its paths absolute.
-        data: the same as plain data, with paths as the user wrote them.
+        data: the recipe as plain data, with paths as the user wrote them.
     """
     yield from _paths(recipe, data)
     yield from _globs(recipe)
@@ -49,28 +49,31 @@ def _paths(recipe: Recipe, data: JsonObject) -> Iterator[Problem]:
     for at in home:
         yield (
             at,
-            "`~` is not expanded, since the web UI may run as another user; write the path from / or from the recipe's folder",
+            "`~` is not expanded, because the web UI may run as another user; give an absolute path, or one relative to the recipe's folder",
         )
     for number, rig in enumerate(recipe.rigs):
         at = ("rigs", number, "urdf")
         if rig.urdf is not None and at not in home and not rig.urdf.is_file():
-            yield at, f"there is no file {rig.urdf}; give the URDF's path from / or from the recipe's folder"
+            yield (
+                at,
+                f"there is no file {rig.urdf}; give an absolute path to the URDF, or one relative to the recipe's folder",
+            )
     for number, folder in enumerate(recipe.bags.message_definitions):
         at = ("bags", "message_definitions", number)
         if at not in home and not folder.is_dir():
-            yield at, f"there is no folder {folder}; it should hold .msg files"
+            yield at, f"there is no folder {folder}; name a folder of .msg files"
     if recipe.bags.root.is_file():
-        yield ("bags", "root"), f"{recipe.bags.root} is a file; name the folder that holds the recordings"
+        yield ("bags", "root"), f"{recipe.bags.root} is a file; name the folder with the recordings"
     yield from _outputs(recipe)
 
 
 def _sections(recipe: Recipe) -> dict[str, DatasetSettings]:
-    """Return the sections of formats of installed packages, as far as these can be used."""
+    """Return the sections of formats whose packages can be used."""
     return {name: one for name, one in recipe.formats.items() if isinstance(one, DatasetSettings)}
 
 
 def _outputs(recipe: Recipe) -> Iterator[Problem]:
-    """Each dataset has a folder of its own; versions of nuScenes may share a dataroot, as they do in nuScenes."""
+    """Check that each dataset has its own folder; nuScenes versions may share a dataroot, as in nuScenes itself."""
     nuscenes = recipe.nuscenes
     taken: list[tuple[str, Path, str | None]] = [("state folder", recipe.state, None)]
     if recipe.store is not None:
@@ -92,13 +95,16 @@ def _outputs(recipe: Recipe) -> Iterator[Problem]:
         for owner, folder, other in taken:
             versions = output == folder and version is not None and other is not None and version != other
             if not versions and (output == folder or folder in output.parents or output in folder.parents):
-                yield at, f"{output} and the {owner} {folder} must not be the same nor lie in each other"
+                yield (
+                    at,
+                    f"{output} and the {owner} {folder} must be different, and neither may contain the other",
+                )
         name = at[-2] if isinstance(at[-2], str) else recipe.datasets[at[-2]].name
         taken.append((f"output of {name}", output, version))
 
 
 def _shown_channels(recipe: Recipe) -> Iterator[Problem]:
-    """Channels of pictures and sequences exist in some rig, or nothing would ever be made of them."""
+    """Check that some rig has the channels of pictures and sequences."""
     kinds: dict[str, list[str]] = {"camera": [], "lidar": [], "radar": []}
     for rig in recipe.rigs:
         for name, channel in rig.channels.items():
@@ -132,7 +138,7 @@ def _globs(recipe: Recipe) -> Iterator[Problem]:
         elif glob.startswith("/") or ".." in PurePosixPath(glob).parts:
             yield (
                 at,
-                f"{glob!r} can match nothing: a glob is matched against the path below bags.root, as in `2024/**`",
+                f"{glob!r} cannot match: globs are matched against the path below bags.root, as in `2024/**`",
             )
     for number, rig in enumerate(recipe.rigs):
         greedy = next((other.name for other in recipe.rigs[:number] if "**" in other.match), None)
@@ -205,10 +211,10 @@ def _rig(rig: Rig) -> Iterator[Problem]:
         if pose.global_frame == rig.ego_frame:
             yield (
                 ("ego_pose", "global_frame"),
-                f"{pose.global_frame} is the ego frame itself; name the fixed frame it moves in, as `map`",
+                f"{pose.global_frame} is the ego frame itself; name the fixed frame that it moves in, such as `map`",
             )
         if not rig.tf:
-            yield ("tf",), "must name a topic, because ego_pose takes its poses from tf"
+            yield ("tf",), "must name a topic, because ego_pose uses tf"
     if isinstance(pose, NavSatSource) and pose.imu == pose.topic:
         yield ("ego_pose", "imu"), "is the NavSatFix topic; name a topic of sensor_msgs/Imu"
 
@@ -217,12 +223,12 @@ def _camera(channel: CameraChannel) -> Iterator[Problem]:
     if channel.target is not None and not channel.undistort:
         yield ("target",), "has no effect without undistortion; remove it, or set undistort: true"
     if channel.intrinsics is not None:
-        found = len(channel.intrinsics.distortion)
+        number = len(channel.intrinsics.distortion)
         lengths = _COEFFICIENTS[channel.intrinsics.model]
-        if found not in lengths:
+        if number not in lengths:
             yield (
                 ("intrinsics", "distortion"),
-                f"{channel.intrinsics.model} has {' or '.join(str(n) for n in lengths)} coefficients; found {found}",
+                f"{channel.intrinsics.model} has {' or '.join(str(n) for n in lengths)} coefficients; found {number}",
             )
     if channel.to_8bit is not None and channel.output == "as_recorded" and not channel.undistort:
         yield ("to_8bit",), "contradicts `output: as_recorded`; remove one of them"

@@ -1,4 +1,4 @@
-"""Sections of a recipe about formats that installed packages add."""
+"""Reading the sections below `formats`, whose formats installed packages add."""
 
 import json
 from collections.abc import Iterator
@@ -9,16 +9,16 @@ from bagassets.errors import PluginError
 from bagassets.extensions import FORMATS, installed_extensions
 from bagassets.json_types import JsonMapping, JsonObject
 from bagassets.recipe.explain import Problem, closest, explain
-from bagassets.recipe.section_models import section_model
+from bagassets.recipe.format_settings import section_model
 
 __all__ = ["read_sections"]
 
 
 def read_sections(data: JsonMapping) -> tuple[JsonObject, list[Problem]]:
-    """Return the sections below `formats`, and what is wrong with them.
+    """Return the sections below `formats`, and the problems in them.
 
-    A section whose package is installed but cannot be used stays as it is: everything else goes on, and who asks for
-    the formats hears of it.
+    A section whose package is installed but cannot be used stays plain data: everything else works, and the catalogue of
+    formats reports the package.
 
     Args:
         data: the whole recipe as plain data.

@@ -1,4 +1,4 @@
-"""Models of the sections about formats that installed packages add."""
+"""Models of the settings of formats that installed packages add."""
 
 from bagassets.errors import PluginError
 from bagassets.extensions import FORMATS, Extension, installed_extensions
@@ -11,7 +11,7 @@ def section_model(name: str) -> type[DatasetSettings] | None:
     """Return the model of the section `formats.<name>`; None if no installed package adds such a format.
 
     Raises:
-        PluginError: the package cannot be used, or there are several.
+        PluginError: the package cannot be used, or several packages add the format.
     """
     found = [extension for extension in installed_extensions(FORMATS) if extension.name == name]
     if not found:
@@ -26,7 +26,7 @@ def settings_model(extension: Extension, found: object) -> type[DatasetSettings]
     """Return the model of the settings of a format.
 
     Raises:
-        PluginError: it has none.
+        PluginError: the format has no such model.
     """
     model = getattr(found, "settings", None)
     if not (isinstance(model, type) and issubclass(model, DatasetSettings)):
