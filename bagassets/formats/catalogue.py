@@ -92,9 +92,7 @@ def catalogue() -> Catalogue:
         """Add an asset, or refuse it."""
         checked = _checked_asset(asset, extension)
         if checked.name in assets:
-            raise extension.problem(
-                f"its asset {checked.name} is one of {assets[checked.name].distribution}, too"
-            )
+            raise extension.problem(f"{assets[checked.name].distribution} has an asset {checked.name}, too")
         assets[checked.name] = _guarded(checked, extension)
 
     for extension in _single(ASSETS, problems):
