@@ -43,7 +43,9 @@ def test_inventories_are_made_and_digests_kept(project):
     index = DigestIndex(recipe.state)
     recordings = discover(recipe.bags).recordings.values()
     assert [recording_digest(recording, index).hashed_bytes for recording in recordings] == [0, 0, 0]
-    assert [recording_digest(recording).hashed_bytes > 0 for recording in recordings] == [True] * 3  # not beside them
+    assert [recording_digest(recording).hashed_bytes > 0 for recording in recordings] == [
+        True
+    ] * 3  # not beside them
 
 
 def test_those_that_are_asked_for(project):
