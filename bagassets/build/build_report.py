@@ -26,6 +26,7 @@ class BuildOptions:
         bags: keys, globs or paths of the recordings to build; none = all.
         select: assets to bring up to date, with those that they read; none = all.
         allow_empty: accept an empty bag root even if it had recordings before.
+        ignore_disk_space: build even if the disk seems to be too small.
     """
 
     jobs: int = 1
@@ -33,6 +34,7 @@ class BuildOptions:
     bags: tuple[str, ...] = ()
     select: tuple[str, ...] = ()
     allow_empty: bool = False
+    ignore_disk_space: bool = False
 
     @property
     def is_whole(self) -> bool:
@@ -52,6 +54,7 @@ class BuildOptions:
             tuple(value["bags"]),
             tuple(value["select"]),
             value["allow_empty"],
+            value["ignore_disk_space"],
         )
 
 

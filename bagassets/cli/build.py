@@ -57,6 +57,7 @@ Exit status:
 @click.option("--retry-failed", is_flag=True, help="Retry what failed before on the same input.")
 @click.option("--allow-empty", is_flag=True,
               help="Accept a bag root without recordings where there were some before; the dataset becomes empty.")  # fmt: skip
+@click.option("--ignore-disk-space", is_flag=True, help="Build even if the disk seems to be too small.")
 @click.option("--dry-run", "-n", is_flag=True, help="Show what would run, and why; run nothing.")
 @click.option(
     "--check", is_flag=True, help="Run nothing; exit with 0 if everything is fresh, with 3 if not (for CI)."
@@ -71,6 +72,7 @@ def build(
     jobs: int,
     retry_failed: bool,
     allow_empty: bool,
+    ignore_disk_space: bool,
     dry_run: bool,
     check: bool,
     trace: Path | None,
@@ -85,7 +87,7 @@ def build(
     from bagassets.cli.remote import InterruptedBuildError
 
     recipe = recipe.absolute()
-    options = BuildOptions(_limited(jobs), retry_failed, bags, select, allow_empty)
+    options = BuildOptions(_limited(jobs), retry_failed, bags, select, allow_empty, ignore_disk_space)
     try:
         if dry_run or check:
             sys.exit(_dry_run(recipe, options, check=check, as_json=as_json))

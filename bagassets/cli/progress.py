@@ -60,6 +60,8 @@ class LinesProgress(SilentProgress):
             if self._total:
                 verb = "needs" if self._total == 1 else "need"
                 echo(f"{count_text(self._total, 'recording')} {verb} a run.", err=True)
+            if event.message:
+                echo(event.message, err=True)
         elif event.kind == "started":
             self._since[event.key] = now
             echo(f"start    {event.key or 'dataset'}", err=True)
@@ -91,6 +93,8 @@ class LiveProgress(SilentProgress):
         if event.kind == "planned":
             self._sizes = dict(event.sizes)
             self._began = now
+            if event.message and self._live is not None:
+                print_lines(self._live.console, event.message)
         elif event.kind == "started":
             self._since[event.key] = now
         else:

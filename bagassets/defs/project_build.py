@@ -13,6 +13,7 @@ from pathlib import Path
 import dagster as dg
 
 from bagassets.build.build_report import BagOutcome, BuildOptions, BuildReport, Event, Remark
+from bagassets.build.disk_space import folders_written, require_disk_space, space_needed
 from bagassets.build.plan import Plan, Recorded
 from bagassets.build.summary_rows import summary_rows
 from bagassets.defs.dataset import record_inputs
@@ -66,7 +67,8 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
             log = ServerFiles(recipe.state, "").job_log("code-server")
             runs = stack.enter_context(RunPool(instance, options.jobs, on_event, log))
             sizes = {key: before.planned.discovery.recordings[key].size for key in before.todo}
-            on_event(Event("planned", sizes=sizes))
+            space = _disk_space(before, workspace, options)
+            on_event(Event("planned", sizes=sizes, message=space))
             # The longest first: begun last, it would keep one worker busy after all others are done.
             runs.work({key: before.todo[key] for key in sorted(sizes, key=lambda key: -sizes[key])})
             now = update_pending_work(instance, workspace, before, runs.ended.keys())
@@ -123,6 +125,21 @@ def _shares(locked: Mapping[str, JsonMapping]) -> dict[str, JsonObject]:
     """Return the share of each split, and whether it is far from what the recipe asks for."""
     shares = [SplitShare.from_json(name, value) for name, value in locked.items()]
     return {share.name: {**share.as_json(), "is_far": share.is_far} for share in shares}
+
+
+def _disk_space(pending: PendingWork, workspace: Workspace, options: BuildOptions) -> str:
+    """Return one line on the disk space that a build needs and has; "" if it needs hardly any.
+
+    Raises:
+        StoreError: there is much too little.
+    """
+    recipe, store = workspace.recipe, workspace.store
+    sizes = {key: one.size for key, one in pending.planned.discovery.recordings.items()}
+    needed = space_needed(pending.plan, sizes, pending.todo, store)
+    if needed is None:
+        return ""
+    folders = folders_written(store.root, recipe.nuscenes.output)
+    return require_disk_space(needed, folders, ignore=options.ignore_disk_space)
 
 
 def _refuse_empty(recipe: Recipe, planned: InstancePlan) -> None:

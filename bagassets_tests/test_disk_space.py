@@ -1,0 +1,106 @@
+"""What a build says of disk space beforehand, and when it refuses."""
+
+import os
+from types import SimpleNamespace
+
+import pytest
+
+from bagassets.build import disk_space
+from bagassets.build.build_report import Event
+from bagassets.build.disk_space import SpaceNeeded, folders_written, require_disk_space, space_needed
+from bagassets.build.plan import AssetState, BagPlan, Plan
+from bagassets.cli.progress import LinesProgress
+from bagassets.errors import StoreError
+from bagassets.store.store import Store
+from bagassets_tests.in_process import build, make_project, survey
+from bagassets_tests.small_drive import write_drive
+
+
+def free(monkeypatch, size):
+    monkeypatch.setattr(os, "statvfs", lambda _path: SimpleNamespace(f_bavail=size // 1000, f_frsize=1000))
+
+
+def bag(key, state, **others):
+    states = dict.fromkeys(("bag", "frames", "sweeps"), state) | others
+    return BagPlan(key, {name: AssetState(one, "") for name, one in states.items()})
+
+
+def plan(*bags):
+    return Plan({one.key: one for one in bags}, (), {})
+
+
+def test_nothing_is_needed_where_images_and_sweeps_are_there(tmp_path):
+    todo = bag("a", "fresh", nuscenes_tables="stale")
+    assert space_needed(plan(todo), {"a": 1000}, ["a"], Store(tmp_path)) is None
+
+
+def test_without_built_recordings_it_is_at_most_their_size(tmp_path, monkeypatch):
+    needed = space_needed(plan(bag("a", "missing")), {"a": 30_000_000_000}, ["a"], Store(tmp_path))
+    assert needed is not None
+    assert str(needed) == "1 recording (30.0 GB): about 30.0 GB of disk space or less"
+    free(monkeypatch, 1_000_000)
+    # Of 30 GB of raw images or unused topics anything may be left: nobody is refused for that.
+    assert require_disk_space(needed, {"store": tmp_path}).endswith(f"; 1.0 MB free in {tmp_path}")
+
+
+def test_much_too_little_is_refused_with_what_to_do(tmp_path, monkeypatch):
+    needed = SpaceNeeded(6, 8_000_000_000, 3_000_000_000, is_measured=True)
+    free(monkeypatch, 1_600_000_000)
+    text = require_disk_space(needed, {"store": tmp_path / "not" / "yet"})
+    assert text == (
+        f"6 recordings (8.0 GB): about 3.0 GB of disk space; 1.6 GB free in {tmp_path / 'not' / 'yet'}"
+    )
+    free(monkeypatch, 1_400_000_000)
+    with pytest.raises(StoreError) as caught:
+        require_disk_space(needed, {"store": tmp_path, "nuscenes.output": tmp_path / "other"})
+    assert str(caught.value).startswith(
+        f"{tmp_path}: only 1.4 GB are free here, and the build needs about 3.0 GB "
+    )
+    assert "set `store` in the recipe" in str(caught.value)
+    assert "--ignore-disk-space" in str(caught.value)
+
+
+def test_a_dataset_on_another_disk_needs_space_of_its_own(tmp_path, monkeypatch):
+    assert folders_written(tmp_path / "store", tmp_path / "out") == {"store": tmp_path / "store"}
+    devices = {tmp_path / "store": 1, tmp_path / "out": 2}
+    monkeypatch.setattr(disk_space, "_device", devices.__getitem__)
+    assert folders_written(tmp_path / "store", tmp_path / "out") == {
+        "store": tmp_path / "store",
+        "nuscenes.output": tmp_path / "out",
+    }
+
+
+def test_a_build_measures_what_is_built_and_says_so(tmp_path, monkeypatch, capsys):
+    recipe = make_project(tmp_path)
+    build(recipe, monkeypatch)
+    size = (tmp_path / "bags" / "a.bag").stat().st_size
+    write_drive(tmp_path / "bags" / "b.bag", "ros1", 2.0)
+    pending = survey(recipe)
+    sizes = {key: one.size for key, one in pending.planned.discovery.recordings.items()}
+    store = Store(tmp_path / ".bagassets" / "store")
+    needed = space_needed(pending.plan, sizes, pending.todo, store)
+    assert needed.is_measured
+    files = {
+        file.stat().st_ino: file.stat().st_size for file in store.root.rglob("files/**/*") if file.is_file()
+    }
+    assert needed.bytes == pytest.approx(sum(files.values()) * sizes["b.bag"] / size, rel=0.2)
+
+    with monkeypatch.context() as full:
+        free(full, needed.bytes // 4)
+        with pytest.raises(StoreError, match="go ahead with --ignore-disk-space"):
+            build(recipe, full)
+        report, runs = build(recipe, full, ignore_disk_space=True)
+        assert runs
+        assert report.succeeded
+        # With nothing to do, nothing is looked at.
+        full.setattr("bagassets.defs.project_build.space_needed", None)
+        assert build(recipe, full)[1] == []
+
+
+def test_the_log_says_what_is_needed(capsys):
+    LinesProgress()(
+        Event("planned", sizes={"a": 1}, message="1 recording (1 B): about 1 B of disk space; 2 B free in /d")
+    )
+    assert capsys.readouterr().err == (
+        "1 recording needs a run.\n1 recording (1 B): about 1 B of disk space; 2 B free in /d\n"
+    )
