@@ -40,7 +40,7 @@ def test_inventories_are_made_and_digests_kept(project):
     assert make_inventories(asked(project)) == 3
     assert steps_in_store(project) == ["inventory"] * 3
     recipe = load_recipe(project)
-    index = DigestIndex(recipe.state)
+    index = DigestIndex.of(recipe)
     recordings = discover(recipe.bags).recordings.values()
     assert [recording_digest(recording, index).hashed_bytes for recording in recordings] == [0, 0, 0]
     assert [recording_digest(recording).hashed_bytes > 0 for recording in recordings] == [

@@ -124,7 +124,7 @@ def test_a_message_that_does_not_decode_is_lost_once(tmp_path):
 
 
 def test_a_disk_that_refuses_is_named(tmp_path):
-    with pytest.raises(StoreError, match=r"gone: 16-bit images cannot be put aside.*`range`"):
+    with pytest.raises(StoreError, match=r"gone: 16-bit images cannot be stored there meanwhile.*`range`"):
         GreySurvey(tmp_path / "gone")
 
 
@@ -135,7 +135,7 @@ def test_a_disk_that_is_full_is_named(tmp_path):
     try:
         resource.setrlimit(resource.RLIMIT_FSIZE, (100, limits[1]))
         message = next(messages())
-        with pytest.raises(StoreError, match="16-bit images cannot be put aside"):
+        with pytest.raises(StoreError, match="16-bit images cannot be stored there meanwhile"):
             survey.add(message, None)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)

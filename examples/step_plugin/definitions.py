@@ -90,13 +90,13 @@ defs = dg.Definitions.merge(
     dg.Definitions(
         assets=[image_quality, quality_report],
         sensors=[
-            # Requests recordings whose images are new, according to the automation condition.
+            # Requests runs for recordings with new images, by the automation condition.
             dg.AutomationConditionSensorDefinition(
                 "image_quality_of_new_images",
                 target=[image_quality],
                 default_status=dg.DefaultSensorStatus.RUNNING,
             ),
-            # Requests the report whenever a recording changed, appeared or disappeared.
+            # Requests the report whenever a recording was added, changed or removed.
             follow_recordings("quality_report", upstream="image_quality"),
         ],
     ),
