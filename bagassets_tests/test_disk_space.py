@@ -1,6 +1,7 @@
 """What a build says of disk space beforehand, and when it refuses."""
 
 import os
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
@@ -32,6 +33,13 @@ def plan(*bags):
 def test_nothing_is_needed_where_images_and_sweeps_are_there(tmp_path):
     todo = bag("a", "fresh", nuscenes_tables="stale")
     assert space_needed(plan(todo), {"a": 1000}, ["a"], Store(tmp_path)) is None
+
+
+@pytest.mark.parametrize("state", ["unknown", "stale"])
+def test_what_was_made_before_may_be_there_still(tmp_path, state):
+    touched = replace(bag("a", state), recorded={"frames": "0" * 64, "sweeps": "1" * 64})
+    assert space_needed(plan(touched), {"a": 1000}, ["a"], Store(tmp_path)) is None
+    assert space_needed(plan(bag("a", state)), {"a": 1000}, ["a"], Store(tmp_path)) is not None
 
 
 def test_without_built_recordings_it_is_at_most_their_size(tmp_path, monkeypatch):

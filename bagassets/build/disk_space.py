@@ -26,7 +26,7 @@ class SpaceNeeded:
     """What a build is going to write into the store, roughly.
 
     Attributes:
-        recordings: number of recordings whose images or sweeps are extracted.
+        recordings: number of recordings whose images or sweeps are extracted for the first time.
         recorded_bytes: their size.
         bytes: what will be written; of no known recording, what at most is likely.
         is_measured: recordings that were built before say so.
@@ -45,7 +45,7 @@ class SpaceNeeded:
 def space_needed(
     plan: Plan, sizes: Mapping[str, int], todo: Collection[str], store: Store
 ) -> SpaceNeeded | None:
-    """Return what is needed to build some recordings; None if no images or sweeps are to be extracted.
+    """Return what is needed to build some recordings; None if none of them is new with images or sweeps to extract.
 
     Images and clouds take, for each byte of a recording, what those of recordings that are built take. If there are none,
     they take no more than the recordings: most are smaller, as raw images become JPEG and topics are left out.
@@ -61,8 +61,7 @@ def space_needed(
         return None
     recorded_bytes = sum(sizes[key] for key in extracted)
     built = [key for key, bag in plan.bags.items() if key in sizes and bag.settled and bag.skipped is None]
-    step = max(1, len(built) // _MOST_COMPARED)
-    compared = built[::step][:_MOST_COMPARED]
+    compared = built[:: max(1, len(built) // _MOST_COMPARED)][:_MOST_COMPARED]
     size = sum(sizes[key] for key in compared)
     if not size:
         return SpaceNeeded(len(extracted), recorded_bytes, recorded_bytes, is_measured=False)
@@ -106,8 +105,16 @@ def folders_written(store: Path, output: Path) -> dict[str, Path]:
 
 
 def _extracts(bag: BagPlan) -> bool:
-    states = (bag.assets[name] for name in _LARGE if name in bag.assets)
-    return any(one.state not in {"fresh", "record-only", "skipped"} for one in states)
+    """Tell whether images or sweeps are certainly to be written.
+
+    What was made before may be in the store: a recording that was only touched needs nothing, and is not known
+    from one with new content until its run has hashed it.
+    """
+    states = {name: bag.assets[name].state for name in _LARGE if name in bag.assets}
+    return any(
+        state not in {"fresh", "record-only", "skipped"} and name not in bag.recorded
+        for name, state in states.items()
+    )
 
 
 def _bytes_of(store: Store, artifacts: Iterable[str]) -> int:
