@@ -1,6 +1,6 @@
 """Times of the points of a cloud, in the various fields and units of drivers.
 
-The field is found by name. Its unit and its zero are told from type and values:
+The field is found by name. Its unit and its zero follow from its type and values:
 
 * **integers** count nanoseconds, or microseconds if the name ends in `us`. As time since the
   header stamp: `t` of Ouster (uint32 ns), `offset_time` of Livox (uint32 ns), `time_stamp` of

@@ -1,10 +1,10 @@
 """A rule about the times of sweeps: against the poses, clouds fit each other best at their own stamps.
 
-A few pairs of clouds are chosen that a wrong time would show in: between them the vehicle began to turn, braked or
-drove off. The second cloud of a pair is laid over the first by the poses at both stamps, and at stamps moved by
-offsets of up to two revolutions. What stands upright (walls, vehicles, poles) must then fall on itself; how far
-it is off is the misfit. Nothing shows while the vehicle stands, or moves on evenly: where it will be a second
-later is then the same at any time.
+A few pairs of clouds are chosen in which a wrong time would show: between them the vehicle began to turn, braked or
+drove off. The second cloud of a pair is laid over the first by the poses at both stamps, and at stamps shifted by
+offsets of up to two revolutions. Upright things (walls, vehicles, poles) must then coincide; their mean distance is
+the misfit. Nothing shows while the vehicle stands or moves at a constant velocity, as its motion within a second is
+then the same at any time.
 
 The work does not grow with the recording: five pairs, 19 offsets.
 """
@@ -26,26 +26,26 @@ from bagassets.recipe.model_checks import SweepTimesCheck
 __all__ = ["Sweeps", "sweeps_timed"]
 
 MOST_PAIRS, LEAST_PAIRS = 5, 3
-# Pairs that are looked at to choose from.
+# Pairs are chosen from those of this many sweeps.
 MOST_FIRSTS = 200
 SECONDS_BETWEEN = (0.3, 0.6, 1.0, 2.0, 3.0)
-# What two clouds show is alike only if they were taken near each other.
+# Two clouds show the same things only if they were taken near each other.
 MOST_BETWEEN_M = 25.0
-# A pair tells if a whole revolution of offset moves things this far; they are taken to stand 10 m away.
+# A pair is of use if an offset of one revolution moves things this far; they are assumed to be 10 m away.
 LEAST_MOVED_M, THINGS_AT_M = 0.2, 10.0
-# Offsets are tried in steps of a quarter of a revolution, up to a little more than two: so far off is a header that
-# means the end and is taken for the start.
+# Offsets are tried in steps of a quarter of a revolution, up to a little more than two: a stamp of the end that is
+# taken for the start is off by that much.
 STEPS, MOST_STEPS = 4, 9
 
 REACH_M, CELL_M = 30.0, 0.1
-# Upright is what has points this far above each other within a metre.
+# A cell of a square metre is upright if its points differ this much in height.
 UPRIGHT_M = 0.4
 MOST_POINTS, MOST_UPRIGHT, LEAST_UPRIGHT = 30_000, 2_000, 200
-# What is farther off has no counterpart: it was hidden, or has moved.
+# A point farther off has no counterpart: that was hidden, or has moved.
 MOST_MISFIT_M = 0.3
-# Points as they were measured hardly ever fit best at the very begin or end of their revolution.
+# Points that are not deskewed hardly ever fit best at the very start or end of their revolution.
 LIKELY = 0.7
-# It is clear if all pairs fit best at about the same offset, so many steps more or less.
+# The result is clear if all pairs fit best at the same offset, give or take this many steps.
 MOST_APART = 2
 
 
@@ -55,9 +55,9 @@ class Sweeps:
 
     Attributes:
         stamps_ns: (N,) sorted stamps.
-        spans_ns: (N, 2) begin and end of each revolution; both are the stamp where they are not known.
+        spans_ns: (N, 2) start and end of each revolution; both are the stamp where they are unknown.
         points: number of a sweep -> its points, (M, 5) in the frame of the sensor, or None if they cannot be read.
-        ego_SE3_sensor: where the sensor sits.
+        ego_SE3_sensor: pose of the sensor.
     """
 
     stamps_ns: NDArray[np.int64]
@@ -171,13 +171,13 @@ def _rightful_ns(channel: LidarChannel, lidar: Sweeps, period_ns: int) -> Range:
 
 
 def _is_within(fit: _Fit, between: Range) -> bool:
-    """Tell whether the best offset lies in a range, a quarter of a revolution more or less."""
+    """Return whether the best offset lies in a range, give or take a quarter of a revolution."""
     allowed = fit.period_ns / STEPS
     return between[0] - allowed <= fit.best_ns <= between[1] + allowed
 
 
 def _agree(fit: _Fit, rightful: Range) -> bool:
-    """Tell whether each pair by itself fits best beyond the rightful offsets, and all of them at about the same."""
+    """Return whether every pair fits best outside the rightful offsets, and all of them at about the same offset."""
     steps = fit.misfits_m.argmin(axis=1) - MOST_STEPS
     offsets_ns = steps * (fit.period_ns / STEPS)
     late, early = (offsets_ns < rightful[0]).all(), (offsets_ns > rightful[1]).all()
@@ -186,12 +186,12 @@ def _agree(fit: _Fit, rightful: Range) -> bool:
 
 def _way_out(channel: LidarChannel, rightful: Range, fit: _Fit) -> str:
     """Return what to write into the recipe."""
-    period, told = fit.period_ns, channel.header_stamp_is
+    period, meaning = fit.period_ns, channel.header_stamp_is
     others: dict[str, Range] = {}
-    if told is not None:
-        # Another meaning moves the revolutions by halves.
+    if meaning is not None:
+        # Another meaning shifts the revolutions by half or all of their length.
         begins = {"start": 0.0, "middle": -period / 2, "end": -1.0 * period}
-        moved = {moment: begin - begins[told] for moment, begin in begins.items() if moment != told}
+        moved = {moment: begin - begins[meaning] for moment, begin in begins.items() if moment != meaning}
         others = {moment: (rightful[0] + by, rightful[1] + by) for moment, by in moved.items()}
     elif (
         not channel.deskew and rightful[0] < 0 < rightful[1]
@@ -205,14 +205,14 @@ def _way_out(channel: LidarChannel, rightful: Range, fit: _Fit) -> str:
 
 
 def _fit(lidar: Sweeps, trajectory: Trajectory) -> _Fit | str:
-    """Return how pairs of clouds fit, or why that cannot be told."""
+    """Return how pairs of clouds fit, or why that is unknown."""
     if trajectory.fixed:
         return "the vehicle stands, so nothing can be told"
     if len(lidar.stamps_ns) <= LEAST_PAIRS:
         return "too few clouds to tell"
     periods = np.sort(np.diff(lidar.stamps_ns))
     period_ns = int(periods[len(periods) // 2])
-    pairs = _telling_pairs(lidar.stamps_ns, period_ns, trajectory)
+    pairs = _choose_pairs(lidar.stamps_ns, period_ns, trajectory)
     if len(pairs) < LEAST_PAIRS:
         return "the motion of the vehicle changes too little to tell"
     offsets_ns = np.arange(-MOST_STEPS, MOST_STEPS + 1) * period_ns // STEPS
@@ -244,16 +244,16 @@ def _motions(
     return rotate(back, at_second[0] - at_first[0]), quaternion_multiply(back, at_second[1])
 
 
-def _telling_pairs(
+def _choose_pairs(
     stamps_ns: NDArray[np.int64], period_ns: int, trajectory: Trajectory
 ) -> list[tuple[int, int]]:
-    """Return pairs of sweeps, by number, that a wrong time would show in most, each sweep at most once."""
+    """Return the pairs of sweeps, by number, in which a wrong time would show most, each sweep at most once."""
     firsts = np.unique(np.linspace(0, len(stamps_ns) - 1, MOST_FIRSTS).astype(np.int64))
     steps = np.unique([max(1, round(seconds * 1e9 / period_ns)) for seconds in SECONDS_BETWEEN])
     first = np.repeat(firsts, len(steps))
     second = first + np.tile(steps, len(firsts))
     first, second = first[second < len(stamps_ns)], second[second < len(stamps_ns)]
-    # Both sides count: a pose that jumps is passed on one of them only.
+    # Both sides count: a pose that jumps is on one side only.
     offsets_ns = np.array([-2 * period_ns, -period_ns, 0, period_ns, 2 * period_ns])
     translations, rotations = _motions(stamps_ns[first], stamps_ns[second], offsets_ns, trajectory)
     moves = translations.reshape(-1, len(offsets_ns), 3)
@@ -266,7 +266,7 @@ def _telling_pairs(
         )
     )
     usable = np.isfinite(moves).all(axis=(1, 2)) & (between_m <= MOST_BETWEEN_M) & (moved_m >= LEAST_MOVED_M)
-    # Of what a time would show, clouds far apart hide some.
+    # Clouds that are far apart show less of the same things.
     worth = np.where(usable, moved_m / (5.0 + between_m), 0.0)
     chosen: list[tuple[int, int]] = []
     taken: set[int] = set()
@@ -301,7 +301,7 @@ def _upright(lidar: Sweeps, number: int) -> Floats | None:
     ego = ego[(np.abs(ego[:, :2]) < REACH_M).all(axis=1)]
     if len(ego) < LEAST_UPRIGHT:
         return None
-    if np.ptp(ego[:, 2]) >= UPRIGHT_M:  # a flat scan is all walls
+    if np.ptp(ego[:, 2]) >= UPRIGHT_M:  # of a flat scan, everything is a wall
         cells = np.floor(ego[:, :2] + REACH_M).astype(np.int64)
         cell = cells[:, 0] * int(2 * REACH_M) + cells[:, 1]
         number_of_cells = int(2 * REACH_M) ** 2

@@ -12,7 +12,7 @@ __all__ = ["recording_metadata", "transforms_json"]
 
 
 def recording_metadata(key: str, rig: str, inventory: Inventory) -> JsonObject:
-    """Return what is told about a recording as a whole.
+    """Return the facts about a recording as a whole.
 
     It does not change when the recording is re-indexed, re-compressed or converted, so it lacks file size and format.
 
