@@ -482,7 +482,7 @@ class TestFullDisk:
             assemble(NUSCENES, parts[:1], three.nuscenes, store, output)
             before = everything(output)
             (tmp_path / "disk" / "ballast").write_bytes(b"x" * free_bytes(tmp_path / "disk"))
-            with pytest.raises(BagAssetsError, match=r"No space left on device.*free space"):
+            with pytest.raises(BagAssetsError, match=r"No space left on device.*free disk space"):
                 assemble(NUSCENES, parts, three.nuscenes, store, output)
             assert check_dataset(output, VERSION) == []
             assert {name: data for name, data in everything(output).items() if name in before} == before
@@ -594,6 +594,6 @@ class TestInstance:
             file.parent.mkdir()
             file.write_text(text.format(name="test", root="bags"))
             (file.parent / "bags").mkdir()
-            told = "Dagster's database cannot be used .*free space"
+            told = "Dagster's database cannot be used .*free disk space"
             with pytest.raises(StoreError, match=told), open_project(file):
                 pass

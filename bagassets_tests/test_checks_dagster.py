@@ -78,7 +78,7 @@ def test_thresholds_and_severity_are_the_recipes(project):
     assert failed["topic_rates"].description.endswith("Hz, at least 60 Hz expected")
     assert failed["calibration_plausible"].severity == dg.AssetCheckSeverity.WARN
     assert failed["calibration_plausible"].metadata["problems"].value == 2
-    assert "- CAM_FRONT: sits" in failed["calibration_plausible"].metadata["found"].value
+    assert "- CAM_FRONT: is 1." in failed["calibration_plausible"].metadata["found"].value
 
 
 def test_one_recordings_pass_does_not_hide_anothers_failure(project):

@@ -46,9 +46,9 @@ def project(tmp_path_factory):
 
 
 TOLD = (
-    "error drive: CAM_FRONT: 34 of 39 messages (87%) were lost because of duplicate stamps. If these are readings of their "
-    "own, `clock: log` for this channel (rigs[].channels.CAM_FRONT.clock) tells them apart by when they were logged; other "
-    "channels keep their stamps (frames_complete)"
+    "error drive: CAM_FRONT: 34 of 39 messages (87%) were lost because of duplicate stamps. If these are separate "
+    "readings, `clock: log` for this channel (rigs[].channels.CAM_FRONT.clock) tells them apart by their log times; "
+    "other channels keep their stamps (frames_complete)"
 )
 
 

@@ -282,7 +282,7 @@ class TestRecipe:
             ("[{name: a, rigs: [bus]}]", "bus is not a rig of this recipe"),
             ("[{name: a, since: yesterday}]", "as in 2025-06-15"),
             ("[{name: a, since: 2025-06-15, until: 2025-06-15}]", "must be later than since"),
-            ("[{name: a, output: nuscenes}]", "must not be the same"),
+            ("[{name: a, output: nuscenes}]", "must be different"),
             ("[{name: a, output: x}, {name: b, output: x/y}]", "output of a"),
             ("[{name: a, daylight: [dusk]}]", "day, twilight or night"),
         ],

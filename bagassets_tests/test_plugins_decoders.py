@@ -244,7 +244,7 @@ print(sorted(name for name in sys.modules if name.startswith(("bagassets.", "num
         ("import nothing_of_this_name\n", "ModuleNotFoundError: No module named 'nothing_of_this_name'"),
         ("raise RuntimeError('licence expired')\n", "RuntimeError: licence expired"),
         ("decode_it = 1\n", "AttributeError"),
-        ("decode = 1\n", "broken:decode is no function"),
+        ("decode = 1\n", "broken:decode is not a function"),
     ],
 )
 def test_a_plugin_that_does_not_load_is_named_in_one_sentence(tmp_path, site, recording, code, words):

@@ -183,7 +183,7 @@ def test_azimuths_of_a_radar_that_a_plugin_decodes_are_not_the_recipes_business(
         ("pose__acme_msgs__Fix", "lambda m: PoseReading(1, 'map', '', None)", "ego_poses", "parent_SE3_child is no SE3"),
         ("boxes__acme_msgs__Things", "BoxDecoder(lambda m: [1], lambda m, i: i)", "annotations", "not BoxReading"),
         ("boxes__acme_msgs__Things", "BoxDecoder(lambda m: [1], lambda m, i: BoxReading(1, 'map', SE3(), (1, 2, 3), '', 'car'))", "annotations", "size_m is not three floats"),
-        ("boxes__acme_msgs__Things", "lambda m: []", "annotations", "families:boxes is no BoxDecoder"),
+        ("boxes__acme_msgs__Things", "lambda m: []", "annotations", "families:boxes is not a BoxDecoder"),
         ("boxes__acme_msgs__Things", "BoxDecoder(lambda m: m.gone, None)", "annotations", "raised AttributeError"),
     ],
 )  # fmt: skip

@@ -53,7 +53,7 @@ def test_a_file_that_somebody_else_made_is_named(tmp_path, monkeypatch):
 def test_a_database_of_our_own_that_cannot_be_opened_is_told_in_words(tmp_path):
     with (
         pytest.raises(
-            StoreError, match=r"cannot be used \(unable to open database file\); free space, or fix"
+            StoreError, match=r"cannot be used \(unable to open database file\); free disk space, or fix"
         ),
         database_errors_explained(str(tmp_path)),
     ):

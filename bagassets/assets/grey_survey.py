@@ -64,7 +64,7 @@ class GreySurvey:
 
     def _refused(self, err: OSError) -> StoreError:
         return StoreError(
-            f"{self._folder}: 16-bit images cannot be stored there meanwhile ({err.strerror}); free space, or give "
+            f"{self._folder}: 16-bit images cannot be stored there meanwhile ({err.strerror}); free disk space, or give "
             "`to_8bit` a `range` instead of `percentiles`."
         )
 

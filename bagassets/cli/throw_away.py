@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from bagassets.atomic import replacing
 from bagassets.cli.remote import end_servers
 from bagassets.errors import DatasetError
 from bagassets.formats.format import AnyFormat
@@ -114,9 +115,8 @@ def _own_recipe(
 def _make_own(path: Path) -> None:
     """Make a file of a dataset one that its user may write to, and no link to another."""
     if path.stat().st_nlink > 1:
-        copy = path.with_name(f".{path.name}.copy")
-        shutil.copyfile(path, copy)
-        copy.replace(path)
+        with replacing(path) as copy:
+            shutil.copyfile(path, copy)
     path.chmod(path.stat().st_mode | 0o200)
 
 

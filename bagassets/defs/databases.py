@@ -72,7 +72,7 @@ def _disk_errors_explained(folder: Path) -> Iterator[None]:
         yield
     except OSError as err:
         raise StoreError(
-            f"{err.filename or folder}: Dagster's database cannot be created ({err.strerror}); free space, or fix the folder."
+            f"{err.filename or folder}: Dagster's database cannot be created ({err.strerror}); free disk space, or fix the folder."
         ) from err
 
 
@@ -90,7 +90,7 @@ def database_errors_explained(place: str) -> Iterator[None]:
         yield
     except OperationalError as err:
         raise StoreError(
-            f"{place}: Dagster's database cannot be used ({err.orig}); free space, or fix the folder or server that "
+            f"{place}: Dagster's database cannot be used ({err.orig}); free disk space, or fix the folder or server that "
             "dagster.yaml names. Nothing that is in the store is lost."
         ) from err
     except DatabaseError as err:
@@ -100,7 +100,7 @@ def database_errors_explained(place: str) -> Iterator[None]:
     except sqlite3.OperationalError as err:
         # Of a file of our own in the state folder, opened without SQLAlchemy.
         raise StoreError(
-            f"{place}: a database of this project cannot be used ({err}); free space, or fix the permissions of its "
+            f"{place}: a database of this project cannot be used ({err}); free disk space, or fix the permissions of its "
             "state folder. Nothing that is in the store is lost."
         ) from err
 
