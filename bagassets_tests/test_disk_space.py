@@ -66,6 +66,8 @@ def test_much_too_little_is_refused_with_what_to_do(tmp_path, monkeypatch):
     )
     assert "set `store` in the recipe" in str(caught.value)
     assert "--ignore-disk-space" in str(caught.value)
+    with pytest.raises(StoreError, match="for 1 recording, going by"):
+        require_disk_space(replace(needed, recordings=1), {"store": tmp_path})
 
 
 def test_a_dataset_on_another_disk_needs_space_of_its_own(tmp_path, monkeypatch):

@@ -44,7 +44,7 @@ def kept_errors(recipe):
 
 
 def told_by_plan(recipe, key):
-    """Return what is told of a failure on record, without trying again."""
+    """Return the message of a failure on record, without trying again."""
     (err,) = failure_of(recipe, key, dry=True).errors.values()
     return str(err)
 

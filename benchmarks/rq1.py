@@ -86,7 +86,7 @@ def method_times(made: Project, *, stored: bool, content: bool) -> dict[str, lis
 
 
 def told(outputs: dict[str, Any]) -> str:
-    """Return what conversions left, in words."""
+    """Return a line for each conversion: how many files it left, and what failed."""
     lines = [
         f"- {name}: {found['files']} files"
         + (f"; FAILED on {', '.join(found['failed'])}" if found["failed"] else "")

@@ -8,8 +8,9 @@ from pathlib import Path
 
 from bagassets.build.plan import BagPlan, Plan
 from bagassets.errors import StoreError
-from bagassets.recordings.sizes import readable_bytes
+from bagassets.quantities import count_text, readable_bytes
 from bagassets.store.store import Store
+from bagassets.store.writable import nearest_existing
 
 __all__ = ["SpaceNeeded", "folders_written", "require_disk_space", "space_needed"]
 
@@ -38,7 +39,7 @@ class SpaceNeeded:
     is_measured: bool
 
     def __str__(self) -> str:
-        what = f"{self.recordings} recording{'' if self.recordings == 1 else 's'} ({readable_bytes(self.recorded_bytes)})"
+        what = f"{count_text(self.recordings, 'recording')} ({readable_bytes(self.recorded_bytes)})"
         return f"{what}: about {readable_bytes(self.bytes)} of disk space{'' if self.is_measured else ' or less'}"
 
 
@@ -88,7 +89,7 @@ def require_disk_space(needed: SpaceNeeded, folders: Mapping[str, Path], *, igno
         if needed.is_measured and not ignore and free < needed.bytes * _SURELY_NEEDED:
             raise StoreError(
                 f"{folder}: only {readable_bytes(free)} are free here, and the build needs about "
-                f"{readable_bytes(needed.bytes)} for {needed.recordings} recordings, going by those that are built; free "
+                f"{readable_bytes(needed.bytes)} for {count_text(needed.recordings, 'recording')}, going by those that are built; free "
                 f"space (`bagassets gc` removes what nothing uses), set `{field}` in the recipe to a folder on a larger "
                 "disk, build fewer with --bag, or go ahead with --ignore-disk-space."
             )
@@ -128,13 +129,9 @@ def _bytes_of(store: Store, artifacts: Iterable[str]) -> int:
 
 def _free_bytes(folder: Path) -> int:
     """Return what this user may still write in a folder that need not exist yet."""
-    status = os.statvfs(_existing(folder))
+    status = os.statvfs(nearest_existing(folder))
     return status.f_bavail * status.f_frsize
 
 
 def _device(folder: Path) -> int:
-    return _existing(folder).stat().st_dev
-
-
-def _existing(path: Path) -> Path:
-    return next(one for one in (path, *path.parents) if one.exists())
+    return nearest_existing(folder).stat().st_dev

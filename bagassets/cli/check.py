@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import click
 
 from bagassets.cli.options import EXIT_FOUND, recipe_option
-from bagassets.cli.terminal import count_text, echo, echo_lines
+from bagassets.cli.terminal import echo, echo_lines
+from bagassets.quantities import count_text
 
 if TYPE_CHECKING:
     from bagassets.formats.checking import Verdict

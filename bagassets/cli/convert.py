@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from bagassets.cli.terminal import count_text, echo, echo_lines
+from bagassets.cli.terminal import echo, echo_lines
 from bagassets.errors import DatasetError, RecipeError, RecordingError
+from bagassets.quantities import count_text
 
 if TYPE_CHECKING:
     from bagassets.build.build_report import BuildReport, SummaryRow

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING
 import click
 
 from bagassets.cli.options import EXIT_FOUND
-from bagassets.cli.terminal import count_text, echo, echo_lines
+from bagassets.cli.terminal import echo, echo_lines
 from bagassets.errors import BagAssetsError, RecordingError
 from bagassets.json_types import JsonObject
+from bagassets.quantities import count_text
 
 if TYPE_CHECKING:
     from bagassets.recipe.model import Bags
@@ -158,7 +159,10 @@ def _summarize(done: list[JsonObject], wrong: int | None) -> None:
     size = sum(entry["size"] for entry in done)
     number = f"{count_text(len(done), 'recording')}, {_megabytes(size)}"
     if wrong is not None:
-        echo(f"{number} hashed again: {wrong or 'no'} disagreement{'' if wrong == 1 else 's'}.", err=True)
+        echo(
+            f"{number} hashed again: {count_text(wrong, 'disagreement') if wrong else 'no disagreements'}.",
+            err=True,
+        )
         return
     hashed = sum(entry["hashed_bytes"] for entry in done)
     nowhere = sum(file["kept"] == "nowhere" for entry in done for file in entry["files"])

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from bagassets.build.build_report import Remark
 from bagassets.build.plan import State
 from bagassets.escaping import visible
+from bagassets.quantities import count_text
 
 if TYPE_CHECKING:
     from bagassets.defs.pending_work import PendingWork
@@ -44,9 +45,9 @@ def verdict(pending: "PendingWork") -> str:
     if pending.is_settled:
         fresh = len(pending.chosen) - len(pending.failed)
         failed = f", {len(pending.failed)} failed before" if pending.failed else ""
-        return f"nothing to do: {_recordings(fresh)} up to date{failed}."
-    parts = [f"build {_recordings(len(pending.todo))}"] if pending.todo else []
-    parts += [f"remove {_recordings(len(pending.plan.removed))}"] if pending.plan.removed else []
+        return f"nothing to do: {count_text(fresh, 'recording')} up to date{failed}."
+    parts = [f"build {count_text(len(pending.todo), 'recording')}"] if pending.todo else []
+    parts += [f"remove {count_text(len(pending.plan.removed), 'recording')}"] if pending.plan.removed else []
     parts += ["update the dataset"] if pending.datasets and (parts or not pending.dataset_is_current) else []
     return f"to do: {', '.join(parts)}."
 
@@ -92,7 +93,3 @@ def _dataset_state(pending: "PendingWork") -> str:
     if pending.todo:
         return "unknown"
     return "fresh" if pending.dataset_is_current and not pending.plan.removed else "stale"
-
-
-def _recordings(number: int) -> str:
-    return f"{number} recording{'' if number == 1 else 's'}"

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 import click
 
 from bagassets.cli.options import recipe_option
-from bagassets.cli.terminal import count_text, echo, echo_lines
+from bagassets.cli.terminal import echo, echo_lines
 from bagassets.json_types import JsonObject
+from bagassets.quantities import count_text
 
 if TYPE_CHECKING:
     from bagassets.store.collect import Garbage

@@ -11,6 +11,7 @@ import click
 from bagassets.cli.terminal import echo
 from bagassets.errors import BagAssetsError, RecipeError
 from bagassets.escaping import visible
+from bagassets.quantities import count_text
 
 if TYPE_CHECKING:
     from bagassets.propose.proposal import Proposal
@@ -120,7 +121,7 @@ def _propose(project: Path, path: Path, look_at: int) -> "tuple[Proposal, dict[s
     summaries: dict[str, RecordingSummary] = {}
     with click.progressbar(
         chosen,
-        label=f"Looking into {len(chosen)} recording{'' if len(chosen) == 1 else 's'}",
+        label=f"Looking into {count_text(len(chosen), 'recording')}",
         file=sys.stderr,
         item_show_func=lambda recording: visible(recording.relative) if recording else "",
     ) as shown:

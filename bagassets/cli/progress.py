@@ -6,7 +6,8 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Protocol, Self
 
 from bagassets.build.build_report import Event
-from bagassets.cli.terminal import count_text, echo, echo_lines, print_lines
+from bagassets.cli.terminal import echo, echo_lines, print_lines
+from bagassets.quantities import count_text
 
 if TYPE_CHECKING:
     from rich.console import RenderableType

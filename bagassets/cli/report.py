@@ -5,7 +5,8 @@ from pathlib import Path
 import click
 
 from bagassets.cli.options import recipe_option
-from bagassets.cli.terminal import count_text, echo, echo_lines
+from bagassets.cli.terminal import echo, echo_lines
+from bagassets.quantities import count_text
 
 __all__ = ["report"]
 

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING
 import click
 
 from bagassets.cli.options import recipe_option
-from bagassets.cli.terminal import count_text, echo_lines, print_lines
+from bagassets.cli.terminal import echo_lines, print_lines
 from bagassets.escaping import visible
 from bagassets.json_types import JsonMapping, JsonObject
+from bagassets.quantities import count_text
 
 if TYPE_CHECKING:
     from rich.table import Table

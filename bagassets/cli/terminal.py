@@ -9,7 +9,7 @@ from bagassets.escaping import terminal, visible
 if TYPE_CHECKING:
     from rich.console import Console
 
-__all__ = ["count_text", "echo", "echo_lines", "print_lines"]
+__all__ = ["echo", "echo_lines", "print_lines"]
 
 
 def echo(line: str, *, err: bool = False) -> None:
@@ -25,8 +25,3 @@ def echo_lines(text: str, *, err: bool = False, nl: bool = True) -> None:
 def print_lines(console: "Console", text: str) -> None:
     """Print lines as `echo_lines` does, on a console of rich."""
     console.print(terminal(text), markup=False, soft_wrap=True)
-
-
-def count_text(number: int, noun: str) -> str:
-    """Return a number with its noun: `1 recording`, `2 recordings`."""
-    return f"{number} {noun}{'' if number == 1 else 's'}"

@@ -17,9 +17,9 @@ from bagassets.defs.workspace import Workspace
 from bagassets.errors import StoreError
 from bagassets.escaping import visible
 from bagassets.formats.catalogue import recording_assets
+from bagassets.quantities import readable_bytes
 from bagassets.recipe.model import Recipe
 from bagassets.recordings.digest import recording_digest, recording_stat
-from bagassets.recordings.sizes import readable_bytes
 
 __all__ = ["recording_definitions"]
 

@@ -23,7 +23,7 @@ from bagassets.formats.catalogue import MAIN
 from bagassets.formats.dataset_build import DatasetInputs
 from bagassets.json_types import Json
 from bagassets.preview.pictures import TITLES
-from bagassets.recordings.sizes import readable_bytes
+from bagassets.quantities import readable_bytes
 from bagassets.splits import SplitShare
 from bagassets.store.artifact import Artifact
 

@@ -16,6 +16,7 @@ from bagassets.defs.workspace import Workspace
 from bagassets.errors import RecordingError
 from bagassets.formats.dataset_build import DatasetInputs, dataset_code_versions
 from bagassets.freshness.plan_cache import recording_fingerprint
+from bagassets.quantities import count_text
 from bagassets.recipe.model import Recipe
 from bagassets.recordings.digest import RecordingStat, recording_stat
 from bagassets.recordings.discover import Discovery
@@ -193,8 +194,7 @@ class Scan:
         """Return the state of the recordings as one line."""
         writing = sorted(plan.bags.keys() - set(finished))
         failed = sorted(key for key, bag in plan.bags.items() if bag.failed is not None)
-        number = len(plan.bags)
-        parts = [f"{number} recording{'' if number == 1 else 's'}"]
+        parts = [count_text(len(plan.bags), "recording")]
         parts += [f"waiting for {_names(writing)} to settle"] if writing else []
         parts += [f"waiting for {len(self._active)} run(s)"] if self._active else []
         parts += [f"failed: {_names(failed)}"] if failed else []

@@ -14,6 +14,7 @@ from bagassets.propose.rigs import RigProposal, propose_rig
 from bagassets.propose.sensors import find_sensors, lacks_definition, shown_type
 from bagassets.propose.summary import RecordingSummary
 from bagassets.propose.topic_uses import TopicUse, uses_of
+from bagassets.quantities import count_text
 from bagassets.recipe.model import Scenes
 
 __all__ = ["Bare", "Proposal", "propose_recipe"]
@@ -85,7 +86,7 @@ def propose_recipe(
     rigs = _rigs(groups)
     sheet = Sheet()
     looked_into = len(summaries) + len(unreadable)
-    count = f"{looked_into} recording{'' if looked_into == 1 else 's'}"
+    count = count_text(looked_into, "recording")
     if found is not None and found > looked_into:
         count += f" out of {found}"
     _head(sheet, count, rigs, bare, unreadable)

@@ -7,6 +7,7 @@ import numpy as np
 
 from bagassets.json_types import JsonMapping
 from bagassets.quality.finding import Finding, clock
+from bagassets.quantities import count_text
 from bagassets.timeline.keyframes import Stamps
 
 __all__ = ["keyframes_complete", "scenes_made"]
@@ -115,10 +116,10 @@ def _channels(facts: JsonMapping, stamps_of: StampsOf) -> str:
             ends.append(f"{short['before_first']} before it starts {_moment(span[0], begins_ns)}")
         if short["after_last"] and ends_ns - span[1] > _silence_ns(stamps_of(name)):
             ends.append(f"{short['after_last']} after it stops {_moment(span[1], begins_ns)}")
-        number = f"{short['keyframes']} keyframe{'' if short['keyframes'] == 1 else 's'}"
+        number = count_text(short["keyframes"], "keyframe")
         clauses.append(f"{name} at {number}" + (f" ({', '.join(ends)})" if ends else ""))
     more = len(shortages) - len(clauses)
-    return ", ".join(clauses) + (f" and {more} more channel{'' if more == 1 else 's'}" if more > 0 else "")
+    return ", ".join(clauses) + (f" and {count_text(more, 'more channel')}" if more > 0 else "")
 
 
 def _silence_ns(stamps_ns: Stamps) -> float:

@@ -8,8 +8,9 @@ import lz4.frame
 import zstandard
 
 from bagassets.errors import SizeLimitError
+from bagassets.quantities import readable_bytes
 from bagassets.recordings.damage import DamageError
-from bagassets.recordings.sizes import GIGABYTE, readable_bytes
+from bagassets.recordings.sizes import GIGABYTE
 
 __all__ = ["TooLargeError", "decompress", "decompress_file"]
 

@@ -5,7 +5,7 @@ from datetime import UTC, datetime, timedelta
 
 from bagassets.escaping import visible
 from bagassets.json_types import JsonMapping
-from bagassets.recordings.sizes import readable_bytes
+from bagassets.quantities import count_text, readable_bytes
 
 __all__ = ["describe_inventory"]
 
@@ -43,7 +43,7 @@ def _facts(inventory: JsonMapping) -> list[tuple[str, str]]:
         facts.append(("span", f"{_utc(inventory['start_ns'])} to {_utc(inventory['end_ns'])}"))
         facts.append(("duration", f"{inventory['duration_s']:.3f} s"))
     messages = sum(topic["count"] for topic in topics)
-    facts.append(("messages", f"{messages} on {len(topics)} topic{'' if len(topics) == 1 else 's'}"))
+    facts.append(("messages", f"{messages} on {count_text(len(topics), 'topic')}"))
     gnss = inventory["gnss"]
     if gnss is None:
         facts.append(("GNSS", "none"))

@@ -3,9 +3,10 @@
 from pathlib import Path
 
 from bagassets.errors import SizeLimitError
+from bagassets.quantities import readable_bytes
 from bagassets.recipe.model import Limits
 
-__all__ = ["GIGABYTE", "Sizes", "readable_bytes"]
+__all__ = ["GIGABYTE", "Sizes"]
 
 GIGABYTE = 1_000_000_000
 
@@ -72,15 +73,3 @@ class Sizes:
                 f"{self._path}: it has {number} connections or more; if you trust the recording, raise "
                 "limits.connections in the recipe."
             )
-
-
-def readable_bytes(size: int) -> str:
-    """Return a number of bytes with a unit: `999 B`, `1.2 MB`."""
-    if size < 1000:
-        return f"{size} B"
-    value = float(size)
-    for unit in ("kB", "MB", "GB"):
-        value /= 1000
-        if value < 999.95:
-            return f"{value:.1f} {unit}"
-    return f"{value / 1000:.1f} TB"

@@ -1,0 +1,20 @@
+"""Numbers as people read them: with a noun in the singular or plural, or with a unit."""
+
+__all__ = ["count_text", "readable_bytes"]
+
+
+def count_text(number: int, noun: str) -> str:
+    """Return a number with its noun: `1 recording`, `2 recordings`."""
+    return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
+def readable_bytes(size: int) -> str:
+    """Return a number of bytes with a unit: `999 B`, `1.2 MB`."""
+    if size < 1000:
+        return f"{size} B"
+    value = float(size)
+    for unit in ("kB", "MB", "GB"):
+        value /= 1000
+        if value < 999.95:
+            return f"{value:.1f} {unit}"
+    return f"{value / 1000:.1f} TB"
