@@ -7,7 +7,7 @@ import click
 import pytest
 
 import bagassets
-from bagassets.cli import pages
+from bagassets.cli import docs as docs_command
 from bagassets.cli.docs import all_commands
 from bagassets.cli.main import COMMANDS, EXIT_ERROR, main, root
 
@@ -65,8 +65,8 @@ def test_a_page_that_is_not_there_is_answered_with_those_that_are(capsys):
 
 
 def test_where_no_pages_are_installed_that_is_said(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(pages, "_CHECKOUT", tmp_path)
-    monkeypatch.setattr(pages, "files", lambda _name: None)
+    monkeypatch.setattr(docs_command, "_CHECKOUT", tmp_path)
+    monkeypatch.setattr(docs_command, "files", lambda _name: None)
     assert main(["docs", "page", "formats"]) == EXIT_ERROR
     assert "its pages are not there" in capsys.readouterr().err
 
@@ -78,4 +78,4 @@ def test_every_page_that_the_code_cites_exists():
         (path, name) for path, text in sources.items() for name in re.findall(r"docs\s+page ([a-z-]+)", text)
     }
     assert len(cited) > 5
-    assert {name for _, name in cited} <= set(pages.find_pages())
+    assert {name for _, name in cited} <= set(docs_command.find_pages())

@@ -3,9 +3,12 @@
 from collections import Counter
 
 import dagster as dg
+from click.testing import CliRunner
 
 from bagassets.build.planner import Planner
+from bagassets.cli.main import root
 from bagassets.defs import instance_plan, pending_work
+from bagassets.store.store import Store
 from bagassets_tests.in_process import QUICK, build, make_project
 from bagassets_tests.small_drive import write_drive
 
@@ -76,3 +79,31 @@ def test_what_another_run_recorded_meanwhile_is_planned_again(tmp_path, monkeypa
         now = instance_plan.replan_instance(instance, workspace, before, [])
         assert now.plan.bags[KEY].assets["inventory"].state == "record-only"
         assert now.plan.bags["b.mcap"] is before.plan.bags["b.mcap"]
+
+
+def test_planning_makes_nothing(tmp_path, monkeypatch):
+    datasets = "vision: {{}}\ndatasets:\n  - {{name: later, min_speed_mps: 1}}\n"
+    recipe = make_project(tmp_path, [KEY, "b.mcap"], text=QUICK + datasets)
+    build(recipe, monkeypatch)
+    text = recipe.read_text().replace("min_speed_mps: 1", "min_speed_mps: 2")
+    recipe.write_text(text.replace("topic: /cam/image_raw", "topic: /cam/image_raw, quality: 33"))
+    write_drive(tmp_path / "bags" / "b.mcap", "mcap", duration_s=1.5)
+    write_drive(tmp_path / "bags" / "c.bag", "ros1", duration_s=1.0)
+
+    ran = []
+
+    def refuse(_store, action, *_):
+        ran.append(action.step)
+        raise AssertionError(f"a plan ran {action}")
+
+    monkeypatch.setattr(Store, "begin", refuse)
+    monkeypatch.setattr(Store, "run", refuse)
+    for command in (
+        ["status"],
+        ["build", "--dry-run"],
+        ["explain", "b.mcap", "nuscenes_tables"],
+        ["gc", "--dry-run"],
+    ):
+        done = CliRunner().invoke(root, [*command, "--recipe", str(recipe)])
+        assert (done.exit_code in {0, 3}, ran) == (True, []), (command, done.output)
+        assert "b.mcap" in done.stdout or command[0] == "gc", command

@@ -28,8 +28,14 @@ from bagassets.preview.contact_sheet import GAP_PX, HEADER_PX, contact_sheet
 from bagassets.preview.future import future_trajectory
 from bagassets.preview.lens import View
 from bagassets.preview.lidar_over_camera import lidar_over_camera
-from bagassets.preview.moments import best_moment, evenly_spaced, reading_at
-from bagassets.preview.pictures import TITLES, boxes_at, suitable_range_m
+from bagassets.preview.pictures import (
+    TITLES,
+    best_moment,
+    boxes_at,
+    evenly_spaced,
+    reading_at,
+    suitable_range_m,
+)
 from bagassets.preview.timeline import ROW_PX, TOP_PX, timeline
 from bagassets.recipe import load_recipe
 from bagassets.recipe.model import Preview

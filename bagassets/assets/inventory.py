@@ -11,7 +11,6 @@ from pathlib import Path
 from bagassets.assets.asset import Asset, Facts, Inputs, Summary, Use, inlined
 from bagassets.assets.kept_messages import KeptMessages
 from bagassets.assets.topic_log import TopicLog
-from bagassets.assets.topic_probe import TopicProbe
 from bagassets.decode.loading import own_decoder
 from bagassets.decode.navsat import FixReading
 from bagassets.decode.registry import bulk_types, own_types
@@ -34,6 +33,8 @@ __all__ = ["INVENTORY", "make_inventory"]
 FIRST_GNSS_NS = 631_152_000 * 1_000_000_000  # 1990-01-01
 # Header stamps farther than this from the log time are noted.
 MOST_OFFSET_S = 1.0
+# A single damaged message does not make its topic unreadable.
+MOST_MISFITS = 5
 
 
 @dataclass(frozen=True)
@@ -83,7 +84,7 @@ def make_inventory(recording: Recording, out: ArtifactWriter, *, size: int) -> J
         size: bytes of the recording's files.
     """
     logs = {name: TopicLog(info.msgtype) for name, info in recording.topics.items()}
-    probes = {name: TopicProbe(info) for name, info in recording.topics.items() if info.problem is None}
+    probes = {name: _TopicProbe(info) for name, info in recording.topics.items() if info.problem is None}
     bulk = bulk_types("yes")
     kept = KeptMessages(name for name, info in recording.topics.items() if info.msgtype not in bulk)
     fixes: list[FixReading] = []
@@ -220,6 +221,53 @@ def _notes(recording: Recording, topics: list[JsonObject]) -> list[str]:
 def _make(_: Use[InventoryUse], inputs: Inputs, out: ArtifactWriter) -> Summary:
     with inputs.whole() as recording:
         return make_inventory(recording, out, size=inputs.size)
+
+
+class _TopicProbe:
+    """Decodes the first messages of a topic, until one fits its definition.
+
+    If a type has several possible layouts, all messages are decoded: empty lists, for example, fit
+    any layout.
+
+    Args:
+        topic: the topic, whose type is known.
+    """
+
+    def __init__(self, topic: Topic) -> None:
+        self._topic = topic
+        self._misfits = 0
+        self._reason = ""
+        self._fits = False
+        self._done = False
+
+    def add(self, message: RawMessage) -> None:
+        """Take the next message."""
+        if self._done:
+            return
+        try:
+            self._topic.decode(message.data)
+        except DecodeError as err:
+            self._misfits += 1
+            self._reason = str(err)
+        else:
+            self._fits = True
+        enough = self._fits or self._misfits == MOST_MISFITS
+        self._done = enough and not self._topic.is_ambiguous
+
+    @property
+    def problem(self) -> str | None:
+        """Why its messages cannot be decoded; None if one was decoded, or if there were none."""
+        if self._fits or not self._misfits:
+            return None
+        if "limits." in self._reason:
+            return f"none of its messages can be decoded: {self._reason}"
+        msgtype = self._topic.msgtype
+        if self._topic.has_definition:
+            return f"its messages do not fit the definition of {msgtype} that is in the recording"
+        return (
+            f"its messages fit no definition of {msgtype} that is known; name a folder of .msg files in "
+            "bags.message_definitions"
+        )
 
 
 INVENTORY = Asset(

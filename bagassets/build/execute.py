@@ -1,4 +1,7 @@
-"""Running the actions of a graph whose results are not known; nothing else runs actions of recordings.
+"""Running the actions of a graph whose results are not known; nothing else runs a node of a graph.
+
+What belongs to a dataset is made by its format, and `bagassets.build.track` makes a track from the store alone, for a
+recording that need not be there any more.
 
 All channels that need a pass over the recording share one: passes are what costs, since reading topic after topic from
 a compressed recording would decompress each chunk once per topic. In a pass, a channel that fails does not stop the

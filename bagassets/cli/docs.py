@@ -1,18 +1,24 @@
 """`bagassets docs`: references generated from the model of the recipe, the assets and the help of commands; pages of `docs/`."""
 
 from collections.abc import Iterator
+from importlib.metadata import PackageNotFoundError, files
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
+import bagassets
 from bagassets.cli.terminal import echo, echo_lines
+from bagassets.errors import BagAssetsError
 
 if TYPE_CHECKING:
     from bagassets.assets.asset import AnyAsset
 
-__all__ = ["all_commands", "asset_reference", "command_reference", "docs", "input_table"]
+__all__ = ["all_commands", "asset_reference", "command_reference", "docs", "find_pages", "input_table"]
 
 _WIDTH = 96
+_CHECKOUT = Path(bagassets.__file__).parents[1]
+_INSTALLED = "share/doc/bagassets/docs"  # as pyproject.toml has it
 
 _INTRODUCTION = """\
 # The command line
@@ -100,13 +106,11 @@ Examples:
 @click.argument("name", required=False)
 def page(name: str | None) -> None:
     """Print a page of the documentation; without NAME, list the pages."""
-    from bagassets.cli.pages import find_pages, page_title
-
     pages = find_pages()
     if name is None:
         width = max(map(len, pages))
         for known, path in pages.items():
-            echo(f"{known:{width}}  {page_title(path)}")
+            echo(f"{known:{width}}  {_page_title(path)}")
         echo(f"They lie in {next(iter(pages.values())).parent}")
     elif name not in pages:
         raise click.BadParameter(f"no page {name!r}; there are {', '.join(pages)}.", param_hint="NAME")
@@ -219,3 +223,42 @@ def _section(asset: "AnyAsset", assets: "tuple[AnyAsset, ...]") -> str:
 
 def _names(names: list[str]) -> str:
     return ", ".join(f"`{name}`" for name in names)
+
+
+def find_pages() -> dict[str, Path]:
+    """Return the pages by name.
+
+    Raises:
+        BagAssetsError: there are none.
+    """
+    found = {path.stem: path for path in sorted(_in_checkout() or _in_wheel())}
+    if not found:
+        raise BagAssetsError(
+            "documentation: its pages are not there; they lie in docs/ of a checkout, and pip installs them with a wheel of bagassets."
+        )
+    return found
+
+
+def _page_title(page: Path) -> str:
+    """Return the first heading of a page."""
+    for line in page.read_text(encoding="utf-8").splitlines():
+        if line.startswith("# "):
+            return line.removeprefix("# ")
+    return page.stem
+
+
+def _in_checkout() -> list[Path]:
+    # Beside an installed package may lie folders of others.
+    return list((_CHECKOUT / "docs").glob("*.md")) if (_CHECKOUT / "pyproject.toml").is_file() else []
+
+
+def _in_wheel() -> Iterator[Path]:
+    try:
+        installed = files("bagassets") or []
+    except PackageNotFoundError:
+        return
+    for file in installed:
+        if file.parent.as_posix().endswith(_INSTALLED) and file.suffix == ".md":
+            path = Path(str(file.locate())).resolve()
+            if path.is_file():
+                yield path

@@ -1,4 +1,4 @@
-"""The server: one thread, one loop, a fork per job."""
+"""The server: one thread, one loop, a fork per job; and how it notices that its own sources were edited."""
 
 import gc
 import logging
@@ -6,6 +6,8 @@ import os
 import selectors
 import signal
 import socket
+import sys
+import sysconfig
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -15,7 +17,6 @@ from pathlib import Path
 from bagassets.errors import BagAssetsError
 from bagassets.forkserver.connection import Connection
 from bagassets.forkserver.job import Job
-from bagassets.forkserver.loaded import LoadedSources
 from bagassets.forkserver.process import ProcessId
 from bagassets.forkserver.protocol import FirstJob, Message
 from bagassets.forkserver.server_files import ServerFiles
@@ -379,3 +380,26 @@ class Server:
         owner = self._owners.get(job_id)
         if owner is not None:
             owner.send(event)
+
+
+class LoadedSources:
+    """The source files of all loaded modules, except those of Python and installed packages."""
+
+    def __init__(self) -> None:
+        installed = {Path(sysconfig.get_path(name)).resolve() for name in ("stdlib", "purelib", "platlib")}
+        files = {Path(name) for m in list(sys.modules.values()) if (name := getattr(m, "__file__", None))}
+        self._seen = {
+            file: _signature(file) for file in files if not any(root in file.parents for root in installed)
+        }
+
+    def changed(self) -> list[Path]:
+        """Return the files that changed since they were loaded."""
+        return sorted(file for file, seen in self._seen.items() if _signature(file) != seen)
+
+
+def _signature(file: Path) -> tuple[int, int]:
+    try:
+        stat = file.stat()
+    except OSError:
+        return (-1, -1)
+    return stat.st_size, stat.st_mtime_ns

@@ -4,10 +4,10 @@ from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
 
 from bagassets.json_types import Json, JsonObject
-from bagassets.recipe.explain import Problem, closest
 from bagassets.recipe.model import CameraChannel, LidarChannel, Recipe, Rig
 from bagassets.recipe.model_base import DatasetSettings
 from bagassets.recipe.model_poses import FixedPose, NavSatSource, TfSource
+from bagassets.recipe.problems import Problem, closest
 
 __all__ = ["problems_in"]
 

@@ -10,14 +10,15 @@ from pathlib import Path
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from bagassets.errors import RecipeError
-from bagassets.json_types import JsonObject
+from bagassets.errors import PluginError, RecipeError
+from bagassets.extensions import FORMATS, installed_extensions
+from bagassets.json_types import JsonMapping, JsonObject
 from bagassets.recipe.consistency import problems_in
-from bagassets.recipe.explain import Problem, explain
-from bagassets.recipe.format_sections import read_sections
+from bagassets.recipe.format_settings import section_model
 from bagassets.recipe.model import Recipe
 from bagassets.recipe.model_base import DatasetSettings
 from bagassets.recipe.model_datasets import NamedDataset
+from bagassets.recipe.problems import Problem, closest, explain
 from bagassets.recipe.yaml_text import Place, read_yaml
 
 __all__ = ["load_recipe", "parse_recipe", "paths_written", "where_in"]
@@ -108,7 +109,7 @@ def _as_written(text: str, path: Path) -> tuple[Recipe, JsonObject, Place]:
         recipe = Recipe.model_validate_json(json.dumps(data), strict=True)
     except ValidationError as err:
         raise _wrong((explain(problem, data) for problem in _causes(err)), places, path) from None
-    sections, problems = read_sections(data)
+    sections, problems = _read_sections(data)
     if problems:
         raise _wrong(problems, places, path)
     return recipe.model_copy(update={"formats": sections}), data, places
@@ -187,3 +188,44 @@ def _absolute(recipe: Recipe, folder: Path) -> Recipe:
     }
     store = None if recipe.store is None else (folder / recipe.store).resolve()
     return recipe.model_copy(update=update | {"state": (folder / recipe.state).resolve(), "store": store})
+
+
+def _read_sections(data: JsonMapping) -> tuple[JsonObject, list[Problem]]:
+    """Return the sections below `formats`, and the problems in them.
+
+    A section whose package is installed but cannot be used stays plain data: everything else works, and the catalogue of
+    formats reports the package.
+
+    Args:
+        data: the whole recipe as plain data.
+    """
+    sections: JsonObject = {}
+    problems: list[Problem] = []
+    for name, value in data.get("formats", {}).items():
+        sections[name] = value
+        try:
+            model = section_model(name)
+        except PluginError:
+            continue
+        if model is None:
+            problems.append((("formats", name), _unknown_format(name)))
+            continue
+        try:
+            sections[name] = model.model_validate_json(json.dumps(value), strict=True)
+        except ValidationError as err:
+            problems += _explained_section(name, err, data)
+    return sections, problems
+
+
+def _explained_section(name: str, err: ValidationError, data: JsonMapping) -> Iterator[Problem]:
+    for error in err.errors():
+        yield explain({**error, "loc": ("formats", name, *error["loc"])}, data)
+
+
+def _unknown_format(name: str) -> str:
+    known = sorted({extension.name for extension in installed_extensions(FORMATS)})
+    if not known:
+        return f"no installed package adds a format {name}; install the one that does"
+    near = closest(name, known)
+    hint = f"did you mean {near}?" if near else f"there are {', '.join(known)}"
+    return f"no installed package adds a format {name}; {hint}"

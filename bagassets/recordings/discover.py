@@ -13,12 +13,11 @@ from pathlib import Path
 from bagassets.errors import RecordingError
 from bagassets.recipe.model import Bags
 from bagassets.recordings.globs import literal_glob, matches, may_match_within
-from bagassets.recordings.model import Format, RecordingFiles
+from bagassets.recordings.model import METADATA, Format, RecordingFiles
 from bagassets.recordings.own_files import is_view_file
 
 __all__ = ["Discovery", "bags_of_one", "discover", "find_one", "matches"]
 
-METADATA = "metadata.yaml"
 _ROS2_KEY, _HEAD_BYTES = b"rosbag2_bagfile_information", 4096
 _NO_STORAGE = "there is no .db3 or .mcap file beside its metadata.yaml; it is still being copied, or damaged"
 _VIEW_FILE = "a scene that `bagassets view` wrote"

@@ -8,6 +8,7 @@ Format = Literal["ros1", "ros2", "mcap"]
 Serialization = Literal["ros1", "cdr"]
 
 __all__ = [
+    "METADATA",
     "Definition",
     "Format",
     "Message",
@@ -16,6 +17,9 @@ __all__ = [
     "Serialization",
     "SkimmedPacket",
 ]
+
+METADATA = "metadata.yaml"
+"""The file that makes a folder a ROS 2 bag."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,13 +17,12 @@ from bagassets.recordings.damage import DamageError, refuse_pointer
 from bagassets.recordings.database_file import Database, serialization_problem
 from bagassets.recordings.decompress import TooLargeError, decompress, decompress_file
 from bagassets.recordings.mcap_file import McapFile
-from bagassets.recordings.model import Definition, RawMessage
+from bagassets.recordings.model import METADATA, Definition, RawMessage
 from bagassets.recordings.recording import Recording
 from bagassets.recordings.topic import RefusedBytes, TopicSource, merge_topics, normalise_msgtype
 
 __all__ = ["Rosbag2Recording"]
 
-METADATA = "metadata.yaml"
 _NEWEST_VERSION = 9
 _MOST_METADATA_BYTES = 16_000_000
 # The parser recurses into nested values; recorders write six levels.
