@@ -8,13 +8,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from sample_drives import build_recordings
+from blake3 import blake3
+from sample_drives import build_recordings, build_sample
 
 from bagassets.recipe import load_recipe
 from bagassets.recordings.digest_record import ATTRIBUTE
+from bagassets.recordings.discover import discover
 from bagassets.sample.drive import Target, write_recordings
-from benchmarks.common import Options, Project, markdown, project, save, speedup
+from bagassets.store import artifact
+from bagassets.store.store import Store
+from benchmarks.common import Options, Project, converter_command, markdown, project, save, speedup
 from benchmarks.drives import write_jpeg_project, write_tas_drive
+from benchmarks.plain import convert_plainly
 from benchmarks.resources import run_watched
 from benchmarks.rq1 import told
 from benchmarks.rq2 import fit
@@ -120,8 +125,68 @@ def test_jpeg_recordings_are_passed_through(tmp_path):
     (results,) = build_recordings(recipe).values()
     counts = results["frames"].artifact.read_json("channels.json")
     assert len(counts) == 4
-    written = {path.read_bytes() for path in Path(recipe.store_path).rglob("*.jpg")}
+    store = Store(recipe.store_path)
+    written = {
+        path.read_bytes()
+        for channel in counts.values()
+        for path in store.artifact(channel["artifact"]).files.rglob("*.jpg")
+    }
     assert len(written) == min(5, counts["CAM_BACK"]["counts"]["written"])
+
+
+@pytest.fixture
+def hashed_sizes(monkeypatch):
+    """The size of everything that is hashed from here on, whichever module of the package does it."""
+    sizes = []
+
+    class Counting:
+        def __init__(self, data=b"", **options):
+            sizes.append(len(data))
+            self._hasher = blake3(data, **options)
+            self.digest, self.hexdigest = self._hasher.digest, self._hasher.hexdigest
+
+        def update(self, data):
+            sizes.append(len(data))
+            self._hasher.update(data)
+
+    Counting.AUTO = blake3.AUTO
+    for name, module in list(sys.modules.items()):
+        if name.startswith("bagassets.") and getattr(module, "blake3", None) is blake3:
+            monkeypatch.setattr(module, "blake3", Counting)
+    monkeypatch.setattr(artifact, "digest_bytes", artifact.digest_bytes)  # the conversion replaces it
+    return sizes
+
+
+def test_a_plain_conversion_hashes_and_keeps_nothing(tmp_path, hashed_sizes):
+    built = build_sample(tmp_path, targets=[("drive.bag", "ros1")], duration_s=1.2)
+    assert max(hashed_sizes) > 100_000
+    hashed_sizes.clear()
+    out = tmp_path / "out"
+    out.mkdir()
+    before = set(tmp_path.iterdir())
+    convert_plainly(tmp_path / "recipe.yaml", tmp_path / "recordings", out)
+    assert max(hashed_sizes) < 10_000  # names of rows, of actions; the lock
+    assert set(tmp_path.iterdir()) == before
+    assert contents_below(out / "samples") == contents_below(built.dataroot / "samples")
+    assert contents_below(out / "sweeps") == contents_below(built.dataroot / "sweeps")
+
+
+def contents_below(folder):
+    """The content of all files; their names hold digests, which the plain conversion numbers instead."""
+    found = sorted(path.read_bytes() for path in folder.rglob("*") if path.is_file())
+    assert found
+    return found
+
+
+def test_converters_are_given_the_file_of_a_ros2_folder(tmp_path):
+    made = project(tmp_path / "project", [], 1)
+    write_recordings([Target(made.bags / "a.bag", "ros1"), Target(made.bags / "b", "ros2")], duration_s=0.3)
+    recordings = discover(load_recipe(made.recipe).bags).recordings
+    given = [converter_command("convert {bag} {out}", one, tmp_path) for one in recordings.values()]
+    assert given == [
+        ["convert", str(made.bags / "a.bag"), str(tmp_path)],
+        ["convert", str(next((made.bags / "b").glob("*.db3"))), str(tmp_path)],
+    ]
 
 
 @pytest.mark.parametrize(
@@ -130,6 +195,7 @@ def test_jpeg_recordings_are_passed_through(tmp_path):
         (["rq9"], "no such part: rq9"),
         (["--size", "0"], "must be positive"),
         (["--converter", "convert {bag}"], "must say where {bag} and {out} go"),
+        (["--tiny"], "--tiny needs --results"),
     ],
 )
 def test_wrong_use_is_refused(arguments, error):

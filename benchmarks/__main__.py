@@ -6,6 +6,7 @@ Tables and figures go to `benchmarks/results/`, with machine, versions and sizes
     python -m benchmarks rq1 --size 4 --trials 5
     python -m benchmarks rq1 --converter 'python convert.py --bag {bag} --out {out}'
     python -m benchmarks --full                     # the paper's 20.4 GB
+    python -m benchmarks --tiny rq1                 # does it run? its figures say nothing
 """
 
 import argparse
@@ -18,6 +19,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 PARTS = ("floor", "cold", "rq1", "rq2", "rq3")
 FULL_GB, FULL_RECORDINGS = 20.4, 40
+TINY_GB = 0.06
 
 
 def main() -> None:
@@ -30,10 +32,13 @@ def main() -> None:
     parser.add_argument("--size", type=float, default=1.0, metavar="GB", help="recordings of RQ1 (default 1)")
     parser.add_argument("--recordings", type=int, default=4, help="their number (default 4)")
     parser.add_argument("--trials", type=int, default=3)
+    parser.add_argument("--tiny", action="store_true", help="small recordings, one trial; needs --results")
     parser.add_argument("--full", action="store_true", help=f"{FULL_GB} GB in {FULL_RECORDINGS} recordings")
     parser.add_argument("--converter", metavar="CMD", help="another converter, with {bag} and {out}")
     parser.add_argument("--folder", type=Path, help="where to work; what is there is used again")
-    parser.add_argument("--results", type=Path, default=Path(__file__).parent / "results")
+    parser.add_argument(
+        "--results", type=Path, help="where tables and figures go; default: benchmarks/results"
+    )
     chosen = parser.parse_args()
     unknown = set(chosen.parts) - set(PARTS)
     if unknown:
@@ -42,6 +47,12 @@ def main() -> None:
         parser.error("--size, --trials and --recordings must be positive")
     if chosen.converter and not ("{bag}" in chosen.converter and "{out}" in chosen.converter):
         parser.error("--converter must say where {bag} and {out} go")
+
+    results = chosen.results
+    if chosen.tiny:
+        if results is None:
+            parser.error("--tiny needs --results: its figures say nothing, and must not replace others")
+        chosen.size, chosen.recordings, chosen.trials, chosen.full = TINY_GB, 2, 1, False
 
     from benchmarks.cold import cold
     from benchmarks.common import Options
@@ -54,7 +65,8 @@ def main() -> None:
     with tempfile.TemporaryDirectory(prefix="bagassets-bench-") as temporary:
         folder = (chosen.folder or Path(temporary)).absolute()
         folder.mkdir(parents=True, exist_ok=True)
-        options = Options(folder, chosen.results, chosen.trials, size, number, chosen.converter)
+        results = results or Path(__file__).parent / "results"
+        options = Options(folder, results, chosen.trials, size, number, chosen.converter, chosen.tiny)
         run = {"floor": floor, "cold": cold, "rq1": rq1, "rq2": rq2, "rq3": rq3}
         for part in chosen.parts or PARTS:
             print(f"## {part}\n", flush=True)

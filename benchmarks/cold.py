@@ -17,77 +17,110 @@ from typing import Any
 
 from bagassets.recipe import load_recipe
 from bagassets.recordings.discover import discover
-from benchmarks.common import ROOT, Options, Project, count_files, markdown, plain_command, project, save
-from benchmarks.drives import write_jpeg_project
+from benchmarks.common import (
+    ROOT,
+    Options,
+    Project,
+    converter_command,
+    count_files,
+    markdown,
+    median,
+    plain_command,
+    project,
+    save,
+)
+from benchmarks.drives import LEAST_BYTES, write_jpeg_project
 from benchmarks.resources import Used, run_watched
 from benchmarks.rq1 import PLAIN
 
-__all__ = ["cold"]
+__all__ = ["cold", "cold_table"]
 
 _BAG_GB = 1.9
 _SMALL_BYTES = 5e6
 _JPEG_BYTES = 700_000  # of one image, roughly
+_BAGASSETS, _CUT = "bagassets", "cutting it into files"
 
 
 def cold(options: Options) -> None:
     """Measure, and write `cold.json` and `cold.md`."""
     size = _BAG_GB * options.size_gb
     folder, trials = options.folder, options.trials
-    small = max(12, round(40 * options.size_gb))
+    several, small = (2, 4) if options.tiny else (8, max(12, round(20 * options.size_gb)))
+    small_name = f"{small} recordings of {max(_SMALL_BYTES, LEAST_BYTES) / 1e6:.0f} MB"
+    several_name = f"{several} recordings of {size / several:.2f} GB"
     cases: dict[str, Callable[[], Project]] = {
         f"one recording of {size:.2f} GB": lambda: project(folder / "cold-one", [size * 1e9], trials),
         f"one recording of {size / 4:.2f} GB": lambda: project(
             folder / "cold-quarter", [size * 2.5e8], trials
         ),
-        f"8 recordings of {size / 8:.2f} GB": lambda: project(folder / "cold-8", [size * 1.25e8] * 8, trials),
-        f"{small} recordings of 5 MB": lambda: project(folder / "cold-small", [_SMALL_BYTES] * small, trials),
+        several_name: lambda: project(folder / "cold-several", [size * 1e9 / several] * several, trials),
+        small_name: lambda: project(folder / "cold-small", [_SMALL_BYTES] * small, trials),
         f"JPEG, {size / 2:.2f} GB": lambda: jpeg_project(folder / "cold-jpeg", size * 5e8, trials),
-        f"JPEG, {size / 8:.2f} GB": lambda: jpeg_project(folder / "cold-jpeg-quarter", size * 1.25e8, trials),
+        f"JPEG, {size / 8:.2f} GB": lambda: jpeg_project(folder / "cold-jpeg-part", size * 1.25e8, trials),
     }
-    figures: dict[str, Any] = {}
-    rows: list[list[Any]] = []
-    extra: dict[int, float] = {}  # recordings -> processor time beyond that of the plain conversion
-    passed_on: list[tuple[float, dict[str, float]]] = []  # GB of JPEG, and seconds of each way
+    found: dict[str, Any] = {}
     for name, make in cases.items():
         made = make()
         runs = _runs(made, options)
-        figures[name] = {"size_gb": made.size_gb, "recordings": len(list(made.bags.iterdir()))}
-        for what, used in runs.items():
-            best = min(used, key=lambda one: one.seconds)
-            figures[name][what] = [asdict(one) for one in used]
-            rate = made.size_gb * 1000 / best.seconds
-            title = f"{name}: {what}" + (", FAILED on some" if any(one.code for one in used) else "")
-            rows.append([title, best.seconds, best.cpu_s, 100 * best.busy, best.peak_mb, rate])
-        extra[figures[name]["recordings"]] = _least_cpu_s(runs["bagassets"]) - _least_cpu_s(runs[PLAIN])
+        found[name] = {"size_gb": made.size_gb, "recordings": len(list(made.bags.iterdir()))}
+        found[name] |= {what: [asdict(one) for one in used] for what, used in runs.items()}
         made.stop_server()
         if name.startswith("JPEG"):
-            seconds = {what: min(one.seconds for one in used) for what, used in runs.items()}
-            passed_on.append((made.size_gb, seconds | {"cutting it into files": _copy_s(made, options)}))
+            found[name][_CUT] = [asdict(Used(seconds=one)) for one in _copy_s(made, options)]
         shutil.rmtree(made.state)
-    head = ["run, best of trials", "s", "CPU-s", "processors busy %", "peak memory MB", "MB/s"]
-    each = (extra[small] - extra[8]) / (small - 8)
-    figures["cpu_s_per_recording"], figures["cpu_s_to_start"] = each, extra[8] - 8 * each
-    note = (
-        f"\nBeyond the plain conversion: {each:.2f} CPU-seconds for each recording, and {extra[8] - 8 * each:.1f} "
-        "once, to start (from 8 recordings and the small ones).\n"
+        shutil.rmtree(made.recipe.parent / "nuscenes", ignore_errors=True)
+    figures = {"cases": found, **_beyond(found[several_name], found[small_name])}
+    figures["jpeg_mb_per_s"] = _rates(*[one for name, one in found.items() if name.startswith("JPEG")])
+    save(options, "cold", figures, cold_table(figures))
+
+
+def cold_table(figures: dict[str, Any]) -> str:
+    """Return the table of `cold.json`, and two sentences."""
+    rows = []
+    for name, case in figures["cases"].items():
+        for what, used in case.items():
+            if not isinstance(used, list) or what == _CUT:
+                continue
+            seconds = _middle(used, "seconds")
+            title = f"{name}: {what}" + (", FAILED on some" if any(one["code"] for one in used) else "")
+            rate = case["size_gb"] * 1000 / seconds
+            busy, peak_mb = 100 * _middle(used, "busy"), _middle(used, "peak_mb")
+            rows.append([title, seconds, _middle(used, "cpu_s"), busy, peak_mb, rate])
+    head = ["run, medians", "s", "CPU-s", "processors busy %", "peak memory MB", "MB/s"]
+    rates = ", ".join(f"{what} {rate:.0f} MB/s" for what, rate in figures["jpeg_mb_per_s"].items())
+    return (
+        markdown(head, rows)
+        + f"\nBeyond the plain conversion: {figures['cpu_s_per_recording']:.2f} CPU-seconds for each recording, and "
+        f"{figures['cpu_s_to_start']:.1f} once, to start (from the many and the small ones).\n"
+        f"\nJPEG, each MB beyond those of the smaller recording: {rates}.\n"
     )
-    (large, slow), (little, fast) = passed_on
-    rates = {what: (large - little) * 1000 / (slow[what] - fast[what]) for what in slow}
-    figures["jpeg_mb_per_s"] = rates
-    note += (
-        f"\nJPEG, each MB beyond the first {little * 1000:.0f}: "
-        + ", ".join(f"{what} {rate:.0f} MB/s" for what, rate in rates.items())
-        + ".\n"
+
+
+def _beyond(several: dict[str, Any], small: dict[str, Any]) -> dict[str, float]:
+    """Return the processor time that a build takes beyond a plain conversion: for each recording, and once."""
+    (few, first), (many, second) = (
+        (case["recordings"], _middle(case[_BAGASSETS], "cpu_s") - _middle(case[PLAIN], "cpu_s"))
+        for case in (several, small)
     )
-    save(options, "cold", {"cases": figures}, markdown(head, rows) + note)
+    each = (second - first) / (many - few)
+    return {"cpu_s_per_recording": each, "cpu_s_to_start": first - few * each}
 
 
-def _least_cpu_s(runs: list[Used]) -> float:
-    return min(used.cpu_s for used in runs)
+def _rates(large: dict[str, Any], little: dict[str, Any]) -> dict[str, float]:
+    """Return MB/s of each way to convert JPEG, without what it takes to start."""
+    size_mb = (large["size_gb"] - little["size_gb"]) * 1000
+    ways = [what for what, used in large.items() if isinstance(used, list)]
+    return {
+        what: size_mb / (_middle(large[what], "seconds") - _middle(little[what], "seconds")) for what in ways
+    }
 
 
-def _copy_s(made: Project, options: Options) -> float:
-    """Return the seconds of cutting the recordings into files, the best of some: reading and writing, nothing else."""
+def _middle(used: list[dict[str, Any]], field: str) -> float:
+    return median([one[field] for one in used])
+
+
+def _copy_s(made: Project, options: Options) -> list[float]:
+    """Return the seconds of cutting the recordings into files: reading and writing, nothing else."""
     taken = []
     for _ in range(options.trials):
         made.settle()
@@ -100,7 +133,7 @@ def _copy_s(made: Project, options: Options) -> float:
                     (target / f"{file.name}-{number}").write_bytes(piece)
         taken.append(time.perf_counter() - began)
         shutil.rmtree(target)
-    return min(taken)
+    return taken
 
 
 def jpeg_project(folder: Path, size: float, trials: int) -> Project:
@@ -111,7 +144,7 @@ def jpeg_project(folder: Path, size: float, trials: int) -> Project:
 
 def _runs(made: Project, options: Options) -> dict[str, list[Used]]:
     commands: dict[str, Callable[[], Used]] = {
-        "bagassets": lambda: _build(made),
+        _BAGASSETS: lambda: _build(made),
         PLAIN: lambda: _convert(made, plain_command(made.bags, made.recipe.parent / "out")),
     }
     if options.converter is not None and "jpeg" not in made.recipe.parent.name:
@@ -150,8 +183,7 @@ def _convert_each(made: Project, converter: str) -> Used:
     for recording in discover(load_recipe(made.recipe).bags).recordings.values():
         target = out / recording.key
         target.mkdir(parents=True)
-        command = [part.format(bag=recording.path, out=target) for part in shlex.split(converter)]
-        used = run_watched(command, cwd=ROOT)
+        used = run_watched(converter_command(converter, recording, target), cwd=ROOT)
         failed = bool(used.code) or not count_files(target)
         if failed:
             print(f"  the converter FAILED on {recording.key}", flush=True)

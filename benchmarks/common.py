@@ -10,8 +10,10 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -20,13 +22,17 @@ from bagassets.recipe import load_recipe
 from bagassets.recordings.digest import recording_digest
 from bagassets.recordings.digest_record import ATTRIBUTE
 from bagassets.recordings.discover import discover
-from benchmarks.drives import seconds_of, tas_recipe, write_tas_drive
-from benchmarks.incremental import Bench, count_files, plain_command
+from bagassets.recordings.model import RecordingFiles
+from bagassets.sample.recorder import RecordingFormat
+from benchmarks.drives import LEAST_BYTES, seconds_of, tas_recipe, write_tas_drive
+from benchmarks.incremental import Bench, count_files
+from benchmarks.plain import plain_command
 
 __all__ = [
     "Converted",
     "Options",
     "Project",
+    "converter_command",
     "count_files",
     "machine",
     "markdown",
@@ -36,6 +42,7 @@ __all__ = [
     "repeated",
     "save",
     "speedup",
+    "write_drives",
 ]
 
 ROOT = Path(__file__).parents[1]
@@ -62,6 +69,7 @@ class Options:
         size_gb: recordings of RQ1 together; the others follow from it.
         recordings: their number.
         converter: another converter, with `{bag}` and `{out}`; None for none.
+        tiny: recordings as small as can be, to try a benchmark out; its figures say nothing.
     """
 
     folder: Path
@@ -70,6 +78,7 @@ class Options:
     size_gb: float
     recordings: int
     converter: str | None
+    tiny: bool = False
 
 
 @dataclass(frozen=True)
@@ -99,11 +108,6 @@ class Project(Bench):
         """Give one recording another date; its content stays."""
         os.utime(self.bag(), ns=(time.time_ns(), time.time_ns()))
 
-    def touch_and_store(self) -> None:
-        """Do so, and have its digest stored again, as `bagassets watch` would."""
-        self.touch()
-        self.store_digests()
-
     def settle(self) -> None:
         """Have the disk finish what was written, and the recordings in the page cache, whoever is next."""
         os.sync()
@@ -123,7 +127,7 @@ class Project(Bench):
         return sum(file.stat().st_size for file in self.files()) / 1e9
 
     def convert_plainly(self) -> Converted:
-        """Convert all recordings one after the other with the same code, in one process and without store."""
+        """Convert all recordings one after the other with the same code, as `benchmarks.plain` says."""
         out = self._empty_output()
         self.settle()
         began = time.perf_counter()
@@ -145,7 +149,7 @@ class Project(Bench):
         for recording in discover(load_recipe(self.recipe).bags).recordings.values():
             target = out / recording.key
             target.mkdir()
-            command = [part.format(bag=recording.path, out=target) for part in shlex.split(converter)]
+            command = converter_command(converter, recording, target)
             began = time.perf_counter()
             done = subprocess.run(command, check=False, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
             seconds += time.perf_counter() - began
@@ -163,17 +167,51 @@ class Project(Bench):
         return out
 
 
-def project(folder: Path, drives: Sequence[float], trials: int, *, first_seed: int = 0) -> Project:
-    """Write drives of the given sizes in bytes, ROS 1 and ROS 2 by turns, and make a project of them."""
-    text = tas_recipe(Path("recordings")) + "preview: {enabled: false}\n"
-    write_project(folder, text)
+def converter_command(converter: str, recording: RecordingFiles, out: Path) -> list[str]:
+    """Return the command that converts one recording; of a ROS 2 folder, converters are given the `.db3` file."""
+    databases = [file for file in recording.files if file.suffix == ".db3"]
+    bag = databases[0] if databases else recording.path
+    return [part.format(bag=bag, out=out) for part in shlex.split(converter)]
+
+
+def project(
+    folder: Path,
+    drives: Sequence[float],
+    trials: int,
+    *,
+    first_seed: int = 0,
+    formats: Sequence[RecordingFormat] = ("ros1", "ros2"),
+) -> Project:
+    """Write drives of the given sizes in bytes, in each format by turns, and make a project of them.
+
+    No drive is shorter than `LEAST_BYTES`, which make a scene. All have different seeds: equal content would be
+    converted once.
+    """
+    write_project(folder, tas_recipe(Path("recordings")))
     made = Project(folder / "recipe.yaml", trials)
     made.bags.mkdir(exist_ok=True)
-    for number, size in enumerate(drives):
-        ros1 = number % 2 == 0
-        name = f"drive{number:03}" + (".bag" if ros1 else "")
-        write_tas_drive(made.bags / name, "ros1" if ros1 else "ros2", first_seed + number, seconds_of(size))
+    write_drives(made.bags, drives, first_seed=first_seed, formats=formats)
     return made
+
+
+def write_drives(
+    bags: Path,
+    drives: Sequence[float],
+    *,
+    first_seed: int,
+    formats: Sequence[RecordingFormat] = ("ros1", "ros2"),
+    prefix: str = "drive",
+) -> None:
+    """Write drives as `project` does, some at a time."""
+    with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:
+        written = []
+        for number, size in enumerate(drives):
+            kind = formats[number % len(formats)]
+            path = bags / (f"{prefix}{number:03}" + (".bag" if kind == "ros1" else ""))
+            seconds = seconds_of(max(size, LEAST_BYTES))
+            written.append(pool.submit(write_tas_drive, path, kind, first_seed + number, seconds))
+        for one in written:
+            one.result()
 
 
 def repeated(trials: int, before: Callable[[], Any], timed: Callable[[], float]) -> list[float]:

@@ -32,6 +32,7 @@ from bagassets.sample.world import World
 
 __all__ = [
     "BYTES_PER_SECOND",
+    "LEAST_BYTES",
     "LIDAR_TOPIC",
     "seconds_of",
     "tas_recipe",
@@ -40,6 +41,8 @@ __all__ = [
 ]
 
 BYTES_PER_SECOND = 90e6
+LEAST_BYTES = 27e6
+_LEAST_SCENE_S = 0.2
 LIDAR_TOPIC = "/lidar_top/packets"
 _SCANS = "/lidar_top/velodyne_packets"
 _INFO = "sensor_msgs/msg/CameraInfo"
@@ -57,7 +60,6 @@ _EXTRINSICS = "extrinsics: {translation: [1, 0, 1], rotation: [1, 0, 0, 0]}"
 _JPEG_RECIPE = """name: jpeg
 bags: {root: recordings, settle_s: 0}
 nuscenes: {output: nuscenes, version: v1.0-jpeg}
-preview: {enabled: false}
 rigs:
   - name: jpeg
     ego_frame: base_link
@@ -106,7 +108,11 @@ def write_tas_drive(
 def tas_recipe(root: Path, output: str = "nuscenes") -> str:
     """Return the recipe of such drives."""
     text = sample_recipe(root=str(root), output=output, throughput=True)
-    return text.replace(_SCANS, LIDAR_TOPIC).replace("settle_s: 2", "settle_s: 0")
+    return (
+        text.replace(_SCANS, LIDAR_TOPIC)
+        .replace("settle_s: 2", "settle_s: 0")
+        .replace("  length_s: 20\n", f"  length_s: 20\n  min_length_s: {_LEAST_SCENE_S}\n")
+    )
 
 
 def write_jpeg_project(folder: Path, size: float) -> Path:

@@ -6,7 +6,7 @@ Writes recordings of the profile `tas` with different seeds and builds them::
         [--external 'converter {bags} {output}']
 
 Every mode is run `--times` times and the median printed. `plain` is a sequential conversion with the same
-code: no store that outlives it, no Dagster, one process for all recordings. An external converter is called with
+code: no store, no digests, no pictures, no Dagster, one process for all recordings. An external converter is called with
 the folder of the recordings and an empty output folder; the files it leaves are counted, since one that
 fails quietly must not look fast.
 """
@@ -35,6 +35,7 @@ from bagassets.recordings.digest import recording_digest
 from bagassets.recordings.digest_record import ATTRIBUTE
 from bagassets.recordings.discover import find_one
 from benchmarks.drives import tas_recipe, write_tas_drive
+from benchmarks.plain import plain_command
 from benchmarks.rewrite import rewrite
 
 ROOT = Path(__file__).parents[1]
@@ -178,11 +179,7 @@ def main() -> None:
     parser.add_argument("--external", help="another converter; {bags} and {output} are filled in")
     parser.add_argument("--folder", type=Path, help="where to work; default: a temporary folder")
     parser.add_argument("--json", type=Path, help="write the figures here")
-    parser.add_argument("--plain", nargs=2, metavar=("RECIPE", "OUTPUT"), help=argparse.SUPPRESS)
     options = parser.parse_args()
-    if options.plain:
-        convert_plainly(Path(options.plain[0]), Path(options.plain[1]))
-        return
     with tempfile.TemporaryDirectory(dir=options.folder) as folder:
         bench = prepare(Path(folder) / "project", options.bags, options.seconds, options.times)
         run(bench, options.external)
@@ -194,7 +191,7 @@ def main() -> None:
 
 
 def prepare(folder: Path, bags: int, seconds: float, times: int) -> Bench:
-    write_project(folder, tas_recipe(Path("recordings")) + "preview: {enabled: false}\n")
+    write_project(folder, tas_recipe(Path("recordings")))
     bench = Bench(folder / "recipe.yaml", times)
     for seed in range(bags):
         write_tas_drive(bench.bags / f"drive{seed}.bag", "ros1", seed, seconds)
@@ -251,10 +248,6 @@ def run(bench: Bench, external: str | None) -> None:
     print(f"{'one recording changed, allowed':34} {limit:8.2f} s  (1.3 x plain alone + 0.8 s)")
 
 
-def plain_command(bags: Path, out: Path) -> list[str]:
-    return [sys.executable, str(Path(__file__).absolute()), "--plain", str(bags), str(out)]
-
-
 def convert(command: list[str], bench: Bench) -> tuple[float, int]:
     """Run a converter; return its time in seconds and how many files it left."""
     out = bench.recipe.parent / "out"
@@ -271,31 +264,6 @@ def convert(command: list[str], bench: Bench) -> tuple[float, int]:
     if done.returncode or not files:
         sys.exit(f"{command} ended with {done.returncode} and left {files} files")
     return seconds, files
-
-
-def convert_plainly(bags: Path, out: Path) -> None:
-    """Convert recordings one after the other, with a store that is thrown away."""
-    from bagassets.build.execute import execute
-    from bagassets.build.graph import Graph
-    from bagassets.formats.assembly import assemble
-    from bagassets.formats.catalogue import recording_assets
-    from bagassets.formats.format import Part
-    from bagassets.formats.nuscenes.format import NUSCENES
-    from bagassets.recordings.digest import recording_stat
-    from bagassets.recordings.discover import discover
-    from bagassets.store.store import Store
-
-    recipe = load_recipe(Path(os.environ["BENCH_RECIPE"]))
-    assets, parts = recording_assets(recipe), []
-    with tempfile.TemporaryDirectory(dir=out.parent) as folder:
-        store = Store(Path(folder))
-        recordings = discover(recipe.bags.model_copy(update={"root": bags})).recordings
-        for key, recording in recordings.items():
-            # The key of an action, not a digest of content: a plain converter hashes nothing.
-            graph = Graph(assets, store, recording, key, recording_stat(recording))
-            made = {result.asset: result for result in execute(graph)}
-            parts.append(Part(key, key, made["nuscenes_tables"].artifact.digest))
-        assemble(NUSCENES, parts, recipe.nuscenes, store, out, splits=recipe.splits)
 
 
 def digests(bench: Bench) -> None:

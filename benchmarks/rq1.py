@@ -2,59 +2,99 @@
 
 Cold is an empty store, an empty Dagster instance and no server; warm is nothing changed; incremental is a
 change in one recording, of metadata (a message that nothing reads) or of content (every image and packet).
-A conversion without a store does everything again, whatever changed.
+A conversion without a store does everything again, whatever changed; it is measured after each change all the same.
 """
 
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
-from benchmarks.common import Options, Project, markdown, median, project, repeated, save, speedup
+from benchmarks.common import (
+    Converted,
+    Options,
+    Project,
+    markdown,
+    median,
+    project,
+    repeated,
+    save,
+    speedup,
+)
 from benchmarks.figures import bars
 
-__all__ = ["METHODS", "method_times", "rq1"]
+__all__ = ["CONVERTER", "METHODS", "PLAIN", "baselines", "method_times", "rq1", "rq1_table", "told"]
 
 METHODS = {"bagassets, client-side hashing": False, "bagassets, stored digests": True}
 PLAIN, CONVERTER = "plain sequential", "external converter"
+COLD, WARM = "cold", "warm"
+METADATA, CONTENT = "incremental, metadata", "incremental, content"
 
 
 def rq1(options: Options) -> None:
     """Measure, and write `rq1.json`, `rq1.md` and `rq1.png`."""
     size = options.size_gb * 1e9 / options.recordings
     made = project(options.folder / "rq1", [size] * options.recordings, options.trials)
-    times, outputs = baselines(made, options)
+    times, outputs = baselines(made, options, {
+        COLD: _nothing,
+        WARM: _nothing,
+        METADATA: made.change_metadata,
+        CONTENT: made.change_content,
+    })  # fmt: skip
     for name, stored in METHODS.items():
         times[name] = method_times(made, stored=stored, content=True)
     made.stop_server()
-    scenarios = list(times[next(iter(METHODS))])
+    figures = {
+        "size_gb": made.size_gb,
+        "recordings": options.recordings,
+        "times_s": times,
+        "outputs": outputs,
+    }
+    save(options, "rq1", figures, rq1_table({"trials": options.trials, **figures}))
+    bars(options.results / "rq1.png", times, f"RQ1: {options.recordings} recordings, {made.size_gb:.1f} GB")
+
+
+def rq1_table(found: dict[str, Any]) -> str:
+    """Return the table of `rq1.json`."""
+    times = found["times_s"]
     rows = []
     for name, by_scenario in times.items():
-        for scenario in scenarios:
-            taken = by_scenario.get(scenario, by_scenario.get("cold", []))
-            ratio, reduction = speedup(times[PLAIN]["cold"], taken)
+        for scenario, taken in by_scenario.items():
+            ratio, reduction = speedup(times[PLAIN][scenario], taken)
             rows.append([f"{name}: {scenario}", median(taken), min(taken), max(taken), ratio, reduction])
-    table = (
-        f"{options.recordings} recordings, {made.size_gb:.2f} GB, {options.trials} trials.\n\n"
-        + markdown(["run", "median s", "min s", "max s", "speed-up", "reduction %"], rows)
-    )
-    figures: dict[str, Any] = {"size_gb": made.size_gb, "recordings": options.recordings}
-    save(options, "rq1", {**figures, "times_s": times, "outputs": outputs}, table + told(outputs))
-    bars(
-        options.results / "rq1.png",
-        {name: {s: found.get(s, found["cold"]) for s in scenarios} for name, found in times.items()},
-        f"RQ1: {options.recordings} recordings, {made.size_gb:.1f} GB",
-    )
+    header = ["run", "median s", "min s", "max s", "speed-up", "reduction %"]
+    about = f"{found['recordings']} recordings, {found['size_gb']:.2f} GB, {found['trials']} trials.\n\n"
+    return about + markdown(header, rows) + told(found["outputs"])
 
 
-def baselines(made: Project, options: Options) -> tuple[dict[str, dict[str, list[float]]], dict[str, Any]]:
-    """Return the times of conversions without a store, and what they left."""
-    runs = {PLAIN: [made.convert_plainly() for _ in range(options.trials)]}
+def baselines(
+    made: Project, options: Options, changes: dict[str, Callable[[], None]]
+) -> tuple[dict[str, dict[str, list[float]]], dict[str, Any]]:
+    """Return method -> scenario -> times of conversions without a store, and what each method left.
+
+    Args:
+        made: the recordings.
+        options: how often, and another converter.
+        changes: scenario -> what happens before each conversion.
+    """
+    methods: dict[str, Callable[[], Converted]] = {PLAIN: made.convert_plainly}
     if options.converter is not None:
-        done = [made.convert_with(options.converter) for _ in range(options.trials)]
-        runs[CONVERTER + (" (FAILED on some)" if any(one.failed for one in done) else "")] = done
-    times = {name: {"cold": [one.seconds for one in done]} for name, done in runs.items()}
-    outputs = {
-        name: {"files": done[-1].files, "failed": sorted({key for one in done for key in one.failed})}
-        for name, done in runs.items()
-    }
+        methods[CONVERTER] = partial(made.convert_with, options.converter)
+    times: dict[str, dict[str, list[float]]] = {}
+    outputs: dict[str, Any] = {}
+    for name, convert in methods.items():
+        done: list[Converted] = []
+        by_scenario = {}
+        for scenario, change in changes.items():
+            taken = []
+            for _ in range(options.trials):
+                change()
+                taken.append(convert())
+            by_scenario[scenario] = [one.seconds for one in taken]
+            done += taken
+        failed = sorted({key for one in done for key in one.failed})
+        title = name + (" (FAILED on some)" if failed else "")
+        times[title] = by_scenario
+        outputs[title] = {"files": done[-1].files, "failed": failed}
     return times, outputs
 
 
@@ -76,12 +116,12 @@ def method_times(made: Project, *, stored: bool, content: bool) -> dict[str, lis
         if stored:
             made.store_digests()
 
-    times = {"cold": repeated(made.times, cold, lambda: made.build("built in"))}
+    times = {COLD: repeated(made.times, cold, lambda: made.build("built in"))}
     made.build("nothing to do")
-    times["warm"] = repeated(made.times, lambda: None, lambda: made.build("nothing to do"))
-    times["incremental, metadata"] = repeated(made.times, metadata, lambda: made.build(" in "))
+    times[WARM] = repeated(made.times, _nothing, lambda: made.build("nothing to do"))
+    times[METADATA] = repeated(made.times, metadata, lambda: made.build(" in "))
     if content:
-        times["incremental, content"] = repeated(made.times, changed, lambda: made.build(" in "))
+        times[CONTENT] = repeated(made.times, changed, lambda: made.build(" in "))
     return times
 
 
@@ -93,3 +133,7 @@ def told(outputs: dict[str, Any]) -> str:
         for name, found in outputs.items()
     ]
     return "\n" + "\n".join(lines) + "\n"
+
+
+def _nothing() -> None:
+    pass

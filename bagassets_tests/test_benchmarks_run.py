@@ -1,0 +1,69 @@
+"""Each benchmark runs to its end, with recordings as small as can be; what it measures then says nothing."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+pytestmark = pytest.mark.long
+
+ROOT = Path(__file__).parents[1]
+
+
+def run(*arguments):
+    done = subprocess.run([sys.executable, *arguments], capture_output=True, text=True, check=False, cwd=ROOT)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def results_of(part, folder):
+    printed = run("-m", "benchmarks", "--tiny", "--results", folder, part)
+    assert (folder / f"{part}.md").read_text("utf-8") in printed
+    return json.loads((folder / f"{part}.json").read_text("utf-8"))
+
+
+def test_rq1_measures_every_row(tmp_path):
+    times = results_of("rq1", tmp_path)["times_s"]
+    assert len(times) == 3
+    for by_scenario in times.values():
+        assert list(by_scenario) == ["cold", "warm", "incremental, metadata", "incremental, content"]
+    rows = [tuple(taken) for by_scenario in times.values() for taken in by_scenario.values()]
+    assert len(set(rows)) == len(rows)  # none is a copy of another
+    assert (tmp_path / "rq1.png").exists()
+
+
+def test_rq2_fits_lines(tmp_path):
+    times = results_of("rq2", tmp_path)["times_s"]
+    assert all(len(by_size) == 3 for by_size in times.values())
+
+
+def test_rq3_changes_a_target_beside_a_fixed_volume(tmp_path):
+    found = results_of("rq3", tmp_path)
+    assert found["target_gb"] == found["volume_gb"] / 8
+    assert len(found["times_s"]) == 4
+    assert all(list(by) == ["1 + 1 files", "2 + 1 files", "8 + 1 files"] for by in found["times_s"].values())
+
+
+def test_cold_and_floor(tmp_path):
+    found = results_of("cold", tmp_path)
+    assert all(set(case) > {"bagassets", "plain sequential"} for case in found["cases"].values())
+    assert results_of("floor", tmp_path)["plain_cpu_s"] > 0
+
+
+def test_incremental(tmp_path):
+    json_file = tmp_path / "incremental.json"
+    run("benchmarks/incremental.py", "--bags", "2", "--seconds", "1.0", "--times", "1", "--json", json_file)
+    modes = json.loads(json_file.read_text("utf-8"))["modes"]
+    assert {"plain, all", "cold, server down", "metadata only, server up"} <= modes.keys()
+
+
+def test_plan(tmp_path):
+    json_file = tmp_path / "plan.json"
+    run("benchmarks/plan.py", "--recordings", "20", "--json", json_file)
+    assert json.loads(json_file.read_text("utf-8"))["recordings"] == 20
+
+
+def test_kernels(tmp_path):
+    assert "without / with: median" in run("-m", "benchmarks.kernels", "--size-gb", "0.03", "--trials", "1")
