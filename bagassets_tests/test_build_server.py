@@ -49,6 +49,14 @@ def run(recipe_file, *arguments):
 
 
 @pytest.fixture
+def interruptible():
+    """Shells have what they start in the background ignore Ctrl-C."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.fixture
 def built(project):
     done = run(project, "--json")
     assert done.returncode == 0, done.stderr
@@ -134,6 +142,32 @@ def test_an_interrupt_stops_cleanly_and_the_next_build_carries_on(built):
     assert done.returncode == 0, done.stderr
     told = json.loads(done.stdout)
     assert (told["counts"]["built"], told["dataset"]["state"]) == (2, "updated")
+
+
+class Interrupting:
+    """Interrupts this process in a finalizer, where Python prints what is raised and goes on."""
+
+    def __del__(self):
+        os.kill(os.getpid(), signal.SIGINT)
+
+
+@pytest.mark.usefixtures("interruptible")
+def test_an_interrupt_is_not_lost_where_exceptions_are_ignored(built):
+    recipe = load_recipe(built)
+    text = built.read_text()
+    built.write_text(re.sub(r"/cam/image_raw(, quality: \d+)?", "/cam/image_raw, quality: 22", text))
+    assert run(built, "--bag", KEYS[0], "--select", "bag").returncode == 0  # a server for this recipe
+
+    def interrupt(event):
+        if (event.kind, event.key) == ("started", KEYS[0]):
+            Interrupting()
+
+    with (
+        exclusive(ServerFiles(recipe.state, "").folder / "locks", KEYS[0], keep_waiting=lambda _asked: True),
+        find_server(built) as client,
+    ):
+        report = build_on_server(client, built, BuildOptions(jobs=1), interrupt, None)
+    assert report["counts"]["stopped"] == 2
 
 
 def workers_of(server):

@@ -13,7 +13,17 @@ ROOT = Path(bagassets.__file__).parent
 # know each other, so there is no cycle between packages either.
 LAYERS = [
     ("json_types",),
-    ("__init__", "freshness", "escaping", "lock_files", "atomic", "trace", "kernels", "quantities"),
+    (
+        "__init__",
+        "freshness",
+        "escaping",
+        "lock_files",
+        "atomic",
+        "trace",
+        "kernels",
+        "quantities",
+        "interrupts",
+    ),
     ("errors",),
     ("extensions",),
     ("plugins",),

@@ -141,6 +141,27 @@ def interruptible():
     signal.signal(signal.SIGINT, before)
 
 
+class Interrupting:
+    """Interrupts this process in a finalizer, where Python prints what is raised and goes on."""
+
+    def __del__(self):
+        os.kill(os.getpid(), signal.SIGINT)
+
+
+@pytest.mark.usefixtures("interruptible")
+def test_an_interrupt_is_not_lost_where_exceptions_are_ignored(instance, steering):
+    def interrupt(event):
+        if event.kind == "started":
+            Interrupting()
+
+    (steering / "hold").touch()
+    with RunPool(instance, 1, interrupt, steering / "code-server.log", LOCATION) as runs:
+        threading.Timer(30, (steering / "hold").unlink, [True]).start()  # or a lost interrupt would never end
+        runs.work({"drive": ("first",)})
+    assert runs.interrupted
+    assert runs.ended["drive"].stopped
+
+
 @pytest.mark.usefixtures("interruptible")
 @pytest.mark.parametrize("when", ["starting", "at work"])
 def test_an_interrupt_cancels_what_was_begun(instance, steering, when):

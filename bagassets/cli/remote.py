@@ -15,6 +15,7 @@ from bagassets.errors import BagAssetsError
 from bagassets.forkserver.client import Client, ServerRefusedError
 from bagassets.forkserver.server_files import ServerFiles
 from bagassets.forkserver.tasks import server_spec
+from bagassets.interrupts import deferred_interrupts
 from bagassets.json_types import JsonObject
 from bagassets.lock_files import is_locked
 from bagassets.store.writable import require_writable
@@ -29,6 +30,7 @@ _GRACE_S = 40.0
 _END_GRACE_S = 5.0
 _END_S = 60.0
 _POLL_S = 0.02
+_INTERRUPT_POLL_S = 0.2  # so late is an interrupt noticed while nothing happens
 
 
 class InterruptedBuildError(BagAssetsError):
@@ -118,14 +120,15 @@ def build_on_server(
         job = client.submit(_JOB, args, label=f"build-{uuid4()}", grace_s=_GRACE_S)
     except ServerRefusedError:
         return None
-    try:
-        import rich.console
-        import rich.table  # noqa: F401
+    import rich.console
+    import rich.table  # noqa: F401
 
-        event = _follow(client, job, on_event)
-    except KeyboardInterrupt:
-        client.cancel(job, grace_s=_GRACE_S)
-        event = _follow(client, job, on_event)
+    with deferred_interrupts() as interrupt:
+        is_cancelled = False
+        while (event := _end_of(client, job, on_event)) is None:
+            if interrupt.asked and not is_cancelled:
+                client.cancel(job, grace_s=_GRACE_S)
+                is_cancelled = True
     if event["event"] == "killed":
         raise BagAssetsError(*str(event["reason"]).split("\n"))
     if event["exit"] != 0:
@@ -134,18 +137,16 @@ def build_on_server(
     return report
 
 
-def _follow(client: Client, job: str, on_event: Callable[[Event], None]) -> JsonObject:
-    """Pass on the events of the build, and return the event with which its job ended."""
-    while True:
-        event = client.wait()
-        if event is None or event["job"] != job:
-            continue
-        if event["event"] == "note":
-            fields = event["note"].get("build")
-            if fields is not None:
-                on_event(Event(**fields))
-        elif event["event"] in {"finished", "killed"}:
-            return event
+def _end_of(client: Client, job: str, on_event: Callable[[Event], None]) -> JsonObject | None:
+    """Pass on the next event of the build, if one comes soon; return it if its job ended with it."""
+    event = client.wait(_INTERRUPT_POLL_S)
+    if event is None or event["job"] != job:
+        return None
+    if event["event"] == "note":
+        fields = event["note"].get("build")
+        if fields is not None:
+            on_event(Event(**fields))
+    return event if event["event"] in {"finished", "killed"} else None
 
 
 def _raised(error: dict[str, str]) -> BagAssetsError:

@@ -20,6 +20,7 @@ from bagassets.defs.code_server import LaunchWorkspace
 from bagassets.defs.runs import CodeLocation, create_run, fail_if_lost, failure_of
 from bagassets.defs.sqlite_files import kept_open
 from bagassets.errors import BagAssetsError
+from bagassets.interrupts import deferred_interrupts
 from bagassets.trace import span
 
 __all__ = ["EndedRun", "Listener", "RunPool"]
@@ -100,13 +101,12 @@ class RunPool:
         """
         waiting = list(todo.items())[::-1]
         # Some launchers take most of a second for each run.
-        with ThreadPoolExecutor(self.jobs) as pool:
-            try:
-                while waiting or self._active:
-                    while waiting and len(self._active) < self.jobs:
-                        self._start(*waiting.pop(), pool)
-                    self._poll()
-            except KeyboardInterrupt:
+        with ThreadPoolExecutor(self.jobs) as pool, deferred_interrupts() as interrupt:
+            while (waiting or self._active) and not interrupt.asked:
+                while waiting and len(self._active) < self.jobs and not interrupt.asked:
+                    self._start(*waiting.pop(), pool)
+                self._poll()
+            if interrupt.asked:
                 self.interrupted = True
                 for active in self._active.values():
                     active.launch.cancel()

@@ -1,0 +1,53 @@
+"""Interrupts that wait for a good moment."""
+
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+__all__ = ["Interrupt", "deferred_interrupts"]
+
+
+class Interrupt:
+    """Whether somebody asked to stop.
+
+    Attributes:
+        asked: True from the first signal on.
+    """
+
+    def __init__(self) -> None:
+        self.asked = False
+
+    def receive(self, _number: int, _frame: FrameType | None) -> None:
+        """Note the first signal; raise KeyboardInterrupt at the second one.
+
+        Raises:
+            KeyboardInterrupt: somebody insists.
+        """
+        if self.asked:
+            raise KeyboardInterrupt
+        self.asked = True
+
+
+@contextmanager
+def deferred_interrupts() -> Iterator[Interrupt]:
+    """Note the first signal that would raise KeyboardInterrupt; whoever waits in a loop looks at the note.
+
+    Python raises KeyboardInterrupt wherever the process happens to be. In a finalizer or a callback of the garbage
+    collector it is printed and lost, and in the middle of a read so is what was read.
+
+    Signals reach the main thread only; in another one nothing is changed, and nothing noted.
+    """
+    interrupt = Interrupt()
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    deferred = [number for number in numbers if signal.getsignal(number) is signal.default_int_handler]
+    if threading.current_thread() is not threading.main_thread():
+        deferred = []
+    for number in deferred:
+        signal.signal(number, interrupt.receive)
+    try:
+        yield interrupt
+    finally:
+        for number in deferred:
+            signal.signal(number, signal.default_int_handler)
