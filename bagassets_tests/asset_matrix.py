@@ -5,9 +5,11 @@ from pathlib import Path
 
 from bagassets.annotations.files.find import LabelSet
 from bagassets.annotations.files.label import LabelFile
+from bagassets.geometry.camera import CameraModel
 from bagassets.recipe.model import Recipe
 from bagassets.recordings.inventory import Inventory
 from bagassets.store.canonical import digest_json
+from bagassets_tests.calibration_texts import camchain, kalibr_camera
 from bagassets_tests.facts import MadeUpArtifact, MadeUpFacts, calibrated
 from bagassets_tests.recipe_changes import OTHER
 
@@ -77,6 +79,13 @@ def recipes(folder):
                      "output": "png", "to_8bit": {"percentiles": [1, 99]}},
         "CAM_LEFT": {**CAMERA, "undistort": False, "output": "as_recorded", "frame": "cam_left"},
     }  # fmt: skip
+    chain, front = str(folder / "chain.yaml"), str(folder / "front.yaml")
+    files = {
+        "CAM_FRONT": {**CAMERA, "intrinsics": {"file": front}, "extrinsics": MOUNT},
+        "CAM_BACK": {**BACK, "intrinsics": {"file": chain, "camera": "cam1", "model": "equidistant"},
+                     "extrinsics": {"file": chain, "camera": "cam0", "relative_to": "imu"}},
+        "CAM_LEFT": {**CAMERA, "undistort": False, "extrinsics": {"file": chain}},
+    }  # fmt: skip
     clouds = {
         "LIDAR_BACK": {**LIDAR, "header_stamp_is": "start", "max_range_m": 50},
         "LIDAR_TOP": {**LIDAR, "deskew": True, "extrinsics": MOUNT},
@@ -89,6 +98,7 @@ def recipes(folder):
         # Which rig is whose makes no difference but by name.
         "alike": _recipe(_rig("a", plain, match=["car/**"]), _rig("b", plain)),
         "lenses": _recipe(_rig("car", lenses), vision={"trajectories": ["base_link:CAM_FRONT"]}),
+        "files": _recipe(_rig("car", files, **urdf)),
         "clouds": _recipe(_rig("car", clouds), clock="log"),
         "labels": _recipe(
             _rig("car", plain, annotation_files=[{**entry, **BOX_RULES} for entry in LABEL_FILES])
@@ -121,6 +131,13 @@ def write_files(folder):
             '<robot name="r"><link name="base_link"/><link name="imu"/><joint name="j" type="fixed">'
             f'<parent link="base_link"/><child link="imu"/><origin xyz="{number} 0 0"/></joint></robot>'
         )
+    for stem in ("chain", "front"):
+        for number, name in enumerate((f"{stem}.yaml", f"{stem}{OTHER}.yaml", f"other/{stem}.yaml")):
+            model = CameraModel(
+                "plumb_bob", 640, 480, 300.0 + number, 301.0, 320.0, 240.0, (0.1, 0.2, 0.0, 0.0)
+            )
+            cameras = [kalibr_camera(model, topic) for topic in ("/cam/image", "/back/image")]
+            (folder / name).write_text(camchain(*cameras))
 
 
 # --- recordings ---------------------------------------------------------------------------

@@ -148,7 +148,7 @@ def _others(annotation: Any, value: Any) -> Iterator[tuple[str | None, Any]]:
 
 
 def _of_union(bare: Any, value: Any) -> Iterator[tuple[str | None, Any]]:
-    members = get_args(bare)
+    members = list(_members(bare))
     if value is not None and type(None) in members:
         yield None, None
     for member in members:
@@ -160,13 +160,22 @@ def _of_union(bare: Any, value: Any) -> Iterator[tuple[str | None, Any]]:
         for example in _examples(member):
             common = {}
             if isinstance(example, dict) and isinstance(value, dict):
-                fields = member.model_fields
+                fields = _bare(member).model_fields
                 common = {
                     name: v
                     for name, v in value.items()
                     if name in fields and not _is_tag(fields[name].annotation)
                 }
             yield None, {**example, **common} if isinstance(example, dict) else example
+
+
+def _members(bare: Any) -> Iterator[Any]:
+    """Yield the members of a union, and those of unions among them."""
+    for member in get_args(bare):
+        if get_origin(_bare(member)) in (Union, types.UnionType):
+            yield from _members(_bare(member))
+        else:
+            yield member
 
 
 def _is_of(member: Any, value: Any) -> bool:
@@ -177,6 +186,8 @@ def _is_of(member: Any, value: Any) -> bool:
             for name, info in bare.model_fields.items()
             if _is_tag(info.annotation)
         }
+        if not tags:  # which of two models it is shows by what it has
+            return value.keys() == bare.model_fields.keys()
         return all(value.get(name) == tag for name, tag in tags.items())
     return _holds(member, value)
 

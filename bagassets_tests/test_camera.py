@@ -21,7 +21,7 @@ from bagassets.errors import CalibrationError
 from bagassets.geometry.calibration import CameraLens
 from bagassets.geometry.camera import CameraModel
 from bagassets.geometry.undistortion import undistort
-from bagassets.recipe.model import PinholeIntrinsics
+from bagassets.recipe.model_calibration import PinholeIntrinsics
 from bagassets_tests.cameras import camera_use
 from bagassets_tests.pose_data import camera_info, region
 

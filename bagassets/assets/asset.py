@@ -44,6 +44,7 @@ __all__ = [
     "Use",
     "as_json",
     "by_digest",
+    "for_messages",
     "inlined",
     "omitted",
     "uses_of",
@@ -87,6 +88,11 @@ def by_digest() -> Any:
     For the content or the paths of files beside the recipe or the recording.
     """
     return field(metadata={_BY_DIGEST: True})
+
+
+def for_messages(default: object) -> Any:
+    """Return a dataclass field that is left out of JSON, since it appears in messages only and shapes no byte."""
+    return field(default=default, metadata={_BY_DIGEST: True})
 
 
 def as_json(value: object) -> Json:

@@ -1,6 +1,6 @@
 """The asset `calibration`: the extrinsics of each sensor and the intrinsics of each camera.
 
-Extrinsics come from the recipe, else from `/tf_static`, the URDF or the fixed joints of
+Extrinsics come from the recipe or a file that it names, else from `/tf_static`, the URDF or the fixed joints of
 `/tf`, in this order of trust (see `bagassets.assets.rig_frames`). If sources contradict each
 other, that is noted and the most trusted one is used. File: `calibration.json`.
 """
@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bagassets.assets.asset import Asset, Facts, Inputs, Summary, Use, as_json, by_digest
+from bagassets.assets.calibration_files import FileContent, pose_in, read_files, short_names
 from bagassets.assets.intrinsics import camera_intrinsics, rounded
 from bagassets.assets.inventory import INVENTORY
 from bagassets.assets.rig_frames import RigFrames
@@ -21,6 +22,7 @@ from bagassets.geometry.urdf import urdf_edges
 from bagassets.quality.calibration_rules import calibration_plausible
 from bagassets.quality.check import RecordingCheck
 from bagassets.recipe.model import Recipe, Rig
+from bagassets.recipe.model_calibration import ExtrinsicsFile
 from bagassets.recordings.inventory import Inventory
 from bagassets.recordings.recording import Recording
 from bagassets.store.artifact import ArtifactWriter
@@ -51,7 +53,7 @@ class CalibrationParams:
     def of(cls, _: Recipe, rig: Rig) -> "CalibrationParams":
         """Return the parameters of a rig."""
         channels = {name: Sensor.of(channel) for name, channel in sorted(rig.channels.items())}
-        if _placed_by_hand(channels.values()):
+        if _placed_by_hand(channels.values(), rig.ego_frame):
             return cls(rig.ego_frame, channels, (), (), None)
         return cls(rig.ego_frame, channels, rig.tf_static, rig.tf, rig.urdf)
 
@@ -66,6 +68,7 @@ class CalibrationUse:
         tf_static: topics with static transforms.
         tf: topics with transforms.
         urdf: content of the URDF file.
+        files: name -> content of the calibration files.
     """
 
     ego_frame: str
@@ -73,35 +76,43 @@ class CalibrationUse:
     tf_static: tuple[str, ...]
     tf: tuple[str, ...]
     urdf: bytes | None = by_digest()
+    files: Mapping[str, FileContent] = by_digest()
 
 
 def use(params: CalibrationParams, facts: Facts) -> dict[str, Use[CalibrationUse]]:
     """Return what calibration reads of a recording.
 
     Raises:
-        CalibrationError: the URDF cannot be read, or a topic carries messages of several frames.
+        CalibrationError: the URDF or a calibration file cannot be read, or a topic carries messages of several frames.
     """
     inventory = facts.inventory
+    present = {name: sensor for name, sensor in params.channels.items() if inventory.has(sensor.topic)}
+    files, names = _files(present.values(), facts)
+    inputs = {f"calibration:{name}": digest_bytes(file.data) for name, file in files.items()}
     channels = {
-        name: _recorded(name, sensor, inventory)
-        for name, sensor in params.channels.items()
-        if inventory.has(sensor.topic)
+        name: _recorded(name, sensor.with_files(names), inventory) for name, sensor in present.items()
     }
     infos = {topic for sensor in channels.values() for topic in sensor.infos if inventory.has(topic)}
-    if _placed_by_hand(sensor.sensor for sensor in channels.values()):
-        known = CalibrationUse(params.ego_frame, channels, (), (), None)
-        return {"": Use(known, tuple(sorted(infos)))}
+    if _placed_by_hand(present.values(), params.ego_frame):
+        known = CalibrationUse(params.ego_frame, channels, (), (), None, files)
+        return {"": Use(known, tuple(sorted(infos)), inputs)}
     static = tuple(topic for topic in params.tf_static if inventory.has(topic))
     moving = tuple(topic for topic in params.tf if inventory.has(topic))
     urdf = None if params.urdf is None else _urdf(params.urdf, facts)
-    inputs = {} if urdf is None else {"urdf": digest_bytes(urdf)}
-    known = CalibrationUse(params.ego_frame, channels, static, moving, urdf)
+    inputs |= {} if urdf is None else {"urdf": digest_bytes(urdf)}
+    known = CalibrationUse(params.ego_frame, channels, static, moving, urdf, files)
     return {"": Use(known, tuple(sorted({*infos, *static, *moving})), inputs)}
 
 
-def _placed_by_hand(sensors: Iterable[Sensor]) -> bool:
-    """Return whether the recipe has the extrinsics of all sensors, so that no transform counts."""
-    return all(sensor.extrinsics is not None for sensor in sensors)
+def _placed_by_hand(sensors: Iterable[Sensor], ego_frame: str) -> bool:
+    """Return whether the recipe and its files have the extrinsics of all sensors, so that no transform counts."""
+    return not any(sensor.needs_transforms(ego_frame) for sensor in sensors)
+
+
+def _files(sensors: Iterable[Sensor], facts: Facts) -> tuple[dict[str, FileContent], dict[Path, str]]:
+    """Return name -> content of the calibration files of sensors, and path -> name."""
+    paths = sorted({path for sensor in sensors for path in sensor.files})
+    return read_files(paths, facts), short_names(paths)
 
 
 def _recorded(name: str, sensor: Sensor, inventory: Inventory) -> RecordedSensor:
@@ -134,10 +145,12 @@ def make_calibration(use: CalibrationUse, recording: Recording, out: ArtifactWri
     channels: dict[str, CalibratedSensor] = {}
     sources: dict[str, int] = {}
     for name, sensor in use.channels.items():
-        ego_SE3_sensor, source = _extrinsics(name, sensor, use.ego_frame, frames, notes)
+        ego_SE3_sensor, source = _extrinsics(name, sensor, use, frames, notes)
         camera = None
         if sensor.sensor.lens is not None:
-            camera, frame_SE3_image = camera_intrinsics(name, sensor, sensor.sensor.lens, recording, notes)
+            camera, frame_SE3_image = camera_intrinsics(
+                name, sensor, sensor.sensor.lens, recording, use.files, notes
+            )
             ego_SE3_sensor = ego_SE3_sensor @ frame_SE3_image
         sources[source] = sources.get(source, 0) + 1
         channels[name] = CalibratedSensor(sensor.frame, _rounded(ego_SE3_sensor), source, camera)
@@ -158,10 +171,12 @@ def _rounded(transform: SE3) -> SE3:
 
 
 def _extrinsics(
-    name: str, recorded: RecordedSensor, ego_frame: str, frames: RigFrames, notes: list[str]
+    name: str, recorded: RecordedSensor, use: CalibrationUse, frames: RigFrames, notes: list[str]
 ) -> tuple[SE3, str]:
-    sensor, frame = recorded.sensor, recorded.frame
+    sensor, frame, ego_frame = recorded.sensor, recorded.frame, use.ego_frame
     given = sensor.extrinsics
+    if isinstance(given, ExtrinsicsFile):
+        return _extrinsics_in_file(name, recorded, given, use, frames, notes)
     if given is not None:
         return SE3.create(given.rotation, given.translation), "recipe"
     if not frame:
@@ -170,15 +185,53 @@ def _extrinsics(
         )
     if frame == ego_frame:
         return SE3(), "ego frame"
-    try:
-        ego_SE3_sensor, sources = frames.fixed(ego_frame, frame)
-    except CalibrationError as err:
-        raise CalibrationError(
-            f"{name} ({sensor.topic}): {err}. {_damage(frames)}Correct ego_frame or the channel's frame in the "
-            "recipe, or give its extrinsics there."
-        ) from err
+    ego_SE3_sensor, sources = _fixed(
+        f"{name} ({sensor.topic})",
+        ego_frame,
+        frame,
+        frames,
+        "Correct ego_frame or the channel's frame in the recipe, or give its extrinsics there.",
+    )
     notes += [f"{name}: {note}." for note in frames.disagreements(ego_frame, frame)]
     return ego_SE3_sensor, "+".join(sources)
+
+
+def _extrinsics_in_file(
+    name: str,
+    recorded: RecordedSensor,
+    given: ExtrinsicsFile,
+    use: CalibrationUse,
+    frames: RigFrames,
+    notes: list[str],
+) -> tuple[SE3, str]:
+    pose = pose_in(name, given, recorded.sensor.topic, use.files)
+    source, reference = given.file.as_posix(), given.relative_to
+    notes += [f"{name}: {source}: {note}." for note in pose.notes]
+    if reference is None:
+        notes.append(
+            f"{name}: {source} places it relative to {pose.reference}, whose frame is taken for {use.ego_frame}; name that "
+            "frame in `relative_to` of `extrinsics`."
+        )
+    if reference is None or reference == use.ego_frame:
+        return pose.reference_SE3_sensor, source
+    ego_SE3_reference, sources = _fixed(
+        f"{name}: {source}, relative_to: {reference}",
+        use.ego_frame,
+        reference,
+        frames,
+        f"Correct `relative_to`, or name a `urdf` with {reference}.",
+    )
+    return ego_SE3_reference @ pose.reference_SE3_sensor, "+".join([source, *sources])
+
+
+def _fixed(
+    what: str, ego_frame: str, frame: str, frames: RigFrames, advice: str
+) -> tuple[SE3, tuple[str, ...]]:
+    """Return `ego_SE3_frame` and its sources."""
+    try:
+        return frames.fixed(ego_frame, frame)
+    except CalibrationError as err:
+        raise CalibrationError(f"{what}: {err}. {_damage(frames)}{advice}") from err
 
 
 def _damage(frames: RigFrames) -> str:
@@ -200,8 +253,8 @@ CALIBRATION = Asset(
     name="calibration",
     version=3,
     title="Where each sensor sits on the vehicle, and the lens of each camera.",
-    description="""Extrinsics `ego <- sensor` are resolved from TF, a URDF file or the recipe; intrinsics and distortion come from CameraInfo or
-the recipe: `calibration.json`.""",
+    description="""Extrinsics `ego <- sensor` are resolved from TF, a URDF file, the recipe or a calibration file; intrinsics and distortion come from
+CameraInfo, the recipe or a calibration file: `calibration.json`.""",
     kinds=frozenset({"json"}),
     reads=(INVENTORY,),
     params=CalibrationParams.of,

@@ -103,7 +103,14 @@ def _use_of_camera(facts: Facts, name: str, settings: CameraSettings) -> Use[Cam
     decoder = require_decoder(name, settings.topic, msgtype, "image")
     camera = facts.calibration.channels[name].camera
     lens = None if camera is None else camera.lens
-    use = CameraUse(channel=name, settings=settings, msgtype=msgtype, decoder=decoder.key, camera=lens)
+    use = CameraUse(
+        channel=name,
+        settings=settings,
+        msgtype=msgtype,
+        decoder=decoder.key,
+        camera=lens,
+        camera_from="" if camera is None else camera.source,
+    )
     require_calibration(use)
     return Use(use, (settings.topic,))
 

@@ -12,7 +12,7 @@ from typing import Literal
 import cv2
 import numpy as np
 
-from bagassets.assets.asset import inlined, omitted
+from bagassets.assets.asset import for_messages, inlined, omitted
 from bagassets.decode.compressed_image import checked_size, decode_pixels
 from bagassets.decode.image import Pixels, bayer_to_bgra, check_pixels, to_bgr_or_grey
 from bagassets.decode.model import ImageReading
@@ -20,8 +20,9 @@ from bagassets.errors import CalibrationError, DecodeError, RecipeError
 from bagassets.geometry.calibration import CameraLens
 from bagassets.geometry.camera import CameraModel
 from bagassets.geometry.undistortion import Undistortion
-from bagassets.recipe.model import GreyRange, Limits, PinholeIntrinsics
+from bagassets.recipe.model import GreyRange, Limits
 from bagassets.recipe.model_base import Clock
+from bagassets.recipe.model_calibration import PinholeIntrinsics
 
 __all__ = [
     "CameraSettings",
@@ -71,6 +72,7 @@ class CameraUse:
         msgtype: type of the messages, `pkg/msg/Type`.
         decoder: the plug-in that decodes them; None for a built-in decoder.
         camera: the calibrated lens; None for a camera without intrinsics.
+        camera_from: what the lens is from, as `CalibratedCamera.source`.
     """
 
     channel: str
@@ -78,6 +80,7 @@ class CameraUse:
     msgtype: str
     decoder: Mapping[str, str] | None = omitted()
     camera: CameraLens | None
+    camera_from: str = for_messages("")
 
     def __str__(self) -> str:
         return f"{self.channel} ({self.settings.topic})"
@@ -181,6 +184,7 @@ class ImageOutput:
     def __init__(self, use: CameraUse, grey_range: tuple[float, float] | None) -> None:
         settings = use.settings
         self._name = str(use)
+        self._camera_from = use.camera_from
         self._format = settings.output
         self._jpeg_options = [] if settings.quality is None else [cv2.IMWRITE_JPEG_QUALITY, settings.quality]
         self._most_pixels = settings.image_pixels
@@ -244,7 +248,7 @@ class ImageOutput:
 
     def _check(self, width: int, height: int) -> None:
         if self._recorded is not None:
-            self._recorded.check_size(width, height, self._name)
+            self._recorded.check_size(width, height, self._name, self._camera_from)
 
     def _to_8bit(self, pixels: Pixels) -> Pixels:
         if self.grey_range is None:

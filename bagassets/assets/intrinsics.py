@@ -1,4 +1,4 @@
-"""Intrinsics of cameras for `calibration.json`: from CameraInfo or from the recipe.
+"""Intrinsics of cameras for `calibration.json`: from CameraInfo, from a calibration file or from the recipe.
 
 The second camera of a stereo pair has Tx = -fx * baseline in P (sensor_msgs/CameraInfo), which projects points
 given in the frame of the *first* camera. There is no agreement on what `frame_id` means: image_geometry and
@@ -8,11 +8,12 @@ Tx is 0, is in the same frame: two cameras cannot be in the same place.
 """
 
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from math import acos, degrees, hypot
 
 import numpy as np
 
+from bagassets.assets.calibration_files import FileContent, intrinsics_in
 from bagassets.assets.channel import Counts
 from bagassets.assets.sensors import CameraInfo, Lens, RecordedSensor
 from bagassets.decode.camera_info import CameraCalibration, CameraInfoReading, check_lens
@@ -20,7 +21,7 @@ from bagassets.decode.loading import own_decoder
 from bagassets.errors import CalibrationError, DecodeError
 from bagassets.geometry.calibration import CalibratedCamera, RegionOfInterest
 from bagassets.geometry.se3 import SE3, quaternion_from_rotation
-from bagassets.recipe.model import Intrinsics
+from bagassets.recipe.model_calibration import Intrinsics, IntrinsicsFile
 from bagassets.recordings.recording import Recording
 
 __all__ = ["camera_intrinsics", "rounded"]
@@ -32,7 +33,12 @@ LEAST_BASELINE_M = 1e-5
 
 
 def camera_intrinsics(
-    name: str, camera: RecordedSensor, lens: Lens, recording: Recording, notes: list[str]
+    name: str,
+    camera: RecordedSensor,
+    lens: Lens,
+    recording: Recording,
+    files: Mapping[str, FileContent],
+    notes: list[str],
 ) -> tuple[CalibratedCamera | None, SE3]:
     """Return the entry `camera` of a channel in `calibration.json`, and `frame_SE3_image`.
 
@@ -45,11 +51,20 @@ def camera_intrinsics(
         camera: its sensor.
         lens: settings of the lens in the recipe.
         recording: has its CameraInfo topic.
+        files: name -> content of calibration files.
         notes: gets sentences on what is unusual.
 
     Raises:
         CalibrationError: the camera needs intrinsics and has none, or they are implausible.
     """
+    if isinstance(lens.intrinsics, IntrinsicsFile):
+        given = intrinsics_in(name, lens.intrinsics, camera.sensor.topic, files)
+        # Without P, a file knows of one image only, and that is the recorded one.
+        rectified = lens.rectified and given.has_projection
+        source = lens.intrinsics.file.as_posix()
+        return _calibrated(
+            name, camera, _Found(given.calibration, source, source, rectified), recording, notes
+        )
     if lens.intrinsics is not None:
         return _by_hand(name, lens.intrinsics), SE3()
     if lens.recorded is None:
@@ -83,7 +98,32 @@ def _from_messages(
         return None, SE3()
     if lost:
         notes.append(f"{name}: {sum(lost.values())} messages on {topic} cannot be used{_reasons(lost)}.")
-    calibration = reading.calibration
+    found = _Found(reading.calibration, f"the CameraInfo on {topic}", "camera_info", info.rectified)
+    return _calibrated(name, camera, found, recording, notes)
+
+
+@dataclass(frozen=True)
+class _Found:
+    """A calibration, and where it is from.
+
+    Attributes:
+        calibration: as a CameraInfo has it.
+        place: where it is from, in messages.
+        source: the same in `calibration.json`.
+        rectified: True if the recorded images are rectified.
+    """
+
+    calibration: CameraCalibration
+    place: str
+    source: str
+    rectified: bool
+
+
+def _calibrated(
+    name: str, camera: RecordedSensor, found: _Found, recording: Recording, notes: list[str]
+) -> tuple[CalibratedCamera, SE3]:
+    """Return the camera of the recorded images, and `frame_SE3_image`."""
+    calibration = found.calibration
     known = CalibratedCamera(
         model=calibration.model,
         width=calibration.width,
@@ -94,16 +134,16 @@ def _from_messages(
         p=_all_rounded(calibration.p),
         binning=calibration.binning,
         roi=calibration.roi,
-        source="camera_info",
+        source=found.source,
     )
-    first = _first_of_pair(name, camera, calibration, recording, notes, rectified=info.rectified)
-    if not info.rectified:
+    first = _first_of_pair(name, camera, calibration, recording, notes, rectified=found.rectified)
+    if not found.rectified:
         return known, SE3()
     if first is None:
-        return _of_rectified(name, topic, known, calibration), _turn(name, calibration, notes)
+        return _of_rectified(name, found.place, known, calibration), _turn(name, calibration, notes)
     # The frame is that of the first camera, and so is the turn from it to the axes that both images share.
     frame_SE3_image = _turn(name, first, notes) @ SE3.create((1.0, 0.0, 0.0, 0.0), _beside_m(calibration))
-    return _of_rectified(name, topic, known, calibration), frame_SE3_image
+    return _of_rectified(name, found.place, known, calibration), frame_SE3_image
 
 
 def _beside_m(calibration: CameraCalibration) -> tuple[float, float, float]:
@@ -152,13 +192,13 @@ def _first_of_pair(
 
 
 def _of_rectified(
-    name: str, topic: str, camera: CalibratedCamera, calibration: CameraCalibration
+    name: str, place: str, camera: CalibratedCamera, calibration: CameraCalibration
 ) -> CalibratedCamera:
     """Return the camera of rectified images: P replaces K and D."""
     p = calibration.p
     if not (p[0] > 0 and p[5] > 0):
         raise CalibrationError(
-            f"{name}: its images are rectified, but P in the CameraInfo on {topic} has no focal length; give "
+            f"{name}: its images are rectified, but P in {place} has no focal length; give "
             "`intrinsics`, or set `rectified: false` in the recipe if they are not."
         )
     k = _all_rounded((p[0], 0.0, p[2], 0.0, p[5], p[6], 0.0, 0.0, 1.0))

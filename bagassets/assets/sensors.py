@@ -1,14 +1,20 @@
 """The sensors of a rig for `calibration`: their topics, frames, extrinsics and lenses."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TypeVar
 
 from bagassets.assets.asset import inlined, omitted
 from bagassets.decode.registry import own_types
-from bagassets.recipe.model import CameraChannel, Channel, Intrinsics
+from bagassets.recipe.model import CameraChannel, Channel
 from bagassets.recipe.model_base import Transform
+from bagassets.recipe.model_calibration import CalibrationFile, ExtrinsicsFile, Intrinsics, IntrinsicsFile
 from bagassets.recordings.inventory import Inventory
 
 __all__ = ["CameraInfo", "Lens", "RecordedSensor", "Sensor", "camera_info_topic", "is_rectified"]
+
+F = TypeVar("F", bound=CalibrationFile)
 
 
 @dataclass(frozen=True)
@@ -29,18 +35,22 @@ class Lens:
     """The lens of a camera.
 
     Attributes:
-        intrinsics: intrinsics in the recipe, or None.
+        intrinsics: intrinsics in the recipe, the file that has them, or None.
         undistort: True if images are undistorted, which needs intrinsics.
         recorded: source of recorded intrinsics; None if the recipe has them.
+        rectified: True if the recorded images are rectified and a file has the intrinsics.
     """
 
-    intrinsics: Intrinsics | None
+    intrinsics: Intrinsics | IntrinsicsFile | None
     undistort: bool
     recorded: CameraInfo | None = inlined()
+    rectified: bool = omitted(default=False)
 
     @classmethod
     def of(cls, channel: CameraChannel) -> "Lens":
         """Return the lens of a channel in the recipe."""
+        if isinstance(channel.intrinsics, IntrinsicsFile):
+            return cls(channel.intrinsics, channel.undistort, None, is_rectified(channel))
         if channel.intrinsics is not None:
             return cls(channel.intrinsics, channel.undistort, None)
         return cls(None, channel.undistort, CameraInfo(camera_info_topic(channel), is_rectified(channel)))
@@ -54,14 +64,14 @@ class Sensor:
         topic: topic of its messages.
         modality: camera, lidar or radar.
         frame: its frame in the recipe; None to take it from the messages.
-        extrinsics: `ego_SE3_sensor` in the recipe.
+        extrinsics: `ego_SE3_sensor` in the recipe, or the file that has the pose.
         lens: the lens of a camera.
     """
 
     topic: str
     modality: str
     frame: str | None
-    extrinsics: Transform | None
+    extrinsics: Transform | ExtrinsicsFile | None
     lens: Lens | None = inlined()
 
     @classmethod
@@ -69,6 +79,36 @@ class Sensor:
         """Return the sensor of a channel in the recipe."""
         lens = Lens.of(channel) if isinstance(channel, CameraChannel) else None
         return cls(channel.topic, channel.modality, channel.frame, channel.extrinsics, lens)
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """The calibration files that it needs."""
+        named = (self.extrinsics, None if self.lens is None else self.lens.intrinsics)
+        return tuple(one.file for one in named if isinstance(one, CalibrationFile))
+
+    def with_files(self, names: Mapping[Path, str]) -> "Sensor":
+        """Return it with files called by other names.
+
+        Args:
+            names: path -> name.
+        """
+        sensor = self
+        if isinstance(sensor.extrinsics, ExtrinsicsFile):
+            sensor = replace(sensor, extrinsics=_renamed(sensor.extrinsics, names))
+        if sensor.lens is not None and isinstance(sensor.lens.intrinsics, IntrinsicsFile):
+            lens = replace(sensor.lens, intrinsics=_renamed(sensor.lens.intrinsics, names))
+            sensor = replace(sensor, lens=lens)
+        return sensor
+
+    def needs_transforms(self, ego_frame: str) -> bool:
+        """Return whether TF or the URDF has a part in its pose."""
+        if isinstance(self.extrinsics, ExtrinsicsFile):
+            return self.extrinsics.relative_to not in {None, ego_frame}
+        return self.extrinsics is None
+
+
+def _renamed(given: F, names: Mapping[Path, str]) -> F:
+    return given.model_copy(update={"file": Path(names[given.file])})
 
 
 @dataclass(frozen=True)

@@ -74,7 +74,13 @@ def _input_name(name: str) -> str:
     kind, _, rest = name.partition(":")
     if name == "bag":
         return "the recording's content"
-    kinds = {"topic": "topic", "channel": "channel", "msg": "definition", "labels": "labels"}
+    kinds = {
+        "topic": "topic",
+        "channel": "channel",
+        "msg": "definition",
+        "labels": "labels",
+        "calibration": "calibration file",
+    }
     return f"{kinds[kind]} {rest}" if kind in kinds else name
 
 

@@ -11,8 +11,11 @@ __all__ = ["files_beside", "named_files"]
 
 
 def named_files(recipe: Recipe) -> tuple[list[Path], list[Path]]:
-    """Return the URDF files and the folders of message definitions that a recipe names, whether they exist or not."""
-    return [rig.urdf for rig in recipe.rigs if rig.urdf is not None], list(recipe.bags.message_definitions)
+    """Return the URDF and calibration files and the folders of message definitions that a recipe names, if they exist or not."""
+    files = [rig.urdf for rig in recipe.rigs if rig.urdf is not None]
+    channels = [channel for rig in recipe.rigs for channel in rig.channels.values()]
+    files += [one.file for channel in channels for one in channel.calibration_files.values()]
+    return list(dict.fromkeys(files)), list(recipe.bags.message_definitions)
 
 
 def files_beside(recipe: Recipe, recording: RecordingFiles) -> list[Path]:

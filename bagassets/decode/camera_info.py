@@ -9,7 +9,14 @@ from bagassets.errors import DecodeError
 from bagassets.geometry.calibration import RegionOfInterest
 from bagassets.recordings.model import Message
 
-__all__ = ["CameraCalibration", "CameraInfoReading", "check_lens", "decode_camera_info"]
+__all__ = [
+    "IDENTITY",
+    "CameraCalibration",
+    "CameraInfoReading",
+    "check_lens",
+    "decode_camera_info",
+    "named_distortion",
+]
 
 IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 
@@ -85,7 +92,7 @@ def decode_camera_info(message: Message) -> CameraInfoReading:
     width, height = int(message.width), int(message.height)
     if not any(k):
         raise DecodeError("its K is all zeros, so the camera was not calibrated")
-    model, d = _distortion(str(message.distortion_model), _numbers(message, "d"))
+    model, d = named_distortion(str(message.distortion_model), _numbers(message, "d"))
     check_lens(model, width, height, k, d)
     calibration = CameraCalibration(
         model,
@@ -130,7 +137,12 @@ def _numbers(message: Message, name: str) -> tuple[float, ...]:
     return tuple(float(v) for v in values)
 
 
-def _distortion(name: str, d: tuple[float, ...]) -> tuple[str, tuple[float, ...]]:
+def named_distortion(name: str, d: tuple[float, ...]) -> tuple[str, tuple[float, ...]]:
+    """Return model and coefficients, given the name and the numbers that somebody wrote.
+
+    Raises:
+        DecodeError: the model is not known, or has none and yet coefficients.
+    """
     model = MODELS.get(name.strip().lower())
     if model is None:
         known = ", ".join(name for name in COEFFICIENTS if name != "none")

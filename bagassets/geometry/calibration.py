@@ -62,7 +62,7 @@ class CalibratedCamera(CameraLens):
     Attributes:
         r: (9,) rectification.
         p: (12,) projection matrix, row by row.
-        source: where it comes from: `camera_info` or `recipe`.
+        source: where it comes from: `camera_info`, `recipe`, or the name of a calibration file.
     """
 
     r: tuple[float, ...]

@@ -81,16 +81,29 @@ class CameraModel:
         fx, fy, cx, cy = (self.fx, self.fy, self.cx, self.cy) if target is None else target
         return replace(self, model="none", distortion=(), fx=fx, fy=fy, cx=cx, cy=cy)
 
-    def check_size(self, width: int, height: int, name: str) -> None:
+    def check_size(self, width: int, height: int, name: str, source: str = "") -> None:
         """Check that an image is the one that was calibrated.
+
+        A calibration for another size is not scaled: nobody can tell whether images were scaled, binned or cut.
+
+        Args:
+            width: pixels of the image.
+            height: pixels of the image.
+            name: of the camera, for the message.
+            source: where the calibration is from: `camera_info`, `recipe`, or the name of a file; "" if that is not known.
 
         Raises:
             CalibrationError: its size differs.
         """
         if (width, height) != (self.width, self.height):
+            origin, advice = {
+                "": ("", "correct the calibration"),
+                "camera_info": ("", "correct the CameraInfo or give `intrinsics` in the recipe"),
+                "recipe": (" in the recipe", "correct its `intrinsics`"),
+            }.get(source, (f" in {source}", "name the calibration of these images in `intrinsics`"))
             raise CalibrationError(
-                f"{name}: images are {width}x{height}, but the calibration is for {self.width}x{self.height}; "
-                "correct the CameraInfo or give `intrinsics` in the recipe."
+                f"{name}: images are {width}x{height}, but the calibration{origin} is for {self.width}x{self.height}; "
+                f"{advice}."
             )
 
     def project(self, points_cam: Floats) -> tuple[Floats, NDArray[np.bool_]]:

@@ -6,6 +6,7 @@ from pathlib import Path, PurePosixPath
 from bagassets.json_types import Json, JsonObject
 from bagassets.recipe.model import CameraChannel, LidarChannel, Recipe, Rig
 from bagassets.recipe.model_base import DatasetSettings
+from bagassets.recipe.model_calibration import Intrinsics
 from bagassets.recipe.model_poses import FixedPose, NavSatSource, TfSource
 from bagassets.recipe.problems import Problem, closest
 
@@ -44,6 +45,10 @@ def _paths(recipe: Recipe, data: JsonObject) -> Iterator[Problem]:
         *((("datasets", n, "output"), d.get("output")) for n, d in enumerate(data.get("datasets", []))),
         *((("bags", "message_definitions", n), p) for n, p in enumerate(bags.get("message_definitions", []))),
         *((("rigs", n, "urdf"), rig.get("urdf")) for n, rig in enumerate(data["rigs"])),
+        *(
+            (at, data["rigs"][at[1]]["channels"][at[3]][at[4]]["file"])
+            for at, _ in _calibration_files(recipe)
+        ),
     ]
     home = [at for at, path in written if isinstance(path, str) and path.startswith("~")]
     for at in home:
@@ -58,6 +63,15 @@ def _paths(recipe: Recipe, data: JsonObject) -> Iterator[Problem]:
                 at,
                 f"there is no file {rig.urdf}; give an absolute path to the URDF, or one relative to the recipe's folder",
             )
+    for at, file in _calibration_files(recipe):
+        if at not in home and not file.is_file():
+            yield (
+                at,
+                f"{file} is a folder; name the calibration file in it"
+                if file.is_dir()
+                else f"there is no file {file}; give an absolute path to the calibration file, or one relative to the "
+                "recipe's folder",
+            )
     for number, folder in enumerate(recipe.bags.message_definitions):
         at = ("bags", "message_definitions", number)
         if at not in home and not folder.is_dir():
@@ -65,6 +79,16 @@ def _paths(recipe: Recipe, data: JsonObject) -> Iterator[Problem]:
     if recipe.bags.root.is_file():
         yield ("bags", "root"), f"{recipe.bags.root} is a file; name the folder with the recordings"
     yield from _outputs(recipe)
+
+
+def _calibration_files(recipe: Recipe) -> list[tuple[tuple[str, int, str, str, str, str], Path]]:
+    """Return the place of each calibration file in the recipe, and its path."""
+    return [
+        (("rigs", number, "channels", name, field, "file"), one.file)
+        for number, rig in enumerate(recipe.rigs)
+        for name, channel in rig.channels.items()
+        for field, one in channel.calibration_files.items()
+    ]
 
 
 def _sections(recipe: Recipe) -> dict[str, DatasetSettings]:
@@ -222,7 +246,7 @@ def _rig(rig: Rig) -> Iterator[Problem]:
 def _camera(channel: CameraChannel) -> Iterator[Problem]:
     if channel.target is not None and not channel.undistort:
         yield ("target",), "has no effect without undistortion; remove it, or set undistort: true"
-    if channel.intrinsics is not None:
+    if isinstance(channel.intrinsics, Intrinsics):
         number = len(channel.intrinsics.distortion)
         lengths = _COEFFICIENTS[channel.intrinsics.model]
         if number not in lengths:

@@ -15,7 +15,7 @@ from bagassets.extensions import FORMATS, installed_extensions
 from bagassets.json_types import JsonMapping, JsonObject
 from bagassets.recipe.consistency import problems_in
 from bagassets.recipe.format_settings import section_model
-from bagassets.recipe.model import Recipe
+from bagassets.recipe.model import Recipe, Rig
 from bagassets.recipe.model_base import DatasetSettings
 from bagassets.recipe.model_datasets import NamedDataset
 from bagassets.recipe.problems import Problem, closest, explain
@@ -153,6 +153,20 @@ def _output_of(dataset: NamedDataset) -> Path:
     return dataset.output or Path("dataset") / dataset.name
 
 
+def _absolute_rig(rig: Rig, folder: Path) -> Rig:
+    update: dict[str, object] = {} if rig.urdf is None else {"urdf": (folder / rig.urdf).resolve()}
+    channels = {name: channel for name, channel in rig.channels.items() if channel.calibration_files}
+    for name, channel in channels.items():
+        files = {
+            field: one.model_copy(update={"file": (folder / one.file).resolve()})
+            for field, one in channel.calibration_files.items()
+        }
+        channels[name] = channel.model_copy(update=files)
+    if channels:
+        update["channels"] = rig.channels | channels
+    return rig.model_copy(update=update) if update else rig
+
+
 def _absolute(recipe: Recipe, folder: Path) -> Recipe:
     bags = recipe.bags.model_copy(
         update={
@@ -160,10 +174,7 @@ def _absolute(recipe: Recipe, folder: Path) -> Recipe:
             "message_definitions": tuple((folder / p).resolve() for p in recipe.bags.message_definitions),
         }
     )
-    rigs = tuple(
-        rig if rig.urdf is None else rig.model_copy(update={"urdf": (folder / rig.urdf).resolve()})
-        for rig in recipe.rigs
-    )
+    rigs = tuple(_absolute_rig(rig, folder) for rig in recipe.rigs)
     nuscenes = recipe.nuscenes.model_copy(update={"output": (folder / recipe.nuscenes.output).resolve()})
     vision = recipe.vision
     if vision is not None:

@@ -25,36 +25,16 @@ from bagassets.recipe.model_base import (
     TopicName,
     Transform,
 )
+from bagassets.recipe.model_calibration import (
+    CalibrationFile,
+    CameraExtrinsics,
+    CameraIntrinsics,
+    PinholeIntrinsics,
+)
 from bagassets.recipe.model_checks import Checks
 from bagassets.recipe.model_datasets import NamedDataset, Vision
 from bagassets.recipe.model_poses import PoseSource
 from bagassets.recipe.model_splits import Splits
-
-
-class Intrinsics(Model):
-    """Camera calibration for recordings without CameraInfo."""
-
-    model: Literal["plumb_bob", "rational_polynomial", "equidistant"] = Field(
-        "plumb_bob", description="Distortion model, named as in sensor_msgs/CameraInfo."
-    )
-    width: int = Field(gt=0, description="Image width in pixels.")
-    height: int = Field(gt=0, description="Image height in pixels.")
-    fx: float = Field(gt=0, description="Focal length in pixels.")
-    fy: float = Field(gt=0, description="Focal length in pixels.")
-    cx: float = Field(description="Principal point in pixels.")
-    cy: float = Field(description="Principal point in pixels.")
-    distortion: tuple[float, ...] = Field(
-        (), description="Coefficients in the order of the model; empty: no distortion."
-    )
-
-
-class PinholeIntrinsics(Model):
-    """The pinhole matrix K of undistorted images."""
-
-    fx: float = Field(gt=0, description="Focal length in pixels.")
-    fy: float = Field(gt=0, description="Focal length in pixels.")
-    cx: float = Field(description="Principal point in pixels.")
-    cy: float = Field(description="Principal point in pixels.")
 
 
 class GreyRange(Model):
@@ -82,13 +62,21 @@ class GreyRange(Model):
 class _Channel(Model):
     topic: TopicName = Field(description="Topic with the data.")
     frame: FrameName | None = Field(None, description="Sensor frame; default: the header's frame_id.")
-    extrinsics: Transform | None = Field(
-        None, description="Transform `ego <- sensor`; default: from TF or the URDF."
-    )
     clock: Clock | None = Field(
         None,
-        description="Time of this channel's messages: their header stamps, or when they were logged; default: the "
+        description="Time of this channel's messages: their header stamps, or when they were logged; default: "
         "that of the rig. Other channels keep their stamps.",
+    )
+
+    @property
+    def calibration_files(self) -> dict[str, CalibrationFile]:
+        """Field -> the calibration file that it names."""
+        return {}
+
+
+class _PlacedChannel(_Channel):
+    extrinsics: Transform | None = Field(
+        None, description="Transform `ego <- sensor`; default: from TF or the URDF."
     )
 
 
@@ -99,7 +87,12 @@ class CameraChannel(_Channel):
     camera_info: TopicName | None = Field(
         None, description="CameraInfo topic; default: `camera_info` beside the topic."
     )
-    intrinsics: Intrinsics | None = Field(None, description="Calibration that replaces CameraInfo.")
+    extrinsics: CameraExtrinsics | None = Field(
+        None, description="Transform `ego <- sensor`, or the file that has it; default: from TF or the URDF."
+    )
+    intrinsics: CameraIntrinsics | None = Field(
+        None, description="Calibration that replaces CameraInfo, or the file that has it."
+    )
     output: Literal["jpeg", "png", "as_recorded"] = Field(
         "jpeg",
         description="File format. `as_recorded` keeps the bytes of a JPEG or PNG unless it needs undistortion, "
@@ -116,8 +109,14 @@ class CameraChannel(_Channel):
     )
     to_8bit: GreyRange | None = Field(None, description="How 16-bit grey becomes 8-bit; required for jpeg.")
 
+    @property
+    def calibration_files(self) -> dict[str, CalibrationFile]:
+        """Field -> the calibration file that it names."""
+        named = {"extrinsics": self.extrinsics, "intrinsics": self.intrinsics}
+        return {field: value for field, value in named.items() if isinstance(value, CalibrationFile)}
 
-class LidarChannel(_Channel):
+
+class LidarChannel(_PlacedChannel):
     """A lidar: PointCloud2, Velodyne packets or LaserScan messages become `.pcd.bin` files."""
 
     modality: Literal["lidar"] = "lidar"
@@ -154,7 +153,7 @@ class LidarChannel(_Channel):
     )
 
 
-class RadarChannel(_Channel):
+class RadarChannel(_PlacedChannel):
     """A radar: clouds, RadarScan or track messages become 18-field `.pcd` files."""
 
     modality: Literal["radar"] = "radar"

@@ -2,11 +2,12 @@
 
 import re
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 __all__ = [
+    "CameraName",
     "ChannelName",
     "Clock",
     "DatasetSettings",
@@ -61,12 +62,19 @@ def _not_empty(text: str) -> str:
 
 Slug = Annotated[str, AfterValidator(_slug)]
 ChannelName = Annotated[str, AfterValidator(_channel_name)]
+CameraName = Annotated[str, AfterValidator(_not_empty)]
 FrameName = Annotated[str, AfterValidator(_frame_name)]
 TopicName = Annotated[str, AfterValidator(_not_empty)]
 
 
 class Model(BaseModel):
-    """Base of all recipe parts: immutable, and an unknown field is an error."""
+    """Base of all recipe parts: immutable, and an unknown field is an error.
+
+    Attributes:
+        keyed_by: for one of two models that a field takes: its required field that the other one lacks.
+    """
+
+    keyed_by: ClassVar[str] = ""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 

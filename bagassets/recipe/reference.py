@@ -94,7 +94,9 @@ def _suffix(annotation: object) -> str:
 def _title(model: type[BaseModel], paths: list[str]) -> str:
     if paths == [""]:
         return "Top level"
-    tags = [
+    keyed_by = getattr(model, "keyed_by", "")
+    tags = [f"`{keyed_by}`"] if keyed_by else []
+    tags += [
         f"`{name}: {get_args(field.annotation)[0]}`"
         for name, field in model.model_fields.items()
         if get_origin(field.annotation) is Literal and len(get_args(field.annotation)) == 1
@@ -128,6 +130,8 @@ def _value(field: FieldInfo) -> str:
 def _options(annotation: object) -> str:
     """Return the alternatives of a tagged union, as in `modality: camera` or …; "" for other types."""
     tags = variants(annotation)
+    if not tag_field(annotation):
+        return ""
     return (
         "a mapping with " + " or ".join(f"`{tag_field(annotation)}: {tag}`" for tag in tags) if tags else ""
     )

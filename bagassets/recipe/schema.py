@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Literal, TypeGuard, Union, get_args, get_origin
 
-from pydantic import BaseModel
+from pydantic import BaseModel, Tag
 from pydantic.fields import FieldInfo
 
 from bagassets.recipe.model_base import ChannelName, Quaternion, Slug, Transform, Vector3
@@ -28,10 +28,13 @@ def plain(annotation: object) -> object:
 
 
 def variants(annotation: object) -> dict[str, type[BaseModel]]:
-    """Return tag -> model for a union with a tag field; {} for other types."""
+    """Return tag -> model for a union with a tag field, or with tags that no recipe holds; {} for other types."""
     annotation = plain(annotation)
     if not _is_union(annotation):
         return {}
+    tags = [_own_tag(member) for member in get_args(annotation)]
+    if all(tags):
+        return dict(zip(tags, _models_of(annotation), strict=True))
     tag = tag_field(annotation)
     models = _models_of(annotation) if tag else []
     return {get_args(model.model_fields[tag].annotation)[0]: model for model in models}
@@ -79,8 +82,11 @@ def describe(annotation: object) -> str:
             return words
     if get_origin(annotation) is Literal:
         return " or ".join(f"`{value}`" for value in get_args(annotation))
-    if _is_model(annotation) or variants(annotation):
-        return "a mapping"
+    if _is_model(annotation):
+        keyed_by = getattr(annotation, "keyed_by", "")
+        return f"a mapping with `{keyed_by}`" if keyed_by else "a mapping"
+    if variants(annotation):
+        return " or ".join(dict.fromkeys(describe(model) for model in variants(annotation).values()))
     if get_origin(annotation) is dict:
         return "a mapping"
     if get_origin(annotation) is tuple:
@@ -133,6 +139,12 @@ def _is_union(annotation: object) -> bool:
 
 def _models_of(union: object) -> list[type[BaseModel]]:
     return [member for member in map(plain, get_args(union)) if _is_model(member)]
+
+
+def _own_tag(member: object) -> str:
+    """Return the `Tag` of a member of a union; "" if it has none."""
+    metadata = get_args(member)[1:] if get_origin(member) is Annotated else ()
+    return next((entry.tag for entry in metadata if isinstance(entry, Tag)), "")
 
 
 def _is_model(annotation: object) -> TypeGuard[type[BaseModel]]:

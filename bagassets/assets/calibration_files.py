@@ -1,0 +1,152 @@
+"""Calibration files that a recipe names, for `calibration`: their names and contents in an action, and what they say.
+
+An action knows a file by its content's digest and by as much of its path as tells it from others, so that a project that is
+moved stays as fresh as it is.
+"""
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+
+from bagassets.assets.asset import Facts
+from bagassets.decode.camera_info import IDENTITY, CameraCalibration, check_lens, named_distortion
+from bagassets.errors import CalibrationError, DecodeError
+from bagassets.geometry.calibration import RegionOfInterest
+from bagassets.geometry.calibration_files.model import FilePose
+from bagassets.geometry.calibration_files.read import MOST_BYTES, read_calibration_file
+from bagassets.recipe.model_calibration import ExtrinsicsFile, IntrinsicsFile
+
+__all__ = ["FileContent", "FileIntrinsics", "intrinsics_in", "pose_in", "read_files", "short_names"]
+
+
+@dataclass(frozen=True)
+class FileContent:
+    """A calibration file.
+
+    Attributes:
+        path: where it is, for messages.
+        data: its content.
+    """
+
+    path: Path
+    data: bytes
+
+
+@dataclass(frozen=True)
+class FileIntrinsics:
+    """The intrinsics of a camera.
+
+    Attributes:
+        calibration: as a CameraInfo would have them; P is K without a baseline if the file has no P.
+        has_projection: the file has P, which describes rectified images.
+    """
+
+    calibration: CameraCalibration
+    has_projection: bool
+
+
+def short_names(paths: Collection[Path]) -> dict[Path, str]:
+    """Return path -> its last parts, as many as tell it from the others, with `/` between them."""
+    names = {}
+    for path in paths:
+        others = [other.parts for other in paths if other != path]
+        parts = path.parts
+        length = next(
+            n
+            for n in range(1, len(parts) + 1)
+            if n == len(parts) or not any(other[-n:] == parts[-n:] for other in others)
+        )
+        names[path] = PurePosixPath(*parts[-length:]).as_posix()
+    return names
+
+
+def read_files(paths: Collection[Path], facts: Facts) -> dict[str, FileContent]:
+    """Return name -> content of calibration files.
+
+    Raises:
+        CalibrationError: one cannot be read, or is too large for a calibration file.
+    """
+    return {name: FileContent(path, _content(path, facts)) for path, name in short_names(paths).items()}
+
+
+def _content(path: Path, facts: Facts) -> bytes:
+    try:
+        if path.stat().st_size > MOST_BYTES:
+            raise CalibrationError(
+                f"{path}: {path.stat().st_size} bytes are too many for a calibration file; name another file."
+            )
+        return facts.file(path)
+    except OSError as err:
+        raise CalibrationError(
+            f"{path}: the calibration file cannot be read ({err.strerror}); correct `file` in the recipe, or put it there."
+        ) from err
+
+
+def intrinsics_in(
+    channel: str, given: IntrinsicsFile, topic: str, files: Mapping[str, FileContent]
+) -> FileIntrinsics:
+    """Return the intrinsics that a file has for a channel.
+
+    Args:
+        channel: its name, for messages.
+        given: names the file as `files` does, and the camera.
+        topic: topic of the channel.
+        files: name -> content.
+
+    Raises:
+        CalibrationError: the file has none, or they are implausible.
+    """
+    file = files[given.file.as_posix()]
+    try:
+        source = read_calibration_file(file.data, str(file.path))
+        camera = source.choose(given.camera, topic)
+        lens = source.lens(camera, given.model)
+    except CalibrationError as err:
+        raise CalibrationError(f"{channel}: {err}") from err
+    try:
+        model, d = named_distortion(lens.model, lens.d)
+        check_lens(model, lens.width, lens.height, lens.k, d)
+    except DecodeError as err:
+        which = f" of {camera}" if camera else ""
+        raise CalibrationError(
+            f"{channel}: {file.path}: the intrinsics{which} cannot be used: {err}; correct the file or name another one."
+        ) from err
+    k = lens.k
+    calibration = CameraCalibration(
+        model=model,
+        width=lens.width,
+        height=lens.height,
+        k=k,
+        d=d,
+        r=lens.r if lens.r is not None and any(lens.r) else IDENTITY,
+        p=(*k[:3], 0.0, *k[3:6], 0.0, *k[6:], 0.0) if lens.p is None else lens.p,
+        binning=(1, 1),
+        roi=RegionOfInterest(0, 0, lens.width, lens.height, do_rectify=False),
+    )
+    return FileIntrinsics(calibration, lens.p is not None)
+
+
+def pose_in(channel: str, given: ExtrinsicsFile, topic: str, files: Mapping[str, FileContent]) -> FilePose:
+    """Return the pose that a file has for a channel.
+
+    Args:
+        channel: its name, for messages.
+        given: names the file as `files` does, the camera, and the frame that the pose is in.
+        topic: topic of the channel.
+        files: name -> content.
+
+    Raises:
+        CalibrationError: the file has none, or it is relative to a frame that is not named.
+    """
+    file = files[given.file.as_posix()]
+    try:
+        source = read_calibration_file(file.data, str(file.path))
+        pose = source.pose(source.choose(given.camera, topic))
+    except CalibrationError as err:
+        raise CalibrationError(f"{channel}: {err}") from err
+    if pose.is_sensor and given.relative_to is None:
+        raise CalibrationError(
+            f"{channel}: {file.path}: it places cameras relative to {pose.reference}, not to an IMU (no T_cam_imu); name the "
+            f"frame of {pose.reference} in `relative_to` of `extrinsics`."
+        )
+    return pose
