@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from contextlib import closing
+from functools import partial
 
 import dagster as dg
 import pytest
@@ -118,8 +119,9 @@ def test_an_interrupt_stops_cleanly_and_the_next_build_carries_on(built):
     with exclusive(locks, KEYS[0], keep_waiting=lambda _asked: True) as held:
         assert held
         process = subprocess.Popen(
-            command(built, "--jobs", "1"), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-        )
+            command(built, "--jobs", "1"), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+            preexec_fn=partial(signal.signal, signal.SIGINT, signal.SIG_DFL),  # noqa: PLW1509  (no threads here)
+        )  # fmt: skip
         seen = ""
         while f"start    {KEYS[0]}" not in seen:
             line = process.stderr.readline()

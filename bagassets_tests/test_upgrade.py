@@ -32,7 +32,7 @@ def run(project, *arguments, status=0):
         [BIN / "bagassets", *map(str, arguments)],
         cwd=project, env=bare_environment(), capture_output=True, text=True, check=False, timeout=300,
     )  # fmt: skip
-    assert done.returncode == status, done.stdout + done.stderr
+    assert done.returncode in (status if isinstance(status, set) else {status}), done.stdout + done.stderr
     return done.stdout + done.stderr
 
 
@@ -87,8 +87,11 @@ def test_the_dataset_is_the_same(project, built):
 
 
 def test_a_lock_is_compared_with_one_of_now(project, built):
-    said = run(built, "dataset", "diff", project / LOCK, built / LOCK)
+    # With other versions of the libraries, all artifacts are made anew: others that hold the same.
+    said = run(built, "dataset", "diff", project / LOCK, built / LOCK, status={0, 3})
     assert "1 recording, 1 scene, 3 samples" in said
+    changes = [line for line in said.splitlines() if line.startswith(("+", "-", "~", "files"))]
+    assert changes in ([], ["~ a.mcap: the same samples", "files that differ: none"])
 
 
 def test_a_dataset_is_made_again_from_its_lock(old, tmp_path):

@@ -1,0 +1,1 @@
+"""Tools of the people who build this; none is installed."""
