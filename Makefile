@@ -17,7 +17,7 @@ DEVKIT := .devkit-venv
 BIN := $(VENV)/bin
 export BAGASSETS_DEVKIT_PYTHON := $(CURDIR)/$(DEVKIT)/bin/python
 
-.PHONY: demo test test-all lint docs clean bench bench-incremental bench-plan mutants
+.PHONY: demo test test-all lint docs clean bench bench-all bench-incremental bench-peers bench-plan mutants
 .DEFAULT_GOAL := demo
 
 # A stamp file each, so that a second run costs nothing.
@@ -68,6 +68,22 @@ bench: $(VENV)/.made-bench
 $(VENV)/.made-bench: $(VENV)/.made
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check 'matplotlib>=3.8,<4'
 	touch $@
+
+# Beside peers that you have fetched (docs/performance.md): CONVERTER="PYTHON SCRIPT … {bag} … {out} … {params}", BAZEL=bazel,
+# BAGZEL=CHECKOUT. Without them ours alone is measured.
+bench-peers: $(VENV)/.made-bench
+	$(BIN)/python -m benchmarks.peers --folder build/bench $(if $(CONVERTER),--converter '$(CONVERTER)') \
+		$(if $(BAZEL),--bazel '$(BAZEL)') $(if $(BAGZEL),--bagzel '$(BAGZEL)')
+
+# All results, and the figures of README and docs from them: half an hour on two quiet cores, with 20 GB of disk.
+bench-all: bench-peers
+	$(BIN)/python -m benchmarks --folder build/bench
+	$(BIN)/python benchmarks/incremental.py --json benchmarks/results/incremental.json
+	$(BIN)/python benchmarks/plan.py --recordings 2000 --json benchmarks/results/plan.json
+	$(BIN)/python benchmarks/launch.py --json benchmarks/results/launch.json
+	$(BIN)/python -m benchmarks.kernels --json benchmarks/results/kernels.json
+	$(BIN)/python -m benchmarks.pages
+	rm -rf build/bench
 
 bench-plan: $(VENV)/.made
 	@mkdir -p build

@@ -261,7 +261,11 @@ def markdown(header: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
 def save(options: Options, name: str, figures: Mapping[str, Any], table: str) -> None:
     """Write `<name>.json` and `<name>.md`, and print the table."""
     options.results.mkdir(parents=True, exist_ok=True)
-    content = {"machine": machine(), "trials": options.trials, "converter": options.converter, **figures}
+    converter = None
+    if options.converter is not None:  # without the folders of this machine
+        words = shlex.split(options.converter)
+        converter = " ".join(Path(word).name if word.startswith("/") else word for word in words)
+    content = {"machine": machine(), "trials": options.trials, "converter": converter, **figures}
     (options.results / f"{name}.json").write_text(json.dumps(content, indent=1) + "\n", "utf-8")
     (options.results / f"{name}.md").write_text(table, "utf-8")
     print(table, flush=True)

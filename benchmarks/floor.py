@@ -10,6 +10,7 @@ import time
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -30,7 +31,7 @@ from benchmarks.common import ROOT, Options, markdown, plain_command, project, s
 from benchmarks.drives import LIDAR_TOPIC
 from benchmarks.resources import run_watched
 
-__all__ = ["floor"]
+__all__ = ["floor", "floor_table"]
 
 _BAG_GB = 1.9
 _QUALITY = [cv2.IMWRITE_JPEG_QUALITY, 90]
@@ -84,22 +85,23 @@ def floor(options: Options) -> None:
     target = made.recipe.parent / "out"
     target.mkdir(exist_ok=True)
     plain = run_watched(plain_command(made.bags, target), cwd=ROOT, env={"BENCH_RECIPE": str(made.recipe)})
-    rows: list[list[object]] = [[name, seconds] for name, seconds in stages.cpu_s.items()]
-    total = sum(stages.cpu_s.values())
-    rows += [["floor, all of these", total], ["plain conversion", plain.cpu_s]]
-    rows += [["left: Python, calibration, deskewing, tables, imports", plain.cpu_s - total]]
-    rows += [[f"({name})", seconds] for name, seconds in stages.others_cpu_s.items()]
-    save(
-        options,
-        "floor",
-        {
-            "size_gb": made.size_gb,
-            "cpu_s": stages.cpu_s,
-            "others_cpu_s": stages.others_cpu_s,
-            "plain_cpu_s": plain.cpu_s,
-        },
-        f"One recording of {made.size_gb:.2f} GB.\n\n" + markdown(["stage", "CPU-s"], rows),
-    )
+    figures = {
+        "size_gb": made.size_gb,
+        "cpu_s": stages.cpu_s,
+        "others_cpu_s": stages.others_cpu_s,
+        "plain_cpu_s": plain.cpu_s,
+    }
+    save(options, "floor", figures, floor_table(figures))
+
+
+def floor_table(found: dict[str, Any]) -> str:
+    """Return the table of `floor.json`."""
+    total, plain_cpu_s = sum(found["cpu_s"].values()), found["plain_cpu_s"]
+    rows: list[list[object]] = [[name, seconds] for name, seconds in found["cpu_s"].items()]
+    rows += [["floor, all of these", total], ["plain conversion", plain_cpu_s]]
+    rows += [["left: Python, calibration, deskewing, tables, imports", plain_cpu_s - total]]
+    rows += [[f"({name})", seconds] for name, seconds in found["others_cpu_s"].items()]
+    return f"One recording of {found['size_gb']:.2f} GB.\n\n" + markdown(["stage", "CPU-s"], rows)
 
 
 def _images(recording: Recording, topic: str, stages: _Stages, out: Path) -> None:

@@ -187,7 +187,18 @@ def main() -> None:
         digests(bench)
         if options.json is not None:
             about = {"bags": options.bags, "bytes": sizes(bench.bags), "processors": os.cpu_count()}
-            options.json.write_text(json.dumps({**about, "modes": bench.figures}, indent=1) + "\n", "utf-8")
+            about |= {"trials": options.times, "modes": bench.figures}
+            options.json.write_text(json.dumps(about, indent=1) + "\n", "utf-8")
+
+
+def incremental_table(found: dict[str, Any]) -> str:
+    """Return the table of `incremental.json`: medians, and which steps ran."""
+    size_mb = found["bytes"] / found["bags"] / 1e6
+    lines = [f"| {found['bags']} recordings of {size_mb:.0f} MB | | what ran |", "|---|--:|---|"]
+    for mode, one in found["modes"].items():
+        steps = sorted({name.partition(":")[0] for name in one.get("ran", ())})
+        lines.append(f"| {mode} | {one['median_s']:.2f} s | {', '.join(steps)} |")
+    return "\n".join(lines) + f"\n\nMedians of {found['trials']}.\n"
 
 
 def prepare(folder: Path, bags: int, seconds: float, times: int) -> Bench:

@@ -2,17 +2,19 @@
 
 Where it cannot be imported, OpenCV and numpy do the same at the same bytes::
 
-    python -m benchmarks.kernels [--size-gb 0.7] [--trials 6] [--folder FOLDER]
+    python -m benchmarks.kernels [--size-gb 0.35] [--trials 5] [--folder FOLDER] [--json FILE]
 """
 
 import argparse
+import json
 import os
 import statistics
 import sys
 import tempfile
 from pathlib import Path
+from typing import Any
 
-from benchmarks.common import ROOT, Project, plain_command, project
+from benchmarks.common import ROOT, Project, machine, markdown, plain_command, project
 from benchmarks.resources import run_watched
 
 _MISSING = 'raise ImportError("hidden by the benchmark")\n'
@@ -21,10 +23,11 @@ _MISSING = 'raise ImportError("hidden by the benchmark")\n'
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument(
-        "--size-gb", type=float, default=0.7, help="of one recording, four cameras and a lidar"
+        "--size-gb", type=float, default=0.35, help="of one recording, four cameras and a lidar"
     )
-    parser.add_argument("--trials", type=int, default=6)
+    parser.add_argument("--trials", type=int, default=5)
     parser.add_argument("--folder", type=Path, help="where to work; default: a temporary folder")
+    parser.add_argument("--json", type=Path, help="write the figures here")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory(dir=options.folder) as name:
         folder = Path(name)
@@ -32,15 +35,34 @@ def main() -> None:
         hidden.mkdir()
         (hidden / "llvmlite.py").write_text(_MISSING, "utf-8")
         made = project(folder / "project", [options.size_gb * 1e9], options.trials)
-        ratios = []
+        found: dict[str, Any] = {"size_gb": made.size_gb, "with_cpu_s": [], "without_cpu_s": []}
         for _ in range(options.trials):
-            fast, slow = (
-                converted(made, str(ROOT)),
-                converted(made, os.pathsep.join([str(hidden), str(ROOT)])),
+            found["with_cpu_s"].append(converted(made, str(ROOT)))
+            found["without_cpu_s"].append(converted(made, os.pathsep.join([str(hidden), str(ROOT)])))
+            print(
+                f"{found['with_cpu_s'][-1]:.2f} CPU-s with llvmlite, {found['without_cpu_s'][-1]:.2f} without",
+                flush=True,
             )
-            ratios.append(slow / fast)
-            print(f"{fast:.2f} CPU-s with llvmlite, {slow:.2f} without", flush=True)
-    print(f"without / with: median {statistics.median(ratios):.2f} ({min(ratios):.2f} to {max(ratios):.2f})")
+    print(kernels_table(found))
+    if options.json is not None:
+        options.json.write_text(json.dumps({"machine": machine(), **found}, indent=1) + "\n", "utf-8")
+
+
+def kernels_table(found: dict[str, Any]) -> str:
+    """Return the table of `kernels.json`: medians, and the range of the ratio of each pair of conversions."""
+    fast, slow = found["with_cpu_s"], found["without_cpu_s"]
+    ratios = [without / with_ for with_, without in zip(fast, slow, strict=True)]
+    return markdown(
+        ["plain conversion of", "CPU-s with llvmlite", "without", "without / with", "from", "to"],
+        [
+            [
+                f"{found['size_gb']:.2f} GB",
+                *map(statistics.median, (fast, slow, ratios)),
+                min(ratios),
+                max(ratios),
+            ]
+        ],
+    )
 
 
 def converted(made: Project, search: str) -> float:

@@ -1,15 +1,18 @@
-"""How long a run takes to start from the web UI: the fork server against Dagster's own launcher.
+"""How long it takes from a click in the web UI to the first step and to the end, and from an upload to the dataset.
 
-Starts a real `dagster-webserver` per launcher on a throw-away instance with ten small assets,
-clicks (a GraphQL mutation), and prints when the first step began and when all was done::
+Starts `bagassets ui` for a project as `bagassets init` makes it, with the shipped `dagster.yaml` and assets, whose
+recordings are built. So what a click asks for is known, and the times are those of Dagster, the launcher and the checks
+that everything is still there; an upload (a recording is moved into the folder) is real work, of a small drive. For
+comparison the same with Dagster's own launcher, which starts a process per run::
 
-    python benchmarks/launch.py [--json FILE]
+    python benchmarks/launch.py [--times 5] [--json benchmarks/results/launch.json]
 """
 
 import argparse
 import contextlib
 import json
 import os
+import signal
 import socket
 import statistics
 import subprocess
@@ -17,44 +20,24 @@ import sys
 import tempfile
 import time
 import urllib.request
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from bagassets.forkserver.client import Client
+from bagassets.propose.project import write_project
+from bagassets.recipe import load_recipe
+from bagassets.sample.drive import Target, write_recordings
+from bagassets.sample.recipe import sample_recipe
+from benchmarks.common import machine
 
-ASSETS = 10
-RUNS = 8
-DEFINITIONS = f"""
-import dagster as dg
-
-recordings = dg.DynamicPartitionsDefinition(name="recordings")
-
-
-def small_asset(number):
-    @dg.asset(name=f"a{{number}}", partitions_def=recordings, deps=[f"a{{number - 1}}"] if number else [])
-    def made():
-        return dg.MaterializeResult(data_version=dg.DataVersion(str(number)))
-
-    return made
-
-
-defs = dg.Definitions(assets=[small_asset(n) for n in range({ASSETS})], executor=dg.in_process_executor)
-"""
-LAUNCHERS = {
-    "fork server": "run_launcher: {module: bagassets.defs.launcher, class: BagAssetsRunLauncher}\n",
-    "default": "",
-}
-COORDINATOR = "run_coordinator: {module: dagster._core.run_coordinator, class: DefaultRunCoordinator}\n"
-REPOSITORY = {"repositoryLocationName": "timed_definitions", "repositoryName": "__repository__"}
-READY = "{ repositoriesOrError { ... on RepositoryConnection { nodes { name } } } }"
-REGISTER = """
-mutation Register($repository: RepositorySelector!, $key: String!) {
-  addDynamicPartition(repositorySelector: $repository, partitionsDefName: "recordings", partitionKey: $key) {
-    __typename
-  }
-}
-"""
+ROOT = Path(__file__).parents[1]
+DRIVE_S = 3.0
+DEADLINE_S = 300
+SHIPPED, DEFAULT = "as shipped", "Dagster's launcher"
+REPOSITORY = {"repositoryLocationName": "bagassets.definitions", "repositoryName": "__repository__"}
+ASSETS = "{ assetNodes { assetKey { path } partitionDefinition { name } } }"
 LAUNCH = """
 mutation Launch($params: ExecutionParams!) {
   launchRun(executionParams: $params) {
@@ -70,69 +53,121 @@ query Follow($run: ID!) { runOrError(runId: $run) { ... on Run { status endTime 
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description="Time from the click to the first step, per launcher.")
+    parser = argparse.ArgumentParser(description="Time from a click to the first step and to the end.")
     parser.add_argument("--json", type=Path, help="write the figures here")
+    parser.add_argument("--times", type=int, default=5)
+    parser.add_argument("--recordings", type=int, default=8, help="how many are clicked at once")
     arguments = parser.parse_args()
-    figures = {name: measure(config) for name, config in LAUNCHERS.items()}
-    print(
-        f"{'launcher':<14}{'first launch':>14}{'click to step':>15}{'one run done':>14}{f'{RUNS} runs done':>14}"
-    )
-    for name, found in figures.items():
-        columns = [("cold", 14), ("step", 15), ("one", 14), ("many", 14)]
-        print(f"{name:<14}" + "".join(f"{found[key]:>{width - 2}.2f} s" for key, width in columns))
+    figures: dict[str, Any] = {"recordings": arguments.recordings, "trials": arguments.times, "seconds": {}}
+    for launcher in (SHIPPED, DEFAULT):
+        with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
+            found = measure(Path(folder), launcher, arguments.times, arguments.recordings)
+        figures["seconds"][launcher] = found
+    print(launch_table(figures), flush=True)
     if arguments.json:
-        arguments.json.write_text(json.dumps(figures, indent=1) + "\n", "utf-8")
+        arguments.json.write_text(json.dumps({"machine": machine(), **figures}, indent=1) + "\n", "utf-8")
 
 
-def measure(launcher: str) -> dict[str, float]:
-    """Return seconds from the click to the first step (cold and warm), and until one and many runs are done."""
-    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
-        home = Path(folder)
-        (home / "timed_definitions.py").write_text(DEFINITIONS, "utf-8")
-        settings = "telemetry: {enabled: false}\n" + COORDINATOR + launcher
-        (home / "dagster.yaml").write_text(settings, "utf-8")
-        with socket.socket() as probe:
-            probe.bind(("127.0.0.1", 0))
-            port = probe.getsockname()[1]
-        search = os.pathsep.join([str(Path(__file__).parents[1]), os.environ.get("PYTHONPATH", "")])
-        server = subprocess.Popen(
-            [sys.executable, "-m", "dagster_webserver", "-m", "timed_definitions", "-p", str(port)],
-            cwd=home,
-            env={**os.environ, "DAGSTER_HOME": str(home), "PYTHONPATH": search},
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
+def launch_table(figures: dict[str, Any]) -> str:
+    """Return the table of `launch.json`; medians."""
+    launchers = figures["seconds"]
+    lines = [f"| | {' | '.join(launchers)} |", "|---|" + "--:|" * len(launchers)]
+    for row in launchers[SHIPPED]:
+        cells = [
+            f"{statistics.median(found[row]):.2f} s" if found.get(row) else "not measured"
+            for found in launchers.values()
+        ]
+        lines.append(f"| {row} | {' | '.join(cells)} |")
+    return "\n".join(lines) + "\n"
+
+
+def measure(folder: Path, launcher: str, times: int, number: int) -> dict[str, list[float]]:
+    """Return what is measured -> seconds of each time."""
+    project, uploads = folder / "project", folder / "uploads"
+    write_project(project, sample_recipe())
+    # As `bagassets init` leaves it, but for the launcher.
+    if launcher == DEFAULT:
+        _remove_section(project / "dagster.yaml", "run_launcher:")
+    recordings = project / "recordings"
+    for seed in range(number):
+        write_recordings([Target(recordings / f"drive{seed}.bag", "ros1")], seed, "small", DRIVE_S)
+    for upload in range(times):
+        write_recordings([Target(uploads / f"upload{upload}.bag", "ros1")], number + upload, "small", DRIVE_S)
+    recipe = project / "recipe.yaml"
+    subprocess.run(
+        [sys.executable, "-m", "bagassets", "build", "--recipe", str(recipe)],
+        check=True,
+        cwd=ROOT,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    with _web_ui(project) as url:
+        nodes = _ask(url, ASSETS, {})["assetNodes"]
+        assets = [node["assetKey"] for node in nodes if node["partitionDefinition"] is not None]
+        first = _click(url, assets, ["drive0.bag"])
+        one = [_click(url, assets, ["drive0.bag"]) for _ in range(times)]
+        keys = [f"drive{seed}.bag" for seed in range(number)]
+        many = [_click(url, assets, keys) for _ in range(times)]
+        return {
+            "the first click to the first step": [first[0]],
+            "click to the first step": [begun for begun, _ in one],
+            "click to success, everything known": [done for _, done in one],
+            f"{number} clicks at once to the last success": [done for _, done in many],
+            "upload to dataset": [
+                _upload(project, recordings, path)
+                for path in sorted(uploads.iterdir())
+                if path.suffix == ".bag"
+            ],
+        }
+
+
+@contextlib.contextmanager
+def _web_ui(project: Path) -> Iterator[str]:
+    """Run `bagassets ui` until the end of the block; yield its address."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    ours = ("DAGSTER_", "BAGASSETS_RECIPE")
+    environment = {name: value for name, value in os.environ.items() if not name.startswith(ours)}
+    command = [sys.executable, "-m", "bagassets", "ui", "--recipe", str(project / "recipe.yaml")]
+    log = project / "ui.log"
+    with log.open("wb") as output:
+        process = subprocess.Popen(
+            [*command, "--port", str(port), "--no-browser"],
+            cwd=ROOT,
+            env=environment,
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=output,
         )
-        try:
-            return _measure(f"http://127.0.0.1:{port}/graphql")
-        finally:
-            server.terminate()
-            server.wait()
-            _end_fork_servers(home)
+    url = f"http://127.0.0.1:{port}"
+    try:
+        _wait(lambda: url in log.read_text("utf-8", "replace"), f"`bagassets ui` tells its address ({log})")
+        yield url
+    finally:
+        process.send_signal(signal.SIGINT)
+        process.wait()
+        for client in Client.all_of(load_recipe(project / "recipe.yaml").state):
+            client.shutdown(grace_s=1.0)
 
 
-def _measure(url: str) -> dict[str, float]:
-    _wait_for(url)
-    for number in range(RUNS):
-        _ask(url, REGISTER, {"repository": REPOSITORY, "key": f"r{number}"})
-    cold, _ = _click(url, 1)
-    warm = [_click(url, 1) for _ in range(3)]
-    _, many = _click(url, RUNS)
-    return {
-        "cold": cold,
-        "step": statistics.median(step for step, _ in warm),
-        "one": statistics.median(done for _, done in warm),
-        "many": many,
-    }
+def _remove_section(file: Path, head: str) -> None:
+    """Remove a section of a YAML file: its first line and the indented ones after it."""
+    kept, inside = [], False
+    for line in file.read_text("utf-8").splitlines(keepends=True):
+        inside = line.startswith(head) or (inside and line.startswith(" "))
+        if not inside:
+            kept.append(line)
+    file.write_text("".join(kept), "utf-8")
 
 
-def _click(url: str, count: int) -> tuple[float, float]:
-    """Launch runs; return seconds until the first began its first step, and until all were done."""
+def _click(url: str, assets: list[dict[str, Any]], keys: list[str]) -> tuple[float, float]:
+    """Materialize recordings; return seconds until the first step of any began, and until all runs were done."""
     start = time.time()
-    runs = [_launch(url, f"r{number}") for number in range(count)]
+    runs = [_launch(url, assets, key) for key in keys]
     first, last = [], []
     for run in runs:
-        while (found := _ask(url, FOLLOW, {"run": run})["runOrError"])["endTime"] is None:
-            time.sleep(0.2)
+        found = _wait(lambda run=run: _ended(url, run), f"run {run} ends")
         if found["status"] != "SUCCESS":
             raise SystemExit(f"run {run}: {found['status']}")
         first.append(min(step["startTime"] for step in found["stepStats"]))
@@ -140,39 +175,52 @@ def _click(url: str, count: int) -> tuple[float, float]:
     return min(first) - start, max(last) - start
 
 
-def _launch(url: str, key: str) -> str:
+def _launch(url: str, assets: list[dict[str, Any]], key: str) -> str:
+    selector = {
+        **REPOSITORY,
+        "pipelineName": "__ASSET_JOB",
+        "assetSelection": [{"path": asset["path"]} for asset in assets],
+    }
     params = {
-        "selector": {
-            **REPOSITORY,
-            "pipelineName": "__ASSET_JOB",
-            "assetSelection": [{"path": [f"a{number}"]} for number in range(ASSETS)],
-        },
+        "selector": selector,
         "executionMetadata": {"tags": [{"key": "dagster/partition", "value": key}]},
     }
     answer = _ask(url, LAUNCH, {"params": params})["launchRun"]
+    if answer["__typename"] != "LaunchRunSuccess":
+        raise SystemExit(f"the click was refused: {answer}")
     return str(answer["run"]["runId"])
 
 
-def _wait_for(url: str) -> None:
-    deadline = time.time() + 120
+def _ended(url: str, run: str) -> dict[str, Any] | None:
+    found: dict[str, Any] = _ask(url, FOLLOW, {"run": run})["runOrError"]
+    return None if found["endTime"] is None else found
+
+
+def _upload(project: Path, recordings: Path, path: Path) -> float:
+    """Move a recording into the folder; return seconds until the dataset on disk has it."""
+    recipe = load_recipe(project / "recipe.yaml")
+    lock = recipe.nuscenes.output / recipe.nuscenes.version / "dataset.lock.json"
+    start = time.time()
+    path.rename(recordings / path.name)
+    _wait(lambda: path.name in lock.read_text("utf-8"), f"{path.name} is in the dataset", pause_s=0.02)
+    return time.time() - start
+
+
+def _wait(condition: Any, what: str, pause_s: float = 0.1) -> Any:
+    deadline = time.time() + DEADLINE_S
     while time.time() < deadline:
         with contextlib.suppress(OSError):
-            if _ask(url, READY, {})["repositoriesOrError"].get("nodes"):
-                return
-        time.sleep(0.2)
-    raise SystemExit("the web server did not start")
+            if found := condition():
+                return found
+        time.sleep(pause_s)
+    raise SystemExit(f"waited {DEADLINE_S} s until {what}")
 
 
 def _ask(url: str, query: str, variables: dict[str, Any]) -> Any:
     body = json.dumps({"query": query, "variables": variables}).encode()
-    request = urllib.request.Request(url, body, {"Content-Type": "application/json"})
+    request = urllib.request.Request(f"{url}/graphql", body, {"Content-Type": "application/json"})
     with urllib.request.urlopen(request, timeout=120) as answer:
         return json.load(answer)["data"]
-
-
-def _end_fork_servers(state_folder: Path) -> None:
-    for client in Client.all_of(state_folder):
-        client.shutdown()
 
 
 if __name__ == "__main__":

@@ -40,6 +40,7 @@ from bagassets.freshness.published import Publication
 from bagassets.propose.project import write_project
 from bagassets.recipe.model import Recipe
 from bagassets.store.canonical import digest_bytes
+from benchmarks.common import machine, markdown
 
 RECIPE = """
 name: many
@@ -75,11 +76,21 @@ def main() -> None:
         figures["build_full_s"] = timed(build, "fresh in")
         figures["build_nothing_to_do_s"] = [timed(build, "nothing to do") for _ in range(TIMES)]
         figures["walk_per_recording_s"] = walk(Path(folder) / "real" / "recipe.yaml")
-    for name, value in figures.items():
-        shown = f"{statistics.median(value):.3f}" if isinstance(value, list) else f"{value:.5g}"
-        print(f"{name:24} {shown}")
+    print(plan_table(figures))
     if options.json is not None:
-        options.json.write_text(json.dumps(figures, indent=1) + "\n", "utf-8")
+        options.json.write_text(json.dumps({"machine": machine(), **figures}, indent=1) + "\n", "utf-8")
+
+
+def plan_table(found: dict[str, Any]) -> str:
+    """Return the table of `plan.json`: medians."""
+    times = {
+        "nothing to do": found["build_nothing_to_do_s"],
+        "the plan, from a cold command (`build --dry-run`)": found["plan_cold_s"],
+        "a build that examines all of it and finds everything fresh": [found["build_full_s"]],
+        "of that, when nothing is remembered, for each recording": [found["walk_per_recording_s"]],
+    }
+    rows = [[name, f"{statistics.median(seconds):.4g} s"] for name, seconds in times.items()]
+    return markdown(["", f"{found['recordings']:,} recordings of {found['assets']} assets"], rows)
 
 
 def timed(arguments: list[str], expected: str) -> float:

@@ -6,6 +6,7 @@ size: pages that processes share count once.
 
 import os
 import subprocess
+import tempfile
 import threading
 import time
 from collections.abc import Mapping, Sequence
@@ -19,6 +20,7 @@ __all__ = ["Used", "run_watched"]
 _MARK = "BAGASSETS_BENCH"
 _PERIOD_S = 0.1
 _MEMORY_EVERY = 3
+_SHOWN_BYTES = 3000
 _TICK_S = 1 / os.sysconf("SC_CLK_TCK")
 
 
@@ -67,7 +69,7 @@ class _Watch:
 
 
 def run_watched(command: Sequence[str], *, cwd: Path, env: Mapping[str, str] | None = None) -> Used:
-    """Run a command to its end."""
+    """Run a command to its end; what it says in the end is shown if it fails."""
     mark = uuid4().hex
     watch, stop = _Watch(f"{_MARK}={mark}".encode()), threading.Event()
 
@@ -79,20 +81,24 @@ def run_watched(command: Sequence[str], *, cwd: Path, env: Mapping[str, str] | N
             stop.wait(_PERIOD_S)
 
     thread = threading.Thread(target=look_often)
-    began = time.perf_counter()
-    with subprocess.Popen(
-        command,
-        cwd=cwd,
-        env={**os.environ, **(env or {}), _MARK: mark},
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    ) as process:
-        thread.start()
-        _, status, usage = os.wait4(process.pid, 0)
-        process.returncode = os.waitstatus_to_exitcode(status)
-    seconds = time.perf_counter() - began
-    stop.set()
-    thread.join()
+    with tempfile.TemporaryFile() as log:
+        began = time.perf_counter()
+        with subprocess.Popen(
+            command,
+            cwd=cwd,
+            env={**os.environ, **(env or {}), _MARK: mark},
+            stdout=log,
+            stderr=log,
+        ) as process:
+            thread.start()
+            _, status, usage = os.wait4(process.pid, 0)
+            process.returncode = os.waitstatus_to_exitcode(status)
+        seconds = time.perf_counter() - began
+        stop.set()
+        thread.join()
+        if process.returncode:
+            log.seek(0)
+            print(log.read()[-_SHOWN_BYTES:].decode("utf-8", "replace"), flush=True)
     watch.look(memory=False)  # workers that ended count with the server that waited for them
     watch.cpu_s[process.pid] = usage.ru_utime + usage.ru_stime
     cpu_s = sum(watch.cpu_s.values())

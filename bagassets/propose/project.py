@@ -47,7 +47,7 @@ secrets:
       location_paths:
         bagassets.definitions: {project}
 
-# Runs start in 0.3 s instead of 5 s: they are forked from a process that has imported everything.
+# Runs start at once instead of after seconds: they are forked from a process that has imported everything.
 run_launcher:
   module: bagassets.defs.launcher
   class: BagAssetsRunLauncher

@@ -1,0 +1,95 @@
+"""Figures in README and docs: each comes from a file in `benchmarks/results/`, and nobody types one in.
+
+A table or a single figure stands between two comments::
+
+    <!-- figures: rq1 -->
+    (the table of rq1.json)
+    <!-- end of figures -->
+
+`python -m benchmarks.pages` writes them anew; a test compares. What has not been measured yet says so.
+"""
+
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from benchmarks.cold import cold_table
+from benchmarks.common import ROOT, median
+from benchmarks.floor import floor_table
+from benchmarks.incremental import incremental_table
+from benchmarks.kernels import kernels_table
+from benchmarks.launch import DEFAULT, SHIPPED, launch_table
+from benchmarks.peers import peers_table
+from benchmarks.plan import plan_table
+from benchmarks.rq1 import rq1_table
+from benchmarks.rq2 import rq2_table
+from benchmarks.rq3 import rq3_table
+
+__all__ = ["FIGURES", "MARK", "NOT_YET", "RESULTS", "pages", "with_figures"]
+
+RESULTS = Path(__file__).parent / "results"
+MARK = re.compile(r"(<!-- figures: ([a-z0-9 ]+) -->)(.*?)(<!-- end of figures -->)", re.DOTALL)
+NOT_YET = "not measured yet"
+
+
+def _step(launcher: str) -> Callable[[Any], str]:
+    return lambda found: f"{median(found['seconds'][launcher]['click to the first step']):.2f} s"
+
+
+def _plotted(tell: Callable[[Any], str], name: str, title: str) -> Callable[[Any], str]:
+    return lambda found: f"{tell(found)}\n![{title}](../benchmarks/results/{name}.png)\n"
+
+
+FIGURES: dict[str, tuple[str, Callable[[Any], str]]] = {
+    "cold": ("cold", cold_table),
+    "floor": ("floor", floor_table),
+    "incremental": ("incremental", incremental_table),
+    "kernels": ("kernels", kernels_table),
+    "launch": ("launch", launch_table),
+    "launch default": ("launch", _step(DEFAULT)),
+    "launch shipped": ("launch", _step(SHIPPED)),
+    "peers": ("peers", peers_table),
+    "plan": ("plan", plan_table),
+    "rq1": ("rq1", _plotted(rq1_table, "rq1", "run times, logarithmic")),
+    "rq2": ("rq2", _plotted(rq2_table, "rq2", "run time over size")),
+    "rq3": ("rq3", _plotted(rq3_table, "rq3", "times by number of files")),
+}
+"""Name in a page -> the file that has its figures (without `.json`), and how they are told."""
+
+
+def pages() -> list[Path]:
+    """Return all pages that may have figures."""
+    return [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+
+
+def with_figures(text: str, results: Path = RESULTS) -> str:
+    """Return a page with all its figures written anew.
+
+    Raises:
+        KeyError: it asks for figures that there are not.
+    """
+
+    def filled(match: re.Match[str]) -> str:
+        start, name, _, end = match.groups()
+        file, tell = FIGURES[name]
+        path = results / f"{file}.json"
+        told = tell(json.loads(path.read_text("utf-8"))) if path.exists() else NOT_YET
+        # A table is a paragraph of its own.
+        return f"{start}\n\n{told}\n{end}" if "\n" in told else f"{start}{told}{end}"
+
+    return MARK.sub(filled, text)
+
+
+def main() -> None:
+    for page in pages():
+        before = page.read_text("utf-8")
+        after = with_figures(before)
+        if after != before:
+            page.write_text(after, "utf-8")
+            print(f"{page.relative_to(ROOT)}: figures written anew")
+
+
+if __name__ == "__main__":
+    main()
