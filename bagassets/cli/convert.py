@@ -115,6 +115,7 @@ def _propose(bags: "Bags") -> "Proposal":
         RecordingError: it cannot be read, or holds nothing that any recipe could convert.
     """
     from bagassets.cli.init_report import print_found
+    from bagassets.propose.calibration_files import find_calibrations
     from bagassets.propose.proposal import propose_recipe
     from bagassets.propose.scan import scan_recording
     from bagassets.recordings.discover import discover
@@ -128,6 +129,7 @@ def _propose(bags: "Bags") -> "Proposal":
         name=recording.path.stem,
         root=bags.root,
         include=bags.include if "include" in bags.model_fields_set else (),
+        calibrations=find_calibrations(bags.root, None, nested=False),
     )
     print_found(proposal, {})
     uses = [use for bare in proposal.bare for use in bare.topic_uses]

@@ -93,6 +93,7 @@ def init(project: Path, bags: Path | None, look_at: int, force: bool) -> None:
 
 def _propose(project: Path, path: Path, look_at: int) -> "tuple[Proposal, dict[str, str]]":
     """Look into the recordings at `path`; return a recipe, and path -> reason of what could not be read."""
+    from bagassets.propose.calibration_files import find_calibrations
     from bagassets.propose.proposal import propose_recipe
     from bagassets.propose.scan import scan_recording
     from bagassets.recipe.model import Bags
@@ -142,6 +143,7 @@ def _propose(project: Path, path: Path, look_at: int) -> "tuple[Proposal, dict[s
         unreadable=unreadable,
         found=len(recordings),
         digest_attributes=digest_attributes,
+        calibrations=find_calibrations(root, project, nested=not is_one),
     )
     return proposal, unreadable
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bagassets.escaping import yaml_scalar
+from bagassets.propose.calibration_files import FoundCalibration
 from bagassets.propose.commented_yaml import Question, Sheet
 from bagassets.propose.grouping import Group, group_recordings, match_globs
 from bagassets.propose.poses import PoseProposal, pose_candidates
@@ -65,6 +66,7 @@ def propose_recipe(
     unreadable: Mapping[str, str] | None = None,
     found: int | None = None,
     digest_attributes: bool = False,
+    calibrations: Sequence[FoundCalibration] = (),
 ) -> Proposal:
     """Return a recipe for the recordings.
 
@@ -79,6 +81,7 @@ def propose_recipe(
         unreadable: path below the bag root -> why that recording could not be read.
         found: number of recordings there are, if not all were looked into.
         digest_attributes: builds may store digests beside the recordings.
+        calibrations: calibration files that lie near the recordings.
     """
     unreadable = unreadable or {}
     groups, without_sensor = group_recordings(summaries)
@@ -115,7 +118,7 @@ def propose_recipe(
         _no_rig(sheet, bare, unreadable)
     sheet.field(0, "rigs:")
     for rig in rigs:
-        write_rig(sheet, rig, clock=rig.clock.clock != usual)
+        write_rig(sheet, rig, calibrations, clock=rig.clock.clock != usual)
     if not rigs:
         _example_rig(sheet)
     _scenes(sheet, rigs)

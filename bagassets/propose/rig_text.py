@@ -1,6 +1,9 @@
 """A proposed rig as YAML, with the reason of each value and a question where only the user knows."""
 
+from collections.abc import Sequence
+
 from bagassets.escaping import yaml_scalar
+from bagassets.propose.calibration_files import FoundCalibration, ProposedCalibration, calibration_of
 from bagassets.propose.commented_yaml import Sheet
 from bagassets.propose.frames import connected, is_optical, mounting
 from bagassets.propose.naming import PREFIX
@@ -15,12 +18,15 @@ __all__ = ["write_rig"]
 _USUAL_TF = (*Rig.model_fields["tf"].default, *Rig.model_fields["tf_static"].default)
 
 
-def write_rig(sheet: Sheet, rig: RigProposal, *, clock: bool) -> None:
+def write_rig(
+    sheet: Sheet, rig: RigProposal, calibrations: Sequence[FoundCalibration] = (), *, clock: bool
+) -> None:
     """Write a rig below `rigs:`.
 
     Args:
         sheet: what is written to.
         rig: the rig.
+        calibrations: calibration files that lie near the recordings.
         clock: write its clock, which is not that of the recipe.
     """
     number = len(rig.recordings)
@@ -34,7 +40,7 @@ def write_rig(sheet: Sheet, rig: RigProposal, *, clock: bool) -> None:
     _write_pose(sheet, rig)
     sheet.field(2, "channels:")
     for name, sensor in rig.channels.items():
-        _write_channel(sheet, rig, name, sensor)
+        _write_channel(sheet, rig, name, sensor, calibrations)
     if rig.annotations:
         sheet.field(2, "annotations:")
         sheet.guess(3, f"- topic: {yaml_scalar(rig.annotations[0])}", "boxes by its type and name")
@@ -105,13 +111,18 @@ def _write_pose(sheet: Sheet, rig: RigProposal) -> None:
         )
 
 
-def _write_channel(sheet: Sheet, rig: RigProposal, name: str, sensor: Sensor) -> None:
+def _write_channel(
+    sheet: Sheet, rig: RigProposal, name: str, sensor: Sensor, calibrations: Sequence[FoundCalibration]
+) -> None:
     topic = sensor.topic
+    file: ProposedCalibration | None = None
     sheet.guess(3, f"{name}:", rig.reasons[name])
     sheet.field(4, f"modality: {sensor.modality}")
     sheet.field(4, f"topic: {yaml_scalar(topic.name)}")
     if sensor.modality == "camera":
-        _write_camera(sheet, sensor)
+        # What was recorded is of this camera for sure, so a file only stands in for it.
+        file = None if _has_lens(sensor) else calibration_of(topic.name, calibrations)
+        _write_camera(sheet, sensor, file)
     if sensor.modality == "lidar" and topic.timed is False:
         sheet.guess_note(
             4,
@@ -121,10 +132,12 @@ def _write_channel(sheet: Sheet, rig: RigProposal, name: str, sensor: Sensor) ->
             "middle or end instead of start if it marks that.",
         )
         sheet.off(4, "header_stamp_is: start")
-    _write_place(sheet, rig, name, sensor)
+    _write_place(sheet, rig, name, sensor, file)
 
 
-def _write_place(sheet: Sheet, rig: RigProposal, name: str, sensor: Sensor) -> None:
+def _write_place(
+    sheet: Sheet, rig: RigProposal, name: str, sensor: Sensor, file: ProposedCalibration | None
+) -> None:
     """Write where a sensor sits, if TF does not tell."""
     frames = sensor.topic.frames
     frame = frames[0] if frames else ""
@@ -151,17 +164,26 @@ def _write_place(sheet: Sheet, rig: RigProposal, name: str, sensor: Sensor) -> N
             if frame
             else "its headers name no frame; give `frame`"
         )
+        give = "measure `extrinsics`"
+        if sensor.modality == "camera":
+            give = "give `extrinsics`, measured or from a file of Kalibr"
         looks = f"looks {side.replace('_', ' ').lower()}" if side else "looks ahead"
         sheet.ask(
             4,
             name,
-            f"{missing}; name a `urdf` of the rig, or measure `extrinsics`",
+            f"{missing}; name a `urdf` of the rig, or {give}",
             f" (ego <- sensor, metres; quaternion w, x, y, z; this one {looks}):",
             rig=rig.name,
         )
         if not frame:
             sheet.off(4, f"frame: {yaml_scalar(rig.ego.name)}")
         sheet.off(4, f"extrinsics: {{translation: [0, 0, 0], rotation: {_numbers(rotation)}}}")
+        if file is not None and file.relative_to:
+            sheet.note(
+                4,
+                f"or from the calibration file, relative to {file.relative_to}, whose frame TF or a `urdf` must have:",
+            )
+            sheet.off(4, f"extrinsics: {{file: {yaml_scalar(file.written)}, relative_to: frame}}")
 
 
 def _numbers(values: list[float]) -> str:
@@ -194,14 +216,25 @@ def _shared_frames(rig: RigProposal) -> list[tuple[str, list[str]]]:
     return [(frame, names) for frame, names in channels.items() if len(names) > 1]
 
 
-def _write_camera(sheet: Sheet, sensor: Sensor) -> None:
+def _has_lens(sensor: Sensor) -> bool:
+    """Return whether a camera's intrinsics were recorded."""
+    return sensor.camera_info is not None and sensor.camera_info.calibrated is True
+
+
+def _write_camera(sheet: Sheet, sensor: Sensor, file: ProposedCalibration | None) -> None:
     info = sensor.camera_info
-    undistort = info is not None and info.calibrated is True
+    undistort = _has_lens(sensor) or file is not None
     if info is not None:
         sheet.field(4, f"camera_info: {yaml_scalar(info.name)}")
-    if not undistort:
-        why = "no CameraInfo topic" if info is None else "its CameraInfo is not calibrated"
-        sheet.guess(4, "undistort: false", f"{why}; `intrinsics` gives a calibration by hand")
+    why = "no CameraInfo topic" if info is None else "its CameraInfo is not calibrated"
+    if file is not None:
+        sheet.guess(4, f"intrinsics: {{file: {yaml_scalar(file.written)}}}", f"{why}; {file.reason}")
+    elif not undistort:
+        sheet.guess(
+            4,
+            "undistort: false",
+            f"{why}; `intrinsics` takes a calibration by hand, or a file of ROS, Kalibr or OpenCV",
+        )
     if sensor.topic.msgtype.endswith("CompressedImage") and not undistort:
         sheet.guess(4, "output: as_recorded", "already compressed; passed through byte for byte")
     elif sensor.topic.is_16_bit:

@@ -127,8 +127,7 @@ class CalibrationFile(ABC):
             )
         if len(names) == 1:
             return names[0]
-        plain = _plain(topic)
-        of_topic = [name for name in names if _plain(self.topic(name)) == plain]
+        of_topic = self._of_topic(topic)
         if len(of_topic) == 1:
             return of_topic[0]
         if not names:
@@ -138,6 +137,15 @@ class CalibrationFile(ABC):
         raise CalibrationError(
             f"{self.name}: it holds the cameras {known}, of which {which} of topic {topic}; name one in `camera`."
         )
+
+    def of_topic(self, topic: str) -> str | None:
+        """Return the name of the only camera of a topic; None if there is none, or several are."""
+        names = self._of_topic(topic)
+        return names[0] if len(names) == 1 else None
+
+    def _of_topic(self, topic: str) -> list[str]:
+        plain = _plain(topic)
+        return [name for name in self.cameras if _plain(self.topic(name)) == plain]
 
     def refuse_model(self, model: str | None) -> None:
         """Refuse a distortion model from the recipe, since the file names its own.

@@ -1,0 +1,160 @@
+"""Calibration files that lie beside recordings, and the cameras that they are of by their topics or names."""
+
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from bagassets.errors import CalibrationError
+from bagassets.geometry.calibration_files.model import CalibrationFile
+from bagassets.geometry.calibration_files.read import MOST_BYTES, read_calibration_file
+from bagassets.propose.naming import sensor_of, tokens
+
+__all__ = ["FoundCalibration", "ProposedCalibration", "calibration_of", "find_calibrations"]
+
+_ENDINGS = (".yaml", ".yml")
+_DEPTH = 3
+# Folders of results may hold thousands of YAML files that are none of ours.
+_MOST_FILES = 300
+
+
+@dataclass(frozen=True)
+class FoundCalibration:
+    """A calibration file.
+
+    Attributes:
+        written: its path as a recipe should have it.
+        path: where it is.
+        content: its cameras.
+    """
+
+    written: str
+    path: Path
+    content: CalibrationFile
+
+
+@dataclass(frozen=True)
+class ProposedCalibration:
+    """The calibration of one camera.
+
+    Attributes:
+        written: path of the file as a recipe should have it.
+        reason: what tells that it is this camera's.
+        relative_to: what the file places the camera relative to, as in `the IMU`; "" if it does not say where it is.
+    """
+
+    written: str
+    reason: str
+    relative_to: str = ""
+
+
+def find_calibrations(root: Path, project: Path | None, *, nested: bool = True) -> list[FoundCalibration]:
+    """Return the calibration files near recordings, in order of path.
+
+    Args:
+        root: folder of the recordings.
+        project: folder of the recipe; paths inside it are written relative to it.
+        nested: look into folders below, too, down to a few levels.
+    """
+    found = []
+    for number, path in enumerate(_candidates(root, nested=nested)):
+        if number == _MOST_FILES:
+            break
+        try:
+            if path.stat().st_size > MOST_BYTES:
+                continue
+            content = read_calibration_file(path.read_bytes(), str(path))
+        except (OSError, CalibrationError):
+            continue  # some other YAML, such as the metadata of a ROS 2 bag
+        inside = project is not None and path.is_relative_to(project)
+        written = os.path.relpath(path, project) if inside and project is not None else str(path)
+        found.append(FoundCalibration(written, path, content))
+    return found
+
+
+def _candidates(root: Path, *, nested: bool) -> Iterator[Path]:
+    for folder, folders, files in os.walk(root):
+        here = Path(folder)
+        deep = len(here.relative_to(root).parts)
+        folders[:] = sorted(name for name in folders if not name.startswith(".")) if nested else []
+        if deep == _DEPTH:
+            folders.clear()
+        for name in sorted(files):
+            if name.endswith(_ENDINGS) and name != "metadata.yaml" and not name.startswith("."):
+                yield here / name
+
+
+def calibration_of(topic: str, found: Sequence[FoundCalibration]) -> ProposedCalibration | None:
+    """Return the calibration of the camera with a topic; None if no file is of it, or several are.
+
+    Args:
+        topic: its images.
+        found: the files.
+    """
+    for matches in (_by_topic(topic, found), _by_name(topic, found)):
+        if len(matches) == 1:
+            return matches[0]
+        if matches:
+            return None
+    return None
+
+
+def _by_topic(topic: str, found: Sequence[FoundCalibration]) -> list[ProposedCalibration]:
+    """Return the calibrations whose file names the topic of their camera."""
+    proposed = []
+    for one in found:
+        names = one.content.cameras
+        try:
+            if any(one.content.topic(name) for name in names):
+                camera = one.content.of_topic(topic)
+                if camera is not None and _is_usable(one.content, camera):
+                    proposed.append(
+                        ProposedCalibration(
+                            one.written, f"its {camera} has this topic", _reference(one.content, camera)
+                        )
+                    )
+        except CalibrationError:
+            continue
+    return proposed
+
+
+def _by_name(topic: str, found: Sequence[FoundCalibration]) -> list[ProposedCalibration]:
+    """Return the calibrations of one camera whose name, or that of their file or its folder, is that of the topic."""
+    own = _words(sensor_of(topic))
+    proposed = []
+    for one in found:
+        try:
+            names = one.content.cameras
+            if len(names) != 1 or one.content.topic(names[0]) or not own:
+                continue
+            for name, what in (
+                (names[0], f"it is of a camera {names[0]}"),
+                (one.path.stem, "of its name"),
+                (one.path.parent.name, "of the name of its folder"),
+            ):
+                if _words(name) == own and _is_usable(one.content, names[0]):
+                    proposed.append(ProposedCalibration(one.written, what))
+                    break
+        except CalibrationError:
+            continue
+    return proposed
+
+
+def _words(name: str) -> list[str]:
+    """Return the words of a name, without those that only say that it is a camera's."""
+    return [word for word in tokens(name) if word not in {"cam", "camera"}] or tokens(name)
+
+
+def _is_usable(content: CalibrationFile, camera: str) -> bool:
+    try:
+        content.lens(camera, None)
+    except CalibrationError:
+        return False
+    return True
+
+
+def _reference(content: CalibrationFile, camera: str) -> str:
+    try:
+        return content.pose(camera).reference
+    except CalibrationError:
+        return ""
