@@ -23,7 +23,7 @@ MB = 1e6
 
 # What each large package is for; one that is not listed here is shown without a reason.
 REASONS = {
-    "llvmlite": "compiles two loops over pixels and points; optional, see below",
+    "llvmlite": "compiles two loops over images; optional",
     "pyarrow": "Parquet: poses, boxes, indexes",
     "opencv-python-headless": "decodes, undistorts and encodes images",
     "dagster": "the assets, runs and their records",
@@ -31,17 +31,7 @@ REASONS = {
     "numpy": "arrays",
     "grpcio": "of Dagster: talks to code servers",
     "sqlalchemy": "of Dagster: its database",
-    "dagster-graphql": "of Dagster: the interface of the web UI",
-    "rosbags": "reads ROS 1 and ROS 2 recordings",
-    "botocore": "of Dagster",
-    "pip": "pip itself, in every environment",
-    "setuptools": "in every environment of Python 3.11",
-    "uvloop": "of the web server",
-    "pygments": "of rich: colours",
-    "babel": "of Dagster",
-    "pandas": "of velodyne-decoder",
-    "matplotlib": "figures of the benchmarks",
-    "xyzservices": "of folium: addresses of map tiles",
+    "zstandard": "unpacks recordings",
 }
 
 _SIZES = """
