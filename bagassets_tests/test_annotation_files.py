@@ -437,7 +437,7 @@ class TestBadFiles:
         sentence = refusal(bags, BOX_FILE | {"missing": "refuse"})
         assert sentence.startswith(f"{bags / 'x.json'}: there are no labels of the format boxes")
 
-    def test_what_tells_the_times_must_be_there(self, bags):
+    def test_what_gives_the_times_must_be_there(self, bags):
         source = WRITERS["kitti_tracking"](bags)
         (bags / "timestamps.txt").unlink()
         assert "there is no file of times timestamps.txt" in refusal(bags, source)

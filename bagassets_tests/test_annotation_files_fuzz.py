@@ -186,7 +186,7 @@ class TestLines:
             ("[" * 200_000, 0, "nested too deeply"),
         ],
     )
-    def test_what_is_no_json_is_told_with_its_line(self, text, line, words):
+    def test_what_is_no_json_is_reported_with_its_line(self, text, line, words):
         with pytest.raises(UnreadableLabelsError, match=re.escape(words)) as caught:
             parse(text)
         assert caught.value.line == line
@@ -206,7 +206,7 @@ class TestTimes:
     @pytest.mark.parametrize(
         "word", ["2011-13-26 13:02:25", "2011-09-26", "-5", "1.5", "9" * 19 + "1", "noon", "\n5"]
     )
-    def test_what_is_no_time_is_told_with_its_line(self, word):
+    def test_what_is_no_time_is_reported_with_its_line(self, word):
         with pytest.raises(UnreadableLabelsError) as caught:
             read_times(f"1\n2\n{word}\n".encode())
         assert caught.value.line == 3
@@ -225,7 +225,7 @@ class TestTimes:
             ("ns", "first.json", None),
         ],
     )
-    def test_names_tell_times(self, unit, name, stamp_ns):
+    def test_names_give_times(self, unit, name, stamp_ns):
         assert NamedFrames(unit).stamp_ns(name, None) == stamp_ns
         assert NamedFrames(unit).stamp_ns(name, 3) is None  # a number inside the file is no name
 

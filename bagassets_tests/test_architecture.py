@@ -18,6 +18,12 @@ def test_the_committed_picture_is_what_the_script_draws(theme):
     )
 
 
+def test_the_readme_shows_both():
+    readme = (PICTURES.parents[1] / "README.md").read_text(encoding="utf-8")
+    for theme in THEMES:
+        assert f'"docs/pictures/architecture{theme.suffix}.svg"' in readme
+
+
 def test_it_shows_every_asset_and_dataset_once():
     words = [text.text for text in ET.fromstring(draw(THEMES[0])).iter(f"{SVG}text")]
     for name in [*(asset.name for asset in known_assets()), *(f"{kind.name}_dataset" for kind in formats())]:

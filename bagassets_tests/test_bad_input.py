@@ -195,7 +195,7 @@ class TestFiles:
         assert "mcap recover" in told
 
     @pytest.mark.parametrize("seed", range(40))
-    def test_whatever_bytes_are_damaged_it_is_told_in_words(self, tmp_path, drives, seed):
+    def test_whatever_bytes_are_damaged_it_is_reported_in_a_sentence(self, tmp_path, drives, seed):
         dice = random.Random(seed)
         recipe = make_project(tmp_path, text=TEXT)
         recipe.bags.root.mkdir()

@@ -93,7 +93,7 @@ def test_with_many_recordings_only_those_where_something_happened_are_read(repor
     assert [row.recording for row in summary_rows(built, store, most=1)] == ["a"]
 
 
-def test_the_table_fits_80_columns_and_tells_everything(report):
+def test_the_table_fits_80_columns_and_shows_everything(report):
     store, built = report
     stream = io.StringIO()
     print_summary(built, summary_rows(built, store), Path("/p/recipe.yaml"), Console(file=stream, width=80))
@@ -117,7 +117,7 @@ def test_the_table_fits_80_columns_and_tells_everything(report):
     ("seconds", "text"),
     [(None, ""), (0.0, "0.0 s"), (59.94, "59.9 s"), (61.0, "1:01 min"), (3723.4, "1:02:03 h")],
 )
-def test_durations_are_told_for_people(seconds, text):
+def test_durations_are_written_for_people(seconds, text):
     assert span_text(seconds) == text
 
 
@@ -161,7 +161,7 @@ def drawn(show):
     return stream.getvalue()
 
 
-def test_on_a_terminal_it_tells_what_is_in_work_done_and_left(monkeypatch):
+def test_on_a_terminal_it_shows_what_is_in_progress_done_and_left(monkeypatch):
     now = [100.0]
     monkeypatch.setattr(progress.time, "monotonic", lambda: now[0])
     show = progress.LiveProgress()

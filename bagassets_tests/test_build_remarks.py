@@ -33,7 +33,7 @@ def project(tmp_path_factory):
     return folder, run(folder)
 
 
-def test_what_checks_find_in_what_was_built_is_told(project):
+def test_what_checks_find_in_what_was_built_is_reported(project):
     _, done = project
     assert done.returncode == 0, done.stdout + done.stderr
     told = done.stdout
@@ -43,7 +43,7 @@ def test_what_checks_find_in_what_was_built_is_told(project):
     assert "scenes.min_length_s" in told
 
 
-def test_a_copy_is_told(project):
+def test_a_copy_is_reported(project):
     _, done = project
     assert "copy copy.bag: the same content as a.bag, which is in the dataset for both" in done.stdout
 

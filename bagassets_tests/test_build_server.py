@@ -98,7 +98,7 @@ def test_the_command_line_imports_no_dagster_when_a_server_is_up(built):
     assert json.loads(done.stdout)["counts"]["hit"] == 1
 
 
-def test_a_wrong_recipe_is_told_as_ever(built):
+def test_a_wrong_recipe_is_reported_as_ever(built):
     text = built.read_text()
     try:
         built.write_text(text.replace("bags:", "bagz:"))

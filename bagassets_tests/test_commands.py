@@ -41,7 +41,7 @@ def test_a_mistyped_command_is_answered_with_the_one_that_was_meant(capsys):
 
 
 @pytest.mark.parametrize("place", ["file/drive.mcap", "file/deeper/drive.bag", "file/drive"])
-def test_a_place_that_cannot_be_is_told_and_is_no_defect(tmp_path, capsys, place):
+def test_a_place_that_cannot_be_is_reported_and_is_no_defect(tmp_path, capsys, place):
     (tmp_path / "file").write_text("not a folder")
     assert main(["sample", str(tmp_path / place)]) == EXIT_ERROR
     told = capsys.readouterr().err
@@ -54,7 +54,7 @@ def test_pages_are_listed_and_printed(capsys):
     *lines, where = capsys.readouterr().out.splitlines()
     docs = Path(bagassets.__file__).parents[1] / "docs"
     assert [line.split()[0] for line in lines] == sorted(path.stem for path in docs.glob("*.md"))
-    assert where == f"They lie in {docs}"
+    assert where == f"They are in {docs}"
     assert main(["docs", "page", "formats"]) == 0
     assert capsys.readouterr().out == (docs / "formats.md").read_text("utf-8")
 
@@ -68,7 +68,7 @@ def test_where_no_pages_are_installed_that_is_said(tmp_path, monkeypatch, capsys
     monkeypatch.setattr(docs_command, "_CHECKOUT", tmp_path)
     monkeypatch.setattr(docs_command, "files", lambda _name: None)
     assert main(["docs", "page", "formats"]) == EXIT_ERROR
-    assert "its pages are not there" in capsys.readouterr().err
+    assert "there are no pages" in capsys.readouterr().err
 
 
 def test_every_page_that_the_code_cites_exists():

@@ -239,7 +239,7 @@ class TestSentences:
 
     @pytest.mark.parametrize("file_format", ["ros1", "ros2", "mcap"])
     @pytest.mark.parametrize("seed", range(25))
-    def test_damaged_files_are_told_in_sentences(self, tmp_path, file_format, seed):
+    def test_damaged_files_are_reported_in_sentences(self, tmp_path, file_format, seed):
         dice = random.Random(seed)
         path = write_drive(
             tmp_path / {"ros1": "a.bag", "ros2": "b", "mcap": "c.mcap"}[file_format], file_format, 0.3

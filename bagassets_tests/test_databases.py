@@ -244,7 +244,7 @@ def _read_everything(home):
         )
 
 
-def test_a_folder_that_cannot_be_made_is_told(home):
+def test_a_folder_that_cannot_be_made_is_reported(home):
     (home / "state").write_text("a file")
     with pytest.raises(StoreError, match="cannot be created"), ready_to_open(home):
         pass

@@ -180,7 +180,7 @@ class TestLocks:
         again = lock_of(store, tmp_path, parts, suspects=frozenset())  # from what is on record
         assert again.text == lock.text
 
-    def test_a_later_format_is_told(self, tmp_path):
+    def test_a_later_format_is_reported(self, tmp_path):
         (tmp_path / "x.json").write_text('{"format": 3}')
         with pytest.raises(DatasetError, match="format 3, this version of bagassets knows 1 and 2"):
             load_lock(tmp_path / "x.json")
@@ -278,7 +278,7 @@ class TestRestore:
         restore_dataset(load_lock(lock), store, folder)
         assert content(folder) == before
 
-    def test_a_missing_artifact_is_told_and_nothing_is_made(self, old, tmp_path):
+    def test_a_missing_artifact_is_reported_and_nothing_is_made(self, old, tmp_path):
         _, lock, _ = old
         with pytest.raises(DatasetError, match="artifacts of a, b are not in the store"):
             restore_dataset(load_lock(lock), Store(tmp_path / "empty"), tmp_path / "again")
@@ -294,7 +294,7 @@ class TestRestore:
             restore_dataset(load_lock(lock), store, folder)
         assert content(folder) == before
 
-    def test_settings_of_another_version_are_told(self, store, old, tmp_path):
+    def test_settings_of_another_version_are_reported(self, store, old, tmp_path):
         _, lock, _ = old
         value = json.loads(lock.read_bytes())
         value["nuscenes"]["novelty"] = 1
@@ -329,7 +329,7 @@ class TestCommand:
         assert (result.return_value or 0) == status, result.output
         return result.stdout
 
-    def test_diff_in_words_and_as_json(self, project, tmp_path):
+    def test_diff_as_text_and_as_json(self, project, tmp_path):
         recipe, parts, _ = project
         assemble(NUSCENES, parts[:1], recipe.nuscenes, Store(recipe.store_path), tmp_path)
         text = self.run(recipe, "diff", tmp_path, recipe.nuscenes.output, status=3)

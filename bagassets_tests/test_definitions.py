@@ -76,7 +76,7 @@ def test_materializing_again_is_a_recorded_hit(project):
     assert len(metadata["action_digest"].value) == 64
 
 
-def test_a_missing_upstream_fails_in_words_without_traceback(project):
+def test_a_missing_upstream_fails_with_a_sentence_and_no_traceback(project):
     recipe_file, instance = project
     add_partitions(instance, load_recipe(recipe_file), ["a.bag"])
     result = materialize(recipe_file, instance, "a.bag", ["nuscenes_tables"])
@@ -85,7 +85,7 @@ def test_a_missing_upstream_fails_in_words_without_traceback(project):
     assert "bag is not materialized" in failure.event_specific_data.user_failure_data.description
 
 
-def test_an_unreadable_recording_fails_alone_in_words(project):
+def test_an_unreadable_recording_fails_alone_with_a_sentence(project):
     recipe_file, instance = project
     (recipe_file.parent / "bags" / "broken.bag").write_bytes(b"#ROSBAG V2.0\n" + b"x" * 100)
     add_partitions(instance, load_recipe(recipe_file), ["a.bag", "broken.bag"])

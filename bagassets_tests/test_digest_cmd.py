@@ -97,7 +97,7 @@ def test_one_unreadable_recording_stops_no_other(bags):
     assert "no.bag: no such file" in result.stderr
 
 
-def test_an_empty_folder_is_told(tmp_path):
+def test_an_empty_folder_is_reported(tmp_path):
     (tmp_path / "none").mkdir()
     assert "no recording found; expected .bag" in run(tmp_path / "none", status=1).stderr
 

@@ -369,7 +369,7 @@ class TestTf:
         ),
     ],
 )  # fmt: skip
-def test_a_topic_of_another_type_is_told_and_fails_in_a_sentence(tmp_path, source, topic, words):
+def test_a_topic_of_another_type_is_reported_and_fails_in_a_sentence(tmp_path, source, topic, words):
     times = [n / 10 for n in range(10)]
     entries = fixes(times)
     if topic == "/again":
@@ -409,7 +409,7 @@ class TestNavSat:
         assert made.json["global_frame"] == "enu"
         assert made.json["helpers"]["/imu"]["lost"] == {}
 
-    def test_the_origin_is_told_with_its_utm_coordinates(self, tmp_path):
+    def test_the_origin_is_reported_with_its_utm_coordinates(self, tmp_path):
         origin = Posed(tmp_path, GNSS_IMU, *fixes(TIMES), *turns(TIMES)).json["origin"]
         grid = utm(48.137, 11.575)
         assert origin["kind"] == "wgs84"

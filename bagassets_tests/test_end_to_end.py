@@ -179,7 +179,7 @@ def test_a_recording_that_changes_while_it_is_read_records_nothing(tmp_path):
     )
 
 
-def test_inventory_tells_the_offset_of_the_clocks(project):
+def test_inventory_has_the_offset_of_the_clocks(project):
     _, made = project
     for assets in made.values():
         value = json.loads(assets["inventory"].artifact.path("inventory.json").read_text())

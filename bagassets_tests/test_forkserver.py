@@ -66,7 +66,7 @@ def await_start(client, key="started"):
 # --- jobs --------------------------------------------------------------------------------
 
 
-def test_a_worker_returns_json_and_tells_on_the_way(client):
+def test_a_worker_returns_json_and_reports_on_the_way(client):
     job = client.submit(f"{JOBS}:add", {"x": 1, "y": 2}, label="sum")
     assert client.wait(WAIT_S) == {"event": "note", "job": job, "note": {"half": 1}}
     assert client.wait(WAIT_S) == {"event": "finished", "job": job, "exit": 0, "result": 3}
@@ -90,7 +90,7 @@ def test_a_worker_inherits_none_of_the_servers_files(client):
     assert not [name for name in files if name.endswith(".lock") or "eventpoll" in name]
 
 
-def test_an_error_is_told_with_its_text(client):
+def test_an_error_is_reported_with_its_text(client):
     event = end_of(client, client.submit(f"{JOBS}:fail", {}, label="f"))
     assert event["exit"] == 1
     assert (event["error"]["type"], event["error"]["message"]) == ("ValueError", "no such luck")
@@ -394,7 +394,7 @@ def test_a_killed_server_has_a_successor_and_its_workers_finish(tmp_path):
         new.shutdown()
 
 
-def test_a_client_of_a_dead_server_is_told(client):
+def test_a_client_of_a_dead_server_gets_an_error(client):
     client.process.send(signal.SIGKILL)
     with pytest.raises(ServerRefusedError):
         client.wait(WAIT_S)

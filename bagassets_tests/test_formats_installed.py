@@ -361,7 +361,7 @@ class TestAtWork:
         ):
             call(installed_format("acme").places)
 
-    def test_verify_tells_of_it_and_goes_on(self, site, lock, tmp_path):
+    def test_verify_reports_it_and_goes_on(self, site, lock, tmp_path):
         self.install(site, f"'links': {BROKEN}")
         result = CliRunner().invoke(root, ["verify", "--recipe", str(tmp_path / "recipe.yaml"), "--json"])
         (damage,) = json.loads(result.stdout)["datasets"]

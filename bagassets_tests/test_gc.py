@@ -208,7 +208,7 @@ class TestWhileBuildsRun:
             )
             assert outcome.artifact.path("f").read_bytes() == f"step{i}".encode()
 
-    def test_a_lease_tells_since_when_the_store_is_in_use(self, store):
+    def test_a_lease_says_since_when_the_store_is_in_use(self, store):
         assert in_use_since_s(store.root) is None
         before_s = time.time()
         with in_use(store.root), in_use(store.root):

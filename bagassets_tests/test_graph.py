@@ -256,7 +256,7 @@ def test_a_recording_that_takes_no_part_has_an_inventory_only(project, ran):
     assert not ran
 
 
-def test_what_is_made_along_is_made_once_and_never_told(project, ran):
+def test_what_is_made_along_is_made_once_and_never_shown(project, ran):
     track = step("track", ran, INVENTORY)
     pictures = step("pictures", ran, INVENTORY, along=(track,))
     graph = project(pictures)
@@ -397,7 +397,7 @@ def recorded_assets(graph):
     }
 
 
-def test_a_plan_tells_what_changed_down_to_the_channel(project, ran):
+def test_a_plan_says_what_changed_down_to_the_channel(project, ran):
     poses = step("poses", ran, INVENTORY)
     images = channels("images", ran, {"CAM": TOPICS["CAM"], "ODOM": TOPICS["ODOM"]}, INVENTORY)
     graph = project(poses, images)

@@ -145,7 +145,7 @@ PNG = cv2.imencode(".png", np.full((24, 40), 7, np.uint16))[1].tobytes()
 
 
 @pytest.mark.parametrize(("data", "kind"), [(JPEG, "jpeg"), (PNG, "png"), (JPEG + bytes(20_000), "jpeg")])
-def test_the_type_is_told_from_the_bytes(data, kind):
+def test_the_type_is_found_from_the_bytes(data, kind):
     reading = decode_compressed_image(compressed(data, ""))
     assert reading.encoding == kind
     assert reading.encoded == data

@@ -93,7 +93,7 @@ def test_what_is_to_be_decided_has_its_line_and_ends_with_2(init, tmp_path):
     assert rig.channels["LIDAR_TOP"].extrinsics.rotation == (1, 0, 0, 0)
 
 
-def test_recordings_without_sensors_are_told_to_have_nothing_to_convert(init, tmp_path):
+def test_recordings_without_sensors_are_reported_to_have_nothing_to_convert(init, tmp_path):
     write_drive(tmp_path / "bags" / "poses.bag", "ros1", keep=lambda topic, _: topic == "/odom")
     status, out, _ = init()
     assert status == 2

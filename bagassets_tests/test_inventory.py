@@ -250,7 +250,7 @@ def test_daylight(tmp_path, inventory_of, hours, expected):
     assert inventory_of(write_ros1(tmp_path / "a.bag", [fix(stamp, *MUNICH)]))[0]["daylight"] == expected
 
 
-def test_simulated_time_tells_no_daylight(tmp_path, inventory_of):
+def test_simulated_time_gives_no_daylight(tmp_path, inventory_of):
     value, _, _ = inventory_of(write_ros1(tmp_path / "a.bag", [fix(NOON_NS, *MUNICH, stamp_ns=12 * SECOND)]))
     assert value["gnss"] is not None
     assert value["daylight"] is None

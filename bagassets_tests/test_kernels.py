@@ -127,7 +127,7 @@ def test_all_are_compiled_before_workers_fork():
     }
 
 
-def test_what_cannot_be_compiled_is_told_once_and_done_without(caplog, monkeypatch):
+def test_what_cannot_be_compiled_is_reported_once_and_done_without(caplog, monkeypatch):
     monkeypatch.setattr(machine_code, "_ALL", [])
     code = MachineCode("wrong", lambda: "this is no function")
     assert code.function() is None

@@ -530,6 +530,6 @@ def test_a_run_that_exists_can_be_executed_by_a_job(builder, instance):
     assert builder.wait(WAIT_S)["result"] == {"run_id": run_id, "status": "SUCCESS", "failures": []}
 
 
-def test_a_deleted_run_is_refused_in_words(builder, instance):
+def test_a_deleted_run_is_refused_with_a_sentence(builder, instance):
     submit_run(builder, instance.root_directory, "00000000-0000-0000-0000-000000000000")
     assert "deleted" in builder.wait(WAIT_S)["error"]["message"]

@@ -77,7 +77,7 @@ def test_one_asset_with_all_that_it_reads(project):
     assert latest(project, "frames", "b.mcap") is not None
 
 
-def test_a_recording_that_does_not_exist_is_told_with_one_that_does(project):
+def test_a_recording_that_does_not_exist_is_reported_with_one_that_does(project):
     done = materialize(project, "nuscenes_tables", "b.mcpa")
     assert done.returncode == 1
     assert "b.mcpa: no recording with this partition key below" in done.stderr.splitlines()[-1]

@@ -57,7 +57,7 @@ def test_a_sound_file_passes(plain):
     assert read_all(plain, check=True) == read_all(plain, check=False)
 
 
-def test_noise_in_a_chunk_is_told_with_file_offset_and_advice(plain):
+def test_noise_in_a_chunk_is_reported_with_file_offset_and_advice(plain):
     offset = damage(plain)
     with pytest.raises(RecordingError) as caught:
         read_all(plain, check=True)

@@ -58,7 +58,7 @@ class TestConditions:
             ({"min_speed_mps": 7.5}, "slower than 7.5 m/s"),
         ],
     )
-    def test_each_condition_is_told(self, fields, words):
+    def test_each_condition_is_reported(self, fields, words):
         assert words in refused(**fields)
 
     @pytest.mark.parametrize(

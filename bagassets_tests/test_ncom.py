@@ -422,7 +422,7 @@ class TestTime:
         _, stamps = self.stamps(tmp_path, times, tell=(10,))
         assert stamps == pytest.approx(times, abs=1e-6)
 
-    def test_after_a_long_pause_the_minute_must_be_told_again(self, tmp_path):
+    def test_after_a_long_pause_the_minute_must_be_given_again(self, tmp_path):
         times = [1.0, 1.1, 301.0, 301.1]
         made, stamps = self.stamps(tmp_path / "a", times, tell=(0,))
         assert stamps == pytest.approx([1.0, 1.1], abs=1e-6)

@@ -41,7 +41,7 @@ def action(**fields):
     return {"step": "frames", "version": 1, "libraries": {}, "params": {}, "inputs": {}} | fields
 
 
-def test_differences_are_told_by_name_with_both_values():
+def test_differences_are_reported_by_name_with_both_values():
     before = action(
         params={"quality": 90, "camera": {"k": [1], "width": 8}}, inputs={"topic:/a": "1", "topic:/b": "1"}
     )
@@ -266,7 +266,7 @@ def test_a_recording_in_a_folder_that_cannot_be_read_is_not_removed(built, monke
     assert [key for key, _ in runs if key] == []
 
 
-def test_a_missing_bag_root_is_told_with_the_line_of_the_recipe(built):
+def test_a_missing_bag_root_is_reported_with_the_line_of_the_recipe(built):
     text = built.read_text()
     line = 1 + next(n for n, one in enumerate(text.splitlines()) if "root: bags" in one)
     built.write_text(text.replace("root: bags", "root: /nonexistent"))

@@ -258,7 +258,7 @@ def test_a_plugin_that_does_not_load_is_named_in_one_sentence(tmp_path, site, re
 @pytest.mark.parametrize(
     "name", ["imge__acme_msgs__RawFrame", "image__RawFrame", "image__acme_msgs__msg__RawFrame"]
 )
-def test_a_misnamed_entry_point_is_told_where_it_would_have_helped(tmp_path, site, recording, name):
+def test_a_misnamed_entry_point_is_reported_where_it_would_have_helped(tmp_path, site, recording, name):
     site.install("typo", "1.0", "decode = None\n", **{name: "decode"})
     _, errors = build(project(tmp_path / "project", recording))
     assert f"Entry point {name.replace('__', '.')!r} of typo 1.0 is no decoder" in errors["frames"]

@@ -296,7 +296,7 @@ def test_an_asset_without_code_version_is_refused(project):
     assert "own: give this asset a code_version" in failure(project.run(["own"], ok=False))
 
 
-def test_errors_of_a_step_are_told_in_words_and_leave_nothing_behind(project):
+def test_errors_of_a_step_are_reported_in_sentences_and_leave_nothing_behind(project):
     from bagassets.errors import DecodeError
 
     def make(out):

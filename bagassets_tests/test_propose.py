@@ -110,7 +110,7 @@ def test_cameras_are_named_by_where_they_look(topics, expected, tmp_path):
     assert sorted(channels_of(one, tmp_path)) == sorted(expected)
 
 
-def test_frames_tell_the_direction_if_topics_do_not(tmp_path):
+def test_frames_give_the_direction_if_topics_do_not(tmp_path):
     one = summary(
         topic("/cam0/image_raw", IMAGE, frame="camera_front_optical"),
         topic("/cam1/image_raw", IMAGE, frame="camera_back_optical"),
@@ -167,7 +167,7 @@ def test_packets_before_points_of_the_same_lidar(tmp_path):
     assert channels_of(one, tmp_path) == {"LIDAR_TOP": "/velodyne_packets"}
 
 
-def test_lidar_packets_are_told_by_their_bytes(tmp_path):
+def test_lidar_packets_are_recognized_by_their_bytes(tmp_path):
     packets = topic("/eth/lidar", "ethernet_msgs/msg/Packet", frame="v", velodyne=True)
     other = topic("/eth/ptp", "ethernet_msgs/msg/Packet", frame="e", velodyne=False)
     assert channels_of(summary(packets, other), tmp_path) == {"LIDAR_TOP": "/eth/lidar"}
@@ -627,7 +627,7 @@ def test_same_topic_of_another_type_is_another_rig(tmp_path):
     assert len(proposed({"a.bag": car(), "b.bag": other}, tmp_path).rigs) == 2
 
 
-def test_nothing_usable_still_tells_what_a_rig_looks_like(tmp_path):
+def test_nothing_usable_still_shows_what_a_rig_looks_like(tmp_path):
     text = text_of(summary(topic("/rosout", "rosgraph_msgs/msg/Log")))
     with pytest.raises(RecipeError, match=r"recipe.yaml:\d+: rigs: needs a value"):
         parse_recipe(text, tmp_path / "recipe.yaml")

@@ -177,7 +177,7 @@ def test_empty_recording(tmp_path):
     ("acceleration", "ego_frame"),
     [((0.3, -9.8, 0.2), "base_link"), ((0.1, 0.4, 9.7), "cam"), ((9.8, 0.0, 0.0), "base_link")],
 )
-def test_gravity_tells_whether_a_frame_is_optical(tmp_path, acceleration, ego_frame):
+def test_gravity_shows_whether_a_frame_is_optical(tmp_path, acceleration, ego_frame):
     """A camera in a frame with z up, which some drivers name, still looks along that frame's x axis."""
     bag = Bag(tmp_path / "a.bag")
     bag.transform(0, "cam", "imu")
@@ -190,7 +190,7 @@ def test_gravity_tells_whether_a_frame_is_optical(tmp_path, acceleration, ego_fr
     assert rig.channels["CAM_FRONT"].extrinsics.rotation == (0.5, -0.5, 0.5, -0.5)
 
 
-def test_an_imu_that_measures_no_acceleration_tells_nothing(tmp_path):
+def test_an_imu_that_measures_no_acceleration_shows_nothing(tmp_path):
     bag = Bag(tmp_path / "a.bag")
     bag.imu(0, "/imu", 0.01, acceleration=(0.0, 0.0, 9.8))
     topic = bag.messages[-1]
@@ -284,7 +284,7 @@ def packet(bag, topic, data):
     bag.add(0, topic, "std_msgs/msg/UInt8MultiArray", message)
 
 
-def test_packets_are_told_by_their_bytes_whatever_the_type_of_their_message(tmp_path):
+def test_packets_are_recognized_by_their_bytes_whatever_the_type_of_their_message(tmp_path):
     bag = Bag(tmp_path / "a.bag")
     damaged = bytearray(ncom())
     damaged[30] ^= 1

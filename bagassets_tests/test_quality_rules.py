@@ -163,7 +163,7 @@ class TestChannels:
             {"CAM_FRONT": {"counts": {**COUNTS, **counts}}}, 0.01, lambda _channel: "header"
         )
 
-    def test_few_losses_pass_and_are_told(self):
+    def test_few_losses_pass_and_are_reported(self):
         finding = self.find()
         assert finding.passed
         assert finding.facts == {"files": {"CAM_FRONT": 99}, "lost": {"CAM_FRONT": 1}}
@@ -667,7 +667,7 @@ class TestScenes:
             ({}, "LIDAR_TOP has too few readings for one of scenes.min_length_s (1.5); set that to 0"),
         ],
     )
-    def test_a_recording_without_scene_is_told_why(self, counts, reason):
+    def test_a_recording_without_scene_says_why(self, counts, reason):
         none = {
             "scenes": 0,
             "samples": 0,

@@ -168,7 +168,7 @@ def test_what_the_recipe_says_wrongly_of_the_header_is_found(tmp_path, drives):
     assert advice(problem) == "header_stamp_is: end"
 
 
-def test_a_car_that_moves_on_evenly_tells_nothing(tmp_path, drives):
+def test_a_car_that_moves_on_evenly_shows_nothing(tmp_path, drives):
     drives(1, Ego).record(tmp_path / "recordings" / "a.mcap", header_ns=PERIOD_NS)
     finding = checked(tmp_path, ", deskew: true")
     assert finding.passed
@@ -254,14 +254,14 @@ def test_what_fits_nowhere_is_no_finding(instant):
     assert found(clouds, replace(way, positions_m=jumping)).passed
 
 
-def test_where_nothing_can_be_told_the_facts_say_why(instant):
+def test_where_nothing_can_be_compared_the_facts_say_why(instant):
     clouds, way = instant
     pose = Trajectory(way.stamps_ns[:1], way.positions_m[:1], way.rotations[:1], 0, 0, fixed=True)
     still = replace(
         way, positions_m=way.positions_m * 0, rotations=np.tile(way.rotations[:1], (len(way.rotations), 1))
     )
     reasons = {
-        "the vehicle stands, so nothing can be told": found(clouds, pose),
+        "the vehicle stands still, so there is nothing to compare": found(clouds, pose),
         "the motion of the vehicle changes too little to tell": found(clouds, still),
         "too few clouds to tell": found(clouds[:3], way),
         "too little stands upright around the vehicle to tell": found([cloud[:50] for cloud in clouds], way),

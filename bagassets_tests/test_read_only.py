@@ -28,7 +28,7 @@ def read_only(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("command", ["status", "build", "check", "report"])
-def test_a_read_only_project_is_told_in_one_sentence(read_only, command, capsys):
+def test_a_read_only_project_is_reported_in_one_sentence(read_only, command, capsys):
     assert main([command, "--recipe", str(read_only)]) == EXIT_ERROR
     (line,) = capsys.readouterr().err.splitlines()
     state = read_only.parent / ".bagassets"
@@ -50,7 +50,7 @@ def test_a_file_that_somebody_else_made_is_named(tmp_path, monkeypatch):
         require_writable(tmp_path)
 
 
-def test_a_database_of_our_own_that_cannot_be_opened_is_told_in_words(tmp_path):
+def test_a_database_of_our_own_that_cannot_be_opened_is_reported_in_a_sentence(tmp_path):
     with (
         pytest.raises(
             StoreError, match=r"cannot be used \(unable to open database file\); free disk space, or fix"

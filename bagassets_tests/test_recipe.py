@@ -126,7 +126,7 @@ def test_wrong_field_is_named_with_its_line(old, new, line, field, words, tmp_pa
     assert any(entry.startswith(f"{line}: {field}: ") and words in entry for entry in found), found
 
 
-def test_all_mistakes_are_told_at_once_in_order_of_lines(tmp_path):
+def test_all_mistakes_are_reported_at_once_in_order_of_lines(tmp_path):
     text = edited("quality: 80", "quality: high").replace("name: yard", "name: 5").replace("hz: 2", "hz: -2")
     assert [int(entry.split(":")[0]) for entry in refused(text, tmp_path)] == [1, 14, 19]
 

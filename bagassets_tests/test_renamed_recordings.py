@@ -49,7 +49,7 @@ def told_by_plan(recipe, key):
     return str(err)
 
 
-def test_a_failure_on_record_is_told_of_the_recording_at_hand(project):
+def test_a_failure_on_record_is_reported_for_the_recording_at_hand(project):
     first, second = project.bags.root / "first.bag", project.bags.root / "second.bag"
     first.touch()
     failure_of(project, "first.bag")
@@ -60,7 +60,7 @@ def test_a_failure_on_record_is_told_of_the_recording_at_hand(project):
     assert told_by_plan(project, "second.bag").startswith(f"{second}: the file is empty")
 
 
-def test_empty_files_of_three_formats_are_told_by_their_own_names(project):
+def test_empty_files_of_three_formats_are_reported_by_their_own_names(project):
     names = ("empty.bag", "empty.db3", "empty.mcap")
     for name in names:
         (project.bags.root / name).touch()

@@ -76,7 +76,7 @@ def data_of(tmp_path, recordings, excluded=None):
 
 
 class TestPage:
-    def test_it_tells_of_every_recording_what_there_is_and_why_not(self, tmp_path):
+    def test_it_shows_of_every_recording_what_there_is_and_why_not(self, tmp_path):
         recordings = [
             facts(
                 "a",
@@ -134,7 +134,7 @@ class TestPage:
     def test_without_recordings_there_is_a_page_too(self, tmp_path):
         assert "0 recordings" in Page(report_page(data_of(tmp_path, []))).text
 
-    def test_json_tells_the_same(self, tmp_path):
+    def test_json_says_the_same(self, tmp_path):
         value = report_json(data_of(tmp_path, [facts("a", gaps=[Gaps("/points", 3, 1.25)])]))
         assert json.loads(json.dumps(value))["recordings"][0]["gaps"] == [
             {"topic": "/points", "number": 3, "longest_s": 1.25}
@@ -157,7 +157,7 @@ class TestGridMap:
         assert ex > ox
         assert ex - ox == pytest.approx(oy - ny, rel=2e-3)
 
-    def test_the_grid_is_told_in_round_metres(self):
+    def test_the_grid_is_labelled_in_round_metres(self):
         svg = grid_map([("a", "#000", [(0.0, 0.0), (730.0, 90.0)])], on_earth=False)
         assert "grid: 100 m" in svg
         assert len(re.findall(r'class="g"', svg)) >= 8
@@ -282,7 +282,7 @@ class TestGathered:
         assert recording.route.points[0][0] == pytest.approx(48.0775, abs=1e-3)
         assert "lidar_over_camera.jpg" in {path.name for path in recording.full_pictures.iterdir()}
 
-    def test_failed_and_skipped_recordings_are_told_with_reason(self, built):
+    def test_failed_and_skipped_recordings_are_reported_with_reason(self, built):
         recipe, made = built
         plan = plan_of(recipe, made)
         failed = {"bag": AssetState("fresh", ""), "inventory": AssetState("failed", "it is torn")}
@@ -298,7 +298,7 @@ class TestGathered:
         }
         assert sum(share.recordings for share in data.shares) == 1
 
-    def test_a_pin_that_holds_nothing_is_told(self, built):
+    def test_a_pin_that_holds_nothing_is_reported(self, built):
         recipe, made = built
         pinned = recipe.model_copy(update={"splits": Splits(pinned={"drive_0000": "val", "dirve": "val"})})
         data = report_data(pinned, Store(recipe.store_path), plan_of(recipe, made))

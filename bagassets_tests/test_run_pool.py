@@ -100,7 +100,7 @@ def status_of(instance, run_id):
     return instance.get_run_by_id(run_id).status.value
 
 
-def test_recordings_are_run_side_by_side_and_failures_are_told_in_the_library_s_words(instance, steering):
+def test_recordings_are_run_side_by_side_and_failures_are_reported_in_the_librarys_words(instance, steering):
     todo = {"drive": ("first", "second"), "walk": ("broken",), "no such drive": ("first",), "": ("whole",)}
     runs, events = follow(instance, todo)
     assert {key: ended.problem for key, ended in runs.ended.items()} == {

@@ -94,7 +94,7 @@ def test_assets_may_be_selected_by_selection(instance):
         (["first"], "no such drive", "no such drive"),
     ],
 )
-def test_what_cannot_be_run_is_refused_in_words(instance, assets, key, word):
+def test_what_cannot_be_run_is_refused_with_a_sentence(instance, assets, key, word):
     with pytest.raises(BagAssetsError, match=word):
         create(instance, *assets, partition_key=key)
     assert instance.get_runs_count() == 0
@@ -122,7 +122,7 @@ def test_an_unpartitioned_asset_needs_no_key(instance):
     assert execute_run(instance, create(instance, "whole", partition_key=None)).status == "SUCCESS"
 
 
-def test_a_failure_is_told_in_the_librarys_own_words(instance):
+def test_a_failure_is_reported_in_the_librarys_own_words(instance):
     outcome = execute_run(instance, create(instance, "broken"))
     assert outcome.status == "FAILURE"
     assert outcome.status == "FAILURE"

@@ -316,7 +316,7 @@ def test_a_recording_that_comes_back_as_it_was_is_recorded_anew_without_work(pro
     assert {m.metadata["cached"].value for m in made if "cached" in m.metadata} == {True}
 
 
-def test_a_failure_on_record_is_told_and_not_tried_again(project):
+def test_a_failure_on_record_is_reported_and_not_tried_again(project):
     (project.bags / "broken.bag").write_bytes(b"#ROSBAG V2.0\n" + b"x" * 100)
     for request in project.scan().values():
         assert project.execute(request).success == (request.partition_key == "a.bag")
@@ -430,14 +430,14 @@ def test_a_recording_that_goes_during_a_look_is_no_failure(project, monkeypatch)
     assert [request.partition_key for request in tick(project).run_requests] == ["a.bag"]
 
 
-def test_a_missing_bag_root_fails_the_tick_in_words(project, monkeypatch):
+def test_a_missing_bag_root_fails_the_tick_with_a_sentence(project, monkeypatch):
     monkeypatch.setattr(sensor, "PAUSE_S", 0.0)
     project.bags.rename(project.bags.with_name("elsewhere"))
     with pytest.raises(dg.Failure, match=r"recipe\.yaml:3: bags\.root: there is no folder"):
         tick(project)
 
 
-def test_a_wrong_recipe_fails_the_tick_in_words(project):
+def test_a_wrong_recipe_fails_the_tick_with_a_sentence(project):
     definitions = build_definitions(project.recipe_file)
     project.recipe_file.write_text(project.recipe_file.read_text().replace("rigs:", "riggs:"))
     with pytest.raises(dg.Failure, match=r"recipe\.yaml:5: .*riggs"):

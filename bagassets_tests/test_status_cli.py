@@ -96,7 +96,7 @@ def test_reasons_lead_back_to_what_changed_first(edited):
     assert assets["sweeps"]["state"] == "fresh"
 
 
-def test_a_dry_run_runs_nothing_and_tells_what_would(edited):
+def test_a_dry_run_runs_nothing_and_shows_what_would(edited):
     with open_instance(str(edited.parent)) as instance:
         before = latest_ids(instance), event_database(instance).stat().st_size
     done = run("build", "--dry-run", recipe=edited)

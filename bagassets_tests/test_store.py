@@ -182,7 +182,7 @@ class TestArtifacts:
             store.run(action_of(), make)
 
     @pytest.mark.parametrize("read", ["read_json", "read_table"])
-    def test_a_damaged_file_is_told_with_what_to_do(self, store, read):
+    def test_a_damaged_file_is_reported_with_what_to_do(self, store, read):
         artifact = store.run(action_of(), write("file", b"{")).artifact
         with pytest.raises(
             StoreError, match=r"file: this file of the store is gone or damaged .*bagassets verify"
@@ -207,7 +207,7 @@ class TestArtifacts:
         assert len(artifact.entries()) == 400
         assert artifact_damage(artifact) == []
 
-    def test_one_that_is_not_there_is_told(self, store):
+    def test_one_that_is_not_there_is_reported(self, store):
         with pytest.raises(StoreError, match="materialize the asset that makes it again"):
             store.artifact("0" * 64)
 
@@ -253,7 +253,7 @@ class TestRuns:
             ("it is /bags/a.bag, or /bags/a.bag", "it is /other/b.bag, or /other/b.bag"),
         ],
     )
-    def test_an_error_is_told_of_the_recording_that_asks(self, store, error, told):
+    def test_an_error_is_reported_for_the_recording_that_asks(self, store, error, told):
         store.record_failure(action_of(), error, Path("/bags/a.bag"))
         assert store.failure(action_of().digest, Path("/bags/a.bag")) == error
         assert store.failure(action_of().digest, Path("/other/b.bag")) == told
@@ -293,7 +293,7 @@ class TestRuns:
         assert store.failure(action_of().digest) is None
         assert list((store.root / "tmp").iterdir()) == []
 
-    def test_other_bytes_from_a_second_writer_are_told(self, store):
+    def test_other_bytes_from_a_second_writer_are_reported(self, store):
         pending = store.begin(action_of())
         store.run(action_of(), write("a", b"first"))
         pending.out.write("a", b"second")
@@ -398,7 +398,7 @@ class TestFileSystems:
         (artifact.folder / "manifest.json").write_bytes(content)
         assert not store.is_complete(artifact.digest)
 
-    def test_an_error_that_is_none_of_hard_links_is_told(self, store, monkeypatch):
+    def test_an_error_that_is_none_of_hard_links_is_reported(self, store, monkeypatch):
         def refuse(*_args):
             raise OSError(5, "Input/output error")
 

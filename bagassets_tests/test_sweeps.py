@@ -198,7 +198,7 @@ def test_an_offset_of_the_clock_counts_before_deskewing(run):
     ]
 
 
-def test_point_times_tell_the_revolution_better_than_the_period(run):
+def test_point_times_fit_the_revolution_better_than_the_period(run):
     offsets = np.array([0, 10, 20, 95], np.uint32) * 1_000_000
     result = run(request(lidar(), CLOUD), clouds(2, t=offsets))
     assert result.index[0]["stamp_ns"] == START_NS + 95_000_000

@@ -116,7 +116,7 @@ def test_vision_msgs_has_three_layouts_of_boxes():
 
 
 @pytest.mark.parametrize("number", range(VERSIONS))
-def test_the_version_is_told_from_the_messages_though_the_first_are_empty(tmp_path, number):
+def test_the_version_is_found_from_the_messages_though_the_first_are_empty(tmp_path, number):
     layout = layout_of(ARRAY, number)
     lists = [[], [], ["1"], [], ["2", "3"]]
     messages = [

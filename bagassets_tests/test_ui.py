@@ -311,13 +311,13 @@ def test_a_server_that_a_build_uses_stays(server):
     assert server.status()["draining"] is False
 
 
-def test_an_unknown_host_is_told_in_words(project, capsys):
+def test_an_unknown_host_is_reported_in_a_sentence(project, capsys):
     status = main(["ui", "--recipe", str(project / "recipe.yaml"), "--host", "no.such.host.invalid"])
     assert status == 1
     assert "no.such.host.invalid: no such address on this machine" in capsys.readouterr().err
 
 
-def test_a_taken_port_is_told_with_one_that_is_free(project, capsys):
+def test_a_taken_port_is_reported_with_one_that_is_free(project, capsys):
     with socket.socket() as other:
         other.bind(("127.0.0.1", 0))
         other.listen()
@@ -331,7 +331,7 @@ def test_a_taken_port_is_told_with_one_that_is_free(project, capsys):
         probe.bind(("127.0.0.1", free))
 
 
-def test_a_missing_recipe_is_told_before_anything_is_started(tmp_path, capsys):
+def test_a_missing_recipe_is_reported_before_anything_is_started(tmp_path, capsys):
     assert main(["ui", "--recipe", str(tmp_path / "recipe.yaml")]) == 1
     assert "no recipe here" in capsys.readouterr().err
 

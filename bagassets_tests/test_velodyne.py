@@ -77,7 +77,7 @@ def test_a_packet_of_another_model_is_refused():
         PacketParser("VLS-128").parse(0, vlp16_packets(0.1)[0].tobytes())
 
 
-def test_a_model_that_packets_do_not_tell_must_be_in_the_recipe():
+def test_a_model_that_packets_do_not_name_must_be_in_the_recipe():
     packet = vlp16_packets(0.1)[0]
     packet["product"] = 0x23  # VLP-32A or B
     with pytest.raises(DecodeError, match="set `model`"):

@@ -122,7 +122,7 @@ class TestStore:
             (lambda path: (path.parents[1] / "manifest.json").unlink(), "manifest.json cannot be read"),
         ],
     )
-    def test_each_kind_of_damage_is_told(self, project, spoil, reason):
+    def test_each_kind_of_damage_is_reported(self, project, spoil, reason):
         artifact = artifact_of(project, "calibration")
         spoil(artifact.path("calibration.json"))
         assert reason in artifact_damage(artifact)[0]
@@ -131,7 +131,7 @@ class TestStore:
         assert damage.step == "calibration" or "manifest" in reason
         assert reason in str(damage)
 
-    def test_an_artifact_that_is_gone_is_told_by_the_action_that_made_it(self, project):
+    def test_an_artifact_that_is_gone_is_reported_by_the_action_that_made_it(self, project):
         artifact = artifact_of(project, "calibration")
         shutil.rmtree(artifact.folder)
         damages = list(check_store(store_of(project)))
@@ -139,7 +139,7 @@ class TestStore:
         assert artifact.digest[:16] in str(damages[0])
 
     @pytest.mark.parametrize("content", [b"", b"{", b"{}", b'{"action": {"step": "x"}, "artifact": "0"}'])
-    def test_a_torn_record_is_told_and_forgotten(self, project, content):
+    def test_a_torn_record_is_reported_and_forgotten(self, project, content):
         store = store_of(project)
         path = next((project.store_path / "actions").glob("*/*.json"))
         overwrite(path, content)
@@ -347,7 +347,7 @@ class TestRebuild:
         assert results["inventory"].artifact == next(k.artifact for k in known if k.step == "inventory")
         assert list(check_store(store_of(project))) == []
 
-    def test_nothing_on_record_is_told(self, tmp_path):
+    def test_nothing_on_record_is_reported(self, tmp_path):
         recipe = make_project(tmp_path, ros1="a.bag")
         command = ["verify", "--rebuild", "3", "--recipe", str(tmp_path / "recipe.yaml")]
         result = CliRunner().invoke(root, command)
@@ -383,7 +383,7 @@ def kept(recorded):
 class TestRecordings:
     """`verify --recordings`: bytes that changed under a digest on record."""
 
-    def test_sound_recordings_are_told_as_sound(self, kept):
+    def test_sound_recordings_are_reported_as_sound(self, kept):
         done = CliRunner().invoke(
             root, ["verify", "--recordings", "--recipe", str(kept)], standalone_mode=False
         )
@@ -450,7 +450,7 @@ class TestRecordings:
         assert f"changed  {path}" in done.stdout
         assert "no topic: only an index, a header" in done.stdout
 
-    def test_a_recording_without_record_is_told_and_no_fault(self, kept):
+    def test_a_recording_without_record_is_reported_and_no_fault(self, kept):
         path = kept.parent.parent / "bags" / "new.bag"
         write_drive(path, "ros1", duration_s=1.0)
         done = CliRunner().invoke(

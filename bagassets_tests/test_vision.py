@@ -214,7 +214,7 @@ class TestRecordingFiles:
     def folder(self, output):
         return next((output / "recordings").glob("drive.bag-*"))
 
-    def test_metadata_tells_place_daylight_and_counts(self, built, dataset):
+    def test_metadata_has_place_daylight_and_counts(self, built, dataset):
         _, _, made = built
         metadata = json.loads((self.folder(dataset[0]) / "metadata.json").read_bytes())
         inventory = made["drive.bag"]["inventory"].artifact.read_json("inventory.json")
@@ -283,7 +283,7 @@ class TestRecordingFiles:
         assert table.num_rows > 20
         assert set(table["stamp_ns"].to_pylist()) <= logged
 
-    def test_a_frame_that_is_not_there_is_told_and_costs_nothing_else(self, built, dataset):
+    def test_a_frame_that_is_not_there_is_reported_and_costs_nothing_else(self, built, dataset):
         facts = built[2]["drive.bag"]["vision_sequences"].artifact.read_json("facts.json")
         assert set(facts["missing_trajectories"]) == {"nowhere:odom"}
         assert "nowhere" in facts["missing_trajectories"]["nowhere:odom"]

@@ -265,7 +265,7 @@ class TestFollowing:
             (root / "a.bag").write_bytes(b"content")
             eventually(lambda: events.hashed() == ["a.bag"])
 
-    def test_it_tells_if_there_are_no_notifications_and_goes_on(self, root, index, monkeypatch):
+    def test_it_says_if_there_are_no_notifications_and_goes_on(self, root, index, monkeypatch):
         import watchfiles
 
         def refuse(*args, **options):
@@ -360,7 +360,7 @@ class TestService:
         for name, content in contents.items():
             assert stored_digest(find_one(root / name), index) == hex_of(content)
 
-    def test_once_with_verify_tells_by_its_status(self, root, tmp_path):
+    def test_once_with_verify_shows_by_its_status(self, root, tmp_path):
         (root / "a.bag").write_bytes(b"content")
         with self.start(root, tmp_path / "state", "--once", "--settle", "0") as service:
             assert service.wait(20) == 0

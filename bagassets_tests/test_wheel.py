@@ -106,7 +106,7 @@ def test_pages_that_are_cited_can_be_read(programs, away):
     listed = run(programs / "bagassets", "docs", "page", cwd=away)
     pages = {path.stem for path in (ROOT / "docs").glob("*.md")}
     assert {line.split()[0] for line in listed.splitlines()[:-1]} == pages
-    folder = Path(listed.splitlines()[-1].removeprefix("They lie in "))
+    folder = Path(listed.splitlines()[-1].removeprefix("They are in "))
     assert folder.is_relative_to(programs.parent)
     sources = [
         path.read_text("utf-8")

@@ -337,8 +337,8 @@ becomes a keyframe.""",
             "channels_present",
             "Every message read was written, merged or counted as lost, and every camera has images.",
             "counts do not add up; a channel has no files; more than `limits.reported_losses` (5 %) of its messages were "
-            "lost, for whatever reason; the sentence names the way out (section `channels_present`, whose `max_lost` goes "
-            "before)",
+            "lost, for whatever reason; the message names a remedy (section `channels_present`, whose `max_lost` takes "
+            "precedence)",
             lambda e: channels_complete(e.channels("frames"), e.max_lost, e.clock_of),
             quick=True,
         ),

@@ -15,7 +15,7 @@ from bagassets.store.canonical import digest_json
 __all__ = ["MAP", "SHELL_STEP", "STEP", "action", "make", "make_shell"]
 
 STEP = Step("trajectory_map", 4)
-SHELL_STEP = Step("map_shell", 1, ("folium", "branca"))
+SHELL_STEP = Step("map_shell", 2, ("folium", "branca"))
 MAP, SHELL = "trajectory_map.html", "shell.html"
 
 

@@ -318,7 +318,7 @@ class Graph:
         for above, data_version in recorded.inputs.items():
             if above in current and _as_input(current[above]) != data_version:
                 state = states.get(above)
-                why = "made anew" if state is None or state.state == "fresh" else state.reason
+                why = "made again" if state is None or state.state == "fresh" else state.reason
                 return AssetState("record-only", f"{above} changed ({why}), the result did not", digest)
         return AssetState("fresh", "up to date", digest)
 

@@ -36,7 +36,7 @@ _ASSETS_INTRODUCTION = """\
 <!-- Generated from the assets by `bagassets docs assets`; do not edit. -->
 
 The assets of each recording, in the order in which they are made; the recording itself is the asset `bag`. [How it decides](how-it-decides.md)
-says what is made anew after which change. A new version of an asset, or of a library that shapes its bytes, makes it anew for all recordings.
+says what is made again after which change. A new version of an asset, or of a library that shapes its bytes, rebuilds it for all recordings.
 """
 
 
@@ -111,7 +111,7 @@ def page(name: str | None) -> None:
         width = max(map(len, pages))
         for known, path in pages.items():
             echo(f"{known:{width}}  {_page_title(path)}")
-        echo(f"They lie in {next(iter(pages.values())).parent}")
+        echo(f"They are in {next(iter(pages.values())).parent}")
     elif name not in pages:
         raise click.BadParameter(f"no page {name!r}; there are {', '.join(pages)}.", param_hint="NAME")
     else:
@@ -234,7 +234,7 @@ def find_pages() -> dict[str, Path]:
     found = {path.stem: path for path in sorted(_in_checkout() or _in_wheel())}
     if not found:
         raise BagAssetsError(
-            "documentation: its pages are not there; they lie in docs/ of a checkout, and pip installs them with a wheel of bagassets."
+            "documentation: there are no pages; a checkout has them in docs/, and pip installs them with a wheel of bagassets."
         )
     return found
 
@@ -248,7 +248,7 @@ def _page_title(page: Path) -> str:
 
 
 def _in_checkout() -> list[Path]:
-    # Beside an installed package may lie folders of others.
+    # Beside an installed package there may be folders of others.
     return list((_CHECKOUT / "docs").glob("*.md")) if (_CHECKOUT / "pyproject.toml").is_file() else []
 
 

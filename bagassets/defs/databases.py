@@ -182,7 +182,7 @@ def _damaged(path: Path, reason: str) -> StoreError:
     aside = f"mv {shlex.quote(str(path))} {shlex.quote(f'{path}.damaged')}"
     return StoreError(
         f"{path}: this database of Dagster is damaged ({reason}). Stop `bagassets ui`, then restore it from a backup or "
-        f"move it aside (`{aside}`), and build again: all artifacts in the store are safe and nothing is made anew; "
+        f"move it aside (`{aside}`), and build again: all artifacts in the store are safe and nothing is made again; "
         "only the history of runs in this file is lost."
     )
 

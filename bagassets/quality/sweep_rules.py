@@ -207,7 +207,7 @@ def _way_out(channel: LidarChannel, rightful: Range, fit: _Fit) -> str:
 def _fit(lidar: Sweeps, trajectory: Trajectory) -> _Fit | str:
     """Return how pairs of clouds fit, or why that is unknown."""
     if trajectory.fixed:
-        return "the vehicle stands, so nothing can be told"
+        return "the vehicle stands still, so there is nothing to compare"
     if len(lidar.stamps_ns) <= LEAST_PAIRS:
         return "too few clouds to tell"
     periods = np.sort(np.diff(lidar.stamps_ns))

@@ -33,7 +33,7 @@ _WAYS = """
         var map = {{ this._parent.get_name() }};
         var data = JSON.parse(document.getElementById("ways").textContent);
         var overlays = {}, every = [];
-        function told(way) {
+        function tooltip(way) {
             var box = document.createElement("div"), name = document.createElement("b");
             name.textContent = way.key;
             box.append(name, document.createElement("br"), way.note);
@@ -43,8 +43,8 @@ _WAYS = """
             var layer = L.featureGroup(), name = document.createElement("span");
             split.ways.forEach(function (way) {
                 var style = {color: split.colour, weight: 4, radius: 4, fill: true};
-                L.polyline(way.points, {color: split.colour, weight: 4}).bindTooltip(told(way), {sticky: true}).addTo(layer);
-                L.circleMarker(way.points[0], style).bindTooltip(told(way)).addTo(layer);
+                L.polyline(way.points, {color: split.colour, weight: 4}).bindTooltip(tooltip(way), {sticky: true}).addTo(layer);
+                L.circleMarker(way.points[0], style).bindTooltip(tooltip(way)).addTo(layer);
                 every.push.apply(every, way.points);
             });
             name.textContent = split.name;
