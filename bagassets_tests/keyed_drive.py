@@ -6,7 +6,9 @@ import numpy as np
 from rosbags.rosbag1 import Writer
 from rosbags.typesys import get_types_from_msg
 
-from bagassets_tests.small_drive import LATENCY_NS, START_NS, STORE1, messages
+from bagassets.geometry.camera import CameraModel
+from bagassets_tests.calibration_texts import ros
+from bagassets_tests.small_drive import HEIGHT, LATENCY_NS, START_NS, STORE1, WIDTH, messages
 
 STORE1.register(get_types_from_msg("string data\n", "std_msgs/msg/String"))
 
@@ -25,9 +27,15 @@ rigs:
     annotations: [{topic: /boxes}]
     channels:
       CAM_FRONT: {modality: camera, topic: /cam/image_raw}
-      CAM_BACK: {modality: camera, topic: /back/image_raw}
+      CAM_BACK: {modality: camera, topic: /back/image_raw, intrinsics: {file: back.yaml}}
       LIDAR_TOP: {modality: lidar, topic: /points}
 """
+
+
+def write_lens(folder, fx=30.0):
+    """Write the calibration file of the camera at the back."""
+    model = CameraModel("plumb_bob", WIDTH, HEIGHT, fx, 30.0, 16.0, 12.0, (-0.1, 0.0, 0.0, 0.0, 0.0))
+    (folder / "back.yaml").write_text(ros(model))
 
 
 def drive():

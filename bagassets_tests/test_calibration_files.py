@@ -1,7 +1,10 @@
 """Calibration files of other tools: what each format says is what the camera sees, and what is wrong with a file is told."""
 
 import json
+import re
 from dataclasses import replace
+from pathlib import Path
+from textwrap import indent
 
 import numpy as np
 import pytest
@@ -13,6 +16,7 @@ from bagassets.geometry.calibration import CalibratedCamera
 from bagassets.geometry.calibration_files.read import MOST_BYTES, read_calibration_file
 from bagassets.geometry.camera import CameraModel
 from bagassets.geometry.se3 import SE3
+from bagassets.recipe import parse_recipe
 from bagassets.sample.rig import cameras
 from bagassets.store.canonical import digest_bytes
 from bagassets_tests.calibration_texts import (
@@ -478,6 +482,24 @@ class TestKeys:
         }
         assert short_names([tmp_path / "a" / "x", tmp_path / "b" / "a" / "x", other])[other] == "chain.yaml"
         assert len(set(short_names([tmp_path / "x", tmp_path / "a" / "x"]).values())) == 2
+
+
+def test_the_example_in_the_docs_loads(tmp_path):
+    page = (Path(__file__).parents[1] / "docs" / "poses.md").read_text("utf-8")
+    example = page.partition("## Calibration files")[2].partition("```yaml\n")[2].partition("```")[0]
+    text = "name: x\nbags: {root: bags}\nrigs:\n  - name: car\n    ego_pose: {source: fixed}\n" + indent(
+        example, "    "
+    )
+    named = re.findall(r"file: ([^,}]+)", example)
+    assert len(named) == 6
+    for name in named:
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).touch()
+    channels = parse_recipe(text, tmp_path / "recipe.yaml").rigs[0].channels
+    files = {name: sorted(channel.calibration_files) for name, channel in channels.items()}
+    both = ["extrinsics", "intrinsics"]
+    assert files == {"CAM_FRONT": both[1:], "CAM_LEFT": both, "CAM_RIGHT": both[1:], "CAM_BACK": both}
+    assert channels["CAM_BACK"].extrinsics.file == tmp_path / "sensors" / "rigs.txt"
 
 
 def test_whatever_a_file_holds_is_told_or_read():

@@ -29,6 +29,7 @@ KEY = "a.bag"
 def project(tmp_path_factory):
     folder = tmp_path_factory.mktemp("keys")
     (folder / "recipe.yaml").write_text(drive.RECIPE)
+    drive.write_lens(folder)
     drive.write(folder / "bags" / KEY, drive.drive())
     ran = build(folder / "recipe.yaml", KEY)
     assert ran == {
@@ -92,6 +93,22 @@ def recipe(old, new) -> Callable[[Path], str]:
     return make
 
 
+def without_the_back(folder):
+    path = folder / "recipe.yaml"
+    path.write_text("".join(line for line in path.read_text().splitlines(True) if "CAM_BACK" not in line))
+    return KEY
+
+
+def calibrated_anew(folder):
+    drive.write_lens(folder, fx=31.0)
+    return KEY
+
+
+def calibration_file_touched(folder):
+    drive.write_lens(folder)
+    return KEY
+
+
 def renamed(folder):
     (folder / "bags" / KEY).rename(folder / "bags" / "b.bag")
     return "b.bag"
@@ -148,12 +165,15 @@ TABLE = [
         "inventory", "calibration", "ego_poses", "annotations", "nuscenes_tables", "vision_sequences", "preview"),
     row("JPEG quality", recipe("topic: /back/image_raw", "topic: /back/image_raw, quality: 40"),
         "frames:CAM_BACK", "nuscenes_tables", "vision_sequences", "preview"),
+    row("one camera's calibration file", calibrated_anew,
+        "calibration", "frames:CAM_BACK", "nuscenes_tables", "vision_sequences", "preview"),
+    row("that file only touched", calibration_file_touched),
     row("keyframe rate", recipe("vision:", "scenes: {keyframe_hz: 4}\nvision:"), "nuscenes_tables"),
     row("scene length", recipe("vision:", "scenes: {length_s: 1.5}\nvision:"), "nuscenes_tables"),
     row("one channel added",
         recipe("      LIDAR_TOP:", "      CAM_LEFT: {modality: camera, topic: /cam/image_raw}\n      LIDAR_TOP:"),
         "calibration", "frames:CAM_LEFT", "nuscenes_tables", "vision_sequences", "preview"),
-    row("one channel removed", recipe("      CAM_BACK: {modality: camera, topic: /back/image_raw}\n", ""),
+    row("one channel removed", without_the_back,
         "calibration", "annotations", "nuscenes_tables", "vision_sequences", "preview"),
     row("file renamed", renamed, "nuscenes_tables", "vision_sequences"),
     row("file duplicated", duplicated, "nuscenes_tables", "vision_sequences"),
@@ -312,7 +332,9 @@ def remake(folder, asset):
             store.forget(action_digest)
     upstream = {name: made[name].artifact for name in UPSTREAM[asset]}
     again = RecordingBuild(recipe, store, recording, digest, stat, upstream)
-    with confined(made["inventory"].artifact.digest, recording.path, [folder / "recipe.yaml"]):
+    with confined(
+        made["inventory"].artifact.digest, recording.path, [folder / "recipe.yaml", folder / "back.yaml"]
+    ):
         (result,) = again.build([asset])
     assert not result.cached
     return result.artifact.digest, made[asset].artifact.digest

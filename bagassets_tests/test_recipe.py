@@ -83,6 +83,14 @@ def test_environment_changes_nothing(tmp_path, monkeypatch):
         ("quality: 80", "qualitty: 80", 14, "rigs[0].channels.CAM_FRONT.qualitty", "did you mean quality?"),
         ("quality: 80", "undistort: 1", 14, "rigs[0].channels.CAM_FRONT.undistort", "true or false"),
         ("quality: 80", "output: jpg", 14, "rigs[0].channels.CAM_FRONT.output", "jpeg, png or as_recorded"),
+        (
+            "quality: 80", "intrinsics: cam.yaml", 14, "rigs[0].channels.CAM_FRONT.intrinsics",
+            "expected a mapping with `file`; found 'cam.yaml'",
+        ),
+        (
+            "quality: 80", "extrinsics: {file: a.yaml, relativ_to: imu}", 14,
+            "rigs[0].channels.CAM_FRONT.extrinsics.relativ_to", "did you mean relative_to?",
+        ),
         ("quality: 80", "extrinsics: [0]", 14, "rigs[0].channels.CAM_FRONT.extrinsics", "a transform; found a list"),
         (
             "quality: 80", "extrinsics: {rotation: [1, 0, 0]}", 14,

@@ -84,6 +84,18 @@ def test_what_is_right_is_accepted(value, tmp_path):
         (recipe(scenes={"length_s": 0.4, "min_length_s": 0}), "scenes.length_s", "between keyframes (0.5 s)"),
         (recipe(rig(urdf="no.urdf")), "rigs[0].urdf", "no.urdf"),
         (recipe(rig(urdf="~/rig.urdf")), "rigs[0].urdf", "`~` is not expanded"),
+        (
+            recipe(camera(intrinsics={"file": "no.yaml"})),
+            "rigs[0].channels.CAM_FRONT.intrinsics.file", "no file",
+        ),
+        (
+            recipe(camera(extrinsics={"file": "."})),
+            "rigs[0].channels.CAM_FRONT.extrinsics.file", "is a folder; name the calibration file in it",
+        ),
+        (
+            recipe(camera(intrinsics={"file": "~/cam.yaml"})),
+            "rigs[0].channels.CAM_FRONT.intrinsics.file", "`~` is not expanded",
+        ),
         (recipe(bags={"root": "~/bags"}), "bags.root", "`~` is not expanded"),
         (recipe(state="~"), "state", "`~` is not expanded"),
         (recipe(bags={"root": "bags", "message_definitions": ["no"]}), "bags.message_definitions[0]", "no folder"),

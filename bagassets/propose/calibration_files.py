@@ -1,6 +1,7 @@
 """Calibration files that lie beside recordings, and the cameras that they are of by their topics or names."""
 
 import os
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +14,7 @@ from bagassets.propose.naming import sensor_of, tokens
 __all__ = ["FoundCalibration", "ProposedCalibration", "calibration_of", "find_calibrations"]
 
 _ENDINGS = (".yaml", ".yml")
+_HINT = re.compile(rb"camera_matrix|camera_model")
 _DEPTH = 3
 # Folders of results may hold thousands of YAML files that are none of ours.
 _MOST_FILES = 300
@@ -63,7 +65,10 @@ def find_calibrations(root: Path, project: Path | None, *, nested: bool = True) 
         try:
             if path.stat().st_size > MOST_BYTES:
                 continue
-            content = read_calibration_file(path.read_bytes(), str(path))
+            data = path.read_bytes()
+            if not _HINT.search(data):  # parsing takes far longer than looking
+                continue
+            content = read_calibration_file(data, str(path))
         except (OSError, CalibrationError):
             continue  # some other YAML, such as the metadata of a ROS 2 bag
         inside = project is not None and path.is_relative_to(project)
