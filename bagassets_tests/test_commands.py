@@ -1,5 +1,6 @@
 """Every command as users meet it: in the overview, in its own help, and in the pages that it cites."""
 
+import ast
 import re
 from pathlib import Path
 
@@ -11,6 +12,8 @@ from bagassets.cli import docs as docs_command
 from bagassets.cli.docs import all_commands
 from bagassets.cli.main import COMMANDS, EXIT_ERROR, main, root
 
+# A page by its file; references are written to one with `bagassets docs … > docs/….md`.
+PAGE_FILE = re.compile(r"(?<!> )(?<![\w/])docs/[a-z-]+\.md")
 LEAVES = {name: command for name, command in all_commands() if not isinstance(command, click.Group)}
 
 
@@ -79,3 +82,17 @@ def test_every_page_that_the_code_cites_exists():
     }
     assert len(cited) > 5
     assert {name for _, name in cited} <= set(docs_command.find_pages())
+    assert not [(path, text) for path in sources for text in _messages(path) if PAGE_FILE.search(text)]
+
+
+def _messages(path):
+    """Yield the texts in a module that are no docstrings."""
+    tree = ast.parse(path.read_text("utf-8"))
+    docstrings = {
+        id(node.value)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
+    }
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in docstrings:
+            yield node.value

@@ -132,7 +132,7 @@ def _unusable(topic: TopicSummary) -> tuple[str, bool]:
 def _no_decoder(topic: TopicSummary) -> str:
     return (
         f"no decoder for {shown_type(topic.msgtype)}; record what its driver publishes (Image, PointCloud2), or "
-        "install a decoder (docs/decoders.md)"
+        "install a decoder (`bagassets docs page decoders`)"
     )
 
 
