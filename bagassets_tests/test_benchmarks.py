@@ -14,11 +14,14 @@ from sample_drives import build_recordings, build_sample
 from bagassets.recipe import load_recipe
 from bagassets.recordings.digest_record import ATTRIBUTE
 from bagassets.recordings.discover import discover
+from bagassets.recordings.open import open_recording
 from bagassets.sample.drive import Target, write_recordings
 from bagassets.store import artifact
 from bagassets.store.store import Store
 from benchmarks.common import Options, Project, converter_command, markdown, project, save, speedup
-from benchmarks.drives import write_jpeg_project, write_tas_drive
+from benchmarks.drives import LIDAR_TOPIC, write_jpeg_project, write_tas_drive
+from benchmarks.peers import BAGASSETS, LOOP, BazelWorkspace, Peers, params_of, peers_table
+from benchmarks.peers import main as peers_main
 from benchmarks.plain import convert_plainly
 from benchmarks.resources import run_watched
 from benchmarks.rq1 import told
@@ -203,6 +206,67 @@ def test_wrong_use_is_refused(arguments, error):
     done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT)
     assert done.returncode == 2
     assert error in done.stderr
+
+
+def test_bazel_runs_the_converter_once_per_recording(drives, tmp_path):
+    params = tmp_path / "params.json"
+    params.write_text("{}")
+    converter = f"{sys.executable} -c 'import sys; print(sys.argv[1:])' --in={{bag}} 'a b' {{out}} {{params}}"
+    for bagzel in (None, tmp_path / "bagzel"):
+        BazelWorkspace(tmp_path / "w", drives, Peers("bazel", converter, bagzel), params)
+        root = tmp_path / "w" / "workspace"
+        targets = (root / "BUILD").read_text()
+        assert all(targets.count(f'"bags/{name}"') == 1 for name in ("a.bag", "b.bag"))
+        assert ("single_rosbag_to_nuscenes(" in targets) == (bagzel is not None)
+        assert (str(bagzel) in (root / "WORKSPACE").read_text()) == (bagzel is not None)
+        words = ["--input_bag", "x y.bag", "--output_dir", "out", "--param_file", "p.json"]
+        done = subprocess.run(["./convert.sh", *words], cwd=root, capture_output=True, text=True, check=True)
+        assert done.stdout.strip() == str(["--in=x y.bag", "a b", "out", "p.json"])
+
+
+def test_settings_of_the_converter_name_what_the_drives_have(tmp_path):
+    made = project(tmp_path / "project", [], 1)
+    write_recordings([Target(made.bags / "a.bag", "ros1")], profile="tas", duration_s=0.2)
+    [recording] = discover(load_recipe(made.recipe).bags).recordings.values()
+    with open_recording(recording) as opened:
+        topics = set(opened.topics)
+    params = params_of(2.7)
+    sensors = params["SENSOR_INFO"].values()
+    assert {one["TOPIC"] for one in sensors} - topics == {
+        LIDAR_TOPIC
+    }  # the benchmark splits its scans into packets
+    assert params["BAG_INFO"]["ODOM_TOPIC"] in topics
+    assert len({one["TOKEN"] for one in sensors}) == len(sensors) == 5
+    assert params["EXTRACTION"]["scene_length_sec"] == 2.43
+    assert params_of(60.0)["EXTRACTION"]["scene_length_sec"] == 20.0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error"),
+    [
+        (["--bazel", "bazel"], "--bazel needs --converter"),
+        (["--converter", "convert {out}"], "must say where {bag} and {out} go"),
+        (["--bazel", "no-such-program", "--converter", "convert {bag} {out}"], "there is no program"),
+        (["--tiny"], "--tiny needs --results"),
+    ],
+)
+def test_wrong_use_of_peers_is_refused(arguments, error, capsys, monkeypatch):
+    monkeypatch.setattr(sys, "argv", ["peers", *arguments])
+    with pytest.raises(SystemExit) as ended:
+        peers_main()
+    assert ended.value.code == 2
+    assert error in capsys.readouterr().err
+
+
+def test_rows_without_a_figure_say_what_happens():
+    rows = {"cold": {BAGASSETS: [{"seconds": 2.0}, {"seconds": 4.0}], LOOP: [{"seconds": 9.0}]},
+            "nothing changed": {BAGASSETS: [{"seconds": 0.1}]}}  # fmt: skip
+    found = {"bazel": "", "rule": "", "rows": rows, "files": {BAGASSETS: 5, LOOP: 6}, "trials": 2}
+    assert peers_table(found) == (
+        "| | bagassets | Bagzel's converter in a loop |\n|---|--:|--:|\n"
+        "| cold | 3.00 s | 9.00 s |\n| nothing changed | 0.10 s | everything again |\n\n"
+        "Medians of 2. Cold, of all recordings: bagassets: 5 files; converter in a loop: 6 files.\n"
+    )
 
 
 def test_a_project_is_a_bench(drives):

@@ -1,11 +1,15 @@
 """Each benchmark runs to its end, with recordings as small as can be; what it measures then says nothing."""
 
 import json
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+
+from benchmarks.launch import launch_table
+from benchmarks.peers import BAGASSETS, BAZEL, LOOP
 
 pytestmark = pytest.mark.long
 
@@ -66,4 +70,38 @@ def test_plan(tmp_path):
 
 
 def test_kernels(tmp_path):
-    assert "without / with: median" in run("-m", "benchmarks.kernels", "--size-gb", "0.03", "--trials", "1")
+    json_file = tmp_path / "kernels.json"
+    run("-m", "benchmarks.kernels", "--size-gb", "0.03", "--trials", "1", "--json", json_file)
+    assert len(json.loads(json_file.read_text("utf-8"))["with_cpu_s"]) == 1
+
+
+def test_launch(tmp_path):
+    json_file = tmp_path / "launch.json"
+    printed = run("benchmarks/launch.py", "--times", "1", "--recordings", "2", "--json", json_file)
+    found = json.loads(json_file.read_text("utf-8"))
+    assert launch_table(found) in printed
+    for seconds in found["seconds"].values():
+        assert len(seconds) == 5
+        assert all(len(taken) == 1 and taken[0] > 0 for taken in seconds.values())
+
+
+def test_peers_without_peers(tmp_path):
+    printed = run("-m", "benchmarks.peers", "--tiny", "--results", tmp_path)
+    assert "No Bazel was given" in printed
+    assert "No converter was given" in printed
+    found = json.loads((tmp_path / "peers.json").read_text("utf-8"))
+    assert len(found["rows"]) == 7
+    assert all(set(by_method) == {BAGASSETS} for by_method in found["rows"].values())
+
+
+@pytest.mark.skipif(shutil.which("bazel") is None, reason="there is no Bazel")
+def test_peers_with_a_rule_of_ours(tmp_path):
+    script = tmp_path / "convert.py"
+    script.write_text("import shutil, sys; shutil.copy(sys.argv[1], sys.argv[2])")
+    command = f"{sys.executable} {script} {{bag}} {{out}}"
+    folder = tmp_path / "results"
+    run("-m", "benchmarks.peers", "--tiny", "--results", folder, "--bazel", "bazel", "--converter", command)
+    found = json.loads((folder / "peers.json").read_text("utf-8"))
+    assert found["files"] == {BAGASSETS: found["files"][BAGASSETS], BAZEL: 2, LOOP: 2}
+    assert [len(by_method) for by_method in found["rows"].values()] == [3, 2, 2, 2, 2, 2, 3]
+    assert str(tmp_path) not in (folder / "peers.json").read_text("utf-8")
