@@ -1,8 +1,8 @@
 """The floor of a cold build: what its stages take for one recording, each by itself.
 
 Each is done on all of the recording, on one thread, and its processor time taken: reading, hashing, Bayer
-conversion, undistortion (as it is done, and by OpenCV), JPEG, packets to points, writing. What a build
-takes beyond their sum is what it costs to put them together.
+conversion, undistortion (as it is done, and by OpenCV), JPEG, packets to points, writing. What a plain conversion
+takes beyond their sum, but for hashing, which it does not do, is what it costs to put them together.
 """
 
 import sys
@@ -34,6 +34,7 @@ from benchmarks.resources import run_watched
 __all__ = ["floor", "floor_table"]
 
 _BAG_GB = 1.9
+_HASH = "hash"  # stages that begin with it are no part of a plain conversion
 _QUALITY = [cv2.IMWRITE_JPEG_QUALITY, 90]
 
 
@@ -69,14 +70,14 @@ def floor(options: Options) -> None:
     made.settle()
     stages, out = _Stages(), options.folder / "floor"
     out.mkdir(exist_ok=True)
-    with stages.stage("hash the file"):
+    with stages.stage(f"{_HASH} the file"):
         digest_file(files.path)
     with open_recording(files) as recording:
         for name in ("read (inventory)", "read (frames and sweeps)"):
             with stages.stage(name):
                 for _ in recording.messages(list(recording.topics)):
                     pass
-        with stages.stage("hash the topics"):
+        with stages.stage(f"{_HASH} the topics"):
             digest_file(files.path)
         cameras = [topic for topic in recording.topics if topic.endswith("/image_raw")]
         for topic in cameras:
@@ -96,10 +97,13 @@ def floor(options: Options) -> None:
 
 def floor_table(found: dict[str, Any]) -> str:
     """Return the table of `floor.json`."""
+    hashing = sum(seconds for name, seconds in found["cpu_s"].items() if name.startswith(_HASH))
     total, plain_cpu_s = sum(found["cpu_s"].values()), found["plain_cpu_s"]
     rows: list[list[object]] = [[name, seconds] for name, seconds in found["cpu_s"].items()]
-    rows += [["floor, all of these", total], ["plain conversion", plain_cpu_s]]
-    rows += [["left: Python, calibration, deskewing, tables, imports", plain_cpu_s - total]]
+    rows += [["floor of a build, all of these", total]]
+    rows += [["floor of a plain conversion, without hashing", total - hashing]]
+    rows += [["plain conversion", plain_cpu_s]]
+    rows += [["left of it: Python, calibration, deskewing, tables, imports", plain_cpu_s - (total - hashing)]]
     rows += [[f"({name})", seconds] for name, seconds in found["others_cpu_s"].items()]
     return f"One recording of {found['size_gb']:.2f} GB.\n\n" + markdown(["stage", "CPU-s"], rows)
 
@@ -152,6 +156,7 @@ def _packets(recording: Recording, stages: _Stages, out: Path) -> None:
 
 
 def _write(path: Path, data: memoryview, stages: _Stages) -> None:
-    with stages.stage("hash and write"):
+    with stages.stage(f"{_HASH} what is written"):
         digest_bytes(data)
+    with stages.stage("write"):
         path.write_bytes(data)

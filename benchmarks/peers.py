@@ -1,16 +1,14 @@
-r"""Builds beside those of peers, by turns in one run: real Bazel with the rules of Bagzel, and its converter in a loop.
+"""Builds beside those of peers, by turns in one run: real Bazel with the rules of Bagzel, and its converter in a loop.
 
 Nothing of theirs is part of this repository; who wants the comparison fetches it (docs/performance.md says how), and
 without it only ours is measured::
 
     make bench-peers
-    make bench-peers BAZEL=/usr/bin/bazel BAGZEL=bagzel CONVERTER='venv/bin/python \
-        bagzel/processing_edges/rosbag_to_nuscenes/rosbag_to_nuscenes.py \
-        --input_bag {bag} --output_dir {out} --param_file {params}'
+    make bench-peers BAZEL=bazel BAGZEL=bagzel CONVERTER="PYTHON SCRIPT --input_bag {bag} --output_dir {out} --param_file {params}"
 
 Bazel runs the converter as one action per recording. With BAGZEL (a checkout), the rule is that of Bagzel; else one of
 our own that does the same. Bagzel's whole module asks for Bazel 8 and a network, so a small workspace is generated
-that loads nothing but the rule, which any Bazel since 4 runs. Cold is without server, results and digests for
+that loads nothing but the rule, for Debian's Bazel 4 (later ones, to 7, know such workspaces, too). Cold is without server, results and digests for
 both; before all other rows both have been up and done. The converter in a loop does everything again
 whatever changed, so only cold is measured of it.
 """
@@ -109,6 +107,7 @@ class BazelWorkspace:
         convert.write_text(f"#!/bin/sh\nexec {' '.join(words)}\n", "utf-8")
         convert.chmod(0o755)
         names = sorted(path.name for path in made.bags.iterdir())
+        self._recordings = len(names)
         (self._root / ".bazelrc").write_text(_BAZELRC, "utf-8")
         (self._root / "WORKSPACE").write_text(_workspace(peers.bagzel), "utf-8")
         (self._root / "rules.bzl").write_text(_OWN_RULE, "utf-8")
@@ -130,8 +129,9 @@ class BazelWorkspace:
         self._run("shutdown")
 
     def files(self) -> int:
-        """Return how many files the last build left."""
-        return count_files(self._root / "bazel-bin" / "out")
+        """Return how many files the last build left; 0 if it left none of some recording."""
+        made = [count_files(folder) for folder in (self._root / "bazel-bin" / "out").iterdir()]
+        return sum(made) if len(made) == self._recordings and all(made) else 0
 
     def _run(self, *arguments: str) -> None:
         command = [self._bazel, f"--output_user_root={self._home}", *arguments]
@@ -318,7 +318,7 @@ def _cold(
             rows.setdefault(row, {}).setdefault(name, []).append(asdict(build()))
             files[name] = count()
             if not files[name]:
-                sys.exit(f"{name} left no files")
+                sys.exit(f"{name} left no files of some recording")
 
 
 def _start_over(made: Project) -> None:

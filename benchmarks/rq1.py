@@ -59,8 +59,7 @@ def rq1_table(found: dict[str, Any]) -> str:
     rows = []
     for name, by_scenario in times.items():
         for scenario, taken in by_scenario.items():
-            # Results of earlier versions have only a cold plain conversion.
-            ratio, reduction = speedup(times[PLAIN].get(scenario, times[PLAIN][COLD]), taken)
+            ratio, reduction = speedup(times[PLAIN][scenario], taken)
             rows.append([f"{name}: {scenario}", median(taken), min(taken), max(taken), ratio, reduction])
     header = ["run", "median s", "min s", "max s", "speed-up", "reduction %"]
     about = f"{found['recordings']} recordings, {found['size_gb']:.2f} GB, {found['trials']} trials.\n\n"
