@@ -75,6 +75,13 @@ def test_kernels(tmp_path):
     assert len(json.loads(json_file.read_text("utf-8"))["with_cpu_s"]) == 1
 
 
+def test_flips(tmp_path):
+    printed = run("-m", "benchmarks.flips", "--flips", "1", "--results", tmp_path)
+    rows = (tmp_path / "flips.md").read_text("utf-8").splitlines()[2:]
+    assert len(rows) == 11
+    assert all(row in printed for row in rows)
+
+
 def test_launch(tmp_path):
     json_file = tmp_path / "launch.json"
     printed = run("benchmarks/launch.py", "--times", "1", "--recordings", "2", "--json", json_file)

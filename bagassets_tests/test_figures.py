@@ -24,6 +24,8 @@ NOT_MEASURED = {
     "tests.md": ["tests of 4 seconds", "with 15 seconds", "the 15 seconds", "1.7 s off"],
     "ui.md": ["polls every 30 seconds"],
 }
+# Measured by a script of its own, and compared with its page by a test of its own.
+SHOWN_ELSEWHERE = {"install_size"}
 
 
 @pytest.mark.parametrize("page", pages(), ids=lambda page: page.name)
@@ -57,7 +59,7 @@ def test_all_that_is_measured_is_shown():
     named = {name for page in pages() for _, name, _, _ in MARK.findall(page.read_text("utf-8"))}
     assert named == FIGURES.keys()
     files = {path.stem for path in RESULTS.glob("*.json")}
-    assert files <= {file for file, _ in FIGURES.values()}
+    assert files - SHOWN_ELSEWHERE <= {file for file, _ in FIGURES.values()}
 
 
 def test_marks_are_not_broken():
