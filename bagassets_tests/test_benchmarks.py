@@ -208,12 +208,15 @@ def test_wrong_use_is_refused(arguments, error):
     assert error in done.stderr
 
 
-def test_bazel_runs_the_converter_once_per_recording(drives, tmp_path):
+def test_bazel_runs_the_converter_once_per_recording(tmp_path):
+    made = project(tmp_path / "project", [], 1)
+    for name in ("a.bag", "b.bag"):
+        (made.bags / name).touch()
     params = tmp_path / "params.json"
     params.write_text("{}")
     converter = f"{sys.executable} -c 'import sys; print(sys.argv[1:])' --in={{bag}} 'a b' {{out}} {{params}}"
     for bagzel in (None, tmp_path / "bagzel"):
-        BazelWorkspace(tmp_path / "w", drives, Peers("bazel", converter, bagzel), params)
+        BazelWorkspace(tmp_path / "w", made, Peers("bazel", converter, bagzel), params)
         root = tmp_path / "w" / "workspace"
         targets = (root / "BUILD").read_text()
         assert all(targets.count(f'"bags/{name}"') == 1 for name in ("a.bag", "b.bag"))
@@ -224,7 +227,8 @@ def test_bazel_runs_the_converter_once_per_recording(drives, tmp_path):
         assert done.stdout.strip() == str(["--in=x y.bag", "a b", "out", "p.json"])
 
 
-def test_settings_of_the_converter_name_what_the_drives_have(tmp_path):
+def test_settings_of_the_converter_name_what_the_drives_have(tmp_path, monkeypatch):
+    monkeypatch.setattr("bagassets.sample.throughput._CYCLE", 1)  # the same image again and again
     made = project(tmp_path / "project", [], 1)
     write_recordings([Target(made.bags / "a.bag", "ros1")], profile="tas", duration_s=0.2)
     [recording] = discover(load_recipe(made.recipe).bags).recordings.values()
