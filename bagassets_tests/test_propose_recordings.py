@@ -6,6 +6,7 @@ from rosbags.rosbag1 import Writer
 from small_drive import START_NS, STORE1, write_drive
 
 from bagassets.decode.point_times import TIME_NAMES
+from bagassets.propose.frames import is_optical
 from bagassets.propose.proposal import propose_recipe
 from bagassets.propose.scan import scan_recording
 from bagassets.propose.sensors import modality_of
@@ -174,20 +175,40 @@ def test_empty_recording(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("acceleration", "ego_frame"),
-    [((0.3, -9.8, 0.2), "base_link"), ((0.1, 0.4, 9.7), "cam"), ((9.8, 0.0, 0.0), "base_link")],
+    ("acceleration", "optical", "ego_frame"),
+    [
+        ((0.3, -9.8, 0.2), True, "base_link"),
+        ((0.1, 0.4, 9.7), False, "cam"),
+        ((9.8, 0.0, 0.0), None, "base_link"),
+        ((0.3, 9.8, 0.2), None, "base_link"),
+    ],
 )
-def test_gravity_shows_whether_a_frame_is_optical(tmp_path, acceleration, ego_frame):
+def test_gravity_shows_whether_a_frame_is_optical(tmp_path, acceleration, optical, ego_frame):
     """A camera in a frame with z up, which some drivers name, still looks along that frame's x axis."""
     bag = Bag(tmp_path / "a.bag")
     bag.transform(0, "cam", "imu")
     for number in range(5):
         bag.image(number, encoding="mono8")
         bag.imu(number, "/imu", -1.0, acceleration=acceleration)
-    text = propose_recipe({"a.bag": bag.scan()}, name="x", root=tmp_path).text
+    summary = bag.scan()
+    assert is_optical(summary, "cam") is optical
+    text = propose_recipe({"a.bag": summary}, name="x", root=tmp_path).text
     (rig,) = parse_recipe(text.replace("# source: fixed", "source: fixed"), tmp_path / "recipe.yaml").rigs
     assert rig.ego_frame == ego_frame
     assert rig.channels["CAM_FRONT"].extrinsics.rotation == (0.5, -0.5, 0.5, -0.5)
+
+
+def test_robots_that_differ_in_their_ego_frame_alone_are_two_rigs(tmp_path):
+    summaries = {}
+    for name in ("red", "blue"):
+        bag = Bag(tmp_path / f"{name}.bag")
+        bag.transform(0, f"{name}_base", "cam")
+        bag.image(0)
+        bag.image(1)
+        summaries[f"{name}.bag"] = bag.scan()
+    text = propose_recipe(summaries, name="x", root=tmp_path).text
+    rigs = parse_recipe(text.replace("# source: fixed", "source: fixed"), tmp_path / "recipe.yaml").rigs
+    assert {rig.ego_frame for rig in rigs} == {"red_base", "blue_base"}
 
 
 def test_an_imu_that_measures_no_acceleration_shows_nothing(tmp_path):
