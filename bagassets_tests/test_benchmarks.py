@@ -11,6 +11,8 @@ import pytest
 from blake3 import blake3
 from sample_drives import build_recordings, build_sample
 
+import benchmarks.cold
+from bagassets.propose.project import write_project
 from bagassets.recipe import load_recipe
 from bagassets.recordings.digest_record import ATTRIBUTE
 from bagassets.recordings.discover import discover
@@ -18,13 +20,15 @@ from bagassets.recordings.open import open_recording
 from bagassets.sample.drive import Target, write_recordings
 from bagassets.store import artifact
 from bagassets.store.store import Store
+from bagassets_tests.small_drive import RECIPE as SMALL
+from benchmarks.cold import cold_table
 from benchmarks.common import Options, Project, converter_command, markdown, project, save, speedup
 from benchmarks.drives import LIDAR_TOPIC, write_jpeg_project, write_tas_drive
 from benchmarks.peers import BAGASSETS, LOOP, BazelWorkspace, Peers, params_of, peers_table
 from benchmarks.peers import main as peers_main
 from benchmarks.plain import convert_plainly
-from benchmarks.resources import run_watched
-from benchmarks.rq1 import told
+from benchmarks.resources import Used, run_watched
+from benchmarks.rq1 import PLAIN, told
 from benchmarks.rq2 import fit
 
 ROOT = Path(__file__).parents[1]
@@ -271,6 +275,48 @@ def test_rows_without_a_figure_say_what_happens():
         "| cold | 3.00 s | 9.00 s |\n| nothing changed | 0.10 s | everything again |\n\n"
         "Medians of 2. Cold, of all recordings: bagassets: 5 files; converter in a loop: 6 files.\n"
     )
+
+
+def test_cold_tells_medians_and_what_builds_take_beyond_conversions(tmp_path, monkeypatch):
+    """With times that are given: a build takes 2 CPU-s to start, and 0.5 CPU-s and half the speed for each recording."""
+
+    class Made(Project):
+        def stop_server(self):
+            pass
+
+    def make(folder, sizes, trials):
+        write_project(folder, SMALL.format(name="x", root="recordings"))
+        made = Made(folder / "recipe.yaml", trials)
+        made.bags.mkdir()
+        made.state.mkdir(exist_ok=True)
+        for number, size in enumerate(sizes):
+            with (made.bags / f"{number}.bag").open("wb") as stream:
+                stream.truncate(round(size))
+        return made
+
+    def runs(made, _options):
+        number = len(list(made.bags.iterdir()))
+        plain = [Used(10 * made.size_gb * slower, number * slower, 100.0, 0.5) for slower in (1.0, 1.2, 0.1)]
+        built = [Used(20 * made.size_gb, number * 1.5 + 2, 300.0, 0.9)] * 3
+        return {"bagassets": built, PLAIN: plain}
+
+    monkeypatch.setattr(benchmarks.cold, "project", make)
+    monkeypatch.setattr(
+        benchmarks.cold, "jpeg_project", lambda folder, size, trials: make(folder, [size], trials)
+    )
+    monkeypatch.setattr(benchmarks.cold, "_runs", runs)
+    options = Options(tmp_path, tmp_path / "results", 3, 0.01, 2, None, tiny=True)
+    benchmarks.cold.cold(options)
+    found = json.loads((tmp_path / "results" / "cold.json").read_text())
+    assert len(found["cases"]) == 6
+    assert found["cpu_s_per_recording"] == pytest.approx(0.5)
+    assert found["cpu_s_to_start"] == pytest.approx(2.0)
+    rates = found["jpeg_mb_per_s"]
+    assert (rates["bagassets"], rates[PLAIN]) == (pytest.approx(50.0), pytest.approx(100.0))
+    assert "cutting it into files" in rates
+    table = (tmp_path / "results" / "cold.md").read_text()
+    assert table == cold_table(found)
+    assert "| one recording of 0.02 GB: plain sequential | 0.19 | 1 | 50 | 100 | 100 |" in table
 
 
 def test_a_project_is_a_bench(drives):
