@@ -172,11 +172,11 @@ class Reader:
                 eventually(
                     lambda: "nuscenes_dataset: fresh" in self.call(command.text).stdout, "it is built", 300
                 )
-            if command.text.startswith("dagster"):
-                self.end_ui()
             done = self.call(command.text)
             assert done.returncode == 0, f"{command.text}\n{done.stdout}\n{done.stderr}"
             self.compare(command, done.stdout, done.stderr)
+            if command.text.startswith("bagassets status"):
+                self.end_ui()  # the next section begins with Ctrl-C
 
     def compare(self, command, stdout, stderr):
         shown = plain("\n".join(command.shown), self.root)
