@@ -20,10 +20,18 @@ export BAGASSETS_DEVKIT_PYTHON := $(CURDIR)/$(DEVKIT)/bin/python
 .PHONY: demo test test-all lint docs clean bench bench-all bench-incremental bench-peers bench-plan mutants
 .DEFAULT_GOAL := demo
 
+# Whoever has an environment of that name, with other things in it, keeps it.
+define own
+@[ ! -e $(1) ] || [ -e $(1)/.made ] || [ -e $(1)/.by-make ] || { echo "$(1) is here already, and not made by make:\
+ remove it, or keep it and name another: make VENV=.venv-bagassets" >&2; exit 1; }
+endef
+
 # A stamp file each, so that a second run costs nothing.
 $(VENV)/.made: pyproject.toml requirements.lock
 	$(call need,$(PYTHON))
+	$(call own,$(VENV))
 	"$(PYTHON)" -m venv --clear $(VENV)
+	@touch $(VENV)/.by-make
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements.lock
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --editable .
 	touch $@

@@ -130,6 +130,22 @@ class TestFiles:
         assert "the file is empty" in outcomes["empty.bag"]
         assert list(check_store(Store(project.store_path))) == []
 
+    @pytest.mark.parametrize(
+        ("kind", "name", "content"),
+        [
+            ("mcap", "misnamed.bag", "an MCAP file, whatever its name says; have its name end in .mcap"),
+            ("ros1", "misnamed.mcap", "a ROS 1 bag, whatever its name says; have its name end in .bag"),
+        ],
+    )
+    def test_a_sound_file_under_a_wrong_name_is_recognized(self, project, drives, kind, name, content):
+        path = project.bags.root / name
+        shutil.copy(drives[kind], path)
+        assert sentence(project, name) == f"{path}: its content is that of {content}."
+
+    def test_a_short_text_is_no_contradiction(self, project):
+        (project.bags.root / "text.mcap").write_text("hello\n")
+        assert "it does not begin as such a file does" in sentence(project, "text.mcap")
+
     def test_the_failure_is_on_record_and_not_tried_again(self, project):
         path = project.bags.root / "text.bag"
         path.write_text("no bag " * 1000)
@@ -155,6 +171,8 @@ class TestFiles:
         ((name, reason),) = discover(project.bags).excluded
         assert name == "half"
         assert "no .db3 or .mcap file" in reason
+        with pytest.raises(RecordingError, match=r"half: there is no \.db3 or \.mcap file beside"):
+            find_one(project.bags.root / "half")
 
     def test_a_file_that_the_disk_cannot_read(self, project):
         if not Path("/proc/self/mem").exists():

@@ -368,9 +368,13 @@ BAD = {
     ),
     "ros, coefficients and shape": (
         ros_with(distortion_coefficients={"rows": 1, "cols": 4, "data": [0.0] * 5}), {},
-        (": distortion_coefficients: expected the coefficients of the lens, one row or column with as many numbers as `data`, "
-        "found 1x4 with 5 numbers"),
+        ": distortion_coefficients: `rows` and `cols` say 1x4, but `data` has 5 numbers",
     ),
+    "ros, coefficients in a square": (
+        ros_with(distortion_coefficients={"rows": 2, "cols": 2, "data": [0.0] * 4}), {},
+        ": distortion_coefficients: expected the coefficients of the lens in one row or column, found 2x2",
+    ),
+    "ros, no camera_matrix": (ros_without("camera_matrix"), {}, ": camera_matrix: this field is missing"),
     "ros, coefficients missing": (ros_without("distortion_coefficients"), {}, ": distortion_coefficients: this field is missing"),
     "ros, P too short": (ros_with(projection_matrix={"data": [1.0]}), {}, (": projection_matrix.data: expected the projection "
                          "matrix P, 12 numbers, found 1")),

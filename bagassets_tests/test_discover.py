@@ -164,6 +164,8 @@ def test_links_are_followed_but_not_in_circles(tmp_path):
     (tmp_path / "self.bag").symlink_to(tmp_path / "self.bag")
     (tmp_path / "broken.bag").symlink_to(tmp_path / "nothing")
     assert relatives(tmp_path) == ["again/a.bag", "b.bag", "real/a.bag"]
+    nowhere = "a link that leads nowhere"
+    assert discover(Bags(root=tmp_path)).excluded == [("broken.bag", nowhere), ("self.bag", nowhere)]
 
 
 def forbid(monkeypatch, folder):

@@ -137,3 +137,19 @@ def test_a_skipped_test_fails_where_none_may_be_skipped(tmp_path, options, statu
     assert done.returncode == status, done.stdout
     assert "no time" in done.stdout
     assert "\nmake test PYTEST_ARGS=--no-skips\n" in CI.read_text()
+
+
+def test_an_environment_that_somebody_else_made_is_kept(checkout):
+    program(checkout, "python3", PYTHON.format(real=sys.executable, version=(3, 12, 1)))
+    mine = checkout / ".venv" / "mine"
+    mine.parent.mkdir()
+    mine.touch()
+    done = make(checkout, ".venv/.made")
+    assert done.returncode != 0
+    assert (
+        ".venv is here already, and not made by make: remove it, or keep it and name another" in done.stderr
+    )
+    assert mine.exists()
+    (checkout / ".venv" / ".by-make").touch()
+    done = make(checkout, ".venv/.made")
+    assert "not made by make" not in done.stderr

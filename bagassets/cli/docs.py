@@ -91,7 +91,7 @@ Examples:
   bagassets docs checks"""
 )
 def checks() -> None:
-    """Print the checks of recordings as a table: the asset of each, and when it fails."""
+    """Print the checks of recordings as a table."""
     from bagassets.formats.checking import render_checks
 
     echo_lines(render_checks(), nl=False)

@@ -15,6 +15,12 @@ _ADVICE = {
     "": "expected a ROS 2 bag folder with metadata.yaml; try `ros2 bag reindex`, or copy it again from where it was "
     "recorded",
 }
+# How files of each kind begin.
+_BEGINNINGS = {
+    ".bag": (b"#ROSBAG V", "a ROS 1 bag"),
+    ".mcap": (b"\x89MCAP0\r\n", "an MCAP file"),
+    ".db3": (b"SQLite format 3\0", "an SQLite database"),
+}
 _POINTER = b"version https://git-lfs.github.com/spec/"
 
 # Messages of libraries about damaged files, and the clause that users read instead.
@@ -48,7 +54,25 @@ def unreadable(path: Path, err: BaseException) -> RecordingError:
     On damaged bytes libraries raise anything: errors of their own, of databases and decompressors, bare
     assertions, failed lookups. Their texts are for programmers; raise this error from the original one.
     """
-    return RecordingError(f"{path}: it cannot be read ({_reason(err)}); {advice_for(path)}.")
+    begins_as = _begins_as(path)
+    if begins_as not in {None, path.suffix}:
+        return RecordingError(
+            f"{path}: its content is that of {_BEGINNINGS[begins_as][1]}, whatever its name says; have its name end in {begins_as}."
+        )
+    reason = _reason(err)
+    if begins_as is None and path.suffix in _BEGINNINGS and reason == _CONTRADICTS:
+        reason = "it does not begin as such a file does"
+    return RecordingError(f"{path}: it cannot be read ({reason}); {advice_for(path)}.")
+
+
+def _begins_as(path: Path) -> str | None:
+    """Return the suffix that goes with how a file begins, or None if it begins like no recording, or is no file."""
+    try:
+        with path.open("rb") as file:
+            head = file.read(16)
+    except OSError:
+        return None
+    return next((suffix for suffix, (magic, _) in _BEGINNINGS.items() if head.startswith(magic)), None)
 
 
 def _reason(err: BaseException) -> str:

@@ -20,6 +20,7 @@ __all__ = ["Discovery", "bags_of_one", "discover", "find_one", "matches"]
 
 _ROS2_KEY, _HEAD_BYTES = b"rosbag2_bagfile_information", 4096
 _NO_STORAGE = "there is no .db3 or .mcap file beside its metadata.yaml; it is still being copied, or damaged"
+_LEADS_NOWHERE = "a link that leads nowhere"
 _VIEW_FILE = "a scene that `bagassets view` wrote"
 # Storage files of a ROS 2 bag folder; zstd when compressed by file.
 _STORAGE = (".db3", ".mcap", ".db3.zstd", ".mcap.zstd")
@@ -113,12 +114,13 @@ def find_one(path: Path) -> RecordingFiles:
     path = path.absolute()
     if not path.exists():
         raise RecordingError(f"{path}: no such file or folder.")
+    entries: list[os.DirEntry[str]] = []
     try:
         if (what := _special_kind(path.stat())) is not None:
             raise RecordingError(f"{path}: expected a recording, but this is {what}; name a file or folder.")
         if path.is_dir():
             with os.scandir(path) as scan:
-                entries = list(scan)
+                entries += scan
             if (reason := _special_within(entries)) is not None:
                 raise RecordingError(f"{path}: expected a ROS 2 bag folder, but {reason}.")
             recording = _folder_recording(path, path.name, entries)
@@ -130,6 +132,8 @@ def find_one(path: Path) -> RecordingFiles:
             )
     except OSError as err:
         raise RecordingError(f"{path}: cannot be read ({err.strerror}).") from err
+    if recording is None and _lacks_storage(path, entries):
+        raise RecordingError(f"{path}: {_NO_STORAGE}.")
     if recording is None:
         raise RecordingError(
             f"{path}: expected a bag; a ROS 2 bag folder holds metadata.yaml and .db3 or .mcap files."
@@ -198,10 +202,12 @@ class _Walk:
             within = f"{relative}/{entry.name}" if relative else entry.name
             try:
                 self._entry(entry, within, (*ancestors, identity))
-            except FileNotFoundError:
-                continue  # removed during the walk
             except OSError as err:
-                if err.errno != errno.ELOOP:  # a link to itself is like a broken one
+                is_gone = isinstance(err, FileNotFoundError)
+                if entry.is_symlink() and (is_gone or err.errno == errno.ELOOP):
+                    if entry.name.endswith(tuple(_BARE)):
+                        self._leave_out(within, _LEADS_NOWHERE)
+                elif not is_gone:  # it was removed during the walk
                     self._unreadable(within, err)
 
     def _entry(self, entry: os.DirEntry[str], relative: str, ancestors: tuple[tuple[int, int], ...]) -> None:

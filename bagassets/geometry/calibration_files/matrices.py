@@ -11,6 +11,7 @@ from collections.abc import Mapping
 
 from bagassets.geometry.calibration_files.model import CalibrationFile, Fields, FileLens
 from bagassets.json_types import Json
+from bagassets.quantities import count_text
 
 __all__ = ["MatrixFile"]
 
@@ -79,11 +80,15 @@ class MatrixFile(CalibrationFile):
         d = section.numbers("data", meaning)
         if section.has("rows") and section.has("cols"):
             rows, cols = section.number("rows", "a number of rows"), section.number("cols", "of columns")
-            if rows * cols != len(d) or (d and 1 not in (rows, cols)):
+            if d and 1 not in (rows, cols):
                 raise self._fields.error(
                     "distortion_coefficients",
-                    f"expected {meaning}, one row or column with as many numbers as `data`, found {rows:g}x{cols:g} "
-                    f"with {len(d)} numbers",
+                    f"expected {meaning} in one row or column, found {rows:g}x{cols:g}",
+                )
+            if rows * cols != len(d):
+                raise self._fields.error(
+                    "distortion_coefficients",
+                    f"`rows` and `cols` say {rows:g}x{cols:g}, but `data` has {count_text(len(d), 'number')}",
                 )
         return d
 

@@ -21,6 +21,8 @@ _EXPECTED = (
     "expected a ROS camera_calibration or OpenCV YAML (with camera_matrix), a Kalibr camchain (with cam0), or a "
     "sensors.txt or rigs.txt of kapture"
 )
+# Fields that ROS and OpenCV write for one camera; a file that lacks the first is one with a mistake.
+_OF_ONE_CAMERA = ("camera_matrix", "distortion_coefficients", "distortion_model")
 # `FileStorage` of OpenCV writes this, which is no directive of YAML.
 _OPENCV_DIRECTIVE = re.compile(r"\A%YAML:1\.\d[^\n]*\n")
 
@@ -52,7 +54,7 @@ def read_calibration_file(data: bytes, name: str) -> CalibrationFile:
         raise CalibrationError(f"{name}: it holds {_describe(value)}; {_EXPECTED}.")
     if is_camchain(value):
         return CamchainFile(value, name)
-    if "camera_matrix" in value:
+    if not value.keys().isdisjoint(_OF_ONE_CAMERA):
         return MatrixFile(value, name)
     raise CalibrationError(f"{name}: it holds {_describe(value)}; {_EXPECTED}.")
 
