@@ -35,7 +35,8 @@ MORE = {
     "bagassets build --dry-run, --check": ["build", "build --dry-run", "build --check"],
     "bagassets check, report, view SCENE": ["check", "report", "view --list", "view drive_3_000"],
     "bagassets digest, watch": ["digest ../recordings/drive_1.bag", "watch --once ../recordings"],
-    "bagassets verify, gc": ["verify", "verify --recordings", "verify --rebuild 1", "gc"],
+    # The service wrote attributes, so files may have been edited in place: only a build hashes them again.
+    "bagassets verify, gc": ["build", "verify", "verify --recordings", "verify --rebuild 1", "gc"],
     "bagassets dataset diff, restore": [
         "dataset diff dataset/nuscenes/v1.0-van/dataset.lock.json dataset/nuscenes",
         "dataset restore dataset/nuscenes/v1.0-van/dataset.lock.json",
