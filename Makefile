@@ -17,7 +17,7 @@ DEVKIT := .devkit-venv
 BIN := $(VENV)/bin
 export BAGASSETS_DEVKIT_PYTHON := $(CURDIR)/$(DEVKIT)/bin/python
 
-.PHONY: demo test test-all lint docs clean bench bench-all bench-incremental bench-peers bench-plan mutants
+.PHONY: demo test test-all lint docs clean bench bench-all bench-incremental bench-peers bench-plan chaos soak mutants
 .DEFAULT_GOAL := demo
 
 # Whoever has an environment of that name, with other things in it, keeps it.
@@ -96,6 +96,13 @@ bench-all: bench-peers
 bench-plan: $(VENV)/.made
 	@mkdir -p build
 	$(BIN)/python benchmarks/plan.py --json build/plan.json
+
+# Kills at random moments, and many builds on one server: by hand, a quarter and half an hour, with the results committed.
+chaos: $(VENV)/.made
+	$(BIN)/python -m benchmarks.chaos --json benchmarks/results/chaos.json $(CHAOS)
+
+soak: $(VENV)/.made
+	$(BIN)/python -m benchmarks.soak --json benchmarks/results/soak.json $(SOAK)
 
 # Does a test fail when a line is wrong? By hand: an hour or two; MUTANTS="--number 50 --seed 7 --only bagassets/decode".
 mutants: $(VENV)/.made-mutants $(DEVKIT)/.made

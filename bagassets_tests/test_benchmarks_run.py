@@ -112,3 +112,15 @@ def test_peers_with_a_rule_of_ours(tmp_path):
     assert found["files"] == {BAGASSETS: found["files"][BAGASSETS], BAZEL: 2, LOOP: 2}
     assert [len(by_method) for by_method in found["rows"].values()] == [3, 2, 2, 2, 2, 2, 3]
     assert str(tmp_path) not in (folder / "peers.json").read_text("utf-8")
+
+
+def test_chaos(tmp_path):
+    run("-m", "benchmarks.chaos", "--kills", "2", "--json", tmp_path / "chaos.json")
+    found = json.loads((tmp_path / "chaos.json").read_text("utf-8"))
+    assert (found["counts"]["kills"], found["counts"]["verified"], found["problems"]) == (2, 2, [])
+
+
+def test_soak(tmp_path):
+    run("-m", "benchmarks.soak", "--minutes", "0.01", "--json", tmp_path / "soak.json")
+    (only,) = json.loads((tmp_path / "soak.json").read_text("utf-8"))["rounds"]
+    assert all(value > 0 for value in only.values())
