@@ -120,10 +120,10 @@ def build_on_server(
         job = client.submit(_JOB, args, label=f"build-{uuid4()}", grace_s=_GRACE_S)
     except ServerRefusedError:
         return None
-    import rich.console
-    import rich.table  # noqa: F401
-
     with deferred_interrupts() as interrupt:
+        import rich.console
+        import rich.table  # noqa: F401
+
         is_cancelled = False
         while (event := _end_of(client, job, on_event)) is None:
             if interrupt.asked and not is_cancelled:
