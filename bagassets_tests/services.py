@@ -41,13 +41,16 @@ def bare_environment():
 
 
 @contextmanager
-def running(command, cwd, log):
-    """Run a program, its output in `log`; whatever of it is left in the end is killed."""
+def running(command, cwd, log, environment=None):
+    """Run a program, its output in `log`; whatever of it is left in the end is killed.
+
+    Its environment is a bare one, with what `environment` adds.
+    """
     with log.open("wb") as output:
         process = subprocess.Popen(
             [str(part) for part in command],
             cwd=cwd,
-            env=bare_environment(),
+            env=bare_environment() | (environment or {}),
             stdin=subprocess.DEVNULL,
             stdout=output,
             stderr=subprocess.STDOUT,

@@ -60,7 +60,11 @@ def test_it_shows_the_project_and_leaves_nothing_behind(project):
     port = free_port()
     # From another folder, with the recipe named: nothing depends on where it is started.
     command = [BIN / "bagassets", "ui", "--recipe", project / "recipe.yaml", "--port", port, "--no-browser"]
-    with running(command, project.parent, log) as process:
+    # Any process may come to have a handler on its root logger: now and then Dagster's storage logs to that one.
+    early = project.parent / "early"
+    early.mkdir()
+    (early / "sitecustomize.py").write_text("import logging; logging.basicConfig()\n")
+    with running(command, project.parent, log, {"PYTHONPATH": str(early)}) as process:
         url = f"http://127.0.0.1:{port}"
         eventually(lambda: url in log.read_text(), "it tells its address")
         nodes = ask(url, "{ assetNodes { assetKey { path } description groupName kinds } }")["assetNodes"]

@@ -1,5 +1,7 @@
 """The code location of a recipe: all assets, checks, sensors and resources."""
 
+import logging
+import os
 import warnings
 from pathlib import Path
 
@@ -25,6 +27,8 @@ def build_definitions(recipe_file: Path) -> dg.Definitions:
     Raises:
         RecipeError: the recipe is missing or wrong.
     """
+    if os.environ.get("DAGSTER_IS_DEV_CLI"):  # in a code server of `bagassets ui` or `dagster dev`
+        _keep_log_level()
     recipe_file = recipe_file.absolute()
     recipe = load_recipe(recipe_file)
     with warnings.catch_warnings():
@@ -43,3 +47,12 @@ def build_definitions(recipe_file: Path) -> dg.Definitions:
         # A run is one process, whatever launched it: our workers are forked from a server.
         executor=dg.in_process_executor,
     )
+
+
+def _keep_log_level() -> None:
+    """Keep Dagster's messages to its own handlers, which respect the log level that was asked for.
+
+    Evaluating a sensor sets the level of Dagster's logger to DEBUG. That shows once the root logger has a handler, and
+    it gets one when anything calls `logging.info` itself, as Dagster's storage does.
+    """
+    logging.getLogger("dagster").propagate = False
