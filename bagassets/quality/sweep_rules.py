@@ -324,6 +324,9 @@ def _misfits(first: Floats | None, second: Floats | None, motion: tuple[Floats, 
     second = second[:: max(1, len(second) // MOST_UPRIGHT)]
     misfits = []
     for translation, rotation in zip(*motion, strict=True):
+        if np.isnan(translation).any():  # no pose at that time
+            misfits.append(MOST_MISFIT_M)
+            continue
         seen = rotate(rotation[None, :], second)[:, :2] + translation[:2]
         cells = np.clip(((seen + REACH_M) / CELL_M).astype(np.int64), 0, size - 1)
         misfits.append(float(distances[cells[:, 1], cells[:, 0]].mean()))
