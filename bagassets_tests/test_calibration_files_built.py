@@ -37,7 +37,8 @@ class TestStale:
     """What a change of a file makes stale, and what does not."""
 
     @pytest.fixture(scope="class")
-    def project(self, tmp_path_factory):
+    @classmethod
+    def project(cls, tmp_path_factory):
         folder = tmp_path_factory.mktemp("calibrated")
         for side in ("front", "back"):
             (folder / "calib" / side).mkdir(parents=True)
@@ -132,10 +133,11 @@ class TestSampleWorld:
     """The sample drive, whose CameraInfo and TF are its truth, built from files with the same numbers."""
 
     @pytest.fixture(scope="class")
-    def folder(self, tmp_path_factory):
+    @classmethod
+    def folder(cls, tmp_path_factory):
         folder = tmp_path_factory.mktemp("world")
         target = Target(folder / "recordings" / "drive.mcap", "mcap")
-        self.write_files(folder, write_recordings([target], 3, "small", 0.6))
+        cls.write_files(folder, write_recordings([target], 3, "small", 0.6))
         return folder
 
     @staticmethod

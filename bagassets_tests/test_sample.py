@@ -100,7 +100,8 @@ def test_lz4_frames_are_those_that_ros_1_reads_and_carry_checksums(tmp_path):
 
 class TestThroughput:
     @pytest.fixture(scope="class")
-    def drive(self, tmp_path_factory):
+    @classmethod
+    def drive(cls, tmp_path_factory):
         folder = tmp_path_factory.mktemp("tas")
         paths = {"ros1": folder / "d.bag", "mcap": folder / "d.mcap"}
         targets = [Target(path, file_format) for file_format, path in paths.items()]
