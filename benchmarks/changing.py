@@ -1,17 +1,24 @@
 """A project of small drives whose recordings and recipe change by chance: what `chaos` and `soak` build."""
 
+import argparse
+import json
 import os
 import random
 import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 from uuid import uuid4
 
-__all__ = ["ChangingProject"]
+from benchmarks.common import machine
+
+__all__ = ["ChangingProject", "measure_changes"]
 
 _MARK = "BAGASSETS_CHANGING"
 _COMMAND = (sys.executable, "-m", "bagassets")
@@ -133,6 +140,39 @@ class ChangingProject:
         done = subprocess.run([*_COMMAND, *arguments], capture_output=True, text=True, check=False)
         if done.returncode:
             sys.exit(f"{' '.join(arguments)}\n{done.stdout}{done.stderr}")
+
+
+def measure_changes(
+    parser: argparse.ArgumentParser,
+    drives: int,
+    measure: Callable[[ChangingProject, argparse.Namespace], dict[str, Any]],
+    table: Callable[[dict[str, Any]], str],
+) -> int:
+    """Do what the command line asks for: make a project, measure, write and print; return the exit status.
+
+    Args:
+        parser: parser with the options of this measurement.
+        drives: number of drives of each format to choose from.
+        measure: returns what was found; its "problems" are sentences.
+        table: returns what was found as a table in Markdown.
+    """
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--folder", type=Path, help="where to work; default: a temporary folder")
+    parser.add_argument("--json", type=Path, help="write the figures here")
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory(dir=options.folder) as name:
+        project = ChangingProject(Path(name), drives, options.seed)
+        try:
+            found = measure(project, options)
+        finally:
+            project.kill_all()
+    found = {"machine": machine(), "seed": options.seed, **found}
+    if options.json:
+        options.json.write_text(json.dumps(found, indent=1) + "\n", "utf-8")
+    print(table(found))
+    for problem in found["problems"]:
+        print(problem, file=sys.stderr)
+    return 1 if found["problems"] else 0
 
 
 def _is_zombie(pid: int) -> bool:

@@ -11,16 +11,13 @@ The exit status is 1 if anything went wrong.
 """
 
 import argparse
-import json
 import sys
-import tempfile
 import time
 from collections import Counter
-from pathlib import Path
 from typing import Any
 
-from benchmarks.changing import ChangingProject
-from benchmarks.common import machine, markdown
+from benchmarks.changing import ChangingProject, measure_changes
+from benchmarks.common import markdown
 
 __all__ = ["chaos_table"]
 
@@ -30,19 +27,7 @@ _ROUND = 5
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--kills", type=int, default=50)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--folder", type=Path, help="where to work; default: a temporary folder")
-    parser.add_argument("--json", type=Path, help="write the figures here")
-    options = parser.parse_args()
-    with tempfile.TemporaryDirectory(dir=options.folder) as name:
-        found = _chaos(ChangingProject(Path(name), 4, options.seed), options.kills)
-    found = {"machine": machine(), "seed": options.seed, **found}
-    if options.json:
-        options.json.write_text(json.dumps(found, indent=1) + "\n", "utf-8")
-    print(chaos_table(found))
-    for problem in found["problems"]:
-        print(problem, file=sys.stderr)
-    return 1 if found["problems"] else 0
+    return measure_changes(parser, 4, lambda project, options: _chaos(project, options.kills), chaos_table)
 
 
 def _chaos(project: ChangingProject, kills: int) -> dict[str, Any]:
@@ -78,7 +63,6 @@ def _chaos(project: ChangingProject, kills: int) -> dict[str, Any]:
     afresh = project.build_afresh()
     locks = [str(next(one.glob("dataset/nuscenes/*/dataset.lock.json"))) for one in (project.project, afresh)]
     must_end_well("compared with a project built from nothing", "dataset", "diff", *locks)
-    project.kill_all()
     return {"counts": dict(counts), "problems": problems}
 
 

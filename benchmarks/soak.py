@@ -9,18 +9,16 @@ The exit status is 1 if a build failed or left a process or a temporary file beh
 """
 
 import argparse
-import json
 import statistics
 import sys
-import tempfile
 import time
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from benchmarks.changing import ChangingProject
-from benchmarks.common import machine, markdown
+from benchmarks.changing import ChangingProject, measure_changes
+from benchmarks.common import markdown
 
 __all__ = ["soak_table"]
 
@@ -31,26 +29,10 @@ _COLUMNS = ("build_s", "nothing_s", "memory_mb", "database_mb", "store_mb", "fil
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--minutes", type=float, default=20.0)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--folder", type=Path, help="where to work; default: a temporary folder")
-    parser.add_argument("--json", type=Path, help="write the figures here")
-    options = parser.parse_args()
-    with tempfile.TemporaryDirectory(dir=options.folder) as name:
-        project = ChangingProject(Path(name), 6, options.seed)
-        try:
-            found = _soak(project, options.minutes * 60)
-        finally:
-            project.kill_all()
-    found = {"machine": machine(), "minutes": options.minutes, **found}
-    if options.json:
-        options.json.write_text(json.dumps(found, indent=1) + "\n", "utf-8")
-    print(soak_table(found))
-    for problem in found["problems"]:
-        print(problem, file=sys.stderr)
-    return 1 if found["problems"] else 0
+    return measure_changes(parser, 6, lambda project, options: _soak(project, options.minutes), soak_table)
 
 
-def _soak(project: ChangingProject, seconds: float) -> dict[str, Any]:
+def _soak(project: ChangingProject, minutes: float) -> dict[str, Any]:
     rounds: list[dict[str, float]] = []
     problems: list[str] = []
 
@@ -61,7 +43,7 @@ def _soak(project: ChangingProject, seconds: float) -> dict[str, Any]:
         return took_s
 
     call("build")
-    end = time.monotonic() + seconds
+    end = time.monotonic() + minutes * 60
     while not rounds or time.monotonic() < end:
         project.replace(len(rounds))
         build_s, nothing_s = call("build"), call("build")
@@ -81,7 +63,7 @@ def _soak(project: ChangingProject, seconds: float) -> dict[str, Any]:
         )
         rounds.append(dict(zip(_COLUMNS, figures, strict=True)))
         print(f"round {len(rounds)}: {rounds[-1]}", flush=True)
-    return {"rounds": rounds, "problems": problems}
+    return {"minutes": minutes, "rounds": rounds, "problems": problems}
 
 
 def soak_table(found: dict[str, Any]) -> str:
