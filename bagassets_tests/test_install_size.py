@@ -24,7 +24,7 @@ def test_every_package_that_is_shown_has_a_reason():
 
 def test_the_readme_has_the_same_figures():
     readme = (ROOT / "README.md").read_text("utf-8")
-    found = re.search(r"It takes (\d+) MB; `pip uninstall llvmlite` saves (\d+) of\s+them", readme)
+    found = re.search(r"It takes (\d+) MB; `pip uninstall llvmlite` frees (\d+) of\s+them", readme)
     llvmlite = MEASURED["packages"]["llvmlite"]["bytes"]
     assert [int(one) for one in found.groups()] == [
         round(MEASURED["total_bytes"] / 1e6),
