@@ -311,7 +311,7 @@ class TestBadBoxes:
 
     def test_boxes_in_an_unknown_frame_fail_with_a_way_out(self, bags):
         (bags / "x.json").write_text(box_json(frame="mars"))
-        assert "frame mars, but known are" in refusal(bags, BOX_FILE)
+        assert "frame mars, but the known frames are" in refusal(bags, BOX_FILE)
 
     def test_kitti_lines(self, bags):
         source = WRITERS["kitti_tracking"](bags)

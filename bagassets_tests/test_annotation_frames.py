@@ -232,5 +232,5 @@ def test_the_step_reads_no_transforms_for_boxes_that_do_not(tmp_path, frame):
 
 
 def test_a_frame_that_tf_does_not_know_either_fails_with_all_that_are_known(tmp_path):
-    with pytest.raises(LossLimitError, match=r"in frame mars, but known are .*by TF mast, tool"):
+    with pytest.raises(LossLimitError, match=r"in frame mars, but the known frames are .*by TF mast, tool"):
         annotate(tmp_path, recording("mars"))

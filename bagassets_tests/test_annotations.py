@@ -403,7 +403,8 @@ class TestStep:
 
     def test_boxes_in_a_frame_that_nobody_knows_fail_the_recording_with_a_way_out(self, store, ego_poses):
         with pytest.raises(
-            LossLimitError, match=r"frame odom_combined, but known are .*'map'.*name the frame of the boxes"
+            LossLimitError,
+            match=r"frame odom_combined, but the known frames are .*'map'.*name the frame of the boxes",
         ):
             run(store, ask(ego_poses), FakeRecording([detections(detection(), frame="/odom_combined")]))
 

@@ -64,7 +64,7 @@ def test_pages_are_listed_and_printed(capsys):
 
 def test_a_page_that_is_not_there_is_answered_with_those_that_are(capsys):
     assert main(["docs", "page", "format"]) == 2
-    assert "no page 'format'; there are annotations, " in capsys.readouterr().err
+    assert "no page 'format'; the pages are annotations, " in capsys.readouterr().err
 
 
 def test_where_no_pages_are_installed_that_is_said(tmp_path, monkeypatch, capsys):

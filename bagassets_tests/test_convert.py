@@ -97,7 +97,7 @@ def test_an_empty_dataset_is_none(tmp_path, temporary, drive, capsys):
 
 def test_an_unknown_format_is_named(tmp_path, drive, capsys):
     assert convert(drive, tmp_path / "out", "--format", "kitty") == 2
-    assert "there is no format kitty; there are nuscenes, vision" in capsys.readouterr().err
+    assert "there is no format kitty; the formats are nuscenes, vision" in capsys.readouterr().err
 
 
 def test_open_questions_are_listed_and_written_beside(tmp_path, temporary, capsys, monkeypatch):
@@ -141,7 +141,7 @@ def test_what_gives_no_scene_gives_no_dataset(tmp_path, temporary, drive, capsys
     )
     assert convert(drive, tmp_path / "out", "--recipe", recipe) == 1
     printed = capsys.readouterr()
-    assert "drive.bag: it gives no scene" in printed.err
+    assert "drive.bag: it has no scene" in printed.err
     assert "min_length_s" in printed.out
     assert names(tmp_path) == ["bags", "long.yaml", "tmp"]
 

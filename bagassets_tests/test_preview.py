@@ -16,11 +16,13 @@ from bagassets.preview.birds_eye import BoxAt, birds_eye
 from bagassets.preview.canvas import (
     ACCENT,
     BACKGROUND,
+    DIM,
     WARNING,
     blank,
     colour_of,
     jpeg_within,
     read_image,
+    text,
     turbo,
 )
 from bagassets.preview.channels import CameraImages, Clouds
@@ -223,6 +225,20 @@ class TestTimeline:
         topics = [{**FACTS["topics"][0], "name": f"/{n:03d}", "count": n} for n in range(80)]
         tall = timeline({**FACTS, "topics": topics}, 800)
         assert tall.shape[0] == TOP_PX + ROW_PX * 49 + 8
+
+    @pytest.mark.parametrize(
+        ("topics", "line"),
+        [
+            (49, "and 1 more topic with fewer messages"),
+            (50, "and 2 more topics with fewer messages"),
+        ],
+    )
+    def test_the_last_line_counts_those_that_are_not_shown(self, topics, line):
+        many = [{**FACTS["topics"][0], "name": f"/{n:03d}", "count": n} for n in range(topics)]
+        below = timeline({**FACTS, "topics": many}, 800)[TOP_PX + ROW_PX * 48 :]
+        expected = blank(800, len(below))
+        text(expected, line, 10, 13, size_px=10, colour=DIM)
+        assert np.array_equal(below[3:, :280], expected[3:, :280])
 
     def test_an_empty_recording_has_one_too(self):
         assert timeline({"start_ns": None, "end_ns": None, "topics": []}, 800).shape[1] == 800

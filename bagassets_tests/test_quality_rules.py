@@ -131,7 +131,7 @@ class TestTopics:
         broken = inventory(topic("/points", max_gap_s=3.0, gaps=gaps))
         (problem,) = topic_rates(RIG, broken, TopicsCheck()).problems
         assert problem.startswith(f"/points: a pause of 1.5 s after 2023-11-14T22:13:22.000Z ({T0 + 2 * S})")
-        assert "the longest takes 3 s" in problem
+        assert "the longest lasts 3 s" in problem
         patient = TopicsCheck.model_validate({"limits": {"/points": {"max_gap_s": 3.0}}})
         assert topic_rates(RIG, broken, patient).passed
 

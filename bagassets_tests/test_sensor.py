@@ -354,7 +354,7 @@ def test_a_run_that_somebody_cancelled_is_not_asked_for_again(project):
 def test_a_recording_with_a_run_is_left_alone(project):
     make_run(project, "a.bag", dg.DagsterRunStatus.STARTED)
     assert project.scan() == {}
-    assert project.cursor.said == "1 recording; waiting for 1 run(s)."
+    assert project.cursor.said == "1 recording; waiting for 1 run."
 
 
 def test_no_more_runs_are_asked_for_than_are_worked_off(project, monkeypatch):

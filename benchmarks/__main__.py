@@ -42,7 +42,7 @@ def main() -> None:
     chosen = parser.parse_args()
     unknown = set(chosen.parts) - set(PARTS)
     if unknown:
-        parser.error(f"no such part: {', '.join(sorted(unknown))}; there are {', '.join(PARTS)}")
+        parser.error(f"no such part: {', '.join(sorted(unknown))}; the parts are {', '.join(PARTS)}")
     if chosen.size <= 0 or chosen.trials < 1 or chosen.recordings < 1:
         parser.error("--size, --trials and --recordings must be positive")
     if chosen.converter and not ("{bag}" in chosen.converter and "{out}" in chosen.converter):

@@ -1,7 +1,7 @@
 """Builds killed at random moments, all their processes at once, as the end of a container does.
 
 Before each build something has changed: a recording was replaced, touched, removed or added, or the recipe was edited. After each
-kill, store and dataset are verified; after every fifth, and at the end, a build must end well; at last the dataset must be that
+kill, store and dataset are verified; after every fifth, and at the end, a build must end well; finally the dataset must be that
 of a project built from nothing::
 
     make chaos                                       # 50 kills

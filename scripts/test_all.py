@@ -57,7 +57,7 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("parts", nargs="*", help=f"of {', '.join(PARTS)}; default: all")
     chosen = parser.parse_args(arguments).parts or list(PARTS)
     if unknown := [name for name in chosen if name not in PARTS]:
-        parser.error(f"no part {unknown[0]!r}; there are {', '.join(PARTS)}")
+        parser.error(f"no part {unknown[0]!r}; the parts are {', '.join(PARTS)}")
     results = []
     for name in chosen:
         _say(f"== {name}: {PARTS[name].about}")

@@ -103,7 +103,7 @@ class BoxFrames:
         root = self._root(frame)
         if self.tree is None or root is None:
             raise CalibrationError(
-                f"boxes in frame {frame} cannot be transformed; known are {self.describe()}."
+                f"boxes in frame {frame} cannot be transformed; the known frames are {self.describe()}."
             )
         max_gap_ns, extrapolate_ns = MAX_GAP_NS, EXTRAPOLATE_NS
         if not self.trajectory.fixed:

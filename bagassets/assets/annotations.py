@@ -327,7 +327,7 @@ def _check_frames(source: str, collector: BoxCollector, limit: float) -> None:
     if astray > limit * boxes.read:
         frames = " and ".join(sorted(collector.unknown_frames[source])) or "(none)"
         raise LossLimitError(
-            f"{source}: {astray} of {boxes.read} boxes are given in frame {frames}, but known are "
+            f"{source}: {astray} of {boxes.read} boxes are given in frame {frames}, but the known frames are "
             f"{collector.frames.describe()}; name the frame of the boxes in `frame` of this source, "
             "or choose an ego_pose source with that global frame."
         )

@@ -52,7 +52,7 @@ def choose_assets(known: Collection[str], wanted: Sequence[str]) -> frozenset[st
     for name in names:
         if name not in known:
             near = get_close_matches(name, known, n=1)
-            hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(known)}."
+            hint = f"did you mean {near[0]}?" if near else f"the assets are {', '.join(known)}."
             raise SelectionError(f"{name}: no such asset; {hint}")
     return frozenset(names) or None
 

@@ -53,7 +53,7 @@ Exit status:
 @click.option("--select", multiple=True, metavar="ASSETS",
               help="Only these assets and what they depend on, separated by commas; default: all.")  # fmt: skip
 @click.option("--jobs", "-j", type=click.IntRange(min=1), default=os.cpu_count() or 1,
-              show_default="processors", help="Most recordings to build at the same time; at most two per processor.")  # fmt: skip
+              show_default="processors", help="How many recordings to build at the same time; at most two per processor.")  # fmt: skip
 @click.option("--retry-failed", is_flag=True, help="Retry what failed before on the same input.")
 @click.option("--allow-empty", is_flag=True,
               help="Accept a bag root without recordings where there were some before; the dataset becomes empty.")  # fmt: skip

@@ -45,7 +45,7 @@ Exit status:
 @click.argument("bag", type=click.Path(exists=True, path_type=Path))
 @click.argument("out", type=click.Path(path_type=Path))
 @click.option("--recipe", "recipe_file", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE",
-              help="Convert by this recipe; its `bags`, folders and other datasets do not count. Default: one is guessed.")  # fmt: skip
+              help="Convert with this recipe; its `bags`, folders and other datasets are ignored. Default: guess one.")  # fmt: skip
 @click.option("--format", "format_name", default="nuscenes", show_default=True, metavar="NAME",
               help="Format of the dataset; `bagassets formats` lists them.")  # fmt: skip
 def convert(bag: Path, out: Path, recipe_file: Path | None, format_name: str) -> int:
@@ -56,7 +56,7 @@ def convert(bag: Path, out: Path, recipe_file: Path | None, format_name: str) ->
     read. For more than one recording, or to build again after a change, make a project: `bagassets init`.
 
     What cannot be guessed is listed. The recipe is then written to OUT.recipe.yaml: decide there, and convert
-    with --recipe.
+    again with --recipe.
     """
     from bagassets.recipe.load import parse_recipe
     from bagassets.recordings.discover import bags_of_one
@@ -104,7 +104,9 @@ def _format(name: str) -> "AnyFormat":
     kind = installed_format(name)
     if kind is None:
         known = ", ".join(kind.name for kind in formats())
-        raise click.BadParameter(f"there is no format {name}; there are {known}.", param_hint="--format")
+        raise click.BadParameter(
+            f"there is no format {name}; the formats are {known}.", param_hint="--format"
+        )
     return kind
 
 
@@ -265,7 +267,7 @@ def _problem(report: "BuildReport", rows: "list[SummaryRow]") -> str | None:
         if row.result not in {"built", "hit", "fresh"}:
             return f"{row.recording}: {row.reason}"
         if row.scenes == 0:
-            return f"{row.recording}: it gives no scene, so the dataset would be empty."
+            return f"{row.recording}: it has no scene, so the dataset would be empty."
     return report.dataset_problem or (None if rows else "the recording is gone.")
 
 

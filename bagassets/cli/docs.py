@@ -113,7 +113,7 @@ def page(name: str | None) -> None:
             echo(f"{known:{width}}  {_page_title(path)}")
         echo(f"They are in {next(iter(pages.values())).parent}")
     elif name not in pages:
-        raise click.BadParameter(f"no page {name!r}; there are {', '.join(pages)}.", param_hint="NAME")
+        raise click.BadParameter(f"no page {name!r}; the pages are {', '.join(pages)}.", param_hint="NAME")
     else:
         echo_lines(pages[name].read_text(encoding="utf-8"), nl=False)
 

@@ -69,10 +69,9 @@ def gc(
 ) -> None:
     """Remove artifacts that nothing refers to any more.
 
-    Kept are the artifacts of every dataset on disk, the current artifacts of all recordings in the Dagster instance of
-    any project on this store, what recent builds made or used, and what a running build works with. Recordings are
-    not looked at, so a bag root that is not mounted makes nothing garbage. An artifact that is needed again is made
-    again.
+    It keeps the artifacts of every dataset on disk, the current artifacts of all recordings in the Dagster instance of
+    any project on this store, what recent builds made or used, and what running builds are using. Recordings are not
+    looked at, so an unmounted bag root turns nothing into garbage. An artifact that is needed again is made again.
     """
     from bagassets.defs.garbage import find_roots
     from bagassets.recipe import load_recipe

@@ -60,7 +60,7 @@ def init(project: Path, bags: Path | None, look_at: int, force: bool) -> None:
     attributes; elsewhere the recipe has that as a comment.
 
     Without --bags, recipe.yaml and workspace.yaml of PROJECT are kept and the other files are
-    written again, which a project needs after it was moved.
+    written again, which a project needs after it has been moved.
     """
     from bagassets.cli.init_report import print_found, print_next_steps
     from bagassets.propose.project import FILES, write_project

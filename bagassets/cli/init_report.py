@@ -118,7 +118,8 @@ def _print_topics(uses: Sequence[TopicUse]) -> None:
             echo(line)
             echo(f"      {text}")
     if len(unneeded) > _LEFT_OUT_LISTED:
-        echo(f"  and {len(unneeded) - _LEFT_OUT_LISTED} more that are not needed")
+        more = len(unneeded) - _LEFT_OUT_LISTED
+        echo(f"  and {more} more that {'is' if more == 1 else 'are'} not needed")
 
 
 def _becomes(use: TopicUse) -> str:

@@ -37,8 +37,8 @@ Examples:
 def inspect(bag: Path, as_json: bool, definitions: tuple[Path, ...], recipe: Path | None) -> None:
     """Print what a recording holds.
 
-    BAG is a .bag, .mcap or .db3 file, or a ROS 2 bag folder. It is read completely. Printed are topics, types, counts,
-    rates, gaps, frames, the offset of header stamps from log time, place and daylight.
+    BAG is a .bag, .mcap or .db3 file, or a ROS 2 bag folder. It is read completely. The inventory
+    shows topics, types, counts, rates, gaps, frames, the offset of header stamps from log time, place and daylight.
     """
     import tempfile
 

@@ -124,7 +124,7 @@ class LazyGroup(click.Group):
 
         if args and not args[0].startswith("-") and args[0] not in (known := self.list_commands(ctx)):
             near = get_close_matches(args[0], known, n=1)
-            hint = f"Did you mean {near[0]}?" if near else f"There are {', '.join(known)}."
+            hint = f"Did you mean {near[0]}?" if near else f"The commands are {', '.join(known)}."
             ctx.fail(f"No such command '{args[0]}'. {hint}")
         return super().resolve_command(ctx, args)
 

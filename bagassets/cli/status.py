@@ -49,7 +49,7 @@ Examples:
 \b
 States:
   fresh        nothing to do
-  record-only  the result is in the store, but Dagster's record is older: recorded again, without work
+  record-only  the result is in the store, but Dagster's record is older: recorded again, nothing runs
   stale        inputs, recipe fields or versions changed: will run
   unknown      depends on a result that is not known yet: may run
   missing      never made: will run
@@ -128,7 +128,8 @@ def _print(pending: "PendingWork", *, show_all: bool) -> None:
         states = {key: {n: s.state for n, s in bag.assets.items()} for key, bag in listed.items()}
         console.print(_table(states, short=console.width < _WIDE))
     if len(listed) < len(bags):
-        console.print(f"{len(bags) - len(listed)} more are fresh or skipped; --all lists them.")
+        number = len(bags) - len(listed)
+        console.print(f"{number} more {'is' if number == 1 else 'are'} fresh or skipped; --all lists all.")
     for line in _reasons(pending, listed):
         print_lines(console, line)
     for name in pending.datasets:

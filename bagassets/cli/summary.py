@@ -10,6 +10,7 @@ from bagassets.cli.terminal import print_lines
 from bagassets.escaping import visible
 from bagassets.formats.nuscenes.schema import devkit_split_name
 from bagassets.json_types import JsonMapping
+from bagassets.quantities import count_text
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -49,7 +50,9 @@ def print_summary(
                 console, f"{row.recording}: {row.reason if row.result == 'failed' else visible(row.reason)}"
             )
     if len(rows) < len(report.outcomes):
-        console.print(f"{len(report.outcomes) - len(rows)} more recordings; `bagassets status` lists all.")
+        console.print(
+            f"{count_text(len(report.outcomes) - len(rows), 'more recording')}; `bagassets status` lists all."
+        )
     for relative, reason in report.excluded.items():
         if not reason.startswith("not matched"):
             print_lines(console, f"left out {visible(relative)}: {visible(reason)}")
@@ -62,7 +65,9 @@ def print_summary(
             console, f"moved {key}: from {was} to {now}; pin it in `splits.pinned` to keep it where it is"
         )
     if len(report.moved) > _MOST_MOVES:
-        console.print(f"{len(report.moved) - _MOST_MOVES} more recordings moved to another split.")
+        console.print(
+            f"{count_text(len(report.moved) - _MOST_MOVES, 'more recording')} moved to another split."
+        )
     print_remarks(report.remarks, console)
     print_lines(console, counts_line(report))
     _print_dataset(report, console)
@@ -105,7 +110,9 @@ def print_remarks(remarks: Sequence[Remark], console: "Console") -> None:
         problem = f"{remark.key or 'dataset'}: {visible(remark.problem)} ({remark.check})"
         print_lines(console, problem)
     if len(ranked) > _MOST_REMARKS:
-        console.print(f"{len(ranked) - _MOST_REMARKS} more findings; `bagassets check` lists all.")
+        console.print(
+            f"{count_text(len(ranked) - _MOST_REMARKS, 'more finding')}; `bagassets check` lists all."
+        )
 
 
 def _print_dataset(report: BuildReport, console: "Console") -> None:

@@ -58,8 +58,8 @@ Exit status:
     "number",
     type=click.IntRange(min=1),
     metavar="N",
-    help="Instead of reading the store, run N random actions again, in a process with another number of workers, "
-    "other BLAS kernels and fewer processor features, and compare the results.",
+    help="Instead of reading the store, run N random actions again, in a process with a different number of "
+    "workers, different BLAS kernels and fewer processor features, and compare the results.",
 )
 @click.option("--seed", type=int, help="Choose the same actions as an earlier --rebuild.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON document.")
@@ -129,7 +129,7 @@ def _check(recipe: "Recipe", store: "Store", *, report_only: bool, as_json: bool
     for spoiled_file in spoiled[:_MOST_SHOWN]:
         echo(f"dataset  {spoiled_file}")
     if len(spoiled) > _MOST_SHOWN:
-        echo(f"dataset  and {len(spoiled) - _MOST_SHOWN} more files")
+        echo(f"dataset  and {count_text(len(spoiled) - _MOST_SHOWN, 'more file')}")
     if not damages and not spoiled:
         echo("Store and datasets are intact.")
         return 0

@@ -1,4 +1,4 @@
-"""All of Dagster that is used and is not its documented API: what it is, what for, and since which minor version it is there.
+"""All of Dagster that is used outside its documented API: what it is, what it is for, and the first minor version that has it.
 
 Dagster may change these with any minor version, so `pyproject.toml` pins one; CONTRIBUTING.md says what a new one needs.
 No other module imports from `dagster._…`, `dagster_shared` or `dagster_webserver.app`. Names are imported when they are asked for: a code

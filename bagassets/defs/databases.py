@@ -36,7 +36,7 @@ _DATABASES: dict[str, MetaData] = {
     "history/runs/index.db": SqlEventLogStorageMetadata,
     "schedules/schedules.db": ScheduleStorageSqlMetadata,
 }
-# Tables that Dagster fills when it creates a database, or fills anew at any time.
+# Tables that Dagster fills when it creates a database, or may fill again at any time.
 _VERSION, _INDEXES = "alembic_version", "secondary_indexes"
 _REPLACEABLE = frozenset({_VERSION, _INDEXES, "instance_info", "daemon_heartbeats"})
 _BUSY_S = 5.0

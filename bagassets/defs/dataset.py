@@ -29,7 +29,7 @@ with each of them and when one is removed, however many there are; Dagster itsel
 sensor and `bagassets build` record it without a run."""
 _MAP = """Where all recordings were driven: an interactive map with a layer per split and a heat layer.
 
-Without network it shows the same routes on a plain grid."""
+Without a network, it shows the same routes on a plain grid."""
 
 
 def dataset_is_current(instance: dg.DagsterInstance, recipe: Recipe, inputs: DatasetInputs) -> bool:

@@ -89,7 +89,7 @@ def _serve(instance: DagsterInstance, options: argparse.Namespace, workspace: st
         )
         while not (ended := [name for name, (process, _) in services.items() if process.poll() is not None]):
             time.sleep(_POLL_S)
-        _LOG.error("The %s ended by itself.", ended[0])
+        _LOG.error("The %s ended unexpectedly.", ended[0])
     finally:
         for _, pipe in services.values():
             with suppress(OSError):  # it has ended

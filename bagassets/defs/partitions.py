@@ -93,9 +93,9 @@ def _no_such_recording(key: str, bags: Bags, known: list[str]) -> str:
         hint = f"did you mean {near[0]}?"
     elif known:
         more = f" and {len(known) - _MOST_NAMED} more" if len(known) > _MOST_NAMED else ""
-        hint = f"there are {', '.join(known[:_MOST_NAMED])}{more}."
+        hint = f"the keys are {', '.join(known[:_MOST_NAMED])}{more}."
     else:
-        hint = "there is none at all."
+        hint = "there are no recordings at all."
     return f"{key}: no recording with this partition key below {bags.root}; {hint}"
 
 

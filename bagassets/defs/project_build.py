@@ -151,9 +151,10 @@ def _refuse_empty(recipe: Recipe, planned: InstancePlan) -> None:
     gone = len(planned.plan.removed)
     if gone and not planned.discovery.recordings:
         recordings = "the recording that was" if gone == 1 else f"all {gone} recordings that were"
+        subject = "it is" if gone == 1 else "they are"
         raise RecordingError(
-            f"{recipe.bags.root}: {recordings} here before cannot be found; is the disk mounted, and do "
-            "bags.include and bags.exclude mean this? If they are gone for good, use --allow-empty."
+            f"{recipe.bags.root}: {recordings} here before cannot be found; is the disk mounted, and are "
+            f"bags.include and bags.exclude right? If {subject} gone for good, use --allow-empty."
         )
 
 

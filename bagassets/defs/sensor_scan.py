@@ -104,8 +104,8 @@ class Scan:
             return False
         cursor.quiet, self._next_settled_s, self._active = "", None, set()
         cursor.said = (
-            f"All {len(live)} recordings below {self._workspace.recipe.bags.root} are gone at once; is its disk mounted? "
-            f"They are dropped in {left_s:.0f} s."
+            f"All {len(live)} recordings below {self._workspace.recipe.bags.root} disappeared at once; is its disk mounted? "
+            f"They will be dropped in {left_s:.0f} s."
         )
         return True
 
@@ -196,7 +196,7 @@ class Scan:
         failed = sorted(key for key, bag in plan.bags.items() if bag.failed is not None)
         parts = [count_text(len(plan.bags), "recording")]
         parts += [f"waiting for {_names(writing)} to settle"] if writing else []
-        parts += [f"waiting for {len(self._active)} run(s)"] if self._active else []
+        parts += [f"waiting for {count_text(len(self._active), 'run')}"] if self._active else []
         parts += [f"failed: {_names(failed)}"] if failed else []
         return "; ".join(parts if len(parts) > 1 else [*parts, "up to date"]) + "."
 

@@ -2,7 +2,7 @@
 
 For every event Dagster creates an engine, opens a connection and closes it again. The last connection to close writes
 the write-ahead log back into the database file, with two syncs of the disk, and a new engine compiles each statement
-anew: so engines are reused here, and connections kept open. To see whether a database has the newest schema, Alembic
+again: so engines are reused here, and connections kept open. To see whether a database has the newest schema, Alembic
 imports a hundred small modules: that happens once, before workers are forked. And a commit does not wait for the disk:
 after a power loss the newest records may be missing, which the next build records again from the store, but the
 database is whole.

@@ -6,7 +6,7 @@ locks, duplicates, splits, and `verify`, `diff`, `restore` and `gc` (`bagassets.
 On disk, a dataset has one folder that is swapped as a whole, so that readers see the old dataset or the new one. Files of
 recordings are links to artifacts. A format puts them in one of three places:
 
-- in the swapped folder, under any names: they are linked anew with it;
+- in the swapped folder, under any names: they are linked again with it;
 - in one folder per recording, which appears and disappears whole, and whose name changes with its content
   (`UnitFolders`);
 - elsewhere below the output, under names that change with their content (`LooseFiles`).

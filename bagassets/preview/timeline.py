@@ -6,6 +6,7 @@ import cv2
 
 from bagassets.json_types import JsonMapping, JsonObject
 from bagassets.preview.canvas import ACCENT, DIM, FAINT, TEXT, WARNING, Image, blank, text, text_width
+from bagassets.quantities import count_text
 from bagassets.recordings.inventory import Inventory
 
 __all__ = ["timeline", "timeline_facts"]
@@ -55,7 +56,7 @@ def timeline(facts: JsonMapping, width: int) -> Image:
     for row, topic in enumerate(topics):
         _row(picture, axis, topic, TOP_PX + ROW_PX * row)
     if hidden:
-        label = f"and {hidden} more topics with fewer messages"
+        label = f"and {count_text(hidden, 'more topic')} with fewer messages"
         text(picture, label, 10, TOP_PX + ROW_PX * len(topics) + 13, size_px=10, colour=DIM)
     return picture
 

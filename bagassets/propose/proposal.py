@@ -171,7 +171,9 @@ def _head(
         sheet.note(0, f"left out: {one.path}: {one.reason}{f' ({reasons})' if reasons else ''}")
     more = max(0, len(unreadable) - _LISTED) + max(0, len(bare) - _LISTED)
     if more:
-        sheet.note(0, f"left out: {more} more recordings, unreadable or without usable sensor")
+        sheet.note(
+            0, f"left out: {count_text(more, 'more recording')}, unreadable or without a usable sensor"
+        )
     sheet.blank()
 
 
@@ -197,7 +199,7 @@ def _no_rig(sheet: Sheet, bare: Sequence[Bare], unreadable: Mapping[str, str]) -
     }
     if undecodable:
         topic, why = next(iter(sorted(undecodable.items())))
-        more = f" (and {len(undecodable) - 1} more topics)" if len(undecodable) > 1 else ""
+        more = f" (and {count_text(len(undecodable) - 1, 'more topic')})" if len(undecodable) > 1 else ""
         sheet.ask(0, "rigs", f"no sensor can be decoded. {topic}: {why}{more}")
     elif unreadable and not bare:
         sheet.ask(0, "rigs", "no recording could be read; fix them, or name another folder with --bags")

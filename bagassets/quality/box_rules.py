@@ -78,6 +78,6 @@ def _sizes(table: BoxTable, check: BoxesCheck) -> Iterator[str]:
         )
         yield (
             f"{subject} smaller than {check.min_size_m:g} m or larger than {check.max_size_m:g} m{first} "
-            f"{table.tracks[row] or 'one without track'} of {table.sources[row]} at {clock(int(table.stamps_ns[row]))}: "
+            f"{table.tracks[row] or 'one without a track'} of {table.sources[row]} at {clock(int(table.stamps_ns[row]))}: "
             f"{width:g} x {length:g} x {height:g} m"
         )

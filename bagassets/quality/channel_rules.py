@@ -15,7 +15,7 @@ _BECAUSE = {
     "zero stamp": "their header stamps are zero",
     "incomplete revolution": "they belong to incomplete revolutions",
     "position packet": "they are position packets",
-    "no point in it": "they hold no point",
+    "no point in it": "they hold no points",
     "no ego pose to deskew with": "there is no ego pose to deskew them with",
 }
 

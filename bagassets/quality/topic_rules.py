@@ -86,7 +86,7 @@ def _gap_problem(record: TopicRecord, max_gap_s: float) -> str:
     first = next((gap for gap in record.gaps if gap.duration_s > max_gap_s), None)
     if first is None:
         return f"{record.name}: a pause of {record.max_gap_s:g} s, {expected}"
-    longest = "" if record.max_gap_s == first.duration_s else f", the longest takes {record.max_gap_s:g} s"
+    longest = "" if record.max_gap_s == first.duration_s else f", the longest lasts {record.max_gap_s:g} s"
     return (
         f"{record.name}: a pause of {first.duration_s:g} s after {clock(first.start_ns)}{longest}; {expected}"
     )
@@ -116,7 +116,8 @@ def stamps_monotonic(rig: Rig, inventory: Inventory, check: StampsCheck) -> Find
                 if record.first_unordered_ns is None
                 else f", the first to {clock(record.first_unordered_ns)}"
             )
-            problems.append(f"{topic}: {number} of {record.count} header stamps go back in time{first}")
+            verb = "goes" if number == 1 else "go"
+            problems.append(f"{topic}: {number} of {record.count} header stamps {verb} back in time{first}")
         offset = record.header_offset_s
         if offset is not None and abs(offset.median) > check.max_offset_s:
             side = "before" if offset.median > 0 else "after"

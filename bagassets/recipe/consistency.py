@@ -178,7 +178,7 @@ def _scenes(recipe: Recipe) -> Iterator[Problem]:
     channels = sorted({channel for rig in recipe.rigs for channel in rig.channels})
     if scenes.reference is not None and scenes.reference not in channels:
         near = closest(scenes.reference, channels)
-        hint = f"did you mean {near}" if near else f"there are {', '.join(channels)}"
+        hint = f"did you mean {near}" if near else f"the channels are {', '.join(channels)}"
         yield ("scenes", "reference"), f"no rig has the channel {scenes.reference}; {hint}"
     half_period_s = 0.5 / scenes.keyframe_hz
     if scenes.tolerance_s >= half_period_s:

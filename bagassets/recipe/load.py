@@ -238,5 +238,5 @@ def _unknown_format(name: str) -> str:
     if not known:
         return f"no installed package adds a format {name}; install the one that does"
     near = closest(name, known)
-    hint = f"did you mean {near}?" if near else f"there are {', '.join(known)}"
+    hint = f"did you mean {near}?" if near else f"the formats of installed packages are {', '.join(known)}"
     return f"no installed package adds a format {name}; {hint}"

@@ -36,7 +36,7 @@ def _template(text: str) -> str:
         raise ValueError(msg)
     for name in re.findall(r"\{(.*?)\}", text):
         if name not in _PLACEHOLDERS:
-            msg = f"`{{{name}}}` is not a placeholder; there are {', '.join(f'`{{{p}}}`' for p in _PLACEHOLDERS)}"
+            msg = f"`{{{name}}}` is not a placeholder; the placeholders are {', '.join(f'`{{{p}}}`' for p in _PLACEHOLDERS)}"
             raise ValueError(msg)
     return text
 

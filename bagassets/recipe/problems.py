@@ -112,7 +112,7 @@ def _unknown_field(name: str, known: list[str], present: Json) -> str:
     near = closest(name, free)
     if near:
         return f"no such field here; did you mean {near}? `bagassets docs recipe` lists all fields"
-    return f"no such field here; there are {', '.join(known)}. `bagassets docs recipe` explains them"
+    return f"no such field here; the fields are {', '.join(known)}. `bagassets docs recipe` explains them"
 
 
 def _tag(at: tuple[str | int, ...], annotation: object, value: Json) -> Problem:

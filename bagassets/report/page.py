@@ -7,6 +7,7 @@ from pathlib import Path
 
 from bagassets.escaping import html
 from bagassets.json_types import JsonObject
+from bagassets.quantities import count_text
 from bagassets.report.grid_map import colour_of_split, grid_map
 from bagassets.report.model import RecordingFacts, ReportData
 from bagassets.report.style import PAGE_CSS, TABLE_SCRIPT
@@ -239,7 +240,7 @@ def _lines(recording: RecordingFacts) -> Iterator[str]:
         number = "1 gap" if gap.number == 1 else f"{gap.number} gaps"
         yield f"{html(gap.topic)}: {number}, longest {gap.longest_s:.2f} s"
     if len(recording.gaps) > _MOST_GAPS:
-        yield f"and gaps of {len(recording.gaps) - _MOST_GAPS} more topics"
+        yield f"and gaps of {count_text(len(recording.gaps) - _MOST_GAPS, 'more topic')}"
     yield from (html(line) for line in recording.lost)
     yield from (html(note) for note in recording.notes)
 

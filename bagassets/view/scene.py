@@ -112,7 +112,7 @@ def _find(scenes: Sequence[Row], name: str, folder: Path) -> Row:
         return matching[0]
     names = [row["name"] for row in scenes]
     near = get_close_matches(name, names, n=3, cutoff=0.3) or names[:3]
-    offer = f"did you mean {' or '.join(near)}?" if near else "it has no scenes at all."
+    offer = f"did you mean {' or '.join(near)}?" if near else "the dataset has no scenes."
     raise DatasetError(f"{folder}: there is no scene {name}; {offer}")
 
 
