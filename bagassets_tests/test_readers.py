@@ -4,10 +4,12 @@ import sqlite3
 import struct
 
 import pytest
+from mcap.stream_reader import MAGIC_SIZE
 from rosbags.rosbag1 import Reader as Rosbag1Reader
 from rosbags.rosbag1 import Writer as Rosbag1Writer
 
 from bagassets.errors import RecordingError
+from bagassets.recordings.mcap_index import walk
 from bagassets.recordings.open import open_recording
 from bagassets_tests.small_drive import START_NS, STORE1, messages, write_drive
 
@@ -108,6 +110,29 @@ def test_truncated_files_are_refused(tmp_path, file_format, name):
     data = path.read_bytes()
     path.write_bytes(data[: len(data) // 2])
     with pytest.raises(RecordingError, match=r"cannot be read|no summary"):
+        open_recording(path)
+
+
+def test_an_mcap_that_was_cut_short_says_where_and_what_to_do(tmp_path):
+    path = write_drive(tmp_path / "c.mcap", "mcap", duration_s=1.0)
+    data = path.read_bytes()
+    with path.open("rb") as file:
+        ends = [MAGIC_SIZE, *(end for _, _, end in walk(file, len(data)))]
+    for size in (len(data) // 2, len(data) - 30, ends[-1] + 3, ends[1]):
+        path.write_bytes(data[:size])
+        whole = max(end for end in ends if end <= size)
+        what = "it is cut short" if size <= ends[-1] + 3 else "its end is missing or damaged"
+        with pytest.raises(RecordingError) as caught:
+            open_recording(path)
+        told = str(caught.value)
+        assert f"({what}: of its {size} bytes, the records up to byte {whole} are whole)" in told
+        assert "try `mcap recover`, or copy it again" in told
+    # What a full disk or a crash leaves may go on with zeros.
+    path.write_bytes(data[: len(data) // 2] + bytes(10_000))
+    with pytest.raises(RecordingError, match="it is cut short"):
+        open_recording(path)
+    path.write_bytes(data[: ends[1]] + bytes(10_000))
+    with pytest.raises(RecordingError, match=f"it is cut short.* up to byte {ends[1]} are"):
         open_recording(path)
 
 

@@ -67,12 +67,13 @@ def read_index(file: BinaryIO, path: Path, sizes: Sizes) -> McapIndex:
 
     Raises:
         SizeLimitError: the file announces more than the recording may hold.
-        DamageError: the index contradicts itself. On damaged bytes the library raises anything else.
+        DamageError: the file is cut short, or the index contradicts itself. On damaged bytes the library raises anything else.
     """
     size = os.fstat(file.fileno()).st_size
     index = McapIndex()
     file.seek(0)
     read_magic(ReadDataStream(file))
+    _require_footer(file, size)
     file.seek(-(_FOOTER_BYTES + MAGIC_SIZE), os.SEEK_END)
     footer = next(_parsed(file, size))
     if not isinstance(footer, Footer):
@@ -84,6 +85,28 @@ def read_index(file: BinaryIO, path: Path, sizes: Sizes) -> McapIndex:
         _search(file, path, size, index, sizes)
     index.chunks.sort(key=lambda chunk: (chunk.start_ns, chunk.offset))
     return index
+
+
+def _require_footer(file: BinaryIO, size: int) -> None:
+    """Refuse a file without a footer: its recorder or a copy was interrupted.
+
+    Raises:
+        DamageError: it is cut short, or its end is missing.
+    """
+    file.seek(max(0, size - _FOOTER_BYTES - MAGIC_SIZE))
+    if file.read(RECORD_HEADER.size) == RECORD_HEADER.pack(Opcode.FOOTER, _FOOTER_BYTES - RECORD_HEADER.size):
+        return
+    whole, is_cut = MAGIC_SIZE, False
+    try:
+        for opcode, _, end in walk(file, size):
+            if opcode == 0:  # no record: zeros that were never written over
+                is_cut = True
+                break
+            whole = end
+    except DamageError:
+        is_cut = True
+    what = "it is cut short" if is_cut else "its end is missing or damaged"
+    raise DamageError(f"{what}: of its {size} bytes, the records up to byte {whole} are whole")
 
 
 def _parsed(file: BinaryIO, size: int) -> Iterator[McapRecord]:
