@@ -111,8 +111,8 @@ def _placed_by_hand(sensors: Iterable[Sensor], ego_frame: str) -> bool:
 
 def _files(sensors: Iterable[Sensor], facts: Facts) -> tuple[dict[str, FileContent], dict[Path, str]]:
     """Return name -> content of the calibration files of sensors, and path -> name."""
-    paths = sorted({path for sensor in sensors for path in sensor.files})
-    return read_files(paths, facts), short_names(paths)
+    names = short_names(sorted({path for sensor in sensors for path in sensor.files}))
+    return read_files(names, facts), names
 
 
 def _recorded(name: str, sensor: Sensor, inventory: Inventory) -> RecordedSensor:

@@ -60,13 +60,13 @@ def short_names(paths: Collection[Path]) -> dict[Path, str]:
     return names
 
 
-def read_files(paths: Collection[Path], facts: Facts) -> dict[str, FileContent]:
-    """Return name -> content of calibration files.
+def read_files(names: Mapping[Path, str], facts: Facts) -> dict[str, FileContent]:
+    """Return name -> content of calibration files, given path -> name.
 
     Raises:
         CalibrationError: one cannot be read, or is too large for a calibration file.
     """
-    return {name: FileContent(path, _content(path, facts)) for path, name in short_names(paths).items()}
+    return {name: FileContent(path, _content(path, facts)) for path, name in names.items()}
 
 
 def _content(path: Path, facts: Facts) -> bytes:
