@@ -147,6 +147,18 @@ def test_nothing_but_unreadable_recordings(init, tmp_path):
     assert "no recording could be read" in out
 
 
+def test_its_help_says_how_it_ends_without_a_recording_that_can_be_read(init, tmp_path, capsys):
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "bags" / "torn.bag").write_bytes(b"#ROSBAG V2.0\nnothing")
+    assert init(bags="empty")[0] == 1
+    assert init()[0] == 2
+    assert main(["init", "--help"]) == 0
+    told = " ".join(capsys.readouterr().out.split())
+    statuses = dict(re.findall(r"(\d) ([^;]*)", told.partition("Exit status: ")[2]))
+    assert "no recording is found" in statuses["1"]
+    assert "no recording can be read" in statuses["2"]
+
+
 def test_a_sensor_without_decoder_is_named_with_its_type(init, tmp_path):
     msgtype = "pandar_msgs/msg/PandarScan"
     store = get_typestore(Stores.ROS1_NOETIC)

@@ -32,7 +32,8 @@ Examples:
   bagassets init my-project --bags /data/recordings --force   # propose anew
   bagassets init my-project                                   # after moving the folder
 
-Exit status: 0 success; 1 nothing to propose from; 2 wrong usage, or something is to be decided before the first build"""
+Exit status: 0 success; 1 no recording is found, or another error; 2 wrong usage, or something is to be decided before
+the first build, as when no recording can be read"""
 )
 @click.argument("project", type=click.Path(file_okay=False, path_type=Path))
 @click.option(
