@@ -6,7 +6,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Protocol, Self
 
 from bagassets.build.build_report import Event
-from bagassets.cli.terminal import echo, echo_lines, print_lines
+from bagassets.cli.terminal import echo, print_lines
 from bagassets.quantities import count_text
 
 if TYPE_CHECKING:
@@ -69,9 +69,9 @@ class LinesProgress(SilentProgress):
         else:
             self._ended += bool(event.key)
             took = now - self._since.pop(event.key, now)
-            reason = f": {event.message}" if event.message else ""
             place = f"{self._ended}/{self._total} " if event.key else ""
-            echo_lines(f"{event.kind:<8} {place}{event.key or 'dataset'} ({took:.1f} s){reason}", err=True)
+            # The summary says why it failed.
+            echo(f"{event.kind:<8} {place}{event.key or 'dataset'} ({took:.1f} s)", err=True)
 
 
 class LiveProgress(SilentProgress):
@@ -103,7 +103,7 @@ class LiveProgress(SilentProgress):
             self._done.add(event.key)
             self._failed += event.kind == "failed"
             if event.kind == "failed" and self._live is not None:
-                print_lines(self._live.console, f"failed {event.key or 'dataset'}: {event.message}")
+                print_lines(self._live.console, f"failed {event.key or 'dataset'}")
         if self._live is not None:
             self._live.refresh()
 
