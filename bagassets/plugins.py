@@ -84,7 +84,7 @@ def installed_decoders() -> InstalledDecoders:
         parts = entry.name.split(".")
         if family is None or len(parts) != 3 or not all(parts) or entry.dist is None:
             unusable.append(
-                f"Entry point {entry.name!r} of {owner} is no decoder: it must be named <family>.<package>.<Type>, "
+                f"Entry point {entry.name!r} of {owner} is not a decoder: it must be named <family>.<package>.<Type>, "
                 f"with one of the families {', '.join(FAMILIES)}."
             )
             continue

@@ -459,7 +459,7 @@ def test_actions_run_again_on_what_is_on_record_and_the_store_stays_as_it_is(pro
 
 def test_a_list_of_assets_that_cannot_be_is_refused(ran):
     poses = step("poses", ran, INVENTORY)
-    with pytest.raises(PluginError, match="asset poses reads inventory, which is no asset before it"):
+    with pytest.raises(PluginError, match="asset poses reads inventory, which is not an asset before it"):
         RecordingAssets(None, [poses])
     with pytest.raises(PluginError, match="asset inventory is defined twice"):
         RecordingAssets(None, [INVENTORY, INVENTORY])

@@ -261,7 +261,7 @@ def test_a_plugin_that_does_not_load_is_named_in_one_sentence(tmp_path, site, re
 def test_a_misnamed_entry_point_is_reported_where_it_would_have_helped(tmp_path, site, recording, name):
     site.install("typo", "1.0", "decode = None\n", **{name: "decode"})
     _, errors = build(project(tmp_path / "project", recording))
-    assert f"Entry point {name.replace('__', '.')!r} of typo 1.0 is no decoder" in errors["frames"]
+    assert f"Entry point {name.replace('__', '.')!r} of typo 1.0 is not a decoder" in errors["frames"]
 
 
 LOSSY = RECIPE + "limits: {lost_messages: 1.0}\n"

@@ -257,7 +257,7 @@ class TestPoses:
 
     def test_a_jump_is_named(self):
         (problem,) = poses_cover_sensors(drive_along(jump_at=50), STAMPS, PosesCheck()).problems
-        assert problem.startswith("ego poses jump 1 times, first by 51.0 m at ")
+        assert problem.startswith("ego poses jump once, by 51.0 m at ")
         assert str(T0 + 49 * S // 10) in problem
 
     def test_a_fixed_rig_passes(self):
@@ -544,7 +544,7 @@ class TestDevkit:
     @pytest.mark.parametrize(
         ("table", "column", "value", "words"),
         [
-            ("sample_data", "fileformat", ".jpg", "fileformat is none of jpg, png and pcd"),
+            ("sample_data", "fileformat", ".jpg", "fileformat is not jpg, png or pcd"),
             (
                 "sample_data",
                 "filename",
@@ -597,7 +597,7 @@ class TestDevkit:
         row = {**tables["map"][0], "filename": str(other)}
         assert any("cannot be read" in t for t in find_in(root, {**tables, "map": [row]}).problems)
         other.write_bytes(b"GIF89a")
-        assert any("is no PNG" in t for t in find_in(root, {**tables, "map": [row]}).problems)
+        assert any("is not a PNG" in t for t in find_in(root, {**tables, "map": [row]}).problems)
 
     @pytest.mark.parametrize(
         ("splits", "words"),

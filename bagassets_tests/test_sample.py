@@ -74,7 +74,9 @@ def test_what_is_there_is_not_overwritten(tmp_path):
 
 
 def test_an_unknown_compression_is_refused_before_anything_is_written(tmp_path):
-    with pytest.raises(RecordingError, match="ros1 recordings know no compression zstd; use none, lz4, bz2"):
+    with pytest.raises(
+        RecordingError, match="ros1 recordings do not support the compression zstd; use none, lz4, bz2"
+    ):
         write_recordings([Target(tmp_path / "d.bag", "ros1", "zstd")], duration_s=SHORT_S)
     assert list(tmp_path.iterdir()) == []
 

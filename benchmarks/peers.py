@@ -1,6 +1,6 @@
-"""Builds beside those of peers, by turns in one run: real Bazel with the rules of Bagzel, and its converter in a loop.
+"""Builds compared with those of peers, in turn within one run: real Bazel with the rules of Bagzel, and its converter in a loop.
 
-Nothing of theirs is part of this repository; who wants the comparison fetches it (docs/performance.md says how), and
+Nothing of theirs is part of this repository; those who want the comparison fetch it (docs/performance.md says how), and
 without it only ours is measured::
 
     make bench-peers

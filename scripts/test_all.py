@@ -3,7 +3,7 @@
     python -m scripts.test_all                  # all parts
     python -m scripts.test_all lowest newest    # some
 
-A part that needs a Python which this machine lacks is left out, and that is said; it is no failure.
+A part that needs a Python which this machine lacks is left out with a message, and does not count as a failure.
 """
 
 import argparse

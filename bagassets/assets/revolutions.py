@@ -9,7 +9,7 @@ missing at the same place in most of the first turns is taken for such a *blind 
 and unless the recipe names an angle the cut is in its middle, so that a revolution is one sweep.
 
 A revolution ends where the azimuth returns to the cut, whatever is missing there. It is complete if, apart from the
-blind arc, no more than `MOST_MISSING_DEG` are missing in one piece, at its begin, at its end or inside. So the first and
+blind arc, no more than `MOST_MISSING_DEG` are missing in one piece, at its start, at its end or inside. So the first and
 the last one of a recording count only if the recording started or ended close to the cut.
 """
 

@@ -323,7 +323,7 @@ def _extractor(
 ) -> ChannelExtractor:
     extract = graph.assets[node.asset].extract
     if extract is None or node.use is None:
-        raise TypeError(f"{node.name} is no channel")
+        raise TypeError(f"{node.name} is not a channel")
     return extract(node.use, graph.inputs, recording.restrict(node.use.topics), out, pool)
 
 

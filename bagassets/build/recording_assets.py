@@ -33,7 +33,9 @@ class RecordingAssets:
         for asset in known:
             missing = [one.name for one in asset.reads if one.name not in seen]
             if asset.name in seen or missing:
-                what = f"reads {missing[0]}, which is no asset before it" if missing else "is defined twice"
+                what = (
+                    f"reads {missing[0]}, which is not an asset before it" if missing else "is defined twice"
+                )
                 raise PluginError(
                     f"asset {asset.name} {what}; `bagassets docs page steps` says what `bagassets.assets` takes."
                 )

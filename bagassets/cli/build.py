@@ -14,6 +14,7 @@ from bagassets.cli.options import recipe_option
 from bagassets.cli.progress import progress_for
 from bagassets.cli.terminal import echo, echo_lines
 from bagassets.json_types import JsonObject
+from bagassets.quantities import count_text
 from bagassets.trace import span
 
 if TYPE_CHECKING:
@@ -101,7 +102,8 @@ def build(
 def _limited(jobs: int) -> int:
     most = _JOBS_PER_PROCESSOR * (os.cpu_count() or 1)
     if jobs > most:
-        echo(f"--jobs {jobs}: this machine has {os.cpu_count()} processors; using {most}.", err=True)
+        processors = count_text(os.cpu_count() or 1, "processor")
+        echo(f"--jobs {jobs}: this machine has {processors}; using {most}.", err=True)
     return min(jobs, most)
 
 

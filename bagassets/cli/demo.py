@@ -34,6 +34,7 @@ def demo(ctx: click.Context, folder: Path, seconds: float) -> None:
     """
     from bagassets.cli.build import build
     from bagassets.propose.project import FILES, write_project
+    from bagassets.quantities import count_text
     from bagassets.recipe import load_recipe
     from bagassets.sample.demo import missing_drives, write_drives
     from bagassets.sample.recipe import sample_recipe
@@ -48,7 +49,7 @@ def demo(ctx: click.Context, folder: Path, seconds: float) -> None:
         with click.progressbar(
             write_drives(recordings, missing, seconds),
             length=len(missing),
-            label=f"Writing {len(missing)} sample drives",
+            label=f"Writing {count_text(len(missing), 'sample drive')}",
             item_show_func=lambda name: name or "",
         ) as names:
             for _ in names:

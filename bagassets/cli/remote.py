@@ -26,11 +26,11 @@ _JOB = "bagassets.defs.project_build:build_project_in_worker"
 _EARLY_JOB = "bagassets.defs.early_inventories:make_inventories"
 # A build that is cancelled waits this long for its runs, which have less time to end.
 _GRACE_S = 40.0
-# Jobs of a server that is ended have so long; it itself, which may be importing Dagster, has longer.
+# How long the jobs of a server that is ended have to stop; the server, which may be importing Dagster, has longer.
 _END_GRACE_S = 5.0
 _END_S = 60.0
 _POLL_S = 0.02
-_INTERRUPT_POLL_S = 0.2  # so late is an interrupt noticed while nothing happens
+_INTERRUPT_POLL_S = 0.2  # the longest time in which an interrupt goes unnoticed
 
 
 class InterruptedBuildError(BagAssetsError):

@@ -85,7 +85,7 @@ def throw_away_project(recipe: Recipe, bags: Bags, kind: AnyFormat, out: Path) -
         project.recipe_file.write_text(json.dumps(own, ensure_ascii=False), encoding="utf-8")
         yield project
     finally:
-        # Who presses Ctrl-C once more must not keep this from being removed.
+        # A second Ctrl-C must not keep this from being removed.
         with _ignored(signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             end_servers(state)
             shutil.rmtree(state, ignore_errors=True)

@@ -1,7 +1,7 @@
 """`sensor_msgs/PointCloud2`: clouds of any field layout.
 
 Fields are found by name, without regard to case, whatever their type, order, offset, padding
-and byte order. Written are x, y, z in metres, intensity and ring:
+and byte order. The result has x, y, z in metres, intensity and ring:
 
 * intensity stays as recorded, without scaling: nuScenes' own files hold 0 to 255, and so do
   most drivers; one that publishes 0 to 1 or 16-bit reflectivities keeps its range. It is

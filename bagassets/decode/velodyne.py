@@ -190,4 +190,6 @@ def _model(name: str) -> tuple[object, int]:
     try:
         return _MODELS[plain]
     except KeyError:
-        raise RecipeError(f"model {name!r} is no known Velodyne model; use one of {MODEL_NAMES}.") from None
+        raise RecipeError(
+            f"model {name!r} is not a known Velodyne model; use one of {MODEL_NAMES}."
+        ) from None

@@ -65,7 +65,7 @@ def refuse_taken_port(host: str, port: int) -> None:
     """Raise if the port is taken, and name a free one.
 
     Raises:
-        BagAssetsError: the port is taken, or the host is none of this machine's.
+        BagAssetsError: the port is taken, or the host is not one of this machine's.
     """
     if _is_taken(host, port):
         raise BagAssetsError(

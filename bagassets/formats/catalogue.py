@@ -207,7 +207,7 @@ def _checked_format(found: object, extension: Extension) -> AnyFormat:
     """Return a format that a package adds.
 
     Raises:
-        PluginError: it is no format, or incomplete.
+        PluginError: it is not a format, or incomplete.
     """
     if not isinstance(found, Format):
         raise extension.problem(f"{extension.reference} is not a bagassets.formats.format.Format")
@@ -237,7 +237,7 @@ def _checked_format(found: object, extension: Extension) -> AnyFormat:
 
 
 def _check_section(check: DatasetCheck | RecordingCheck, extension: Extension) -> None:
-    """Refuse a check whose severity is no field of the recipe."""
+    """Refuse a check whose severity is not a field of the recipe."""
     if check.section not in Checks.model_fields.keys() - {"enabled"}:
         raise extension.problem(
             f"its check {check.name} has the section {check.section!r}, which is not in `checks` of the recipe"
@@ -248,7 +248,7 @@ def _checked_asset(asset: object, extension: Extension) -> AnyAsset:
     """Return an asset that a package adds.
 
     Raises:
-        PluginError: it is none, or cannot be one beside ours.
+        PluginError: it is not one, or clashes with ours.
     """
     if not isinstance(asset, Asset):
         raise extension.problem(f"{asset!r} is not a bagassets.assets.asset.Asset")

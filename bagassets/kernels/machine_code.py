@@ -84,7 +84,7 @@ def _compiled(text: str) -> Ir:
 
 
 def begin_function(name: str, pointed_to: Sequence[Ir]) -> tuple[Ir, Ir]:
-    """Return a function that returns nothing, in a module of its own, and a builder at its begin.
+    """Return a function that returns nothing, in a module of its own, and a builder at its start.
 
     Args:
         name: of the function.

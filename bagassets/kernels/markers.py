@@ -18,7 +18,7 @@ _MARKER = re.compile(rb"\xff(?=[^\x00])")
 def markers_from(data: memoryview, at: int) -> list[int]:
     """Return where markers stand from `at` on: the first ones, at least one if there is any.
 
-    Of 0xff repeated, which may stand before a marker, the last one counts. Who wants more asks
+    Of 0xff repeated, which may stand before a marker, the last one counts. For more, ask
     again, from behind the last.
     """
     while at < len(data) - 1:

@@ -262,7 +262,7 @@ def best_moment(
     """Return the index of the reading in single pictures.
 
     It is the one nearest to the middle of the recording that leaves `future_ns` (or half of the recording)
-    ahead, among those that the most of the `others_ns` have a reading for.
+    ahead, among those for which as many of the other channels as possible have a reading.
 
     Args:
         stamps_ns: (N,) readings to choose from.

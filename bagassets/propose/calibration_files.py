@@ -16,7 +16,7 @@ __all__ = ["FoundCalibration", "ProposedCalibration", "calibration_of", "find_ca
 _ENDINGS = (".yaml", ".yml")
 _HINT = re.compile(rb"camera_matrix|camera_model")
 _DEPTH = 3
-# Folders of results may hold thousands of YAML files that are none of ours.
+# Folders of results may hold thousands of YAML files that do not concern us.
 _MOST_FILES = 300
 
 

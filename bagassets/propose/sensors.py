@@ -105,9 +105,9 @@ def shown_type(msgtype: str) -> str:
 
 
 def _unusable(topic: TopicSummary) -> tuple[str, bool]:
-    """Return why a topic is no sensor to propose, though its type would do, and whether that is for its decoding.
+    """Return why no sensor is proposed for a topic, though its type would do, and whether decoding is the reason.
 
-    "" if it is one, or is none by its type.
+    "" if one is proposed, or if its type is not that of a sensor.
     """
     modality = modality_of(topic)
     if modality is None:

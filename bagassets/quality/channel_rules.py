@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping
 
 from bagassets.json_types import JsonMapping
 from bagassets.quality.finding import Finding
+from bagassets.quantities import count_text
 from bagassets.recipe.model_base import Clock
 
 __all__ = ["channels_complete"]
@@ -37,11 +38,11 @@ def channels_complete(channels: JsonMapping, max_lost: float, clock_of: Callable
             lost[name] = number
         if counts["read"] != counts["written"] + counts["merged"] + number:
             problems.append(
-                f"{name}: {counts['read']} messages were read, but {counts['written']} written, "
+                f"{name}: {_read(counts)}, but {counts['written']} written, "
                 f"{counts['merged']} merged and {number} lost"
             )
         elif not counts["written"]:
-            problems.append(f"{name}: {counts['read']} messages were read, but no file was written")
+            problems.append(f"{name}: {_read(counts)}, but no file was written")
         elif number > max_lost * counts["read"]:
             reason = max(sorted(counts["lost"]), key=lambda text: counts["lost"][text])
             problems.append(
@@ -52,10 +53,15 @@ def channels_complete(channels: JsonMapping, max_lost: float, clock_of: Callable
     return Finding(problems, {"files": written, "lost": lost})
 
 
+def _read(counts: JsonMapping) -> str:
+    number = counts["read"]
+    return f"{count_text(number, 'message')} {'was' if number == 1 else 'were'} read"
+
+
 def _why(reason: str, lost: Mapping[str, int]) -> str:
     """Return why messages were lost, as a text after `lost`: for one reason, or most often for this one."""
     because = f"because {_BECAUSE.get(reason, reason)}"
-    return f" {because}" if len(lost) == 1 else f", most often ({lost[reason]} times) {because}"
+    return f" {because}" if len(lost) == 1 else f", most often ({count_text(lost[reason], 'time')}) {because}"
 
 
 def _advice(name: str, reason: str, clock: Clock) -> str:

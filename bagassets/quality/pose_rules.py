@@ -49,8 +49,9 @@ def _jumps(trajectory: Trajectory, check: PosesCheck) -> list[str]:
     if not len(jumps):
         return []
     first = int(jumps[0])
+    often = "once, by" if len(jumps) == 1 else f"{len(jumps)} times, first by"
     sentence = (
-        f"ego poses jump {len(jumps)} times, first by {speeds[first] * seconds[first]:.1f} m at "
+        f"ego poses jump {often} {speeds[first] * seconds[first]:.1f} m at "
         f"{clock(int(trajectory.stamps_ns[first]))} ({speeds[first]:.0f} m/s; "
         f"at most {check.max_speed_mps:g} m/s expected)"
     )

@@ -242,7 +242,9 @@ class Scenes(Model):
     )
     keyframe_hz: float = Field(2.0, gt=0, description="Keyframes per second.")
     length_s: float = Field(20.0, gt=0, description="Length of a scene.")
-    min_length_s: float = Field(1.0, ge=0, description="A shorter remainder is no scene; it is counted.")
+    min_length_s: float = Field(
+        1.0, ge=0, description="A shorter remainder does not become a scene; it is counted."
+    )
     tolerance_s: float = Field(
         0.1, gt=0, description="A channel's reading may differ this much in time from its keyframe."
     )

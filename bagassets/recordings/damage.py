@@ -66,7 +66,7 @@ def unreadable(path: Path, err: BaseException) -> RecordingError:
 
 
 def _begins_as(path: Path) -> str | None:
-    """Return the suffix that goes with how a file begins, or None if it begins like no recording, or is no file."""
+    """Return the suffix that goes with how a file begins, or None if no recording begins like that, or it is not a file."""
     try:
         with path.open("rb") as file:
             head = file.read(16)

@@ -158,7 +158,7 @@ def bags_of_one(path: Path) -> Bags:
     if path.is_dir():
         return Bags(root=path)
     if path.name.startswith("."):
-        raise RecordingError(f"{path}: hidden files are no recordings; rename it.")
+        raise RecordingError(f"{path}: hidden files are not taken for recordings; rename it.")
     return Bags(root=path.parent, include=(literal_glob(path.name),))
 
 
@@ -263,7 +263,7 @@ def _exclusion(bags: Bags, relative: str) -> str | None:
 
 
 def _folder_recording(folder: Path, relative: str, entries: list[os.DirEntry[str]]) -> RecordingFiles | None:
-    """Return the files of a ROS 2 bag folder, or None if the folder is none."""
+    """Return the files of a ROS 2 bag folder, or None if the folder is not one."""
     if not any(entry.name == METADATA for entry in entries):
         return None
     files = [

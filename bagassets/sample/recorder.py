@@ -151,7 +151,7 @@ def open_recorder(
     if compression not in COMPRESSIONS[file_format]:
         known = ", ".join(COMPRESSIONS[file_format])
         raise RecordingError(
-            f"{path}: {file_format} recordings know no compression {compression}; use {known}."
+            f"{path}: {file_format} recordings do not support the compression {compression}; use {known}."
         )
     if path.exists():
         raise RecordingError(f"{path}: exists already; remove it or give another path.")

@@ -118,7 +118,7 @@ def _sweep(world: World, lidar: Lidar, ego_SE3_sensor: SE3, start_s: float) -> t
 def lidar_points(world: World, start_s: float) -> NDArray[np.void]:
     """Return one revolution that begins at a time, as a structured array in the sensor's frame.
 
-    Fields: x, y, z, intensity (float32), ring (uint16), t (uint32, nanoseconds since the begin). A
+    Fields: x, y, z, intensity (float32), ring (uint16), t (uint32, nanoseconds since the start). A
     few returns are NaN, as real drivers send them.
     """
     rays, hits, offsets_s = _sweep(world, LIDAR, EGO_SE3_LIDAR, start_s)

@@ -53,7 +53,7 @@ class Kitti(DatasetSettings):
         None, description="Lidar of the clouds; default: LIDAR_TOP, else the first."
     )
     tolerance_s: float = Field(
-        0.05, gt=0, description="An image without a sweep within this time is no frame."
+        0.05, gt=0, description="An image without a sweep within this time is left out."
     )
 
 

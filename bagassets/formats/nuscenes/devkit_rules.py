@@ -116,13 +116,13 @@ def _map(dataroot: Path, tables: Tables) -> Iterator[str]:
             yield f"map {row['token']}: {path} cannot be read ({err.strerror})"
             continue
         if head != _PNG:
-            yield f"map {row['token']}: {path} is no PNG file"
+            yield f"map {row['token']}: {path} is not a PNG file"
 
 
 def _readings(tables: Tables) -> Iterator[str]:
     data = tables["sample_data"]
     yield from _first(
-        "sample_data.fileformat is none of jpg, png and pcd",
+        "sample_data.fileformat is not jpg, png or pcd",
         [f"{row['token']} ({row['fileformat']})" for row in data if row["fileformat"] not in _FORMATS],
     )
     yield from _first(
