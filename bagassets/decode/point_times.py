@@ -4,7 +4,7 @@ The field is found by name. Its unit and its zero follow from its type and value
 
 * **integers** count nanoseconds, or microseconds if the name ends in `us`. As time since the
   header stamp: `t` of Ouster (uint32 ns), `offset_time` of Livox (uint32 ns), `time_stamp` of
-  Nebula (uint32 ns). Numbers that large that they can only be a time of day since 1970 are
+  Nebula (uint32 ns). Numbers so large that they can only be a time of day since 1970 are
   absolute: nanoseconds from 1e17, microseconds from 1e14.
 * **floats** since 1970 are absolute: seconds from 1e8 (`timestamp` of Hesai and RoboSense,
   float64), milliseconds from 1e11, microseconds from 1e14, nanoseconds from 1e17 (`timestamp` of

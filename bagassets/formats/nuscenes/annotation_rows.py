@@ -59,10 +59,10 @@ def annotation_rows(
     params: SceneParams,
     motion: MotionRule | None,
 ) -> AnnotationRows:
-    """Return the rows of all scenes: tracks at each keyframe where they exist, and boxes without track.
+    """Return the rows of all scenes: tracks at each keyframe where they exist, and boxes without a track.
 
     An instance is a track within one scene. Its category is the one that most of its boxes have (on a tie, the first by
-    name), because in nuScenes instances have categories. Of boxes without track, a keyframe gets those in the nearest
+    name), because in nuScenes instances have categories. Of boxes without a track, a keyframe gets those in the nearest
     message of each source; each becomes an instance of its own at each keyframe.
 
     Args:
@@ -156,7 +156,7 @@ class _Builder:
         return True
 
     def add_messages(self, messages: Messages, scene: ScenePlan, samples: list[list[JsonObject]]) -> None:
-        """Add boxes without track from a source: those of the message nearest to each keyframe."""
+        """Add boxes without a track from a source: those of the message nearest to each keyframe."""
         boxes = self._boxes
         nearest = messages.at(scene.keyframes_ns, self._params.tolerance_ns).tolist()
         for sample, (message, stamp_ns) in enumerate(zip(nearest, scene.keyframes_ns.tolist(), strict=True)):
