@@ -1,6 +1,7 @@
 """`bagassets status`, `explain`, `build --dry-run` and `--check` on a real project."""
 
 import json
+import re
 
 import pytest
 from click.testing import CliRunner
@@ -73,7 +74,7 @@ def test_after_a_build_every_state_has_its_reason(built):
     assert broken["inventory"]["state"] == "failed"
     assert "rosbag reindex" in broken["inventory"]["reason"]
     assert broken["nuscenes_tables"]["state"] == "unknown"
-    assert broken["nuscenes_tables"]["reason"].startswith("waits for inventory (")
+    assert broken["nuscenes_tables"]["reason"].startswith("waits for inventory: ")
     assert value["datasets"] == {"nuscenes_dataset": "fresh"}
 
 
@@ -92,7 +93,7 @@ def test_reasons_lead_back_to_what_changed_first(edited):
     assert (assets["frames"]["state"], assets["frames"]["reason"]) == ("stale", "CAM_FRONT: quality 90 -> 33")
     tables = assets["nuscenes_tables"]
     assert tables["state"] == "unknown"
-    assert tables["reason"] == "waits for frames (CAM_FRONT: quality 90 -> 33)"
+    assert tables["reason"] == "waits for frames: CAM_FRONT: quality 90 -> 33"
     assert assets["sweeps"]["state"] == "fresh"
 
 
@@ -181,6 +182,18 @@ def test_explain_shows_both_actions_and_marks_what_differs(edited):
     assert pair["changes"] == [{"group": "params", "name": "quality", "before": 90, "now": 33}]
     assert pair["now"]["digest"] != pair["last"]["digest"]
     assert pair["now"]["inputs"] == pair["last"]["inputs"]
+
+
+def test_explain_puts_no_parentheses_into_others(edited):
+    for key, asset in (
+        (GOOD, "nuscenes_tables"),
+        (BROKEN, "inventory"),
+        (BROKEN, "nuscenes_tables"),
+        (SHORT, "frames"),
+    ):
+        lines = run("explain", key, asset, recipe=edited).stdout.splitlines()
+        assert lines[0].startswith(f"{asset} of {key} is ")
+        assert not [line for line in lines if re.search(r"\([^)]*\(", line)]
 
 
 def test_explain_says_what_is_not_known_yet(edited):

@@ -293,9 +293,9 @@ class Graph:
             return AssetState("skipped", node.skipped)
         if node.waits_for is not None:
             reason = states[node.waits_for].reason
-            # Name only the first cause: "waits for frames (waits for calibration (…))" would say less.
+            # Name only the first cause: "waits for frames: waits for calibration: …" would say less.
             if not reason.startswith("waits for"):
-                reason = f"waits for {node.waits_for} ({reason})"
+                reason = f"waits for {node.waits_for}: {reason}"
             is_new = self.digest is None and recorded is None
             return AssetState("missing" if is_new else "unknown", reason)
         failure = self.failure(node)
@@ -319,7 +319,7 @@ class Graph:
             if above in current and _as_input(current[above]) != data_version:
                 state = states.get(above)
                 why = "made again" if state is None or state.state == "fresh" else state.reason
-                return AssetState("record-only", f"{above} changed ({why}), the result did not", digest)
+                return AssetState("record-only", f"the result did not change, but {above} did: {why}", digest)
         return AssetState("fresh", "up to date", digest)
 
     def _what_changed(self, node: Node, recorded: Recorded) -> str:

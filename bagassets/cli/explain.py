@@ -67,7 +67,8 @@ def explain(bag: str, asset: str, recipe: Path, as_json: bool) -> None:
 
 def explanation_lines(explanation: "Explanation") -> Iterator[str]:
     """Yield an explanation as lines of text."""
-    yield f"{explanation.asset} of {explanation.key}: {explanation.state.state} ({explanation.state.reason})"
+    # Reasons may hold parentheses.
+    yield f"{explanation.asset} of {explanation.key} is {explanation.state.state}: {explanation.state.reason}"
     last = explanation.recorded
     yield from _row("data version", last and last.data_version, explanation.state.data_version)
     if explanation.code_version is not None:
