@@ -84,12 +84,12 @@ class TestStale:
         found = planned.plan.bags[KEY].assets
         assert found["calibration"].state == "stale"
         assert found["calibration"].reason == "calibration file back/ost.yaml changed"
-        assert found["frames"].reason == "waits for calibration (calibration file back/ost.yaml changed)"
+        assert found["frames"].reason == "waits for calibration: calibration file back/ost.yaml changed"
         fresh_ones = {name for name, state in states(planned, KEY).items() if state == "fresh"}
         assert {"bag", "inventory", "ego_poses"} <= fresh_ones
         assert main(["explain", KEY, "calibration", "--recipe", str(fresh)]) == 0
         told = capsys.readouterr().out
-        assert "stale (calibration file back/ost.yaml changed)" in told
+        assert "is stale: calibration file back/ost.yaml changed" in told
         assert "front/ost.yaml" in told
         report, runs = build(fresh, monkeypatch)
         assert report.succeeded
@@ -115,7 +115,7 @@ class TestStale:
         assert main(["build", "--recipe", str(fresh)]) == 1
         told = capsys.readouterr().err
         aside.rename(path)
-        assert f"rigs[0].channels.CAM_FRONT.intrinsics.file: there is no file {path}" in told
+        assert f"rigs[car].channels.CAM_FRONT.intrinsics.file: there is no file {path}" in told
         assert "Traceback" not in told
 
     def test_a_damaged_file_fails_the_calibration_in_a_sentence(self, fresh, monkeypatch, capsys):

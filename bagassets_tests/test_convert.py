@@ -111,7 +111,8 @@ def test_open_questions_are_listed_and_written_beside(tmp_path, temporary, capsy
     assert names(tmp_path) == ["out.recipe.yaml", "still.bag", "tmp"]
     text = beside.read_text()
     line = int(out.split("(line ")[1].split(")")[0])
-    assert "to be decided: " in text.splitlines()[line - 1]
+    assert text.splitlines()[line - 1] == "    ego_pose:"
+    assert "to be decided: " in text.splitlines()[line]
 
     assert convert(bag, "out") == 2  # the same again: nothing is edited
     capsys.readouterr()

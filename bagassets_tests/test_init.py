@@ -11,6 +11,7 @@ from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from bagassets.cli.main import main
+from bagassets.errors import RecipeError
 from bagassets.recipe import load_recipe
 from bagassets.recordings.discover import discover
 from bagassets_tests.small_drive import START_NS, STORE1, messages, write_drive
@@ -82,11 +83,20 @@ def test_what_is_to_be_decided_has_its_line_and_ends_with_2(init, tmp_path):
     subjects = re.findall(r"^  (\S.*?) \(lines? ([\d, ]+)\): ", asked, re.MULTILINE)
     assert [subject for subject, _ in subjects] == ["ego_pose", "CAM_FRONT", "LIDAR_TOP"]
     text = (tmp_path / "project" / "recipe.yaml").read_text().splitlines()
-    for _, line in subjects:
-        assert text[int(line) - 1].lstrip().startswith("# to be decided: ")
+    assert [text[int(line) - 1].strip() for _, line in subjects] == [
+        "ego_pose:",
+        "extrinsics:",
+        "extrinsics:",
+    ]
+    assert all(text[int(line)].lstrip().startswith("# to be decided: ") for _, line in subjects)
+    # A build refuses the recipe at the same lines, all at once.
+    with pytest.raises(RecipeError) as caught:
+        load_recipe(tmp_path / "project" / "recipe.yaml")
+    assert re.findall(r"recipe\.yaml:(\d+): rigs\[rig\]", str(caught.value)) == [line for _, line in subjects]
     assert asked.endswith("When that is done:\n  cd /home/me/project\n  bagassets build\n")
     # Deciding is uncommenting.
-    decided = "\n".join(text).replace("# source:", "source:").replace("# extrinsics:", "extrinsics:")
+    decided = "\n".join(text).replace("# source:", "source:")
+    decided = decided.replace("# translation:", "translation:").replace("# rotation:", "rotation:")
     (tmp_path / "project" / "recipe.yaml").write_text(decided)
     (rig,) = load_recipe(tmp_path / "project" / "recipe.yaml").rigs
     assert rig.channels["CAM_FRONT"].extrinsics.rotation == (0.5, -0.5, 0.5, -0.5)

@@ -101,7 +101,7 @@ def test_where_the_camera_sits_is_offered_with_the_question(tmp_path):
     told = words(text)
     assert "or give `extrinsics`, measured or from a file of Kalibr" in told
     assert "relative to the IMU, whose frame TF or a `urdf` must have:" in told
-    assert "relative_to: frame}" in text
+    assert "          # relative_to: frame\n" in text
 
 
 @pytest.mark.parametrize("inside", [True, False])

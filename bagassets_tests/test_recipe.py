@@ -75,49 +75,49 @@ def test_environment_changes_nothing(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("old", "new", "line", "field", "words"),
     [
-        ("quality: 80", "quality: high", 14, "rigs[0].channels.CAM_FRONT.quality", "whole number; found 'high'"),
-        ("quality: 80", 'quality: "80"', 14, "rigs[0].channels.CAM_FRONT.quality", "without quotes"),
-        ("quality: 80", "quality: 80.5", 14, "rigs[0].channels.CAM_FRONT.quality", "whole number; found the number"),
-        ("quality: 80", "quality: 101", 14, "rigs[0].channels.CAM_FRONT.quality", "not be greater than 100"),
-        ("quality: 80", "quality: true", 14, "rigs[0].channels.CAM_FRONT.quality", "whole number; found true"),
-        ("quality: 80", "qualitty: 80", 14, "rigs[0].channels.CAM_FRONT.qualitty", "did you mean quality?"),
-        ("quality: 80", "undistort: 1", 14, "rigs[0].channels.CAM_FRONT.undistort", "true or false"),
-        ("quality: 80", "output: jpg", 14, "rigs[0].channels.CAM_FRONT.output", "jpeg, png or as_recorded"),
+        ("quality: 80", "quality: high", 14, "rigs[van].channels.CAM_FRONT.quality", "whole number; found 'high'"),
+        ("quality: 80", 'quality: "80"', 14, "rigs[van].channels.CAM_FRONT.quality", "without quotes"),
+        ("quality: 80", "quality: 80.5", 14, "rigs[van].channels.CAM_FRONT.quality", "whole number; found the number"),
+        ("quality: 80", "quality: 101", 14, "rigs[van].channels.CAM_FRONT.quality", "not be greater than 100"),
+        ("quality: 80", "quality: true", 14, "rigs[van].channels.CAM_FRONT.quality", "whole number; found true"),
+        ("quality: 80", "qualitty: 80", 14, "rigs[van].channels.CAM_FRONT.qualitty", "did you mean quality?"),
+        ("quality: 80", "undistort: 1", 14, "rigs[van].channels.CAM_FRONT.undistort", "true or false"),
+        ("quality: 80", "output: jpg", 14, "rigs[van].channels.CAM_FRONT.output", "jpeg, png or as_recorded"),
         (
-            "quality: 80", "intrinsics: cam.yaml", 14, "rigs[0].channels.CAM_FRONT.intrinsics",
+            "quality: 80", "intrinsics: cam.yaml", 14, "rigs[van].channels.CAM_FRONT.intrinsics",
             "expected a mapping with `file`; found 'cam.yaml'",
         ),
         (
             "quality: 80", "extrinsics: {file: a.yaml, relativ_to: imu}", 14,
-            "rigs[0].channels.CAM_FRONT.extrinsics.relativ_to", "did you mean relative_to?",
+            "rigs[van].channels.CAM_FRONT.extrinsics.relativ_to", "did you mean relative_to?",
         ),
-        ("quality: 80", "extrinsics: [0]", 14, "rigs[0].channels.CAM_FRONT.extrinsics", "a transform; found a list"),
+        ("quality: 80", "extrinsics: [0]", 14, "rigs[van].channels.CAM_FRONT.extrinsics", "a transform; found a list"),
         (
             "quality: 80", "extrinsics: {rotation: [1, 0, 0]}", 14,
-            "rigs[0].channels.CAM_FRONT.extrinsics.rotation", "a list of 4 numbers; found a list of 3",
+            "rigs[van].channels.CAM_FRONT.extrinsics.rotation", "a list of 4 numbers; found a list of 3",
         ),
         (
             "quality: 80", "extrinsics: {rotation: [1, 0, 0, 1]}", 14,
-            "rigs[0].channels.CAM_FRONT.extrinsics.rotation", "unit quaternion",
+            "rigs[van].channels.CAM_FRONT.extrinsics.rotation", "unit quaternion",
         ),
         (
             "quality: 80", "extrinsics: {translation: [1, x, 3]}", 14,
-            "rigs[0].channels.CAM_FRONT.extrinsics.translation[1]", "a number; found 'x'",
+            "rigs[van].channels.CAM_FRONT.extrinsics.translation[1]", "a number; found 'x'",
         ),
-        ("quality: 80", "to_8bit: {range: [9, 3]}", 14, "rigs[0].channels.CAM_FRONT.to_8bit.range", "smaller than"),
-        ("modality: camera", "modality: camra", 12, "rigs[0].channels.CAM_FRONT.modality", "did you mean camera?"),
-        ("modality: camera", "frame: x", 11, "rigs[0].channels.CAM_FRONT.modality", "camera, lidar or radar"),
-        ("modality: lidar", "modality:", 16, "rigs[0].channels.LIDAR_TOP.modality", "camera, lidar or radar"),
-        ("CAM_FRONT:", "cam-front:", 11, "rigs[0].channels.cam-front", "capitals"),
-        ("/points", "", 17, "rigs[0].channels.LIDAR_TOP.topic", "needs a value: topic with the data"),
-        ("source: odometry", "source: odometri", 8, "rigs[0].ego_pose.source", "did you mean odometry?"),
-        ("source: odometry", "max_gap_s: 1", 7, "rigs[0].ego_pose.source", "odometry, pose, tf, navsat, ncom or fixed"),
-        ("source: odometry", "source: fixed", 9, "rigs[0].ego_pose.topic", "no such field"),
+        ("quality: 80", "to_8bit: {range: [9, 3]}", 14, "rigs[van].channels.CAM_FRONT.to_8bit.range", "smaller than"),
+        ("modality: camera", "modality: camra", 12, "rigs[van].channels.CAM_FRONT.modality", "did you mean camera?"),
+        ("modality: camera", "frame: x", 11, "rigs[van].channels.CAM_FRONT.modality", "camera, lidar or radar"),
+        ("modality: lidar", "modality:", 16, "rigs[van].channels.LIDAR_TOP.modality", "camera, lidar or radar"),
+        ("CAM_FRONT:", "cam-front:", 11, "rigs[van].channels.cam-front", "capitals"),
+        ("/points", "", 17, "rigs[van].channels.LIDAR_TOP.topic", "needs a value: topic with the data"),
+        ("source: odometry", "source: odometri", 8, "rigs[van].ego_pose.source", "did you mean odometry?"),
+        ("source: odometry", "max_gap_s: 1", 7, "rigs[van].ego_pose.source", "odometry, pose, tf, navsat, ncom or fixed"),
+        ("source: odometry", "source: fixed", 9, "rigs[van].ego_pose.topic", "no such field"),
         # `pose` is a field here and a tag elsewhere; `tf` likewise.
-        ("      topic: /odom", "      pose: {}", 9, "rigs[0].ego_pose.pose", "no such field"),
-        ("    ego_frame: base_link", "    tf: /tf", 6, "rigs[0].tf", "a list, each entry text; found '/tf'"),
-        ("    ego_frame: base_link", "    required: [CAM_BACK]", 6, "rigs[0].required[0]", "CAM_FRONT, LIDAR_TOP"),
-        ("    ego_frame: base_link", "    match: []\n    pose: 1", 7, "rigs[0].pose", "no such field"),
+        ("      topic: /odom", "      pose: {}", 9, "rigs[van].ego_pose.pose", "no such field"),
+        ("    ego_frame: base_link", "    tf: /tf", 6, "rigs[van].tf", "a list, each entry text; found '/tf'"),
+        ("    ego_frame: base_link", "    required: [CAM_BACK]", 6, "rigs[van].required[0]", "CAM_FRONT, LIDAR_TOP"),
+        ("    ego_frame: base_link", "    match: []\n    pose: 1", 7, "rigs[van].pose", "no such field"),
         ("name: yard", "name: 5", 1, "name", "text; found the number 5; put it in quotes"),
         ("name: yard", "name: a/b", 1, "name", "found 'a/b'"),
         ("name: yard", "nmae: yard", 1, "nmae", "did you mean name?"),
@@ -132,6 +132,47 @@ def test_environment_changes_nothing(tmp_path, monkeypatch):
 def test_wrong_field_is_named_with_its_line(old, new, line, field, words, tmp_path):
     found = refused(edited(old, new), tmp_path)
     assert any(entry.startswith(f"{line}: {field}: ") and words in entry for entry in found), found
+
+
+def test_extrinsics_without_value_are_refused_with_the_other_open_questions(tmp_path):
+    """As `init` leaves them where only the user knows them; a `urdf` or a `frame` answers as well."""
+    text = edited("/points", "/points\n        extrinsics:")
+    (told,) = refused(text, tmp_path)
+    assert told.startswith(
+        "18: rigs[van].channels.LIDAR_TOP.extrinsics: needs a value: transform `ego <- sensor`"
+    )
+    text = text.replace("ego_frame: base_link", "ego_frame:").replace("quality: 80", "extrinsics: ~")
+    assert [int(entry.split(":")[0]) for entry in refused(text, tmp_path)] == [6, 14, 18]
+    (tmp_path / "van.urdf").write_text("<robot name='van'/>")
+    for answer in ("/points\n        frame: laser\n        extrinsics:", "/points\n        extrinsics: {}"):
+        parse_recipe(edited("/points", answer), tmp_path / "recipe.yaml")
+    named = edited("/points", "/points\n        extrinsics:").replace(
+        "ego_frame:", "urdf: van.urdf\n    ego_frame:"
+    )
+    parse_recipe(named, tmp_path / "recipe.yaml")
+
+
+def test_only_a_camera_has_extrinsics_from_a_file(tmp_path):
+    for place in ("{file: calib.yaml}", "{file: calib.yaml, relative_to: imu, camera: cam0}"):
+        (told,) = refused(edited("/points", f"/points\n        extrinsics: {place}"), tmp_path)
+        assert told.startswith(
+            "18: rigs[van].channels.LIDAR_TOP.extrinsics: only a camera's extrinsics can come from a file"
+        )
+
+
+@pytest.mark.parametrize(
+    ("names", "told"),
+    [
+        (("van", "yard"), "rigs[yard].ego_pose"), (("van", "van"), "rigs[1].ego_pose"), (("van", ""), "rigs[1].ego_pose"),
+    ],
+)  # fmt: skip
+def test_a_rig_is_told_by_its_name_if_it_has_one_of_its_own(tmp_path, names, told):
+    rigs = "".join(
+        f"  - {{name: {name}, ego_pose: {pose}, channels: {{CAM: {{modality: camera, topic: /cam}}}}}}\n"
+        for name, pose in zip(names, ("{source: fixed}", "4"), strict=True)
+    )
+    found = refused(f"name: yard\nbags: {{root: bags}}\nrigs:\n{rigs}", tmp_path)
+    assert [entry.split(": ")[1] for entry in found if "ego_pose" in entry] == [told]
 
 
 def test_all_mistakes_are_reported_at_once_in_order_of_lines(tmp_path):

@@ -15,7 +15,7 @@ class Question:
     """What only the user can decide, and the build needs.
 
     Attributes:
-        line: line of the text that asks it, from 1.
+        line: line of the field without value or, where that may stay as it is, of the text that asks; from 1.
         rig: name of the rig that it is about; "" if it is about none.
         subject: the field or channel.
         text: what is missing, and what to do.
@@ -64,7 +64,9 @@ class Sheet:
         self.guesses += 1
         self.note(depth, f"guess: {text}")
 
-    def ask(self, depth: int, subject: str, text: str, more: str = "", *, rig: str = "") -> None:
+    def ask(
+        self, depth: int, subject: str, text: str, more: str = "", *, rig: str = "", below: bool = False
+    ) -> None:
         """Add a question.
 
         Args:
@@ -73,8 +75,9 @@ class Sheet:
             text: what is missing, and what to do.
             more: what only makes sense above the lines that follow.
             rig: name of the rig that it is about.
+            below: it is about the field just written, which has no value, so that is its line, as in the recipe's errors.
         """
-        self.questions.append(Question(len(self._lines) + 1, rig, subject, text))
+        self.questions.append(Question(len(self._lines) + (not below), rig, subject, text))
         self.note(depth, f"to be decided: {text}{more}")
 
     def note(self, depth: int, text: str) -> None:

@@ -91,6 +91,7 @@ def _write_pose(sheet: Sheet, rig: RigProposal) -> None:
             "the recordings hold no odometry, pose, TF chain or GNSS fixes; name where poses come from, or if this rig "
             "stands still, uncomment `source: fixed`",
             rig=rig.name,
+            below=True,
         )
         sheet.off(3, "source: fixed")
         return
@@ -168,22 +169,26 @@ def _write_place(
         if sensor.modality == "camera":
             give = "give `extrinsics`, measured or from a file of Kalibr"
         looks = f"looks {side.replace('_', ' ').lower()}" if side else "looks ahead"
+        if not frame:
+            sheet.off(4, f"frame: {yaml_scalar(rig.ego.name)}")
+        sheet.field(4, "extrinsics:")
         sheet.ask(
-            4,
+            5,
             name,
             f"{missing}; name a `urdf` of the rig, or {give}",
             f" (ego <- sensor, metres; quaternion w, x, y, z; this one {looks}):",
             rig=rig.name,
+            below=True,
         )
-        if not frame:
-            sheet.off(4, f"frame: {yaml_scalar(rig.ego.name)}")
-        sheet.off(4, f"extrinsics: {{translation: [0, 0, 0], rotation: {_numbers(rotation)}}}")
+        sheet.off(5, "translation: [0, 0, 0]")
+        sheet.off(5, f"rotation: {_numbers(rotation)}")
         if file is not None and file.relative_to:
             sheet.note(
-                4,
+                5,
                 f"or from the calibration file, relative to {file.relative_to}, whose frame TF or a `urdf` must have:",
             )
-            sheet.off(4, f"extrinsics: {{file: {yaml_scalar(file.written)}, relative_to: frame}}")
+            sheet.off(5, f"file: {yaml_scalar(file.written)}")
+            sheet.off(5, "relative_to: frame")
 
 
 def _numbers(values: list[float]) -> str:

@@ -12,13 +12,13 @@ from pydantic_core import ErrorDetails
 
 from bagassets.errors import PluginError, RecipeError
 from bagassets.extensions import FORMATS, installed_extensions
-from bagassets.json_types import JsonMapping, JsonObject
+from bagassets.json_types import Json, JsonMapping, JsonObject
 from bagassets.recipe.consistency import problems_in
 from bagassets.recipe.format_settings import section_model
 from bagassets.recipe.model import Recipe, Rig
 from bagassets.recipe.model_base import DatasetSettings
 from bagassets.recipe.model_datasets import NamedDataset
-from bagassets.recipe.problems import Problem, closest, explain
+from bagassets.recipe.problems import Problem, closest, explain, undecided
 from bagassets.recipe.yaml_text import Place, read_yaml
 
 __all__ = ["load_recipe", "parse_recipe", "paths_written", "where_in"]
@@ -62,7 +62,7 @@ def parse_recipe(text: str, path: Path) -> Recipe:
     recipe = _absolute(recipe, path.parent)
     problems = list(problems_in(recipe, data))
     if problems:
-        raise _wrong(problems, places, path)
+        raise _wrong(problems, data, places, path)
     return recipe
 
 
@@ -108,20 +108,22 @@ def _as_written(text: str, path: Path) -> tuple[Recipe, JsonObject, Place]:
         # for paths, but no text for numbers and no numbers for true and false.
         recipe = Recipe.model_validate_json(json.dumps(data), strict=True)
     except ValidationError as err:
-        raise _wrong((explain(problem, data) for problem in _causes(err)), places, path) from None
+        wrong = [explain(problem, data) for problem in _causes(err)]
+        raise _wrong([*wrong, *undecided(data)], data, places, path) from None
     sections, problems = _read_sections(data)
+    problems += undecided(data)
     if problems:
-        raise _wrong(problems, places, path)
+        raise _wrong(problems, data, places, path)
     return recipe.model_copy(update={"formats": sections}), data, places
 
 
 def where_in(path: Path, at: tuple[str | int, ...]) -> str:
     """Return `file:line: field` of a value in a recipe, for errors that show only when the value is used."""
     try:
-        _, places = read_yaml(path.read_text(encoding="utf-8"), path)
+        data, places = read_yaml(path.read_text(encoding="utf-8"), path)
     except (OSError, UnicodeDecodeError, RecipeError):
-        return f"{path}: {field_name(at)}"  # it was readable before, and has changed
-    return f"{path}:{places.line_of(at)}: {field_name(at)}"
+        return f"{path}: {field_name(at, None)}"  # it was readable before, and has changed
+    return f"{path}:{places.line_of(at)}: {field_name(at, data)}"
 
 
 def _causes(err: ValidationError) -> list[ErrorDetails]:
@@ -131,8 +133,8 @@ def _causes(err: ValidationError) -> list[ErrorDetails]:
     return [error for error in errors if error["type"] != "too_short" or error["loc"] not in inner]
 
 
-def _wrong(problems: Iterable[Problem], places: Place, path: Path) -> RecipeError:
-    found = sorted({(places.line_of(at), field_name(at), sentence) for at, sentence in problems})
+def _wrong(problems: Iterable[Problem], data: JsonObject, places: Place, path: Path) -> RecipeError:
+    found = sorted({(places.line_of(at), field_name(at, data), sentence) for at, sentence in problems})
     return RecipeError(
         *(
             f"{path}:{line}: {field}: {sentence}{'' if sentence.endswith('?') else '.'}"
@@ -141,12 +143,28 @@ def _wrong(problems: Iterable[Problem], places: Place, path: Path) -> RecipeErro
     )
 
 
-def field_name(location: tuple[str | int, ...]) -> str:
-    """Return a location as users write it: `rigs[0].channels.CAM_FRONT.quality`."""
+def field_name(location: tuple[str | int, ...], data: Json) -> str:
+    """Return a location as users write it: `rigs[van].channels.CAM_FRONT.quality`.
+
+    Args:
+        location: field names, keys, indices.
+        data: the recipe as plain data, for the names of its rigs; a rig without a name of its own gets its index.
+    """
     name = ""
-    for part in location:
-        name += f"[{part}]" if isinstance(part, int) else f".{part}" if name else part
+    for depth, part in enumerate(location):
+        if isinstance(part, int):
+            is_rig = location[:depth] == ("rigs",) and isinstance(data, dict)
+            name += f"[{_rig_name(data['rigs'], part) if is_rig else part}]"
+        else:
+            name += f".{part}" if name else part
     return name or "recipe"
+
+
+def _rig_name(rigs: Json, number: int) -> str:
+    """Return the name of a rig, or its index if it has none, or none of its own."""
+    names = [rig.get("name") if isinstance(rig, dict) else None for rig in rigs]
+    name = names[number]
+    return name if isinstance(name, str) and name and names.count(name) == 1 else f"{number}"
 
 
 def _output_of(dataset: NamedDataset) -> Path:

@@ -1,18 +1,18 @@
 """Explaining pydantic's errors, which are about models, unions and tags, to somebody who writes YAML."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from difflib import get_close_matches
 from typing import Any, get_args
 
 from pydantic import BaseModel
 
-from bagassets.json_types import Json
+from bagassets.json_types import Json, JsonMapping
 from bagassets.recipe.format_settings import section_model
 from bagassets.recipe.model import Recipe
-from bagassets.recipe.model_base import FieldValueError
+from bagassets.recipe.model_base import FieldValueError, Transform
 from bagassets.recipe.schema import describe, enter, plain, tag_field, variants
 
-__all__ = ["Problem", "closest", "explain"]
+__all__ = ["Problem", "closest", "explain", "undecided"]
 
 Problem = tuple[tuple[str | int, ...], str]
 """A location in the recipe (field names, keys, indices), and what is wrong there, without full stop."""
@@ -37,6 +37,11 @@ def explain(error: Mapping[str, Any], data: Json) -> Problem:
         location, kind = location[:-1], "too_short"  # pydantic blames the absent entry of a vector
     at, annotation = _locate(location)
     context, value = error.get("ctx", {}), _value(data, at)
+    if kind == "extra_forbidden" and _model(location) is Transform and "file" in _value(data, at[:-1]):
+        return at[:-1], (
+            "only a camera's extrinsics can come from a file; give the `translation` and `rotation` of this sensor, or "
+            "name a `urdf` of the rig"
+        )
     if kind == "extra_forbidden":
         return at, _unknown_field(str(at[-1]), _siblings(location), _value(data, at[:-1]))
     if kind == "missing":
@@ -60,6 +65,27 @@ def explain(error: Mapping[str, Any], data: Json) -> Problem:
         allowed = [str(option) for option in get_args(plain(annotation))]
         return at, f"must be {_either(allowed)}; found {_show(value)}{_suggestion(value, allowed)}"
     return at, f"expected {describe(annotation)}; found {_show(value)}{_quoting(annotation, value)}"
+
+
+def undecided(data: JsonMapping) -> Iterator[Problem]:
+    """Yield the extrinsics without value that nothing else in the recipe can answer: so `bagassets init` asks for them.
+
+    Args:
+        data: the whole recipe as plain data, which need not be valid.
+    """
+    rigs = data.get("rigs")
+    for number, rig in enumerate(rigs if isinstance(rigs, list) else ()):
+        channels = rig.get("channels") if isinstance(rig, dict) and not rig.get("urdf") else None
+        for name, channel in channels.items() if isinstance(channels, dict) else ():
+            if (
+                isinstance(channel, dict)
+                and not channel.get("frame")
+                and channel.get("extrinsics", "") is None
+            ):
+                yield (
+                    ("rigs", number, "channels", name, "extrinsics"),
+                    "needs a value: transform `ego <- sensor`; or name a `urdf` of the rig, or remove the field if TF has it",
+                )
 
 
 def closest(word: object, known: Iterable[str]) -> str:
