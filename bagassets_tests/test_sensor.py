@@ -351,6 +351,16 @@ def test_a_run_that_somebody_cancelled_is_not_asked_for_again(project):
     assert set(project.scan()) == {"a.bag"}
 
 
+def test_of_a_recording_that_was_only_touched_bag_alone_is_asked_for(project):
+    project.build_project()
+    (project.bags / "a.bag").touch()
+    request = project.scan()["a.bag"]
+    assert request.asset_selection == [dg.AssetKey("bag")]
+    assert project.execute(request).success
+    assert project.scan() == {}
+    assert stale(project) == set()
+
+
 def test_a_recording_with_a_run_is_left_alone(project):
     make_run(project, "a.bag", dg.DagsterRunStatus.STARTED)
     assert project.scan() == {}

@@ -63,14 +63,14 @@ class Event:
     """Progress of a build.
 
     Attributes:
-        kind: `planned` once, then `started`, `done`, `failed` or `stopped` for a recording, or for the
+        kind: `reading` while recordings are read whose time changed, `planned` once, then `started`, `done`, `failed` or `stopped` for a recording, or for the
             dataset (with an empty key).
         key: partition key.
-        message: why it failed, or what is planned.
+        message: why it failed, what is planned, or how far the reading is.
         sizes: for `planned`, recording that needs a run -> bytes.
     """
 
-    kind: Literal["planned", "started", "done", "failed", "stopped"]
+    kind: Literal["reading", "planned", "started", "done", "failed", "stopped"]
     key: str = ""
     message: str = ""
     sizes: Mapping[str, int] = field(default_factory=dict)

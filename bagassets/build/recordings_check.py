@@ -112,14 +112,14 @@ class CheckedRecording:
 
 
 def check_recordings(
-    assets: RecordingAssets, store: Store, between: Callable[[], None] | None = None
+    assets: RecordingAssets, store: Store, between: Callable[[int], None] | None = None
 ) -> Iterator[CheckedRecording]:
     """Hash every recording and compare it with its record; nothing is changed.
 
     Args:
         assets: the assets of a recording under the recipe.
         store: the artifact store, which has the inventories.
-        between: called every few milliseconds while files are hashed.
+        between: called with the number of bytes just read, every few milliseconds.
     """
     recipe = assets.recipe
     index = DigestIndex.of(recipe)
@@ -136,7 +136,7 @@ def _check(
     index: DigestIndex,
     key: str,
     recording: RecordingFiles,
-    between: Callable[[], None] | None,
+    between: Callable[[int], None] | None,
 ) -> CheckedRecording:
     recorded: dict[str, str] = {}
     changed: list[ChangedFile] = []

@@ -51,12 +51,17 @@ class LinesProgress(SilentProgress):
 
     def __init__(self) -> None:
         self._total = self._ended = 0
+        self._is_reading = False
         self._since: dict[str, float] = {}
 
     def __call__(self, event: Event) -> None:
         """Print an event."""
         now = time.monotonic()
-        if event.kind == "planned":
+        if event.kind == "reading":
+            if not self._is_reading:
+                echo(event.message, err=True)
+            self._is_reading = True
+        elif event.kind == "planned":
             self._total = len(event.sizes)
             if self._total:
                 verb = "needs" if self._total == 1 else "need"
@@ -85,13 +90,16 @@ class LiveProgress(SilentProgress):
         self._since: dict[str, float] = {}
         self._done: set[str] = set()
         self._failed = 0
+        self._preparing = "scanning recordings …"
         self._began = time.monotonic()
         self._live: Live | None = None
 
     def __call__(self, event: Event) -> None:
         """Note an event and redraw."""
         now = time.monotonic()
-        if event.kind == "planned":
+        if event.kind == "reading":
+            self._preparing = event.message
+        elif event.kind == "planned":
             self._sizes = dict(event.sizes)
             self._began = now
             if event.message and self._live is not None:
@@ -129,7 +137,7 @@ class LiveProgress(SilentProgress):
 
         now = time.monotonic()
         if not self._sizes and not self._since:
-            return Text("scanning recordings …", style="dim")
+            return Text(self._preparing, style="dim")
         # Every recording counts a little more than its bytes, so that empty ones move the bar as well.
         weight = {key: size + 1_000_000 for key, size in self._sizes.items()}
         total = sum(weight.values())

@@ -1,6 +1,5 @@
 """The assets of a recording as Dagster assets: `bag`, those extracted from it, and those made from these."""
 
-import json
 from collections.abc import Iterator
 
 import dagster as dg
@@ -9,15 +8,14 @@ from bagassets.assets.asset import AnyAsset
 from bagassets.build.execute import Skipped, execute
 from bagassets.build.graph import SELECTION, Graph
 from bagassets.build.recording_assets import RecordingAssets
-from bagassets.defs.events import STAT, recorded_artifact, recorded_partition
+from bagassets.defs.events import recorded_artifact, recorded_partition
 from bagassets.defs.exclusive import RecordingLock
 from bagassets.defs.partitions import recording_partitions
-from bagassets.defs.reporting import errors_explained, result_metadata
+from bagassets.defs.reporting import BAG_CODE_VERSION, bag_metadata, errors_explained, result_metadata
 from bagassets.defs.workspace import Workspace
 from bagassets.errors import StoreError
 from bagassets.escaping import visible
 from bagassets.formats.catalogue import recording_assets
-from bagassets.quantities import readable_bytes
 from bagassets.recipe.model import Recipe
 from bagassets.recordings.digest import recording_digest, recording_stat
 
@@ -42,7 +40,7 @@ def recording_definitions(recipe: Recipe) -> list[dg.AssetsDefinition]:
         group_name=GROUP,
         kinds={"ros", "file"},
         description=_BAG,
-        code_version="1",
+        code_version=BAG_CODE_VERSION,
     )
     def bag(
         context: dg.AssetExecutionContext, workspace: Workspace, recording_lock: RecordingLock
@@ -54,16 +52,7 @@ def recording_definitions(recipe: Recipe) -> list[dg.AssetsDefinition]:
             digest = recording_digest(recording, workspace.index)
             return dg.MaterializeResult(
                 data_version=dg.DataVersion(digest.digest),
-                metadata={
-                    "path": dg.MetadataValue.path(str(recording.path)),
-                    "format": recording.format,
-                    "size": readable_bytes(recording.size),
-                    "size_bytes": recording.size,
-                    "files": len(recording.files),
-                    "digest": digest.digest,
-                    "hashed_bytes": digest.hashed_bytes,
-                    STAT: dg.MetadataValue.text(json.dumps(stat.as_json())),
-                },
+                metadata=bag_metadata(recording, stat, digest),
             )
 
     @dg.multi_asset(

@@ -23,6 +23,7 @@ from bagassets.defs.partitions import add_partitions, remove_partition
 from bagassets.defs.pending_work import PendingWork, find_pending_work, open_project, update_pending_work
 from bagassets.defs.run_pool import EndedRun, Listener, RunPool
 from bagassets.defs.snapshot import Snapshot
+from bagassets.defs.touched import record_touched
 from bagassets.defs.workspace import Workspace
 from bagassets.errors import RecordingError
 from bagassets.forkserver.server_files import ServerFiles
@@ -54,12 +55,17 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
         repaired["changed_in_place"] = remove_changed_sources(recipe, workspace.store)
         repaired["installed_packages"] = list(problems_of(recipe))
         snapshot = Snapshot(instance, workspace)
-        before = now = find_pending_work(instance, workspace, options)
+        before = find_pending_work(instance, workspace, options)
+        if touched := record_touched(instance, workspace, before, options.jobs, on_event):
+            snapshot = Snapshot(instance, workspace)
+            before = find_pending_work(instance, workspace, options)
+        now = before
         report = BuildReport(before.plan, dataset_path=recipe.nuscenes.output)
         split_before = split_on_disk(recipe)
         report.remarks = tuple(
             Remark("", "warn", name, problem) for name, problems in repaired.items() for problem in problems
         )
+        report.outcomes = {key: BagOutcome("hit", seconds=seconds) for key, seconds in touched.items()}
         if not options.allow_empty:
             _refuse_empty(recipe, before.planned)
         report.removed = _register(instance, workspace, before.planned)

@@ -1,5 +1,6 @@
 """Results and errors as the web UI shows them: metadata with tables and pictures, failures of one sentence."""
 
+import json
 from base64 import b64encode
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -9,6 +10,7 @@ import dagster as dg
 
 from bagassets.assets.preview import FACTS
 from bagassets.build.execute import AssetResult, BuildFailure
+from bagassets.defs.events import STAT
 from bagassets.defs.markdown import (
     calibration_table,
     counts_table,
@@ -24,10 +26,14 @@ from bagassets.formats.dataset_build import DatasetInputs
 from bagassets.json_types import Json
 from bagassets.preview.pictures import TITLES
 from bagassets.quantities import readable_bytes
+from bagassets.recordings.digest import RecordingDigest, RecordingStat
+from bagassets.recordings.model import RecordingFiles
 from bagassets.splits import SplitShare
 from bagassets.store.artifact import Artifact
 
 __all__ = [
+    "BAG_CODE_VERSION",
+    "bag_metadata",
     "dataset_metadata",
     "errors_explained",
     "inputs_metadata",
@@ -39,8 +45,23 @@ __all__ = [
 Metadata = dict[str, Any]
 """What Dagster shows of a materialization: its `MetadataValue`, or what it makes one of."""
 
+BAG_CODE_VERSION = "1"
 CHANNEL_ASSETS = ("frames", "sweeps")
 _COUNTS = {"read", "written", "merged", "lost"}
+
+
+def bag_metadata(recording: RecordingFiles, stat: RecordingStat, digest: RecordingDigest) -> Metadata:
+    """Return what Dagster keeps of a recording: `stat` is its status before it was hashed."""
+    return {
+        "path": dg.MetadataValue.path(str(recording.path)),
+        "format": recording.format,
+        "size": readable_bytes(recording.size),
+        "size_bytes": recording.size,
+        "files": len(recording.files),
+        "digest": digest.digest,
+        "hashed_bytes": digest.hashed_bytes,
+        STAT: dg.MetadataValue.text(json.dumps(stat.as_json())),
+    }
 
 
 def result_metadata(result: AssetResult) -> Metadata:

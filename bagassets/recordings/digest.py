@@ -36,6 +36,11 @@ class RecordingStat:
 
     files: tuple[tuple[str, int, int], ...]
 
+    @property
+    def sizes(self) -> tuple[tuple[str, int], ...]:
+        """Name and size of each file."""
+        return tuple((name, size) for name, size, _ in self.files)
+
     def as_json(self) -> list[list[Json]]:
         """Return it as JSON."""
         return [list(entry) for entry in self.files]
@@ -103,7 +108,11 @@ def stored_digest(recording: RecordingFiles, index: DigestIndex | None = None) -
 
 
 def recording_digest(
-    recording: RecordingFiles, index: DigestIndex | None = None, *, rehash: bool = False
+    recording: RecordingFiles,
+    index: DigestIndex | None = None,
+    *,
+    rehash: bool = False,
+    between: Callable[[int], None] | None = None,
 ) -> RecordingDigest:
     """Return the digest of a recording, hashing the files that have no valid record.
 
@@ -111,6 +120,7 @@ def recording_digest(
         recording: its files.
         index: holds digests that cannot be stored as attributes.
         rehash: hash every file, whatever is on record.
+        between: see `hash_file`.
 
     Raises:
         RecordingError: a file cannot be read.
@@ -125,7 +135,7 @@ def recording_digest(
         digest = None if rehash else digest_on_record(path, stat, index)
         if digest is None:
             with span("hash", file=path.name):
-                digest = hash_file(path, stat)
+                digest = hash_file(path, stat, between)
             hashed += stat.st_size
         try:
             kept[path.name] = put_on_record(path, stat, digest, index)
@@ -154,13 +164,13 @@ def combined_digest(digests: dict[str, str]) -> str:
     return digest_json(sorted(digests.items()))
 
 
-def hash_file(path: Path, before: os.stat_result, between: Callable[[], None] | None = None) -> str:
+def hash_file(path: Path, before: os.stat_result, between: Callable[[int], None] | None = None) -> str:
     """Return the digest of the content of a file.
 
     Args:
         path: the file.
         before: status of the file, which must stay the same meanwhile.
-        between: called every few milliseconds; what it raises ends the hashing.
+        between: called with the number of bytes just read, every few milliseconds; what it raises ends the hashing.
 
     Raises:
         RecordingError: the file cannot be read.

@@ -37,7 +37,7 @@ class Disagreement:
 
 
 def check_digests(
-    recording: RecordingFiles, index: DigestIndex | None = None, between: Callable[[], None] | None = None
+    recording: RecordingFiles, index: DigestIndex | None = None, between: Callable[[int], None] | None = None
 ) -> Iterator[Disagreement]:
     """Hash all files of a recording, and yield each digest on record that should match but does not.
 

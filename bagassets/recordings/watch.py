@@ -234,7 +234,7 @@ class Watcher:
             stat = path.stat()
             if file.state != _State.of(stat) or self._is_settled(path, file, stat, started_s):
                 return  # done, or changed since the scan: then the next scan sees it
-            digest = hash_file(path, stat, self._checkpoint)
+            digest = hash_file(path, stat, lambda _: self._checkpoint())
             self._report_wrong(path, stat, digest)
             kept = put_on_record(path, stat, digest, self._index)
             after = path.stat()

@@ -34,14 +34,15 @@ def digest_json(value: object) -> str:
     return digest_bytes(canonical_json(value))
 
 
-def digest_file(path: Path, between: Callable[[], None] | None = None) -> str:
+def digest_file(path: Path, between: Callable[[int], None] | None = None) -> str:
     """Return the BLAKE3 digest of a file, hashed with all cores.
 
     The file is read, not mapped: a mapped file that somebody truncates kills the process that reads it.
 
     Args:
         path: the file.
-        between: called every few milliseconds; an exception that it raises ends the hashing.
+        between: called with the number of bytes just read, every few milliseconds; an exception that it raises ends the
+            hashing.
     """
     hasher = blake3(max_threads=blake3.AUTO)
     buffer = bytearray(min(_READ_BYTES, max(1, path.stat().st_size)))
@@ -50,5 +51,5 @@ def digest_file(path: Path, between: Callable[[], None] | None = None) -> str:
         while read := file.readinto(buffer):
             hasher.update(view[:read])
             if between is not None:
-                between()
+                between(read)
     return hasher.hexdigest()

@@ -1,0 +1,172 @@
+"""Recordings of which only the time changed: read before any run, and recorded without one.
+
+Somebody copied or touched them, or restored a backup. Their sizes are as recorded, so their content probably is, too; to
+read it is cheap beside a run.
+"""
+
+import time
+from collections.abc import Callable, Mapping
+from concurrent.futures import CancelledError, ThreadPoolExecutor, wait
+from contextlib import suppress
+from threading import Event as Flag
+from threading import Lock
+
+import dagster as dg
+
+from bagassets.build.build_report import Event
+from bagassets.build.plan import BagPlan, Recorded
+from bagassets.defs.events import CODE_VERSION, DATA_VERSION
+from bagassets.defs.pending_work import PendingWork
+from bagassets.defs.reporting import BAG_CODE_VERSION, bag_metadata
+from bagassets.defs.workspace import Workspace
+from bagassets.errors import BagAssetsError
+from bagassets.quantities import count_text, readable_bytes
+from bagassets.recordings.digest import (
+    DigestIndex,
+    RecordingDigest,
+    RecordingStat,
+    recording_digest,
+    recording_stat,
+)
+from bagassets.recordings.model import RecordingFiles
+from bagassets.trace import span
+
+__all__ = ["is_touched", "record_touched"]
+
+_SHOW_EVERY_S = 0.5
+
+
+def record_touched(
+    instance: dg.DagsterInstance,
+    workspace: Workspace,
+    pending: PendingWork,
+    jobs: int,
+    on_event: Callable[[Event], None],
+) -> dict[str, float]:
+    """Read the recordings that need a run only because of their time; record those whose content is the same.
+
+    What cannot be read, or changes meanwhile, is left to its run, which reports it.
+
+    Args:
+        instance: where `bag` is recorded.
+        workspace: recipe, index and recordings.
+        pending: what a build has to do.
+        jobs: recordings read at the same time.
+        on_event: called now and then while recordings are read.
+
+    Returns:
+        The recordings whose content is the same -> seconds to read it. Plan again if there are any.
+
+    Raises:
+        KeyboardInterrupt: the user pressed Ctrl-C; nothing was recorded that was not read.
+    """
+    touched = _touched(pending)
+    if not touched:
+        return {}
+    recordings = pending.planned.discovery.recordings
+    reading = _Reading({key: recordings[key] for key in touched}, workspace.index)
+    with span("read touched", recordings=len(touched)):
+        found = reading.read(jobs, on_event)
+    same = {}
+    for key, (stat, digest, seconds) in found.items():
+        if digest.digest != touched[key].data_version:
+            continue
+        if stat != touched[key].stat:
+            _record(instance, key, recordings[key], stat, digest)
+        same[key] = seconds
+    return same
+
+
+def is_touched(bag: BagPlan, record: Recorded | None, stat: RecordingStat) -> bool:
+    """Tell whether a recording has the names and sizes on record, and is not known to have another content.
+
+    Args:
+        bag: its state.
+        record: its latest record as `bag`; None if there is none.
+        stat: status of its files now.
+    """
+    state = bag.assets["bag"]
+    if record is None or record.stat is None or state.state not in {"stale", "record-only"}:
+        return False
+    return state.data_version in {None, record.data_version} and record.stat.sizes == stat.sizes
+
+
+def _touched(pending: PendingWork) -> dict[str, Recorded]:
+    """Return the recordings whose files have the names and sizes on record, but another time -> their record."""
+    recordings = pending.planned.discovery.recordings
+    touched = {}
+    for key in pending.todo:
+        record = pending.planned.recorded.get(key, {}).get("bag")
+        with suppress(BagAssetsError):  # its run reports that
+            if record is not None and is_touched(
+                pending.plan.bags[key], record, recording_stat(recordings[key])
+            ):
+                touched[key] = record
+    return touched
+
+
+def _record(
+    instance: dg.DagsterInstance,
+    key: str,
+    recording: RecordingFiles,
+    stat: RecordingStat,
+    digest: RecordingDigest,
+) -> None:
+    instance.report_runless_asset_event(
+        dg.AssetMaterialization(
+            "bag",
+            description="Recorded without a run: only the time of its files had changed.",
+            partition=key,
+            metadata=bag_metadata(recording, stat, digest),
+            tags={DATA_VERSION: digest.digest, CODE_VERSION: BAG_CODE_VERSION},
+        )
+    )
+
+
+class _Reading:
+    """Reads recordings, several at a time, and tells how far it is."""
+
+    def __init__(self, recordings: Mapping[str, RecordingFiles], index: DigestIndex) -> None:
+        self._recordings = recordings
+        self._index = index
+        self._bytes = sum(recording.size for recording in recordings.values())
+        self._read = 0
+        self._mutex = Lock()
+        self._stopped = Flag()
+
+    def read(
+        self, jobs: int, on_event: Callable[[Event], None]
+    ) -> dict[str, tuple[RecordingStat, RecordingDigest, float]]:
+        """Return the status before, the digest and the seconds of each recording that could be read."""
+        with ThreadPoolExecutor(max(1, jobs)) as pool:
+            futures = {
+                key: pool.submit(self._digest, recording) for key, recording in self._recordings.items()
+            }
+            try:
+                while wait(futures.values(), _SHOW_EVERY_S).not_done:
+                    on_event(Event("reading", message=self._told()))
+            except BaseException:
+                self._stopped.set()
+                pool.shutdown(wait=False, cancel_futures=True)
+                raise
+        found = {}
+        for key, future in futures.items():
+            with suppress(BagAssetsError):
+                found[key] = future.result()
+        return found
+
+    def _digest(self, recording: RecordingFiles) -> tuple[RecordingStat, RecordingDigest, float]:
+        began, stat = time.monotonic(), recording_stat(recording)
+        digest = recording_digest(recording, self._index, between=self._note)
+        return stat, digest, time.monotonic() - began
+
+    def _note(self, read: int) -> None:
+        with self._mutex:
+            self._read += read
+        if self._stopped.is_set():
+            raise CancelledError
+
+    def _told(self) -> str:
+        number = count_text(len(self._recordings), "recording")
+        share = min(1.0, self._read / max(1, self._bytes))
+        return f"Reading {number} whose time changed, {readable_bytes(self._bytes)}: {share:.0%}"

@@ -1,0 +1,147 @@
+"""A recording of which only the time changed is read, and recorded without a run."""
+
+import dagster as dg
+import pytest
+from dagster._core.definitions.data_version import CachingStaleStatusResolver, StaleStatus
+from dagster._core.loader import LoadingContextForTest
+
+from bagassets.defs import pending_work, touched
+from bagassets.defs.events import STAT
+from bagassets.defs.location import build_definitions
+from bagassets.errors import ChangedWhileReadError
+from bagassets.recordings import digest
+from bagassets_tests.in_process import build, make_project, states, survey
+
+KEYS = ("a.bag", "b.mcap", "c")
+
+
+@pytest.fixture(scope="module")
+def project(tmp_path_factory):
+    return make_project(tmp_path_factory.mktemp("project"), KEYS)
+
+
+@pytest.fixture
+def built(project, monkeypatch):
+    """A recipe file whose dataset is up to date, but for what a test before may have left."""
+    build(project, monkeypatch)
+    assert build(project, monkeypatch)[1] == []
+    return project
+
+
+def files_of(recipe_file, key):
+    path = recipe_file.parent / "bags" / key
+    return sorted(path.iterdir()) if path.is_dir() else [path]
+
+
+def touch(recipe_file, key):
+    for path in files_of(recipe_file, key):
+        path.touch()
+
+
+def change(recipe_file, key):
+    """Change a byte in the middle of the largest file."""
+    path = max(files_of(recipe_file, key), key=lambda path: path.stat().st_size)
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 1
+    path.write_bytes(data)
+
+
+def records(recipe_file, key):
+    """Return the records of `bag`, latest first."""
+    with pending_work.open_project(recipe_file) as (instance, _):
+        wanted = dg.AssetRecordsFilter(asset_key=dg.AssetKey("bag"), asset_partitions=[key])
+        return instance.fetch_materializations(wanted, limit=5).records
+
+
+def test_touched_recordings_have_no_run(built, monkeypatch):
+    for key in KEYS:
+        touch(built, key)
+    report, runs = build(built, monkeypatch)
+    assert runs == []
+    assert {key: outcome.result for key, outcome in report.outcomes.items()} == dict.fromkeys(KEYS, "hit")
+    assert all(set(states(survey(built), key).values()) == {"fresh"} for key in KEYS)
+    report, runs = build(built, monkeypatch)
+    assert runs == []
+    assert {outcome.result for outcome in report.outcomes.values()} == {"fresh"}
+
+
+@pytest.mark.parametrize("key", KEYS)
+def test_it_is_recorded_as_a_run_would_record_it(built, monkeypatch, key):
+    touch(built, key)
+    build(built, monkeypatch)
+    without_run, *before = (record.asset_materialization for record in records(built, key))
+    by_run = next(one for one in before if "dagster/code_version" in one.tags and one.description is None)
+    own = {"dagster/data_version", "dagster/code_version"}
+    assert {name: without_run.tags[name] for name in own} == {name: by_run.tags[name] for name in own}
+    # How much was hashed, and the times of the files, are what differs.
+    differs = {"hashed_bytes", STAT}
+    assert without_run.metadata.keys() == by_run.metadata.keys()
+    same = by_run.metadata.keys() - differs
+    assert {name: without_run.metadata[name] for name in same} == {
+        name: by_run.metadata[name] for name in same
+    }
+
+
+def test_dagster_calls_nothing_stale(built, monkeypatch):
+    touch(built, "a.bag")
+    build(built, monkeypatch)
+    graph = build_definitions(built).resolve_asset_graph()
+    with pending_work.open_project(built) as (instance, _):
+        resolver = CachingStaleStatusResolver(instance, graph, LoadingContextForTest(instance))
+        found = {
+            (key.to_user_string(), part): resolver.get_status(key, part)
+            for key in graph.materializable_asset_keys
+            for part in (["a.bag", "b.mcap"] if graph.get(key).is_partitioned else [None])
+        }
+    assert {which for which, status in found.items() if status != StaleStatus.FRESH} == set()
+
+
+def test_one_whose_content_changed_has_a_run_and_the_others_have_none(built, monkeypatch):
+    for key in KEYS:
+        touch(built, key)
+    change(built, "a.bag")
+    report, runs = build(built, monkeypatch)
+    assert [key for key, _ in runs if key] == ["a.bag"]
+    assert {key: report.outcomes[key].result for key in ("b.mcap", "c")} == {"b.mcap": "hit", "c": "hit"}
+    change(built, "a.bag")  # back to what it was
+
+
+def test_one_that_changes_while_it_is_read_is_left_to_its_run(built, monkeypatch):
+    touch(built, "a.bag")
+    touch(built, "b.mcap")
+    real = touched.recording_digest
+
+    def growing(recording, *args, **options):
+        if recording.key == "a.bag":
+            raise ChangedWhileReadError("a.bag changed")
+        return real(recording, *args, **options)
+
+    monkeypatch.setattr(touched, "recording_digest", growing)
+    report, runs = build(built, monkeypatch)
+    assert [key for key, _ in runs if key] == ["a.bag"]
+    assert report.outcomes["a.bag"].result == "hit"
+    assert report.outcomes["b.mcap"].result == "hit"
+
+
+def test_an_interrupt_ends_the_reading(built, monkeypatch):
+    touch(built, "a.bag")
+    real, asked = digest.digest_file, []
+
+    def slow(path, between):
+        while True:
+            between(1)
+
+    def listener(event):
+        asked.append(event)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(digest, "digest_file", slow)
+    with pending_work.open_project(built) as (instance, workspace):
+        pending = pending_work.find_pending_work(instance, workspace)
+        with pytest.raises(KeyboardInterrupt):
+            touched.record_touched(instance, workspace, pending, 2, listener)
+    (event,) = asked
+    assert event.kind == "reading"
+    assert event.message.startswith("Reading 1 recording whose time changed, ")
+    monkeypatch.setattr(digest, "digest_file", real)
+    assert build(built, monkeypatch)[1] == []
