@@ -18,6 +18,7 @@ from bagassets.build.plan import BagPlan, Recorded
 from bagassets.defs.events import CODE_VERSION, DATA_VERSION
 from bagassets.defs.pending_work import PendingWork
 from bagassets.defs.reporting import BAG_CODE_VERSION, bag_metadata
+from bagassets.defs.sqlite_files import kept_open
 from bagassets.defs.workspace import Workspace
 from bagassets.errors import BagAssetsError
 from bagassets.quantities import count_text, readable_bytes
@@ -33,6 +34,7 @@ from bagassets.trace import span
 
 __all__ = ["is_touched", "record_touched"]
 
+_NO_RUN = ""  # the run of Dagster's events that belong to none
 _SHOW_EVERY_S = 0.5
 
 
@@ -68,12 +70,13 @@ def record_touched(
     with span("read touched", recordings=len(touched)):
         found = reading.read(jobs, on_event)
     same = {}
-    for key, (stat, digest, seconds) in found.items():
-        if digest.digest != touched[key].data_version:
-            continue
-        if stat != touched[key].stat:
-            _record(instance, key, recordings[key], stat, digest)
-        same[key] = seconds
+    with span("record touched"), kept_open(instance, _NO_RUN):
+        for key, (stat, digest, seconds) in found.items():
+            if digest.digest != touched[key].data_version:
+                continue
+            if stat != touched[key].stat:
+                _record(instance, key, recordings[key], stat, digest)
+            same[key] = seconds
     return same
 
 
