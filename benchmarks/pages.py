@@ -15,6 +15,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from benchmarks.chaos import chaos_table
 from benchmarks.cold import cold_table
 from benchmarks.common import ROOT, median
 from benchmarks.floor import floor_table
@@ -26,6 +27,7 @@ from benchmarks.plan import plan_table
 from benchmarks.rq1 import rq1_table
 from benchmarks.rq2 import rq2_table
 from benchmarks.rq3 import rq3_table
+from benchmarks.soak import soak_table
 
 __all__ = ["FIGURES", "MARK", "NOT_YET", "RESULTS", "pages", "with_figures"]
 
@@ -43,6 +45,7 @@ def _plotted(tell: Callable[[Any], str], name: str, title: str) -> Callable[[Any
 
 
 FIGURES: dict[str, tuple[str, Callable[[Any], str]]] = {
+    "chaos": ("chaos", chaos_table),
     "cold": ("cold", cold_table),
     "floor": ("floor", floor_table),
     "incremental": ("incremental", incremental_table),
@@ -55,6 +58,7 @@ FIGURES: dict[str, tuple[str, Callable[[Any], str]]] = {
     "rq1": ("rq1", _plotted(rq1_table, "rq1", "run times, logarithmic")),
     "rq2": ("rq2", _plotted(rq2_table, "rq2", "run time over size")),
     "rq3": ("rq3", _plotted(rq3_table, "rq3", "times by number of files")),
+    "soak": ("soak", soak_table),
 }
 """Name in a page -> the file that has its figures (without `.json`), and how they are told."""
 

@@ -81,7 +81,9 @@ def soak_table(found: dict[str, Any]) -> str:
         for name, some in chosen.items()
     ]
     if len(rounds) > 1:
-        rows.append(("growth per round", *(_slope([one[column] for one in rounds]) for column in _COLUMNS)))
+        rows.append(
+            ("growth per round", *(round(_slope([one[column] for one in rounds]), 4) for column in _COLUMNS))
+        )
     header = (
         "rounds, mean",
         "build, s",
