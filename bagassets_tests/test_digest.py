@@ -60,8 +60,13 @@ def attributes(monkeypatch):
         except KeyError:
             raise OSError(61, "No data available") from None
 
+    def put(path, name, value):
+        kept[str(path), name] = value
+        stat = os.stat(path)
+        os.utime(path, ns=(stat.st_atime_ns, stat.st_mtime_ns))  # changes ctime, as a real one does
+
     monkeypatch.setattr(os, "getxattr", get)
-    monkeypatch.setattr(os, "setxattr", lambda path, name, value: kept.__setitem__((str(path), name), value))
+    monkeypatch.setattr(os, "setxattr", put)
     return kept
 
 
@@ -93,7 +98,9 @@ def test_the_attribute_is_trusted_while_size_and_time_match(bag, attributes):
     assert stored_digest(bag) is None
     digest = recording_digest(bag).digest
     record = json.loads(attributes[str(bag.path), ATTRIBUTE])
+    before, written = record.pop("ctime_ns"), record.pop("written_ns")
     assert record == {"digest": digest, "size": 7, "mtime_ns": bag.mtime_ns}
+    assert 0 <= written - before < 60e9
     assert stored_digest(bag) == digest
     assert recording_digest(bag).hashed_bytes == 0
     bag.path.write_bytes(b"CONTENT")
@@ -175,6 +182,49 @@ def test_an_attribute_of_the_server_is_noted_in_the_index_on_first_use(bag, tmp_
     assert stored_digest(bag, index) is None
     assert recording_digest(bag, index).hashed_bytes == 7
     assert stored_digest(bag, index) == server
+
+
+@pytest.fixture
+def known(bag, tmp_path):
+    """An index that knows a file without an attribute, on a file system that has attributes."""
+    index = DigestIndex(tmp_path / "store", writes_attributes=False)
+    recording_digest(bag, index)
+    if recording_digest(bag).kept == {"a.bag": "nowhere"}:
+        pytest.skip("this file system has no extended attributes")
+    return index
+
+
+def test_an_attribute_that_others_write_later_raises_no_doubt(bag, known):
+    assert bag.path.stat().st_ctime_ns != known.row(bag.path).ctime_ns
+    assert not known.suspects_edit(bag.path, bag.path.stat())
+    assert recording_digest(bag, known).hashed_bytes == 0
+
+
+def test_an_edit_after_such_an_attribute_is_seen(bag, known):
+    time.sleep(0.1)
+    rewrite_in_place(bag.path, b"CONTENT")
+    assert known.suspects_edit(bag.path, bag.path.stat())
+    assert stored_digest(bag, known) is None
+
+
+def test_an_edit_before_such_an_attribute_is_seen(bag, known):
+    os.removexattr(bag.path, digest_record.ATTRIBUTE)
+    known.put(bag.path, bag.path.stat(), recording_digest(bag).digest)
+    os.removexattr(bag.path, digest_record.ATTRIBUTE)
+    time.sleep(0.1)
+    rewrite_in_place(bag.path, b"CONTENT")
+    assert recording_digest(bag).kept == {"a.bag": "attribute"}
+    assert stored_digest(bag, known) is None
+    assert recording_digest(bag, known).digest == blake3(b"CONTENT").hexdigest()
+
+
+@pytest.mark.parametrize("clock_s", [-5.0, 5.0, None])
+def test_an_attribute_written_by_another_clock_explains_nothing(bag, known, clock_s):
+    record = json.loads(os.getxattr(bag.path, digest_record.ATTRIBUTE))
+    written_ns = record.pop("written_ns")
+    record |= {} if clock_s is None else {"written_ns": written_ns + int(clock_s * 1e9)}
+    os.setxattr(bag.path, digest_record.ATTRIBUTE, json.dumps(record).encode())
+    assert stored_digest(bag, known) is None
 
 
 def test_where_digests_are_kept(bag, tmp_path, attributes, monkeypatch):

@@ -3,12 +3,16 @@
 The attribute names the size and mtime that it is valid for. Everybody who may read the file may read it, so a watcher on
 a file server serves all clients. The index belongs to one project and also holds inode and ctime, so that it notices a
 file that was edited in place and had its mtime restored.
+
+Writing an attribute changes ctime, too. So the attribute also names the ctime before and the moment when it was written: an
+index that knows the former, and finds a ctime of the latter, knows that nothing else happened to the file.
 """
 
 import json
 import os
 import re
 import sqlite3
+import time
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
@@ -24,6 +28,8 @@ __all__ = ["ATTRIBUTE", "DigestIndex", "Kept", "digest_on_record", "put_on_recor
 
 ATTRIBUTE = "user.bagassets.digest"
 _DIGEST = re.compile("[0-9a-f]{64}")
+# The kernel's clock of file times is behind by up to a tick; writing an attribute takes that long at most.
+_TICK_NS, _WRITING_NS = 20_000_000, 50_000_000
 
 Kept = Literal["attribute", "index", "nowhere"]
 
@@ -95,7 +101,7 @@ class DigestIndex:
     def suspects_edit(self, path: Path, stat: os.stat_result) -> bool:
         """Tell whether a file has its recorded size and mtime, but may have been edited in place."""
         row = self.row(path)
-        return row is not None and row.same_size_and_time(stat) and not row.same_file(stat)
+        return row is not None and row.same_size_and_time(stat) and not _is_untouched(path, stat, row)
 
     def put(self, path: Path, stat: os.stat_result, digest: str) -> None:
         """Record the digest of a file whose status is `stat`.
@@ -156,7 +162,7 @@ def digest_on_record(path: Path, stat: os.stat_result, index: DigestIndex | None
     """
     row = None if index is None else index.row(path)
     if row is not None and row.same_size_and_time(stat):
-        return row.digest if row.same_file(stat) else None
+        return row.digest if _is_untouched(path, stat, row) else None
     return read_attribute(path, stat)
 
 
@@ -191,18 +197,55 @@ def put_on_record(path: Path, stat: os.stat_result, digest: str, index: DigestIn
 
 def read_attribute(path: Path, stat: os.stat_result | None = None) -> str | None:
     """Return the digest in the attribute of a file if it is valid for `stat`; without `stat`, in any case."""
+    attribute = _attribute(path)
+    if attribute is None or (stat is not None and attribute.valid_for != (stat.st_size, stat.st_mtime_ns)):
+        return None
+    return attribute.digest
+
+
+@dataclass(frozen=True, slots=True)
+class _Attribute:
+    """The attribute of a file.
+
+    Attributes:
+        digest: of its content.
+        valid_for: size and mtime (ns) that the file must have.
+        ctime_ns: its ctime before the attribute was written; None if that is not known.
+        written_ns: when the attribute was written, by the clock of the writer; None if that is not known.
+    """
+
+    digest: str
+    valid_for: tuple[int, int]
+    ctime_ns: int | None
+    written_ns: int | None
+
+
+def _attribute(path: Path) -> _Attribute | None:
     try:
         record = json.loads(os.getxattr(path, ATTRIBUTE))
         digest, valid_for = record["digest"], (record["size"], record["mtime_ns"])
-        valid = stat is None or valid_for == (stat.st_size, stat.st_mtime_ns)
-        return str(digest) if valid and _DIGEST.fullmatch(digest) is not None else None
+        if _DIGEST.fullmatch(digest) is None:
+            return None
+        return _Attribute(digest, valid_for, record.get("ctime_ns"), record.get("written_ns"))
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return None  # missing, not supported here, or malformed: hash instead
+
+
+def _is_untouched(path: Path, stat: os.stat_result, row: IndexRow) -> bool:
+    """Tell whether a file is as the index knows it, but for an attribute that was written since."""
+    if row.same_file(stat) or row.inode != stat.st_ino:
+        return row.same_file(stat)
+    attribute = _attribute(path)
+    if attribute is None or (attribute.digest, attribute.ctime_ns) != (row.digest, row.ctime_ns):
+        return False
+    written_ns = attribute.written_ns
+    return isinstance(written_ns, int) and -_TICK_NS <= stat.st_ctime_ns - written_ns <= _WRITING_NS
 
 
 def _write_attribute(path: Path, stat: os.stat_result, digest: str) -> bool:
     record = {"digest": digest, "size": stat.st_size, "mtime_ns": stat.st_mtime_ns}
     try:
+        record |= {"ctime_ns": path.stat().st_ctime_ns, "written_ns": time.time_ns()}
         os.setxattr(path, ATTRIBUTE, json.dumps(record, sort_keys=True).encode())
     except (OSError, AttributeError):
         return False
