@@ -28,6 +28,7 @@ from bagassets.forkserver.process import ProcessId
 from bagassets.forkserver.server_files import ServerFiles
 from bagassets.recipe import load_recipe
 from bagassets_tests.in_process import make_project
+from bagassets_tests.small_drive import write_drive
 
 pytestmark = pytest.mark.xdist_group("build_server")
 KEYS = ["a.bag", "b.mcap"]
@@ -79,9 +80,15 @@ def test_the_first_build_starts_a_server_that_the_next_one_uses(project):
         events = []
         told = build_on_server(client, project, BuildOptions(jobs=2), events.append, None)
         assert told["counts"] == {"built": 0, "hit": 1, "fresh": 1, "skipped": 0, "failed": 0, "stopped": 0}
-        assert [(e.kind, e.key) for e in events] == [("planned", ""), ("started", KEYS[0]), ("done", KEYS[0])]
-        assert list(events[0].sizes) == [KEYS[0]]
+        assert events == [], "no run"
         assert [row["recording"] for row in told["summary"]] == KEYS
+        (project.parent / "bags" / KEYS[0]).unlink()
+        write_drive(project.parent / "bags" / KEYS[0], "ros1", duration_s=1.8)
+        told = build_on_server(client, project, BuildOptions(jobs=2), events.append, None)
+        assert told["counts"] == {"built": 1, "hit": 0, "fresh": 1, "skipped": 0, "failed": 0, "stopped": 0}
+        ran = [("started", KEYS[0]), ("done", KEYS[0]), ("started", ""), ("done", "")]
+        assert [(e.kind, e.key) for e in events] == [("planned", ""), *ran]
+        assert list(events[0].sizes) == [KEYS[0]]
         with pytest.raises(SelectionError, match="no such recording"):
             build_on_server(client, project, BuildOptions(bags=("nothing",)), events.append, None)
 

@@ -317,8 +317,11 @@ class TestStep:
             f"picture_{name}" for name in TITLES
         }
         value = metadata["picture_birds_eye"].value
-        assert value.startswith("![Bird's-eye view](data:image/jpeg;base64,/9j/")
-        assert len(value) < 40 * 1024 * 4 / 3 + 100
+        assert value.startswith("[![Bird's-eye view](data:image/jpeg;base64,/9j/")
+        artifact = built[2]["preview"].artifact
+        assert value.endswith(f")](/bagassets/artifacts/{artifact.digest}/birds_eye.jpg)")
+        assert artifact.path("birds_eye.jpg").is_file()
+        assert all(len(metadata[f"picture_{name}"].value) < 3000 * 4 / 3 + 200 for name in TITLES)
         assert not any(name.startswith("picture_") for name in result_metadata(built[2]["frames"]))
 
     def test_lidar_points_of_an_object_lie_on_its_pixels(self, built):

@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import re
 import signal
 import socket
 import subprocess
@@ -73,6 +74,7 @@ def test_it_shows_the_project_and_leaves_nothing_behind(project):
         eventually(lambda: servers_of(project), "a server is ready for runs")
         eventually((project / "dataset/nuscenes/v1.0-test/scene.json").is_file, "the sensor has it built")
 
+        see_pictures(port, project)
         again = [*command, "--port", free_port()]
         second = subprocess.run(
             [str(p) for p in again],
@@ -91,6 +93,34 @@ def test_it_shows_the_project_and_leaves_nothing_behind(project):
         assert [pid for session in sessions for pid in processes_of(session)] == []
         eventually(lambda: servers_of(project) == [], "the fork server has ended", 10)
     assert log.read_text().splitlines() == [f"{url}  (web UI of project; Ctrl-C ends it)"]
+
+
+def see_pictures(port, project):
+    """Follow the link of a thumbnail; see that nothing but pictures is served."""
+    (answer,) = ask(
+        f"http://127.0.0.1:{port}",
+        """{ assetNodes(pipeline: {pipelineName: "__ASSET_JOB", repositoryName: "__repository__",
+             repositoryLocationName: "bagassets.definitions"}, assetKeys: [{path: "preview"}]) {
+          assetMaterializations(limit: 1) { metadataEntries { label ... on MarkdownMetadataEntry { mdStr } } }
+        } }""",
+    )["assetNodes"]
+    entries = answer["assetMaterializations"][0]["metadataEntries"]
+    thumbnail = next(entry["mdStr"] for entry in entries if entry["label"] == "picture_timeline")
+    link = re.fullmatch(r"\[!\[.+\]\(data:image/jpeg;base64,[^)]+\)\]\((/[^)]+)\)", thumbnail)[1]
+    host = {"Host": f"127.0.0.1:{port}"}
+    with urlopen(f"http://127.0.0.1:{port}{link}", timeout=30) as picture:
+        digest, name = link.split("/")[-2:]
+        (file,) = project.rglob(f"{digest}/files/{name}")
+        assert (picture.read(), picture.headers["Content-Type"]) == (file.read_bytes(), "image/jpeg")
+        assert picture.headers["X-Content-Type-Options"] == "nosniff"
+    for other in (
+        link.replace("timeline.jpg", "facts.json"),
+        link.replace(digest, "0" * 64),
+        f"{link}/../x.jpg",
+    ):
+        status, text = request(port, "GET", other, **host)
+        assert (status, "Traceback" in text) == (404, False)
+    assert request(port, "POST", link, **host)[0] == 405
 
 
 def request(port, method, path, body=None, **headers):

@@ -33,7 +33,7 @@ __all__ = ["FACTS", "INLINE_BYTES", "PREVIEW", "THUMBNAIL"]
 
 FACTS = "facts.json"
 THUMBNAIL = "thumbnail.jpg"
-# Pictures in the web UI are stored in Dagster's event log, once per materialization: five of these are 100 KB.
+# What thumbnails for the web UI are made from, and what small reports show.
 INLINE_BYTES = 16 * 1024
 INLINE_WIDTH_PX = 560
 THUMBNAIL_BYTES = 2600

@@ -10,6 +10,7 @@ import dagster as dg
 
 from bagassets.assets.preview import FACTS
 from bagassets.build.execute import AssetResult, BuildFailure
+from bagassets.defs.artifact_files import picture_link
 from bagassets.defs.events import STAT
 from bagassets.defs.markdown import (
     calibration_table,
@@ -24,6 +25,7 @@ from bagassets.formats.assembly import DatasetSummary
 from bagassets.formats.catalogue import MAIN
 from bagassets.formats.dataset_build import DatasetInputs
 from bagassets.json_types import Json
+from bagassets.preview.canvas import jpeg_within, read_image
 from bagassets.preview.pictures import TITLES
 from bagassets.quantities import readable_bytes
 from bagassets.recordings.digest import RecordingDigest, RecordingStat
@@ -47,6 +49,8 @@ Metadata = dict[str, Any]
 
 BAG_CODE_VERSION = "1"
 CHANNEL_ASSETS = ("frames", "sweeps")
+# The event log keeps them three times for every materialization.
+_THUMBNAIL_BYTES, _THUMBNAIL_WIDTH_PX = 3000, 240
 _COUNTS = {"read", "written", "merged", "lost"}
 
 
@@ -89,14 +93,18 @@ def result_metadata(result: AssetResult) -> Metadata:
 
 
 def _pictures(preview: Artifact) -> dict[str, dg.MetadataValue[str]]:
-    """Return the small pictures of a preview inside Markdown.
+    """Return thumbnails of the pictures of a preview inside Markdown, each a link to the picture.
 
-    They are data URIs: the web UI cannot read files of the store, which may be on another machine.
+    They are data URIs, which any web UI shows; the links work in `bagassets ui`.
     """
     metadata: dict[str, dg.MetadataValue[str]] = {}
     for name in preview.read_json(FACTS)["pictures"]:
-        data = b64encode(preview.path(f"inline/{name}.jpg").read_bytes()).decode()
-        metadata[f"picture_{name}"] = dg.MetadataValue.md(f"![{TITLES[name]}](data:image/jpeg;base64,{data})")
+        image = read_image(preview.path(f"inline/{name}.jpg"))
+        data = b64encode(jpeg_within(image, _THUMBNAIL_BYTES, _THUMBNAIL_WIDTH_PX)).decode()
+        link = picture_link(preview.digest, f"{name}.jpg")
+        metadata[f"picture_{name}"] = dg.MetadataValue.md(
+            f"[![{TITLES[name]}](data:image/jpeg;base64,{data})]({link})"
+        )
     return metadata
 
 

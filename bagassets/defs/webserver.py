@@ -10,7 +10,11 @@ import uvicorn
 from dagster import DagsterInstance, deserialize_value
 from dagster_webserver.version import __version__
 from starlette.applications import Starlette
+from starlette.requests import Request
+from starlette.responses import FileResponse, PlainTextResponse, Response
+from starlette.routing import Route
 
+from bagassets.defs.artifact_files import PICTURES, picture_file
 from bagassets.defs.dagster_private import (
     InstanceRef,
     WorkspaceFileTarget,
@@ -22,6 +26,7 @@ from bagassets.defs.dagster_private import (
 )
 from bagassets.defs.guard import Guard, own_names
 from bagassets.defs.ports import listening_options
+from bagassets.errors import BagAssetsError
 
 __all__ = ["main"]
 
@@ -63,8 +68,22 @@ def _serve(instance: DagsterInstance, options: argparse.Namespace) -> None:
         app = create_app_from_workspace_process_context(
             context, live_data_poll_rate=_POLL_MS, lifespan=_until_cancelled
         )
+        # Before the page of the UI, which answers to every address.
+        app.router.routes.insert(0, Route(f"{PICTURES}/{{digest}}/{{name:path}}", _picture))
         app.add_middleware(Guard, names=own_names(options.host, options.allow_host))
         uvicorn.run(app, host=options.host, port=options.port, log_level="warning")
+
+
+def _picture(request: Request) -> Response:
+    try:
+        file = picture_file(request.path_params["digest"], request.path_params["name"])
+    except BagAssetsError as err:
+        return PlainTextResponse(f"{err}\n", 404)
+    if file is None:
+        return PlainTextResponse("There is no such picture in the store.\n", 404)
+    # An artifact never changes.
+    headers = {"Cache-Control": "private, max-age=31536000, immutable", "X-Content-Type-Options": "nosniff"}
+    return FileResponse(file, headers=headers)
 
 
 @asynccontextmanager
