@@ -1,11 +1,14 @@
-"""Figures of the benchmarks: logarithmic seconds, medians with bars from the shortest to the longest time."""
+"""Figures of the benchmarks: medians with bars from the shortest to the longest time; logarithmic if they differ much."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from benchmarks.common import median
 
 __all__ = ["bars", "lines"]
+
+_MUCH = 20.0
 
 
 def bars(file: Path, times: Mapping[str, Mapping[str, Sequence[float]]], title: str) -> None:
@@ -21,7 +24,7 @@ def bars(file: Path, times: Mapping[str, Mapping[str, Sequence[float]]], title: 
         middle = [median(one) for one in taken]
         axes.bar(places, middle, width, yerr=_whiskers(taken, middle), capsize=3, label=name)
     axes.set_xticks(range(len(scenarios)), scenarios)
-    _finish(figure, axes, file, title)
+    _finish(figure, axes, file, times, title)
 
 
 def lines(file: Path, times: Mapping[str, Mapping[float, Sequence[float]]], title: str, across: str) -> None:
@@ -34,7 +37,7 @@ def lines(file: Path, times: Mapping[str, Mapping[float, Sequence[float]]], titl
         middle = [median(one) for one in taken]
         axes.errorbar(list(by_size), middle, yerr=_whiskers(taken, middle), marker="o", capsize=3, label=name)
     axes.set_xlabel(across)
-    _finish(figure, axes, file, title)
+    _finish(figure, axes, file, times, title)
 
 
 def _whiskers(taken: Sequence[Sequence[float]], middle: Sequence[float]) -> list[list[float]]:
@@ -42,8 +45,16 @@ def _whiskers(taken: Sequence[Sequence[float]], middle: Sequence[float]) -> list
     return [[m - min(one) for one, m in pairs], [max(one) - m for one, m in pairs]]
 
 
-def _finish(figure, axes, file: Path, title: str) -> None:  # noqa: ANN001  (matplotlib's)
-    axes.set_yscale("log")
+def _finish(
+    figure,  # noqa: ANN001  (matplotlib's)
+    axes,  # noqa: ANN001
+    file: Path,
+    times: Mapping[str, Mapping[Any, Sequence[float]]],
+    title: str,
+) -> None:
+    middle = [median(taken) for by_scenario in times.values() for taken in by_scenario.values()]
+    if max(middle) > _MUCH * min(middle):
+        axes.set_yscale("log")
     axes.set_ylabel("s (median, min to max)")
     axes.set_title(title)
     axes.grid(axis="y", alpha=0.4)
