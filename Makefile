@@ -1,5 +1,4 @@
-# Two commands matter: `make demo` and `make test`. Each makes the environments it needs. CI runs
-# `make test-all`, too.
+# Two commands matter: `make demo` and `make test`. Each makes the environments it needs. CI runs `make test-all`, too.
 
 # The first Python that is new enough, not too new for Dagster, and can make environments; it must run: shims of
 # pyenv are on the PATH even if no such version is chosen. The devkit prefers one that has wheels of numpy < 2.

@@ -1,7 +1,7 @@
 """The asset `preview`: pictures of a recording for people.
 
 Files: `lidar_over_camera.jpg`, `birds_eye.jpg`, `future_trajectory.jpg`, `contact_sheet.jpg`,
-`timeline.jpg` in full size; the same below `inline/`, small enough for the web UI; `thumbnail.jpg` for the
+`timeline.jpg` in full size; the same below `inline/`, small enough for reports; `thumbnail.jpg` for the
 report. `facts.json` lists them, and why others are missing: a picture that cannot be drawn does not affect the
 others.
 """

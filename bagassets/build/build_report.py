@@ -63,8 +63,8 @@ class Event:
     """Progress of a build.
 
     Attributes:
-        kind: `reading` while recordings are read whose time changed, `planned` once, then `started`, `done`, `failed` or `stopped` for a recording, or for the
-            dataset (with an empty key).
+        kind: `reading` while recordings are read whose time changed, `planned` once, then `started`, `done`,
+            `failed` or `stopped` for a recording, or for the dataset (with an empty key).
         key: partition key.
         message: why it failed, what is planned, or how far the reading is.
         sizes: for `planned`, recording that needs a run -> bytes.

@@ -70,6 +70,8 @@ class BagPlan:
         channels: digests of the single channels' artifacts in frames and sweeps.
         optional: assets on which no dataset but their own depends.
         rig: name of the rig that made the recording; "" if none did.
+        touched: its files have the names and sizes on record, but another time; whether their content is the same is
+            not known, or it is known to be. So a settled recording is never one.
     """
 
     key: str
@@ -79,6 +81,7 @@ class BagPlan:
     channels: tuple[str, ...] = ()
     optional: frozenset[str] = frozenset()
     rig: str = ""
+    touched: bool = False
 
     @property
     def skipped(self) -> str | None:
@@ -142,7 +145,7 @@ class BagPlan:
         return {name: state.as_json() for name, state in self.assets.items()}
 
     def as_row(self) -> list[Json]:
-        """Return everything but the key as compact JSON: there may be 10,000 of them."""
+        """Return a settled plan without its key as compact JSON: there may be 10,000 of them."""
         return [self.assets, self.format, self.recorded, self.channels, sorted(self.optional), self.rig]
 
     @classmethod

@@ -55,8 +55,9 @@ class Planner:
         )
         on_record = {asset: record.data_version for asset, record in recorded.items()}
         rig = "" if graph.rig is None else graph.rig.name
+        touched = _is_touched(states["bag"], recorded.get("bag"), graph.stat)
         return BagPlan(
-            recording.key, states, recording.format, on_record, channels, self.assets.optional, rig
+            recording.key, states, recording.format, on_record, channels, self.assets.optional, rig, touched
         )
 
     def graph(self, recording: RecordingFiles, recorded: Mapping[str, Recorded]) -> Graph:
@@ -84,6 +85,13 @@ def _bag_state(
         return digest, stat, AssetState("record-only", "touched, content unchanged", digest)
     reason = f"{why}: its content has to be read" if digest is None else "content changed"
     return digest, stat, AssetState("stale", reason, digest)
+
+
+def _is_touched(state: AssetState, recorded: Recorded | None, stat: RecordingStat) -> bool:
+    """See `BagPlan.touched`."""
+    if recorded is None or recorded.stat is None or state.state not in {"stale", "record-only"}:
+        return False
+    return state.data_version in {None, recorded.data_version} and recorded.stat.sizes == stat.sizes
 
 
 def plan_recordings(

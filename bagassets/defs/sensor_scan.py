@@ -5,14 +5,13 @@ from collections.abc import Iterable, Mapping
 import dagster as dg
 
 from bagassets.build.named_files import files_beside
-from bagassets.build.plan import AssetState, BagPlan, Plan, Recorded
+from bagassets.build.plan import AssetState, BagPlan, Plan
 from bagassets.defs.dataset import dataset_is_current, record_inputs
 from bagassets.defs.events import all_assets, live_partitions
 from bagassets.defs.instance_plan import InstancePlan, plan_instance, workspace_fingerprint
 from bagassets.defs.orphaned_runs import end_orphaned_runs
 from bagassets.defs.partitions import DATASET, active_runs, add_partitions, remove_partition
 from bagassets.defs.sensor_cursor import Cursor
-from bagassets.defs.touched import is_touched
 from bagassets.defs.workspace import Workspace
 from bagassets.errors import RecordingError
 from bagassets.formats.dataset_build import DatasetInputs, dataset_code_versions
@@ -136,8 +135,7 @@ class Scan:
         requests: list[dg.RunRequest] = []
         for key in sorted((finished.keys() & plan.bags.keys()) - self._active):
             if len(requests) + len(self._active) < MOST_RUNS:
-                record = planned.recorded.get(key, {}).get("bag")
-                requests += self._recording_request(plan.bags[key], record, finished[key], now_s)
+                requests += self._recording_request(plan.bags[key], finished[key], now_s)
         is_busy = bool(requests or self._active)
         cursor.busy_since_s = (cursor.busy_since_s or now_s) if is_busy else None
         if not is_busy or now_s - (cursor.busy_since_s or now_s) > PATIENCE_S:
@@ -146,9 +144,7 @@ class Scan:
         cursor.said = self._describe(plan, finished)
         return requests
 
-    def _recording_request(
-        self, bag: BagPlan, record: Recorded | None, stat: RecordingStat, now_s: float
-    ) -> list[dg.RunRequest]:
+    def _recording_request(self, bag: BagPlan, stat: RecordingStat, now_s: float) -> list[dg.RunRequest]:
         """Return the run that a recording needs, unless it was requested and nothing has changed since.
 
         A recording of which only the time changed is read in a run of `bag` alone: a tick must not take so long, and
@@ -169,10 +165,7 @@ class Scan:
             dg.RunRequest(
                 run_key=f"{bag.key}:{what[:16]}:{self.cursor.runs}",
                 partition_key=bag.key,
-                asset_selection=[
-                    dg.AssetKey(name)
-                    for name in (("bag",) if is_touched(bag, record, stat) else bag.to_run())
-                ],
+                asset_selection=[dg.AssetKey(name) for name in (("bag",) if bag.touched else bag.to_run())],
                 tags={"why": _why(list(stale.values()))},
             )
         ]

@@ -14,7 +14,6 @@ from threading import Lock
 import dagster as dg
 
 from bagassets.build.build_report import Event
-from bagassets.build.plan import BagPlan, Recorded
 from bagassets.defs.events import CODE_VERSION, DATA_VERSION
 from bagassets.defs.pending_work import PendingWork
 from bagassets.defs.reporting import BAG_CODE_VERSION, bag_metadata
@@ -32,7 +31,7 @@ from bagassets.recordings.digest import (
 from bagassets.recordings.model import RecordingFiles
 from bagassets.trace import span
 
-__all__ = ["is_touched", "record_touched"]
+__all__ = ["record_touched"]
 
 _NO_RUN = ""  # the run of Dagster's events that belong to none
 _SHOW_EVERY_S = 0.5
@@ -62,7 +61,9 @@ def record_touched(
     Raises:
         KeyboardInterrupt: the user pressed Ctrl-C; nothing was recorded that was not read.
     """
-    touched = _touched(pending)
+    touched = {
+        key: pending.planned.recorded[key]["bag"] for key in pending.todo if pending.plan.bags[key].touched
+    }
     if not touched:
         return {}
     recordings = pending.planned.discovery.recordings
@@ -78,34 +79,6 @@ def record_touched(
                 _record(instance, key, recordings[key], stat, digest)
             same[key] = seconds
     return same
-
-
-def is_touched(bag: BagPlan, record: Recorded | None, stat: RecordingStat) -> bool:
-    """Tell whether a recording has the names and sizes on record, and is not known to have another content.
-
-    Args:
-        bag: its state.
-        record: its latest record as `bag`; None if there is none.
-        stat: status of its files now.
-    """
-    state = bag.assets["bag"]
-    if record is None or record.stat is None or state.state not in {"stale", "record-only"}:
-        return False
-    return state.data_version in {None, record.data_version} and record.stat.sizes == stat.sizes
-
-
-def _touched(pending: PendingWork) -> dict[str, Recorded]:
-    """Return the recordings whose files have the names and sizes on record, but another time -> their record."""
-    recordings = pending.planned.discovery.recordings
-    touched = {}
-    for key in pending.todo:
-        record = pending.planned.recorded.get(key, {}).get("bag")
-        with suppress(BagAssetsError):  # its run reports that
-            if record is not None and is_touched(
-                pending.plan.bags[key], record, recording_stat(recordings[key])
-            ):
-                touched[key] = record
-    return touched
 
 
 def _record(

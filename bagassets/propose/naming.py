@@ -208,7 +208,7 @@ def direction(*names: str) -> str:
 def channel_name(
     modality: Modality, topic: str, frames: Iterable[str], taken: Collection[str], alone: bool
 ) -> tuple[str, str]:
-    """Return the canonical channel of a sensor and how it was found, in words.
+    """Return the canonical channel of a sensor, and a phrase that says how it was found.
 
     Args:
         modality: kind of sensor.

@@ -233,8 +233,10 @@ def _attribute(path: Path) -> _Attribute | None:
 
 def _is_untouched(path: Path, stat: os.stat_result, row: IndexRow) -> bool:
     """Tell whether a file is as the index knows it, but for an attribute that was written since."""
-    if row.same_file(stat) or row.inode != stat.st_ino:
-        return row.same_file(stat)
+    if row.same_file(stat):
+        return True
+    if row.inode != stat.st_ino:
+        return False
     attribute = _attribute(path)
     if attribute is None or (attribute.digest, attribute.ctime_ns) != (row.digest, row.ctime_ns):
         return False
