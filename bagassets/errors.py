@@ -21,6 +21,7 @@ __all__ = [
     "PoseError",
     "RecipeError",
     "RecordingError",
+    "RunEndedError",
     "SizeLimitError",
     "StoreError",
     "UnexpectedError",
@@ -109,3 +110,9 @@ class UnexpectedError(BagAssetsError):
 
 class DatasetError(BagAssetsError):
     """A dataset cannot be assembled from its artifacts."""
+
+
+class RunEndedError(BagAssetsError):
+    """A run was given up while its worker was at work, which is to record nothing more."""
+
+    transient = True

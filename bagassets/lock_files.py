@@ -12,7 +12,10 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-__all__ = ["LockFile", "is_locked"]
+__all__ = ["RUN_LOCKS", "LockFile", "is_locked"]
+
+RUN_LOCKS = "locks"
+"""Folder in the state folder of a project: the locks of recordings that a run works on."""
 
 _OWNER, _GROUP = 0o600, 0o660
 _FLAGS = os.O_CLOEXEC | os.O_NOFOLLOW

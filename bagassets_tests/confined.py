@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from bagassets.build import execute
+from bagassets.build import execute, run_action
 from bagassets.store.store import Store
 
 
@@ -24,14 +24,14 @@ def confined(inventory: str, recording: Path, others: Iterable[Path]) -> Iterato
         recording: the recording; there for the passes over it only.
         others: files and folders that no step may read.
     """
-    run, run_pass = Store.run, execute.run_pass
+    make_action, run_pass = run_action._make, execute.run_pass
 
-    def run_confined(store, action, make, *rest):
+    def run_confined(store, action, make, subject):
         def make_confined(out):
             with nothing_but(store, {*action.inputs.values(), inventory}, [recording, *others]):
                 return make(out)
 
-        return run(store, action, make_confined, *rest)
+        return make_action(store, action, make_confined, subject)
 
     def pass_confined(graph, opened, nodes, *rest):
         declared = {digest for node in nodes for digest in node.action.inputs.values()}
@@ -39,7 +39,7 @@ def confined(inventory: str, recording: Path, others: Iterable[Path]) -> Iterato
             return run_pass(graph, opened, nodes, *rest)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Store, "run", run_confined)
+        patch.setattr(run_action, "_make", run_confined)
         patch.setattr(execute, "run_pass", pass_confined)
         yield
 

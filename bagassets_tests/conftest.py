@@ -6,9 +6,14 @@ libraries and programs do. So few variables are kept, and a test that depends on
 
 import os
 import time
+from collections.abc import Iterator
 from fnmatch import fnmatchcase
+from typing import TYPE_CHECKING
 
 import pytest
+
+if TYPE_CHECKING:
+    from bagassets_tests.slurm_cluster import Cluster
 
 # Where programs and files are, the devkit's environment, and what drives the tests.
 KEPT = (
@@ -44,3 +49,22 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     """Say why a run without a failure fails."""
     if terminalreporter.config.getoption("no_skips") and "skipped" in terminalreporter.stats:
         terminalreporter.write_line("--no-skips: the tests above that were skipped must run.", red=True)
+
+
+@pytest.fixture(scope="session")
+def slurm_cluster() -> Iterator["Cluster"]:
+    """A real Slurm, for the whole session."""
+    from bagassets_tests.slurm_cluster import running_cluster
+
+    with running_cluster() as cluster:
+        yield cluster
+
+
+@pytest.fixture
+def slurm(slurm_cluster: "Cluster", monkeypatch: pytest.MonkeyPatch) -> "Cluster":
+    """Slurm without a job, found by its commands."""
+    slurm_cluster.reset()
+    monkeypatch.delenv("BAGASSETS_RECIPE", raising=False)  # a build in this process has set it
+    for name, value in slurm_cluster.environment.items():
+        monkeypatch.setenv(name, value)
+    return slurm_cluster

@@ -96,7 +96,7 @@ def be_stubborn(args):
 
 
 def write_down(args):
-    """Reporter of lost jobs: writes what it was told where the job's `report` says."""
+    """Reporter of lost jobs: writes what it gets where the job's `report` says."""
     Path(args["args"]["report"]).write_text(f"{args['notes']} {args['reason']}", "utf-8")
 
 

@@ -14,6 +14,7 @@ import pyarrow as pa
 from bagassets.annotations.table import BoxTable
 from bagassets.assets.lidar_file import lidar_bytes
 from bagassets.assets.radar_file import radar_bytes
+from bagassets.build.run_action import run_action
 from bagassets.formats.nuscenes.tables import NUSCENES_TABLES
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.trajectory import Trajectory
@@ -132,7 +133,7 @@ def _artifact(store, action, write):
         write(out)
         return {}
 
-    return store.run(Step("handmade", 1).action(action, {}), make).artifact
+    return run_action(store, Step("handmade", 1).action(action, {}), make).artifact
 
 
 def channel_artifact(store, drive, channel):
@@ -286,5 +287,5 @@ def make_tables(
         nuscenes={"attributes_by_motion": attributes or AttributesByMotion()},
     )
     use = NUSCENES_TABLES.use(NUSCENES_TABLES.params(recipe, the_rig), inputs)[""]
-    outcome = store.run(NUSCENES_TABLES.action(use, None), partial(NUSCENES_TABLES.make, use, inputs))
+    outcome = run_action(store, NUSCENES_TABLES.action(use, None), partial(NUSCENES_TABLES.make, use, inputs))
     return Made(outcome.artifact, use)

@@ -77,7 +77,7 @@ class Site:
             old.unlink()
         for old in self.folder.glob(f"{stem}-*.dist-info"):
             old.rmdir()
-        # Byte code is told apart by the second of its source, which is too coarse here.
+        # Stale byte code is recognised by the second of its source, which is too coarse here.
         shutil.rmtree(self.folder / "__pycache__", ignore_errors=True)
         with zipfile.ZipFile(wheel) as archive:
             archive.extractall(self.folder)

@@ -10,6 +10,7 @@ from bagassets.annotations.collect import BoxCollector, SourceRules
 from bagassets.annotations.frames import BoxFrames
 from bagassets.assets.annotations import ANNOTATIONS, make_annotations
 from bagassets.assets.ego_poses import EGO_POSES
+from bagassets.build.run_action import run_action
 from bagassets.decode.model import BoxReading
 from bagassets.errors import LossLimitError
 from bagassets.geometry.se3 import SE3
@@ -197,7 +198,8 @@ def annotate(tmp_path, recorded):
     pending.out.write_json("ego_poses.json", {"global_frame": "odom", "origin": None})
     ego_poses = pending.commit({}).artifact
     use = use_of(ANNOTATIONS, RIG, MadeUpFacts(recorded.inventory(), CALIBRATION, {"ego_poses": ego_poses}))
-    outcome = store.run(
+    outcome = run_action(
+        store,
         ANNOTATIONS.action(use, recorded.inventory()),
         lambda out: make_annotations(use.params, recorded, out, trajectory=trajectory()),
     )

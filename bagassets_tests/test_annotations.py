@@ -13,6 +13,7 @@ from bagassets.annotations.table import BoxTable
 from bagassets.assets.annotations import ANNOTATIONS, make_annotations
 from bagassets.assets.asset import as_json
 from bagassets.assets.ego_poses import EGO_POSES
+from bagassets.build.run_action import run_action
 from bagassets.decode.loading import keyed_decoder
 from bagassets.decode.model import BoxReading
 from bagassets.errors import DecodeError, LossLimitError, RecipeError
@@ -350,7 +351,8 @@ def ego_poses(store):
 
 
 def run(store, use, recording):
-    return store.run(
+    return run_action(
+        store,
         ANNOTATIONS.action(replace(use, topics=()), None),
         lambda out: make_annotations(use.params, recording, out, trajectory=straight_drive()),
     ).artifact

@@ -2,6 +2,7 @@
 
 import pytest
 
+from bagassets.build.run_action import run_action
 from bagassets.defs.artifact_files import picture_file
 from bagassets.errors import StoreError
 from bagassets.recipe import load_recipe
@@ -22,7 +23,9 @@ def artifact(tmp_path, monkeypatch):
             out.write(name, content)
         return {}
 
-    return Store(load_recipe(recipe_file).store_path).run(Step("test", 1).action({}, {}), write).artifact
+    return run_action(
+        Store(load_recipe(recipe_file).store_path), Step("test", 1).action({}, {}), write
+    ).artifact
 
 
 @pytest.mark.parametrize("name", ["a.jpg", "inline/a.png"])

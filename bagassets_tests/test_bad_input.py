@@ -120,13 +120,13 @@ class TestFiles:
                 outcomes[key] = str(err)
         assert outcomes.pop("good.mcap") == "nuscenes_tables"
         assert len(outcomes) == 17
-        for key, told in outcomes.items():
-            assert told.startswith(f"{root / key}: "), told
-            assert "; expected a" in told or "expected a finished" in told, told
+        for key, reported in outcomes.items():
+            assert reported.startswith(f"{root / key}: "), reported
+            assert "; expected a" in reported or "expected a finished" in reported, reported
             assert any(
-                word in told for word in ("rosbag reindex", "mcap recover", "sqlite3", "ros2 bag reindex")
-            ), told
-            assert "\n" not in told
+                word in reported for word in ("rosbag reindex", "mcap recover", "sqlite3", "ros2 bag reindex")
+            ), reported
+            assert "\n" not in reported
         assert "the file is empty" in outcomes["empty.bag"]
         assert list(check_store(Store(project.store_path))) == []
 
@@ -149,9 +149,9 @@ class TestFiles:
     def test_the_failure_is_on_record_and_not_tried_again(self, project):
         path = project.bags.root / "text.bag"
         path.write_text("no bag " * 1000)
-        told = sentence(project, "text.bag")
+        reported = sentence(project, "text.bag")
         (record,) = failed_actions(project)
-        assert json.loads(record.read_bytes())["error"] == told.replace(str(path), "<recording>")
+        assert json.loads(record.read_bytes())["error"] == reported.replace(str(path), "<recording>")
 
     def test_a_ros2_bag_that_lacks_a_file_says_which(self, project, drives):
         folder = project.bags.root / "split"
@@ -159,9 +159,9 @@ class TestFiles:
         (file,) = folder.glob("*.db3")
         shutil.copy(file, folder / "other.db3")
         file.unlink()
-        told = sentence(project, "split")
-        assert str(folder) in told
-        assert file.name in told
+        reported = sentence(project, "split")
+        assert str(folder) in reported
+        assert file.name in reported
 
     def test_a_ros2_folder_without_any_data_is_not_passed_over(self, project, drives):
         shutil.copytree(drives["ros2"], project.bags.root / "half")
@@ -207,10 +207,10 @@ class TestFiles:
                     yield message
 
         monkeypatch.setattr(Recording, "messages", skip_some)
-        told = sentence(project, "good.mcap")
-        assert "topic /points: " in told
-        assert "of 14 messages were found" in told
-        assert "mcap recover" in told
+        reported = sentence(project, "good.mcap")
+        assert "topic /points: " in reported
+        assert "of 14 messages were found" in reported
+        assert "mcap recover" in reported
 
     @pytest.mark.parametrize("seed", range(40))
     def test_whatever_bytes_are_damaged_it_is_reported_in_a_sentence(self, tmp_path, drives, seed):
@@ -261,9 +261,9 @@ class TestMessages:
 
     def test_more_than_the_limit_fails_that_channel_with_topic_and_numbers(self, project):
         self.spoil(project)
-        told = sentence(project, "good.mcap")
-        assert "good.mcap: CAM_FRONT: topic /cam/image_raw lost 3 of 14 messages" in told
-        assert "limits.lost_messages" in told
+        reported = sentence(project, "good.mcap")
+        assert "good.mcap: CAM_FRONT: topic /cam/image_raw lost 3 of 14 messages" in reported
+        assert "limits.lost_messages" in reported
         assert any('"LIDAR_TOP"' in path.read_text() for path in made_actions(project))
 
     def test_up_to_the_limit_they_are_counted(self, project):
@@ -299,8 +299,8 @@ class TestMessages:
             real(recording, extractors, *rest)
 
         monkeypatch.setattr(execute, "_feed", spoiled)
-        told = sentence(project, "good.mcap")
-        assert "CAM_FRONT met something" in told
+        reported = sentence(project, "good.mcap")
+        assert "CAM_FRONT met something" in reported
         assert any(
             json.loads(p.read_bytes())["action"]["params"].get("channel") == "LIDAR_TOP"
             for p in made_actions(project)
@@ -319,16 +319,16 @@ class TestMissing:
     def test_no_pose(self, project):
         errors, made = self.fails(project, "topic: /odom", "topic: /no/odometry")
         assert set(errors) == {"ego_poses"}
-        told = str(errors["ego_poses"])
-        assert all(word in told for word in ("/no/odometry", "/odom"))
+        reported = str(errors["ego_poses"])
+        assert all(word in reported for word in ("/no/odometry", "/odom"))
         assert "frames" in made
         assert "nuscenes_tables" not in made
 
     def test_no_extrinsics(self, project):
         errors, made = self.fails(project, "topic: /points", "topic: /points, frame: nowhere")
-        told = str(errors["calibration"])
-        assert "nowhere" in told
-        assert "base_link" in told
+        reported = str(errors["calibration"])
+        assert "nowhere" in reported
+        assert "base_link" in reported
         assert made[-1] == "ego_poses"
 
     def test_no_intrinsics(self, project):
@@ -364,9 +364,9 @@ class TestChanges:
                 yield message
 
         monkeypatch.setattr(Recording, "_guarded", change)
-        told = sentence(project, "good.mcap")
-        assert str(path) in told
-        assert ("was it removed?" if how == "vanishes" else "changed while it was read") in told
+        reported = sentence(project, "good.mcap")
+        assert str(path) in reported
+        assert ("was it removed?" if how == "vanishes" else "changed while it was read") in reported
         earlier = ("inventory", "calibration", "ego_poses", "annotations")
         self.check_nothing_recorded(project, but=() if when == "inventory" else earlier)
         # As soon as it is complete, it is built.
@@ -464,10 +464,10 @@ class TestFullDisk:
     def test_the_sentence_and_the_next_build(self, three, reference):
         """A limit on the size of files stands in for a full disk: images fit, tables do not."""
         build = start_build(three, 3000)
-        told = build.communicate(timeout=60)[1].strip()
+        reported = build.communicate(timeout=60)[1].strip()
         assert build.returncode == 1
-        assert f": {three.store_path}" in told
-        assert "cannot be written (File too large); free disk space, or make the folder writable" in told
+        assert f": {three.store_path}" in reported
+        assert "cannot be written (File too large); free disk space, or make the folder writable" in reported
         store = Store(three.store_path)
         assert list(check_store(store)) == []
         assert failed_actions(three) == []  # the disk failed, not the action
@@ -545,8 +545,8 @@ class TestAtOnce:
     def test_two_builds_on_one_store(self, three, reference):
         builds = [start_build(three) for _ in range(2)]
         for build in builds:
-            told = build.communicate(timeout=120)[1]
-            assert build.returncode == 0, told
+            reported = build.communicate(timeout=120)[1]
+            assert build.returncode == 0, reported
         assert list(check_store(Store(three.store_path))) == []
         assert list((three.store_path / "tmp").iterdir()) == []
         assert everything(three.nuscenes.output) == reference
@@ -586,9 +586,9 @@ def test_words_for_errors_that_are_ours_already():
     err = StoreError("x")
     assert explained_error(err, Path("a.bag"), "frames") is err
     for short in (MemoryError(), pa.lib.ArrowMemoryError("malloc of size 1 failed"), no_memory_in_opencv()):
-        told = explained_error(short, Path("a.bag"), "frames CAM_FRONT")
-        assert told.transient
-        assert str(told).startswith("a.bag: frames CAM_FRONT ran out of memory; ")
+        reported = explained_error(short, Path("a.bag"), "frames CAM_FRONT")
+        assert reported.transient
+        assert str(reported).startswith("a.bag: frames CAM_FRONT ran out of memory; ")
     assert ChangedWhileReadError.transient
     assert not RecordingError.transient
 
@@ -602,8 +602,8 @@ class TestInstance:
             for _ in range(3)
         ]
         for process in opening:
-            told = process.communicate(timeout=60)[1]
-            assert process.returncode == 0, told
+            reported = process.communicate(timeout=60)[1]
+            assert process.returncode == 0, reported
 
     def test_a_full_disk_under_the_database(self, tmp_path):
         with mounted(tmp_path / "disk", "-t", "tmpfs", "-o", "size=64k", "tmpfs"):
@@ -612,6 +612,6 @@ class TestInstance:
             file.parent.mkdir()
             file.write_text(text.format(name="test", root="bags"))
             (file.parent / "bags").mkdir()
-            told = "Dagster's database cannot be used .*free disk space"
-            with pytest.raises(StoreError, match=told), open_project(file):
+            reported = "Dagster's database cannot be used .*free disk space"
+            with pytest.raises(StoreError, match=reported), open_project(file):
                 pass

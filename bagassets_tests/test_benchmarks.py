@@ -28,7 +28,7 @@ from benchmarks.peers import BAGASSETS, LOOP, BazelWorkspace, Peers, params_of, 
 from benchmarks.peers import main as peers_main
 from benchmarks.plain import convert_plainly
 from benchmarks.resources import Used, run_watched
-from benchmarks.rq1 import PLAIN, told
+from benchmarks.rq1 import PLAIN, output_lines
 from benchmarks.rq2 import fit
 
 ROOT = Path(__file__).parents[1]
@@ -85,7 +85,7 @@ def test_a_converter_that_fails_quietly_does_not_look_fast(drives):
 pathlib.Path(out, "one.jpg").touch() if bag.endswith("a.bag") else print("Error")\' {{bag}} {{out}}'
     done = drives.convert_with(converter)
     assert (done.files, done.failed) == (1, ("b.bag",))
-    assert "FAILED on b.bag" in told({"external": {"files": done.files, "failed": done.failed}})
+    assert "FAILED on b.bag" in output_lines({"external": {"files": done.files, "failed": done.failed}})
     assert drives.convert_with("false {bag} {out}").failed == ("a.bag", "b.bag")
 
 

@@ -1,6 +1,7 @@
 """Each benchmark runs to its end, with recordings as small as can be; what it measures then says nothing."""
 
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -8,8 +9,12 @@ from pathlib import Path
 
 import pytest
 
+from bagassets_tests.postgres_server import PROGRAMS
+from bagassets_tests.slurm_cluster import missing_program
 from benchmarks.launch import launch_table
 from benchmarks.peers import BAGASSETS, BAZEL, LOOP
+from benchmarks.reads import reads_table
+from benchmarks.slurm import scaling_table, slurm_table
 
 pytestmark = pytest.mark.long
 
@@ -124,3 +129,37 @@ def test_soak(tmp_path):
     run("-m", "benchmarks.soak", "--minutes", "0.01", "--json", tmp_path / "soak.json")
     (only,) = json.loads((tmp_path / "soak.json").read_text("utf-8"))["rounds"]
     assert all(value > 0 for value in only.values())
+
+
+def may_make_control_groups():
+    root = Path("/sys/fs/cgroup")
+    return any(os.access(folder, os.W_OK) for folder in (root / "memory", root / "cgroup.subtree_control"))
+
+
+@pytest.mark.skipif(not may_make_control_groups(), reason="this user may not make control groups")
+def test_reads(tmp_path):
+    json_file = tmp_path / "reads.json"
+    printed = run("-m", "benchmarks.reads", "--size", "0.03", "--memory", "2", "--json", json_file)
+    found = json.loads(json_file.read_text("utf-8"))
+    assert reads_table(found) in printed
+    assert list(found["formats"]) == ["ros1", "ros2", "mcap"]
+    # Memory holds them all here, so each is read once.
+    assert all(
+        0.9 < read / case["recording_bytes"] < 1.9
+        for case in found["formats"].values()
+        for read in case["read_bytes"].values()
+    )
+
+
+@pytest.mark.skipif(missing_program() is not None, reason=str(missing_program()))
+@pytest.mark.skipif(PROGRAMS is None, reason="PostgreSQL is not installed")
+def test_slurm(tmp_path):
+    result = tmp_path / "slurm.json"
+    run("-m", "benchmarks.slurm", "--numbers", "1", "2", "--many", "0", "--json", result)
+    found = json.loads(result.read_text("utf-8"))
+    assert [one["recordings"] for one in found["builds"]] == [1, 1, 2, 2]
+    assert all(seconds >= 0 for seconds in found["one"].values())
+    parts = list(found["one"].values())
+    assert sum(parts[:-1]) == pytest.approx(parts[-1], abs=0.05)
+    assert "left out of the fit" in scaling_table(found)
+    assert f"| 2 | 2 | fork server | {found['local']['seconds']:.1f} |" in slurm_table(found)

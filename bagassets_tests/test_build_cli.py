@@ -11,6 +11,7 @@ from rich.console import Console
 
 from bagassets.build.build_report import BagOutcome, BuildReport, Event
 from bagassets.build.plan import AssetState, BagPlan, Plan
+from bagassets.build.run_action import run_action
 from bagassets.build.summary_rows import summary_rows
 from bagassets.cli import progress
 from bagassets.cli.main import root
@@ -30,7 +31,7 @@ def artifact(store, summary):
     from bagassets.store.action import Action
 
     action = Action("test", 1, params={"summary": json.dumps(summary)})
-    return store.run(action, lambda _out: summary).artifact.digest
+    return run_action(store, action, lambda _out: summary).artifact.digest
 
 
 @pytest.fixture
@@ -137,6 +138,11 @@ def test_a_share_far_from_what_was_asked_for_is_said():
     )
 
 
+def test_of_recordings_without_duration_no_shares_are_said():
+    moments = {"asked": 0.5, "recordings": 1, "share": 0.0, "is_far": True}
+    assert splits_text({"day": moments, "night": moments}) == "day 1, night 1"
+
+
 def test_counts_name_what_there_is():
     assert counts_line(BuildReport(Plan({}, {}, ()))) == "no recordings in 0.0 s"
 
@@ -186,9 +192,9 @@ def test_on_a_terminal_it_shows_what_is_in_progress_done_and_left(monkeypatch):
 def test_on_a_terminal_a_failure_is_named_and_left_to_the_summary_to_explain(capsys):
     with progress.LiveProgress() as show:
         show(Event("failed", "big", "big.bag: broken."))
-    told = capsys.readouterr().err
-    assert "failed big\n" in told
-    assert "broken" not in told
+    output = capsys.readouterr().err
+    assert "failed big\n" in output
+    assert "broken" not in output
 
 
 def run(*args):

@@ -33,14 +33,41 @@ def project(tmp_path_factory):
     return folder, run(folder)
 
 
+def test_what_is_to_be_decided_for_one_rig_fails_its_recordings_only(tmp_path):
+    for name, kind in (("a.bag", "ros1"), ("van.mcap", "mcap")):
+        write_drive(tmp_path / "bags" / name, kind, duration_s=1.0)
+    text = RECIPE.format(name="two", root="bags") + "preview: {enabled: false}\n"
+    before, _, after = text.partition("rigs:\n")
+    van = (
+        '  - name: van\n    match: ["van*"]\n    ego_pose:\n'
+        "    channels: {CAM_FRONT: {modality: camera, topic: /cam/image_raw}}\n"
+    )
+    recipe = tmp_path / "recipe.yaml"
+    recipe.write_text(f"{before}rigs:\n{van}{after}")
+    done = run(tmp_path, "--json")
+    line = recipe.read_text().splitlines().index("    ego_pose:") + 1
+    found = json.loads(done.stdout)["recordings"]
+    assert (done.returncode, found["a.bag"]["result"], found["van.mcap"]["result"]) == (
+        1,
+        "built",
+        "failed",
+    )
+    assert found["van.mcap"]["reason"].startswith(f"{recipe}:{line}: rigs[van].ego_pose: needs a value")
+    recipe.write_text(recipe.read_text().replace("    ego_pose:\n", "    ego_pose: {source: fixed}\n"))
+    decided = run(tmp_path, "--json")
+    found = json.loads(decided.stdout)["recordings"]
+    assert {one["result"] for one in found.values()} <= {"built", "hit", "fresh"}
+    assert found["van.mcap"]["result"] == "built"
+
+
 def test_what_checks_find_in_what_was_built_is_reported(project):
     _, done = project
     assert done.returncode == 0, done.stdout + done.stderr
-    told = done.stdout
-    assert "error a.bag: RADAR_FRONT: topic /radr is not in the recording" in told
-    assert "(and 1 more)" in told
-    assert "warn short.mcap: it has no scene: " in told
-    assert "scenes.min_length_s" in told
+    output = done.stdout
+    assert "error a.bag: RADAR_FRONT: topic /radr is not in the recording" in output
+    assert "(and 1 more)" in output
+    assert "warn short.mcap: it has no scene: " in output
+    assert "scenes.min_length_s" in output
 
 
 def test_a_copy_is_reported(project):
@@ -58,8 +85,8 @@ def test_all_recordings_gone_at_once_is_a_question_not_a_fact(project):
     assert refused.returncode == 1
     assert "all 3 recordings that were here before cannot be found; is the disk mounted" in refused.stderr
     assert scenes.read_bytes() == before
-    told = json.loads(run(folder, "--allow-empty", "--json").stdout)
-    assert told["removed"] == ["a.bag", "copy.bag", "short.mcap"]
+    output = json.loads(run(folder, "--allow-empty", "--json").stdout)
+    assert output["removed"] == ["a.bag", "copy.bag", "short.mcap"]
     assert json.loads(scenes.read_bytes()) == []
 
 

@@ -25,7 +25,6 @@ from bagassets.defs.sqlite_files import kept_open
 from bagassets.defs.worker_tag import RunWorker
 from bagassets.forkserver.client import Client
 from bagassets.forkserver.process import ProcessId
-from bagassets.forkserver.server_files import ServerFiles
 from bagassets.recipe import load_recipe
 from bagassets_tests.in_process import make_project
 from bagassets_tests.small_drive import write_drive
@@ -78,14 +77,28 @@ def test_the_first_build_starts_a_server_that_the_next_one_uses(project):
     with client:
         (project.parent / "bags" / KEYS[0]).touch()
         events = []
-        told = build_on_server(client, project, BuildOptions(jobs=2), events.append, None)
-        assert told["counts"] == {"built": 0, "hit": 1, "fresh": 1, "skipped": 0, "failed": 0, "stopped": 0}
+        reported = build_on_server(client, project, BuildOptions(jobs=2), events.append, None)
+        assert reported["counts"] == {
+            "built": 0,
+            "hit": 1,
+            "fresh": 1,
+            "skipped": 0,
+            "failed": 0,
+            "stopped": 0,
+        }
         assert events == [], "no run"
-        assert [row["recording"] for row in told["summary"]] == KEYS
+        assert [row["recording"] for row in reported["summary"]] == KEYS
         (project.parent / "bags" / KEYS[0]).unlink()
         write_drive(project.parent / "bags" / KEYS[0], "ros1", duration_s=1.8)
-        told = build_on_server(client, project, BuildOptions(jobs=2), events.append, None)
-        assert told["counts"] == {"built": 1, "hit": 0, "fresh": 1, "skipped": 0, "failed": 0, "stopped": 0}
+        reported = build_on_server(client, project, BuildOptions(jobs=2), events.append, None)
+        assert reported["counts"] == {
+            "built": 1,
+            "hit": 0,
+            "fresh": 1,
+            "skipped": 0,
+            "failed": 0,
+            "stopped": 0,
+        }
         ran = [("started", KEYS[0]), ("done", KEYS[0]), ("started", ""), ("done", "")]
         assert [(e.kind, e.key) for e in events] == [("planned", ""), *ran]
         assert list(events[0].sizes) == [KEYS[0]]
@@ -122,7 +135,7 @@ def test_an_interrupt_stops_cleanly_and_the_next_build_carries_on(built):
     built.write_text(text.replace("topic: /cam/image_raw", "topic: /cam/image_raw, quality: 20"))
     assert run(built, "--bag", KEYS[0], "--select", "bag").returncode == 0  # a server for this recipe
     # While this process holds the recording, its run cannot end.
-    locks = ServerFiles(recipe.state, "").folder / "locks"
+    locks = recipe.state / "locks"
     with exclusive(locks, KEYS[0], keep_waiting=lambda _asked: True) as held:
         assert held
         process = subprocess.Popen(
@@ -149,8 +162,8 @@ def test_an_interrupt_stops_cleanly_and_the_next_build_carries_on(built):
         assert not instance.get_runs(dg.RunsFilter(statuses=active))
     done = run(built, "--json")
     assert done.returncode == 0, done.stderr
-    told = json.loads(done.stdout)
-    assert (told["counts"]["built"], told["dataset"]["state"]) == (2, "updated")
+    reported = json.loads(done.stdout)
+    assert (reported["counts"]["built"], reported["dataset"]["state"]) == (2, "updated")
 
 
 class Interrupting:
@@ -172,7 +185,7 @@ def test_an_interrupt_is_not_lost_where_exceptions_are_ignored(built):
             Interrupting()
 
     with (
-        exclusive(ServerFiles(recipe.state, "").folder / "locks", KEYS[0], keep_waiting=lambda _asked: True),
+        exclusive(recipe.state / "locks", KEYS[0], keep_waiting=lambda _asked: True),
         find_server(built) as client,
     ):
         report = build_on_server(client, built, BuildOptions(jobs=1), interrupt, None)
@@ -198,10 +211,10 @@ def test_a_killed_worker_fails_its_recording_and_the_build_goes_on(built):
                 assert ProcessId.from_json(worker["process"]).send(signal.SIGKILL)
 
     with find_server(built) as client:
-        told = build_on_server(client, built, BuildOptions(jobs=1), kill_first, None)
-    outcomes = {row["recording"]: row for row in told["summary"]}
+        reported = build_on_server(client, built, BuildOptions(jobs=1), kill_first, None)
+    outcomes = {row["recording"]: row for row in reported["summary"]}
     assert outcomes[KEYS[0]]["result"] == "failed"
-    assert "was killed by SIGKILL, maybe because the system ran out of memory" in json.dumps(told)
+    assert "was killed by SIGKILL, maybe because the system ran out of memory" in json.dumps(reported)
     assert outcomes[KEYS[1]]["result"] == "built"
     done = run(built, "--json")
     assert done.returncode == 0, done.stderr
@@ -223,8 +236,8 @@ def test_a_build_goes_through_the_launcher_that_dagster_yaml_names(tmp_path):
     try:
         done = run(recipe_file, "--json")
         assert done.returncode == 0, done.stderr
-        told = json.loads(done.stdout)
-        assert (told["counts"]["built"], told["dataset"]["state"]) == (1, "updated")
+        reported = json.loads(done.stdout)
+        assert (reported["counts"]["built"], reported["dataset"]["state"]) == (1, "updated")
         with open_instance(str(tmp_path)) as instance:
             assert isinstance(instance.run_launcher, dg.DefaultRunLauncher)
             for made in instance.get_runs():
@@ -233,7 +246,7 @@ def test_a_build_goes_through_the_launcher_that_dagster_yaml_names(tmp_path):
     finally:
         for client in Client.all_of(load_recipe(recipe_file).state):
             client.shutdown(grace_s=1.0)
-    log = load_recipe(recipe_file).state / "forkserver" / "logs" / "code-server.log"
+    log = load_recipe(recipe_file).state / "code-server.log"
     assert log.is_file(), "what it writes is kept"
 
 

@@ -54,9 +54,9 @@ def built(tmp_path_factory):
     """A project that one undisturbed command built, and how long that took."""
     recipe_file = make_project(tmp_path_factory.mktemp("built"), NAMES, duration_s=2.0)
     begun = time.monotonic()
-    told = finish(start(recipe_file))
+    reported = finish(start(recipe_file))
     seconds = time.monotonic() - begun
-    assert told["counts"]["built"] == len(NAMES)
+    assert reported["counts"]["built"] == len(NAMES)
     recipe = load_recipe(recipe_file)
     end_servers(recipe)
     return recipe, seconds
@@ -86,9 +86,9 @@ def test_the_devkit_loads_and_walks_what_the_command_built(built):
 
 
 def test_two_commands_at_once_build_what_one_builds(built, project):
-    told = [finish(process) for process in [start(project), start(project)]]
+    reported = [finish(process) for process in [start(project), start(project)]]
     recipe = load_recipe(project)
-    for report in told:
+    for report in reported:
         assert not report["counts"]["failed"], report
         assert report["dataset"]["problem"] == ""
     assert everything(recipe) == everything(built[0])

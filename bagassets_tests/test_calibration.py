@@ -181,7 +181,7 @@ class TestExtrinsics:
 
 
 class TestContradictions:
-    """The most trusted source is used, and the user is told."""
+    """The most trusted source is used, and a note says so."""
 
     def test_sources_that_differ_are_noted(self, tmp_path):
         urdf = fixed_joint("base_link", "cam", "1.5 0.4 1.4", "-1.5707963267948966 0 -1.5707963267948966")

@@ -1,4 +1,4 @@
-"""Calibration files of other tools: what each format says is what the camera sees, and what is wrong with a file is told."""
+"""Calibration files of other tools: what each format says is what the camera sees, and what is wrong with a file is reported."""
 
 import json
 import re
@@ -242,7 +242,7 @@ class TestPoses:
         with pytest.raises(CalibrationError, match=r"relative to cam0, not to an IMU .* in `relative_to`"):
             calibrated(second(tmp_path), text, frame, extrinsics={"camera": "cam2"})
 
-    def test_a_shift_of_time_is_told(self, tmp_path):
+    def test_a_shift_of_time_is_reported(self, tmp_path):
         (camera,) = self.chain(FRONT)
         text = camchain(camera | {"timeshift_cam_imu": -0.0125})
         made = calibrated(tmp_path, text, IMU, extrinsics={"relative_to": "imu"})
@@ -436,27 +436,27 @@ class TestBadFiles:
     def test_intrinsics(self, tmp_path, text, fields, words):
         path = write(tmp_path, "")
         path.write_bytes(text if isinstance(text, bytes) else text.encode())
-        self.assert_told(tmp_path, {"intrinsics": {"file": str(path), **fields}}, path, words)
+        self.assert_reported(tmp_path, {"intrinsics": {"file": str(path), **fields}}, path, words)
 
     @pytest.mark.parametrize(("text", "fields", "words"), BAD_POSES.values(), ids=list(BAD_POSES))
     def test_extrinsics(self, tmp_path, text, fields, words):
         path = write(tmp_path, text)
-        self.assert_told(tmp_path, {"extrinsics": {"file": str(path), **fields}}, path, words)
+        self.assert_reported(tmp_path, {"extrinsics": {"file": str(path), **fields}}, path, words)
 
     def test_a_file_that_is_gone(self, tmp_path):
         path = tmp_path / "none.yaml"
         words = (
             ": the calibration file cannot be read (No such file or directory); correct `file` in the recipe"
         )
-        self.assert_told(tmp_path, {"intrinsics": {"file": str(path)}}, path, words, channel="")
+        self.assert_reported(tmp_path, {"intrinsics": {"file": str(path)}}, path, words, channel="")
 
     def test_a_file_that_is_no_text_file_at_all(self, tmp_path):
         path = write(tmp_path, "#" * (MOST_BYTES + 1))
         words = ": 1000001 bytes are too many for a calibration file; name another file."
-        self.assert_told(tmp_path, {"intrinsics": {"file": str(path)}}, path, words, channel="")
+        self.assert_reported(tmp_path, {"intrinsics": {"file": str(path)}}, path, words, channel="")
 
     @staticmethod
-    def assert_told(folder, camera, path, words, channel="CAM_FRONT: "):
+    def assert_reported(folder, camera, path, words, channel="CAM_FRONT: "):
         with pytest.raises(BagAssetsError) as caught:
             Calibrated(folder, rig(camera), STATIC, IMAGES)
         text = str(caught.value)
@@ -506,7 +506,7 @@ def test_the_example_in_the_docs_loads(tmp_path):
     assert channels["CAM_BACK"].extrinsics.file == tmp_path / "sensors" / "rigs.txt"
 
 
-def test_whatever_a_file_holds_is_told_or_read():
+def test_whatever_a_file_holds_is_read_or_refused():
     """Damage at any byte of any format costs a sentence, never a traceback."""
     texts = [
         ros(FRONT.model),

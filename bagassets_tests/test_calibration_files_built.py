@@ -88,9 +88,9 @@ class TestStale:
         fresh_ones = {name for name, state in states(planned, KEY).items() if state == "fresh"}
         assert {"bag", "inventory", "ego_poses"} <= fresh_ones
         assert main(["explain", KEY, "calibration", "--recipe", str(fresh)]) == 0
-        told = capsys.readouterr().out
-        assert "is stale: calibration file back/ost.yaml changed" in told
-        assert "front/ost.yaml" in told
+        output = capsys.readouterr().out
+        assert "is stale: calibration file back/ost.yaml changed" in output
+        assert "front/ost.yaml" in output
         report, runs = build(fresh, monkeypatch)
         assert report.succeeded
         assert runs
@@ -108,15 +108,15 @@ class TestStale:
         assert report.succeeded
         assert self.parts(fresh) == before
 
-    def test_a_file_that_is_gone_is_told_by_name(self, fresh, capsys):
+    def test_a_file_that_is_gone_is_named(self, fresh, capsys):
         path = fresh.parent / "calib" / "front" / "ost.yaml"
         aside = path.rename(path.with_suffix(".old"))
         assert not self.is_quick(fresh)
         assert main(["build", "--recipe", str(fresh)]) == 1
-        told = capsys.readouterr().err
+        output = capsys.readouterr().err
         aside.rename(path)
-        assert f"rigs[car].channels.CAM_FRONT.intrinsics.file: there is no file {path}" in told
-        assert "Traceback" not in told
+        assert f"rigs[car].channels.CAM_FRONT.intrinsics.file: there is no file {path}" in output
+        assert "Traceback" not in output
 
     def test_a_damaged_file_fails_the_calibration_in_a_sentence(self, fresh, monkeypatch, capsys):
         path = fresh.parent / "calib" / "front" / "ost.yaml"
@@ -204,6 +204,6 @@ class TestSampleWorld:
         (folder / "wide.ost.yaml").write_text(text.replace(width, "image_width: 2000"))
         with pytest.raises(BuildFailure) as caught:
             self.made(folder, "wide", CAM_FRONT_LEFT={"intrinsics": {"file": "wide.ost.yaml"}})
-        (told,) = {str(error) for error in caught.value.errors.values() if "wide.ost.yaml" in str(error)}
-        assert "but the calibration in wide.ost.yaml is for 2000x" in told
-        assert told.endswith("; name the calibration of these images in `intrinsics`.")
+        (output,) = {str(error) for error in caught.value.errors.values() if "wide.ost.yaml" in str(error)}
+        assert "but the calibration in wide.ost.yaml is for 2000x" in output
+        assert output.endswith("; name the calibration of these images in `intrinsics`.")

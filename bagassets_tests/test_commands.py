@@ -10,7 +10,8 @@ import pytest
 import bagassets
 from bagassets.cli import docs as docs_command
 from bagassets.cli.docs import all_commands
-from bagassets.cli.main import COMMANDS, EXIT_ERROR, main, root
+from bagassets.cli.exit_status import ExitStatus
+from bagassets.cli.main import COMMANDS, main, root
 
 # A page by its file; references are written to one with `bagassets docs … > docs/….md`.
 PAGE_FILE = re.compile(r"(?<!> )(?<![\w/])docs/[a-z-]+\.md")
@@ -46,10 +47,10 @@ def test_a_mistyped_command_is_answered_with_the_one_that_was_meant(capsys):
 @pytest.mark.parametrize("place", ["file/drive.mcap", "file/deeper/drive.bag", "file/drive"])
 def test_a_place_that_cannot_be_is_reported_and_is_no_defect(tmp_path, capsys, place):
     (tmp_path / "file").write_text("not a folder")
-    assert main(["sample", str(tmp_path / place)]) == EXIT_ERROR
-    told = capsys.readouterr().err
-    assert f"{tmp_path / 'file'}" in told
-    assert "fix this one" in told
+    assert main(["sample", str(tmp_path / place)]) == ExitStatus.FAILED
+    output = capsys.readouterr().err
+    assert f"{tmp_path / 'file'}" in output
+    assert "fix this one" in output
 
 
 def test_pages_are_listed_and_printed(capsys):
@@ -70,7 +71,7 @@ def test_a_page_that_is_not_there_is_answered_with_those_that_are(capsys):
 def test_where_no_pages_are_installed_that_is_said(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(docs_command, "_CHECKOUT", tmp_path)
     monkeypatch.setattr(docs_command, "files", lambda _name: None)
-    assert main(["docs", "page", "formats"]) == EXIT_ERROR
+    assert main(["docs", "page", "formats"]) == ExitStatus.FAILED
     assert "there are no pages" in capsys.readouterr().err
 
 

@@ -56,9 +56,9 @@ def test_by_default_no_sample_lacks_a_channel_and_the_cost_is_named(project):
     assert done.returncode == 0, done.stderr
     assert set(keyframes_of(project).values()) == {2}
     assert len(keyframes_of(project)) == len(table(project, "sample")) == 3 + 4
-    (told,) = [line for line in done.stdout.splitlines() if "keyframes_complete" in line]
-    assert told.startswith("warn stops.bag: 5 of 8 keyframes were dropped, where a channel has no reading")
-    assert "CAM_FRONT at 5 keyframes (5 after it stops at 1.1 s, 2023-11-14T22:13:21.110Z)" in told
+    (output,) = [line for line in done.stdout.splitlines() if "keyframes_complete" in line]
+    assert output.startswith("warn stops.bag: 5 of 8 keyframes were dropped, where a channel has no reading")
+    assert "CAM_FRONT at 5 keyframes (5 after it stops at 1.1 s, 2023-11-14T22:13:21.110Z)" in output
     assert "whole.mcap:" not in done.stdout
 
 
@@ -69,18 +69,18 @@ def test_it_can_be_found_after_a_build_that_did_nothing(project):
     assert checked.stdout.endswith("nothing to do: 2 recordings up to date.\n")
     remarks = json.loads(run(project, "build", "--check", "--json").stdout)["remarks"]
     assert [(one["key"], one["check"]) for one in remarks] == [("stops.bag", "keyframes_complete")]
-    told = run(project, "check").stdout
-    assert "warn  stops.bag: keyframes_complete\n      5 of 8 keyframes were dropped" in told
+    output = run(project, "check").stdout
+    assert "warn  stops.bag: keyframes_complete\n      5 of 8 keyframes were dropped" in output
 
 
 def test_samples_may_lack_a_channel_if_the_recipe_allows_it_and_are_counted(project):
     text = (project / "recipe.yaml").read_text()
     (project / "recipe.yaml").write_text(text + "scenes: {missing: allow}\n")
     try:
-        told = json.loads(run(project, "build", "--json").stdout)
+        output = json.loads(run(project, "build", "--json").stdout)
         assert len(table(project, "sample")) == 8 + 4
         assert Counter(keyframes_of(project).values()) == {1: 5, 2: 7}
-        found = {(one["key"], one["check"]): one for one in told["remarks"]}
+        found = {(one["key"], one["check"]): one for one in output["remarks"]}
         lacking = found["stops.bag", "keyframes_complete"]
         assert lacking["severity"] == "warn"
         assert lacking["problem"].startswith(

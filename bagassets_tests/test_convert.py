@@ -126,6 +126,17 @@ def test_open_questions_are_listed_and_written_beside(tmp_path, temporary, capsy
     assert (tmp_path / "out" / "v1.0-still").is_dir()
 
 
+def test_what_is_to_be_decided_for_the_rig_of_the_recording_is_refused(tmp_path, drive, capsys):
+    channels = "channels: {CAM_FRONT: {modality: camera, topic: /cam/image_raw}}"
+    (tmp_path / "recipe.yaml").write_text(
+        f"name: two\nbags: {{root: bags}}\nrigs:\n  - name: van\n    match: ['van/**']\n    ego_pose: {{source: fixed}}\n"
+        f"    {channels}\n  - name: car\n    ego_pose:\n    {channels}\n"
+    )
+    assert convert(drive, tmp_path / "out", "--recipe", tmp_path / "recipe.yaml") == 1
+    assert "recipe.yaml:9: rigs[car].ego_pose: needs a value" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_recording_without_sensors_asks_nothing(tmp_path, capsys):
     bag = write_drive(tmp_path / "poses.bag", "ros1", 1.0, keep=lambda topic, _: topic == "/odom")
     assert convert(bag, tmp_path / "out") == 1

@@ -124,10 +124,10 @@ class TestDefinitions:
                     data[at:at] = dice.choice(
                         [b"[", b"[9999999]", b"]", b"=1e999", b"\n", b"\xff", b"'", b"/", b"MSG: "]
                     )
-        told = choice_of(msgtype, "cdr", Definition("msg", data.decode("utf-8", "replace")), ())
-        if isinstance(told, str):
-            assert told.startswith(f"the definition of {msgtype} ")
-            assert not re.search(r"Error|Traceback|\{|\(\)|Could not parse", told)
+        reported = choice_of(msgtype, "cdr", Definition("msg", data.decode("utf-8", "replace")), ())
+        if isinstance(reported, str):
+            assert reported.startswith(f"the definition of {msgtype} ")
+            assert not re.search(r"Error|Traceback|\{|\(\)|Could not parse", reported)
 
     def test_idl_that_computes_is_refused_before_it_does(self):
         idl = "module my_msgs {{ module msg {{ struct A {{ long a[{}]; }}; }}; }};"
@@ -232,10 +232,10 @@ class TestSentences:
         ids=lambda err: type(err).__name__,
     )  # fmt: skip
     def test_what_libraries_raise_becomes_a_clause(self, tmp_path, err):
-        told = str(unreadable(tmp_path / "a.bag", err))
-        clause = told[told.index("(") + 1 : told.index(");")]
+        reported = str(unreadable(tmp_path / "a.bag", err))
+        clause = reported[reported.index("(") + 1 : reported.index(");")]
         assert re.fullmatch(r"[A-Za-z][A-Za-z ,/']+", clause), clause
-        assert "delete" not in told
+        assert "delete" not in reported
 
     @pytest.mark.parametrize("file_format", ["ros1", "ros2", "mcap"])
     @pytest.mark.parametrize("seed", range(25))
@@ -254,8 +254,8 @@ class TestSentences:
             with open_recording(path) as recording:
                 list(recording.messages(list(recording.topics)))
         except BagAssetsError as err:
-            told = str(err).replace(str(path), "")
-            assert not re.search(r"Error|\{''\}|\(''|err\.args|object|NoneType|0x|delete", told), told
+            reported = str(err).replace(str(path), "")
+            assert not re.search(r"Error|\{''\}|\(''|err\.args|object|NoneType|0x|delete", reported), reported
 
     def test_metadata_that_nests_without_end_ends_no_process(self, tmp_path):
         folder = write_ros2(tmp_path / "b", [text(NOON_NS)])

@@ -213,10 +213,10 @@ def test_garbage_is_named_with_the_way_out_which_works(tmp_path, monkeypatch, na
     build(recipe, monkeypatch)
     path = tmp_path / ".bagassets/dagster" / name
     path.write_bytes(os.urandom(5000))
-    with pytest.raises(StoreError, match="is damaged") as told:
+    with pytest.raises(StoreError, match="is damaged") as output:
         survey(recipe)
-    assert str(told.value).startswith(f"{path}: ")
-    aside = re.search(r"`(mv .*?)`", str(told.value))[1]
+    assert str(output.value).startswith(f"{path}: ")
+    aside = re.search(r"`(mv .*?)`", str(output.value))[1]
     subprocess.run(shlex.split(aside), check=True)
     report, _ = build(recipe, monkeypatch)
     assert report.counts()["hit" if name.endswith("index.db") else "fresh"] == 1

@@ -354,8 +354,8 @@ class TestCommand:
         assert content(made) == content(dataset)
         before = content(dataset)
         next((dataset / "samples" / "CAM_FRONT").iterdir()).unlink()
-        told = json.loads(self.run(recipe, "restore", dataset, "--json"))
-        assert (told["folder"], told["lock"]["samples"]) == (str(dataset / VERSION), 12)
+        reported = json.loads(self.run(recipe, "restore", dataset, "--json"))
+        assert (reported["folder"], reported["lock"]["samples"]) == (str(dataset / VERSION), 12)
         assert content(dataset) == before
 
     def test_a_vision_dataset(self, project, tmp_path):

@@ -96,3 +96,9 @@ def test_an_unreadable_recording_fails_alone_with_a_sentence(project):
     assert "broken.bag" in sentence
     assert "rosbag reindex" in sentence
     assert plan_of(recipe_file, instance).bags["broken.bag"].failed is not None
+
+
+def test_a_code_server_can_load_everything(project):
+    """It checks what a run does not ask for, such as names that two definitions share."""
+    recipe_file, _ = project
+    build_definitions(recipe_file).get_repository_def().load_all_definitions()

@@ -304,7 +304,7 @@ def test_the_index_holds_for_the_file_that_was_hashed(bag, tmp_path, no_attribut
 
 def test_a_damaged_index(bag, tmp_path, no_attributes):
     (tmp_path / "digests.sqlite").write_bytes(
-        b"this is no database, and long enough to be told from one" * 20
+        b"this is no database, and long enough to be mistaken for one" * 20
     )
     assert stored_digest(bag, DigestIndex(tmp_path)) is None
     digest = recording_digest(bag, DigestIndex(tmp_path)).digest

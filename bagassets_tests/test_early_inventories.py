@@ -71,8 +71,8 @@ def test_a_cold_build_counts_what_was_made_ahead_as_built(project):
     command = [sys.executable, "-m", "bagassets", "build", "--recipe", str(project), "--json"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    told = json.loads(done.stdout)
-    assert told["counts"]["built"] == 3
+    output = json.loads(done.stdout)
+    assert output["counts"]["built"] == 3
     [client] = Client.all_of(load_recipe(project).state)
     log = client.files.log.read_text()
     assert "job make_inventories: exit code 0" in log

@@ -399,7 +399,7 @@ GNSS_IMU = GNSS | {"imu": "/imu"}
 
 
 class TestNavSat:
-    """Fixes on the ellipsoid become local metres, whose origin is told."""
+    """Fixes on the ellipsoid become local metres, whose origin is kept."""
 
     def test_positions_and_orientations(self, tmp_path):
         made = Posed(tmp_path, GNSS_IMU, *fixes(TIMES), *turns(np.arange(-0.1, 2.1, 0.013)))

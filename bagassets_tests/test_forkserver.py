@@ -294,7 +294,7 @@ def test_a_first_job_works_while_the_server_imports(tmp_path):
 @pytest.mark.skipif(not Path("/proc/self/cmdline").exists(), reason="needs /proc")
 def test_a_first_job_has_the_surroundings_of_its_server_which_no_command_line_shows(tmp_path, monkeypatch):
     monkeypatch.setenv("SURROUNDING", "a secret, " + "x" * 100_000)
-    file = tmp_path / "told"
+    file = tmp_path / "surroundings"
     first_job = (f"{JOBS}:tell_surroundings", {"file": str(file)})
     with Client.ensure(spec_in(tmp_path / "state"), first_job=first_job) as client:
         eventually(lambda: file.exists() and file.read_text() == os.environ["SURROUNDING"])

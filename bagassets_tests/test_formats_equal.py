@@ -44,7 +44,7 @@ class Dataset:
         }
 
     def recording(self, key):
-        """Return table -> rows of one recording; tokens are told by table and place, the key by KEY."""
+        """Return table -> rows of one recording; tokens are replaced by table and place, the key by KEY."""
         rows = self._rows(key)
         labels = self.shared | {
             row["token"]: f"{table} {number}" for table in rows for number, row in enumerate(rows[table])
@@ -110,8 +110,8 @@ def test_the_sample_drive_with_cameras_lidar_radar_and_boxes(tmp_path):
     (tmp_path / "recipe.yaml").write_text(
         sample_recipe().replace("settle_s: 2", "settle_s: 0") + "preview: {enabled: false}\n"
     )
-    told = build(tmp_path)
-    assert {name: one["result"] for name, one in told["recordings"].items()} == dict.fromkeys(
+    output = build(tmp_path)
+    assert {name: one["result"] for name, one in output["recordings"].items()} == dict.fromkeys(
         sorted(NAMES.values()), "built"
     )
     assert_equal(Dataset(tmp_path / "nuscenes", "v1.0-sample"), list(NAMES.values()))

@@ -5,6 +5,7 @@ import json
 import pytest
 from click.testing import CliRunner
 
+from bagassets.build.run_action import run_action
 from bagassets.cli.main import root
 from bagassets.defs.checks import recording_checks
 from bagassets.errors import DatasetError, PluginError, RecipeError
@@ -315,7 +316,7 @@ class TestAtWork:
         """The lock of a dataset that was put together while the format was sound."""
         self.install(site, "")
         loaded = recipe(tmp_path)
-        outcome = Store(loaded.store_path).run(Step("acme_part", 1).action({}, {}), made_part)
+        outcome = run_action(Store(loaded.store_path), Step("acme_part", 1).action({}, {}), made_part)
         output, settings = loaded.formats["acme"].output, loaded.formats["acme"]
         part = Part("a.bag", "content", outcome.artifact.digest)
         assemble(installed_format("acme"), [part], settings, Store(loaded.store_path), output)

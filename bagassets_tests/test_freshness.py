@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from bagassets.build.plan import AssetState, BagPlan
+from bagassets.build.run_action import run_action
 from bagassets.freshness import decide, fingerprints
 from bagassets.freshness.artifacts import artifacts_fingerprint, packed
 from bagassets.freshness.cache import NAME, Cache, Changes
@@ -272,11 +273,12 @@ def test_a_place_is_marked_by_where_it_leads(tmp_path):
 class TestArtifacts:
     @pytest.fixture
     def artifact(self, tmp_path):
-        return (
-            Store(tmp_path / "store")
-            .run(Action("a", 1), lambda out: (out.write("one", b"1"), out.write("two", b"2"), {})[2])
-            .artifact
-        )
+        def write(out):
+            out.write("one", b"1")
+            out.write("two", b"2")
+            return {}
+
+        return run_action(Store(tmp_path / "store"), Action("a", 1), write).artifact
 
     def of(self, artifact):
         return artifacts_fingerprint(str(artifact.folder.parents[1]), packed([artifact.digest]))

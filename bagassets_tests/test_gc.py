@@ -12,13 +12,14 @@ import dagster as dg
 import pytest
 from click.testing import CliRunner
 
+from bagassets.build.run_action import run_action
 from bagassets.cli.main import root as command_line
+from bagassets.defs.garbage import locks_of
 from bagassets.defs.partitions import partitions_name
 from bagassets.errors import DatasetError, StoreError
 from bagassets.formats.assembly import assemble
 from bagassets.formats.dataset_lock import locked_artifacts
 from bagassets.formats.format import Part
-from bagassets.formats.lock_roots import locks_of
 from bagassets.formats.nuscenes.format import NUSCENES
 from bagassets.propose.project import dagster_home, write_project
 from bagassets.recipe import load_recipe
@@ -44,7 +45,7 @@ def store(tmp_path):
 def make(store, name, inputs=None, *, days_ago=30.0):
     """Make an artifact with an action, used for the last time some days ago."""
     action = Step(name, 1).action({}, inputs or {})
-    outcome = store.run(action, lambda out: {"size": out.write("file", name.encode()).size})
+    outcome = run_action(store, action, lambda out: {"size": out.write("file", name.encode()).size})
     used_s = time.time() - days_ago * DAY_S
     os.utime(store.root / "actions" / action.digest[:2] / f"{action.digest}.json", (used_s, used_s))
     return outcome.artifact.digest
@@ -109,7 +110,7 @@ class TestWhatIsGarbage:
             return {}
 
         action = Step("tables", 1).action({}, {})
-        tables = store.run(action, write).artifact.digest
+        tables = run_action(store, action, write).artifact.digest
         store.forget(action.digest)
         assert garbage_of(store, [tables]) == set()
 
@@ -178,8 +179,10 @@ class TestWhileBuildsRun:
         def builder(number):
             for i in range(150):
                 name = f"step{(i + number) % 5}"
-                outcome = store.run(
-                    Step(name, 1).action({}, {}), lambda out, n=name: {"s": out.write("f", n.encode()).size}
+                outcome = run_action(
+                    store,
+                    Step(name, 1).action({}, {}),
+                    lambda out, n=name: {"s": out.write("f", n.encode()).size},
                 )
                 if store.lookup(Step(name, 1).action({}, {})) is None and outcome.cached:
                     continue  # collected after it was used: with no lease held, that is its right
@@ -202,7 +205,8 @@ class TestWhileBuildsRun:
         assert problems == []
         collect_all(store, keep_days=-1)
         for i in range(5):  # whatever was left is whole and can be used or made again
-            outcome = store.run(
+            outcome = run_action(
+                store,
                 Step(f"step{i}", 1).action({}, {}),
                 lambda out, i=i: {"s": out.write("f", f"step{i}".encode()).size},
             )
@@ -265,8 +269,8 @@ class TestLeftovers:
             collect_all(store, [needed])
         monkeypatch.undo()
         assert store.lookup(Step("needed", 1).action({}, {})) is not None
-        outcome = store.run(
-            Step("other", 1).action({}, {}), lambda out: {"size": out.write("file", b"other").size}
+        outcome = run_action(
+            store, Step("other", 1).action({}, {}), lambda out: {"size": out.write("file", b"other").size}
         )
         assert outcome.artifact.path("file").read_bytes() == b"other"
 

@@ -30,7 +30,7 @@ class Text:
 
 
 class Made(Counter):
-    """Counts what ran, and fails what it is told to."""
+    """Counts what ran, and fails what it has to."""
 
     failing = frozenset()
 
@@ -360,7 +360,7 @@ def test_a_recording_that_changes_fails_all_of_the_pass_and_leaves_no_record(pro
         made, failed = executed(graph)
     assert made == ["inventory"]
     assert failed.keys() == {"images", "clouds"}
-    assert all("changed while it was read" in told for told in failed.values())
+    assert all("changed while it was read" in output for output in failed.values())
     assert list(graph.store.root.glob("tmp/*")) == []
     assert {state for state, _ in states(project(images, clouds)).values()} == {"record-only", "missing"}
 

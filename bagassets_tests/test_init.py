@@ -163,8 +163,8 @@ def test_its_help_says_how_it_ends_without_a_recording_that_can_be_read(init, tm
     assert init(bags="empty")[0] == 1
     assert init()[0] == 2
     assert main(["init", "--help"]) == 0
-    told = " ".join(capsys.readouterr().out.split())
-    statuses = dict(re.findall(r"(\d) ([^;]*)", told.partition("Exit status: ")[2]))
+    output = " ".join(capsys.readouterr().out.split())
+    statuses = dict(re.findall(r"(\d) ([^;]*)", output.partition("Exit status: ")[2]))
     assert "no recording is found" in statuses["1"]
     assert "no recording can be read" in statuses["2"]
 

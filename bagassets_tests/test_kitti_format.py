@@ -176,16 +176,16 @@ def test_the_build_made_it_and_the_next_finds_nothing_to_do(template, monkeypatc
 
 def test_plan_and_status_know_it(template):
     recipe_file, _, _ = template
-    told = json.loads(run(recipe_file, "status", "--json"))
-    assert told["datasets"]["kitti_dataset"] == "fresh"
-    assert told["recordings"]["a.bag"]["assets"]["kitti_sequence"]["state"] == "fresh"
-    assert "problems" not in told
+    reported = json.loads(run(recipe_file, "status", "--json"))
+    assert reported["datasets"]["kitti_dataset"] == "fresh"
+    assert reported["recordings"]["a.bag"]["assets"]["kitti_sequence"]["state"] == "fresh"
+    assert "problems" not in reported
     assert "kitti sequence" in run(recipe_file, "status", "--all")
 
 
 def test_explain_names_what_it_is_made_from(template):
-    told = json.loads(run(template[0], "explain", "a.bag", "kitti_sequence", "--json"))
-    text = json.dumps(told)
+    reported = json.loads(run(template[0], "explain", "a.bag", "kitti_sequence", "--json"))
+    text = json.dumps(reported)
     assert all(word in text for word in ("tolerance_s", "ego_poses", "kitti-odometry-format"))
     assert "kitti_sequence" in run(template[0], "explain", "a.bag", "kitti_sequence")
 
@@ -244,9 +244,9 @@ def test_verify_finds_damage_in_the_store_and_the_next_build_mends_both(project,
     cloud = next((dataset_of(project) / "sequences" / "00" / "velodyne").iterdir())
     cloud.chmod(0o644)
     cloud.write_bytes(b"other bytes")  # the file of the store itself
-    told = json.loads(run(project, "verify", "--json", status=3))
-    assert [each["step"] for each in told["damaged"]] == ["kitti_sequence"]
-    assert cloud in [Path(each["path"]) for each in told["datasets"]]
+    reported = json.loads(run(project, "verify", "--json", status=3))
+    assert [each["step"] for each in reported["damaged"]] == ["kitti_sequence"]
+    assert cloud in [Path(each["path"]) for each in reported["datasets"]]
     report, _ = in_process.build(project, monkeypatch)
     assert report.succeeded
     assert content(dataset_of(project)) == whole
@@ -293,17 +293,17 @@ def test_gc_spares_what_its_lock_names(project, tmp_path):
 
 
 def test_an_upgrade_of_the_package_makes_its_assets_stale_and_no_others(site, project, tmp_path):
-    def told():
+    def reported():
         recipe = load_recipe(project)
         assets = recording_assets(recipe)
         action = assets["kitti_sequence"].step.action({}, {}).digest
         return {**assets.versions, **dataset_code_versions(recipe)}, action
 
-    (before, old), (same, _) = told(), told()
+    (before, old), (same, _) = reported(), reported()
     site.unpack(wheel_of(EXAMPLE, tmp_path / "wheels", version="1.1"))
     site.restart()
     try:
-        after, new = told()
+        after, new = reported()
     finally:
         site.unpack(wheel_of(EXAMPLE, tmp_path / "wheels"))
         site.restart()

@@ -18,7 +18,7 @@ def pool():
 
 
 class Work:
-    """An image in work until it is told to end."""
+    """An image in work until it may end."""
 
     def __init__(self, pool, room, pixels, most_pixels):
         self.begun, self.end = Event(), Event()

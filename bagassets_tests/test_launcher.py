@@ -151,7 +151,7 @@ def messages(instance, run_id):
 
 
 def worker_of(instance, run_id):
-    """The worker of a run, once it has told its number."""
+    """The worker of a run, once its process id is known."""
 
     def found():
         worker = RunWorker.of(instance.get_run_by_id(run_id))
@@ -241,7 +241,7 @@ def test_a_tag_copied_from_the_parent_means_nothing(instance):
 
 def test_a_run_of_the_build_can_be_executed_again_in_the_web_ui(workspace, instance, place):
     with RunPool(instance, 1, lambda _event: None, place / "code-server.log", LOCATION) as runs:
-        runs.work({"": ("whole",)})
+        runs.work([{"": ("whole",)}])
     assert runs.ended[""].problem is None
     run_id = runs.ended[""].run_id
     params = {"parentRunId": run_id, "strategy": "ALL_STEPS"}

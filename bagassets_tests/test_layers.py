@@ -1,4 +1,5 @@
-"""Imports point down, in every package and module, inside functions as well; only `defs/` and `definitions.py` know Dagster."""
+"""Imports point down, in every package and module, inside functions as well; only `defs/` and `definitions.py` know
+Dagster, and only the executor runs actions."""
 
 import ast
 import re
@@ -100,9 +101,23 @@ def test_nothing_imports_what_is_beside_or_above_it():
     assert upward == set()
 
 
+def test_only_the_executor_runs_actions():
+    """What starts an action is `build.run_action`, by which all go, and the two passes over a recording."""
+    starting = {
+        str(path.relative_to(ROOT))
+        for path in ROOT.rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Call)
+        and ast.unparse(node.func).endswith((".begin", "Pending"))
+        and ast.unparse(node.func) != "builds.begin"  # the log of builds
+    }
+    stores = {"store/store.py", "build/rebuild.py"}  # which are asked to
+    assert starting - stores == {"build/run_action.py", "build/execute.py", "build/first_pass.py"}
+
+
 def test_the_documentation_shows_the_layers_from_above():
     text = (ROOT.parent / "docs" / "code.md").read_text("utf-8")
     rows = [line.split("|")[1] for line in text.splitlines() if line.startswith("| `")]
-    told = [name for row in rows for name in re.findall(r"`(\w+)(?:/|\.py)`", row)]
-    assert sorted(told) == sorted(set(LEVEL) - {"__init__", "__main__"})
-    assert [LEVEL[name] for name in told] == sorted((LEVEL[name] for name in told), reverse=True)
+    output = [name for row in rows for name in re.findall(r"`(\w+)(?:/|\.py)`", row)]
+    assert sorted(output) == sorted(set(LEVEL) - {"__init__", "__main__"})
+    assert [LEVEL[name] for name in output] == sorted((LEVEL[name] for name in output), reverse=True)

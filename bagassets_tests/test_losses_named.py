@@ -89,8 +89,8 @@ def test_the_way_out_leads_out(project):
     text = (project / "recipe.yaml").read_text()
     (project / "recipe.yaml").write_text(text.replace("modality: camera,", "modality: camera, clock: log,"))
     try:
-        told = json.loads(run(project, "build", "--json").stdout)
-        assert [one for one in told["remarks"] if one["check"] == "frames_complete"] == []
-        assert told["summary"][0]["images"] == 39
+        output = json.loads(run(project, "build", "--json").stdout)
+        assert [one for one in output["remarks"] if one["check"] == "frames_complete"] == []
+        assert output["summary"][0]["images"] == 39
     finally:
         (project / "recipe.yaml").write_text(text)

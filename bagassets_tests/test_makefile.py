@@ -83,7 +83,7 @@ def test_one_that_is_named_is_taken(checkout):
 
 
 @pytest.mark.parametrize(
-    ("there", "arguments", "told"),
+    ("there", "arguments", "output"),
     [
         ({}, [], "none is on the PATH"),
         ({"python3": (3, 10), "python3.13": None}, [], "none is on the PATH"),
@@ -91,7 +91,7 @@ def test_one_that_is_named_is_taken(checkout):
         ({"python3": (3, 12)}, ["PYTHON=/no/such/python"], "/no/such/python is not that"),
     ],
 )
-def test_where_none_serves_that_is_said_and_nothing_is_made(checkout, there, arguments, told):
+def test_where_none_serves_that_is_said_and_nothing_is_made(checkout, there, arguments, output):
     for name, version in there.items():
         text = SHIM if version is None else PYTHON.format(real=sys.executable, version=version)
         program(checkout, name, text)
@@ -100,7 +100,7 @@ def test_where_none_serves_that_is_said_and_nothing_is_made(checkout, there, arg
         assert done.returncode == 2
         sentence, end = done.stderr.splitlines()
         assert sentence == (
-            f"bagassets needs Python 3.11 to 3.14 with its module venv; {told}. "
+            f"bagassets needs Python 3.11 to 3.14 with its module venv; {output}. "
             "Install one, or name it: make PYTHON=/path/to/python3.12"
         )
         assert "Error 1" in end

@@ -88,7 +88,7 @@ def test_a_recording_that_does_not_exist_is_reported_with_one_that_does(project)
 
 def test_runs_of_one_recording_take_turns_whoever_launched_them(project):
     """A worker that was given up but works on, and the run that took its place, say."""
-    locks = load_recipe(project / "recipe.yaml").state / "forkserver" / "locks"
+    locks = load_recipe(project / "recipe.yaml").state / "locks"
     with exclusive(locks, "a.bag", keep_waiting=lambda _asked: False) as held:
         assert held
         command = [BIN / "dagster", "asset", "materialize", "-m", "bagassets.definitions"]

@@ -61,10 +61,10 @@ def test_noise_in_a_chunk_is_reported_with_file_offset_and_advice(plain):
     offset = damage(plain)
     with pytest.raises(RecordingError) as caught:
         read_all(plain, check=True)
-    told = str(caught.value)
-    assert told.startswith(f"{plain}: ")
-    assert f"chunk at byte {offset} " in told
-    assert "mcap recover" in told
+    output = str(caught.value)
+    assert output.startswith(f"{plain}: ")
+    assert f"chunk at byte {offset} " in output
+    assert "mcap recover" in output
 
 
 def test_without_a_checksum_there_is_nothing_to_check(plain):
@@ -94,6 +94,6 @@ def test_a_ros2_folder_of_mcap_files(tmp_path):
     overwrite(file, chunk.chunk_start_offset + CHECKSUM_AT, (crc32(data) ^ 1).to_bytes(4, "little"))
     with pytest.raises(RecordingError) as caught:
         read_all(folder, check=True)
-    told = str(caught.value)
-    assert told.startswith(f"{file}: ")
-    assert f"chunk at byte {chunk.chunk_start_offset} " in told
+    output = str(caught.value)
+    assert output.startswith(f"{file}: ")
+    assert f"chunk at byte {chunk.chunk_start_offset} " in output

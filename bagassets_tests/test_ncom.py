@@ -74,7 +74,6 @@ class TestPackets:
         assert (pose.heading_rad, pose.pitch_rad, pose.roll_rad) == pytest.approx(
             (heading, pitch, roll), abs=6e-7
         )
-        assert pose.velocity_ned_mps == pytest.approx((1.0, -2.0, 0.5))
         assert reading.minute_ms == ms
         assert (reading.gps_minute, reading.utc_offset_s) == (None, None)
 
@@ -152,9 +151,6 @@ class TestPackets:
     def test_poses_that_are_none(self, fields, problem):
         with pytest.raises(DecodeError, match=problem):
             decode_ncom(ncom(**fields))
-
-    def test_a_velocity_that_is_not_valid(self):
-        assert decode_ncom(ncom(velocity=(None, 0.0, 0.0))).pose.velocity_ned_mps is None
 
 
 class TestMessages:

@@ -32,7 +32,7 @@ def recipe(made):
     made.write_text(text)
 
 
-def told(recipe, **options):
+def output(recipe, **options):
     """Asset -> its state and why."""
     return {
         name: (asset.state, asset.reason)
@@ -47,14 +47,14 @@ def edit(recipe, old, new):
 
 
 def test_all_is_as_it_was(recipe):
-    states = told(recipe)
+    states = output(recipe)
     assert states.pop("bag") == ("fresh", "size and time unchanged")
     assert set(states.values()) == {("fresh", "up to date")}
 
 
 def test_a_parameter_of_one_camera(recipe):
     edit(recipe, "CAM_FRONT: {modality: camera,", "CAM_FRONT: {modality: camera, quality: 40,")
-    states = told(recipe)
+    states = output(recipe)
     assert states["frames"] == ("stale", "CAM_FRONT: quality 90 -> 40")
     assert states["sweeps"] == ("fresh", "up to date")
     assert states["nuscenes_tables"] == ("unknown", "waits for frames: CAM_FRONT: quality 90 -> 40")
@@ -63,13 +63,13 @@ def test_a_parameter_of_one_camera(recipe):
 def test_parameters_of_both_cameras(recipe):
     edit(recipe, "CAM_FRONT: {modality: camera,", "CAM_FRONT: {modality: camera, quality: 40,")
     edit(recipe, "CAM_BACK: {modality: camera,", "CAM_BACK: {modality: camera, quality: 41,")
-    assert told(recipe)["frames"] == ("stale", "CAM_BACK: quality 90 -> 41; CAM_FRONT: quality 90 -> 40")
+    assert output(recipe)["frames"] == ("stale", "CAM_BACK: quality 90 -> 41; CAM_FRONT: quality 90 -> 40")
 
 
 def test_a_channel_more(recipe):
     line = "      CAM_LEFT: {modality: camera, topic: /cam/image_raw, quality: 33}\n      LIDAR_TOP:"
     edit(recipe, "      LIDAR_TOP:", line)
-    states = told(recipe)
+    states = output(recipe)
     assert states["calibration"][0] == "stale"
     assert states["frames"] == ("unknown", f"waits for calibration: {states['calibration'][1]}")
     assert states["nuscenes_tables"] == states["frames"], "one chain of reasons, not one in another"
@@ -79,21 +79,21 @@ def test_a_change_that_cannot_matter(recipe):
     """A channel that the recording lacks is part of the code version, and of no action of it."""
     lacking = "      CAM_LEFT: {modality: camera, topic: /nowhere}\n      CAM_BACK:"
     edit(recipe, "      CAM_BACK:", lacking)
-    states = told(recipe)
+    states = output(recipe)
     assert states["frames"] == ("record-only", "recipe or step version changed, the result did not")
     assert states["inventory"] == states["sweeps"] == ("fresh", "up to date")
 
 
 def test_which_recordings_the_only_rig_made_matters_to_no_asset(recipe):
     edit(recipe, "  - name: car\n", "  - name: car\n    match: ['*.bag']\n")
-    assert {state for state, _ in told(recipe).values()} == {"fresh"}
+    assert {state for state, _ in output(recipe).values()} == {"fresh"}
 
 
 def test_a_result_that_is_gone_from_the_store(recipe):
     store = Store(load_recipe(recipe).store_path)
     digest = survey(recipe).plan.bags[KEY].assets["calibration"].data_version
     aside = shutil.move(store.artifact_folder(digest), recipe.parent / "aside")
-    states = told(recipe)
+    states = output(recipe)
     shutil.move(aside, store.artifact_folder(digest))
     assert states["calibration"] == ("stale", "its artifact is gone from the store")
     assert states["annotations"] == ("unknown", "waits for calibration: its artifact is gone from the store")
@@ -106,7 +106,7 @@ def test_a_record_that_is_gone_from_the_store(recipe):
     ]
     text = path.read_text()
     path.unlink()
-    states = told(recipe)
+    states = output(recipe)
     path.write_text(text)
     assert states["calibration"] == ("stale", "the record of the action that made it is gone")
 
@@ -124,6 +124,6 @@ def test_a_recording_that_was_touched_has_to_be_read(recipe):
     """The last one here: even with its old time the file is doubted from now on."""
     (recipe.parent / "bags" / KEY).touch()
     why = "size or time changed: its content has to be read"
-    states = told(recipe)
+    states = output(recipe)
     assert states.pop("bag") == ("stale", why)
     assert set(states.values()) == {("unknown", f"waits for bag: {why}")}

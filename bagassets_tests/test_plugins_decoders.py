@@ -209,8 +209,8 @@ from bagassets.defs.run_worker import preload
 preload([])
 print({modules!r} - set(sys.modules))
 """
-    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
-    assert told.strip() == "set()"
+    reported = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert reported.strip() == "set()"
 
 
 def test_no_line_of_the_table_hides_another():
@@ -227,8 +227,8 @@ assert families_of("sensor_msgs/msg/PointCloud2") == ("cloud", "radar")
 types_of("boxes"), expected_types("cloud")
 print(sorted(name for name in sys.modules if name.startswith(("bagassets.", "numpy", "cv2"))))
 """
-    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
-    assert set(ast.literal_eval(told)) == {
+    reported = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert set(ast.literal_eval(reported)) == {
         "bagassets.decode",
         "bagassets.decode.registry",
         "bagassets.errors",
@@ -287,10 +287,10 @@ def test_mistakes_of_a_plugin_cost_messages_that_are_counted(tmp_path, site, rec
     assert errors == {}
     entry, _ = channel(recipe, made, "frames", "CAM_ACME")
     assert entry["counts"]["written"] == 0
-    ((told, number),) = entry["counts"]["lost"].items()
+    ((reported, number),) = entry["counts"]["lost"].items()
     assert number == entry["counts"]["read"] == MESSAGES
-    assert told.startswith("decoder image.acme_msgs.RawFrame of faulty 1.0")
-    assert reason in told
+    assert reported.startswith("decoder image.acme_msgs.RawFrame of faulty 1.0")
+    assert reason in reported
 
 
 def test_losses_above_the_limit_end_in_a_sentence_with_the_place_to_blame(tmp_path, site, recording):
@@ -317,9 +317,9 @@ def test_the_command_lists_plugins_and_fails_on_those_that_cannot_be_used(tmp_pa
     ]
     site.install("rival", "0.3", "", image__acme_msgs__RawFrame="decode", imge__acme_msgs__Other="decode")
     assert main(["decoders", "--json"]) == 1
-    told = json.loads(capsys.readouterr().out)
-    assert [row["distribution"] for row in told["decoders"]] == ["acme-decoders", "rival"]
-    assert len(told["problems"]) == 2
+    reported = json.loads(capsys.readouterr().out)
+    assert [row["distribution"] for row in reported["decoders"]] == ["acme-decoders", "rival"]
+    assert len(reported["problems"]) == 2
     assert main(["decoders"]) == 1
     assert capsys.readouterr().err.count("error: ") == 2
 

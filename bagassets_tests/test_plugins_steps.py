@@ -130,13 +130,13 @@ def test_the_example_materializes_per_recording_and_over_the_dataset(project):
     project.add("a.bag")
     project.add("b.bag", duration_s=1.5)
     for key in ("a.bag", "b.bag"):
-        told = metadata(project.run([*OURS, "image_quality"], key), "image_quality")
-        assert told["images"] == {"a.bag": 9, "b.bag": 14}[key]
-        assert told["sharpness_CAM_FRONT"] > 0
-        assert told["cached"] is False
-    told = metadata(project.run(["quality_report"]), "quality_report")
-    assert (told["recordings"], told["cameras"]) == (2, 2)
-    with (Path(told["artifact"]) / "files" / "report.csv").open() as file:
+        output = metadata(project.run([*OURS, "image_quality"], key), "image_quality")
+        assert output["images"] == {"a.bag": 9, "b.bag": 14}[key]
+        assert output["sharpness_CAM_FRONT"] > 0
+        assert output["cached"] is False
+    output = metadata(project.run(["quality_report"]), "quality_report")
+    assert (output["recordings"], output["cameras"]) == (2, 2)
+    with (Path(output["artifact"]) / "files" / "report.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [(row["recording"], row["camera"], row["images"]) for row in rows] == [
         ("a.bag", "CAM_FRONT", "9"),

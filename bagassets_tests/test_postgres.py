@@ -1,12 +1,7 @@
 """A project whose Dagster database is a real PostgreSQL: builds, and the decision that there is nothing to do."""
 
-import os
-import pwd
-import shutil
 import subprocess
 import sys
-import tempfile
-from pathlib import Path
 
 import pytest
 
@@ -18,51 +13,23 @@ from bagassets.freshness.decide import nothing_to_do
 from bagassets.freshness.fingerprints import PlanNeeded, records_fingerprint
 from bagassets.recipe import load_recipe
 from bagassets_tests.in_process import make_project
+from bagassets_tests.postgres_server import PORT, PROGRAMS, running_postgres, use_postgres
 
 KEYS = ["a.bag", "b.mcap"]
-PORT = 5439
-PROGRAMS = next(
-    (folder for folder in sorted(Path("/usr/lib/postgresql").glob("*/bin"), reverse=True)), None
-) or (Path(found).parent if (found := shutil.which("initdb")) else None)
 
 pytestmark = pytest.mark.skipif(PROGRAMS is None, reason="PostgreSQL is not installed")
 
 
-def run(program, *arguments):
-    """Run a program of PostgreSQL, which refuses to run as root."""
-    user = {"user": "postgres"} if os.getuid() == 0 else {}
-    command = [str(PROGRAMS / program), *arguments]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd="/", **user)
-    assert done.returncode == 0, done.stderr
-
-
 @pytest.fixture(scope="module")
 def url():
-    # A short path without spaces that another user may enter, whatever TMPDIR says.
-    folder = Path(tempfile.mkdtemp(prefix="bagassets-postgres-", dir="/tmp"))
-    if os.getuid() == 0:
-        os.chown(folder, pwd.getpwnam("postgres").pw_uid, -1)
-    data = str(folder / "data")
-    run("initdb", "--pgdata", data, "--auth", "trust", "--username", "postgres", "--no-sync")
-    options = f"-c listen_addresses= -c unix_socket_directories={folder} -c fsync=off -p {PORT}"
-    run("pg_ctl", "--pgdata", data, "--wait", "--options", options, "--log", str(folder / "log"), "start")
-    try:
-        run("createdb", "--host", str(folder), "--port", str(PORT), "--username", "postgres", "dagster")
-        # Without a driver in the URL SQLAlchemy takes psycopg 3, with which dagster-postgres cannot work.
-        yield f"postgresql+psycopg2://postgres@/dagster?host={folder}&port={PORT}"
-    finally:
-        run("pg_ctl", "--pgdata", data, "--mode", "immediate", "stop")
-        shutil.rmtree(folder, ignore_errors=True)
+    with running_postgres() as server:
+        yield server.url
 
 
 @pytest.fixture(scope="module")
 def project(tmp_path_factory, url):
     recipe_file = make_project(tmp_path_factory.mktemp("postgres"), KEYS, duration_s=2.0)
-    config = recipe_file.with_name("dagster.yaml")
-    before, _, rest = config.read_text().partition("storage:\n")
-    _, _, after = rest.partition("local_artifact_storage:\n")
-    storage = f"storage:\n  postgres:\n    postgres_url: {url}\nlocal_artifact_storage:\n"
-    config.write_text(before + storage + after)
+    use_postgres(recipe_file, url)
     yield recipe_file
     for client in Client.all_of(load_recipe(recipe_file).state):
         client.shutdown(grace_s=1.0)

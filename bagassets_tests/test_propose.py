@@ -583,7 +583,7 @@ def robot(child, odom="/odom", frame="lidar"):
         (robot("base_link"), summary(topic("/points", CLOUD)), 1),
     ],
 )
-def test_rigs_are_told_apart_by_poses_and_frames(one, other, rigs, tmp_path):
+def test_rigs_differ_by_poses_and_frames(one, other, rigs, tmp_path):
     proposal = propose_recipe({"a.bag": one, "b.bag": other}, name="yard", root="/bags")
     assert len(proposal.rigs) == rigs
     for rig in proposal.rigs:

@@ -60,8 +60,8 @@ def test_an_uncalibrated_camera_info_is_not(tmp_path):
 
 
 def test_without_a_file_a_recipe_says_that_there_may_be_one():
-    told = words(text_of(uncalibrated()))
-    assert "`intrinsics` takes a calibration by hand, or a file of ROS, Kalibr or OpenCV" in told
+    output = words(text_of(uncalibrated()))
+    assert "`intrinsics` takes a calibration by hand, or a file of ROS, Kalibr or OpenCV" in output
 
 
 @pytest.mark.parametrize(
@@ -98,9 +98,9 @@ def test_two_files_of_a_camera_are_none(tmp_path):
 def test_where_the_camera_sits_is_offered_with_the_question(tmp_path):
     lone = topic("/cam_right/image_raw", IMAGE, frame="cam_right", encoding="rgb8")
     text = text_of(uncalibrated(lone), calibrations=put(tmp_path, camchain=CHAIN))
-    told = words(text)
-    assert "or give `extrinsics`, measured or from a file of Kalibr" in told
-    assert "relative to the IMU, whose frame TF or a `urdf` must have:" in told
+    output = words(text)
+    assert "or give `extrinsics`, measured or from a file of Kalibr" in output
+    assert "relative to the IMU, whose frame TF or a `urdf` must have:" in output
     assert "          # relative_to: frame\n" in text
 
 

@@ -234,6 +234,23 @@ def test_clouds_of_an_instant_are_found_where_they_were_taken(instant, late_ms):
     assert found(*instant, late_ms) == finding
 
 
+@pytest.mark.filterwarnings("error")  # such as that of NaN cast to the number of a cell
+@pytest.mark.parametrize("seconds", [1.6, 2.4])
+def test_offsets_without_poses_fit_nowhere(instant, seconds):
+    clouds, way = instant
+    known = slice(50, 50 + round(seconds * 50))  # poses begin after the first cloud and end before the last
+    short = replace(
+        way,
+        stamps_ns=way.stamps_ns[known],
+        positions_m=way.positions_m[known],
+        rotations=way.rotations[known],
+        extrapolate_ns=0,
+    )
+    finding = found(clouds, short)
+    assert finding.passed
+    assert finding.facts["LIDAR_TOP"]["best_offset_ms"] == pytest.approx(0, abs=8)
+
+
 @pytest.mark.parametrize("noise_m", [0.005, 0.02])
 def test_noise_of_the_poses_is_no_finding(instant, noise_m):
     clouds, way = instant

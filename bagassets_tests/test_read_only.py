@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from bagassets.cli.main import EXIT_ERROR, main
+from bagassets.cli.exit_status import ExitStatus
+from bagassets.cli.main import main
 from bagassets.defs.databases import database_errors_explained
 from bagassets.errors import StoreError
 from bagassets.store.writable import require_writable
@@ -29,7 +30,7 @@ def read_only(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("command", ["status", "build", "check", "report"])
 def test_a_read_only_project_is_reported_in_one_sentence(read_only, command, capsys):
-    assert main([command, "--recipe", str(read_only)]) == EXIT_ERROR
+    assert main([command, "--recipe", str(read_only)]) == ExitStatus.FAILED
     (line,) = capsys.readouterr().err.splitlines()
     state = read_only.parent / ".bagassets"
     assert line.startswith(f"error: {state}: this state folder cannot be written ({state} is read-only")

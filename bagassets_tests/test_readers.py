@@ -124,9 +124,9 @@ def test_an_mcap_that_was_cut_short_says_where_and_what_to_do(tmp_path):
         what = "it is cut short" if size <= ends[-1] + 3 else "its end is missing or damaged"
         with pytest.raises(RecordingError) as caught:
             open_recording(path)
-        told = str(caught.value)
-        assert f"({what}: of its {size} bytes, the records up to byte {whole} are whole)" in told
-        assert "try `mcap recover`, or copy it again" in told
+        output = str(caught.value)
+        assert f"({what}: of its {size} bytes, the records up to byte {whole} are whole)" in output
+        assert "try `mcap recover`, or copy it again" in output
     # What a full disk or a crash leaves may go on with zeros.
     path.write_bytes(data[: len(data) // 2] + bytes(10_000))
     with pytest.raises(RecordingError, match="it is cut short"):

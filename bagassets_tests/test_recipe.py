@@ -137,8 +137,8 @@ def test_wrong_field_is_named_with_its_line(old, new, line, field, words, tmp_pa
 def test_extrinsics_without_value_are_refused_with_the_other_open_questions(tmp_path):
     """As `init` leaves them where only the user knows them; a `urdf` or a `frame` answers as well."""
     text = edited("/points", "/points\n        extrinsics:")
-    (told,) = refused(text, tmp_path)
-    assert told.startswith(
+    (reported,) = refused(text, tmp_path)
+    assert reported.startswith(
         "18: rigs[van].channels.LIDAR_TOP.extrinsics: needs a value: transform `ego <- sensor`"
     )
     text = text.replace("ego_frame: base_link", "ego_frame:").replace("quality: 80", "extrinsics: ~")
@@ -152,27 +152,58 @@ def test_extrinsics_without_value_are_refused_with_the_other_open_questions(tmp_
     parse_recipe(named, tmp_path / "recipe.yaml")
 
 
+CART = """\
+  - name: cart
+    match: ["cart/**"]
+    ego_pose: {source: fixed}
+    channels: {LIDAR_TOP: {modality: lidar, topic: /scan}}
+"""
+
+
+def test_open_questions_of_a_rig_leave_the_others_alone(tmp_path):
+    good = edited("rigs:\n", f"rigs:\n{CART}")
+    text = good.replace("      source: odometry\n      topic: /odom\n", "").replace(
+        "quality: 80", "extrinsics:"
+    )
+    cart, van = parse_recipe(text, tmp_path / "recipe.yaml").rigs
+    assert cart.questions == ()
+    assert [
+        question.removeprefix(f"{tmp_path}/recipe.yaml:").split(": ")[:2] for question in van.questions
+    ] == [
+        ["11", "rigs[van].ego_pose"],
+        ["16", "rigs[van].channels.CAM_FRONT.extrinsics"],
+    ]
+    gone = text.replace("    ego_pose:\n", "")
+    (question, _) = parse_recipe(gone, tmp_path / "recipe.yaml").rigs[1].questions
+    assert "rigs[van].ego_pose: this field is required" in question
+    # With anything else that is wrong, or without a rig to build, all of it is reported.
+    assert len(refused(text.replace("keyframe_hz: 2", "keyframe_hz: 0"), tmp_path)) == 3
+    assert len(refused(text.replace("name: van", "name: cart"), tmp_path)) == 3
+    assert len(refused(text.replace("ego_pose: {source: fixed}", "ego_pose:"), tmp_path)) == 3
+    assert [rig.questions for rig in parse_recipe(good, tmp_path / "recipe.yaml").rigs] == [(), ()]
+
+
 def test_only_a_camera_has_extrinsics_from_a_file(tmp_path):
     for place in ("{file: calib.yaml}", "{file: calib.yaml, relative_to: imu, camera: cam0}"):
-        (told,) = refused(edited("/points", f"/points\n        extrinsics: {place}"), tmp_path)
-        assert told.startswith(
+        (reported,) = refused(edited("/points", f"/points\n        extrinsics: {place}"), tmp_path)
+        assert reported.startswith(
             "18: rigs[van].channels.LIDAR_TOP.extrinsics: only a camera's extrinsics can come from a file"
         )
 
 
 @pytest.mark.parametrize(
-    ("names", "told"),
+    ("names", "reported"),
     [
         (("van", "yard"), "rigs[yard].ego_pose"), (("van", "van"), "rigs[1].ego_pose"), (("van", ""), "rigs[1].ego_pose"),
     ],
 )  # fmt: skip
-def test_a_rig_is_told_by_its_name_if_it_has_one_of_its_own(tmp_path, names, told):
+def test_a_rig_is_named_if_its_name_is_its_own(tmp_path, names, reported):
     rigs = "".join(
         f"  - {{name: {name}, ego_pose: {pose}, channels: {{CAM: {{modality: camera, topic: /cam}}}}}}\n"
         for name, pose in zip(names, ("{source: fixed}", "4"), strict=True)
     )
     found = refused(f"name: yard\nbags: {{root: bags}}\nrigs:\n{rigs}", tmp_path)
-    assert [entry.split(": ")[1] for entry in found if "ego_pose" in entry] == [told]
+    assert [entry.split(": ")[1] for entry in found if "ego_pose" in entry] == [reported]
 
 
 def test_all_mistakes_are_reported_at_once_in_order_of_lines(tmp_path):

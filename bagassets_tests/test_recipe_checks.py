@@ -161,8 +161,8 @@ def test_bag_root_that_is_a_file(tmp_path):
 
 
 def test_a_shared_store_is_a_folder_of_its_own(tmp_path):
-    told = problems(recipe(store="dataset", nuscenes={"output": "dataset/nuscenes"}), tmp_path)
-    assert "the store" in told["nuscenes.output"]
+    reported = problems(recipe(store="dataset", nuscenes={"output": "dataset/nuscenes"}), tmp_path)
+    assert "the store" in reported["nuscenes.output"]
     assert "`~` is not expanded" in problems(recipe(store="~/store"), tmp_path)["store"]
     assert problems(recipe(store="/mnt/store"), tmp_path) == {}
     loaded = parse_recipe(yaml.safe_dump(recipe(store="../store")), tmp_path / "p" / "recipe.yaml")

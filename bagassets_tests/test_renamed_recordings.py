@@ -30,9 +30,9 @@ def test_another_suffix_is_read_as_another_format_whatever_is_known(project):
     good = write_tiny(project.bags.root / "good.mcap")
     made = {one.asset: one.artifact.digest for one in build_of(project, "good.mcap").build()}
     shutil.copy(good, project.bags.root / "renamed.bag")
-    told = str(failure_of(project, "renamed.bag"))
-    assert "renamed.bag" in told
-    assert "its content is that of an MCAP file, whatever its name says; have its name end in .mcap" in told
+    output = str(failure_of(project, "renamed.bag"))
+    assert "renamed.bag" in output
+    assert "its content is that of an MCAP file, whatever its name says; have its name end in .mcap" in output
     shutil.copy(good, project.bags.root / "other.mcap")
     again = list(build_of(project, "other.mcap").build())
     assert [one.asset for one in again if not one.cached] == ["nuscenes_tables"]
@@ -72,5 +72,5 @@ def test_empty_files_of_three_formats_are_reported_by_their_own_names(project):
 def test_files_beside_the_recording_keep_their_names(tmp_path):
     store, action = Store(tmp_path), Step("a", 1).action({}, {})
     store.record_failure(action, "/r/a: see /r/a.json, /r/a-2, /r/ab, /r/a/0.db3 and /r/a.", Path("/r/a"))
-    told = store.failure(action.digest, Path("/r/new"))
-    assert told == "/r/new: see /r/a.json, /r/a-2, /r/ab, /r/new/0.db3 and /r/new."
+    output = store.failure(action.digest, Path("/r/new"))
+    assert output == "/r/new: see /r/a.json, /r/a-2, /r/ab, /r/new/0.db3 and /r/new."

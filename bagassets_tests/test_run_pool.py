@@ -92,7 +92,7 @@ def follow(instance, todo, jobs=2):
     events = []
     log = Path(instance.root_directory) / "code-server.log"
     with RunPool(instance, jobs, lambda event: events.append((event.kind, event.key)), log, LOCATION) as runs:
-        runs.work(todo)
+        runs.work([{key: assets} for key, assets in todo.items()])
     return runs, events
 
 
@@ -157,7 +157,7 @@ def test_an_interrupt_is_not_lost_where_exceptions_are_ignored(instance, steerin
     (steering / "hold").touch()
     with RunPool(instance, 1, interrupt, steering / "code-server.log", LOCATION) as runs:
         threading.Timer(30, (steering / "hold").unlink, [True]).start()  # or a lost interrupt would never end
-        runs.work({"drive": ("first",)})
+        runs.work([{"drive": ("first",)}])
     assert runs.interrupted
     assert runs.ended["drive"].stopped
 

@@ -87,10 +87,10 @@ def test_a_recording_that_moves_is_named_before_and_after_and_a_pin_stops_it(pro
 
     text = (folder / "recipe.yaml").read_text()
     (folder / "recipe.yaml").write_text(text + f"splits: {{pin: {{{key}: {was}}}}}\n")
-    told = json.loads(run(folder, "--json").stdout)
-    assert told["moved"][key] == [now, was]
+    reported = json.loads(run(folder, "--json").stdout)
+    assert reported["moved"][key] == [now, was]
     assert f"{Path(key).name}_000" in splits_of(folder)[f"custom_{was}"]
-    assert told["splits"][was]["is_far"] in {True, False}
+    assert reported["splits"][was]["is_far"] in {True, False}
     assert run(folder, "--check").returncode == 0
 
 

@@ -48,14 +48,14 @@ def run(*args, recipe):
     return CliRunner().invoke(root, [*map(str, args), "--recipe", str(recipe)])
 
 
-def told(*args, recipe):
+def output(*args, recipe):
     done = run(*args, "--json", recipe=recipe)
     return done.exit_code, json.loads(done.stdout)
 
 
 def test_a_new_recording_is_missing_and_makes_ci_fail(project):
     # Before anything was built; the module's first test.
-    code, value = told("status", recipe=project)
+    code, value = output("status", recipe=project)
     assert code == STALE
     assert {s["state"] for s in value["recordings"][GOOD]["assets"].values()} == {"missing"}
     assert value["recordings"][GOOD]["registered"] is False
@@ -63,7 +63,7 @@ def test_a_new_recording_is_missing_and_makes_ci_fail(project):
 
 
 def test_after_a_build_every_state_has_its_reason(built):
-    code, value = told("status", recipe=built)
+    code, value = output("status", recipe=built)
     assert code == FAILED, "nothing to do, but one recording failed"
     states = {key: {n: s["state"] for n, s in r["assets"].items()} for key, r in value["recordings"].items()}
     assert set(states[GOOD].values()) == {"fresh"}
@@ -87,7 +87,7 @@ def test_the_table_names_reasons_once(built):
 
 
 def test_reasons_lead_back_to_what_changed_first(edited):
-    code, value = told("status", "--bag", GOOD, recipe=edited)
+    code, value = output("status", "--bag", GOOD, recipe=edited)
     assert code == STALE
     assets = value["recordings"][GOOD]["assets"]
     assert (assets["frames"]["state"], assets["frames"]["reason"]) == ("stale", "CAM_FRONT: quality 90 -> 33")
@@ -106,7 +106,7 @@ def test_a_dry_run_runs_nothing_and_shows_what_would(edited):
     assert ["run", "frames", "CAM_FRONT:", "quality", "90", "->", "33"] in lines
     assert any(line[:3] == ["may", "run", "nuscenes_tables"] for line in lines)
     assert "failed before and is not retried" in done.stdout
-    code, value = told("build", "-n", recipe=edited)
+    code, value = output("build", "-n", recipe=edited)
     assert code == ALL_WELL
     assert value["settled"] is False
     assert list(value["recordings"]) == [GOOD]
@@ -154,7 +154,7 @@ def test_what_does_not_exist_is_wrong_usage(built, arguments, word):
 @pytest.mark.parametrize("bag", [GOOD, "a.*", "bags/a.bag"])
 def test_a_recording_may_be_named_by_key_glob_or_path(built, bag, monkeypatch):
     monkeypatch.chdir(built.parent)
-    code, value = told("status", "--bag", bag, recipe=built)
+    code, value = output("status", "--bag", bag, recipe=built)
     assert (code, list(value["recordings"])) == (ALL_WELL, [GOOD])
 
 
@@ -176,7 +176,7 @@ def test_explain_shows_both_actions_and_marks_what_differs(edited):
         "* param quality",
     ]
     assert "    input topic:/cam/image_raw: " in done.stdout
-    _, value = told("explain", GOOD, "frames", recipe=edited)
+    _, value = output("explain", GOOD, "frames", recipe=edited)
     (pair,) = value["actions"]
     assert pair["channel"] == "CAM_FRONT"
     assert pair["changes"] == [{"group": "params", "name": "quality", "before": 90, "now": 33}]
@@ -203,7 +203,7 @@ def test_explain_says_what_is_not_known_yet(edited):
     assert " * param" not in done.stdout, "nothing to compare with"
     done = run("explain", SHORT, "frames", recipe=edited)
     assert "the recording is skipped" in done.stdout
-    _, value = told("explain", GOOD, "bag", recipe=edited)
+    _, value = output("explain", GOOD, "bag", recipe=edited)
     assert value["actions"] == []
     assert value["recorded"]["data_version"] == value["data_version"]
 

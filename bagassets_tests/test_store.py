@@ -17,6 +17,7 @@ from blake3 import blake3
 from hypothesis import given
 from hypothesis import strategies as st
 
+from bagassets.build.run_action import run_action
 from bagassets.errors import BagAssetsError, DecodeError, StoreError
 from bagassets.store.action import Action, Step
 from bagassets.store.canonical import canonical_json, digest_bytes, digest_file, digest_json
@@ -105,8 +106,8 @@ class TestActions:
 
 class TestArtifacts:
     def test_the_same_files_are_the_same_artifact_whatever_made_them(self, store):
-        one = store.run(action_of(q=1), write("a/b.txt", b"data"))
-        other = store.run(action_of(q=2), write("a/b.txt", b"data"))
+        one = run_action(store, action_of(q=1), write("a/b.txt", b"data"))
+        other = run_action(store, action_of(q=2), write("a/b.txt", b"data"))
         assert one.artifact == other.artifact
         assert one.action_digest != other.action_digest
         assert (one.cached, other.cached) == (False, False)
@@ -114,7 +115,7 @@ class TestArtifacts:
 
     def test_name_content_and_summary_are_in_the_digest(self, store):
         made = {
-            store.run(action_of(q=number), make).artifact.digest
+            run_action(store, action_of(q=number), make).artifact.digest
             for number, make in enumerate(
                 [write("a", b"x"), write("b", b"x"), write("a", b"y"), lambda out: {}]
             )
@@ -130,8 +131,8 @@ class TestArtifacts:
 
             return make
 
-        one = store.run(action_of(q=1), in_order("abc"))
-        assert store.run(action_of(q=2), in_order("cab")).artifact == one.artifact
+        one = run_action(store, action_of(q=1), in_order("abc"))
+        assert run_action(store, action_of(q=2), in_order("cab")).artifact == one.artifact
 
     def test_what_was_written_can_be_read(self, store):
         table = pa.table({"stamp_ns": [1, 2], "file": ["a", "b"]})
@@ -141,7 +142,7 @@ class TestArtifacts:
             out.write_json("j.json", {"b": 1, "a": [0.5, None]})
             return {"rows": 2}
 
-        artifact = store.run(action_of(), make).artifact
+        artifact = run_action(store, action_of(), make).artifact
         assert artifact.read_table("t.parquet").equals(table)
         assert artifact.read_table("t.parquet", ["file"]).column_names == ["file"]
         assert artifact.read_json("j.json") == {"a": [0.5, None], "b": 1}
@@ -149,7 +150,7 @@ class TestArtifacts:
         assert [entry.path for entry in artifact.entries()] == ["j.json", "t.parquet"]
 
     def test_its_files_are_read_only_and_its_folders_can_be_walked(self, store):
-        artifact = store.run(action_of(), write("a/b.txt", b"data")).artifact
+        artifact = run_action(store, action_of(), write("a/b.txt", b"data")).artifact
         assert artifact.path("a/b.txt").stat().st_mode & 0o777 == 0o444
         assert artifact.folder.stat().st_mode & 0o777 == 0o755
         assert artifact.files.stat().st_mode & 0o777 == 0o755
@@ -162,12 +163,12 @@ class TestArtifacts:
                 out.write_json("nan.json", math.nan)
             return {}
 
-        artifact = store.run(action_of(), make).artifact
+        artifact = run_action(store, action_of(), make).artifact
         assert artifact.path("j.json").read_text("utf-8") == '{\n "a": [\n  1\n ],\n "b": "ü"\n}\n'
         assert artifact.path("flat.json").read_text() == '{"a": [1], "b": 1}\n'
 
     def test_the_manifest_names_each_file_with_size_and_digest(self, store):
-        artifact = store.run(action_of(), write("a", b"data")).artifact
+        artifact = run_action(store, action_of(), write("a", b"data")).artifact
         assert artifact.manifest() == {
             "files": [{"path": "a", "size": 4, "digest": digest_bytes(b"data")}], "summary": {"bytes": 4},
         }  # fmt: skip
@@ -179,11 +180,11 @@ class TestArtifacts:
             out.write("a", b"2")
 
         with pytest.raises(StoreError, match="written twice"):
-            store.run(action_of(), make)
+            run_action(store, action_of(), make)
 
     @pytest.mark.parametrize("read", ["read_json", "read_table"])
     def test_a_damaged_file_is_reported_with_what_to_do(self, store, read):
-        artifact = store.run(action_of(), write("file", b"{")).artifact
+        artifact = run_action(store, action_of(), write("file", b"{")).artifact
         with pytest.raises(
             StoreError, match=r"file: this file of the store is gone or damaged .*bagassets verify"
         ):
@@ -203,7 +204,7 @@ class TestArtifacts:
                 thread.join()
             return {}
 
-        artifact = store.run(action_of(), make).artifact
+        artifact = run_action(store, action_of(), make).artifact
         assert len(artifact.entries()) == 400
         assert artifact_damage(artifact) == []
 
@@ -214,7 +215,7 @@ class TestArtifacts:
 
 class TestRuns:
     def test_what_is_on_record_of_an_action(self, store):
-        outcome = store.run(action_of(q=90), write("a", b"x"))
+        outcome = run_action(store, action_of(q=90), write("a", b"x"))
         (path,) = (store.root / "actions").glob("*/*.json")
         assert path == store.root / "actions" / outcome.action_digest[:2] / f"{outcome.action_digest}.json"
         record = json.loads(path.read_text())
@@ -228,7 +229,7 @@ class TestRuns:
         assert store.lookup(action_of(q=90)) is None
 
     def test_one_that_is_used_is_marked(self, store):
-        outcome = store.run(action_of(), write("a", b"x"))
+        outcome = run_action(store, action_of(), write("a", b"x"))
         (path,) = (store.root / "actions").glob("*/*.json")
         os.utime(path, (1000, 1000))
         assert store.lookup(action_of()) == replace(outcome, cached=True, seconds=round(outcome.seconds, 3))
@@ -237,14 +238,14 @@ class TestRuns:
         assert path.stat().st_mtime > time.time() - 60
 
     def test_one_that_a_collector_removes_meanwhile_is_unknown(self, store, monkeypatch):
-        store.run(action_of(), write("a", b"x"))
+        run_action(store, action_of(), write("a", b"x"))
         known = store.lookup(action_of())
         store.forget(action_of().digest)
         monkeypatch.setattr(store, "lookup", lambda _action: known)
         assert store.use(action_of()) is None
 
     @pytest.mark.parametrize(
-        ("error", "told"),
+        ("error", "reported"),
         [
             ("/bags/a.bag: cut off", "/other/b.bag: cut off"),
             ("/bags/a.bag.json: cut off", "/bags/a.bag.json: cut off"),
@@ -253,10 +254,10 @@ class TestRuns:
             ("it is /bags/a.bag, or /bags/a.bag", "it is /other/b.bag, or /other/b.bag"),
         ],
     )
-    def test_an_error_is_reported_for_the_recording_that_asks(self, store, error, told):
+    def test_an_error_is_reported_for_the_recording_that_asks(self, store, error, reported):
         store.record_failure(action_of(), error, Path("/bags/a.bag"))
         assert store.failure(action_of().digest, Path("/bags/a.bag")) == error
-        assert store.failure(action_of().digest, Path("/other/b.bag")) == told
+        assert store.failure(action_of().digest, Path("/other/b.bag")) == reported
 
     def test_the_newest_error_is_kept(self, store):
         for error in ("one", "two"):
@@ -264,8 +265,8 @@ class TestRuns:
         assert store.failure(action_of().digest) == "two"
 
     def test_what_is_known_does_not_run(self, store):
-        first = store.run(action_of(), write("a", b"x"))
-        again = store.run(action_of(), lambda out: pytest.fail("it ran"))
+        first = run_action(store, action_of(), write("a", b"x"))
+        again = run_action(store, action_of(), lambda out: pytest.fail("it ran"))
         assert again.cached
         assert again.artifact == first.artifact
         assert again.seconds == pytest.approx(first.seconds, abs=0.001)
@@ -276,11 +277,11 @@ class TestRuns:
             raise DecodeError("topic /x: bad")
 
         with pytest.raises(DecodeError):
-            store.run(action_of(), fail)
+            run_action(store, action_of(), fail)
         assert store.failure(action_of().digest) == "topic /x: bad"
         assert store.action(action_of().digest) == action_of().as_json()
         assert list((store.root / "tmp").iterdir()) == []
-        store.run(action_of(), write("a", b"x"))
+        run_action(store, action_of(), write("a", b"x"))
         assert store.failure(action_of().digest) is None
 
     @pytest.mark.parametrize("err", [StoreError("disk full"), KeyboardInterrupt(), ValueError("bug")])
@@ -289,13 +290,13 @@ class TestRuns:
             raise err
 
         with pytest.raises(type(err)):
-            store.run(action_of(), fail)
+            run_action(store, action_of(), fail)
         assert store.failure(action_of().digest) is None
         assert list((store.root / "tmp").iterdir()) == []
 
     def test_other_bytes_from_a_second_writer_are_reported(self, store):
         pending = store.begin(action_of())
-        store.run(action_of(), write("a", b"first"))
+        run_action(store, action_of(), write("a", b"first"))
         pending.out.write("a", b"second")
         with pytest.raises(StoreError, match="step step is not deterministic"):
             pending.commit({"bytes": 6})
@@ -303,32 +304,32 @@ class TestRuns:
 
     def test_the_same_bytes_from_a_second_writer_are_fine(self, store):
         pending = store.begin(action_of())
-        first = store.run(action_of(), write("a", b"data"))
+        first = run_action(store, action_of(), write("a", b"data"))
         pending.out.write("a", b"data")
         assert pending.commit({"bytes": 4}).artifact == first.artifact
         assert list((store.root / "tmp").iterdir()) == []
         assert list(check_store(store)) == []
 
     def test_a_record_whose_artifact_is_gone_is_worth_nothing(self, store):
-        first = store.run(action_of(), write("a", b"first"))
+        first = run_action(store, action_of(), write("a", b"first"))
         store.remove(first.artifact.digest)
         assert store.lookup(action_of()) is None
-        second = store.run(action_of(), write("a", b"second"))
+        second = run_action(store, action_of(), write("a", b"second"))
         assert store.lookup(action_of()).artifact == second.artifact
 
     @pytest.mark.parametrize("torn", [b"", b"{", b"{}"])
     def test_a_torn_record_is_worth_nothing(self, store, torn):
-        store.run(action_of(), write("a", b"x"))
+        run_action(store, action_of(), write("a", b"x"))
         next((store.root / "actions").glob("*/*.json")).write_bytes(torn)
         assert store.lookup(action_of()) is None
-        assert not store.run(action_of(), write("a", b"x")).cached
-        assert store.run(action_of(), write("a", b"x")).cached
+        assert not run_action(store, action_of(), write("a", b"x")).cached
+        assert run_action(store, action_of(), write("a", b"x")).cached
 
     def test_many_at_once_agree(self, store):
         outcomes = []
 
         def run():
-            outcomes.append(store.run(action_of(), write("a", b"data")).artifact.digest)
+            outcomes.append(run_action(store, action_of(), write("a", b"data")).artifact.digest)
 
         threads = [threading.Thread(target=run) for _ in range(16)]
         for thread in threads:
@@ -358,20 +359,20 @@ class TestFileSystems:
         assert removed == [digest] * 5
 
     def test_a_damaged_one_gives_way(self, store):
-        outcome = store.run(action_of(), write("a", b"data"))
+        outcome = run_action(store, action_of(), write("a", b"data"))
         path = outcome.artifact.path("a")
         path.unlink()
         path.write_bytes(b"dat")
         store.forget(action_of().digest)
-        assert store.run(action_of(), write("a", b"data")).artifact == outcome.artifact
+        assert run_action(store, action_of(), write("a", b"data")).artifact == outcome.artifact
         assert path.read_bytes() == b"data"
 
     def test_one_that_is_whole_stays_and_is_marked_as_used(self, store):
-        outcome = store.run(action_of(), write("a", b"data"))
+        outcome = run_action(store, action_of(), write("a", b"data"))
         folder = outcome.artifact.files
         os.utime(folder, (1000, 1000))
         os.utime(outcome.artifact.path("a"), (1000, 1000))
-        store.run(action_of(q=2), write("a", b"data"))
+        run_action(store, action_of(q=2), write("a", b"data"))
         assert outcome.artifact.path("a").stat().st_mtime == 1000, "its file is the first one"
         assert folder.stat().st_mtime > time.time() - 60
 
@@ -384,7 +385,7 @@ class TestFileSystems:
             Store(tmp_path / "store").make_temporary_folder()
 
     def test_a_manifest_that_cannot_be_read_is_named_with_a_way_out(self, store):
-        artifact = store.run(action_of(), write("a", b"x")).artifact
+        artifact = run_action(store, action_of(), write("a", b"x")).artifact
         (artifact.folder / "manifest.json").write_bytes(b"{")
         with pytest.raises(
             StoreError, match=r"the manifest of this artifact cannot be read .*build again to heal"
@@ -394,7 +395,7 @@ class TestFileSystems:
 
     @pytest.mark.parametrize("content", [b"[]", b"{}", b'{"files": [{}]}', b'{"files": 3}'])
     def test_a_manifest_that_says_something_else_is_damage(self, store, content):
-        artifact = store.run(action_of(), write("a", b"x")).artifact
+        artifact = run_action(store, action_of(), write("a", b"x")).artifact
         (artifact.folder / "manifest.json").write_bytes(content)
         assert not store.is_complete(artifact.digest)
 
@@ -404,7 +405,7 @@ class TestFileSystems:
 
         monkeypatch.setattr(os, "link", refuse)
         with pytest.raises(StoreError, match="Input/output error"):
-            store.run(action_of(), write("a", b"x"))
+            run_action(store, action_of(), write("a", b"x"))
 
     @pytest.mark.parametrize("number", [1, 13, 31, 38, 95])
     def test_whatever_a_file_system_says_that_has_no_hard_links(self, store, monkeypatch, number):
@@ -414,25 +415,25 @@ class TestFileSystems:
             raise OSError(number, os.strerror(number))
 
         monkeypatch.setattr(os, "link", refuse)
-        assert not store.run(action_of(), write("a", b"x")).cached
-        assert store.run(action_of(), write("a", b"x")).cached
+        assert not run_action(store, action_of(), write("a", b"x")).cached
+        assert run_action(store, action_of(), write("a", b"x")).cached
 
     def test_without_hard_links(self, store, monkeypatch):
         def refuse(*args):
             raise OSError(1, "Operation not permitted")
 
         monkeypatch.setattr(os, "link", refuse)
-        first = store.run(action_of(), write("a", b"x"))
-        assert store.run(action_of(), write("a", b"x")).cached
+        first = run_action(store, action_of(), write("a", b"x"))
+        assert run_action(store, action_of(), write("a", b"x")).cached
         store.record(action_of(), first.artifact, 0.1)
         with pytest.raises(StoreError, match="not deterministic"):
-            store.record(action_of(), store.run(action_of("other"), write("b", b"y")).artifact, 0.1)
+            store.record(action_of(), run_action(store, action_of("other"), write("b", b"y")).artifact, 0.1)
         assert list(check_store(store)) == []
 
     def test_a_store_that_cannot_be_written(self, tmp_path):
         (tmp_path / "store").write_bytes(b"a file")
         with pytest.raises(StoreError, match=r"the store cannot be read .*check the disk"):
-            Store(tmp_path / "store").run(action_of(), write("a", b"x"))
+            run_action(Store(tmp_path / "store"), action_of(), write("a", b"x"))
 
     @pytest.mark.parametrize(
         ("method", "place"), [("write_bytes", "actions"), ("write_bytes", "tmp"), ("rename", "tmp")]
@@ -449,13 +450,13 @@ class TestFileSystems:
 
         monkeypatch.setattr(Path, method, full)
         with pytest.raises(StoreError, match=r"No space left on device.*free disk space"):
-            store.run(action_of(), write("a", b"x"))
+            run_action(store, action_of(), write("a", b"x"))
         assert refused
         monkeypatch.setattr(Path, method, real)
         assert list((store.root / "tmp").iterdir()) == []
         assert list(store.root.rglob(".*")) == []
         assert list(check_store(store)) == []
-        assert not store.run(action_of(), write("a", b"x")).cached
+        assert not run_action(store, action_of(), write("a", b"x")).cached
 
     def test_a_failure_that_cannot_be_recorded_hides_none(self, store, monkeypatch):
         def fail(out):
@@ -466,12 +467,12 @@ class TestFileSystems:
             raise OSError(28, "No space left on device")
 
         with pytest.raises(BagAssetsError, match="topic /x: bad"):
-            store.run(action_of(), fail)
+            run_action(store, action_of(), fail)
 
 
 def test_the_first_writer_wins_between_look_and_link(store, monkeypatch):
     """Two processes record the same action at the same time."""
-    artifact = store.run(action_of("a"), write("a", b"1")).artifact
+    artifact = run_action(store, action_of("a"), write("a", b"1")).artifact
     real, calls = os.link, []
 
     def late(temporary, path):
@@ -503,12 +504,12 @@ def test_who_comes_while_an_action_is_made_waits_for_it(store):
 
     def second():
         begun.wait(30)
-        outcomes.append(store.run(action_of(), make))
+        outcomes.append(run_action(store, action_of(), make))
         waiter.set()
 
     other = threading.Thread(target=second)
     other.start()
-    outcomes.append(store.run(action_of(), lambda out: (begun.set(), time.sleep(0.3), make(out))[2]))
+    outcomes.append(run_action(store, action_of(), lambda out: (begun.set(), time.sleep(0.3), make(out))[2]))
     other.join(30)
     assert sorted(outcome.cached for outcome in outcomes) == [False, True]
     assert len(made) == 1
@@ -525,7 +526,7 @@ def test_an_action_whose_maker_died_is_made(store):
     command = [sys.executable, "-c", script, str(store.root), action_of().digest]
     subprocess.run(command, check=True)
     assert (store.root / "underway" / f"{action_of().digest}.lock").exists()
-    assert not store.run(action_of(), write("a", b"1")).cached
+    assert not run_action(store, action_of(), write("a", b"1")).cached
 
 
 def test_a_failure_is_not_waited_for_twice(store):
@@ -534,5 +535,5 @@ def test_a_failure_is_not_waited_for_twice(store):
 
     for _ in range(2):
         with pytest.raises(DecodeError):
-            store.run(action_of(), fail)
+            run_action(store, action_of(), fail)
     assert list((store.root / "underway").iterdir()) == []

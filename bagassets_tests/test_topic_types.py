@@ -1,4 +1,4 @@
-"""A topic of the wrong type is told when a channel is asked for, not as messages that were lost."""
+"""A topic of the wrong type is reported when a channel is asked for, not as messages that were lost."""
 
 from dataclasses import replace
 

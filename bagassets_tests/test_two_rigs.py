@@ -71,9 +71,9 @@ def tables(project):
 
 
 def test_every_recording_is_built_by_its_rig(project, tables):
-    _, told = project
-    assert {one["result"] for one in told["recordings"].values()} == {"built"}
-    assert len(told["recordings"]) == 3
+    _, output = project
+    assert {one["result"] for one in output["recordings"].values()} == {"built"}
+    assert len(output["recordings"]) == 3
     assert sorted(row["vehicle"] for row in tables["log"]) == ["cart_7", "van_1", "van_1"]
 
 

@@ -96,7 +96,7 @@ def test_it_shows_the_project_and_leaves_nothing_behind(project):
 
 
 def see_pictures(port, project):
-    """Follow the link of a thumbnail; see that nothing but pictures is served."""
+    """Follow the links of a picture; see that nothing but pictures is served."""
     (answer,) = ask(
         f"http://127.0.0.1:{port}",
         """{ assetNodes(pipeline: {pipelineName: "__ASSET_JOB", repositoryName: "__repository__",
@@ -105,9 +105,12 @@ def see_pictures(port, project):
         } }""",
     )["assetNodes"]
     entries = answer["assetMaterializations"][0]["metadataEntries"]
-    thumbnail = next(entry["mdStr"] for entry in entries if entry["label"] == "picture_timeline")
-    link = re.fullmatch(r"\[!\[.+\]\(data:image/jpeg;base64,[^)]+\)\]\((/[^)]+)\)", thumbnail)[1]
+    timeline = next(entry["mdStr"] for entry in entries if entry["label"] == "picture_timeline")
+    shown, link = re.fullmatch(r"\[!\[.+\]\((/[^)]+)\)\]\((/[^)]+)\)", timeline).groups()
     host = {"Host": f"127.0.0.1:{port}"}
+    with urlopen(f"http://127.0.0.1:{port}{shown}", timeout=30) as picture:
+        (file,) = project.rglob(f"{link.split('/')[-2]}/files/inline/timeline.jpg")
+        assert picture.read() == file.read_bytes()
     with urlopen(f"http://127.0.0.1:{port}{link}", timeout=30) as picture:
         digest, name = link.split("/")[-2:]
         (file,) = project.rglob(f"{digest}/files/{name}")
@@ -308,12 +311,12 @@ def server(tmp_path):
 
 def end(server, cancel):
     """End a server as the web UI does; return the number of jobs that were waited for."""
-    told = []
+    reported = []
     files = server.files
     server.close()
-    end_servers([files], told.append, cancel=cancel)
+    end_servers([files], reported.append, cancel=cancel)
     eventually(lambda: Client.connect(files) is None, "the server has ended", 10)
-    return told
+    return reported
 
 
 def test_runs_at_work_are_waited_for(server, tmp_path):

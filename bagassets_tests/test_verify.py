@@ -417,16 +417,16 @@ class TestRecordings:
         assert wrong[0]["files"][0]["touched"] == touched
         assert [entry["topic"] for entry in wrong[0]["topics"]] == [topic]
         assert wrong[0]["problem"] is None
-        told = CliRunner().invoke(
+        reported = CliRunner().invoke(
             root, ["verify", "--recordings", "--recipe", str(kept)], standalone_mode=False
         )
-        assert f"changed  {path}: the digest on record is " in told.stdout
-        assert f"topic {topic}: some of its " in told.stdout
+        assert f"changed  {path}: the digest on record is " in reported.stdout
+        assert f"topic {topic}: some of its " in reported.stdout
         # Nothing was accepted by looking.
         again = CliRunner().invoke(
             root, ["verify", "--recordings", "--recipe", str(kept)], standalone_mode=False
         )
-        assert again.stdout == told.stdout
+        assert again.stdout == reported.stdout
 
     def test_damage_that_a_checksum_finds_is_named_by_file(self, kept):
         path = kept.parent.parent / "bags" / "b.mcap"

@@ -251,8 +251,8 @@ class TestCommand:
         )
         path = tmp_path / "x.mcap"
         assert main([*self.arguments(built), "drive.mcap_000", "--output", str(path), "--json"]) == 0
-        told = json.loads(capsys.readouterr().out)
-        assert told["messages"]["/boxes"] == len(built.tables["sample"])
+        reported = json.loads(capsys.readouterr().out)
+        assert reported["messages"]["/boxes"] == len(built.tables["sample"])
         assert path.stat().st_size > 100_000
 
     def test_a_token_names_a_scene_too(self, built):

@@ -79,7 +79,7 @@ def test_people_see_pictures_shares_and_what_was_left_out(project):
         "picture_contact_sheet",
         "picture_timeline",
     }
-    assert "data:image/jpeg;base64," in pictures["picture_timeline"].value
+    assert "data:image/jpeg;base64," in pictures["thumbnail"].value
     assert "| val |" in metadata(result, "vision_dataset")["split_shares"].value
     assert metadata(result, "dataset_mine")["scenes_left_out"].value == {}
     assert metadata(result, "trajectory_map")["recordings"].value == 1

@@ -131,8 +131,8 @@ class TestCatchingUp:
             fresh.put(root / name, (root / name).stat(), hex_of(b"content"))
         found = catch_up(root, fresh, verify=True)
         assert sorted(found.hashed()) == ["a.bag", "b.bag", "c.bag"]
-        told = {event.path.name for event in found if event.kind == "wrong"}
-        assert told == {"a.bag", "c.bag"}
+        reported = {event.path.name for event in found if event.kind == "wrong"}
+        assert reported == {"a.bag", "c.bag"}
         assert catch_up(root, fresh, verify=True).of("wrong") == []
 
     def test_a_missing_folder_is_an_error_at_the_start(self, tmp_path):

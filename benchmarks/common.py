@@ -57,6 +57,8 @@ _PACKAGES = (
     "velodyne-decoder",
 )
 
+_SUFFIXES: dict[RecordingFormat, str] = {"ros1": ".bag", "ros2": "", "mcap": ".mcap"}
+
 
 @dataclass(frozen=True)
 class Options:
@@ -207,7 +209,7 @@ def write_drives(
         written = []
         for number, size in enumerate(drives):
             kind = formats[number % len(formats)]
-            path = bags / (f"{prefix}{number:03}" + (".bag" if kind == "ros1" else ""))
+            path = bags / f"{prefix}{number:03}{_SUFFIXES[kind]}"
             seconds = seconds_of(max(size, LEAST_BYTES))
             written.append(pool.submit(write_tas_drive, path, kind, first_seed + number, seconds))
         for one in written:

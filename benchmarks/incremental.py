@@ -254,8 +254,8 @@ def run(bench: Bench, external: str | None) -> None:
         bench.stop_server()
 
     bench.measure("one recording changed, server down", stop_and_change, " in ")
-    told = bench.figures
-    limit = 1.3 * told["plain, one recording"]["median_s"] + 0.8
+    figures = bench.figures
+    limit = 1.3 * figures["plain, one recording"]["median_s"] + 0.8
     print(f"{'one recording changed, allowed':34} {limit:8.2f} s  (1.3 x plain alone + 0.8 s)")
 
 

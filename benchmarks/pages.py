@@ -24,9 +24,12 @@ from benchmarks.kernels import kernels_table
 from benchmarks.launch import DEFAULT, SHIPPED, launch_table
 from benchmarks.peers import peers_table
 from benchmarks.plan import plan_table
+from benchmarks.reads import reads_table
 from benchmarks.rq1 import rq1_table
 from benchmarks.rq2 import rq2_table
 from benchmarks.rq3 import rq3_table
+from benchmarks.slurm import scaling_table, slurm_table
+from benchmarks.small import small_table
 from benchmarks.soak import soak_table
 
 __all__ = ["FIGURES", "MARK", "NOT_YET", "RESULTS", "pages", "with_figures"]
@@ -55,12 +58,17 @@ FIGURES: dict[str, tuple[str, Callable[[Any], str]]] = {
     "launch shipped": ("launch", _step(SHIPPED)),
     "peers": ("peers", peers_table),
     "plan": ("plan", plan_table),
+    "reads": ("reads", reads_table),
     "rq1": ("rq1", _plotted(rq1_table, "rq1", "run times, logarithmic")),
     "rq2": ("rq2", _plotted(rq2_table, "rq2", "run time over size")),
     "rq3": ("rq3", _plotted(rq3_table, "rq3", "times by number of files")),
+    "small": ("small", small_table),
+    "small records": ("small", lambda found: f"{median(found['each']['record_bytes']) / 1e6:.2f} MB"),
+    "slurm": ("slurm", slurm_table),
+    "slurm model": ("slurm", scaling_table),
     "soak": ("soak", soak_table),
 }
-"""Name in a page -> the file that has its figures (without `.json`), and how they are told."""
+"""Name in a page -> the file that has its figures (without `.json`), and how they are worded."""
 
 
 def pages() -> list[Path]:
@@ -79,9 +87,9 @@ def with_figures(text: str, results: Path = RESULTS) -> str:
         start, name, _, end = match.groups()
         file, tell = FIGURES[name]
         path = results / f"{file}.json"
-        told = tell(json.loads(path.read_text("utf-8"))) if path.exists() else NOT_YET
+        words = tell(json.loads(path.read_text("utf-8"))) if path.exists() else NOT_YET
         # A table is a paragraph of its own.
-        return f"{start}\n\n{told}\n{end}" if "\n" in told else f"{start}{told}{end}"
+        return f"{start}\n\n{words}\n{end}" if "\n" in words else f"{start}{words}{end}"
 
     return MARK.sub(filled, text)
 

@@ -238,8 +238,8 @@ def peers_table(found: dict[str, Any]) -> str:
             for method in methods
         ]
         lines.append(f"| {row} | {' | '.join(cells)} |")
-    told = "; ".join(f"{method}: {number} files" for method, number in found["files"].items())
-    return "\n".join(lines) + f"\n\nMedians of {found['trials']}. Cold, of all recordings: {told}.\n"
+    files = "; ".join(f"{method}: {number} files" for method, number in found["files"].items())
+    return "\n".join(lines) + f"\n\nMedians of {found['trials']}. Cold, of all recordings: {files}.\n"
 
 
 def _titles(found: dict[str, Any], methods: list[str]) -> list[str]:

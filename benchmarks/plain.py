@@ -11,18 +11,17 @@ import itertools
 import os
 import sys
 import tempfile
-from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any
 
 # Those that are run as files find the package beside them.
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from bagassets.json_types import JsonObject
 from bagassets.recipe import load_recipe
 from bagassets.store.action import Action
-from bagassets.store.artifact import Artifact, ArtifactWriter
-from bagassets.store.store import Outcome, Pending, Store
+from bagassets.store.artifact import Artifact
+from bagassets.store.store import Outcome, Store
 
 __all__ = ["Scratch", "Unhashed", "convert_plainly", "plain_command"]
 
@@ -56,15 +55,9 @@ class Scratch(Store):
     def use(self, action: Action) -> Outcome | None:
         """Return None."""
 
-    def run(
-        self,
-        action: Action,
-        make: Callable[[ArtifactWriter], JsonObject],
-        subject: Path | None = None,  # noqa: ARG002  (as in Store)
-    ) -> Outcome:
-        """Run `make`, without a lock."""
-        pending = Pending(self, action)
-        return pending.commit(make(pending.out))
+    def lock(self, action: Action) -> AbstractContextManager[None]:  # noqa: ARG002  (as in Store)
+        """Lock nothing."""
+        return nullcontext()
 
     def record(self, action: Action, artifact: Artifact, seconds: float) -> None:
         """Do nothing."""

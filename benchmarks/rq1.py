@@ -22,7 +22,7 @@ from benchmarks.common import (
 )
 from benchmarks.figures import bars
 
-__all__ = ["CONVERTER", "METHODS", "PLAIN", "baselines", "method_times", "rq1", "rq1_table", "told"]
+__all__ = ["CONVERTER", "METHODS", "PLAIN", "baselines", "method_times", "output_lines", "rq1", "rq1_table"]
 
 METHODS = {"bagassets, client-side hashing": False, "bagassets, stored digests": True}
 PLAIN, CONVERTER = "plain sequential", "external converter"
@@ -63,7 +63,7 @@ def rq1_table(found: dict[str, Any]) -> str:
             rows.append([f"{name}: {scenario}", median(taken), min(taken), max(taken), ratio, reduction])
     header = ["run", "median s", "min s", "max s", "speed-up", "reduction %"]
     about = f"{found['recordings']} recordings, {found['size_gb']:.2f} GB, {found['trials']} trials.\n\n"
-    return about + markdown(header, rows) + told(found["outputs"])
+    return about + markdown(header, rows) + output_lines(found["outputs"])
 
 
 def baselines(
@@ -125,7 +125,7 @@ def method_times(made: Project, *, stored: bool, content: bool) -> dict[str, lis
     return times
 
 
-def told(outputs: dict[str, Any]) -> str:
+def output_lines(outputs: dict[str, Any]) -> str:
     """Return a line for each conversion: how many files it left, and what failed."""
     lines = [
         f"- {name}: {found['files']} files"

@@ -10,7 +10,7 @@ import numpy as np
 
 from benchmarks.common import Options, markdown, median, project, save
 from benchmarks.figures import lines
-from benchmarks.rq1 import METHODS, baselines, method_times, told
+from benchmarks.rq1 import METHODS, baselines, method_times, output_lines
 
 __all__ = ["fit", "rq2", "rq2_table"]
 
@@ -48,7 +48,9 @@ def rq2_table(found: dict[str, Any]) -> str:
         slope, offset, spread = fit({float(size): taken for size, taken in by_size.items()})
         rows.append([name, *[median(taken) for taken in by_size.values()], slope, spread, offset])
     sizes = [f"{float(size):.2f} GB, s" for size in next(iter(found["times_s"].values()))]
-    return markdown(["run", *sizes, "a, s/GB", "± (95 %)", "b, s"], rows) + told(found.get("outputs", {}))
+    return markdown(["run", *sizes, "a, s/GB", "± (95 %)", "b, s"], rows) + output_lines(
+        found.get("outputs", {})
+    )
 
 
 def fit(by_size: dict[float, list[float]]) -> tuple[float, float, float]:

@@ -63,9 +63,9 @@ class Browser:
         self._profile.cleanup()
 
     def _page_address(self) -> str:
-        told = Path(self._profile.name) / "DevToolsActivePort"
+        port_file = Path(self._profile.name) / "DevToolsActivePort"
         deadline = time.monotonic() + _START_S
-        while not (told.is_file() and (lines := told.read_text().split())):
+        while not (port_file.is_file() and (lines := port_file.read_text().split())):
             if time.monotonic() > deadline or self._process.poll() is not None:
                 raise SystemExit("Chromium did not start")
             time.sleep(0.1)

@@ -146,17 +146,11 @@ def sensor(browser: Browser, url: str, file: Path) -> None:
 
 
 def preview(browser: Browser, url: str, file: Path) -> None:
-    """A picture of a recording, as a click on its thumbnail among the metadata opens it."""
+    """The pictures of a recording on its materialization."""
     show(browser, f"{url}/assets/preview?view=overview", "picture_lidar_over_camera")
-    browser.click(
-        "[...document.querySelectorAll('tr')].find(e => e.innerText.startsWith('picture_lidar_over_camera'))"
-        "?.querySelector('button, a, [role=button]')"
-    )
-    image = "[...document.images].find(i => i.src.startsWith('data:') && i.naturalWidth > 100)"
-    browser.open(browser.wait_for(f"{image}?.closest('a')?.href"))
-    browser.wait_for("location.pathname.startsWith('/bagassets/') && document.images[0]?.naturalWidth > 500")
-    browser.run("document.images[0].style = 'width: 640px; height: auto'")
-    browser.picture(file, browser.box("document.images[0]"))
+    served = "[...document.images].find(i => i.src.includes('/bagassets/artifacts/'))"
+    browser.wait_for(f"{served}?.naturalWidth > 300")
+    browser.picture(file)
 
 
 PICTURES: dict[str, Callable[[Browser, str, Path], None]] = {

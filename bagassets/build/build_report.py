@@ -64,13 +64,14 @@ class Event:
 
     Attributes:
         kind: `reading` while recordings are read whose time changed, `planned` once, then `started`, `done`,
-            `failed` or `stopped` for a recording, or for the dataset (with an empty key).
+            `failed` or `stopped` for a recording, or for the dataset (with an empty key); in between `where`, when
+            its launcher says where it waits or is executed.
         key: partition key.
-        message: why it failed, what is planned, or how far the reading is.
+        message: why it failed, where it is, what is planned, or how far the reading is.
         sizes: for `planned`, recording that needs a run -> bytes.
     """
 
-    kind: Literal["reading", "planned", "started", "done", "failed", "stopped"]
+    kind: Literal["reading", "planned", "started", "where", "done", "failed", "stopped"]
     key: str = ""
     message: str = ""
     sizes: Mapping[str, int] = field(default_factory=dict)

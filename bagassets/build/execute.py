@@ -1,34 +1,30 @@
 """Running the actions of a graph whose results are not known; nothing else runs a node of a graph.
 
-What belongs to a dataset is made by its format, and `bagassets.build.track` makes a track from the store alone, for a
-recording that need not be there any more.
-
 All channels that need a pass over the recording share one: passes are what costs, since reading topic after topic from
 a compressed recording would decompress each chunk once per topic. In a pass, a channel that fails does not stop the
 others, and a recording that changes meanwhile fails them all.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol
 
 from bagassets.assets.asset import AnyAsset, Inputs, Summary
 from bagassets.assets.channel import ChannelExtractor
 from bagassets.build.graph import SELECTION, Graph, Node
 from bagassets.build.process import encoder_threads, encoders, keep_freed_memory
+from bagassets.build.run_action import Target, run_action
 from bagassets.build.unexpected import explained_error
 from bagassets.errors import BagAssetsError, StoreError
 from bagassets.escaping import visible
 from bagassets.recordings.recording import Recording
-from bagassets.store.action import Action
 from bagassets.store.artifact import Artifact, ArtifactWriter
 from bagassets.store.lease import in_use
 from bagassets.store.store import Outcome, Pending
 from bagassets.trace import span
 
-__all__ = ["AssetResult", "BuildFailure", "Skipped", "Target", "execute", "run_again", "run_pass"]
+__all__ = ["AssetResult", "BuildFailure", "Skipped", "execute", "run_again", "run_pass"]
 
 
 @dataclass(frozen=True)
@@ -68,24 +64,6 @@ class BuildFailure(BagAssetsError):  # noqa: N818  (a state of a build, named as
         where = visible(str(path))
         lines = [line if where in text else f"{where}: {line}" for text in texts for line in text.split("\n")]
         super().__init__(*lines)
-
-
-class Target(Protocol):
-    """Where artifacts are made: the store, or a scratch folder."""
-
-    def run(
-        self, action: Action, make: Callable[[ArtifactWriter], Summary], subject: Path | None = None
-    ) -> Outcome:
-        """Run `make` for the artifact of `action`, unless it is known; see `Store.run`."""
-        ...
-
-    def begin(self, action: Action) -> Pending:
-        """Start an action; the caller commits or discards it."""
-        ...
-
-    def record_failure(self, action: Action, error: str, subject: Path | None = None) -> None:
-        """Record that an action failed; see `Store.record_failure`."""
-        ...
 
 
 def execute(graph: Graph, *, threads: int | None = None) -> Iterator[AssetResult | Skipped]:
@@ -222,7 +200,7 @@ def _run_action(graph: Graph, node: Node, inputs: Inputs, target: Target) -> Out
             raise explained_error(err, path, node.name) from err
 
     try:
-        return target.run(node.known_action, make, path)
+        return run_action(target, node.known_action, make, path)
     except Exception as err:  # noqa: BLE001  (as above)
         return explained_error(err, path, node.name)
 

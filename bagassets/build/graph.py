@@ -22,7 +22,7 @@ from bagassets.build.plan import AssetState, Recorded
 from bagassets.build.recording_assets import RecordingAssets
 from bagassets.build.source import MessageSource
 from bagassets.build.unexpected import explained_error
-from bagassets.errors import BagAssetsError, StoreError
+from bagassets.errors import BagAssetsError, RecipeError, StoreError
 from bagassets.recipe.model import Rig
 from bagassets.recordings.digest import RecordingStat
 from bagassets.recordings.model import RecordingFiles
@@ -204,6 +204,8 @@ class Graph:
             return
         with _noted(node, self.recording):
             node.skipped = skip_reason(self.assets.recipe, self.rig, self.inputs.inventory)
+            if node.skipped is None and self.rig is not None and self.rig.questions:
+                raise RecipeError(*self.rig.questions)
 
     def _expand(self, node: Node, asset: AnyAsset) -> None:
         for name in self.above(asset):

@@ -3,12 +3,12 @@
 The store is not changed: new artifacts are made in a scratch folder and compared there.
 """
 
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Collection, Iterator
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from uuid import uuid4
 
-from bagassets.assets.asset import Summary
 from bagassets.build.execute import run_again
 from bagassets.build.graph import Graph, Node
 from bagassets.build.recording_assets import RecordingAssets
@@ -17,7 +17,7 @@ from bagassets.json_types import JsonObject
 from bagassets.recordings.digest import DigestIndex, recording_digest, recording_stat, stored_digest
 from bagassets.recordings.discover import discover
 from bagassets.store.action import Action
-from bagassets.store.artifact import Artifact, ArtifactWriter
+from bagassets.store.artifact import Artifact
 from bagassets.store.store import Outcome, Pending, Store
 
 __all__ = ["KnownAction", "Rebuilt", "Scratch", "known_actions", "rebuild"]
@@ -131,15 +131,12 @@ class Scratch:
     def __init__(self, folder: Path) -> None:
         self._folder = folder
 
-    def run(
-        self,
-        action: Action,
-        make: Callable[[ArtifactWriter], Summary],
-        subject: Path | None = None,  # noqa: ARG002  (as declared)
-    ) -> Outcome:
-        """Run `make` for an artifact in the folder."""
-        pending = self.begin(action)
-        return pending.commit(make(pending.out))
+    def use(self, action: Action) -> None:
+        """Know nothing."""
+
+    def lock(self, action: Action) -> AbstractContextManager[None]:  # noqa: ARG002  (as declared)
+        """Lock nothing: the folder belongs to this process."""
+        return nullcontext()
 
     def begin(self, action: Action) -> Pending:
         """Start an action; see `Store.begin`."""

@@ -8,7 +8,7 @@ from bagassets.errors import BagAssetsError
 from bagassets.recipe.model import Limits
 from bagassets.recordings.digest import RecordingStat, assert_unchanged
 from bagassets.recordings.inventory import Inventory
-from bagassets.recordings.model import RecordingFiles
+from bagassets.recordings.model import OnRead, RecordingFiles
 from bagassets.recordings.open import open_recording
 from bagassets.recordings.pack import PackedRecording
 from bagassets.recordings.recording import Recording
@@ -25,15 +25,22 @@ class MessageSource:
         stat: sizes and times of its files when its digest was taken.
         message_definitions: folders of `.msg` files.
         limits: limits on the memory that reading may take.
+        on_read: told how far reading has come; see `open_recording`.
     """
 
     def __init__(
-        self, files: RecordingFiles, stat: RecordingStat, message_definitions: Sequence[Path], limits: Limits
+        self,
+        files: RecordingFiles,
+        stat: RecordingStat,
+        message_definitions: Sequence[Path],
+        limits: Limits,
+        on_read: OnRead | None = None,
     ) -> None:
         self.files = files
         self._stat = stat
         self._message_definitions = tuple(message_definitions)
         self._limits = limits
+        self._on_read = on_read
 
     def verify_unchanged(self) -> None:
         """Check that the recording is still the one that was digested.
@@ -52,7 +59,9 @@ class MessageSource:
         """
         self.verify_unchanged()
         try:
-            with open_recording(self.files, self._message_definitions, self._limits) as recording:
+            with open_recording(
+                self.files, self._message_definitions, self._limits, self._on_read
+            ) as recording:
                 if inventory is not None:
                     for name, topic in recording.topics.items():
                         if name in inventory.topics:

@@ -7,6 +7,7 @@ from functools import cached_property, partial
 
 from bagassets.assets import track
 from bagassets.assets.ego_poses import load_trajectory
+from bagassets.build.run_action import run_action
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.json_types import JsonObject
 from bagassets.recipe.model_base import Clock
@@ -73,7 +74,7 @@ def track_of(store: Store, inventory: Artifact, ego_poses: Artifact, clock: Cloc
     """
     stored = _Stored({"inventory": inventory, "ego_poses": ego_poses})
     use = track.use(track.TrackParams(clock), stored)[""]
-    outcome = store.run(track.TRACK.action(use, stored.inventory), partial(track.make, use, stored))
+    outcome = run_action(store, track.TRACK.action(use, stored.inventory), partial(track.make, use, stored))
     content = outcome.artifact.read_json(track.FILE)
     return Track(
         content["source"],

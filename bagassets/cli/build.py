@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from bagassets.cli.exit_status import ExitStatus
 from bagassets.cli.options import recipe_option
 from bagassets.cli.progress import progress_for
 from bagassets.cli.terminal import echo, echo_lines
@@ -21,10 +22,6 @@ if TYPE_CHECKING:
     from bagassets.build.build_report import BuildOptions, Event
 
 __all__ = ["build", "build_with_progress"]
-
-EXIT_FAILED = 1
-EXIT_STALE = 3
-EXIT_INTERRUPTED = 130
 
 # Twice the processors keeps them busy while some workers wait for the disk; more only costs memory.
 _JOBS_PER_PROCESSOR = 2
@@ -118,8 +115,8 @@ def _build(recipe: Path, options: "BuildOptions", trace: Path | None, *, as_json
     else:
         print_summary(report, [SummaryRow(**row) for row in value["summary"]], recipe)
     if report.interrupted:
-        return EXIT_INTERRUPTED
-    return 0 if report.succeeded else EXIT_FAILED
+        return ExitStatus.INTERRUPTED
+    return 0 if report.succeeded else ExitStatus.FAILED
 
 
 def build_with_progress(
@@ -175,5 +172,5 @@ def _dry_run(recipe: Path, options: "BuildOptions", *, check: bool, as_json: boo
     if not check:
         return 0
     if not pending.is_settled:
-        return EXIT_STALE
-    return EXIT_FAILED if pending.failed else 0
+        return ExitStatus.FOUND
+    return ExitStatus.FAILED if pending.failed else 0

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from bagassets.cli.options import EXIT_FOUND, recipe_option
+from bagassets.cli.exit_status import ExitStatus
+from bagassets.cli.options import recipe_option
 from bagassets.cli.terminal import echo, echo_lines
 from bagassets.quantities import count_text
 
@@ -64,7 +65,7 @@ def check(recipe: Path, bags: tuple[str, ...], as_json: bool) -> int:
         echo_lines(json.dumps([verdict.as_json() for verdict in verdicts], indent=1))
     else:
         _print(verdicts)
-    return EXIT_FOUND if any(verdict.is_error for verdict in verdicts) else 0
+    return ExitStatus.FOUND if any(verdict.is_error for verdict in verdicts) else 0
 
 
 def _print(verdicts: Sequence["Verdict"]) -> None:

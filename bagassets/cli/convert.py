@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from bagassets.cli.exit_status import ExitStatus
 from bagassets.cli.terminal import echo, echo_lines
 from bagassets.errors import DatasetError, RecipeError, RecordingError
 from bagassets.quantities import count_text
@@ -21,10 +22,6 @@ if TYPE_CHECKING:
     from bagassets.recipe.model import Bags, Recipe
 
 __all__ = ["convert"]
-
-EXIT_FAILED = 1
-EXIT_UNDECIDED = 2
-EXIT_INTERRUPTED = 130
 
 
 @click.command(
@@ -81,9 +78,9 @@ def convert(bag: Path, out: Path, recipe_file: Path | None, format_name: str) ->
     if proposal.questions or problems:
         _write_beside(beside, text)
         _ask(proposal, problems, beside, f"bagassets convert {_quoted(bag)} {_quoted(out)}")
-        return EXIT_UNDECIDED
+        return ExitStatus.UNDECIDED
     status = _build(recipe, bags, kind, out, text)
-    if status == EXIT_FAILED:
+    if status == ExitStatus.FAILED:
         _write_beside(beside, text)
         echo(
             f"The guessed recipe is in {beside}; if it is to blame, correct it and add --recipe {_quoted(beside)}.",
@@ -167,7 +164,7 @@ def _matched(recipe: "Recipe", bags: "Bags") -> "Recipe":
     """Return a recipe with a rig for the recording: its only one, whatever that matches, or the one that matches.
 
     Raises:
-        RecipeError: several rigs, of which none matches.
+        RecipeError: several rigs, of which none matches, or one for which something is to be decided.
     """
     from bagassets.recordings.discover import discover
     from bagassets.recordings.globs import matches
@@ -180,6 +177,8 @@ def _matched(recipe: "Recipe", bags: "Bags") -> "Recipe":
         names.append(recording.path.relative_to(recipe.bags.root).as_posix())
     for rig in recipe.rigs:
         if any(matches(glob, name) for glob in rig.match for name in names):
+            if rig.questions:
+                raise RecipeError(*rig.questions)
             return recipe.model_copy(update={"rigs": (rig.model_copy(update={"match": ("**",)}),)})
     rigs = ", ".join(rig.name for rig in recipe.rigs)
     raise RecipeError(
@@ -250,7 +249,7 @@ def _build(recipe: "Recipe", bags: "Bags", kind: "AnyFormat", out: Path, text: s
                     problem = f"{rows[0].recording}: its dataset would be empty; it may be too short, see the recipe."
             if problem is not None:
                 echo_lines(f"error: {problem}", err=True)
-                return EXIT_FAILED
+                return ExitStatus.FAILED
             (project.dataset / "recipe.yaml").write_text(text, encoding="utf-8")
             project.move_dataset(out)
     except (InterruptedBuildError, KeyboardInterrupt) as err:

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from bagassets.cli.options import EXIT_FOUND, recipe_option
+from bagassets.cli.exit_status import ExitStatus
+from bagassets.cli.options import recipe_option
 from bagassets.cli.terminal import echo, echo_lines
 from bagassets.json_types import JsonObject
 
@@ -71,7 +72,7 @@ def diff(before: Path, after: Path, recipe: Path, as_json: bool) -> int:
         echo_lines(json.dumps({"a": _lock_json(one), "b": _lock_json(other), **_diff_json(found)}, indent=1))
     else:
         _show(one, other, found)
-    return 0 if found.is_empty else EXIT_FOUND
+    return 0 if found.is_empty else ExitStatus.FOUND
 
 
 @dataset.command(

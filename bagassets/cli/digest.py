@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from bagassets.cli.options import EXIT_FOUND
+from bagassets.cli.exit_status import ExitStatus
 from bagassets.cli.terminal import echo, echo_lines
 from bagassets.errors import BagAssetsError, RecordingError
 from bagassets.json_types import JsonObject
@@ -81,7 +81,7 @@ def digest(bags: tuple[Path, ...], recipe: Path | None, rehash: bool, verify: bo
         echo_lines(json.dumps({"recordings": done, "errors": errors}, indent=1))
     else:
         _summarize(done, wrong if verify else None)
-    return 1 if errors else EXIT_FOUND if wrong else 0
+    return ExitStatus.FAILED if errors else ExitStatus.FOUND if wrong else 0
 
 
 def _recordings(

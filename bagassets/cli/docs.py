@@ -14,7 +14,15 @@ from bagassets.errors import BagAssetsError
 if TYPE_CHECKING:
     from bagassets.assets.asset import AnyAsset
 
-__all__ = ["all_commands", "asset_reference", "command_reference", "docs", "find_pages", "input_table"]
+__all__ = [
+    "all_commands",
+    "asset_reference",
+    "command_reference",
+    "docs",
+    "find_pages",
+    "parameters_of",
+    "reads_of",
+]
 
 _WIDTH = 96
 _CHECKOUT = Path(bagassets.__file__).parents[1]
@@ -161,31 +169,20 @@ def asset_reference() -> str:
     return _ASSETS_INTRODUCTION + "".join(_section(asset, assets) for asset in assets)
 
 
-def input_table() -> str:
-    """Return the table of docs/how-it-decides.md: what each asset reads, its parameters and libraries."""
-    from bagassets.formats.catalogue import known_assets
-
-    rows = [
-        (f"`{asset.name}`", _reads(asset), _names(_parameters(asset)), ", ".join(asset.libraries))
-        for asset in known_assets()
-    ]
-    lines = ["| asset | reads | parameters | libraries |", "|---|---|---|---|"]
-    return "\n".join([*lines, *(f"| {' | '.join(row)} |" for row in rows)])
-
-
-def _reads(asset: "AnyAsset") -> str:
+def reads_of(asset: "AnyAsset") -> str:
+    """Return the names of what an asset reads, as Markdown."""
     return _names([one.name for one in asset.reads] or ["bag"])
 
 
-def _parameters(asset: "AnyAsset") -> list[str]:
-    """Return the names of the parameters that an asset takes from a recipe."""
+def parameters_of(asset: "AnyAsset") -> str:
+    """Return the names of the parameters that an asset takes from a recipe, as Markdown."""
     from typing import get_args, get_type_hints
 
     returned = get_type_hints(asset.params)["return"]
     owner = getattr(asset.params, "__self__", None)  # a classmethod of the parameters themselves
     kinds = [owner] if owner is not None else [*get_args(returned)] or [returned]
     names = [name for kind in kinds for name in _fields_of(kind)]
-    return list(dict.fromkeys(names))
+    return _names(list(dict.fromkeys(names)))
 
 
 def _fields_of(kind: object) -> list[str]:
@@ -204,12 +201,12 @@ def _section(asset: "AnyAsset", assets: "tuple[AnyAsset, ...]") -> str:
 
     readers = [other.name for other in assets if asset.name in {one.name for one in other.reads}]
     rows = {
-        "reads": _reads(asset),
+        "reads": reads_of(asset),
         "read by": _names(readers),
         "datasets made from it": _names([kind.name for kind in formats() if kind.part == asset.name]),
         "made with it": _names([one.name for one in asset.along]),
         "one artifact per": "" if asset.extract is None else "channel",
-        "parameters": _names(_parameters(asset)),
+        "parameters": parameters_of(asset),
         "decoder plug-ins": ", ".join(asset.families),
         "libraries": ", ".join(asset.libraries),
         "version": str(asset.version),

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 import click
 
+from bagassets.cli.exit_status import ExitStatus
 from bagassets.cli.terminal import echo
 from bagassets.errors import BagAssetsError, RecipeError
 from bagassets.escaping import visible
@@ -18,8 +19,6 @@ if TYPE_CHECKING:
     from bagassets.propose.summary import RecordingSummary
 
 __all__ = ["init"]
-
-EXIT_UNDECIDED = 2
 
 T = TypeVar("T")
 
@@ -89,7 +88,7 @@ def init(project: Path, bags: Path | None, look_at: int, force: bool) -> None:
     problems = [] if proposal.questions else _problems(recipe_file)
     print_next_steps(project, proposal, problems)
     if proposal.questions or problems:
-        click.get_current_context().exit(EXIT_UNDECIDED)
+        click.get_current_context().exit(ExitStatus.UNDECIDED)
 
 
 def _propose(project: Path, path: Path, look_at: int) -> "tuple[Proposal, dict[str, str]]":

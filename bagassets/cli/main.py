@@ -13,6 +13,7 @@ from collections.abc import Sequence
 import click
 
 from bagassets import __version__
+from bagassets.cli.exit_status import ExitStatus
 from bagassets.cli.terminal import echo
 from bagassets.errors import BagAssetsError
 
@@ -72,9 +73,6 @@ COMMANDS: dict[str, tuple[str, str]] = {
     ),
 }
 
-EXIT_ERROR = 1
-EXIT_CRASH = 70
-EXIT_INTERRUPTED = 130
 
 # Importing Dagster makes a million objects that stay: with Python's 700, a quarter of its time is spent on looking.
 _GC_THRESHOLD = 100_000
@@ -160,14 +158,14 @@ def main(args: Sequence[str] | None = None) -> int:
         result = root.main(arguments, prog_name="bagassets", standalone_mode=False)
     except click.exceptions.Abort:
         echo("Interrupted.", err=True)
-        return EXIT_INTERRUPTED
+        return ExitStatus.INTERRUPTED
     except click.ClickException as err:
         err.show()
         return err.exit_code
     except BagAssetsError as err:
         for line in str(err).splitlines():
             echo(f"error: {line}", err=True)
-        return EXIT_ERROR
+        return ExitStatus.FAILED
     except OSError as err:
         if err.errno not in _REFUSALS or err.filename is None:
             return _crashed(err, arguments)
@@ -175,7 +173,7 @@ def main(args: Sequence[str] | None = None) -> int:
             f"error: {err.filename}: {err.strerror}; name another path, or fix this one and try again.",
             err=True,
         )
-        return EXIT_ERROR
+        return ExitStatus.FAILED
     except Exception as err:  # noqa: BLE001  (a defect; its traceback goes to a file)
         return _crashed(err, arguments)
     return result if isinstance(result, int) else 0
@@ -197,4 +195,4 @@ def _crashed(err: Exception, arguments: list[str]) -> int:
     except OSError:
         where = "the traceback could not be written"
     echo(f"error: this is a defect of bagassets ({reason}); {where}.", err=True)
-    return EXIT_CRASH
+    return ExitStatus.CRASHED

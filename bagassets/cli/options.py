@@ -4,10 +4,7 @@ from pathlib import Path
 
 import click
 
-__all__ = ["EXIT_FOUND", "recipe_option"]
-
-EXIT_FOUND = 3
-"""Exit status of a check with findings: damage, a mismatch, a difference."""
+__all__ = ["recipe_option"]
 
 recipe_option = click.option(
     "--recipe",

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 import click
 
+from bagassets.cli.exit_status import ExitStatus
 from bagassets.cli.terminal import echo, echo_lines
 from bagassets.json_types import JsonObject
 
@@ -120,4 +121,4 @@ def _print(value: JsonObject, lines: Sequence[str], problems: Sequence[str], *, 
         for problem in problems:
             echo_lines(f"error: {problem}", err=True)
     if problems:
-        click.get_current_context().exit(1)
+        click.get_current_context().exit(ExitStatus.FAILED)

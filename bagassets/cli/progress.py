@@ -71,6 +71,9 @@ class LinesProgress(SilentProgress):
         elif event.kind == "started":
             self._since[event.key] = now
             echo(f"start    {event.key or 'dataset'}", err=True)
+        elif event.kind == "where":
+            if event.message:
+                echo(f"         {event.key or 'dataset'}: {event.message}", err=True)
         else:
             self._ended += bool(event.key)
             took = now - self._since.pop(event.key, now)
@@ -88,6 +91,7 @@ class LiveProgress(SilentProgress):
     def __init__(self) -> None:
         self._sizes: dict[str, int] = {}
         self._since: dict[str, float] = {}
+        self._where: dict[str, str] = {}
         self._done: set[str] = set()
         self._failed = 0
         self._preparing = "scanning recordings …"
@@ -106,8 +110,11 @@ class LiveProgress(SilentProgress):
                 print_lines(self._live.console, event.message)
         elif event.kind == "started":
             self._since[event.key] = now
+        elif event.kind == "where":
+            self._where[event.key] = event.message
         else:
             self._since.pop(event.key, None)
+            self._where.pop(event.key, None)
             self._done.add(event.key)
             self._failed += event.kind == "failed"
             if event.kind == "failed" and self._live is not None:
@@ -127,6 +134,10 @@ class LiveProgress(SilentProgress):
     def __exit__(self, *_: object) -> None:
         if self._live is not None:
             self._live.stop()
+
+    def _place(self, key: str) -> str:
+        where = self._where.get(key)
+        return f"  {where}" if where else ""
 
     def render(self) -> "RenderableType":
         """Return the current display."""
@@ -152,7 +163,8 @@ class LiveProgress(SilentProgress):
         row.add_row(ProgressBar(total=max(total, 1), completed=done, width=_BAR_WIDTH), text)
         in_work = [
             Text(
-                f"  {clock(now - since)}  {key or 'dataset: linking files and writing tables'}", style="cyan"
+                f"  {clock(now - since)}  {key or 'dataset: linking files and writing tables'}{self._place(key)}",
+                style="cyan",
             )
             for key, since in list(self._since.items())[:_MOST_SHOWN]
         ]

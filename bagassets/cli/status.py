@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from bagassets.cli.exit_status import ExitStatus
 from bagassets.cli.options import recipe_option
 from bagassets.cli.terminal import echo_lines, print_lines
 from bagassets.escaping import visible
@@ -21,9 +22,6 @@ if TYPE_CHECKING:
     from bagassets.defs.pending_work import PendingWork
 
 __all__ = ["status"]
-
-EXIT_FAILED = 1
-EXIT_STALE = 3
 
 # Beyond this number, fresh recordings are not listed.
 MOST_ROWS = 40
@@ -89,9 +87,9 @@ def status(recipe: Path, bags: tuple[str, ...], show_all: bool, as_json: bool) -
         for problem in problems:
             echo_lines(f"warning: {problem}", err=True)
     if not pending.is_settled:
-        sys.exit(EXIT_STALE)
+        sys.exit(ExitStatus.FOUND)
     if pending.failed:
-        sys.exit(EXIT_FAILED)
+        sys.exit(ExitStatus.FAILED)
 
 
 def status_json(pending: "PendingWork", problems: Sequence[str] = ()) -> JsonObject:

@@ -127,9 +127,11 @@ def _print_dataset(report: BuildReport, console: "Console") -> None:
 def splits_text(splits: Mapping[str, JsonMapping]) -> str:
     """Return the share of each split, the share asked for if that is far off, and its name in the devkit."""
     parts = []
+    has_time = any(share["share"] for share in splits.values())  # not if each recording is but a moment
     for name, share in splits.items():
         asked = f", {share['asked']:.0%} asked for" if share["is_far"] else ""
-        parts.append(f"{name} {share['recordings']} ({share['share']:.0%} of the time{asked})")
+        time = f" ({share['share']:.0%} of the time{asked})" if has_time else ""
+        parts.append(f"{name} {share['recordings']}{time}")
     renamed = [devkit_split_name(name) for name in splits if devkit_split_name(name) != name]
     return ", ".join(parts) + (f"; in the devkit {', '.join(renamed)}" if renamed else "")
 

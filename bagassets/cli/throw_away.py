@@ -97,7 +97,7 @@ def _own_recipe(
 ) -> dict[str, object]:
     """Return the recipe of the project as JSON, which is YAML."""
     own = recipe.model_dump(mode="json", exclude_unset=True)
-    unwanted = {"vision", "formats", "datasets"}
+    unwanted = {*recipe.own_sections, "formats", "datasets"} - {"nuscenes"}
     own = {name: value for name, value in own.items() if name not in unwanted}
     own["bags"] |= bags.model_dump(mode="json", include={"root", "include"})
     own["bags"] |= {"exclude": [], "digest_attributes": False}

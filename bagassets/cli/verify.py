@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from bagassets.cli.options import EXIT_FOUND, recipe_option
+from bagassets.cli.exit_status import ExitStatus
+from bagassets.cli.options import recipe_option
 from bagassets.cli.terminal import echo, echo_lines
 from bagassets.errors import BagAssetsError
 from bagassets.json_types import JsonObject
@@ -122,7 +123,7 @@ def _check(recipe: "Recipe", store: "Store", *, report_only: bool, as_json: bool
                 indent=1,
             )
         )
-        return EXIT_FOUND if damages or spoiled else 0
+        return ExitStatus.FOUND if damages or spoiled else 0
     for damage in damages:
         of = f" ({names[damage.digest]})" if damage.digest in names else ""
         echo(f"damaged  {damage}{of}")
@@ -135,7 +136,7 @@ def _check(recipe: "Recipe", store: "Store", *, report_only: bool, as_json: bool
         return 0
     done = "Nothing was changed." if report_only else "Removed; the next `bagassets build` makes them again."
     echo(f"Damage: {len(damages)} in the store, {len(spoiled)} in datasets. {done}", err=True)
-    return EXIT_FOUND
+    return ExitStatus.FOUND
 
 
 def _check_recordings(recipe: "Recipe", store: "Store", *, as_json: bool) -> int:
@@ -163,7 +164,7 @@ def _check_recordings(recipe: "Recipe", store: "Store", *, as_json: bool) -> int
     wrong = sum(not recording.is_sound for recording in checked)
     if as_json:
         echo_lines(json.dumps({"recordings": [recording.as_json() for recording in checked]}, indent=1))
-        return EXIT_FOUND if wrong else 0
+        return ExitStatus.FOUND if wrong else 0
     size = sum(recording.size for recording in checked)
     advice = (
         " Restore them from their source; accept intended changes with `bagassets digest --rehash`."
@@ -174,7 +175,7 @@ def _check_recordings(recipe: "Recipe", store: "Store", *, as_json: bool) -> int
         f"{count_text(len(checked), 'recording')}, {size / 1e6:.1f} MB hashed: {wrong or 'none'} changed.{advice}",
         err=True,
     )
-    return EXIT_FOUND if wrong else 0
+    return ExitStatus.FOUND if wrong else 0
 
 
 def _damages(store: "Store") -> list["Damage"]:
@@ -248,7 +249,7 @@ def _rebuild(
             f"{different} not (--seed {seed}).",
             err=True,
         )
-    return EXIT_FOUND if different else 0
+    return ExitStatus.FOUND if different else 0
 
 
 def _outcome(known: "KnownAction", again: JsonObject) -> JsonObject:

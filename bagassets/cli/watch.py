@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from bagassets.cli.options import EXIT_FOUND
+from bagassets.cli.exit_status import ExitStatus
 from bagassets.cli.terminal import echo_lines
 
 if TYPE_CHECKING:
@@ -101,7 +101,7 @@ def watch(
     if not once:
         report(WatchEvent("note", f"watching {bags.root}", bags.root))
     watcher.run(verify=verify, once=once)
-    return EXIT_FOUND if once and verify and wrong else 0
+    return ExitStatus.FOUND if once and verify and wrong else 0
 
 
 def _line(event: "WatchEvent") -> str:

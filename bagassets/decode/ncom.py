@@ -47,7 +47,6 @@ class NcomPose:
         lat_deg: WGS84 latitude.
         lon_deg: WGS84 longitude.
         alt_m: height above the ellipsoid.
-        velocity_ned_mps: north, east, down; None if not valid.
         heading_rad: of the vehicle's x axis from true north, clockwise.
         pitch_rad: nose up is positive.
         roll_rad: right side down is positive.
@@ -56,7 +55,6 @@ class NcomPose:
     lat_deg: float
     lon_deg: float
     alt_m: float
-    velocity_ned_mps: tuple[float, float, float] | None
     heading_rad: float
     pitch_rad: float
     roll_rad: float
@@ -94,7 +92,7 @@ def decode_ncom(data: bytes) -> NcomReading:
     """
     if len(data) != PACKET_SIZE or data[0] != _SYNC:
         raise DecodeError("it holds no NCOM packet of 72 bytes")
-    _, milliseconds, _, status, first, lat, lon, alt, velocity, angles, second, channel, content, third = (
+    _, milliseconds, _, status, first, lat, lon, alt, _, angles, second, channel, content, third = (
         _LAYOUT.unpack(data)
     )
     # The third sum is over all bytes; the others let a receiver use a packet that is not complete yet.
@@ -109,7 +107,7 @@ def decode_ncom(data: bytes) -> NcomReading:
         milliseconds if status in _HAS_TIME else None,
         minute if minute is not None and minute >= 0 else None,
         offset,
-        _pose(lat, lon, alt, velocity, angles) if status in _SOLVED else None,
+        _pose(lat, lon, alt, angles) if status in _SOLVED else None,
         status <= _INITIALISING,
     )
 
@@ -125,7 +123,7 @@ def holds_ncom(data: bytes) -> bool:
     return True
 
 
-def _pose(lat_rad: float, lon_rad: float, alt_m: float, velocity: bytes, angles: bytes) -> NcomPose:
+def _pose(lat_rad: float, lon_rad: float, alt_m: float, angles: bytes) -> NcomPose:
     heading, pitch, roll = _triple(angles)
     if not (isfinite(lat_rad) and isfinite(lon_rad) and isfinite(alt_m)):
         raise DecodeError("its NCOM position is not finite")
@@ -134,13 +132,10 @@ def _pose(lat_rad: float, lon_rad: float, alt_m: float, velocity: bytes, angles:
         raise DecodeError("its NCOM position is not on Earth")
     if _INVALID in (heading, pitch, roll):
         raise DecodeError("its NCOM orientation is marked invalid")
-    north, east, down = _triple(velocity)
-    known = _INVALID not in (north, east, down)
     return NcomPose(
         lat_deg,
         lon_deg,
         alt_m,
-        (north * 1e-4, east * 1e-4, down * 1e-4) if known else None,
         heading * 1e-6,
         pitch * 1e-6,
         roll * 1e-6,

@@ -1,7 +1,7 @@
-"""Pictures of the store in the web UI: what a thumbnail among the metadata of a materialization links to.
+"""Pictures of the store in the web UI: what the metadata of a materialization shows.
 
-The event log keeps whatever stands in the metadata three times, for every materialization. So pictures stand there as
-thumbnails, and `bagassets ui` serves the pictures themselves.
+The event log keeps whatever stands in the metadata twice, for every materialization. So addresses of pictures stand
+there, and `bagassets ui` serves the pictures.
 """
 
 import os

@@ -5,19 +5,16 @@ from collections.abc import Iterator
 import dagster as dg
 
 from bagassets.assets.asset import AnyAsset
-from bagassets.build.execute import Skipped, execute
-from bagassets.build.graph import SELECTION, Graph
+from bagassets.build.execute import Skipped
 from bagassets.build.recording_assets import RecordingAssets
-from bagassets.defs.events import recorded_artifact, recorded_partition
 from bagassets.defs.exclusive import RecordingLock
+from bagassets.defs.making import dependencies, make_assets, read_bag, recorded_bag
 from bagassets.defs.partitions import recording_partitions
-from bagassets.defs.reporting import BAG_CODE_VERSION, bag_metadata, errors_explained, result_metadata
+from bagassets.defs.reporting import BAG_CODE_VERSION, errors_explained
 from bagassets.defs.workspace import Workspace
-from bagassets.errors import StoreError
 from bagassets.escaping import visible
 from bagassets.formats.catalogue import recording_assets
 from bagassets.recipe.model import Recipe
-from bagassets.recordings.digest import recording_digest, recording_stat
 
 __all__ = ["recording_definitions"]
 
@@ -47,12 +44,16 @@ def recording_definitions(recipe: Recipe) -> list[dg.AssetsDefinition]:
     ) -> dg.MaterializeResult[None]:
         with errors_explained():
             recording_lock.take(context)
-            recording = workspace.recording(context.partition_key)
-            stat = recording_stat(recording)
-            digest = recording_digest(recording, workspace.index)
+            selected = context.run.asset_selection
+            _, made = read_bag(
+                workspace,
+                workspace.recording(context.partition_key),
+                context.run.run_id,
+                makes_inventory=selected is None or dg.AssetKey("inventory") in selected,
+            )
+            recording_lock.check()
             return dg.MaterializeResult(
-                data_version=dg.DataVersion(digest.digest),
-                metadata=bag_metadata(recording, stat, digest),
+                data_version=dg.DataVersion(made.data_version), metadata=made.metadata
             )
 
     @dg.multi_asset(
@@ -95,9 +96,7 @@ def _definition(assets: RecordingAssets, asset: AnyAsset) -> dg.AssetsDefinition
 def _spec(assets: RecordingAssets, asset: AnyAsset) -> dg.AssetSpec:
     return dg.AssetSpec(
         asset.name,
-        # All but the inventory depend on the recording through the inventory, which has a digest of each topic: so a
-        # recording that was only re-indexed or re-compressed leaves them fresh in Dagster's markers, too.
-        deps=list(assets.upstream(asset.name)) or ["bag"],
+        deps=dependencies(assets, asset.name),
         group_name=GROUP,
         kinds=set(asset.kinds),
         description=asset.about,
@@ -109,34 +108,14 @@ def _spec(assets: RecordingAssets, asset: AnyAsset) -> dg.AssetSpec:
 def _build(
     context: dg.AssetExecutionContext, workspace: Workspace, recording_lock: RecordingLock, wanted: set[str]
 ) -> Iterator[dg.MaterializeResult[None]]:
-    key, assets = context.partition_key, workspace.assets
+    key = context.partition_key
     recording_lock.take(context)
-    record = recorded_partition(context.instance, "bag", key)
-    if record is None or record.stat is None:
-        raise StoreError(f"{key}: bag is not materialized for this recording; materialize bag first.")
-    # The inventory decides whether the recording takes part, even if the asset (of a package) does not read it.
-    upstream = {"inventory", *(name for asset in wanted for name in assets.upstream(asset))} - wanted
-    given = {
-        name: recorded_artifact(context.instance, workspace.store, name, key)
-        for name in sorted(upstream)
-        if recorded_partition(context.instance, name, key) is not None
-    }
-    graph = Graph(
-        assets,
-        workspace.store,
-        workspace.recording(key),
-        record.data_version,
-        record.stat,
-        wanted=wanted,
-        given=given,
-    )
-    for result in execute(graph):
-        if isinstance(result, Skipped):
-            context.log.info("%s is skipped: %s.", key, visible(result.reason))
-            return
-        reason = graph.node(SELECTION).skipped if result.asset == "inventory" else None
-        yield dg.MaterializeResult(
-            asset_key=result.asset,
-            data_version=dg.DataVersion(result.artifact.digest),
-            metadata=result_metadata(result) | ({"skipped": reason} if reason else {}),
-        )
+    source = recorded_bag(context.instance, workspace.recording(key))
+    for made in make_assets(context.instance, workspace, source, wanted, context.run.run_id):
+        if isinstance(made, Skipped):
+            context.log.info("%s is skipped: %s.", key, visible(made.reason))
+        else:
+            recording_lock.check()
+            # Not in the result, where it would be recorded twice: with the output of the step, too.
+            context.add_asset_metadata(made.metadata, asset_key=made.asset, partition_key=key)
+            yield dg.MaterializeResult(asset_key=made.asset, data_version=dg.DataVersion(made.data_version))

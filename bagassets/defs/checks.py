@@ -1,6 +1,6 @@
 """Asset checks: the rules of `bagassets.quality`, shown per recording and for the dataset."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import dagster as dg
 
@@ -17,8 +17,13 @@ from bagassets.quality.check import Evidence, RecordingCheck, severity_of
 from bagassets.quality.finding import Finding
 from bagassets.recipe.model import Recipe
 from bagassets.recipe.model_checks import Severity
+from bagassets.recordings.model import RecordingFiles
+from bagassets.store.artifact import Artifact
 
-__all__ = ["dataset_checks", "recording_checks"]
+__all__ = ["Checks", "check_groups", "dataset_checks", "recording_checks", "run_checks"]
+
+Checks = Mapping[str, Sequence[RecordingCheck]]
+"""Asset -> checks of it."""
 
 MOST_SENTENCES = 20
 
@@ -26,9 +31,16 @@ MOST_SENTENCES = 20
 def recording_checks(recipe: Recipe) -> list[dg.AssetChecksDefinition]:
     """Return the checks of a recording's assets.
 
-    They are partitioned, or one recording's pass would hide another's failure. The checks of the assets extracted from
-    the recording are one operation, because each operation costs a run 0.1 s; each other asset has an operation of
-    its own for its checks, since it may fail where the rest did not.
+    They are partitioned, or one recording's pass would hide another's failure.
+    """
+    return [_operation(recipe, name, group) for name, group in check_groups(recipe).items()]
+
+
+def check_groups(recipe: Recipe) -> dict[str, Checks]:
+    """Return the checks of a recording, by the operation that runs them.
+
+    The checks of the assets extracted from the recording are one operation, because each operation costs a run 0.1 s;
+    each other asset has an operation of its own for its checks, since it may fail where the rest did not.
     """
     assets = recording_assets(recipe)
     wanted = {
@@ -36,16 +48,13 @@ def recording_checks(recipe: Recipe) -> list[dg.AssetChecksDefinition]:
         for asset in assets
     }
     extracted = {name: checks for name, checks in wanted.items() if name in assets.extracted}
-    groups = {"recording_checks": extracted}
+    groups: dict[str, Checks] = {"recording_checks": extracted}
     groups |= {f"{name}_checks": {name: checks} for name, checks in wanted.items() if name not in extracted}
-    return [_operation(recipe, name, group) for name, group in groups.items() if any(group.values())]
+    return {name: group for name, group in groups.items() if any(group.values())}
 
 
-def _operation(
-    recipe: Recipe, name: str, wanted: Mapping[str, Sequence[RecordingCheck]]
-) -> dg.AssetChecksDefinition:
+def _operation(recipe: Recipe, name: str, wanted: Checks) -> dg.AssetChecksDefinition:
     """Return an operation that runs the checks of some assets."""
-    checks = [(asset, check) for asset, its_checks in wanted.items() for check in its_checks]
     partitions = recording_partitions(recipe)
 
     @dg.multi_asset_check(
@@ -55,27 +64,48 @@ def _operation(
             dg.AssetCheckSpec(
                 check.name, asset=asset, description=check.description, partitions_def=partitions
             )
-            for asset, check in checks
+            for asset, checks in wanted.items()
+            for check in checks
         ],
     )
     def run(context: dg.AssetCheckExecutionContext, workspace: Workspace) -> Iterator[dg.AssetCheckResult]:
         selected = {(key.asset_key.to_user_string(), key.name) for key in context.selected_asset_check_keys}
+        chosen = {
+            asset: [check for check in checks if (asset, check.name) in selected]
+            for asset, checks in wanted.items()
+        }
         with errors_explained():
-            evidence = _evidence(context, workspace)
-            for asset, check in checks:
-                if (asset, check.name) in selected:
-                    severity = severity_of(evidence.checks, check.section)
-                    yield _result(asset, check.name, check.rule(evidence), severity)
+            recording = workspace.recording(context.partition_key)
+            yield from run_checks(
+                workspace, recording, chosen, lambda name: workspace.artifact(context, name)
+            )
 
     return run
 
 
-def _evidence(context: dg.AssetCheckExecutionContext, workspace: Workspace) -> Evidence:
-    recording = workspace.recording(context.partition_key)
+def run_checks(
+    workspace: Workspace, recording: RecordingFiles, wanted: Checks, artifact: Callable[[str], Artifact]
+) -> Iterator[dg.AssetCheckResult]:
+    """Yield the results of checks of a recording.
+
+    Args:
+        workspace: recipe and store.
+        recording: the recording.
+        wanted: the checks, by asset.
+        artifact: finds the current artifact of an asset of the recording.
+
+    Raises:
+        BagAssetsError: no rig is for this recording, or an artifact is missing.
+    """
     rig = choose_rig(workspace.recipe, recording.relative)
     if rig is None:
         raise RecipeError(f"{recording.relative}: no rig of the recipe matches; correct rigs[].match.")
-    return Evidence(workspace.recipe, rig, workspace.store, lambda asset: workspace.artifact(context, asset))
+    evidence = Evidence(workspace.recipe, rig, workspace.store, artifact)
+    for asset, checks in wanted.items():
+        for check in checks:
+            yield _result(
+                asset, check.name, check.rule(evidence), severity_of(evidence.checks, check.section)
+            )
 
 
 def dataset_checks(recipe: Recipe) -> list[dg.AssetChecksDefinition]:

@@ -19,8 +19,16 @@ if TYPE_CHECKING:
     from dagster._cli.proxy_server_manager import ProxyServerManager
     from dagster._cli.utils import get_possibly_temporary_instance_for_cli
     from dagster._core.code_pointer import CodePointer, ModuleCodePointer
+    from dagster._core.definitions.asset_checks.asset_check_evaluation import (
+        AssetCheckEvaluationTargetMaterializationData,
+    )
     from dagster._core.definitions.partitions.context import PartitionLoadingContext
     from dagster._core.errors import DagsterUserCodeUnreachableError
+    from dagster._core.events import (
+        AssetMaterializationPlannedData,
+        EngineEventData,
+        StepMaterializationData,
+    )
     from dagster._core.execution import compute_logs
     from dagster._core.execution.plan.objects import ErrorSource
     from dagster._core.instance import InstanceRef, T_DagsterInstance
@@ -66,6 +74,8 @@ __all__ = [
     "DEFAULT_DAGSTER_ENTRY_POINT",
     "GRPC_INFO_TAG",
     "RUN_MODULES",
+    "AssetCheckEvaluationTargetMaterializationData",
+    "AssetMaterializationPlannedData",
     "BaseWorkspaceRequestContext",
     "CheckRunHealthResult",
     "CodePointer",
@@ -74,6 +84,7 @@ __all__ = [
     "DagsterGrpcClient",
     "DagsterSqliteStorage",
     "DagsterUserCodeUnreachableError",
+    "EngineEventData",
     "ErrorSource",
     "GrpcServerTarget",
     "InstanceRef",
@@ -91,6 +102,7 @@ __all__ = [
     "ScheduleStorageSqlMetadata",
     "SerializableErrorInfo",
     "SqlEventLogStorageMetadata",
+    "StepMaterializationData",
     "T_DagsterInstance",
     "WorkerStatus",
     "WorkspaceFileTarget",
@@ -146,6 +158,11 @@ _PLACES = {
     "ConfigurableClass": "dagster._serdes",  # 1.7
     "ConfigurableClassData": "dagster._serdes",  # 1.7
     "GRPC_INFO_TAG": "dagster._core.storage.tags",  # 1.7
+    # What a run about several recordings records of each: `batches`, `batch_job`.
+    "AssetCheckEvaluationTargetMaterializationData": "dagster._core.definitions.asset_checks.asset_check_evaluation",  # 1.7
+    "AssetMaterializationPlannedData": "dagster._core.events",  # 1.7
+    "EngineEventData": "dagster._core.events",  # 1.7
+    "StepMaterializationData": "dagster._core.events",  # 1.7
     # A partition that registers itself when it is asked for: `partitions`.
     "PartitionLoadingContext": "dagster._core.definitions.partitions.context",  # 1.12
     # SQLite databases made whole or not at all, and kept open while a run writes: `databases`, `sqlite_files`.

@@ -2,6 +2,7 @@
 
 import dagster as dg
 
+from bagassets.defs.fence import refuse_if_ended
 from bagassets.defs.instance_plan import plan_in_run
 from bagassets.defs.reporting import dataset_metadata, errors_explained, inputs_metadata
 from bagassets.defs.workspace import Workspace
@@ -137,7 +138,13 @@ def _dataset_asset(recipe: Recipe, dataset: Dataset) -> dg.AssetsDefinition:
             planned = plan_in_run(context, workspace)
             # The recipe as it is now: this process may be older.
             now = datasets_of(workspace.recipe)[dataset.asset]
-            summary = build_dataset(now, workspace.recipe, workspace.store, planned.plan, planned.inputs)
+
+            def permit() -> None:
+                refuse_if_ended(context.instance, context.run.run_id)
+
+            summary = build_dataset(
+                now, workspace.recipe, workspace.store, planned.plan, planned.inputs, permit
+            )
             failed = planned.inputs.failed.get(dataset.kind.name, {})
             return dg.MaterializeResult(
                 data_version=dg.DataVersion(summary.digest), metadata=dataset_metadata(summary, failed)
@@ -158,6 +165,7 @@ def _map_asset(recipe: Recipe) -> dg.AssetsDefinition:
     def trajectory_map(context: dg.AssetExecutionContext, workspace: Workspace) -> dg.MaterializeResult[None]:
         with errors_explained():
             plan = plan_in_run(context, workspace).plan
+            refuse_if_ended(context.instance, context.run.run_id)
             outcome = build_map(workspace.recipe, workspace.store, plan)
             return dg.MaterializeResult(
                 data_version=dg.DataVersion(outcome.artifact.digest),

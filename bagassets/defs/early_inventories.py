@@ -11,6 +11,7 @@ from pathlib import Path
 
 from bagassets.build.choose import choose_recordings
 from bagassets.build.execute import execute
+from bagassets.build.first_pass import first_pass
 from bagassets.build.graph import Graph
 from bagassets.build.recording_assets import RecordingAssets
 from bagassets.errors import BagAssetsError
@@ -18,7 +19,7 @@ from bagassets.forkserver.server_files import ServerFiles
 from bagassets.formats.catalogue import recording_assets
 from bagassets.json_types import JsonObject
 from bagassets.recipe import load_recipe
-from bagassets.recordings.digest import DigestIndex, recording_digest, recording_stat
+from bagassets.recordings.digest import DigestIndex, recording_stat
 from bagassets.recordings.discover import discover
 from bagassets.recordings.model import RecordingFiles
 from bagassets.store.store import Store
@@ -61,7 +62,7 @@ def make_inventories(args: JsonObject) -> int:
 
 def _make_inventory(assets: RecordingAssets, recording: RecordingFiles) -> None:
     recipe, stat = assets.recipe, recording_stat(recording)
-    digest = recording_digest(recording, DigestIndex.of(recipe)).digest
     store = Store(recipe.store_path)
+    digest = first_pass(assets, store, recording, stat, DigestIndex.of(recipe)).digest.digest
     for _ in execute(Graph(assets, store, recording, digest, stat, wanted={"inventory"})):
         pass

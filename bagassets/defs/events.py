@@ -4,7 +4,7 @@ Only the event log says which artifact is current.
 """
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import dagster as dg
@@ -36,6 +36,7 @@ STAT = "file_stat"
 
 # Records are fetched by storage id; more ids at a time would exceed SQLite's limit of variables.
 _BATCH = 500
+_NOT_SUCCEEDED = [dg.DagsterRunStatus.FAILURE, dg.DagsterRunStatus.CANCELED]
 
 
 def all_assets() -> tuple[str, ...]:
@@ -65,8 +66,9 @@ def recorded_partition(instance: dg.DagsterInstance, asset: str, partition_key: 
     result = instance.fetch_materializations(
         AssetRecordsFilter(asset_key=dg.AssetKey(asset), asset_partitions=[partition_key]), limit=1
     )
+    late = _late(instance, result.records)
     for record in result.records:
-        if record.asset_materialization is not None:
+        if record.asset_materialization is not None and record.storage_id not in late:
             return _recorded(record.asset_materialization, record.run_id)
     return None
 
@@ -123,6 +125,7 @@ def fetch_recorded(
 ) -> dict[str, dict[str, Recorded]]:
     """Return partition key -> asset -> latest record, for the storage ids that `latest_ids` gave."""
     found: dict[str, dict[str, Recorded]] = {key: {} for key in keys}
+    records: list[tuple[str, dg.EventLogRecord]] = []
     for asset, by_key in ids.items():
         wanted = sorted(by_key[key] for key in found if key in by_key)
         for start in range(0, len(wanted), _BATCH):
@@ -130,11 +133,31 @@ def fetch_recorded(
             result = instance.fetch_materializations(
                 AssetRecordsFilter(asset_key=dg.AssetKey(asset), storage_ids=batch), limit=len(batch)
             )
-            for record in result.records:
-                made = record.asset_materialization
-                if made is not None and made.partition in found:
-                    found[made.partition][asset] = _recorded(made, record.run_id)
+            records += [(asset, record) for record in result.records]
+    late = _late(instance, [record for _, record in records])
+    for asset, record in records:
+        made = record.asset_materialization
+        if made is not None and made.partition in found and record.storage_id not in late:
+            found[made.partition][asset] = _recorded(made, record.run_id)
     return found
+
+
+def _late(instance: dg.DagsterInstance, records: Sequence[dg.EventLogRecord]) -> set[int]:
+    """Return the ids of records that were written after their run had been given up (see `fence`).
+
+    These count as none: what they say may be older than what a retry has recorded. To record something once more does
+    no harm.
+    """
+    run_ids = sorted({record.run_id for record in records})
+    ends: dict[str, float | None] = {}
+    for start in range(0, len(run_ids), _BATCH):
+        asked = dg.RunsFilter(run_ids=run_ids[start : start + _BATCH], statuses=_NOT_SUCCEEDED)
+        ends |= {one.dagster_run.run_id: one.end_time for one in instance.get_run_records(asked)}
+    return {
+        record.storage_id
+        for record in records
+        if (end_s := ends.get(record.run_id)) is not None and record.timestamp > end_s
+    }
 
 
 def _recorded(materialization: dg.AssetMaterialization, run_id: str) -> Recorded:

@@ -4,6 +4,7 @@ Recordings are neither opened nor planned for this. The bag root may be a file s
 then a plan would find no recordings: all artifacts would be garbage.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -11,16 +12,19 @@ import dagster as dg
 
 from bagassets.defs.events import DATA_VERSION, all_assets, live_partitions
 from bagassets.defs.runs import open_instance
-from bagassets.errors import RecipeError, StoreError
-from bagassets.formats.dataset_lock import locked_artifacts
-from bagassets.formats.lock_roots import locks_of
+from bagassets.errors import DatasetError, RecipeError, StoreError
+from bagassets.formats.dataset_build import dataset_folders
+from bagassets.formats.dataset_lock import LOCK, locked_artifacts
 from bagassets.propose.project import dagster_home
 from bagassets.recipe import load_recipe
 from bagassets.recipe.model import Recipe
 from bagassets.store.store import Store
 from bagassets.store.users import User, forget_user, users_of
 
-__all__ = ["Roots", "find_roots", "recorded_versions"]
+__all__ = ["KEPT_LOCKS", "Roots", "find_roots", "locks_of", "recorded_versions"]
+
+KEPT_LOCKS = "kept-locks"
+"""Folder in the state folder: copies of locks whose datasets must stay restorable."""
 
 
 @dataclass
@@ -62,6 +66,25 @@ def find_roots(
     for lock in more_locks:
         _add_lock(lock, roots)
     return roots
+
+
+def locks_of(recipe: Recipe) -> Iterator[Path]:
+    """Yield the locks of all datasets of a recipe, of every version on disk, and the locks in `KEPT_LOCKS`.
+
+    Raises:
+        DatasetError: the package of a format in the recipe cannot be used, so nobody knows where its locks are.
+    """
+    unusable = sorted(recipe.formats.keys() - recipe.dataset_settings.keys())
+    if unusable:
+        raise DatasetError(
+            f"formats.{unusable[0]} in the recipe: the package of this format cannot be used (`bagassets formats` says "
+            "why), so the artifacts that its datasets need are unknown, and nothing is collected; repair the package, "
+            "or remove the section and copy the locks whose datasets must stay restorable to "
+            f"{recipe.state / KEPT_LOCKS}."
+        )
+    for folder in dataset_folders(recipe).values():
+        yield from sorted(folder.glob(f"*/{LOCK}"))
+    yield from sorted((recipe.state / KEPT_LOCKS).glob("**/*.json"))
 
 
 def recorded_versions(instance: dg.DagsterInstance, live: frozenset[str]) -> set[str]:

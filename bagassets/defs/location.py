@@ -8,12 +8,13 @@ from pathlib import Path
 import dagster as dg
 
 from bagassets.defs.assets import recording_definitions
+from bagassets.defs.batch_job import batch_job
 from bagassets.defs.checks import dataset_checks, recording_checks
 from bagassets.defs.dataset import dataset_assets
 from bagassets.defs.exclusive import RecordingLock
 from bagassets.defs.sensor import recordings_sensor
 from bagassets.defs.workspace import Workspace
-from bagassets.forkserver.server_files import ServerFiles
+from bagassets.lock_files import RUN_LOCKS
 from bagassets.recipe import load_recipe
 
 __all__ = ["build_definitions"]
@@ -39,10 +40,11 @@ def build_definitions(recipe_file: Path) -> dg.Definitions:
     return dg.Definitions(
         assets=[*recording_definitions(recipe), *dataset_assets(recipe)],
         asset_checks=checks,
+        jobs=[batch_job()],
         sensors=[recordings_sensor()],
         resources={
             "workspace": Workspace(recipe_file=str(recipe_file)),
-            "recording_lock": RecordingLock(folder=str(ServerFiles(recipe.state, "").folder / "locks")),
+            "recording_lock": RecordingLock(folder=str(recipe.state / RUN_LOCKS)),
         },
         # A run is one process, whatever launched it: our workers are forked from a server.
         executor=dg.in_process_executor,

@@ -6,7 +6,8 @@ A run of ours is orphaned if
 - no worker took it within `UNTAKEN_S` seconds after it was created, began to start or was handed over: the process
   that was about to launch it is gone. Launching takes two minutes at most, when a server has to be started twice.
 
-Runs of other programs, machines and launchers are left to them.
+Runs of other programs, machines and launchers are left to them; a launcher that has `end_lost_runs` is asked to report
+its own.
 """
 
 import json
@@ -33,7 +34,9 @@ def end_orphaned_runs(instance: dg.DagsterInstance) -> tuple[list[str], int]:
     Returns:
         ids of the runs reported; number of runs that may yet be orphaned without anybody else noticing.
     """
-    reported, unwatched = [], 0
+    end_lost_runs = getattr(instance.run_launcher, "end_lost_runs", None)
+    reported: list[str] = [] if end_lost_runs is None else end_lost_runs()
+    unwatched = 0
     for record in instance.get_run_records(dg.RunsFilter(statuses=_UNFINISHED)):
         run = record.dagster_run
         worker = RunWorker.of(run)

@@ -9,6 +9,7 @@ from difflib import get_close_matches
 import dagster as dg
 from dagster import partition_loading_context
 
+from bagassets.defs.batches import batch_of
 from bagassets.defs.dagster_private import PartitionLoadingContext
 from bagassets.errors import RecordingError
 from bagassets.recipe.model import Bags, Recipe
@@ -99,15 +100,17 @@ def _no_such_recording(key: str, bags: Bags, known: list[str]) -> str:
     return f"{key}: no recording with this partition key below {bags.root}; {hint}"
 
 
-def active_runs(instance: dg.DagsterInstance, datasets: Iterable[str]) -> dict[str, str]:
-    """Return run id -> partition key, or `DATASET` if it makes one of `datasets`, for runs that have not ended."""
+def active_runs(instance: dg.DagsterInstance, datasets: Iterable[str]) -> dict[str, tuple[str, ...]]:
+    """Return run id -> partition keys, and `DATASET` if it makes one of `datasets`, for runs that have not ended."""
     keys = {dg.AssetKey(name) for name in datasets}
-    active = {}
+    active: dict[str, tuple[str, ...]] = {}
     for run in instance.get_runs(filters=dg.RunsFilter(statuses=_ACTIVE)):
         if _PARTITION_TAG in run.tags:
-            active[run.run_id] = run.tags[_PARTITION_TAG]
+            active[run.run_id] = (run.tags[_PARTITION_TAG],)
         elif keys & (run.asset_selection or set()):
-            active[run.run_id] = DATASET
+            active[run.run_id] = (DATASET,)
+        elif batch := batch_of(run):
+            active[run.run_id] = batch
     return active
 
 

@@ -6,7 +6,7 @@ others, and an interrupt loses nothing that was finished.
 
 import signal
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -16,17 +16,17 @@ from bagassets.build.build_report import BagOutcome, BuildOptions, BuildReport, 
 from bagassets.build.disk_space import folders_written, require_disk_space, space_needed
 from bagassets.build.plan import Plan, Recorded
 from bagassets.build.summary_rows import summary_rows
+from bagassets.defs.batches import batches
 from bagassets.defs.dataset import record_inputs
 from bagassets.defs.instance_plan import InstancePlan
 from bagassets.defs.orphaned_runs import end_orphaned_runs
-from bagassets.defs.partitions import add_partitions, remove_partition
+from bagassets.defs.partitions import active_runs, add_partitions, remove_partition
 from bagassets.defs.pending_work import PendingWork, find_pending_work, open_project, update_pending_work
 from bagassets.defs.run_pool import EndedRun, Listener, RunPool
 from bagassets.defs.snapshot import Snapshot
 from bagassets.defs.touched import record_touched
 from bagassets.defs.workspace import Workspace
 from bagassets.errors import RecordingError
-from bagassets.forkserver.server_files import ServerFiles
 from bagassets.forkserver.worker import note
 from bagassets.formats.after_crash import noted_build
 from bagassets.formats.catalogue import problems_of
@@ -70,20 +70,27 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
             _refuse_empty(recipe, before.planned)
         report.removed = _register(instance, workspace, before.planned)
         if before.todo or (before.datasets and not before.dataset_is_current):
-            log = ServerFiles(recipe.state, "").job_log("code-server")
+            log = recipe.state / "code-server.log"
             runs = stack.enter_context(RunPool(instance, options.jobs, on_event, log))
             sizes = {key: before.planned.discovery.recordings[key].size for key in before.todo}
             space = _disk_space(before, workspace, options)
             on_event(Event("planned", sizes=sizes, message=space))
-            # The longest first: begun last, it would keep one worker busy after all others are done.
-            runs.work({key: before.todo[key] for key in sorted(sizes, key=lambda key: -sizes[key])})
+            going_on = _going_on(instance, before.datasets)
+            followed = {key for keys in going_on.values() for key in keys}
+            todo = {key: assets for key, assets in before.todo.items() if key not in followed}
+            runs.work(batches(todo, sizes, runs.jobs), following=going_on)
             now = update_pending_work(instance, workspace, before, runs.ended.keys())
+            # Runs of an earlier build may have begun before the recipe or the recording changed.
+            again = {key: now.todo[key] for key in followed & now.todo.keys() & before.chosen}
+            if again and not runs.interrupted:
+                runs.work([{key: assets} for key, assets in again.items()])
+                now = update_pending_work(instance, workspace, now, runs.ended.keys())
             _add_outcomes(report, now, runs)
             if before.datasets and not now.dataset_is_current and not runs.interrupted:
                 record_inputs(instance, recipe, now.planned.inputs)
-                runs.work({"": before.datasets})
+                runs.work([{"": before.datasets}])
             report.interrupted = runs.interrupted
-            report.remarks += tuple(_remarks(instance, {key: one.run_id for key, one in runs.ended.items()}))
+            report.remarks += tuple(_remarks(instance, {one.run_id for one in runs.ended.values()}))
             report.dataset, report.dataset_problem = _dataset_outcome(runs.ended.get(""))
             if report.succeeded and options.is_whole:
                 snapshot = Snapshot(instance, workspace)
@@ -125,6 +132,15 @@ def build_project_in_worker(args: JsonObject) -> JsonObject:
     report = build_project(recipe_file, BuildOptions.from_json(args["options"]), send)
     rows = summary_rows(report, Store(load_recipe(recipe_file).store_path), most=args["most"])
     return {**report.as_json(), "summary": [row.as_json() for row in rows]}
+
+
+def _going_on(instance: dg.DagsterInstance, datasets: Iterable[str]) -> dict[str, tuple[str, ...]]:
+    """Return run -> keys for the runs of earlier builds that go on: those of launchers whose runs survive the build."""
+    spooled_runs = getattr(instance.run_launcher, "spooled_runs", None)
+    if spooled_runs is None:
+        return {}
+    spooled = spooled_runs()
+    return {run_id: keys for run_id, keys in active_runs(instance, datasets).items() if run_id in spooled}
 
 
 def _shares(locked: Mapping[str, JsonMapping]) -> dict[str, JsonObject]:
@@ -195,21 +211,18 @@ def _dataset_outcome(ended: EndedRun | None) -> tuple[str, str]:
     return ("updated", "") if ended.problem is None else ("failed", ended.problem)
 
 
-def _remarks(instance: dg.DagsterInstance, runs: Mapping[str, str | None]) -> Iterator[Remark]:
-    """Yield the findings of the asset checks in some runs.
-
-    Args:
-        instance: where the runs are recorded.
-        runs: partition key -> id of its run; None if there was none.
-    """
-    for key, run_id in sorted(runs.items()):
-        if run_id is None:
-            continue
+def _remarks(instance: dg.DagsterInstance, run_ids: Collection[str]) -> list[Remark]:
+    """Return the findings of the asset checks in some runs; empty ids are of recordings that had none."""
+    remarks = []
+    for run_id in sorted(filter(None, run_ids)):
         for entry in instance.all_logs(run_id, of_type=dg.DagsterEventType.ASSET_CHECK_EVALUATION):
             found = entry.get_dagster_event().asset_check_evaluation_data
             if not found.passed:
                 severity = "error" if found.severity is dg.AssetCheckSeverity.ERROR else "warn"
-                yield Remark(key, severity, found.check_name, _describe_finding(found))
+                remarks.append(
+                    Remark(found.partition or "", severity, found.check_name, _describe_finding(found))
+                )
+    return sorted(remarks, key=lambda remark: remark.key)
 
 
 def _describe_finding(found: dg.AssetCheckEvaluation) -> str:

@@ -25,7 +25,6 @@ from bagassets.formats.assembly import DatasetSummary
 from bagassets.formats.catalogue import MAIN
 from bagassets.formats.dataset_build import DatasetInputs
 from bagassets.json_types import Json
-from bagassets.preview.canvas import jpeg_within, read_image
 from bagassets.preview.pictures import TITLES
 from bagassets.quantities import readable_bytes
 from bagassets.recordings.digest import RecordingDigest, RecordingStat
@@ -35,6 +34,7 @@ from bagassets.store.artifact import Artifact
 
 __all__ = [
     "BAG_CODE_VERSION",
+    "Metadata",
     "bag_metadata",
     "dataset_metadata",
     "errors_explained",
@@ -49,8 +49,6 @@ Metadata = dict[str, Any]
 
 BAG_CODE_VERSION = "1"
 CHANNEL_ASSETS = ("frames", "sweeps")
-# The event log keeps them three times for every materialization.
-_THUMBNAIL_BYTES, _THUMBNAIL_WIDTH_PX = 3000, 240
 _COUNTS = {"read", "written", "merged", "lost"}
 
 
@@ -89,22 +87,21 @@ def result_metadata(result: AssetResult) -> Metadata:
         "artifact": dg.MetadataValue.path(str(result.artifact.folder)),
         "action_digest": result.action_digest,
     }
-    return metadata | (_pictures(result.artifact) if result.asset == "preview" else {})
+    return (_pictures(result.artifact) if result.asset == "preview" else {}) | metadata
 
 
 def _pictures(preview: Artifact) -> dict[str, dg.MetadataValue[str]]:
-    """Return thumbnails of the pictures of a preview inside Markdown, each a link to the picture.
+    """Return the pictures of a preview as Markdown: what `bagassets ui` serves, each a link to the large one.
 
-    They are data URIs, which any web UI shows; the links work in `bagassets ui`.
+    Dagster shows short Markdown at once, and the event log keeps all of it twice: so the pictures themselves stay in the
+    store. Other web servers do not serve them; a thumbnail inside Markdown, which takes a click, is all that they show.
     """
     metadata: dict[str, dg.MetadataValue[str]] = {}
     for name in preview.read_json(FACTS)["pictures"]:
-        image = read_image(preview.path(f"inline/{name}.jpg"))
-        data = b64encode(jpeg_within(image, _THUMBNAIL_BYTES, _THUMBNAIL_WIDTH_PX)).decode()
-        link = picture_link(preview.digest, f"{name}.jpg")
-        metadata[f"picture_{name}"] = dg.MetadataValue.md(
-            f"[![{TITLES[name]}](data:image/jpeg;base64,{data})]({link})"
-        )
+        shown, large = (picture_link(preview.digest, file) for file in (f"inline/{name}.jpg", f"{name}.jpg"))
+        metadata[f"picture_{name}"] = dg.MetadataValue.md(f"[![{TITLES[name]}]({shown})]({large})")
+    data = b64encode(preview.path("thumbnail.jpg").read_bytes()).decode()
+    metadata["thumbnail"] = dg.MetadataValue.md(f"![Thumbnail](data:image/jpeg;base64,{data})")
     return metadata
 
 

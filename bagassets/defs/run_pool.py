@@ -5,7 +5,7 @@ Dagster's own records, so it makes no difference who executed it.
 """
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -16,9 +16,11 @@ from uuid import uuid4
 import dagster as dg
 
 from bagassets.build.build_report import Event
+from bagassets.defs.batches import BATCH_JOB, Batch, BatchProgress, batch_config
 from bagassets.defs.code_server import LaunchWorkspace
-from bagassets.defs.runs import CodeLocation, create_run, fail_if_lost, failure_of
+from bagassets.defs.runs import CodeLocation, create_job_run, create_run, fail_if_lost, failure_of
 from bagassets.defs.sqlite_files import kept_open
+from bagassets.defs.worker_tag import WHERE_TAG
 from bagassets.errors import BagAssetsError
 from bagassets.interrupts import deferred_interrupts
 from bagassets.trace import span
@@ -30,6 +32,9 @@ _HEALTH_S = 5.0
 # Polling the records costs 1 to 2 ms. The end of a run is noticed late by at most 2 % of its duration.
 _QUICKEST_S, _SLOWEST_S = 0.02, 0.5
 _POLL_SHARE = 0.02
+_FEW = 20  # active runs that are all read each time
+_MOST_THREADS = 32
+_ENDED = [dg.DagsterRunStatus.SUCCESS, dg.DagsterRunStatus.FAILURE, dg.DagsterRunStatus.CANCELED]
 
 Listener = Callable[[Event], None]
 
@@ -49,16 +54,22 @@ class _Active:
     """A run that has not ended.
 
     Attributes:
-        key: partition key; empty for unpartitioned assets.
+        batch: partition key -> assets; the key of unpartitioned assets is empty.
         launch: the call of the launcher.
         since: when it was created (monotonic clock).
         checked_at: when its health was last checked (monotonic clock).
+        is_ours: False if an earlier build launched it.
+        where: where it waits or is executed, if its launcher says so.
+        progress: of a run about several recordings.
     """
 
-    key: str
-    launch: "Future[dg.DagsterRun]"
+    batch: Batch
+    launch: "Future[dg.DagsterRun] | Future[dg.DagsterRun | None]"
     since: float
     checked_at: float
+    is_ours: bool = True
+    where: str = ""
+    progress: BatchProgress = field(default_factory=BatchProgress)
 
 
 @dataclass
@@ -67,7 +78,7 @@ class RunPool:
 
     Attributes:
         instance: where runs are recorded, and whose launcher executes them.
-        jobs: most runs at the same time.
+        jobs: most runs at the same time, unless they wait in a queue of the launcher's own (`most_at_once`).
         on_event: called when a run begins and when it ends.
         log: log file of the code server, if the launcher needs one.
         location: code location of the assets.
@@ -82,9 +93,12 @@ class RunPool:
     location: CodeLocation = field(default_factory=CodeLocation)
     ended: dict[str, EndedRun] = field(default_factory=dict)
     interrupted: bool = False
+    _waiting: list[Batch] = field(default_factory=list)
     _active: dict[str, _Active] = field(default_factory=dict)
+    _looked_at: float = 0.0
 
     def __post_init__(self) -> None:
+        self.jobs = getattr(self.instance.run_launcher, "most_at_once", self.jobs)
         # One for all runs: a code server takes seconds to start.
         self._workspace = LaunchWorkspace(self.instance, self.location, self.log)
 
@@ -94,40 +108,69 @@ class RunPool:
     def __exit__(self, *_: object) -> None:
         self._workspace.close()
 
-    def work(self, todo: Mapping[str, tuple[str, ...]]) -> None:
-        """Run the assets of each recording; the key of unpartitioned assets is empty.
+    def work(self, batches: Sequence[Batch], following: Mapping[str, Sequence[str]] | None = None) -> None:
+        """Launch a run for each batch.
 
         An interrupt cancels the runs and waits for them to end; a second interrupt does not wait.
+
+        Args:
+            batches: partition key -> assets, for each run; the key of unpartitioned assets is empty.
+            following: run of an earlier build -> partition keys; it is followed to its end and never cancelled.
         """
-        waiting = list(todo.items())[::-1]
+        for run_id, keys in (following or {}).items():
+            self._take_over(run_id, keys)
+        self._waiting = list(batches)[::-1]
         # Some launchers take most of a second for each run.
-        with ThreadPoolExecutor(self.jobs) as pool, deferred_interrupts() as interrupt:
-            while (waiting or self._active) and not interrupt.asked:
-                while waiting and len(self._active) < self.jobs and not interrupt.asked:
-                    self._start(*waiting.pop(), pool)
+        with ThreadPoolExecutor(min(self.jobs, _MOST_THREADS)) as pool, deferred_interrupts() as interrupt:
+            while (self._waiting or self._active) and not interrupt.asked:
+                polled_at = time.monotonic()
+                while self._waiting and len(self._active) < self.jobs and not interrupt.asked:
+                    self._start(self._waiting.pop(), pool)
+                    if time.monotonic() - polled_at > _HEALTH_S:
+                        break
                 self._poll()
             if interrupt.asked:
                 self.interrupted = True
                 for active in self._active.values():
                     active.launch.cancel()
                 self._stop()
-                for key, _ in waiting:
+                for key in (key for batch in self._waiting for key in batch):
                     self.ended.setdefault(key, EndedRun("", None, stopped=True, seconds=0.0))
 
-    def _start(self, key: str, assets: tuple[str, ...], pool: ThreadPoolExecutor) -> None:
+    def _take_over(self, run_id: str, keys: Sequence[str]) -> None:
+        launch: Future[dg.DagsterRun | None] = Future()
+        launch.set_result(None)
+        now = time.monotonic()
+        self._active[run_id] = _Active(dict.fromkeys(keys, ()), launch, now, now, is_ours=False)
+        if len(keys) == 1:
+            self.on_event(Event("started", keys[0]))
+
+    def _start(self, batch: Batch, pool: ThreadPoolExecutor) -> None:
         began, run_id = time.monotonic(), str(uuid4())
+        key = next(iter(batch)) if len(batch) == 1 else None
         try:
             # A run begins with twenty events, which Dagster writes one by one.
-            with span("create run", bag=key), kept_open(self.instance, run_id):
-                create_run(
-                    self.instance, assets, partition_key=key or None, location=self.location, run_id=run_id
-                )
+            with span("create run", bags=list(batch)), kept_open(self.instance, run_id):
+                if key is None:
+                    create_job_run(
+                        self.instance, BATCH_JOB, batch_config(batch), location=self.location, run_id=run_id
+                    )
+                else:
+                    create_run(
+                        self.instance,
+                        batch[key],
+                        partition_key=key or None,
+                        location=self.location,
+                        run_id=run_id,
+                    )
         except BagAssetsError as err:  # a recording that was removed meanwhile
-            self._conclude(key, EndedRun("", str(err), stopped=False, seconds=0.0))
+            for one in batch:
+                self._conclude(one, EndedRun("", str(err), stopped=False, seconds=0.0))
             return
         launch = pool.submit(self.instance.launch_run, run_id, self._workspace.for_launcher())
-        self._active[run_id] = _Active(key, launch, began, began)
-        self.on_event(Event("started", key))
+        self._active[run_id] = _Active(batch, launch, began, began)
+        if key is not None:
+            self.on_event(Event("started", key))
 
     def _poll(self) -> None:
         """Wait a little, then conclude the runs that have ended."""
@@ -136,20 +179,34 @@ class RunPool:
         now = time.monotonic()
         youngest = min(now - active.since for active in self._active.values())
         time.sleep(min(_SLOWEST_S, max(_QUICKEST_S, _POLL_SHARE * youngest)))
-        records = {
-            run.run_id: run for run in self.instance.get_runs(dg.RunsFilter(run_ids=list(self._active)))
-        }
+        is_whole = len(self._active) <= _FEW or time.monotonic() - self._looked_at > _HEALTH_S
+        wanted = dg.RunsFilter(run_ids=list(self._active), statuses=None if is_whole else _ENDED)
+        records = {run.run_id: run for run in self.instance.get_runs(wanted)}
+        self._looked_at = time.monotonic() if is_whole else self._looked_at
         for run_id, active in list(self._active.items()):
             if not active.launch.done():
                 continue
             run = records.get(run_id)
+            if len(active.batch) > 1:
+                self._follow(run_id, active)
             if run is None:
-                self._drop(run_id, "its run was deleted before it ended")
+                if is_whole:
+                    self._drop(run_id, "its run was deleted before it ended")
             elif run.is_finished:
                 self._drop(run_id, self._problem(run, active))
-            elif time.monotonic() - active.checked_at > _HEALTH_S:
-                active.checked_at = time.monotonic()
-                fail_if_lost(self.instance, run)
+            else:
+                self._look_at(run, active)
+
+    def _look_at(self, run: dg.DagsterRun, active: _Active) -> None:
+        """Tell where a run is, and now and then check whether its worker is alive."""
+        where = run.tags.get(WHERE_TAG, "")
+        if where != active.where:
+            active.where = where
+            for key in active.batch.keys() - active.progress.ended.keys():
+                self.on_event(Event("where", key, where))
+        if time.monotonic() - active.checked_at > _HEALTH_S:
+            active.checked_at = time.monotonic()
+            fail_if_lost(self.instance, run)
 
     def _problem(self, run: dg.DagsterRun, active: _Active) -> str | None:
         """Return why a run failed, or None if it succeeded."""
@@ -160,12 +217,41 @@ class RunPool:
             return f"its run could not be launched: {refused}"
         return failure_of(self.instance, run) or f"run {run.run_id} ended {run.status.value}"
 
+    def _follow(self, run_id: str, active: _Active) -> None:
+        """Report what a run about several recordings has begun and ended."""
+        for key, has_ended in active.progress.read(self.instance, run_id):
+            if has_ended:
+                problem, seconds = active.progress.ended[key]
+                self._conclude(key, EndedRun(run_id, problem, stopped=False, seconds=seconds))
+            else:
+                self.on_event(Event("started", key))
+
     def _drop(self, run_id: str, problem: str | None) -> None:
         active = self._active.pop(run_id)
         stopped = problem is not None and self.interrupted
-        if stopped:
+        if stopped and active.is_ours:
             self._settle(run_id)
-        self._conclude(active.key, EndedRun(run_id, problem, stopped, time.monotonic() - active.since))
+        begun, ended = active.progress.begun, active.progress.ended
+        left = {key: assets for key, assets in active.batch.items() if key not in begun}
+        if (
+            begun
+            and left
+            and problem is not None
+            and active.is_ours
+            and not stopped
+            and self._has_failed(run_id)
+        ):
+            # Its worker died with one recording, which failed; the others get another run.
+            self._waiting.append(left)
+        else:
+            left = {}
+        seconds = time.monotonic() - active.since
+        for key in active.batch.keys() - ended.keys() - left.keys():
+            self._conclude(key, EndedRun(run_id, problem, stopped, seconds))
+
+    def _has_failed(self, run_id: str) -> bool:
+        run = self.instance.get_run_by_id(run_id)
+        return run is not None and run.status == dg.DagsterRunStatus.FAILURE
 
     def _settle(self, run_id: str) -> None:
         """Record a run that we cancelled as CANCELED: Dagster's own launcher reports a failure if it was only starting."""
@@ -188,6 +274,9 @@ class RunPool:
         deadline = time.monotonic() + _CANCEL_GRACE_S
         while self._active and time.monotonic() < deadline:
             for run_id, active in list(self._active.items()):
+                if not active.is_ours:
+                    self._drop(run_id, "an earlier build launched it, and it goes on")
+                    continue
                 if run_id in asked or not active.launch.done():
                     continue
                 asked.add(run_id)

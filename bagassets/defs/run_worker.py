@@ -9,6 +9,7 @@ import signal
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
+from functools import partial
 from importlib import import_module
 from itertools import chain
 from pathlib import Path
@@ -18,7 +19,8 @@ import dagster as dg
 from bagassets.decode.loading import load_built_in
 from bagassets.defs.dagster_private import RUN_MODULES
 from bagassets.defs.databases import database_errors_explained
-from bagassets.defs.exclusive import exclusive
+from bagassets.defs.exclusive import ASKS_PER_LOOK, exclusive, holder_has_ended
+from bagassets.defs.fence import run_has_ended
 from bagassets.defs.orphaned_runs import end_orphaned_runs, report_ended
 from bagassets.defs.runs import (
     capture_interrupts,
@@ -36,13 +38,13 @@ from bagassets.forkserver.worker import cancel_requested
 from bagassets.json_types import JsonObject
 from bagassets.kernels.machine_code import compile_all
 from bagassets.recordings.layouts import compile_common_types, load_standard_types
+from bagassets.store.lease import HOLDERS
 from bagassets.trace import name_process, span
 
 __all__ = ["end_worker", "execute", "preload", "recover", "report_lost"]
 
 _PARTITION_TAG = "dagster/partition"
 _POLL_S = 0.5
-_ASKS_PER_LOOK = 5  # once a second
 
 # What opening a SQLite instance, executing a run and the steps import; it saves each worker 0.7 s.
 _AHEAD = (
@@ -81,8 +83,11 @@ def preload(modules: list[str]) -> Iterator[None]:
 def execute(args: JsonObject) -> JsonObject:
     """Execute the run `run_id` of `instance`; return its outcome.
 
-    Runs of one partition take turns, by means of lock files in the folder `locks`.
+    Runs of one partition take turns, by means of lock files in the folder `locks`. With `tags`, which are put on the run,
+    the worker is one that SIGTERM does not interrupt: what sends it to all processes of a job is not about this run.
     """
+    if "tags" in args:
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTERM})
     with capture_interrupts(), ExitStack() as stack:
         instance = _open(args, stack)
         run_id = str(args["run_id"])
@@ -91,21 +96,24 @@ def execute(args: JsonObject) -> JsonObject:
             raise BagAssetsError(
                 f"run {run_id}: not in the Dagster instance; it was deleted before it started."
             )
-        instance.add_run_tags(run_id, RunWorker.here(run_id).tags())
+        HOLDERS.name, HOLDERS.has_ended = run_id, partial(run_has_ended, instance)
+        instance.add_run_tags(run_id, RunWorker.here(run_id).tags() | args.get("tags", {}))
 
         def is_wanted(asked: int) -> bool:
             if asked == 0:
                 message = f"Waiting for another run of {run.tags[_PARTITION_TAG]} to end."
                 instance.report_engine_event(message, dagster_run=run)
-            if asked % _ASKS_PER_LOOK:
+            if asked % ASKS_PER_LOOK:
                 return True
+            if holder_has_ended(instance, Path(args["locks"]), run.tags[_PARTITION_TAG]):
+                return False
             current = instance.get_run_by_id(run_id)  # the web UI cancels a starting run without a signal
             return current is not None and not current.is_finished
 
         partition_key = run.tags.get(_PARTITION_TAG)
         name_process(f"worker: {partition_key or _assets_of(run)}")
         stack.enter_context(span("run", run_id=run_id))
-        _take_turn(args["locks"], partition_key, stack, is_wanted)
+        _take_turn(Path(args["locks"]), partition_key, run_id, stack, is_wanted)
         stack.enter_context(kept_open(instance, run_id))
         return execute_run(instance, run_id, cancel_requested=cancel_requested).as_json()
 
@@ -182,13 +190,13 @@ def _assets_of(run: dg.DagsterRun) -> str:
 
 
 def _take_turn(
-    locks: str, partition_key: str | None, stack: ExitStack, is_wanted: Callable[[int], bool]
-) -> bool:
-    """Wait until no other run works on the partition; return False if this run is to end."""
+    locks: Path, partition_key: str | None, run_id: str, stack: ExitStack, is_wanted: Callable[[int], bool]
+) -> None:
+    """Wait until no other run works on the partition, or this one is to end."""
     if partition_key is None:
-        return True
+        return
 
     def keep_waiting(asked: int) -> bool:
         return is_wanted(asked) and not (is_interrupted() or cancel_requested())
 
-    return stack.enter_context(exclusive(Path(locks), partition_key, keep_waiting=keep_waiting))
+    stack.enter_context(exclusive(locks, partition_key, keep_waiting=keep_waiting, holder=run_id))

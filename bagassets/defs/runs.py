@@ -37,14 +37,16 @@ from bagassets.defs.dagster_private import (
     recon_repository_from_origin,
 )
 from bagassets.defs.databases import ready_to_open
-from bagassets.errors import BagAssetsError
-from bagassets.json_types import JsonObject
+from bagassets.defs.fence import Fence
+from bagassets.errors import BagAssetsError, RunEndedError
+from bagassets.json_types import JsonMapping, JsonObject
 
 __all__ = [
     "CodeLocation",
     "RunOutcome",
     "StepError",
     "capture_interrupts",
+    "create_job_run",
     "create_run",
     "dotenv_variables",
     "execute_run",
@@ -251,6 +253,26 @@ def create_run(
     return run.run_id
 
 
+def create_job_run(
+    instance: dg.DagsterInstance,
+    job_name: str,
+    run_config: JsonMapping,
+    *,
+    location: CodeLocation,
+    run_id: str,
+) -> None:
+    """Create a run of a job with a config, as `create_run` does for assets."""
+    origin = location.python_origin()
+    repository = recon_repository_from_origin(origin).get_definition()
+    instance.create_run_for_job(
+        job_def=repository.get_job(job_name),
+        run_id=run_id,
+        run_config=run_config,
+        remote_job_origin=location.remote_origin(repository.name).get_job_origin(job_name),
+        job_code_origin=JobPythonOrigin(job_name, origin),
+    )
+
+
 def execute_run(
     instance: dg.DagsterInstance,
     run_id: str,
@@ -301,6 +323,7 @@ class _Follower:
         self._instance = instance
         self._run_id = run_id
         self._cancel_requested = cancel_requested
+        self._fence = Fence(instance, run_id)
 
     def is_cancel_wanted(self) -> bool:
         """Return whether somebody has asked to cancel the run.
@@ -328,6 +351,10 @@ class _Follower:
                     # Dagster would mistake the state CANCELING for a second start, and fail the run.
                     events.close()
                     break
+                if kind == dg.DagsterEventType.STEP_SUCCESS and self._is_given_up():
+                    # What comes next is that the run has succeeded.
+                    events.close()
+                    break
                 if kind == dg.DagsterEventType.STEP_FAILURE:
                     self._note_failure(event)
                 if self._is_retry_of_interrupt(event):
@@ -335,6 +362,14 @@ class _Follower:
                     event = events.throw(dg.DagsterExecutionInterruptedError("The run was interrupted."))
                 else:
                     event = next(events, None)
+
+    def _is_given_up(self) -> bool:
+        try:
+            self._fence.check()
+        except RunEndedError as err:
+            self.failures.append(StepError("", type(err).__name__, str(err)))
+            return True
+        return False
 
     def settle(self) -> None:
         """Record a run as CANCELED that somebody asked to cancel and that did not succeed."""

@@ -63,7 +63,7 @@ class Scan:
         active = active_runs(self._instance, self._datasets)
         if active and end_orphaned_runs(self._instance)[0]:
             active = active_runs(self._instance, self._datasets)
-        self._active = set(active.values())
+        self._active = {key for keys in active.values() for key in keys}
         records, project = self._state_of_records(), workspace_fingerprint(self._workspace)
         quiet = digest_json(
             [

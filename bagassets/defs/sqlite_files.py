@@ -93,7 +93,7 @@ def _create_engine(url: str, **options: Any) -> Engine:
     if _KEPT[path] <= 0:
         return _engine(url, timeout_s)
     if (path, timeout_s) not in _POOLED:
-        engine = create_engine(url, **_file_options(QueuePool, timeout_s))
+        engine = _small_engine(url, **_file_options(QueuePool, timeout_s))
         setattr(engine, _DISPOSE, lambda close=True: None)  # noqa: ARG005  (called as Engine.dispose is)
         _POOLED[path, timeout_s] = engine
     return _POOLED[path, timeout_s]
@@ -101,11 +101,22 @@ def _create_engine(url: str, **options: Any) -> Engine:
 
 @lru_cache(maxsize=32)
 def _engine(url: str, timeout_s: float | None) -> Engine:
-    return create_engine(url, **_file_options(NullPool, timeout_s))
+    return _small_engine(url, **_file_options(NullPool, timeout_s))
+
+
+def _small_engine(url: str, **options: Any) -> Engine:
+    engine = create_engine(url, **options)
+    event.listen(engine, "connect", _make_small)
+    return engine
 
 
 def _file_options(pool: type[Pool], timeout_s: float | None) -> dict[str, object]:
     return {"poolclass": pool} | ({} if timeout_s is None else {"connect_args": {"timeout": timeout_s}})
+
+
+def _make_small(connection: Any, _record: object) -> None:
+    """Let a database that is not there yet have small pages: that of a run has thirty tables and indexes, mostly empty."""
+    connection.execute("PRAGMA page_size = 1024")
 
 
 def _on_connect(connection: Any, _record: object) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 import dagster as dg
 
 from bagassets.build.execute import AssetResult
+from bagassets.build.run_action import run_action
 from bagassets.defs.events import live_partitions, recorded_states
 from bagassets.defs.partitions import recording_partitions
 from bagassets.defs.reporting import errors_explained, result_metadata
@@ -115,7 +116,7 @@ def publish(
         step = Step(f"own/{key.to_user_string()}", 1, libraries)
         digests = {name: artifact.digest for name, artifact in inputs.items()}
         action = step.action({"code_version": version, "params": dict(params or {})}, digests)
-        outcome = workspace.store.run(action, make)
+        outcome = run_action(workspace.store, action, make)
         result = AssetResult(
             key.to_user_string(), outcome.artifact, outcome.action_digest, outcome.cached, outcome.seconds
         )

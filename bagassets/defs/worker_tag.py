@@ -12,10 +12,12 @@ import dagster as dg
 
 from bagassets.forkserver.process import ProcessId
 
-__all__ = ["WORKER_TAG", "RunWorker"]
+__all__ = ["WHERE_TAG", "WORKER_TAG", "RunWorker"]
 
 # Dagster hides tags with this prefix in its list of runs, where nobody wants to read JSON.
 WORKER_TAG = ".dagster/bagassets_worker"
+WHERE_TAG = "bagassets/where"
+"""Where a run waits or is executed, in words for people; only some launchers say so."""
 
 
 @dataclass(frozen=True)

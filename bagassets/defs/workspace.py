@@ -41,6 +41,7 @@ class Workspace(dg.ConfigurableResource):  # type: ignore[type-arg]  # steps get
     _assets: RecordingAssets | None = PrivateAttr(default=None)
     _recipe_fingerprint: str = PrivateAttr(default="")
     _found_in_run: tuple[str, Any] | None = PrivateAttr(default=None)
+    _made_along: tuple[str, str] | None = PrivateAttr(default=None)
 
     @property
     def recipe(self) -> Recipe:
@@ -95,6 +96,14 @@ class Workspace(dg.ConfigurableResource):  # type: ignore[type-arg]  # steps get
             self._found_in_run = run_id, find()
         value: T = self._found_in_run[1]
         return value
+
+    def note_made(self, run_id: str, action: str) -> None:
+        """Note that a run has run an action (its digest) before the asset that reports it; a run keeps one."""
+        self._made_along = run_id, action
+
+    def has_made(self, run_id: str, action: str) -> bool:
+        """Return whether a run has run an action before the asset that reports it."""
+        return self._made_along == (run_id, action)
 
     def recording(self, key: str) -> RecordingFiles:
         """Return the recording of a partition.

@@ -90,15 +90,15 @@ class Job:
                 self.end = message
         return notes
 
-    def cancel(self, grace_s: float) -> None:
-        """Ask the worker to stop, and have it killed after `grace_s` seconds."""
+    def cancel(self, grace_s: float, signum: signal.Signals = signal.SIGTERM) -> None:
+        """Ask the worker to stop, by a message and a signal, and have it killed after `grace_s` seconds."""
         self.kill_at = min(self.kill_at or float("inf"), time.monotonic() + grace_s)
         if self.is_cancelled:
             return
         self.is_cancelled = True
         try:
             self.channel.send(encode({"op": "cancel"}))
-            os.kill(self.process.pid, signal.SIGTERM)
+            os.kill(self.process.pid, signum)
         except OSError:
             return  # it has just ended
 

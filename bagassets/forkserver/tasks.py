@@ -9,6 +9,7 @@ from pathlib import Path
 
 from bagassets.forkserver.client import Client
 from bagassets.forkserver.spec import IDLE_TIMEOUT_S, ServerSpec
+from bagassets.lock_files import RUN_LOCKS
 
 __all__ = ["DEFINITIONS", "END_WORKER", "connect", "server_spec", "submit_run"]
 
@@ -73,4 +74,4 @@ def submit_run(client: Client, instance: str, run_id: str, *, detached: bool = F
 
 
 def _locks(client: Client) -> str:
-    return str(client.files.folder / "locks")
+    return str(client.files.state_folder / RUN_LOCKS)

@@ -76,6 +76,7 @@ def assemble(
     failed: Mapping[str, str] | None = None,
     expected: Mapping[str, str] | None = None,
     suspects: AbstractSet[str] | None = None,
+    permit: Callable[[], None] = lambda: None,
 ) -> DatasetSummary:
     """Bring the dataset in `output` up to date.
 
@@ -95,6 +96,7 @@ def assemble(
         expected: name -> digest of the joined files; if they differ, nothing is swapped.
         suspects: files that changed since they were published and are compared with their sources; all others are
             trusted. None if that is unknown.
+        permit: called before anything is published; nothing is if it raises.
 
     Raises:
         DatasetError: the folder holds something else, files cannot be written, or joined files differ from those
@@ -128,6 +130,7 @@ def assemble(
             suspects is not None and not any(name.startswith(f"{folder}/") for name in suspects)
         )
         changed = not (has_links and _is_same(new, current, joined.files))
+        permit()
         linker = Linker(output, compares=suspects is None and isinstance(kind.places, LooseFiles))
         _put_files(kind, linker, members, known, suspects, store, output, new if changed else None)
         _put_beside(output, joined.beside)

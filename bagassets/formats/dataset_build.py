@@ -1,6 +1,6 @@
 """The datasets of a recipe: which recordings enter them, and building them."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from collections.abc import Set as AbstractSet
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -215,7 +215,12 @@ def _failure(bag: BagPlan, part: str) -> str | None:
 
 
 def build_dataset(
-    dataset: Dataset, recipe: Recipe, store: Store, plan: Plan, inputs: DatasetInputs
+    dataset: Dataset,
+    recipe: Recipe,
+    store: Store,
+    plan: Plan,
+    inputs: DatasetInputs,
+    permit: Callable[[], None] = lambda: None,
 ) -> DatasetSummary:
     """Bring a dataset on disk up to date, repair files that changed since they were published, and record them.
 
@@ -225,6 +230,7 @@ def build_dataset(
         store: has the artifacts.
         plan: states of all recordings.
         inputs: the recordings in the datasets.
+        permit: called before anything is published; nothing is if it raises.
 
     Raises:
         DatasetError: the folder holds something else, or files cannot be written.
@@ -250,6 +256,7 @@ def build_dataset(
             skipped={**inputs.skipped, **chosen.skipped},
             failed=inputs.failed.get(kind.name, {}),
             suspects=suspects,
+            permit=permit,
         )
         publication.write(output, summary.published, summary.links, suspects)
     return (

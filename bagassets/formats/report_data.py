@@ -7,6 +7,7 @@ from pathlib import Path
 from bagassets.assets import trajectory_map
 from bagassets.assets.preview import FACTS, THUMBNAIL
 from bagassets.build.plan import BagPlan, Plan
+from bagassets.build.run_action import run_action
 from bagassets.build.track import Track, track_of
 from bagassets.errors import StoreError
 from bagassets.formats.catalogue import formats
@@ -58,8 +59,10 @@ def build_map(recipe: Recipe, store: Store, plan: Plan) -> Outcome:
         DatasetError: it cannot be written.
     """
     routes = _map_routes(recipe, _tracks(recipe, store, plan), _dealt(recipe, store, plan))
-    shell = store.run(trajectory_map.SHELL_STEP.action({}, {}), trajectory_map.make_shell).artifact
-    outcome = store.run(trajectory_map.action(routes, shell), partial(trajectory_map.make, routes, shell))
+    shell = run_action(store, trajectory_map.SHELL_STEP.action({}, {}), trajectory_map.make_shell).artifact
+    outcome = run_action(
+        store, trajectory_map.action(routes, shell), partial(trajectory_map.make, routes, shell)
+    )
     page = outcome.artifact.path(trajectory_map.MAP).read_text(encoding="utf-8")
     write_page(map_path(recipe), page)
     digests = {map_path(recipe).name: digest_bytes(page.encode())}

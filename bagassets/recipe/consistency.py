@@ -5,7 +5,6 @@ from pathlib import Path, PurePosixPath
 
 from bagassets.json_types import Json, JsonObject
 from bagassets.recipe.model import CameraChannel, LidarChannel, Recipe, Rig
-from bagassets.recipe.model_base import DatasetSettings
 from bagassets.recipe.model_calibration import Intrinsics
 from bagassets.recipe.model_poses import FixedPose, NavSatSource, TfSource
 from bagassets.recipe.problems import Problem, closest
@@ -39,9 +38,11 @@ def _paths(recipe: Recipe, data: JsonObject) -> Iterator[Problem]:
         (("bags", "root"), bags["root"]),
         (("state",), data.get("state")),
         (("store",), data.get("store")),
-        (("nuscenes", "output"), data.get("nuscenes", {}).get("output")),
-        (("vision", "output"), (data.get("vision") or {}).get("output")),
-        *((("formats", name, "output"), data["formats"][name].get("output")) for name in _sections(recipe)),
+        *(((name, "output"), (data.get(name) or {}).get("output")) for name in recipe.own_sections),
+        *(
+            (("formats", name, "output"), data["formats"][name].get("output"))
+            for name in recipe.installed_sections
+        ),
         *((("datasets", n, "output"), d.get("output")) for n, d in enumerate(data.get("datasets", []))),
         *((("bags", "message_definitions", n), p) for n, p in enumerate(bags.get("message_definitions", []))),
         *((("rigs", n, "urdf"), rig.get("urdf")) for n, rig in enumerate(data["rigs"])),
@@ -91,11 +92,6 @@ def _calibration_files(recipe: Recipe) -> list[tuple[tuple[str, int, str, str, s
     ]
 
 
-def _sections(recipe: Recipe) -> dict[str, DatasetSettings]:
-    """Return the sections of formats whose packages can be used."""
-    return {name: one for name, one in recipe.formats.items() if isinstance(one, DatasetSettings)}
-
-
 def _outputs(recipe: Recipe) -> Iterator[Problem]:
     """Check that each dataset has its own folder; nuScenes versions may share a dataroot, as in nuScenes itself."""
     nuscenes = recipe.nuscenes
@@ -103,12 +99,12 @@ def _outputs(recipe: Recipe) -> Iterator[Problem]:
     if recipe.store is not None:
         taken.append(("store", recipe.store, None))
     wanted: list[tuple[tuple[str | int, ...], Path, str | None]] = [
-        (("nuscenes", "output"), nuscenes.output, nuscenes.version)
+        ((name, "output"), section.output, nuscenes.version if section is nuscenes else None)
+        for name, section in recipe.own_sections.items()
     ]
-    if recipe.vision is not None:
-        wanted.append((("vision", "output"), recipe.vision.output, None))
     wanted += [
-        (("formats", name, "output"), section.output, None) for name, section in _sections(recipe).items()
+        (("formats", name, "output"), section.output, None)
+        for name, section in recipe.installed_sections.items()
     ]
     wanted += [
         (("datasets", number, "output"), dataset.output, dataset.version or nuscenes.version)

@@ -16,9 +16,8 @@ from bagassets.json_types import Json, JsonMapping, JsonObject
 from bagassets.recipe.consistency import problems_in
 from bagassets.recipe.format_settings import section_model
 from bagassets.recipe.model import Recipe, Rig
-from bagassets.recipe.model_base import DatasetSettings
 from bagassets.recipe.model_datasets import NamedDataset
-from bagassets.recipe.problems import Problem, closest, explain, undecided
+from bagassets.recipe.problems import Problem, closest, explain, open_questions, undecided, with_stand_ins
 from bagassets.recipe.yaml_text import Place, read_yaml
 
 __all__ = ["load_recipe", "parse_recipe", "paths_written", "where_in"]
@@ -103,18 +102,31 @@ def _as_written(text: str, path: Path) -> tuple[Recipe, JsonObject, Place]:
         raise RecipeError(
             f"{path}:{places.line}: the recipe {found}; it is a YAML mapping with the fields name, bags and rigs."
         )
+    recipe, problems = _validated(data)
+    problems += undecided(data)
+    questions = open_questions(problems, data)
+    if questions:  # they stop the recordings of their rigs only
+        recipe, others = _validated(with_stand_ins(data, questions))
+        problems = [*problems, *others] if others else []
+    if recipe is None or problems:
+        raise _wrong(problems, data, places, path)
+    rigs = tuple(
+        rig.with_questions(_sentences(questions[number], data, places, path)) if number in questions else rig
+        for number, rig in enumerate(recipe.rigs)
+    )
+    return recipe.model_copy(update={"rigs": rigs}), data, places
+
+
+def _validated(data: JsonObject) -> tuple[Recipe | None, list[Problem]]:
+    """Return the recipe in plain data, with the sections of installed formats, and the problems in it."""
     try:
         # Through JSON, because only there does strict mean what a file can say: lists for tuples, text
         # for paths, but no text for numbers and no numbers for true and false.
         recipe = Recipe.model_validate_json(json.dumps(data), strict=True)
     except ValidationError as err:
-        wrong = [explain(problem, data) for problem in _causes(err)]
-        raise _wrong([*wrong, *undecided(data)], data, places, path) from None
+        return None, [explain(problem, data) for problem in _causes(err)]
     sections, problems = _read_sections(data)
-    problems += undecided(data)
-    if problems:
-        raise _wrong(problems, data, places, path)
-    return recipe.model_copy(update={"formats": sections}), data, places
+    return recipe.model_copy(update={"formats": sections}), problems
 
 
 def where_in(path: Path, at: tuple[str | int, ...]) -> str:
@@ -134,13 +146,15 @@ def _causes(err: ValidationError) -> list[ErrorDetails]:
 
 
 def _wrong(problems: Iterable[Problem], data: JsonObject, places: Place, path: Path) -> RecipeError:
+    return RecipeError(*_sentences(problems, data, places, path))
+
+
+def _sentences(problems: Iterable[Problem], data: JsonObject, places: Place, path: Path) -> list[str]:
     found = sorted({(places.line_of(at), field_name(at, data), sentence) for at, sentence in problems})
-    return RecipeError(
-        *(
-            f"{path}:{line}: {field}: {sentence}{'' if sentence.endswith('?') else '.'}"
-            for line, field, sentence in found
-        )
-    )
+    return [
+        f"{path}:{line}: {field}: {sentence}{'' if sentence.endswith('?') else '.'}"
+        for line, field, sentence in found
+    ]
 
 
 def field_name(location: tuple[str | int, ...], data: Json) -> str:
@@ -193,26 +207,22 @@ def _absolute(recipe: Recipe, folder: Path) -> Recipe:
         }
     )
     rigs = tuple(_absolute_rig(rig, folder) for rig in recipe.rigs)
-    nuscenes = recipe.nuscenes.model_copy(update={"output": (folder / recipe.nuscenes.output).resolve()})
-    vision = recipe.vision
-    if vision is not None:
-        vision = vision.model_copy(update={"output": (folder / vision.output).resolve()})
+    sections, installed = (
+        {
+            name: section.model_copy(update={"output": (folder / section.output).resolve()})
+            for name, section in given.items()
+        }
+        for given in (recipe.own_sections, recipe.installed_sections)
+    )
     datasets = tuple(
         dataset.model_copy(update={"output": (folder / _output_of(dataset)).resolve()})
         for dataset in recipe.datasets
     )
-    formats = {
-        name: section.model_copy(update={"output": (folder / section.output).resolve()})
-        if isinstance(section, DatasetSettings)
-        else section
-        for name, section in recipe.formats.items()
-    }
     update = {
         "bags": bags,
         "rigs": rigs,
-        "nuscenes": nuscenes,
-        "vision": vision,
-        "formats": formats,
+        **sections,
+        "formats": {**recipe.formats, **installed},
         "datasets": datasets,
     }
     store = None if recipe.store is None else (folder / recipe.store).resolve()

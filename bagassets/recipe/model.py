@@ -6,11 +6,11 @@ that changing any other field cannot make it stale.
 Paths in a loaded recipe are absolute; relative ones are relative to the recipe's folder.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field, PrivateAttr, model_validator
 
 from bagassets.json_types import JsonMapping
 from bagassets.recipe.model_annotations import AnnotationFiles, AnnotationTopic
@@ -199,6 +199,19 @@ class Rig(Model):
         None, description="Name of the vehicle in the log table; default: the rig's name."
     )
     location: str = Field("unknown", description="Name of the place in the log table.")
+
+    _questions: tuple[str, ...] = PrivateAttr(())
+
+    @property
+    def questions(self) -> tuple[str, ...]:
+        """What is to be decided before its recordings can be built: a sentence each, with its line in the recipe."""
+        return self._questions
+
+    def with_questions(self, questions: Iterable[str]) -> Self:
+        """Return the rig with questions; what they ask for holds a stand-in."""
+        rig = self.model_copy()
+        rig._questions = tuple(questions)  # noqa: SLF001  (its own)
+        return rig
 
     @model_validator(mode="after")
     def _known_channels(self) -> Self:
@@ -490,14 +503,22 @@ class Recipe(Model):
         return own or (None if rig is None else rig.clock) or self.clock
 
     @property
-    def dataset_settings(self) -> Mapping[str, DatasetSettings]:
-        """Format -> section, for the datasets of this recipe, in order."""
-        sections: dict[str, DatasetSettings] = {"nuscenes": self.nuscenes}
-        sections |= {} if self.vision is None else {"vision": self.vision}
+    def own_sections(self) -> Mapping[str, DatasetSettings]:
+        """Format -> section, for the datasets in formats of bagassets, in order."""
+        return {name: section for name, section in self if isinstance(section, DatasetSettings)}
+
+    @property
+    def installed_sections(self) -> Mapping[str, DatasetSettings]:
+        """Format -> section, for the datasets in formats of installed packages that can be used."""
         # A section whose package cannot be used is left as plain data.
-        return sections | {
+        return {
             name: section for name, section in self.formats.items() if isinstance(section, DatasetSettings)
         }
+
+    @property
+    def dataset_settings(self) -> Mapping[str, DatasetSettings]:
+        """Format -> section, for the datasets of this recipe, in order."""
+        return {**self.own_sections, **self.installed_sections}
 
     @property
     def store_path(self) -> Path:

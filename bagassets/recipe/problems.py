@@ -6,13 +6,13 @@ from typing import Any, get_args
 
 from pydantic import BaseModel
 
-from bagassets.json_types import Json, JsonMapping
+from bagassets.json_types import Json, JsonMapping, JsonObject
 from bagassets.recipe.format_settings import section_model
 from bagassets.recipe.model import Recipe
 from bagassets.recipe.model_base import FieldValueError, Transform
 from bagassets.recipe.schema import describe, enter, plain, tag_field, variants
 
-__all__ = ["Problem", "closest", "explain", "undecided"]
+__all__ = ["Problem", "closest", "explain", "open_questions", "undecided", "with_stand_ins"]
 
 Problem = tuple[tuple[str | int, ...], str]
 """A location in the recipe (field names, keys, indices), and what is wrong there, without full stop."""
@@ -86,6 +86,43 @@ def undecided(data: JsonMapping) -> Iterator[Problem]:
                     ("rigs", number, "channels", name, "extrinsics"),
                     "needs a value: transform `ego <- sensor`; or name a `urdf` of the rig, or remove the field if TF has it",
                 )
+
+
+def open_questions(problems: Iterable[Problem], data: JsonMapping) -> dict[int, list[Problem]]:
+    """Return number of a rig -> its problems, if all problems only await an answer and some rig has none.
+
+    A rig without poses is one, and so are extrinsics without value. With any other problem, or without a rig that
+    could be built, the result is empty.
+
+    Args:
+        problems: all problems of the recipe.
+        data: the recipe as plain data.
+    """
+    questions: dict[int, list[Problem]] = {}
+    unanswered = {at for at, _ in undecided(data)}
+    for at, sentence in problems:
+        match at:
+            case ("rigs", int(number), "ego_pose") if data["rigs"][number].get("ego_pose") is None:
+                pass
+            case ("rigs", int(number), *_) if at in unanswered:
+                pass
+            case _:
+                return {}
+        questions.setdefault(number, []).append((at, sentence))
+    return questions if len(questions) < len(data["rigs"]) else {}
+
+
+def with_stand_ins(data: JsonMapping, rigs: Iterable[int]) -> JsonObject:
+    """Return the recipe as plain data in which rigs without poses have some, so that the rest can be read."""
+    stand_in = {"source": "odometry", "topic": "to be decided"}
+    unposed = {number for number in rigs if data["rigs"][number].get("ego_pose") is None}
+    return {
+        **data,
+        "rigs": [
+            {**rig, "ego_pose": stand_in} if number in unposed else rig
+            for number, rig in enumerate(data["rigs"])
+        ],
+    }
 
 
 def closest(word: object, known: Iterable[str]) -> str:

@@ -7,13 +7,15 @@ from pathlib import Path
 
 from bagassets.recipe.model import Limits
 from bagassets.recordings.damage import DamageError
-from bagassets.recordings.model import Definition, RawMessage
+from bagassets.recordings.model import Definition, OnRead, RawMessage
 from bagassets.recordings.recording import Recording
 from bagassets.recordings.topic import RefusedBytes, TopicSource, merge_topics, normalise_msgtype
 
 __all__ = ["Database", "DatabaseRecording", "serialization_problem"]
 
 _GENERATED = (2, 3)  # `hidden` in `PRAGMA table_xinfo`
+_PAGE_BYTES = 4092  # without the link to the next page
+_ROW_BYTES = 30  # what a small message takes besides its payload, its place in the index included
 
 
 def serialization_problem(name: object) -> str | None:
@@ -27,9 +29,12 @@ class Database:
     Args:
         path: the file.
         limits: of the recipe.
+        on_read: told how far reading has come.
     """
 
-    def __init__(self, path: Path, limits: Limits) -> None:
+    def __init__(self, path: Path, limits: Limits, on_read: OnRead | None = None) -> None:
+        self._path = path
+        self._on_read = on_read
         self._connection = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro&immutable=1", uri=True)
         try:
             # Text in another encoding damages that text, not the file.
@@ -89,7 +94,13 @@ class Database:
             "WHERE topic_id IN (SELECT value FROM json_each(?)) ORDER BY timestamp, id"
         )
         rows = self._connection.execute(query, [self._most_bytes, json.dumps(sorted(topics))])
+        position = 0
         for topic, log_time_ns, size, data in rows:
+            if self._on_read is not None:
+                # SQLite does not say where it reads; recorders append, and give large messages pages of their own.
+                pages, _ = divmod(size or 0, _PAGE_BYTES)
+                position += (pages + 1) * _PAGE_BYTES if pages else (size or 0) + _ROW_BYTES
+                self._on_read(self._path, position)
             yield topic, log_time_ns, RefusedBytes() if data is None and size else data
 
     def close(self) -> None:
@@ -100,8 +111,14 @@ class Database:
 class DatabaseRecording(Recording):
     """One `.db3` file with CDR messages."""
 
-    def __init__(self, path: Path, message_definitions: Sequence[Path], limits: Limits) -> None:
-        self._database = Database(path, limits)
+    def __init__(
+        self,
+        path: Path,
+        message_definitions: Sequence[Path],
+        limits: Limits,
+        on_read: OnRead | None = None,
+    ) -> None:
+        self._database = Database(path, limits, on_read)
         try:
             definitions, counts = self._database.definitions(), self._database.counts()
             topics = self._database.topics()

@@ -10,6 +10,7 @@ import zstandard
 from bagassets.errors import SizeLimitError
 from bagassets.quantities import readable_bytes
 from bagassets.recordings.damage import DamageError
+from bagassets.recordings.model import OnRead
 from bagassets.recordings.sizes import GIGABYTE
 
 __all__ = ["TooLargeError", "decompress", "decompress_file"]
@@ -87,7 +88,7 @@ _DECOMPRESSORS: dict[str, Callable[[bytes, int], bytes]] = {
 }
 
 
-def decompress_file(source: Path, target: Path, ratio: int) -> None:
+def decompress_file(source: Path, target: Path, ratio: int, on_read: OnRead | None = None) -> None:
     """Decompress a zstd file into another one.
 
     Raises:
@@ -108,3 +109,5 @@ def decompress_file(source: Path, target: Path, ratio: int) -> None:
                     "limits.compression_ratio in the recipe."
                 )
             out.write(piece)
+            if on_read is not None:
+                on_read(source, packed.tell())

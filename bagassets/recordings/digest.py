@@ -2,20 +2,22 @@
 
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Self
 
 from bagassets.errors import ChangedWhileReadError, RecordingError
 from bagassets.json_types import Json
 from bagassets.recordings.digest_record import DigestIndex, Kept, digest_on_record, put_on_record
 from bagassets.recordings.model import RecordingFiles
-from bagassets.store.canonical import digest_file, digest_json
+from bagassets.store.canonical import FileHasher, digest_file, digest_json
 from bagassets.trace import span
 
 __all__ = [
     "DigestIndex",
+    "HashedAlong",
     "RecordingDigest",
     "RecordingStat",
     "assert_unchanged",
@@ -113,6 +115,7 @@ def recording_digest(
     *,
     rehash: bool = False,
     between: Callable[[int], None] | None = None,
+    begun: Mapping[Path, tuple[os.stat_result, FileHasher]] = MappingProxyType({}),
 ) -> RecordingDigest:
     """Return the digest of a recording, hashing the files that have no valid record.
 
@@ -121,6 +124,7 @@ def recording_digest(
         index: holds digests that cannot be stored as attributes.
         rehash: hash every file, whatever is on record.
         between: see `hash_file`.
+        begun: file -> its status before, and what has begun to hash it.
 
     Raises:
         RecordingError: a file cannot be read.
@@ -135,7 +139,8 @@ def recording_digest(
         digest = None if rehash else digest_on_record(path, stat, index)
         if digest is None:
             with span("hash", file=path.name):
-                digest = hash_file(path, stat, between)
+                before, hasher = begun.get(path, (stat, None))
+                digest = hash_file(path, before, between, hasher)
             hashed += stat.st_size
         try:
             kept[path.name] = put_on_record(path, stat, digest, index)
@@ -143,6 +148,55 @@ def recording_digest(
             raise _gone(path, err) from err
         digests[path.name] = digest
     return RecordingDigest(combined_digest(digests), size, digests, hashed, kept)
+
+
+class HashedAlong:
+    """Hashes the files of a recording as somebody else reads them, so that the disk gives each byte once for both.
+
+    Close it, or use it as a context manager.
+
+    Args:
+        recording: its files; those with a digest on record are not hashed.
+        index: see `recording_digest`.
+    """
+
+    def __init__(self, recording: RecordingFiles, index: DigestIndex | None = None) -> None:
+        self._recording, self._index = recording, index
+        self._before = {
+            path: stat for path, stat in stat_files(recording) if digest_on_record(path, stat, index) is None
+        }
+        for stat in self._before.values():
+            _wait_a_tick(stat)
+        self._hashers: dict[Path, FileHasher] = {}
+
+    def follow(self, path: Path, position: int) -> None:
+        """Hash a file up to where its reader has come; errors are left to `finish`, which meets them again."""
+        if path not in self._before:
+            return
+        try:
+            if path not in self._hashers:
+                self._hashers[path] = FileHasher(path)
+            self._hashers[path].follow(position)
+        except OSError:
+            del self._before[path]
+            if path in self._hashers:
+                self._hashers.pop(path).close()
+
+    def finish(self) -> RecordingDigest:
+        """Hash what is left, and return the digest.
+
+        Raises:
+            BagAssetsError: as `recording_digest`.
+        """
+        begun = {path: (self._before[path], hasher) for path, hasher in self._hashers.items()}
+        return recording_digest(self._recording, self._index, begun=begun)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        for hasher in self._hashers.values():
+            hasher.close()
 
 
 def stat_files(recording: RecordingFiles) -> list[tuple[Path, os.stat_result]]:
@@ -164,24 +218,27 @@ def combined_digest(digests: dict[str, str]) -> str:
     return digest_json(sorted(digests.items()))
 
 
-def hash_file(path: Path, before: os.stat_result, between: Callable[[int], None] | None = None) -> str:
+def hash_file(
+    path: Path,
+    before: os.stat_result,
+    between: Callable[[int], None] | None = None,
+    hasher: FileHasher | None = None,
+) -> str:
     """Return the digest of the content of a file.
 
     Args:
         path: the file.
         before: status of the file, which must stay the same meanwhile.
         between: called with the number of bytes just read, every few milliseconds; what it raises ends the hashing.
+        hasher: has begun to hash the file.
 
     Raises:
         RecordingError: the file cannot be read.
         ChangedWhileReadError: the file changed meanwhile.
     """
-    # A file written just now may be written again within the same tick, which its mtime would not show.
-    age_s = time.time() - before.st_mtime_ns / 1e9
-    if 0 <= age_s < _TICK_S:
-        time.sleep(_TICK_S - age_s)
+    _wait_a_tick(before)
     try:
-        digest = digest_file(path, between)
+        digest = digest_file(path, between) if hasher is None else hasher.finish(between)
         after = path.stat()
     except OSError as err:
         if isinstance(err, FileNotFoundError):
@@ -194,6 +251,13 @@ def hash_file(path: Path, before: os.stat_result, between: Callable[[int], None]
             f"{path}: the file changed while it was hashed; build again when it is complete."
         )
     return digest
+
+
+def _wait_a_tick(stat: os.stat_result) -> None:
+    """Wait if a file was written just now: it may be written again within the same tick, which its mtime would not show."""
+    age_s = time.time() - stat.st_mtime_ns / 1e9
+    if 0 <= age_s < _TICK_S:
+        time.sleep(_TICK_S - age_s)
 
 
 def _identity(stat: os.stat_result) -> tuple[int, int, int]:

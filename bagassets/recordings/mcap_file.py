@@ -18,7 +18,7 @@ from bagassets.recordings.chunks import LatestChunks, detached
 from bagassets.recordings.damage import DamageError
 from bagassets.recordings.mcap_chunk import MESSAGE_HEADER, MessagePlaces, load_chunk
 from bagassets.recordings.mcap_index import ChunkPlace, read_index, walk
-from bagassets.recordings.model import Definition, RawMessage
+from bagassets.recordings.model import Definition, OnRead, RawMessage
 from bagassets.recordings.recording import Recording
 from bagassets.recordings.sizes import Sizes
 from bagassets.recordings.topic import TopicSource, merge_topics, normalise_msgtype
@@ -36,10 +36,12 @@ class McapFile:
     Args:
         path: the file.
         limits: of the recipe.
+        on_read: told how far reading has come.
     """
 
-    def __init__(self, path: Path, limits: Limits) -> None:
+    def __init__(self, path: Path, limits: Limits, on_read: OnRead | None = None) -> None:
         self.path = path
+        self._on_read = on_read
         self.check = False
         self._limits = limits
         self._file = path.open("rb")
@@ -104,7 +106,9 @@ class McapFile:
                 chunks.drop(offset)
 
     def _load(self, offset: int) -> bytes:
-        return load_chunk(self._file, self.path, offset, self._sizes, check=self.check)
+        content = load_chunk(self._file, self.path, offset, self._sizes, check=self.check)
+        self._tell_position()
+        return content
 
     def _outside_chunks(self, channels: Collection[int]) -> Iterator[tuple[int, int, bytes | memoryview]]:
         """Read messages that are in no chunk."""
@@ -118,7 +122,13 @@ class McapFile:
                     places.add(log_time_ns, channel, begin + MESSAGE_HEADER.size, end)
         for log_time_ns, channel, begin, end in places.in_order():
             self._file.seek(begin)
-            yield channel, log_time_ns, self._file.read(end - begin)
+            data = self._file.read(end - begin)
+            self._tell_position()
+            yield channel, log_time_ns, data
+
+    def _tell_position(self) -> None:
+        if self._on_read is not None:
+            self._on_read(self.path, self._file.tell())
 
     def close(self) -> None:
         """Close the file."""
@@ -150,8 +160,14 @@ class _OpenChunk:
 class McapRecording(Recording):
     """A bare `.mcap` file with CDR or ROS 1 messages; other encodings cost their topic."""
 
-    def __init__(self, path: Path, message_definitions: Sequence[Path], limits: Limits) -> None:
-        self._file = McapFile(path, limits)
+    def __init__(
+        self,
+        path: Path,
+        message_definitions: Sequence[Path],
+        limits: Limits,
+        on_read: OnRead | None = None,
+    ) -> None:
+        self._file = McapFile(path, limits, on_read)
         try:
             _require_summary(self._file)
             sources = self._file.sources()

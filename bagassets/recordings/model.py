@@ -1,17 +1,21 @@
 """What recordings consist of: files, messages, and definitions of message types."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
 Format = Literal["ros1", "ros2", "mcap"]
 Serialization = Literal["ros1", "cdr"]
+OnRead = Callable[[Path, int], None]
+"""Called after bytes of a file were read, with the file and, roughly, the position that reading has come to."""
 
 __all__ = [
     "METADATA",
     "Definition",
     "Format",
     "Message",
+    "OnRead",
     "RawMessage",
     "RecordingFiles",
     "Serialization",

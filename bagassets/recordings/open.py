@@ -8,7 +8,7 @@ from bagassets.recipe.model import Limits
 from bagassets.recordings.damage import advice_for, refuse_pointer, unreadable
 from bagassets.recordings.database_file import DatabaseRecording
 from bagassets.recordings.mcap_file import McapRecording
-from bagassets.recordings.model import RecordingFiles
+from bagassets.recordings.model import OnRead, RecordingFiles
 from bagassets.recordings.recording import Recording
 from bagassets.recordings.rosbag1 import Rosbag1Recording
 from bagassets.recordings.rosbag2 import Rosbag2Recording
@@ -17,7 +17,10 @@ __all__ = ["open_recording"]
 
 
 def open_recording(
-    recording: RecordingFiles | Path, message_definitions: Sequence[Path] = (), limits: Limits | None = None
+    recording: RecordingFiles | Path,
+    message_definitions: Sequence[Path] = (),
+    limits: Limits | None = None,
+    on_read: OnRead | None = None,
 ) -> Recording:
     """Open a recording.
 
@@ -25,6 +28,7 @@ def open_recording(
         recording: its files, or its path.
         message_definitions: folders of `.msg` files for types that the recording does not define.
         limits: bounds on sizes; by default those of an empty recipe.
+        on_read: told how far reading has come; it must not raise.
 
     Raises:
         RecordingError: it is not a readable recording; the message says what to do.
@@ -37,13 +41,13 @@ def open_recording(
     limits = limits or Limits()
     try:
         if path.is_dir():
-            return Rosbag2Recording(path, message_definitions, limits)
+            return Rosbag2Recording(path, message_definitions, limits, on_read)
         refuse_pointer(path)
         if path.suffix == ".mcap":
-            return McapRecording(path, message_definitions, limits)
+            return McapRecording(path, message_definitions, limits, on_read)
         if path.suffix == ".db3":
-            return DatabaseRecording(path, message_definitions, limits)
-        return Rosbag1Recording(path, message_definitions, limits)
+            return DatabaseRecording(path, message_definitions, limits, on_read)
+        return Rosbag1Recording(path, message_definitions, limits, on_read)
     except BagAssetsError:
         raise
     except Exception as err:  # whatever the libraries raise: see `unreadable`

@@ -22,7 +22,7 @@ from bagassets.recipe.model import Limits
 from bagassets.recordings.chunks import LatestChunks, detached
 from bagassets.recordings.damage import DamageError
 from bagassets.recordings.decompress import TooLargeError, decompress
-from bagassets.recordings.model import Definition, RawMessage
+from bagassets.recordings.model import Definition, OnRead, RawMessage
 from bagassets.recordings.recording import Recording
 from bagassets.recordings.sizes import Sizes
 from bagassets.recordings.topic import TopicSource, merge_topics, normalise_msgtype
@@ -36,9 +36,15 @@ _TIME = Struct("<II")
 class Rosbag1Recording(Recording):
     """A ROS 1 bag, plain or compressed with lz4 or bz2."""
 
-    def __init__(self, path: Path, message_definitions: Sequence[Path], limits: Limits) -> None:
+    def __init__(
+        self,
+        path: Path,
+        message_definitions: Sequence[Path],
+        limits: Limits,
+        on_read: OnRead | None = None,
+    ) -> None:
         self._limits = limits
-        self._reader = _IndexReader(path, limits)
+        self._reader = _IndexReader(path, limits, on_read)
         self._reader.open()
         try:
             sources = [
@@ -77,8 +83,10 @@ class Rosbag1Recording(Recording):
 class _IndexReader(rosbag1.Reader):
     """Reads the index of a bag, within the recipe's limits."""
 
-    def __init__(self, path: Path, limits: Limits) -> None:
+    def __init__(self, path: Path, limits: Limits, on_read: OnRead | None) -> None:
         super().__init__(path)
+        self._file = path
+        self._on_read = on_read
         self._size = path.stat().st_size
         self.sizes = Sizes(path, self._size, limits)
         self._compression: dict[int, tuple[str, int]] = {}
@@ -151,6 +159,8 @@ class _IndexReader(rosbag1.Reader):
         chunk, (compression, unpacked_bytes) = self.chunks[position], self._compression[position]
         self.bio.seek(chunk.datapos)
         packed = self.bio.read(chunk.datasize)
+        if self._on_read is not None:
+            self._on_read(self._file, self.bio.tell())
         if compression == "none":
             return packed
         try:

@@ -17,7 +17,7 @@ from bagassets.recordings.damage import DamageError, refuse_pointer
 from bagassets.recordings.database_file import Database, serialization_problem
 from bagassets.recordings.decompress import TooLargeError, decompress, decompress_file
 from bagassets.recordings.mcap_file import McapFile
-from bagassets.recordings.model import METADATA, Definition, RawMessage
+from bagassets.recordings.model import METADATA, Definition, OnRead, RawMessage
 from bagassets.recordings.recording import Recording
 from bagassets.recordings.topic import RefusedBytes, TopicSource, merge_topics, normalise_msgtype
 
@@ -33,8 +33,15 @@ _ZSTD = ".zstd"
 class Rosbag2Recording(Recording):
     """A ROS 2 bag folder."""
 
-    def __init__(self, path: Path, message_definitions: Sequence[Path], limits: Limits) -> None:
+    def __init__(
+        self,
+        path: Path,
+        message_definitions: Sequence[Path],
+        limits: Limits,
+        on_read: OnRead | None = None,
+    ) -> None:
         self._limits = limits
+        self._on_read = on_read
         self._stack = ExitStack()
         try:
             facts = _metadata(path / METADATA)
@@ -56,14 +63,14 @@ class Rosbag2Recording(Recording):
         if compressed:
             folder = Path(self._stack.enter_context(TemporaryDirectory(prefix="bagassets-")))
             plain = folder / file.stem
-            decompress_file(file, plain, self._limits.compression_ratio)
+            decompress_file(file, plain, self._limits.compression_ratio, self._on_read)
             file = plain
         if file.suffix == ".mcap":
-            mcap = McapFile(file, self._limits)
+            mcap = McapFile(file, self._limits, self._on_read)
             mcap.check = True
             self._stack.callback(mcap.close)
             return mcap
-        database = Database(file, self._limits)
+        database = Database(file, self._limits, self._on_read)
         self._stack.callback(database.close)
         return database
 

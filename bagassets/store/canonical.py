@@ -3,10 +3,11 @@
 import json
 from collections.abc import Callable
 from pathlib import Path
+from typing import Self
 
 from blake3 import blake3
 
-__all__ = ["canonical_json", "digest_bytes", "digest_file", "digest_json"]
+__all__ = ["FileHasher", "canonical_json", "digest_bytes", "digest_file", "digest_json"]
 
 # Larger blocks do not fit the processor's cache, smaller ones keep fewer cores busy: 4 GB/s on two of them.
 _READ_BYTES = 4 << 20
@@ -35,21 +36,57 @@ def digest_json(value: object) -> str:
 
 
 def digest_file(path: Path, between: Callable[[int], None] | None = None) -> str:
-    """Return the BLAKE3 digest of a file, hashed with all cores.
-
-    The file is read, not mapped: a mapped file that somebody truncates kills the process that reads it.
+    """Return the BLAKE3 digest of a file.
 
     Args:
         path: the file.
         between: called with the number of bytes just read, every few milliseconds; an exception that it raises ends the
             hashing.
     """
-    hasher = blake3(max_threads=blake3.AUTO)
-    buffer = bytearray(min(_READ_BYTES, max(1, path.stat().st_size)))
-    view = memoryview(buffer)
-    with path.open("rb", buffering=0) as file:
-        while read := file.readinto(buffer):
-            hasher.update(view[:read])
+    with FileHasher(path) as hasher:
+        return hasher.finish(between)
+
+
+class FileHasher:
+    """Hashes a file from its beginning, a block at a time, each with all cores. Close it, or use it as a context manager.
+
+    The file is read, not mapped: a mapped file that somebody truncates kills the process that reads it.
+
+    Attributes:
+        position: how many bytes have been hashed.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.position = 0
+        self._hasher = blake3(max_threads=blake3.AUTO)
+        self._buffer = memoryview(bytearray(min(_READ_BYTES, max(1, path.stat().st_size))))
+        self._file = path.open("rb", buffering=0)
+
+    def follow(self, position: int) -> None:
+        """Hash whole blocks up to a position."""
+        while self.position + len(self._buffer) <= position and self.step():
+            pass
+
+    def step(self) -> int:
+        """Hash the next block, and return its size; 0 at the end of the file."""
+        read = self._file.readinto(self._buffer) or 0
+        self._hasher.update(self._buffer[:read])
+        self.position += read
+        return read
+
+    def finish(self, between: Callable[[int], None] | None = None) -> str:
+        """Hash the rest, and return the digest of the file; see `digest_file`."""
+        while read := self.step():
             if between is not None:
                 between(read)
-    return hasher.hexdigest()
+        return self._hasher.hexdigest()
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.close()

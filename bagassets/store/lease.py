@@ -8,19 +8,21 @@ of an action keeps other processes from making the same artifact a second time.
 import os
 import socket
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from uuid import uuid4
 
 from bagassets.errors import StoreError
 from bagassets.lock_files import LockFile, is_locked
 
-__all__ = ["action_lock", "in_use", "in_use_since_s"]
+__all__ = ["HOLDERS", "action_lock", "in_use", "in_use_since_s"]
 
 _FOLDER, _ACTIONS = "leases", "underway"
 # Where the file system has no locks, a lease is valid for this long.
 _UNLOCKED_S = 2 * 86400.0
+_POLL_S, _LOOK_S = 0.05, 1.0
 
 
 @contextmanager
@@ -76,9 +78,28 @@ def _is_held(path: Path, begun_s: float) -> bool:
         return time.time() - begun_s < _UNLOCKED_S
 
 
+@dataclass
+class Holders:
+    """Who holds locks of actions, and whether a holder need not be waited for.
+
+    A worker that was declared dead may be frozen, and hold its locks for ever.
+
+    Attributes:
+        name: this process, such as the run that it executes.
+        has_ended: whether a holder of that name was given up; asked once a second.
+    """
+
+    name: str = ""
+    has_ended: Callable[[str], bool] | None = None
+
+
+HOLDERS = Holders()
+"""Of this process; set by whoever knows."""
+
+
 @contextmanager
 def action_lock(root: Path, action_digest: str) -> Iterator[None]:
-    """Hold the lock of an action in the store in `root`, once no other process holds it.
+    """Hold the lock of an action in the store in `root`, once no other process holds it that is worth waiting for.
 
     The system releases it if the process dies. It only saves work: where the file system has no locks, or the
     folder cannot be written, two processes make the same artifact.
@@ -88,10 +109,30 @@ def action_lock(root: Path, action_digest: str) -> Iterator[None]:
     with suppress(OSError):
         path.parent.mkdir(parents=True, exist_ok=True)
         file = LockFile.open(path, shared=True)
-        file.lock()
+        if _lock(file):
+            file.write(HOLDERS.name)
+        else:
+            file.close()
+            file = None
     try:
         yield
     finally:
         if file is not None:
             with suppress(OSError):
                 file.remove()  # whoever waits for it has it open; whoever comes now finds the artifact
+
+
+def _lock(file: LockFile) -> bool:
+    """Wait for a lock; return False if its holder was given up."""
+    if HOLDERS.has_ended is None:
+        file.lock()
+        return True
+    looked_s = time.monotonic()
+    while not file.try_lock():
+        if time.monotonic() - looked_s > _LOOK_S:
+            looked_s = time.monotonic()
+            holder = file.read()
+            if holder and HOLDERS.has_ended(holder):
+                return False
+        time.sleep(_POLL_S)
+    return True

@@ -18,15 +18,14 @@ import re
 import shutil
 import socket
 import time
-from collections.abc import Callable
-from contextlib import suppress
+from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 from uuid import uuid4
 
 from bagassets.atomic import create_atomically, write_atomically
-from bagassets.errors import BagAssetsError, StoreError
+from bagassets.errors import StoreError
 from bagassets.json_types import JsonObject
 from bagassets.store.action import Action
 from bagassets.store.artifact import MANIFEST, Artifact, ArtifactWriter
@@ -243,39 +242,9 @@ class Store:
         """Start an action; the caller commits or discards it."""
         return Pending(self, action)
 
-    def run(
-        self,
-        action: Action,
-        make: Callable[[ArtifactWriter], JsonObject],
-        subject: Path | None = None,
-    ) -> Outcome:
-        """Return the known outcome of `action`, or run `make`, which writes the artifact and returns its summary.
-
-        If another process is running the same action, wait for its outcome. An error of `make` is recorded under the
-        action's digest and raised again, unless the action is not to blame: a full disk, a recording that changed
-        meanwhile. See `record_failure` for `subject`.
-        """
-        known = self.use(action)
-        if known is not None:
-            return known
-        with action_lock(self.root, action.digest):
-            return self.use(action) or self._make(action, make, subject)
-
-    def _make(
-        self, action: Action, make: Callable[[ArtifactWriter], JsonObject], subject: Path | None
-    ) -> Outcome:
-        pending = self.begin(action)
-        try:
-            summary = make(pending.out)
-        except BagAssetsError as err:
-            pending.discard()
-            if not err.transient:
-                self.record_failure(action, str(err), subject)
-            raise
-        except BaseException:
-            pending.discard()
-            raise
-        return pending.commit(summary)
+    def lock(self, action: Action) -> AbstractContextManager[None]:
+        """Keep other processes from running the same action; see `action_lock`."""
+        return action_lock(self.root, action.digest)
 
     def record(self, action: Action, artifact: Artifact, seconds: float) -> None:
         """Record that `action` produced `artifact`; the first writer wins.

@@ -200,9 +200,9 @@ def _run(
         known[mutant.name] = row
         with results.open("a") as out:
             out.write(json.dumps(row) + "\n")
-        told = f"{row['outcome']:9}{row['tests']:5} tests {row['seconds']:6.1f} s  {mutant.path}:{mutant.first_line}"
+        line = f"{row['outcome']:9}{row['tests']:5} tests {row['seconds']:6.1f} s  {mutant.path}:{mutant.first_line}"
         print(
-            told, row.get("killer", ""), *([row["diff"]] if row["outcome"] == "survived" else []), flush=True
+            line, row.get("killer", ""), *([row["diff"]] if row["outcome"] == "survived" else []), flush=True
         )
 
     with ThreadPoolExecutor(given.workers) as pool:

@@ -140,7 +140,7 @@ def _child(job: dict[str, Any], scratch: Path, result: Path, *, changed: bool) -
         answer = _run(job, scratch)
         result.write_text(json.dumps(answer))
         code = 0
-    except BaseException:  # noqa: BLE001  (told in the log)
+    except BaseException:  # noqa: BLE001  (the log has it)
         traceback.print_exc()
     finally:
         sys.stdout.flush()

@@ -6,6 +6,7 @@ from functools import partial
 
 from bagassets.assets.ego_poses import load_trajectory
 from bagassets.build.plan import Plan
+from bagassets.build.run_action import run_action
 from bagassets.build.track import track_of
 from bagassets.errors import StoreError
 from bagassets.formats.format import Part, Selection
@@ -51,7 +52,7 @@ def select(
         else:
             tokens = [scene["token"] for scene in kept]
             make = partial(scene_steps.make_subset, tables, kept)
-            outcome = store.run(scene_steps.subset_action(tables, tokens), make)
+            outcome = run_action(store, scene_steps.subset_action(tables, tokens), make)
             chosen.append(Part(part.key, part.content, outcome.artifact.digest))
     return Selection(chosen, skipped, dict(sorted(left_out.items())))
 
@@ -67,6 +68,6 @@ def _scene_facts(recipe: Recipe, store: Store, plan: Plan, part: Part, tables: A
         )
     track = track_of(store, inventory, poses, recipe.clock_of(recipe.rig_named(bag.rig)))
     make = partial(scene_steps.make_facts, tables, load_trajectory(poses), track.points)
-    outcome = store.run(scene_steps.facts_action(tables, poses, track.digest), make)
+    outcome = run_action(store, scene_steps.facts_action(tables, poses, track.digest), make)
     facts: JsonObject = outcome.artifact.read_json(scene_steps.SCENES)
     return facts

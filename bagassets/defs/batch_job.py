@@ -1,0 +1,252 @@
+"""The job that brings a batch of recordings up to date, one after the other.
+
+Each recording is recorded as its own partition, as a run of its own would.
+"""
+
+import logging
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from hashlib import sha256
+
+import dagster as dg
+from dagster import AssetRecordsFilter
+
+from bagassets.build.execute import Skipped
+from bagassets.defs.batches import BATCH_JOB, BATCH_OP, Batch, note_progress
+from bagassets.defs.checks import check_groups, run_checks
+from bagassets.defs.dagster_private import (
+    AssetCheckEvaluationTargetMaterializationData,
+    AssetMaterializationPlannedData,
+    StepMaterializationData,
+)
+from bagassets.defs.events import CODE_VERSION, DATA_VERSION, INPUT_PREFIX
+from bagassets.defs.exclusive import RecordingLock
+from bagassets.defs.making import MadeAsset, dependencies, make_assets, read_bag, recorded_bag
+from bagassets.defs.reporting import BAG_CODE_VERSION
+from bagassets.defs.workspace import Workspace
+from bagassets.errors import BagAssetsError, RunEndedError, StoreError
+from bagassets.escaping import visible
+from bagassets.quantities import count_text
+from bagassets.recordings.model import RecordingFiles
+
+__all__ = ["batch_job"]
+
+_POINTER_PREFIX = "dagster/input_event_pointer/"
+_MOST_NAMED = 3
+
+
+def batch_job() -> dg.JobDefinition:
+    """Return the job that makes assets of several recordings."""
+
+    @dg.op(
+        name=BATCH_OP,
+        config_schema={
+            "recordings": dg.Field(dict, description="Partition key: names of the assets to make.")
+        },
+        out=dg.Out(dg.Nothing),
+        description=__doc__,
+    )
+    def build_each(
+        context: dg.OpExecutionContext, workspace: Workspace, recording_lock: RecordingLock
+    ) -> None:
+        failed: dict[str, str] = {}
+        batch: Batch = context.op_config["recordings"]
+        try:
+            found = workspace.discover().recordings
+        except BagAssetsError as err:
+            raise dg.Failure(str(err), allow_retries=False) from None
+        for key, assets in batch.items():
+            problem = _Recording(context, workspace, recording_lock, key, assets).build(found.get(key))
+            if problem is not None:
+                failed[key] = problem
+        if failed:
+            raise dg.Failure(_describe(failed, len(batch)), allow_retries=False)
+
+    @dg.job(
+        name=BATCH_JOB,
+        description="Brings several small recordings up to date; `bagassets build` launches it.",
+        executor_def=dg.in_process_executor,
+    )
+    def job() -> None:
+        build_each()
+
+    return job
+
+
+def _describe(failed: Mapping[str, str], total: int) -> str:
+    sentences = [f"{key}: {problem}" for key, problem in list(failed.items())[:_MOST_NAMED]]
+    more = f" (and {len(failed) - _MOST_NAMED} more)" if len(failed) > _MOST_NAMED else ""
+    return (
+        f"{len(failed)} of {count_text(total, 'recording')} failed; the others are recorded. "
+        + " ".join(sentences)
+        + more
+    )
+
+
+@dataclass(frozen=True)
+class _Latest:
+    """The latest materialization of an asset of the recording."""
+
+    storage_id: int
+    run_id: str
+    timestamp: float
+    data_version: str
+
+
+class _Recording:
+    """One recording of a batch."""
+
+    def __init__(
+        self,
+        context: dg.OpExecutionContext,
+        workspace: Workspace,
+        lock: RecordingLock,
+        key: str,
+        assets: Sequence[str],
+    ) -> None:
+        self._context, self._instance, self._workspace = context, context.instance, workspace
+        self._lock = lock
+        self._key = key
+        self._wanted = set(assets)
+        self._latest: dict[str, _Latest] = {}
+
+    def build(self, recording: RecordingFiles | None) -> str | None:
+        """Make and record everything; return why something failed, or None.
+
+        Raises:
+            RunEndedError: the run was given up while this worker was at work.
+        """
+        note_progress(self._context, self._key, ended=False)
+        problem = None
+        try:
+            with self._lock.hold(self._context, self._key):
+                # Asked for once more, a recording that is gone says what to do.
+                self._make(recording or self._workspace.recording(self._key))
+        except RunEndedError:
+            raise
+        except BagAssetsError as err:
+            problem = str(err)
+        except Exception as err:
+            problem = f"{type(err).__name__}: {err}"
+            self._context.log.exception("%s: an unexpected error", self._key)
+        note_progress(self._context, self._key, problem, ended=True)
+        return problem
+
+    def _make(self, recording: RecordingFiles) -> None:
+        rest = self._wanted - {"bag"}
+        if "bag" in self._wanted:
+            self._plan({"bag"})
+            source, bag = read_bag(
+                self._workspace, recording, self._context.run_id, makes_inventory="inventory" in rest
+            )
+            self._record(bag)
+        else:
+            source = recorded_bag(self._instance, recording)
+        made = set()
+        # The inventory says whether the recording takes part; what is planned and never made would look failed.
+        planned = rest & {"inventory"} or rest
+        self._plan(planned)
+        try:
+            for result in (
+                make_assets(self._instance, self._workspace, source, rest, self._context.run_id)
+                if rest
+                else ()
+            ):
+                if isinstance(result, Skipped):
+                    self._context.log.info("%s is skipped: %s.", self._key, visible(result.reason))
+                    return
+                self._record(result)
+                made.add(result.asset)
+                if "skipped" not in result.metadata:
+                    self._plan(rest - planned)
+                    planned = rest
+        except BagAssetsError:
+            self._plan(rest - planned)
+            raise
+        self._check(recording, made)
+
+    def _plan(self, assets: Collection[str]) -> None:
+        """Record that assets are about to be made: those that are not made by the end of the run have failed."""
+        for asset in sorted(assets):
+            planned = AssetMaterializationPlannedData(dg.AssetKey(asset), partition=self._key)
+            self._log(
+                dg.DagsterEventType.ASSET_MATERIALIZATION_PLANNED, planned, f"Makes {asset} of {self._key}."
+            )
+
+    def _log(self, kind: dg.DagsterEventType, data: object, message: str) -> None:
+        """Record an event of the run.
+
+        Not through the step, which would add to each what it is and where it stands: a third of the event.
+        """
+        event = dg.DagsterEvent(
+            event_type_value=kind.value,
+            job_name=BATCH_JOB,
+            step_key=BATCH_OP,
+            event_specific_data=data,  # type: ignore[arg-type]  # a union of all kinds
+            message=message,
+        )
+        self._instance.report_dagster_event(event, self._context.run_id, logging.DEBUG)
+
+    def _record(self, made: MadeAsset) -> None:
+        """Record an asset as materialized, with the tags that Dagster would write itself."""
+        self._lock.check()
+        assets = self._workspace.assets
+        is_bag = made.asset == "bag"
+        tags = {
+            CODE_VERSION: BAG_CODE_VERSION if is_bag else assets.versions[made.asset],
+            DATA_VERSION: made.data_version,
+            "dagster/data_version_is_user_provided": "true",
+        }
+        for name in () if is_bag else dependencies(assets, made.asset):
+            latest = self._latest_of(name)
+            # As of any partitioned input: a digest over the versions of the partitions that are read, here one.
+            tags[INPUT_PREFIX + name] = sha256(latest.data_version.encode()).hexdigest()
+            tags[_POINTER_PREFIX + name] = str(latest.storage_id)
+        self._latest.pop(made.asset, None)
+        recorded = dg.AssetMaterialization(made.asset, partition=self._key, metadata=made.metadata, tags=tags)
+        kind = dg.DagsterEventType.ASSET_MATERIALIZATION
+        self._log(kind, StepMaterializationData(recorded), f"Materialized {made.asset} of {self._key}.")
+
+    def _latest_of(self, asset: str) -> _Latest:
+        if asset not in self._latest:
+            records = self._instance.fetch_materializations(
+                AssetRecordsFilter(asset_key=dg.AssetKey(asset), asset_partitions=[self._key]), limit=1
+            ).records
+            if not records:
+                raise StoreError(
+                    f"{self._key}: {asset} is not materialized for this recording; materialize it first."
+                )
+            (record,) = records
+            tags = (record.asset_materialization and record.asset_materialization.tags) or {}
+            self._latest[asset] = _Latest(
+                record.storage_id, record.run_id, record.timestamp, tags.get(DATA_VERSION, "")
+            )
+        return self._latest[asset]
+
+    def _check(self, recording: RecordingFiles, made: set[str]) -> None:
+        store = self._workspace.store
+        for group in check_groups(self._workspace.recipe).values():
+            chosen = {asset: checks for asset, checks in group.items() if asset in made}
+            for result in run_checks(
+                self._workspace,
+                recording,
+                chosen,
+                lambda name: store.artifact(self._latest_of(name).data_version),
+            ):
+                asset = str(result.asset_key and result.asset_key.to_user_string())
+                target = self._latest_of(asset)
+                evaluation = dg.AssetCheckEvaluation(
+                    asset_key=dg.AssetKey(asset),
+                    check_name=str(result.check_name),
+                    passed=result.passed,
+                    metadata=result.metadata,
+                    severity=result.severity,
+                    description=result.description,
+                    partition=self._key,
+                    target_materialization_data=AssetCheckEvaluationTargetMaterializationData(
+                        storage_id=target.storage_id, run_id=target.run_id, timestamp=target.timestamp
+                    ),
+                )
+                outcome = "passed" if result.passed else f"did not pass: {result.description}"
+                kind = dg.DagsterEventType.ASSET_CHECK_EVALUATION
+                self._log(kind, evaluation, f"Check {result.check_name} of {asset} of {self._key} {outcome}.")

@@ -1,0 +1,131 @@
+"""What a run makes of a recording, whether it is about this recording alone or about several."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import dagster as dg
+
+from bagassets.build.execute import Skipped, execute
+from bagassets.build.first_pass import first_pass
+from bagassets.build.graph import SELECTION, Graph
+from bagassets.build.recording_assets import RecordingAssets
+from bagassets.defs.events import recorded_artifact, recorded_partition
+from bagassets.defs.reporting import Metadata, bag_metadata, result_metadata
+from bagassets.defs.workspace import Workspace
+from bagassets.errors import StoreError
+from bagassets.recordings.digest import RecordingStat, recording_digest, recording_stat
+from bagassets.recordings.model import RecordingFiles
+
+__all__ = ["MadeAsset", "Source", "dependencies", "make_assets", "read_bag", "recorded_bag"]
+
+
+@dataclass(frozen=True)
+class Source:
+    """A recording as it was when it was hashed.
+
+    Attributes:
+        recording: its files.
+        digest: digest of its content.
+        stat: its status before it was hashed.
+    """
+
+    recording: RecordingFiles
+    digest: str
+    stat: RecordingStat
+
+
+@dataclass(frozen=True)
+class MadeAsset:
+    """An asset of a recording to be recorded as materialized."""
+
+    asset: str
+    data_version: str
+    metadata: Metadata
+
+
+def dependencies(assets: RecordingAssets, asset: str) -> list[str]:
+    """Return the upstream assets that Dagster knows of an asset.
+
+    All but the inventory depend on the recording through the inventory, which has a digest of each topic: so a recording
+    that was only re-indexed or re-compressed leaves them fresh in Dagster's markers, too.
+    """
+    return list(assets.upstream(asset)) or ["bag"]
+
+
+def read_bag(
+    workspace: Workspace, recording: RecordingFiles, run_id: str, *, makes_inventory: bool
+) -> tuple[Source, MadeAsset]:
+    """Hash a recording, and return it with what is recorded of it as `bag`.
+
+    If the run makes its inventory, and has to hash it, both take one pass.
+
+    Raises:
+        RecordingError: it cannot be read, or changed meanwhile.
+    """
+    stat = recording_stat(recording)
+    if makes_inventory:
+        first = first_pass(workspace.assets, workspace.store, recording, stat, workspace.index)
+        if first.inventory is not None and not first.inventory.cached:
+            workspace.note_made(run_id, first.inventory.action_digest)
+        digest = first.digest
+    else:
+        digest = recording_digest(recording, workspace.index)
+    made = MadeAsset("bag", digest.digest, bag_metadata(recording, stat, digest))
+    return Source(recording, digest.digest, stat), made
+
+
+def recorded_bag(instance: dg.DagsterInstance, recording: RecordingFiles) -> Source:
+    """Return a recording as it was when `bag` was last recorded.
+
+    Raises:
+        StoreError: it never was.
+    """
+    record = recorded_partition(instance, "bag", recording.key)
+    if record is None or record.stat is None:
+        raise StoreError(
+            f"{recording.key}: bag is not materialized for this recording; materialize bag first."
+        )
+    return Source(recording, record.data_version, record.stat)
+
+
+def make_assets(
+    instance: dg.DagsterInstance, workspace: Workspace, source: Source, wanted: set[str], run_id: str
+) -> Iterator[MadeAsset | Skipped]:
+    """Bring assets of a recording up to date, and yield each as soon as it is; last, why the recording takes no part.
+
+    Args:
+        instance: where their upstream is recorded.
+        workspace: recipe and store.
+        source: the recording.
+        wanted: names of the assets, without `bag`.
+        run_id: the run that records them.
+
+    Raises:
+        BuildFailure: some could not be made; raised after all others were.
+        StoreError: an artifact that they need is not in the store.
+    """
+    key, assets = source.recording.key, workspace.assets
+    # The inventory decides whether the recording takes part, even if the asset (of a package) does not read it.
+    upstream = {"inventory", *(name for asset in wanted for name in assets.upstream(asset))} - wanted
+    given = {
+        name: recorded_artifact(instance, workspace.store, name, key)
+        for name in sorted(upstream)
+        if recorded_partition(instance, name, key) is not None
+    }
+    graph = Graph(
+        assets,
+        workspace.store,
+        source.recording,
+        source.digest,
+        source.stat,
+        wanted=wanted,
+        given=given,
+    )
+    for result in execute(graph):
+        if isinstance(result, Skipped):
+            yield result
+            return
+        reason = graph.node(SELECTION).skipped if result.asset == "inventory" else None
+        cached = result.cached and not workspace.has_made(run_id, result.action_digest)
+        metadata = result_metadata(replace(result, cached=cached)) | ({"skipped": reason} if reason else {})
+        yield MadeAsset(result.asset, result.artifact.digest, metadata)

@@ -1,0 +1,404 @@
+"""The run launcher for Slurm: runs become part of jobs that execute several of them.
+
+Set in `dagster.yaml`; all of `config` is optional::
+
+    run_launcher:
+      module: bagassets.defs.slurm.launcher
+      class: SlurmRunLauncher
+      config:
+        partition: work
+        account: robots
+        cpus: 4                   # of a job, which has as many runs side by side
+        memory: 16G
+        time: "4:00:00"
+        options: ["--qos=low"]    # more options of sbatch
+        prefix: module load python &&   # shell text before the command
+        rules:                    # later ones override earlier ones
+          - {above_gb: 20, memory: 64G}
+        runs_per_job: 50
+        minutes_per_job: 30
+        folder: .bagassets/slurm  # logs and records of jobs, on a file system that all nodes share
+"""
+
+import logging
+import os
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import Any, Self
+
+import dagster as dg
+
+from bagassets.defs.batches import batch_of
+from bagassets.defs.dagster_private import (
+    CheckRunHealthResult,
+    ConfigurableClass,
+    ConfigurableClassData,
+    LaunchRunContext,
+    ModuleCodePointer,
+    RunLauncher,
+    T_DagsterInstance,
+    WorkerStatus,
+)
+from bagassets.defs.orphaned_runs import UNTAKEN_S, report_ended
+from bagassets.defs.runs import pack_instance
+from bagassets.defs.slurm.commands import SlurmError
+from bagassets.defs.slurm.keeper import JOB_TAG, LOG_TAG, NODE_TAG, Keeper, Packing
+from bagassets.defs.slurm.node import versions_here
+from bagassets.defs.slurm.options import JobOptions, Rule, options_for, options_schema, rule_schema
+from bagassets.defs.slurm.spool import JobSpec, Spool, SpooledRun
+from bagassets.defs.worker_tag import WHERE_TAG
+from bagassets.errors import BagAssetsError
+from bagassets.forkserver.server_files import last_lines
+from bagassets.json_types import JsonMapping
+from bagassets.lock_files import RUN_LOCKS
+from bagassets.recipe import Recipe, load_recipe
+from bagassets.recordings.discover import discover
+
+__all__ = ["SlurmRunLauncher"]
+
+_LOG = logging.getLogger(__name__)
+_PARTITION_TAG = "dagster/partition"
+_DEBUG_LINES = 30
+_BUSY_S, _QUIET_S = 0.25, 2.0
+_SIZES_S = 60.0
+_BYTES_PER_GB = 1e9
+
+
+class SlurmRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
+    """Has runs executed by jobs of Slurm.
+
+    A thread cares for them as long as there are any, in each process that launched one or was asked about one.
+
+    Attributes:
+        most_at_once: most runs that a build hands over before others have ended.
+    """
+
+    def __init__(
+        self,
+        inst_data: ConfigurableClassData | None = None,
+        *,
+        recipe: str | None = None,
+        folder: str | None = None,
+        python: str | None = None,
+        rules: list[JsonMapping] | None = None,
+        runs_per_job: int = 50,
+        minutes_per_job: float = 30.0,
+        gather_s: float = 1.0,
+        seconds_per_run: float = 2.0,
+        seconds_per_gb: float = 10.0,
+        most_at_once: int = 1000,
+        give_up_minutes: float = 10.0,
+        keep_days: float = 14.0,
+        **options: Any,
+    ) -> None:
+        self.most_at_once = most_at_once
+        self._inst_data = inst_data
+        self._recipe_name = recipe
+        self._folder = folder
+        self._python = python
+        self._options = JobOptions.from_json(options)
+        self._rules = [Rule.from_json(rule) for rule in rules or ()]
+        self._packing = Packing(runs_per_job, minutes_per_job, gather_s)
+        self._estimate = seconds_per_run, seconds_per_gb
+        self._give_up_s, self._keep_days = give_up_minutes * 60.0, keep_days
+        self._keeper_made: Keeper | None = None
+        self._mutex = threading.RLock()  # the web server launches from several threads
+        self._thread: threading.Thread | None = None
+        self._closing = threading.Event()
+        self._recipe_read: tuple[Path, int, Recipe] | None = None
+        self._sizes: tuple[float, dict[str, int]] = (-_SIZES_S, {})
+        super().__init__()  # type: ignore[no-untyped-call]  # Dagster's mixin has no annotations
+
+    # --- configuration ---------------------------------------------------------------
+
+    @property
+    def inst_data(self) -> ConfigurableClassData | None:
+        """Configuration that this object was made from."""
+        return self._inst_data
+
+    @classmethod
+    def config_type(cls) -> dict[str, dg.Field]:
+        """Return the fields of `config` in `dagster.yaml`."""
+        texts = ("recipe", "folder", "python")
+        numbers = (
+            "minutes_per_job",
+            "gather_s",
+            "seconds_per_run",
+            "seconds_per_gb",
+            "give_up_minutes",
+            "keep_days",
+        )
+        return {
+            **options_schema(),
+            **{name: dg.Field(dg.StringSource, is_required=False) for name in texts},
+            **{name: dg.Field(float, is_required=False) for name in numbers},
+            "runs_per_job": dg.Field(dg.IntSource, is_required=False),
+            "most_at_once": dg.Field(dg.IntSource, is_required=False),
+            "rules": dg.Field([rule_schema()], is_required=False),
+        }
+
+    @classmethod
+    def from_config_value(cls, inst_data: ConfigurableClassData, config_value: JsonMapping) -> Self:
+        """Return the launcher that `dagster.yaml` describes."""
+        return cls(inst_data, **config_value)
+
+    def dispose(self) -> None:
+        """Submit what waits, and leave the rest to other processes, or to the next one."""
+        self._closing.set()
+        if self._thread is not None:
+            self._thread.join()
+            try:
+                self._keeper.tend(flush=True)
+            except Exception:  # noqa: BLE001  (the next process carries on)
+                _LOG.exception("Slurm: the care for runs met an error at the end")
+
+    # --- launching -------------------------------------------------------------------
+
+    def launch_run(self, context: LaunchRunContext) -> None:
+        """Have a run wait for a job.
+
+        Raises:
+            BagAssetsError: no job can execute it.
+        """
+        run = context.dagster_run
+        spec = self._spec(run)
+        stale = {name: "" for name in (JOB_TAG, NODE_TAG, LOG_TAG, WHERE_TAG) if name in run.tags}
+        if stale:  # copied from the run that this one repeats
+            self._instance.add_run_tags(run.run_id, stale)
+        self._spool.make()
+        self._spool.put(SpooledRun(run.run_id, spec, self._seconds(run), time.time()))
+        self._care()
+
+    def _spec(self, run: dg.DagsterRun) -> JobSpec:
+        if run.job_code_origin is None:
+            raise BagAssetsError(f"run {run.run_id}: it does not say where its code is.")
+        code = run.job_code_origin.repository_origin
+        if code.container_image is not None:
+            raise BagAssetsError(
+                f"run {run.run_id}: its code lives in the container image {code.container_image}."
+            )
+        pointer = code.code_pointer
+        if not isinstance(pointer, ModuleCodePointer):
+            raise BagAssetsError(f"run {run.run_id}: its code is not in a Python module.")
+        recipe = self._recipe
+        options = options_for(self._options, self._rules, self._size(run), run.tags)
+        return JobSpec(
+            instance=pack_instance(self._instance),
+            options=options.as_json(),
+            python=self._python or sys.executable,
+            cwd=str(pointer.working_directory or Path.cwd()),
+            modules=(pointer.module,),
+            paths=(pointer.working_directory,) if pointer.working_directory else (),
+            locks=str(self._state / RUN_LOCKS),
+            environment={} if recipe is None else {"BAGASSETS_RECIPE": str(self._recipe_file)},
+            needs=() if recipe is None else self._needs(recipe),
+            versions=versions_here(),
+        )
+
+    def _needs(self, recipe: Recipe) -> tuple[str, ...]:
+        """Return what nodes must see; what is missing here, too, is reported by the runs themselves."""
+        needed = (self._recipe_file, recipe.bags.root, recipe.store_path)
+        return tuple(str(path) for path in needed if path is not None and path.exists())
+
+    def _seconds(self, run: dg.DagsterRun) -> float:
+        """Return how long a run may take, by the size of its recording."""
+        fixed_s, per_gb_s = self._estimate
+        return fixed_s + per_gb_s * self._size(run) / _BYTES_PER_GB
+
+    def _size(self, run: dg.DagsterRun) -> int:
+        """Return the bytes of the recordings that a run works on; 0 if that is unknown."""
+        keys = [run.tags[_PARTITION_TAG]] if _PARTITION_TAG in run.tags else batch_of(run)
+        recipe = self._recipe
+        if not keys or recipe is None:
+            return 0
+        with self._mutex:
+            read_at, sizes = self._sizes
+            if time.monotonic() - read_at > _SIZES_S:
+                found = discover(recipe.bags).recordings if recipe.bags.root.is_dir() else {}
+                sizes = {name: one.size for name, one in found.items()}
+                self._sizes = time.monotonic(), sizes
+        return sum(sizes.get(key, 0) for key in keys)
+
+    @property
+    def _recipe_file(self) -> Path | None:
+        named = self._recipe_name or os.environ.get("BAGASSETS_RECIPE")
+        if named:
+            return Path(named).absolute()
+        here = Path("recipe.yaml")
+        return here.absolute() if here.is_file() else None
+
+    @property
+    def _recipe(self) -> Recipe | None:
+        """The recipe, read again when it has changed: hundreds of runs may be launched in a row."""
+        file = self._recipe_file
+        if file is None:
+            return None
+        with self._mutex:
+            changed_ns = file.stat().st_mtime_ns if file.exists() else 0
+            if self._recipe_read is None or self._recipe_read[:2] != (file, changed_ns):
+                self._recipe_read = file, changed_ns, load_recipe(file)
+            return self._recipe_read[2]
+
+    @property
+    def _state(self) -> Path:
+        recipe = self._recipe
+        return recipe.state if recipe is not None else Path(self._instance.root_directory)
+
+    @property
+    def _spool(self) -> Spool:
+        return Spool(Path(self._folder).absolute() if self._folder else self._state.absolute() / "slurm")
+
+    # --- care ------------------------------------------------------------------------
+
+    @property
+    def _keeper(self) -> Keeper:
+        with self._mutex:
+            if self._keeper_made is None:
+                self._keeper_made = Keeper(
+                    self._instance,
+                    self._spool,
+                    self._packing,
+                    give_up_s=self._give_up_s,
+                    keep_days=self._keep_days,
+                )
+            return self._keeper_made
+
+    def _care(self) -> None:
+        """See to it that a thread cares for the runs."""
+        with self._mutex:
+            if self._thread is None and not self._closing.is_set():
+                self._thread = threading.Thread(target=self._keep, name="slurm", daemon=True)
+                self._thread.start()
+
+    def _keep(self) -> None:
+        settled_at = -_QUIET_S
+        while not self._closing.wait(_BUSY_S):
+            try:
+                is_left = self._keeper.submit()
+                if time.monotonic() - settled_at > _QUIET_S:
+                    is_left = self._keeper.tend() or is_left
+                    settled_at = time.monotonic()
+                else:
+                    is_left = True
+            except Exception:  # noqa: BLE001  (whatever it is, the other runs need care as well)
+                _LOG.exception("Slurm: the care for runs met an error, and goes on")
+                self._closing.wait(_QUIET_S)
+                continue
+            with self._mutex:
+                if not is_left and not self._spool.waiting():
+                    self._thread = None
+                    return
+
+    def end_lost_runs(self) -> list[str]:
+        """Report runs whose jobs have ended, and return their ids; a build and the sensor ask for that.
+
+        Runs that go on are cared for from now on.
+        """
+        keeper = self._keeper
+        before = {run.run_id for run in self._unfinished()}
+        if not before:
+            return []
+        if keeper.tend():
+            self._care()
+        for record in self._instance.get_run_records(dg.RunsFilter(run_ids=list(before))):
+            run = record.dagster_run
+            waited_s = time.time() - record.update_timestamp.timestamp()
+            if run.is_finished or run.status == dg.DagsterRunStatus.STARTED or waited_s < UNTAKEN_S:
+                continue
+            if not self._spool.is_waiting(run.run_id) and self._spool.job_of(run.run_id) is None:
+                report_ended(
+                    self._instance,
+                    run.run_id,
+                    "The process that was about to hand this run to Slurm is gone.",
+                )
+        return sorted(before - {run.run_id for run in self._unfinished()})
+
+    def spooled_runs(self) -> set[str]:
+        """Return the runs that wait for a job, or have one that has not been settled: they survive this process."""
+        found = {run.run_id for run in self._spool.waiting()}
+        for job in self._spool.jobs():
+            found.update(job.runs(), job.begun())
+        return found
+
+    def _unfinished(self) -> list[dg.DagsterRun]:
+        statuses = [
+            dg.DagsterRunStatus.NOT_STARTED,
+            dg.DagsterRunStatus.STARTING,
+            dg.DagsterRunStatus.STARTED,
+            dg.DagsterRunStatus.CANCELING,
+        ]
+        return list(self._instance.get_runs(dg.RunsFilter(statuses=statuses)))
+
+    # --- ending ----------------------------------------------------------------------
+
+    def terminate(self, run_id: str) -> bool:
+        """Cancel a run, whether it waits or is at work; return False if no job of ours has it."""
+        run = self._instance.get_run_by_id(run_id)
+        if run is None or run.is_finished:
+            return False
+        job = self._spool.job_of(run_id)
+        if self._spool.withdraw(run_id) or (job is not None and self._spool.drop(job, run_id)):
+            self._instance.report_run_canceling(run)
+            self._instance.report_run_canceled(run, "The run was cancelled before a job began it.")
+            self._care()  # cancels the job, if no other run is left
+            return True
+        job = job or self._spool.job_of(run_id)
+        if job is None:
+            self._instance.report_engine_event(
+                "The run cannot be cancelled from here, because no job of Slurm has it.",
+                dagster_run=run,
+                cls=self.__class__,
+            )
+            return False
+        self._instance.report_run_canceling(run)
+        job.ask_to_cancel(run_id)
+        self._care()
+        return True
+
+    # --- health ----------------------------------------------------------------------
+
+    @property
+    def supports_check_run_worker_health(self) -> bool:
+        """True: run monitoring of the daemon may check."""
+        return True
+
+    def check_run_worker_health(self, run: dg.DagsterRun) -> CheckRunHealthResult:
+        """Return whether the job of a run is alive; a run that waits for one is healthy.
+
+        A run without a job of ours counts as running, since run monitoring fails every run with another status.
+        """
+        self._care()
+        if self._spool.is_waiting(run.run_id):
+            return CheckRunHealthResult(WorkerStatus.RUNNING, "It waits for a job.")
+        job = self._spool.job_of(run.run_id)
+        if job is None:
+            current = self._instance.get_run_by_id(run.run_id)
+            if current is not None and current.is_finished:
+                return CheckRunHealthResult(WorkerStatus.SUCCESS, "It has ended.")
+            return CheckRunHealthResult(
+                WorkerStatus.RUNNING, "Executed by another program, which monitors it."
+            )
+        noted = job.submitted()
+        if noted is None:
+            return CheckRunHealthResult(WorkerStatus.RUNNING, "Its job is being submitted.")
+        try:
+            status, words = self._keeper.health(job, noted)
+        except SlurmError as err:
+            # No reason to fail it: the job goes on without the controller.
+            return CheckRunHealthResult(
+                WorkerStatus.RUNNING, f"Slurm does not answer: {err}", run_worker_id=noted["job"]
+            )
+        return CheckRunHealthResult(status, words, run_worker_id=noted["job"])
+
+    def get_run_worker_debug_info(
+        self, run: dg.DagsterRun, include_container_logs: bool | None = True
+    ) -> str | None:
+        """Return where the run is or was, and the last lines of its job's log."""
+        told = run.tags.get(WHERE_TAG)
+        log = run.tags.get(LOG_TAG)
+        parts = [f"{told}."] if told else []
+        if include_container_logs and log and (lines := last_lines(Path(log), _DEBUG_LINES)):
+            parts += [f"Last lines of {log}:", *lines]
+        return "\n".join(parts) or None

@@ -1,0 +1,210 @@
+"""Small recordings share runs; each is recorded, checked and failed as if it had a run of its own."""
+
+import dagster as dg
+import pytest
+from dagster._core.definitions.data_version import CachingStaleStatusResolver, StaleStatus
+from dagster._core.loader import LoadingContextForTest
+from dagster._core.storage.partition_status_cache import get_and_update_asset_status_cache_value
+
+from bagassets.defs import batches as defs_batches
+from bagassets.defs import making, pending_work
+from bagassets.defs.batches import batch_of, batches
+from bagassets.defs.location import build_definitions
+from bagassets_tests.in_process import build, make_project, states, survey
+from bagassets_tests.small_drive import write_drive
+
+KEYS = tuple(f"d{number}.bag" for number in range(4))
+ASSETS = ("bag", "inventory", "frames", "annotations", "nuscenes_tables")
+BROKEN = "d2.bag"
+
+
+@pytest.fixture
+def project(tmp_path):
+    recipe_file = make_project(tmp_path, ())
+    for number, key in enumerate(KEYS):
+        write_drive(tmp_path / "bags" / key, "ros1", duration_s=1.0 + number / 10)
+    return recipe_file
+
+
+def batch_runs(instance):
+    return [run for run in instance.get_runs() if batch_of(run)]
+
+
+def partitions(instance, recipe_file, asset, status):
+    """Return the partitions of an asset that the web UI shows with a status."""
+    definition = build_definitions(recipe_file).get_repository_def().asset_graph.get(dg.AssetKey(asset))
+    value = get_and_update_asset_status_cache_value(
+        instance, dg.AssetKey(asset), definition.partitions_def, dynamic_partitions_loader=instance
+    )
+    if status == "made":
+        subset = value.deserialize_materialized_partition_subsets(definition.partitions_def)
+    elif status == "failed":
+        subset = value.deserialize_failed_partition_subsets(definition.partitions_def)
+    else:
+        subset = value.deserialize_in_progress_partition_subsets(definition.partitions_def)
+    return set(subset.get_partition_keys())
+
+
+def outcomes(report):
+    return {key: outcome.result for key, outcome in report.outcomes.items()}
+
+
+def test_large_recordings_have_a_run_each_and_small_ones_share():
+    sizes = {f"s{number}": 1000 + number for number in range(9)} | {"large": 10**9, "larger": 10**10}
+    todo = dict.fromkeys(sorted(sizes), ("bag",))
+    dealt = [sorted(batch) for batch in batches(todo, sizes, 2)]
+    assert dealt[:2] == [["larger"], ["large"]]
+    assert sorted(key for keys in dealt[2:] for key in keys) == [f"s{number}" for number in range(9)]
+    assert [len(keys) for keys in dealt[2:]] in ([4, 5], [5, 4])
+    assert {len(batch) for batch in batches(todo, sizes, 3)} == {1}  # too few for three jobs
+    many = {f"s{number}": 2**20 for number in range(1000)}
+    shared = batches(dict.fromkeys(many, ("bag",)), many, 2)
+    assert max(len(batch) for batch in shared) <= 50
+    assert sum(len(batch) for batch in shared) == 1000
+    empty = dict.fromkeys(many, 0)
+    assert {len(batch) for batch in batches(dict.fromkeys(many, ("bag",)), empty, 2)} == {50}
+    assert batches({}, {}, 2) == []
+
+
+def test_recordings_of_a_batch_are_recorded_as_runs_of_their_own_would(project, monkeypatch):
+    report, runs = build(project, monkeypatch, jobs=1)
+    assert [key for key, _ in runs] == [None]  # that of the dataset
+    assert outcomes(report) == dict.fromkeys(KEYS, "built")
+    assert all(set(states(survey(project), key).values()) == {"fresh"} for key in KEYS)
+    with pending_work.open_project(project) as (instance, workspace):
+        (run,) = batch_runs(instance)
+        assert set(batch_of(run)) == set(KEYS)
+        assert run.status == dg.DagsterRunStatus.SUCCESS
+        names = ("bag", *workspace.assets.names)
+        by_batch = {name: material(instance, name) for name in names}
+        found = checks(instance)
+        for asset in ASSETS:
+            assert partitions(instance, project, asset, "made") == set(KEYS)
+            assert partitions(instance, project, asset, "failed") == set()
+            assert partitions(instance, project, asset, "in progress") == set()
+        assert stale(instance, project, names) == set()
+        for name in names:
+            instance.wipe_assets([dg.AssetKey(name)])
+    monkeypatch.setattr(defs_batches, "_FEWEST_PER_JOB", 100)
+    report, runs = build(project, monkeypatch, jobs=1)
+    assert {key for key, _ in runs} == set(KEYS)  # the dataset is as it was
+    assert outcomes(report) == dict.fromkeys(KEYS, "hit")
+    with pending_work.open_project(project) as (instance, _):
+        assert found == checks(instance)
+        for name in names:
+            one = material(instance, name)
+            assert [tags(made) for made in one] == [tags(made) for made in by_batch[name]]
+            assert [made.metadata.keys() for made in one] == [made.metadata.keys() for made in by_batch[name]]
+        assert stale(instance, project, names) == set()
+
+
+def material(instance, name):
+    """Return the latest materialization of each recording."""
+    return [
+        instance.fetch_materializations(
+            dg.AssetRecordsFilter(asset_key=dg.AssetKey(name), asset_partitions=[key]), limit=1
+        )
+        .records[0]
+        .asset_materialization
+        for key in KEYS
+    ]
+
+
+def tags(made):
+    """Return the tags, but for the versions and records of the inputs: Dagster takes those of any partition."""
+    return {name: "input" if "/input_" in name else value for name, value in made.tags.items()}
+
+
+def checks(instance):
+    """Return the latest result of each check of each recording."""
+    found = {}
+    for run in reversed(instance.get_runs()):
+        for entry in instance.all_logs(run.run_id, of_type=dg.DagsterEventType.ASSET_CHECK_EVALUATION):
+            one = entry.get_dagster_event().asset_check_evaluation_data
+            target = one.target_materialization_data
+            assert target.run_id == run.run_id
+            found[one.asset_key.to_user_string(), one.check_name, one.partition] = one.passed, one.severity
+    return found
+
+
+def stale(instance, recipe_file, names):
+    """Return the assets that Dagster marks as stale, for some recording."""
+    graph = build_definitions(recipe_file).get_repository_def().asset_graph
+    resolver = CachingStaleStatusResolver(instance, graph, LoadingContextForTest(instance))
+    return {
+        (name, key)
+        for name in names
+        for key in KEYS
+        if resolver.get_status(dg.AssetKey(name), key) != StaleStatus.FRESH
+    }
+
+
+def test_a_change_upstream_makes_those_downstream_stale_for_dagster(project, monkeypatch):
+    build(project, monkeypatch, jobs=1)
+    (project.parent / "bags" / KEYS[0]).unlink()
+    write_drive(project.parent / "bags" / KEYS[0], "ros1", duration_s=1.5)
+    build(project, monkeypatch, jobs=1, select=("bag", "inventory"))
+    with pending_work.open_project(project) as (instance, workspace):
+        found = stale(instance, project, workspace.assets.names)
+    assert ("frames", KEYS[0]) in found
+    assert {key for _, key in found} == {KEYS[0]}
+
+
+def test_one_failing_recording_fails_alone(project, monkeypatch):
+    whole = (project.parent / "bags" / BROKEN).read_bytes()
+    (project.parent / "bags" / BROKEN).write_bytes(b"no bag at all")
+    report, _ = build(project, monkeypatch, jobs=1)
+    assert outcomes(report) == {key: "failed" if key == BROKEN else "built" for key in KEYS}
+    assert BROKEN in report.outcomes[BROKEN].reason
+    assert report.dataset == "updated"  # of the others
+    with pending_work.open_project(project) as (instance, _):
+        (run,) = batch_runs(instance)
+        assert run.status == dg.DagsterRunStatus.FAILURE
+        assert partitions(instance, project, "frames", "made") == set(KEYS) - {BROKEN}
+        assert partitions(instance, project, "frames", "failed") == {BROKEN}
+        assert partitions(instance, project, "bag", "failed") == set()
+    assert "failed before" in build(project, monkeypatch, jobs=1)[0].outcomes[BROKEN].reason
+    (project.parent / "bags" / BROKEN).write_bytes(whole)
+    assert outcomes(build(project, monkeypatch, jobs=1)[0])[BROKEN] == "built"
+
+
+def test_a_recording_that_is_skipped_is_not_failed_where_another_one_is(project, monkeypatch):
+    (project.parent / "bags" / BROKEN).write_bytes(b"no bag at all")
+    (project.parent / "bags" / KEYS[0]).unlink()
+    write_drive(project.parent / "bags" / KEYS[0], "ros1", duration_s=0.4)
+    project.write_text(project.read_text().replace("settle_s: 0", "settle_s: 0, min_duration_s: 0.8"))
+    report, _ = build(project, monkeypatch, jobs=1)
+    expected = {KEYS[0]: "skipped", BROKEN: "failed"}
+    assert outcomes(report) == {key: expected.get(key, "built") for key in KEYS}
+    with pending_work.open_project(project) as (instance, _):
+        assert partitions(instance, project, "frames", "failed") == {BROKEN}
+        assert partitions(instance, project, "frames", "made") == set(KEYS) - set(expected)
+
+
+def test_an_unexpected_error_is_one_recordings_own(project, monkeypatch):
+    real = making.read_bag
+
+    def read_bag(workspace, recording, *arguments, **options):
+        if recording.key == BROKEN:
+            raise ZeroDivisionError("by chance")
+        return real(workspace, recording, *arguments, **options)
+
+    monkeypatch.setattr("bagassets.defs.batch_job.read_bag", read_bag)
+    report, _ = build(project, monkeypatch, jobs=1)
+    assert outcomes(report) == {key: "failed" if key == BROKEN else "built" for key in KEYS}
+    assert report.outcomes[BROKEN].reason == "ZeroDivisionError: by chance"
+
+
+def test_what_a_worker_left_when_it_died_gets_another_run(project, monkeypatch):
+    real = making.read_bag
+    died = []
+
+    def read_bag(workspace, recording, *arguments, **options):
+        if recording.key == BROKEN and not died:
+            died.append(recording.key)
+            raise SystemExit("killed")
+        return real(workspace, recording, *arguments, **options)
+
+    monkeypatch.setattr("bagassets.defs.batch_job.read_bag", read_bag)
+    report, _ = build(project, monkeypatch, jobs=1)
+    assert outcomes(report) == {key: "failed" if key == BROKEN else "built" for key in KEYS}

@@ -1,0 +1,99 @@
+"""A run that was given up while its worker was at work records nothing that counts."""
+
+import time
+
+import dagster as dg
+import pytest
+from dagster._core.events import DagsterEvent, StepMaterializationData
+
+from bagassets.defs import exclusive as exclusive_module
+from bagassets.defs.events import recorded_partition, recorded_states
+from bagassets.defs.exclusive import exclusive, holder_has_ended
+from bagassets.defs.fence import Fence
+from bagassets.defs.runs import open_instance
+from bagassets.errors import RunEndedError
+from bagassets.lock_files import LockFile
+from bagassets_tests.in_process import build, make_project, states, survey
+
+
+@pytest.fixture
+def project(tmp_path, monkeypatch):
+    recipe_file = make_project(tmp_path)
+    build(recipe_file, monkeypatch)
+    return recipe_file
+
+
+def recorded_late(instance, run, asset):
+    materialization = dg.AssetMaterialization(
+        asset, partition="a.bag", tags={"dagster/data_version": "0" * 64, "dagster/code_version": "1"}
+    )
+    event = DagsterEvent(
+        event_type_value="ASSET_MATERIALIZATION",
+        job_name=run.job_name,
+        event_specific_data=StepMaterializationData(materialization, []),
+    )
+    instance.report_dagster_event(event, run.run_id)
+
+
+@pytest.mark.parametrize("ended", ["FAILURE", "CANCELED"])
+def test_what_a_run_records_after_its_end_does_not_count(project, monkeypatch, ended):
+    with open_instance(str(project.parent)) as instance:
+        run = next(run for run in instance.get_runs() if run.tags.get("dagster/partition") == "a.bag")
+        report = instance.report_run_failed if ended == "FAILURE" else instance.report_run_canceled
+        report(run, "Its node failed.")
+        time.sleep(0.01)
+        assert recorded_partition(instance, "ego_poses", "a.bag") is not None
+        recorded_late(instance, run, "ego_poses")
+        assert recorded_partition(instance, "ego_poses", "a.bag") is None
+        assert recorded_states(instance, ["ego_poses"])["ego_poses"] == {}
+    pending = survey(project)
+    assert states(pending, "a.bag")["ego_poses"] in {"missing", "record-only"}
+    report, _ = build(project, monkeypatch)
+    assert report.outcomes["a.bag"].result == "hit", "the artifact is in the store"
+    assert survey(project).is_settled
+
+
+def test_what_it_recorded_before_its_end_counts(project):
+    with open_instance(str(project.parent)) as instance:
+        run = next(run for run in instance.get_runs() if run.tags.get("dagster/partition") == "a.bag")
+        instance.report_run_failed(run, "Its node failed.")
+    assert survey(project).is_settled
+
+
+@pytest.fixture
+def run():
+    with dg.DagsterInstance.ephemeral() as instance:
+        yield instance, instance.create_run_for_job(dg.GraphDefinition(name="g", node_defs=[]).to_job())
+
+
+def test_a_fence_closes_when_its_run_ends(run, monkeypatch):
+    instance, made = run
+    fence = Fence(instance, made.run_id)
+    instance.report_run_failed(made, "Its node failed.")
+    fence.check()  # a moment ago it was open
+    now_s = time.clock_gettime
+    monkeypatch.setattr(time, "clock_gettime", lambda clock: now_s(clock) + 3.0)
+    with pytest.raises(
+        RunEndedError, match=f"run {made.run_id} ended as FAILURE while its worker was still at work"
+    ):
+        fence.check()
+
+
+def test_nobody_waits_for_a_run_that_has_ended(run, tmp_path):
+    instance, made = run
+    with exclusive(tmp_path, "a.bag", keep_waiting=lambda _: False, holder=made.run_id) as held:
+        assert held
+        assert not holder_has_ended(instance, tmp_path, "a.bag")
+        instance.report_run_failed(made, "Its node failed.")
+        assert holder_has_ended(instance, tmp_path, "a.bag")
+    assert not holder_has_ended(instance, tmp_path, "b.bag")
+
+
+def test_without_locks_runs_go_on(tmp_path, monkeypatch):
+    def refuse(_self):
+        raise OSError(95, "Operation not supported")
+
+    monkeypatch.setattr(LockFile, "try_lock", refuse)
+    with exclusive(tmp_path, "a.bag", keep_waiting=lambda _: True) as held:
+        assert not held
+    assert not exclusive_module._HELD

@@ -1,0 +1,133 @@
+"""What jobs ask for, how runs are packed into them, and who gets a run: without Slurm."""
+
+import threading
+import time
+
+import pytest
+
+from bagassets.defs.slurm.commands import JobState
+from bagassets.defs.slurm.keeper import Packing
+from bagassets.defs.slurm.options import JobOptions, Rule, options_for
+from bagassets.defs.slurm.spool import JobSpec, Spool, SpooledRun
+from bagassets.errors import BagAssetsError
+
+BASE = JobOptions(partition="work", cpus=2, memory="4G", options=("--qos=low",))
+RULES = [
+    Rule.from_json({"above_gb": 1.0, "memory": "16G"}),
+    Rule.from_json({"above_gb": 10.0, "memory": "64G", "time": "8:00:00"}),
+]
+
+
+def spec(**options):
+    return JobSpec("{}", JobOptions(**options).as_json(), "python", "/", ("m",), (), "/locks", {}, (), {})
+
+
+def run(name, seconds=1.0, since=0.0, **options):
+    return SpooledRun(name, spec(**options), seconds, since)
+
+
+@pytest.mark.parametrize(
+    ("size", "tags", "expected"),
+    [
+        (0, {}, ["--partition=work", "--mem=4G", "--cpus-per-task=2", "--qos=low"]),
+        (2_000_000_000, {}, ["--partition=work", "--mem=16G", "--cpus-per-task=2", "--qos=low"]),
+        (
+            20_000_000_000,
+            {"slurm/memory": "1G", "slurm/cpus": "3", "slurm/prefix": "rm -r", "slurm/options": "--uid=0"},
+            ["--partition=work", "--mem=1G", "--time=8:00:00", "--cpus-per-task=3", "--qos=low"],
+        ),
+    ],
+)
+def test_later_rules_override_earlier_ones_and_tags_override_all(size, tags, expected):
+    options = options_for(BASE, RULES, size, tags)
+    assert options.arguments() == expected
+    assert options.prefix == "", "a tag is no shell command"
+
+
+def test_a_tag_that_cannot_be_is_refused():
+    with pytest.raises(BagAssetsError, match="slurm/cpus: a number of processors is expected, not 'many'"):
+        options_for(BASE, RULES, 0, {"slurm/cpus": "many"})
+
+
+def test_a_job_is_full_by_number_or_by_work_on_all_its_cpus():
+    names = [run(str(number), seconds=60.0, cpus=2) for number in range(10)]
+    packed = Packing(runs=3, minutes=99, gather_s=1).jobs(names)
+    assert [[one.run_id for one in job] for job in packed] == [
+        ["0", "1", "2"],
+        ["3", "4", "5"],
+        ["6", "7", "8"],
+        ["9"],
+    ]
+    assert [len(job) for job in Packing(runs=99, minutes=2, gather_s=1).jobs(names)] == [4, 4, 2]
+    assert [len(job) for job in Packing(runs=99, minutes=2, gather_s=1).jobs(names, pace=2.0)] == [2] * 5
+
+
+def test_runs_with_other_needs_get_another_job():
+    packed = Packing(99, 99, 1).jobs([run("a"), run("b", memory="9G"), run("c")])
+    assert [[one.run_id for one in job] for job in packed] == [["a", "c"], ["b"]]
+
+
+def test_a_job_waits_for_more_runs_but_not_for_ever():
+    packing = Packing(runs=3, minutes=99, gather_s=1.0)
+    few = [run("a", since=100.0), run("b", since=100.5)]
+    assert packing.jobs(few, now=101.2) == []
+    assert packing.jobs(few, now=101.6) == [few]
+    trickle = [run("a", since=100.0), run("b", since=110.0)]
+    assert packing.jobs(trickle, now=110.1) == [trickle]
+    full = [*few, run("c", since=101.0)]
+    assert packing.jobs([*full, run("d", since=101.1)], now=101.2) == [full]
+
+
+def test_one_of_many_gets_a_run(tmp_path):
+    spool = Spool(tmp_path)
+    spool.make()
+    for number in range(20):
+        spool.put(run(str(number), since=float(number)))
+    barrier, got, waiting = threading.Barrier(4), [], spool.waiting()
+
+    def pack():
+        barrier.wait()
+        got.extend(one.run_id for one in spool.new_job(waiting)[1])
+
+    threads = [threading.Thread(target=pack) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert sorted(got, key=int) == [str(number) for number in range(20)]
+    assert spool.waiting() == []
+
+
+def test_what_was_taken_back_cannot_be_begun(tmp_path):
+    spool = Spool(tmp_path)
+    spool.make()
+    for name in ("begun", "taken back"):
+        spool.put(run(name, since=time.time()))
+    job, _ = spool.new_job(spool.waiting())
+    assert job.take("begun").run_id == "begun"
+    assert not spool.take_back(job, "begun")
+    assert not spool.drop(job, "begun")
+    assert spool.take_back(job, "taken back")
+    assert job.take("taken back") is None
+    assert [one.run_id for one in spool.waiting()] == ["taken back"]
+    spool.settle(job)
+    assert not job.is_open
+
+
+@pytest.mark.parametrize(
+    ("state", "words"),
+    [
+        (
+            JobState("7", "PENDING", "QOSMaxJobsPerUserLimit"),
+            "Slurm job 7 is queued (QOSMaxJobsPerUserLimit)",
+        ),
+        (JobState("7", "RUNNING", "", "n1"), "Slurm job 7 on n1"),
+        (
+            JobState("7", "OUT_OF_MEMORY", "", "n1"),
+            "Slurm job 7 on n1 ended as OUT_OF_MEMORY: it took more memory than it asked for",
+        ),
+    ],
+)
+def test_states_in_words(state, words):
+    assert str(state) == words
+    assert state.has_ended == ("ended" in words)

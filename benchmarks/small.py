@@ -1,0 +1,124 @@
+"""What small recordings cost: time and processor time of each, beside the work alone, and Dagster's records of each.
+
+Recordings of half a second, from nothing. Projects of two sizes are built by turns; what each recording more of the
+larger one took is a recording's share, free of the start of the server and of the dataset. The work alone is the same
+assets of the same recordings, made in one process that has everything imported, without Dagster.
+"""
+
+import argparse
+import json
+import shutil
+import statistics
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+from bagassets.build.execute import execute
+from bagassets.build.graph import Graph
+from bagassets.build.process import keep_freed_memory
+from bagassets.forkserver.client import Client
+from bagassets.formats.catalogue import recording_assets
+from bagassets.propose.project import write_project
+from bagassets.recipe import load_recipe
+from bagassets.recordings.digest import DigestIndex, recording_digest, recording_stat
+from bagassets.recordings.discover import discover
+from bagassets.sample.drive import Target, write_recordings
+from bagassets.sample.recipe import sample_recipe
+from bagassets.store.store import Store
+from benchmarks.common import machine
+from benchmarks.resources import run_watched
+
+__all__ = ["small_table"]
+
+_DURATION_S = 0.5
+_WARM = 2  # recordings made before the clock is looked at
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--json", type=Path, help="write the figures here")
+    parser.add_argument("--fewer", type=int, default=10, help="recordings of the smaller project")
+    parser.add_argument("--more", type=int, default=50, help="recordings of the larger project")
+    parser.add_argument("--times", type=int, default=3)
+    arguments = parser.parse_args()
+    if not _WARM < arguments.fewer < arguments.more:
+        parser.error(f"--fewer must be more than {_WARM}, and less than --more")
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
+        figures = measure(Path(folder), arguments.fewer, arguments.more, arguments.times)
+    print(small_table(figures), flush=True)
+    if arguments.json:
+        arguments.json.write_text(json.dumps({"machine": machine(), **figures}, indent=1) + "\n", "utf-8")
+
+
+def small_table(figures: dict[str, Any]) -> str:
+    """Return the table of `small.json`; medians."""
+    middle = {name: statistics.median(values) for name, values in figures["each"].items()}
+    rows = [
+        ("recording", f"{figures['recording_bytes'] / 1e6:.1f} MB"),
+        ("time", f"{middle['seconds']:.2f} s"),
+        ("processor time", f"{middle['cpu_s']:.2f} s"),
+        ("processor time of the work alone", f"{middle['work_cpu_s']:.2f} s"),
+        ("Dagster's records", f"{middle['record_bytes'] / 1e3:.0f} kB"),
+    ]
+    return (
+        "\n".join(["| each recording | |", "|---|--:|", *(f"| {name} | {value} |" for name, value in rows)])
+        + "\n"
+    )
+
+
+def measure(folder: Path, fewer: int, more: int, times: int) -> dict[str, Any]:
+    """Return what each recording costs, for each time that it was measured."""
+    recordings = {size: folder / f"recordings-{size}" for size in (fewer, more)}
+    for seed in range(more):
+        write_recordings([Target(recordings[more] / f"d{seed:03}.bag", "ros1")], seed, "small", _DURATION_S)
+    recordings[fewer].mkdir()
+    for path in sorted(recordings[more].iterdir())[:fewer]:
+        (recordings[fewer] / path.name).hardlink_to(path)
+    each: dict[str, list[float]] = {"seconds": [], "cpu_s": [], "record_bytes": [], "work_cpu_s": []}
+    for _ in range(times):
+        few, many = (_build(folder / "project", recordings[size]) for size in (fewer, more))
+        for name, value in many.items():
+            each[name].append((value - few[name]) / (more - fewer))
+        each["work_cpu_s"].append(_work_cpu_s(folder / "project", recordings[fewer]))
+    size = next(recordings[more].iterdir()).stat().st_size
+    return {"recordings": [fewer, more], "recording_bytes": size, "each": each}
+
+
+def _project(folder: Path, recordings: Path) -> Path:
+    shutil.rmtree(folder, ignore_errors=True)
+    write_project(folder, sample_recipe(root=str(recordings)))
+    return folder / "recipe.yaml"
+
+
+def _build(folder: Path, recordings: Path) -> dict[str, float]:
+    """Build a new project, and return what that took."""
+    recipe_file = _project(folder, recordings)
+    used = run_watched([sys.executable, "-m", "bagassets", "build", "--recipe", str(recipe_file)], cwd=folder)
+    if used.code:
+        raise SystemExit(f"the build ended with status {used.code}")
+    state = load_recipe(recipe_file).state
+    for client in Client.all_of(state):
+        client.shutdown(grace_s=1.0)
+    records = sum(path.stat().st_size for path in (state / "dagster").rglob("*") if path.is_file())
+    return {"seconds": used.seconds, "cpu_s": used.cpu_s, "record_bytes": records}
+
+
+def _work_cpu_s(folder: Path, recordings: Path) -> float:
+    """Return the processor time that the assets of a recording take without Dagster."""
+    recipe = load_recipe(_project(folder, recordings))
+    assets, store, index = recording_assets(recipe), Store(recipe.store_path), DigestIndex.of(recipe)
+    keep_freed_memory()
+    taken = []
+    for recording in discover(recipe.bags).recordings.values():
+        began = time.process_time()
+        stat, digest = recording_stat(recording), recording_digest(recording, index)
+        graph = Graph(assets, store, recording, digest.digest, stat, wanted=set(assets.names), given={})
+        list(execute(graph))
+        taken.append(time.process_time() - began)
+    return statistics.mean(taken[_WARM:])
+
+
+if __name__ == "__main__":
+    main()
