@@ -4,6 +4,7 @@ import json
 import os
 import re
 import resource
+import select
 import signal
 import socket
 import subprocess
@@ -71,6 +72,12 @@ def test_a_worker_returns_json_and_reports_on_the_way(client):
     assert client.wait(WAIT_S) == {"event": "note", "job": job, "note": {"half": 1}}
     assert client.wait(WAIT_S) == {"event": "finished", "job": job, "exit": 0, "result": 3}
     assert client.files.job_log("sum").read_text() == "adding\n"
+
+
+def test_an_event_that_comes_as_the_time_runs_out_is_returned(client):
+    client.submit(f"{JOBS}:add", {"x": 1, "y": 2}, label="sum")
+    assert select.select([client], [], [], WAIT_S)[0], "the event is there"
+    assert client.wait(0.0) is not None
 
 
 def test_a_worker_has_the_clients_surroundings_and_a_session_of_its_own(client, monkeypatch, tmp_path):

@@ -164,11 +164,11 @@ class Client:
         """
         deadline = None if timeout_s is None else time.monotonic() + timeout_s
         while not self._events:
-            left = None if deadline is None else deadline - time.monotonic()
-            if left is not None and left <= 0 and not select.select([self._socket], [], [], 0)[0]:
-                return None
+            left = None if deadline is None else max(deadline - time.monotonic(), 0.0)
             if select.select([self._socket], [], [], left)[0]:
                 self._receive()
+            elif left == 0.0:
+                return None
         return self._events.popleft()
 
     def fileno(self) -> int:
