@@ -18,10 +18,10 @@ from dagster._core.storage.tags import GRPC_INFO_TAG
 from bagassets.build.build_report import BagOutcome, BuildOptions, BuildReport, Event
 from bagassets.build.choose import SelectionError
 from bagassets.cli.remote import build_on_server, find_server
+from bagassets.defs.connections import kept_open
 from bagassets.defs.events import event_database
 from bagassets.defs.exclusive import exclusive
 from bagassets.defs.runs import open_instance
-from bagassets.defs.sqlite_files import kept_open
 from bagassets.defs.worker_tag import RunWorker
 from bagassets.forkserver.client import Client
 from bagassets.forkserver.process import ProcessId
@@ -295,12 +295,12 @@ def test_an_engine_is_made_once_for_a_file_and_migrations_are_read_once(tmp_path
     from alembic.script import base
     from sqlalchemy.pool import NullPool
 
-    from bagassets.defs import sqlite_files
+    from bagassets.defs import connections
 
     made = []
-    engine = sqlite_files.create_engine
+    engine = connections.create_engine
     monkeypatch.setattr(
-        sqlite_files, "create_engine", lambda *a, **o: made.append((*a, o["poolclass"])) or engine(*a, **o)
+        connections, "create_engine", lambda *a, **o: made.append((*a, o["poolclass"])) or engine(*a, **o)
     )
     (tmp_path / "dagster.yaml").write_text("telemetry: {enabled: false}\n")
     with open_instance(str(tmp_path)) as instance, kept_open(instance):
@@ -308,9 +308,9 @@ def test_an_engine_is_made_once_for_a_file_and_migrations_are_read_once(tmp_path
             instance.report_runless_asset_event(dg.AssetMaterialization(f"a{number}"))
         assert made
         assert len(made) == len(set(made)), "one per file"
-    other = sqlite_files._create_engine("sqlite://", poolclass=NullPool, echo=False)
-    assert other is not sqlite_files._create_engine("sqlite://", poolclass=NullPool, echo=False)
-    sqlite_files.share_migrations()
+    other = connections._create_engine("sqlite://", poolclass=NullPool, echo=False)
+    assert other is not connections._create_engine("sqlite://", poolclass=NullPool, echo=False)
+    connections.share_migrations()
     monkeypatch.setattr(base.Script, "_from_path", lambda *_: pytest.fail("read again"))
     (tmp_path / "second").mkdir()
     (tmp_path / "second" / "dagster.yaml").write_text("telemetry: {enabled: false}\n")

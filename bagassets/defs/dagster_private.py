@@ -6,7 +6,7 @@ server needs few of them, and all together take a second.
 
 Dagster's inner workings are relied upon in these places, too:
 
-- `sqlite_files` replaces `create_engine` in Dagster's two SQLite storages, and does nothing if its options have changed;
+- `connections` replaces `create_engine` in Dagster's two SQLite storages, and does nothing if its options have changed;
 - `runs` replaces `tail_to_stream` in `compute_logs` while a run is executed;
 - `databases` knows the files and the tables in which Dagster keeps its records, and `bagassets.freshness` reads four of the tables;
 - `code_server` starts `dagster api grpc`, `dev` the daemon by its module, with the variables that `dagster dev` sets;
@@ -165,7 +165,7 @@ _PLACES = {
     "StepMaterializationData": "dagster._core.events",  # 1.7
     # A partition that registers itself when it is asked for: `partitions`.
     "PartitionLoadingContext": "dagster._core.definitions.partitions.context",  # 1.12
-    # SQLite databases made whole or not at all, and kept open while a run writes: `databases`, `sqlite_files`.
+    # SQLite databases made whole or not at all, and kept open while a run writes: `databases`, `connections`.
     "DagsterSqliteStorage": "dagster._core.storage.sqlite_storage",  # 1.7
     "RunStorageSqlMetadata": "dagster._core.storage.runs.schema",  # 1.7
     "ScheduleStorageSqlMetadata": "dagster._core.storage.schedules.schema",  # 1.7

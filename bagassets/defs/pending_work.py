@@ -11,11 +11,11 @@ import dagster as dg
 from bagassets.build.build_report import BuildOptions
 from bagassets.build.choose import choose_assets, choose_recordings
 from bagassets.build.plan import Plan
+from bagassets.defs.connections import kept_open
 from bagassets.defs.databases import database_errors_explained
 from bagassets.defs.dataset import dataset_is_current
 from bagassets.defs.instance_plan import InstancePlan, plan_instance, replan_instance
 from bagassets.defs.runs import open_instance
-from bagassets.defs.sqlite_files import kept_open
 from bagassets.defs.workspace import Workspace
 from bagassets.formats.catalogue import MAIN
 from bagassets.formats.dataset_build import (

@@ -18,8 +18,8 @@ import dagster as dg
 from bagassets.build.build_report import Event
 from bagassets.defs.batches import BATCH_JOB, Batch, BatchProgress, batch_config
 from bagassets.defs.code_server import LaunchWorkspace
+from bagassets.defs.connections import kept_open
 from bagassets.defs.runs import CodeLocation, create_job_run, create_run, fail_if_lost, failure_of
-from bagassets.defs.sqlite_files import kept_open
 from bagassets.defs.worker_tag import WHERE_TAG
 from bagassets.errors import BagAssetsError
 from bagassets.interrupts import deferred_interrupts

@@ -17,6 +17,7 @@ from pathlib import Path
 import dagster as dg
 
 from bagassets.decode.loading import load_built_in
+from bagassets.defs.connections import kept_open, share_migrations
 from bagassets.defs.dagster_private import RUN_MODULES
 from bagassets.defs.databases import database_errors_explained
 from bagassets.defs.exclusive import ASKS_PER_LOOK, exclusive, holder_has_ended
@@ -30,7 +31,6 @@ from bagassets.defs.runs import (
     open_instance,
     preload_definitions,
 )
-from bagassets.defs.sqlite_files import kept_open, share_migrations
 from bagassets.defs.worker_tag import RunWorker
 from bagassets.errors import BagAssetsError
 from bagassets.forkserver.process import ProcessId

@@ -16,6 +16,7 @@ from pathlib import Path
 
 import dagster as dg
 
+from bagassets.defs.connections import pool_connections
 from bagassets.defs.dagster_private import (
     DEFAULT_DAGSTER_ENTRY_POINT,
     CodePointer,
@@ -142,9 +143,12 @@ def pack_instance(instance: dg.DagsterInstance) -> str:
 def open_instance(place: str) -> dg.DagsterInstance:
     """Open the instance of a Dagster home folder, or one packed by `pack_instance`."""
     if place.startswith("{"):
-        return dg.DagsterInstance.from_ref(dg.deserialize_value(place, InstanceRef))
-    with ready_to_open(Path(place)):
-        return dg.DagsterInstance.from_config(place)
+        instance = dg.DagsterInstance.from_ref(dg.deserialize_value(place, InstanceRef))
+    else:
+        with ready_to_open(Path(place)):
+            instance = dg.DagsterInstance.from_config(place)
+    pool_connections(instance)
+    return instance
 
 
 def failure_of(instance: dg.DagsterInstance, run: dg.DagsterRun) -> str | None:

@@ -14,10 +14,10 @@ from threading import Lock
 import dagster as dg
 
 from bagassets.build.build_report import Event
+from bagassets.defs.connections import kept_open
 from bagassets.defs.events import CODE_VERSION, DATA_VERSION
 from bagassets.defs.pending_work import PendingWork
 from bagassets.defs.reporting import BAG_CODE_VERSION, bag_metadata
-from bagassets.defs.sqlite_files import kept_open
 from bagassets.defs.workspace import Workspace
 from bagassets.errors import BagAssetsError
 from bagassets.quantities import count_text, readable_bytes

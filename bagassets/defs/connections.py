@@ -1,17 +1,21 @@
-"""Cheaper use of Dagster's SQLite files by processes that write hundreds of events.
+"""Cheaper use of Dagster's databases by processes that write hundreds of events.
 
-For every event Dagster creates an engine, opens a connection and closes it again. The last connection to close writes
-the write-ahead log back into the database file, with two syncs of the disk, and a new engine compiles each statement
-again: so engines are reused here, and connections kept open. To see whether a database has the newest schema, Alembic
-imports a hundred small modules: that happens once, before workers are forked. And a commit does not wait for the disk:
-after a power loss the newest records may be missing, which the next build records again from the store, but the
-database is whole.
+For every event Dagster opens a connection and closes it again.
+
+With SQLite it also creates an engine. The last connection to close writes the write-ahead log back into the database
+file, with two syncs of the disk, and a new engine compiles each statement again: so engines are reused here, and
+connections kept open. To see whether a database has the newest schema, Alembic imports a hundred small modules: that happens
+once, before workers are forked. And a commit does not wait for the disk: after a power loss the newest records may be
+missing, which the next build records again from the store, but the database is whole.
+
+With PostgreSQL each connection is a process of the server: so a few are kept, as Dagster's web server does, and each is
+tried before it is used again, since the server may have been restarted.
 """
 
 import sqlite3
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from functools import cache, lru_cache
 from typing import Any
 
@@ -20,12 +24,13 @@ from alembic.config import Config
 from alembic.script import ScriptDirectory
 from sqlalchemy import create_engine, event, make_url
 from sqlalchemy.engine import Engine
+from sqlalchemy.exc import DisconnectionError
 from sqlalchemy.pool import NullPool, Pool, QueuePool
 
 from bagassets.defs.dagster_private import get_alembic_config, sqlite_event_log, sqlite_run_storage
 from bagassets.defs.events import event_database
 
-__all__ = ["kept_open", "share_migrations"]
+__all__ = ["kept_open", "pool_connections", "share_migrations"]
 
 _FROM_CONFIG = "from_config"
 _CREATE_ENGINE = "create_engine"  # the name under which both storages import it
@@ -33,6 +38,9 @@ _CREATE_ENGINE = "create_engine"  # the name under which both storages import it
 _KEPT: Counter[str] = Counter()  # database file -> how many keep it open
 _POOLED: dict[tuple[str, float | None], Engine] = {}  # database file, timeout -> engine with open connections
 _DISPOSE = "dispose"  # called by Dagster after each event
+_NO_TIMEOUT = 0
+_RECYCLE_S = 1800
+_MORE_CONNECTIONS = 20  # for a moment, beside the one of each storage that is kept
 
 
 @cache
@@ -70,6 +78,29 @@ def kept_open(instance: dg.DagsterInstance, *run_ids: str) -> Iterator[None]:
         for (path, _), engine in list(_POOLED.items()):
             if _KEPT[path] <= 0:
                 Engine.dispose(engine)
+
+
+def pool_connections(instance: dg.DagsterInstance) -> None:
+    """Keep connections to the database server of an instance; one in SQLite is left as it is."""
+    if event_database(instance) is None:
+        _try_before_use()
+        instance.optimize_for_webserver(_NO_TIMEOUT, _RECYCLE_S, _MORE_CONNECTIONS)
+
+
+@cache
+def _try_before_use() -> None:
+    """Let all connections to PostgreSQL that this process takes from a pool be tried first."""
+    event.listen(Pool, "checkout", _try)
+
+
+def _try(connection: Any, _record: object, _proxy: object) -> None:
+    if isinstance(connection, sqlite3.Connection):
+        return
+    try:
+        with closing(connection.cursor()) as cursor:
+            cursor.execute("SELECT 1")
+    except Exception as err:  # of whatever driver: the pool opens another connection
+        raise DisconnectionError from err
 
 
 @cache
