@@ -66,6 +66,15 @@ def test_large_recordings_have_a_run_each_and_small_ones_share():
     assert batches({}, {}, 2) == []
 
 
+def test_where_runs_wait_in_a_queue_their_number_follows_from_how_many_share_one():
+    sizes = {f"s{number:02}": 1000 for number in range(40)} | {"large": 10**9}
+    todo = dict.fromkeys(sizes, ("bag",))
+    assert [len(batch) for batch in batches(todo, sizes, 1000, 10)] == [1, 10, 10, 10, 10]
+    assert {len(batch) for batch in batches(todo, sizes, 1000, 1)} == {1}
+    few = dict.fromkeys(["s00", "s01", "s02"], ("bag",))
+    assert {len(batch) for batch in batches(few, sizes, 1000, 10)} == {1}
+
+
 def test_recordings_of_a_batch_are_recorded_as_runs_of_their_own_would(project, monkeypatch):
     report, runs = build(project, monkeypatch, jobs=1)
     assert [key for key, _ in runs] == [None]  # that of the dataset

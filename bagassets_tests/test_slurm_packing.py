@@ -22,8 +22,8 @@ def spec(**options):
     return JobSpec("{}", JobOptions(**options).as_json(), "python", "/", ("m",), (), "/locks", {}, (), {})
 
 
-def run(name, seconds=1.0, since=0.0, **options):
-    return SpooledRun(name, spec(**options), seconds, since)
+def run(name, seconds=1.0, since=0.0, recordings=1, **options):
+    return SpooledRun(name, spec(**options), seconds, since, recordings)
 
 
 @pytest.mark.parametrize(
@@ -60,6 +60,17 @@ def test_a_job_is_full_by_number_or_by_work_on_all_its_cpus():
     ]
     assert [len(job) for job in Packing(runs=99, minutes=2, gather_s=1).jobs(names)] == [4, 4, 2]
     assert [len(job) for job in Packing(runs=99, minutes=2, gather_s=1).jobs(names, pace=2.0)] == [2] * 5
+
+
+def test_a_run_of_several_recordings_counts_as_so_many():
+    names = [run(str(number), recordings=10) for number in range(4)]
+    assert [len(job) for job in Packing(runs=20, minutes=99, gather_s=1).jobs(names)] == [2, 2]
+
+
+def test_a_run_that_an_older_version_left_waiting_is_about_one_recording():
+    value = run("a").as_json()
+    del value["recordings"]
+    assert SpooledRun.from_json(value) == run("a")
 
 
 def test_runs_with_other_needs_get_another_job():

@@ -39,22 +39,25 @@ Batch = Mapping[str, Sequence[str]]
 """Partition key -> the assets to materialize."""
 
 
-def batches(todo: Batch, sizes: Mapping[str, int], jobs: int) -> list[Batch]:
+def batches(todo: Batch, sizes: Mapping[str, int], jobs: int, most_per_run: int | None = None) -> list[Batch]:
     """Deal recordings to runs: each large one gets a run of its own, small ones share.
 
     Args:
         todo: recordings and their assets.
         sizes: partition key -> size in bytes.
         jobs: runs at the same time; small recordings that are fewer than four for each get runs of their own.
+        most_per_run: most recordings of a run, where runs wait in a queue and nobody knows how many of them will be at work
+            at the same time; `jobs` does not count then.
 
     Returns:
         The runs, the longest first: begun last, it would keep one worker busy after all others are done.
     """
     small = sorted((key for key in todo if sizes[key] <= _SMALL_BYTES), key=lambda key: (-sizes[key], key))
-    if len(small) < _FEWEST_PER_JOB * jobs:
+    most, jobs = (_MOST_RECORDINGS, jobs) if most_per_run is None else (most_per_run, 1)
+    if most == 1 or len(small) < _FEWEST_PER_JOB * jobs:
         small = []
     total = sum(sizes[key] for key in small)
-    needed = max(jobs, -(-total // _LARGEST_BATCH_BYTES), -(-len(small) // _MOST_RECORDINGS))
+    needed = max(jobs, -(-total // _LARGEST_BATCH_BYTES), -(-len(small) // most))
     dealt: list[tuple[int, int, list[str]]] = [(0, number, []) for number in range(needed)] if small else []
     heapify(dealt)
     for key in small:  # the largest first, each to the batch that is smallest so far

@@ -16,7 +16,6 @@ from bagassets.build.build_report import BagOutcome, BuildOptions, BuildReport, 
 from bagassets.build.disk_space import folders_written, require_disk_space, space_needed
 from bagassets.build.plan import Plan, Recorded
 from bagassets.build.summary_rows import summary_rows
-from bagassets.defs.batches import batches
 from bagassets.defs.dataset import record_inputs
 from bagassets.defs.instance_plan import InstancePlan
 from bagassets.defs.orphaned_runs import end_orphaned_runs
@@ -78,7 +77,7 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
             going_on = _going_on(instance, before.datasets)
             followed = {key for keys in going_on.values() for key in keys}
             todo = {key: assets for key, assets in before.todo.items() if key not in followed}
-            runs.work(batches(todo, sizes, runs.jobs), following=going_on)
+            runs.work(runs.deal(todo, sizes), following=going_on)
             now = update_pending_work(instance, workspace, before, runs.ended.keys())
             # Runs of an earlier build may have begun before the recipe or the recording changed.
             again = {key: now.todo[key] for key in followed & now.todo.keys() & before.chosen}

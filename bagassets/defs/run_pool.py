@@ -16,7 +16,7 @@ from uuid import uuid4
 import dagster as dg
 
 from bagassets.build.build_report import Event
-from bagassets.defs.batches import BATCH_JOB, Batch, BatchProgress, batch_config
+from bagassets.defs.batches import BATCH_JOB, Batch, BatchProgress, batch_config, batches
 from bagassets.defs.code_server import LaunchWorkspace
 from bagassets.defs.connections import kept_open
 from bagassets.defs.runs import CodeLocation, create_job_run, create_run, fail_if_lost, failure_of
@@ -98,7 +98,9 @@ class RunPool:
     _looked_at: float = 0.0
 
     def __post_init__(self) -> None:
-        self.jobs = getattr(self.instance.run_launcher, "most_at_once", self.jobs)
+        launcher = self.instance.run_launcher
+        self.jobs = getattr(launcher, "most_at_once", self.jobs)
+        self._most_per_run: int | None = getattr(launcher, "recordings_per_run", None)
         # One for all runs: a code server takes seconds to start.
         self._workspace = LaunchWorkspace(self.instance, self.location, self.log)
 
@@ -107,6 +109,10 @@ class RunPool:
 
     def __exit__(self, *_: object) -> None:
         self._workspace.close()
+
+    def deal(self, todo: Batch, sizes: Mapping[str, int]) -> list[Batch]:
+        """Return a batch for each run that is to be launched, for recordings and their assets (see `batches`)."""
+        return batches(todo, sizes, self.jobs, self._most_per_run)
 
     def work(self, batches: Sequence[Batch], following: Mapping[str, Sequence[str]] | None = None) -> None:
         """Launch a run for each batch.

@@ -45,7 +45,7 @@ class Packing:
     """How many runs go into one job.
 
     Args:
-        runs: most runs per job.
+        runs: a job is full with so many; one of several recordings counts as so many.
         minutes: a job is full when its runs may take so long, side by side on its cpus.
         gather_s: how long the first runs wait for more.
     """
@@ -79,7 +79,7 @@ class Packing:
                 jobs.append([])
             jobs[-1].append(run)
             seconds = pace * sum(one.seconds for one in jobs[-1]) / cpus
-            full = len(jobs[-1]) >= self._runs or seconds >= self._seconds
+            full = sum(one.recordings for one in jobs[-1]) >= self._runs or seconds >= self._seconds
         if not full and now is not None:
             # As long as more keep coming, but not for ever.
             first, last = jobs[-1][0].since, jobs[-1][-1].since

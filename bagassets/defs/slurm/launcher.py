@@ -15,7 +15,8 @@ Set in `dagster.yaml`; all of `config` is optional::
         prefix: module load python &&   # shell text before the command
         rules:                    # later ones override earlier ones
           - {above_gb: 20, memory: 64G}
-        runs_per_job: 50
+        recordings_per_run: 10    # small ones, of `bagassets build`
+        runs_per_job: 50          # a run of several recordings counts as so many
         minutes_per_job: 30
         folder: .bagassets/slurm  # logs and records of jobs, on a file system that all nodes share
 """
@@ -25,6 +26,7 @@ import os
 import sys
 import threading
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Self
 
@@ -73,6 +75,7 @@ class SlurmRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
 
     Attributes:
         most_at_once: most runs that a build hands over before others have ended.
+        recordings_per_run: most small recordings that a build has share a run.
     """
 
     def __init__(
@@ -83,6 +86,7 @@ class SlurmRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
         folder: str | None = None,
         python: str | None = None,
         rules: list[JsonMapping] | None = None,
+        recordings_per_run: int = 10,
         runs_per_job: int = 50,
         minutes_per_job: float = 30.0,
         gather_s: float = 1.0,
@@ -94,6 +98,7 @@ class SlurmRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
         **options: Any,
     ) -> None:
         self.most_at_once = most_at_once
+        self.recordings_per_run = recordings_per_run
         self._inst_data = inst_data
         self._recipe_name = recipe
         self._folder = folder
@@ -134,6 +139,7 @@ class SlurmRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
             **options_schema(),
             **{name: dg.Field(dg.StringSource, is_required=False) for name in texts},
             **{name: dg.Field(float, is_required=False) for name in numbers},
+            "recordings_per_run": dg.Field(dg.IntSource, is_required=False),
             "runs_per_job": dg.Field(dg.IntSource, is_required=False),
             "most_at_once": dg.Field(dg.IntSource, is_required=False),
             "rules": dg.Field([rule_schema()], is_required=False),
@@ -168,7 +174,9 @@ class SlurmRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
         if stale:  # copied from the run that this one repeats
             self._instance.add_run_tags(run.run_id, stale)
         self._spool.make()
-        self._spool.put(SpooledRun(run.run_id, spec, self._seconds(run), time.time()))
+        keys = _recordings_of(run)
+        waiting = SpooledRun(run.run_id, spec, self._seconds(keys), time.time(), max(1, len(keys)))
+        self._spool.put(waiting)
         self._care()
 
     def _spec(self, run: dg.DagsterRun) -> JobSpec:
@@ -183,7 +191,7 @@ class SlurmRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
         if not isinstance(pointer, ModuleCodePointer):
             raise BagAssetsError(f"run {run.run_id}: its code is not in a Python module.")
         recipe = self._recipe
-        options = options_for(self._options, self._rules, self._size(run), run.tags)
+        options = options_for(self._options, self._rules, self._size(_recordings_of(run)), run.tags)
         return JobSpec(
             instance=pack_instance(self._instance),
             options=options.as_json(),
@@ -202,14 +210,13 @@ class SlurmRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
         needed = (self._recipe_file, recipe.bags.root, recipe.store_path)
         return tuple(str(path) for path in needed if path is not None and path.exists())
 
-    def _seconds(self, run: dg.DagsterRun) -> float:
-        """Return how long a run may take, by the size of its recording."""
+    def _seconds(self, keys: Sequence[str]) -> float:
+        """Return how long a run may take, by the number and size of its recordings."""
         fixed_s, per_gb_s = self._estimate
-        return fixed_s + per_gb_s * self._size(run) / _BYTES_PER_GB
+        return fixed_s * max(1, len(keys)) + per_gb_s * self._size(keys) / _BYTES_PER_GB
 
-    def _size(self, run: dg.DagsterRun) -> int:
-        """Return the bytes of the recordings that a run works on; 0 if that is unknown."""
-        keys = [run.tags[_PARTITION_TAG]] if _PARTITION_TAG in run.tags else batch_of(run)
+    def _size(self, keys: Sequence[str]) -> int:
+        """Return the bytes of recordings; 0 if that is unknown."""
         recipe = self._recipe
         if not keys or recipe is None:
             return 0
@@ -402,3 +409,8 @@ class SlurmRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
         if include_container_logs and log and (lines := last_lines(Path(log), _DEBUG_LINES)):
             parts += [f"Last lines of {log}:", *lines]
         return "\n".join(parts) or None
+
+
+def _recordings_of(run: dg.DagsterRun) -> Sequence[str]:
+    """Return the partition keys that a run is about; none if it is about a dataset."""
+    return [run.tags[_PARTITION_TAG]] if _PARTITION_TAG in run.tags else batch_of(run)

@@ -73,12 +73,14 @@ class SpooledRun:
         spec: what its job must be like.
         seconds: how long it may take.
         since: when it was launched, in Unix seconds.
+        recordings: how many it is about; 1 if it is about none.
     """
 
     run_id: str
     spec: JobSpec
     seconds: float
     since: float
+    recordings: int = 1
 
     @classmethod
     def from_json(cls, value: JsonMapping) -> Self:
