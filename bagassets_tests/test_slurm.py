@@ -22,7 +22,7 @@ WAIT_S = 60
 
 def make_home(folder, **config):
     folder.mkdir(exist_ok=True)
-    config = {"folder": str(folder / "slurm"), "gather_s": 0.8, "cpus": 2, **config}
+    config = {"folder": str(folder / "slurm"), "gather_s": 0.8, "idle_s": 0.0, "cpus": 2, **config}
     (folder / "dagster.yaml").write_text(
         "telemetry: {enabled: false}\n"
         "run_launcher: {module: bagassets.defs.slurm.launcher, class: SlurmRunLauncher, "
@@ -102,6 +102,16 @@ def test_runs_share_a_job_and_say_where_they_were(make_instance, slurm, steering
         lambda: "COMPLETED" in slurm.ask("squeue", "--states=all", "--noheader", "--format=%T"),
         "it ends well",
     )
+
+
+def test_a_job_that_has_none_left_takes_the_next_run(make_instance):
+    instance = make_instance(idle_s=20.0)
+    before = ended(instance, launch(instance, "drive", "first"))
+    after = ended(instance, launch(instance, "drive", "second"))
+    assert after.is_success
+    assert after.tags["slurm/job"] == before.tags["slurm/job"]
+    assert after.tags["bagassets/where"] == before.tags["bagassets/where"]
+    assert after.tags["slurm/log"] == before.tags["slurm/log"]
 
 
 def test_a_run_at_work_and_one_that_waits_are_cancelled(make_instance, slurm, steering):

@@ -125,6 +125,20 @@ def test_what_was_taken_back_cannot_be_begun(tmp_path):
     assert not job.is_open
 
 
+def test_a_job_takes_more_runs_like_its_own_if_they_end_in_time(tmp_path):
+    spool = Spool(tmp_path)
+    spool.make()
+    spool.put(run("its own"))
+    job, _ = spool.new_job(spool.waiting())
+    spool.put(run("other needs", memory="9G"))
+    spool.put(run("too long", seconds=61.0))
+    assert job.take_waiting(60.0) is None
+    spool.put(run("more", seconds=59.0))
+    assert job.take_waiting(60.0).run_id == "more"
+    assert job.has_begun("more")
+    assert {one.run_id for one in spool.waiting()} == {"other needs", "too long"}
+
+
 @pytest.mark.parametrize(
     ("state", "words"),
     [

@@ -131,7 +131,7 @@ def build(recipe_file: Path, number: int, *options: str) -> float:
 def on_slurm(folder: Path, number: int, workers: int, postgres: Postgres) -> float:
     """Return how long a build takes with as many jobs of one processor as there are workers."""
     share = -(-number // workers)
-    return build(make(folder, number, postgres, cpus=1, runs_per_job=share, gather_s=2.0), number)
+    return build(make(folder, number, postgres, cpus=1, runs_per_job=share), number)
 
 
 def locally(folder: Path, number: int, postgres: Postgres) -> float:
@@ -141,7 +141,7 @@ def locally(folder: Path, number: int, postgres: Postgres) -> float:
 
 def one_run(work: Path, postgres: Postgres) -> dict[str, float]:
     """Return where the time goes from the submission of one run to its first step, in seconds."""
-    recipe_file = make(work / "one", 1, postgres, cpus=1, gather_s=0.2)
+    recipe_file = make(work / "one", 1, postgres, cpus=1)
     build(recipe_file, 1)
     spool = load_recipe(recipe_file).state / "slurm"
     with open_instance(str(recipe_file.parent)) as instance:

@@ -1,7 +1,8 @@
 """A job on its node: imports what runs share, once, and forks a worker for each of its runs.
 
 `python -m bagassets.defs.slurm.job FOLDER`, in the batch script. No more runs are at work side by side than the job has
-cpus. When Slurm ends the job (a time limit, `scancel`, a job with a higher priority), the workers are killed: why, only
+cpus. With none left it waits for more, for some seconds: the dataset follows its last recording, and another job would
+have to import everything once more. When Slurm ends the job (a time limit, `scancel`, a job with a higher priority), the workers are killed: why, only
 Slurm can say, and `keeper` asks it.
 """
 
@@ -15,6 +16,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from bagassets.defs.slurm.node import problem_of_node
+from bagassets.defs.slurm.options import JOB_TAG, LOG_TAG, NODE_TAG
 from bagassets.defs.slurm.spool import JobFolder, JobSpec, SpooledRun
 from bagassets.defs.worker_tag import WHERE_TAG
 from bagassets.forkserver.job import Job
@@ -25,6 +27,7 @@ __all__ = ["main"]
 
 _LOG = logging.getLogger("bagassets.slurm")
 _LOOK_S = 1.0
+_IDLE_LOOK_S = 0.2
 _GRACE_S = 30.0
 _WORKER = "bagassets.defs.run_worker"
 _ENDS = {signal.SIGTERM, signal.SIGINT}
@@ -74,7 +77,13 @@ class _Workers:
         self._later: Iterator[None] | None = later
         self._cpus = int(os.environ.get("SLURM_CPUS_PER_TASK") or os.environ.get("SLURM_CPUS_ON_NODE") or 1)
         job = os.environ.get("SLURM_JOB_ID", "")
-        self._tags = {"slurm/node": node, WHERE_TAG: f"Slurm job {job} on {node}"}
+        self._tags = {
+            JOB_TAG: job,
+            NODE_TAG: node,
+            LOG_TAG: str(folder.log),
+            WHERE_TAG: f"Slurm job {job} on {node}",
+        }
+        self._began = time.monotonic()
         self._active: list[tuple[Job, SpooledRun]] = []
         self._reporting: list[Job] = []
         self._count = 0
@@ -82,13 +91,19 @@ class _Workers:
     def work(self) -> int:
         """Execute all runs; return the exit code."""
         queue = self._folder.runs()[::-1]
-        looked_at = time.monotonic()
-        while queue or self._active or self._reporting:
+        looked_at = busy_at = time.monotonic()
+        while True:
             while queue and len(self._active) < self._cpus:
                 run = self._folder.take(queue.pop())
                 if run is not None:
                     self._start(run)
-            if self._wait() in _ENDS:
+            if not queue and len(self._active) < self._cpus and self._spec.idle_s:
+                self._take_more()
+            if queue or self._active or self._reporting:
+                busy_at = time.monotonic()
+            elif time.monotonic() - busy_at >= self._spec.idle_s:
+                return 0
+            if self._wait(_LOOK_S if len(self._active) >= self._cpus else _IDLE_LOOK_S) in _ENDS:
                 return self._stop()
             if time.monotonic() - looked_at > _LOOK_S:
                 looked_at = time.monotonic()
@@ -97,11 +112,17 @@ class _Workers:
                     return self._stop()
                 self._cancel()
             self._collect()
-        return 0
 
-    def _wait(self) -> signal.Signals | None:
+    def _take_more(self) -> None:
+        """Take a run that came later than this job, and would otherwise wait for another."""
+        left_s = self._spec.minutes * 60.0 - (time.monotonic() - self._began)
+        run = self._folder.take_waiting(left_s)
+        if run is not None:
+            self._start(run)
+
+    def _wait(self, longest_s: float) -> signal.Signals | None:
         """Wait until a worker ends or a signal comes, or use the time for what can wait."""
-        found = signal.sigtimedwait(_SIGNALS, 0.0 if self._later is not None else _LOOK_S)
+        found = signal.sigtimedwait(_SIGNALS, 0.0 if self._later is not None else longest_s)
         if found is None and self._later is not None:
             try:
                 next(self._later)

@@ -16,16 +16,15 @@ import dagster as dg
 from bagassets.defs.dagster_private import WorkerStatus
 from bagassets.defs.orphaned_runs import report_ended
 from bagassets.defs.slurm.commands import JobState, SlurmError, cancel_job, job_states, submit_job, user_name
-from bagassets.defs.slurm.options import TAG_PREFIX, JobOptions
+from bagassets.defs.slurm.options import JOB_TAG, LOG_TAG, NODE_TAG, JobOptions
 from bagassets.defs.slurm.spool import JobFolder, JobSpec, Spool, SpooledRun
 from bagassets.defs.worker_tag import WHERE_TAG
 from bagassets.forkserver.server_files import last_lines
 from bagassets.json_types import JsonObject
 
-__all__ = ["JOB_TAG", "LOG_TAG", "NODE_TAG", "Keeper", "Packing"]
+__all__ = ["Keeper", "Packing"]
 
 _LOG = logging.getLogger(__name__)
-JOB_TAG, NODE_TAG, LOG_TAG = f"{TAG_PREFIX}job", f"{TAG_PREFIX}node", f"{TAG_PREFIX}log"
 # A job that Slurm does not know, and that left no record: the file system may show it late.
 _FORGOTTEN_S = 15.0
 # A job that left a record, but that Slurm still takes for running: its state says more.
@@ -321,6 +320,7 @@ class Keeper:
             if state is None or state.is_pending or idle_s > _LINGERS_S:
                 cancel_job(job_id)
             return
+        self._idle_since.pop(job.name, None)
         if state is None:
             return
         seen_at, place = self._placed.get(job.name, (0.0, ""))

@@ -46,9 +46,18 @@ from bagassets.defs.dagster_private import (
 from bagassets.defs.orphaned_runs import UNTAKEN_S, report_ended
 from bagassets.defs.runs import pack_instance
 from bagassets.defs.slurm.commands import SlurmError
-from bagassets.defs.slurm.keeper import JOB_TAG, LOG_TAG, NODE_TAG, Keeper, Packing
+from bagassets.defs.slurm.keeper import Keeper, Packing
 from bagassets.defs.slurm.node import versions_here
-from bagassets.defs.slurm.options import JobOptions, Rule, options_for, options_schema, rule_schema
+from bagassets.defs.slurm.options import (
+    JOB_TAG,
+    LOG_TAG,
+    NODE_TAG,
+    JobOptions,
+    Rule,
+    options_for,
+    options_schema,
+    rule_schema,
+)
 from bagassets.defs.slurm.spool import JobSpec, Spool, SpooledRun
 from bagassets.defs.worker_tag import WHERE_TAG
 from bagassets.errors import BagAssetsError
@@ -89,7 +98,8 @@ class SlurmRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
         recordings_per_run: int = 10,
         runs_per_job: int = 50,
         minutes_per_job: float = 30.0,
-        gather_s: float = 1.0,
+        gather_s: float = 0.5,
+        idle_s: float = 5.0,
         seconds_per_run: float = 2.0,
         seconds_per_gb: float = 10.0,
         most_at_once: int = 1000,
@@ -106,6 +116,7 @@ class SlurmRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
         self._options = JobOptions.from_json(options)
         self._rules = [Rule.from_json(rule) for rule in rules or ()]
         self._packing = Packing(runs_per_job, minutes_per_job, gather_s)
+        self._idle_s, self._minutes = idle_s, minutes_per_job
         self._estimate = seconds_per_run, seconds_per_gb
         self._give_up_s, self._keep_days = give_up_minutes * 60.0, keep_days
         self._keeper_made: Keeper | None = None
@@ -130,6 +141,7 @@ class SlurmRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
         numbers = (
             "minutes_per_job",
             "gather_s",
+            "idle_s",
             "seconds_per_run",
             "seconds_per_gb",
             "give_up_minutes",
@@ -203,6 +215,8 @@ class SlurmRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
             environment={} if recipe is None else {"BAGASSETS_RECIPE": str(self._recipe_file)},
             needs=() if recipe is None else self._needs(recipe),
             versions=versions_here(),
+            idle_s=self._idle_s,
+            minutes=self._minutes,
         )
 
     def _needs(self, recipe: Recipe) -> tuple[str, ...]:

@@ -9,9 +9,20 @@ import dagster as dg
 from bagassets.errors import BagAssetsError
 from bagassets.json_types import JsonMapping, JsonObject
 
-__all__ = ["TAG_PREFIX", "JobOptions", "Rule", "options_for", "options_schema", "rule_schema"]
+__all__ = [
+    "JOB_TAG",
+    "LOG_TAG",
+    "NODE_TAG",
+    "JobOptions",
+    "Rule",
+    "options_for",
+    "options_schema",
+    "rule_schema",
+]
 
-TAG_PREFIX = "slurm/"
+_TAG_PREFIX = "slurm/"
+# Where a run is.
+JOB_TAG, NODE_TAG, LOG_TAG = f"{_TAG_PREFIX}job", f"{_TAG_PREFIX}node", f"{_TAG_PREFIX}log"
 # Whoever may launch runs may set tags, but not have a shell command executed.
 _BY_TAG = ("partition", "account", "cpus", "memory", "time")
 _BYTES_PER_GB = 1e9
@@ -103,7 +114,7 @@ def options_for(base: JobOptions, rules: Iterable[Rule], size: int, tags: Mappin
         if size > rule.above_gb * _BYTES_PER_GB:
             options = options.changed(rule.changes)
     for name in _BY_TAG:
-        value = tags.get(f"{TAG_PREFIX}{name}")
+        value = tags.get(f"{_TAG_PREFIX}{name}")
         if not value:
             continue
         if name != "cpus":
@@ -111,7 +122,7 @@ def options_for(base: JobOptions, rules: Iterable[Rule], size: int, tags: Mappin
         elif value.isdecimal() and int(value) > 0:
             options = replace(options, cpus=int(value))
         else:
-            raise BagAssetsError(f"tag {TAG_PREFIX}cpus: a number of processors is expected, not {value!r}.")
+            raise BagAssetsError(f"tag {_TAG_PREFIX}cpus: a number of processors is expected, not {value!r}.")
     return options
 
 

@@ -39,6 +39,8 @@ class JobSpec:
         environment: variables that are set.
         needs: folders and files that the node must see.
         versions: distribution -> version that the node must have.
+        idle_s: how long a job waits for more runs when it has none left.
+        minutes: a job takes no more runs that might end later than that after its begin.
     """
 
     instance: str
@@ -51,6 +53,8 @@ class JobSpec:
     environment: JsonMapping
     needs: tuple[str, ...]
     versions: JsonMapping
+    idle_s: float = 0.0
+    minutes: float = 0.0
 
     @classmethod
     def from_json(cls, value: JsonMapping) -> Self:
@@ -133,6 +137,21 @@ class JobFolder:
     def take(self, run_id: str) -> SpooledRun | None:
         """Take a run for the job; None if somebody took it back."""
         return _moved(self.path / "runs" / f"{run_id}.json", self.path / "begun" / f"{run_id}.json")
+
+    def take_waiting(self, seconds: float) -> SpooledRun | None:
+        """Take a run that waits for a job such as this one; None if there is none.
+
+        Args:
+            seconds: longest that the run may take.
+        """
+        root = self.path.parent.parent
+        for run in Spool(root).waiting():
+            if run.seconds <= seconds and run.spec.as_json() == _read(self.path / _JOB):
+                name = f"{run.run_id}.json"
+                got = _moved(root / "waiting" / name, self.path / "begun" / name)
+                if got is not None:
+                    return got
+        return None
 
     def has(self, run_id: str) -> bool:
         """Return whether the job has the run, begun or not."""
