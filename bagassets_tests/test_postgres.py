@@ -2,7 +2,10 @@
 
 import subprocess
 import sys
+import time
+from contextlib import closing
 
+import psycopg2
 import pytest
 
 from bagassets.defs.partitions import partitions_name
@@ -21,9 +24,14 @@ pytestmark = pytest.mark.skipif(PROGRAMS is None, reason="PostgreSQL is not inst
 
 
 @pytest.fixture(scope="module")
-def url():
+def server():
     with running_postgres() as server:
-        yield server.url
+        yield server
+
+
+@pytest.fixture(scope="module")
+def url(server):
+    return server.url
 
 
 @pytest.fixture(scope="module")
@@ -75,3 +83,29 @@ def test_what_happened_in_the_database_is_noticed(project, what):
 def test_a_database_that_is_not_there_needs_a_plan(url):
     with pytest.raises(PlanNeeded, match="PostgreSQL"):
         records_fingerprint(url.replace(f"port={PORT}", "port=5440"), "recordings")
+
+
+def test_connections_are_kept_and_a_restarted_server_gets_new_ones(tmp_path, server, url):
+    home = tmp_path / "home"
+    home.mkdir()
+    (home / "dagster.yaml").write_text(
+        f"telemetry: {{enabled: false}}\nstorage: {{postgres: {{postgres_url: '{url}'}}}}\n", "utf-8"
+    )
+    with open_instance(str(home)) as instance:
+        instance.get_runs(limit=1)
+        before = sessions(url)
+        for _ in range(10):
+            instance.get_runs(limit=1)
+            instance.get_asset_keys()
+        assert sessions(url) - before <= 2  # of the event log, and the one that counts
+        server.stop()
+        server.start()
+        assert instance.get_runs(limit=1) is not None
+
+
+def sessions(url):
+    """How many connections the database has ever had; the server counts one when it ends, or after a second."""
+    time.sleep(1.5)
+    with closing(psycopg2.connect(url.replace("+psycopg2", ""))) as connection, connection.cursor() as cursor:
+        cursor.execute("SELECT sessions FROM pg_stat_database WHERE datname = current_database()")
+        return cursor.fetchone()[0]
