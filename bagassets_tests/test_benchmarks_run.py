@@ -155,11 +155,13 @@ def test_reads(tmp_path):
 @pytest.mark.skipif(PROGRAMS is None, reason="PostgreSQL is not installed")
 def test_slurm(tmp_path):
     result = tmp_path / "slurm.json"
-    run("-m", "benchmarks.slurm", "--numbers", "1", "2", "--many", "0", "--json", result)
+    few = ("--numbers", "2", "4", "--many", "0", "--beside", "2", "--runs", "1", "--stale", "3")
+    run("-m", "benchmarks.slurm", *few, "--json", result)
     found = json.loads(result.read_text("utf-8"))
-    assert [one["recordings"] for one in found["builds"]] == [1, 1, 2, 2]
+    assert [one["recordings"] for one in found["builds"]] == [2, 2, 4, 4]
     assert all(seconds >= 0 for seconds in found["one"].values())
     parts = list(found["one"].values())
     assert sum(parts[:-1]) == pytest.approx(parts[-1], abs=0.05)
     assert "left out of the fit" in scaling_table(found)
-    assert f"| 2 | 2 | fork server | {found['local']['seconds']:.1f} |" in slurm_table(found)
+    assert f"| 2 | 2 | fork server | {found['beside']['local_s']:.1f} |" in slurm_table(found)
+    assert "3 runs launched in a row" in slurm_table(found)

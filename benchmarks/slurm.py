@@ -2,10 +2,10 @@
 
 Starts a real Slurm on this machine (root only), whose nodes share its processors, and PostgreSQL for the records::
 
-    python -m benchmarks.slurm [--json benchmarks/results/slurm.json] [--many 300]
+    python -m benchmarks.slurm [--json benchmarks/results/slurm.json] [--many 300] [--stale 1000]
 
 A model of the time is fitted to builds of some numbers of recordings with one worker and with two, and compared with the
-largest of them, which is left out of the fit.
+largest of them, which is left out of the fit. Small recordings share runs by fours there, so that jobs end together.
 """
 
 import argparse
@@ -18,25 +18,29 @@ import tempfile
 import time
 from datetime import datetime
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 import numpy as np
 import yaml
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
-from bagassets.defs.runs import open_instance
+from bagassets.defs.code_server import LaunchWorkspace
+from bagassets.defs.runs import CodeLocation, create_run, open_instance
+from bagassets.defs.slurm.spool import Spool
 from bagassets.forkserver.client import Client
 from bagassets.propose.project import write_project
 from bagassets.recipe import load_recipe
-from bagassets_tests import small_drive
+from bagassets_tests import small_definitions, small_drive
 from bagassets_tests.in_process import QUICK
 from bagassets_tests.postgres_server import Postgres, running_postgres, use_postgres
 from bagassets_tests.slurm_cluster import running_cluster
 from benchmarks.common import machine
 
 DRIVE_S = 1.0
-NUMBERS, WORKERS = (5, 10, 20, 40), (1, 2)
-LEFT_OUT = (40, 2)
+NUMBERS, WORKERS = (8, 16, 24, 40), (1, 2)
+PER_RUN = 4
+BESIDE = 40
 PREDICTED = 10_000
 
 
@@ -46,7 +50,10 @@ def main() -> None:
     parser.add_argument(
         "--many", type=int, default=300, help="recordings of the largest build; 0 leaves it out"
     )
-    parser.add_argument("--numbers", type=int, nargs="+", default=list(NUMBERS))
+    parser.add_argument("--stale", type=int, default=1000, help="runs that one process launches in a row")
+    parser.add_argument("--numbers", type=int, nargs="+", default=list(NUMBERS), help="multiples of 8")
+    parser.add_argument("--beside", type=int, default=BESIDE, help="recordings built beside the fork server")
+    parser.add_argument("--runs", type=int, default=3, help="builds beside the fork server, by turns")
     arguments = parser.parse_args()
     found: dict[str, Any] = {"machine": machine(), "builds": []}
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True, prefix="bagassets-") as folder:
@@ -54,22 +61,23 @@ def main() -> None:
         with running_cluster() as cluster, running_postgres() as postgres:
             os.environ |= cluster.environment
             found["one"] = one_run(work, postgres)
+            print(found["one"], flush=True)
+            found["beside"] = beside(work, arguments.beside, arguments.runs, postgres)
+            print(found["beside"], flush=True)
+            found["launches"] = launches(work, arguments.stale, postgres)
+            print(found["launches"], flush=True)
             for number in arguments.numbers:
                 for workers in WORKERS:
                     seconds = on_slurm(work / f"s{number}-{workers}", number, workers, postgres)
                     found["builds"].append({"recordings": number, "workers": workers, "seconds": seconds})
                     print(found["builds"][-1], flush=True)
-            largest = max(arguments.numbers)
-            found["local"] = {
-                "recordings": largest,
-                "workers": 2,
-                "seconds": locally(work / "local", largest, postgres),
-            }
-            print(found["local"], flush=True)
             if arguments.many:
-                seconds = on_slurm(work / "many", arguments.many, 2, postgres)
-                found["many"] = {"recordings": arguments.many, "workers": 2, "seconds": seconds}
-    found["model"] = model(found["builds"], (largest, 2))
+                recipe_file = make(work / "many", arguments.many, postgres, cpus=1)
+                seconds = build(recipe_file, arguments.many)
+                with open_instance(str(recipe_file.parent)) as instance:
+                    nodes = {run.tags["slurm/node"] for run in instance.get_runs()}
+                found["many"] = {"recordings": arguments.many, "workers": len(nodes), "seconds": seconds}
+    found["model"] = model(found["builds"], (max(arguments.numbers), 2))
     print(slurm_table(found), flush=True)
     print(scaling_table(found), flush=True)
     if arguments.json:
@@ -130,13 +138,41 @@ def build(recipe_file: Path, number: int, *options: str) -> float:
 
 def on_slurm(folder: Path, number: int, workers: int, postgres: Postgres) -> float:
     """Return how long a build takes with as many jobs of one processor as there are workers."""
-    share = -(-number // workers)
-    return build(make(folder, number, postgres, cpus=1, runs_per_job=share), number)
+    config = {"cpus": 1, "runs_per_job": number // workers, "recordings_per_run": PER_RUN}
+    return build(make(folder, number, postgres, **config), number)
 
 
-def locally(folder: Path, number: int, postgres: Postgres) -> float:
-    """Return how long the same build takes on the fork server, with two workers."""
-    return build(make(folder, number, postgres), number, "--jobs", "2")
+def beside(work: Path, number: int, runs: int, postgres: Postgres) -> dict[str, Any]:
+    """Return the medians of builds by a job of two processors and by two workers of the fork server, by turns."""
+    slurm, local = [], []
+    for turn in range(runs):
+        slurm.append(build(make(work / f"b{turn}", number, postgres, cpus=2), number))
+        local.append(build(make(work / f"l{turn}", number, postgres), number, "--jobs", "2"))
+    return {"recordings": number, "slurm_s": median(slurm), "local_s": median(local)}
+
+
+def launches(work: Path, number: int, postgres: Postgres) -> dict[str, Any]:
+    """Return how long the launcher holds its caller for each of many runs, whose jobs Slurm keeps waiting."""
+    recipe_file = make(work / "stale", 1, postgres, options=["--begin=now+1hour"])
+    os.environ["SMALL_DEFINITIONS"] = str(work)
+    location = CodeLocation("small_definitions", working_directory=str(Path(small_drive.__file__).parent))
+    keys = [f"r{index:04}.bag" for index in range(number)]
+    held: list[float] = []
+    with open_instance(str(recipe_file.parent)) as instance:
+        instance.add_dynamic_partitions(small_definitions.recordings.name, keys)
+        workspace = LaunchWorkspace(instance, location, work / "log")
+        for key in keys:
+            run_id = create_run(instance, ["first"], partition_key=key, location=location)
+            began = time.monotonic()
+            instance.launch_run(run_id, workspace.for_launcher())
+            held.append(time.monotonic() - began)
+        spool = Spool(load_recipe(recipe_file).state / "slurm")
+        while spool.waiting():
+            time.sleep(0.1)
+        workspace.close()
+        jobs = len(spool.jobs())
+    subprocess.run(["scancel", "--me"], check=True)
+    return {"runs": number, "jobs": jobs, "median_ms": 1000 * median(held), "most_ms": 1000 * max(held)}
 
 
 def one_run(work: Path, postgres: Postgres) -> dict[str, float]:
@@ -196,13 +232,25 @@ def model(builds: list[dict[str, Any]], left_out: tuple[int, int]) -> dict[str, 
 def slurm_table(found: dict[str, Any]) -> str:
     """Return the table of the builds, and of where the time of one run goes."""
     lines = ["| recordings | workers | launcher | seconds |", "|--:|--:|---|--:|"]
-    rows = [("Slurm", one) for one in found["builds"]]
-    rows += [("fork server", found["local"])] + ([("Slurm", found["many"])] if "many" in found else [])
-    lines += [
-        f"| {one['recordings']} | {one['workers']} | {name} | {one['seconds']:.1f} |" for name, one in rows
+    both = found["beside"]
+    rows = [
+        (both["recordings"], 2, "fork server", both["local_s"]),
+        (both["recordings"], 2, "Slurm", both["slurm_s"]),
     ]
+    builds = found["builds"] + ([found["many"]] if "many" in found else [])
+    rows += [(one["recordings"], one["workers"], "Slurm", one["seconds"]) for one in builds]
+    lines += [f"| {number} | {workers} | {name} | {seconds:.1f} |" for number, workers, name, seconds in rows]
+    lines[-len(builds) - 1] = (
+        lines[-len(builds) - 1].rstrip("|") + f"({both['slurm_s'] / both['local_s']:.2f} times) |"
+    )
     lines += ["", "| from submission to the first step | seconds |", "|---|--:|"]
     lines += [f"| {name} | {seconds:.2f} |" for name, seconds in found["one"].items()]
+    held = found["launches"]
+    sentence = (
+        f"{held['runs']:,} runs launched in a row, by one process: each holds it for {held['median_ms']:.0f} ms (at most "
+        f"{held['most_ms']:.0f} ms), whatever Slurm does meanwhile; they became {held['jobs']} jobs."
+    )
+    lines += ["", sentence]
     return "\n".join(lines)
 
 
