@@ -25,6 +25,7 @@ _DAY_S = 86400.0
 Examples:
   bagassets gc --dry-run
   bagassets gc --keep-days 30
+  bagassets gc --keep-runs-days 90            # also old runs in Dagster's database
   bagassets gc --lock releases/2026-05.lock.json --json
 
 \b
@@ -41,6 +42,13 @@ Exit status:
     show_default=True,
     metavar="DAYS",
     help="Keep what builds made or used in the last DAYS days.",
+)
+@click.option(
+    "--keep-runs-days",
+    type=click.FloatRange(min=0),
+    metavar="DAYS",
+    help="Also delete runs of this project from Dagster's database that ended more than DAYS days ago and that no current "
+    "record is from. Default: none.",
 )
 @click.option(
     "--lock",
@@ -63,6 +71,7 @@ def gc(
     recipe: Path,
     dry_run: bool,
     keep_days: float,
+    keep_runs_days: float | None,
     locks: tuple[Path, ...],
     forget: tuple[Path, ...],
     as_json: bool,
@@ -72,8 +81,13 @@ def gc(
     It keeps the artifacts of every dataset on disk, the current artifacts of all recordings in the Dagster instance of
     any project on this store, what recent builds made or used, and what running builds are using. Recordings are not
     looked at, so an unmounted bag root turns nothing into garbage. An artifact that is needed again is made again.
+
+    Dagster keeps every run for ever; --keep-runs-days deletes old ones that say nothing of the present.
     """
     from bagassets.defs.garbage import find_roots
+    from bagassets.defs.old_runs import delete_runs, superseded_runs
+    from bagassets.defs.runs import open_instance
+    from bagassets.propose.project import dagster_home
     from bagassets.recipe import load_recipe
     from bagassets.store.collect import Collected, collect, find_garbage
     from bagassets.store.lease import in_use_since_s
@@ -92,6 +106,13 @@ def gc(
     garbage = find_garbage(store, roots.artifacts, used_since_s, now_s)
     collected = Collected() if dry_run else collect(store, garbage, now_s)
     listed = garbage if dry_run else collected.removed
+    runs: list[str] = []
+    if keep_runs_days is not None:
+        found = load_recipe(recipe)
+        with open_instance(str(dagster_home(recipe, found))) as instance:
+            runs = superseded_runs(instance, found, now_s - keep_runs_days * _DAY_S)
+            if not dry_run:
+                delete_runs(instance, runs)
     if as_json:
         echo_lines(
             json.dumps(
@@ -99,6 +120,7 @@ def gc(
                     "dry_run": dry_run,
                     "artifacts": [_as_json(entry, now_s) for entry in listed],
                     "bytes": sum(entry.size for entry in listed),
+                    "runs": runs,
                     "spared": collected.spared,
                     "leftovers": collected.leftovers,
                     "projects": [str(path) for path in roots.projects],
@@ -120,6 +142,8 @@ def gc(
         f"{count_text(len(roots.projects), 'project')} and {count_text(len(roots.locks), 'dataset lock')} refer to.",
         err=True,
     )
+    if keep_runs_days is not None:
+        echo(f"{count_text(len(runs), 'run')} of long ago {verb} from Dagster's database.", err=True)
     if collected.spared or collected.leftovers:
         echo(
             f"{collected.spared} kept because a build uses them; {count_text(collected.leftovers, 'leftover')} of killed "

@@ -1,0 +1,74 @@
+"""Runs of long ago that no current record is from: Dagster keeps every run for ever, unless somebody deletes it."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+
+import dagster as dg
+
+from bagassets.defs.batches import batch_of
+from bagassets.defs.events import all_assets, event_database, live_partitions, recorded_states
+from bagassets.defs.partitions import DATASET
+from bagassets.formats.dataset_build import dataset_code_versions
+from bagassets.recipe.model import Recipe
+
+__all__ = ["delete_runs", "superseded_runs"]
+
+_PARTITION_TAG = "dagster/partition"
+_PAGE = 1000
+_ENDED = {dg.DagsterRunStatus.SUCCESS, dg.DagsterRunStatus.FAILURE, dg.DagsterRunStatus.CANCELED}
+
+
+def superseded_runs(instance: dg.DagsterInstance, recipe: Recipe, ended_before_s: float) -> list[str]:
+    """Return the ids of runs of a recipe that ended long ago, and that nothing needs any more, the oldest last.
+
+    Needed is a run that has the latest record of an asset of a recording, or of a dataset, and the last run about each,
+    which says why it failed. Runs that make users' own assets, are about asset checks only, or about recordings that are
+    gone (another project may have them) are never returned.
+
+    Args:
+        instance: where the runs are.
+        recipe: whose runs.
+        ended_before_s: Unix time; runs that ended later are kept.
+    """
+    datasets = ("dataset_inputs", *dataset_code_versions(recipe))
+    live = live_partitions(instance, recipe)
+    needed = {one.run_id for by_key in recorded_states(instance).values() for one in by_key.values()}
+    for name in datasets:
+        latest = instance.get_latest_materialization_event(dg.AssetKey(name))
+        needed |= {latest.run_id} if latest is not None else set()
+    ours = {dg.AssetKey(name) for name in (*all_assets(), *datasets)}
+    seen: set[str] = set()
+    found = []
+    for record in _runs(instance):
+        run = record.dagster_run
+        batch = batch_of(run)
+        if not batch and not (run.asset_selection and run.asset_selection <= ours):
+            continue
+        about = set(batch) or {run.tags.get(_PARTITION_TAG, DATASET)}
+        is_last = not about <= seen
+        seen |= about
+        if is_last or run.run_id in needed or run.status not in _ENDED or not about <= live | {DATASET}:
+            continue
+        if (record.end_time or record.update_timestamp.timestamp()) < ended_before_s:
+            found.append(run.run_id)
+    return found
+
+
+def delete_runs(instance: dg.DagsterInstance, run_ids: Sequence[str]) -> None:
+    """Delete runs with their events and logs."""
+    index = event_database(instance)
+    for run_id in run_ids:
+        instance.delete_run(run_id)
+        with suppress(NotImplementedError):  # where logs are, only their manager knows
+            instance.compute_log_manager.delete_logs(prefix=[run_id])
+        if index is not None:  # what is left is a database without rows
+            for kind in ("", "-wal", "-shm"):
+                index.with_name(f"{run_id}.db{kind}").unlink(missing_ok=True)
+
+
+def _runs(instance: dg.DagsterInstance) -> Iterator[dg.RunRecord]:
+    """Yield all runs, the newest first."""
+    cursor: str | None = None
+    while page := instance.get_run_records(cursor=cursor, limit=_PAGE):
+        yield from page
+        cursor = page[-1].dagster_run.run_id

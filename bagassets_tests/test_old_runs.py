@@ -1,0 +1,74 @@
+"""`bagassets gc --keep-runs-days`: what no current record is from goes from Dagster's database, and nothing else does."""
+
+import json
+
+import dagster as dg
+import pytest
+from click.testing import CliRunner
+
+from bagassets.cli.main import root as command_line
+from bagassets.defs.runs import create_run, open_instance
+from bagassets_tests.in_process import build, make_project
+from bagassets_tests.small_drive import write_drive
+
+KEYS = ("a.bag", "b.mcap")
+
+
+@pytest.fixture
+def project(tmp_path, monkeypatch):
+    """Built three times: twice `a.bag` was another; the last time it was damaged."""
+    recipe_file = make_project(tmp_path / "p", KEYS)
+    build(recipe_file, monkeypatch)
+    damaged = recipe_file.parent / "bags/a.bag"
+    damaged.unlink()
+    write_drive(damaged, "ros1", duration_s=2.0)
+    build(recipe_file, monkeypatch)
+    damaged.write_bytes(damaged.read_bytes()[:100])
+    build(recipe_file, monkeypatch)
+    return recipe_file
+
+
+def collect(recipe_file, *options):
+    done = CliRunner().invoke(
+        command_line, ["gc", "--recipe", str(recipe_file), "--json", *options], standalone_mode=False
+    )
+    assert done.exception is None, done.output
+    return json.loads(done.stdout)["runs"]
+
+
+def runs_of(recipe_file):
+    """Run id -> partition key, the newest first."""
+    with open_instance(str(recipe_file.parent)) as instance:
+        return {run.run_id: run.tags.get("dagster/partition") for run in instance.get_runs()}
+
+
+def test_superseded_runs_go_and_nothing_is_to_be_done_because_of_that(project, monkeypatch):
+    before = runs_of(project)
+    of_a = [run_id for run_id, key in before.items() if key == "a.bag"]
+    of_datasets = [run_id for run_id, key in before.items() if key is None]
+    assert (len(of_a), len(of_datasets)) == (3, 3)
+    old = {of_a[2], of_datasets[1], of_datasets[2]}
+    assert set(collect(project, "--keep-runs-days", "0", "--dry-run")) == old
+    assert collect(project, "--keep-runs-days", "1") == []
+    assert collect(project) == [], "only if asked"
+    assert runs_of(project) == before
+    shards = list(project.parent.rglob("history/runs/*-*.db"))
+    assert set(collect(project, "--keep-runs-days", "0")) == old
+    assert runs_of(project).keys() == before.keys() - old
+    left = list(project.parent.rglob("history/runs/*-*.db"))
+    assert {path.stem for path in shards} - {path.stem for path in left} == old
+    report, runs = build(project, monkeypatch)
+    assert runs == []
+    assert report.outcomes["a.bag"].result == "failed", "the run that says why is still there"
+
+
+def test_runs_of_others_and_those_at_work_stay(project, monkeypatch):
+    @dg.asset
+    def training():
+        pass
+
+    monkeypatch.setenv("BAGASSETS_RECIPE", str(project))
+    with open_instance(str(project.parent)) as instance:
+        others = {dg.materialize([training], instance=instance).run_id for _ in range(2)}
+        others |= {create_run(instance, ["bag"], partition_key="b.mcap") for _ in range(2)}
+    assert not others & set(collect(project, "--keep-runs-days", "0", "--dry-run"))
