@@ -1,0 +1,386 @@
+"""Datasets to iterate over: scenes, samples, and what their sensors saw.
+
+Nothing is decoded before it is asked for. Names that are not there raise KeyError with those that are.
+"""
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from functools import cached_property, partial
+from pathlib import Path
+from typing import TypeVar, overload
+from weakref import WeakValueDictionary
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bagassets.errors import DatasetError
+from bagassets.formats.nuscenes.schema import TABLES
+from bagassets.geometry.se3 import Floats
+from bagassets.reader.boxes import Boxes, View
+from bagassets.reader.nuscenes import NuScenesSource
+from bagassets.reader.points import LIDAR_FIELDS, Points, lidar_points, radar_points
+from bagassets.reader.source import Reading, SceneRow, Source
+from bagassets.reader.table_folder import LOCK, TableFolder
+from bagassets.reader.vision import VisionSource
+
+__all__ = ["Dataset", "Sample", "Scene", "open_dataset"]
+
+T = TypeVar("T")
+
+_ANNOTATIONS = "annotations"  # folder of a vision dataset that is swapped
+_MOST_NAMES = 12
+
+
+def open_dataset(path: str | Path, version: str | None = None) -> "Dataset":
+    """Open a dataset that was built: nuScenes, also from elsewhere, or vision.
+
+    What is opened stays as it is while the dataset is built again: readers see the old dataset or the new one. Only
+    where the old one has a file that the new one has not, reading it fails, with a sentence that says so.
+
+    Args:
+        path: folder of the dataset, or its version folder.
+        version: version folder of a nuScenes dataset; None if there is only one.
+
+    Raises:
+        DatasetError: there is no dataset, there are several, or a table is missing.
+    """
+    folder = _folder_of(Path(path).absolute(), version)
+    return Dataset(_source(folder))
+
+
+class Dataset(Sequence["Sample"]):
+    """A dataset as a sequence of its samples, scene by scene.
+
+    It can be sent to other processes, as a PyTorch `DataLoader` does with several workers: they open the same
+    folder, and refuse it if it was built again meanwhile.
+
+    Attributes:
+        path: folder with its tables.
+    """
+
+    def __init__(self, source: Source) -> None:
+        self._source = source
+        self.path = source.folder.path
+
+    def __len__(self) -> int:
+        return len(self._source.samples)
+
+    @overload
+    def __getitem__(self, index: int) -> "Sample": ...
+    @overload
+    def __getitem__(self, index: slice) -> "list[Sample]": ...
+    def __getitem__(self, index: int | slice) -> "Sample | list[Sample]":
+        numbers = range(len(self))
+        if isinstance(index, slice):
+            return [Sample(self._source, number) for number in numbers[index]]
+        return Sample(self._source, numbers[index])
+
+    def __iter__(self) -> "Iterator[Sample]":
+        return (Sample(self._source, number) for number in range(len(self)))
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return _dataset, _ticket(self._source)
+
+    def __repr__(self) -> str:
+        numbers = f"{len(self.scenes)} scenes, {len(self)} samples"
+        return f"<Dataset {self.path}: {numbers}, {', '.join(self.channels) or 'no channels'}>"
+
+    @cached_property
+    def channels(self) -> tuple[str, ...]:
+        """Names of all channels: cameras, then lidars, then radars."""
+        names = sorted((_rank(modality), name) for name, modality in self._source.modalities.items())
+        return tuple(name for _, name in names)
+
+    @cached_property
+    def scenes(self) -> "tuple[Scene, ...]":
+        """All scenes, in the order of the dataset."""
+        return tuple(Scene(self._source, row) for row in self._source.scenes)
+
+    @cached_property
+    def splits(self) -> Mapping[str, tuple[str, ...]]:
+        """Split -> names of its scenes."""
+        return {name: tuple(scenes) for name, scenes in self._source.splits.items()}
+
+    def scene(self, name: str) -> "Scene":
+        """Return a scene by its name.
+
+        Raises:
+            KeyError: there is none.
+        """
+        return _found(self._scenes_by_name, name, "scene", "the dataset")
+
+    def sample(self, token: str) -> "Sample":
+        """Return a sample by its token.
+
+        Raises:
+            KeyError: there is none.
+        """
+        if token not in self._numbers:
+            raise KeyError(f"no sample {token} in {self.path}")
+        return Sample(self._source, self._numbers[token])
+
+    @cached_property
+    def _scenes_by_name(self) -> "Mapping[str, Scene]":
+        return {scene.name: scene for scene in self.scenes}
+
+    @cached_property
+    def _numbers(self) -> Mapping[str, int]:
+        return {token: number for number, (token, _) in enumerate(self._source.samples)}
+
+
+class Scene(Sequence["Sample"]):
+    """A scene as a sequence of its samples.
+
+    Attributes:
+        name: its name.
+        description: what the dataset says about it.
+    """
+
+    def __init__(self, source: Source, row: SceneRow) -> None:
+        self._source = source
+        self._row = row
+        self._samples = row.samples
+        self.name = row.name
+        self.description = row.description
+
+    def __len__(self) -> int:
+        return len(self._samples)
+
+    @overload
+    def __getitem__(self, index: int) -> "Sample": ...
+    @overload
+    def __getitem__(self, index: slice) -> "list[Sample]": ...
+    def __getitem__(self, index: int | slice) -> "Sample | list[Sample]":
+        if isinstance(index, slice):
+            return [Sample(self._source, number) for number in self._samples[index]]
+        return Sample(self._source, self._samples[index])
+
+    def __iter__(self) -> "Iterator[Sample]":
+        return (Sample(self._source, number) for number in self._samples)
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return _scene, (*_ticket(self._source), self._row)
+
+    def __repr__(self) -> str:
+        return f"<Scene {self.name}: {len(self)} samples>"
+
+
+class Sample:
+    """One moment: a keyframe of each sensor, and the boxes at that time.
+
+    Every reading has a time of its own, near that of the sample; poses are those at the time of the reading.
+
+    Attributes:
+        index: its number in the dataset.
+        token: its token.
+        stamp_ns: its time.
+    """
+
+    def __init__(self, source: Source, index: int) -> None:
+        self._source = source
+        self.index = index
+        self.token, self.stamp_ns = self._source.samples[index]
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return _sample, (*_ticket(self._source), self.index)
+
+    def __repr__(self) -> str:
+        return f"<Sample {self.index} at {self.stamp_ns / 1e9:.3f} s: {', '.join(self.channels) or 'no readings'}>"
+
+    @cached_property
+    def readings(self) -> Mapping[str, Reading]:
+        """Channel -> its reading: file, time, size."""
+        readings = self._source.readings(self.index).values()
+        ranked = sorted(readings, key=lambda reading: (_rank(reading.modality), reading.channel))
+        return {reading.channel: reading for reading in ranked}
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Channels that have a reading here."""
+        return tuple(self.readings)
+
+    @cached_property
+    def boxes(self) -> Boxes:
+        """The boxes at the time of the sample, in the global frame."""
+        return Boxes(self._source.boxes(self.index), "global", partial(_view, self.readings))
+
+    def image(self, channel: str) -> NDArray[np.uint8]:
+        """Decode and return the image of a camera: (height, width, 3), RGB.
+
+        Raises:
+            KeyError: the sample has no image of this camera.
+            DatasetError: the file is missing or damaged.
+        """
+        import cv2
+
+        reading = _chosen(self.readings, channel, ("camera",))
+        data = np.frombuffer(self._content(reading), dtype=np.uint8)
+        image = cv2.imdecode(data, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION) if len(data) else None
+        if image is None:
+            raise DatasetError(
+                f"{reading.path}: expected an image, but it cannot be decoded; `bagassets verify` finds and removes damaged "
+                "files, and the next build makes them again."
+            )
+        return cv2.cvtColor(image, cv2.COLOR_BGR2RGB, dst=image).astype(np.uint8, copy=False)
+
+    def points(self, channel: str) -> Points:
+        """Read and return the points of a lidar or radar, float32 in the frame of the sensor, metres.
+
+        Of a lidar, (N, 5): x, y, z, intensity, ring. Of a radar, (N, 18): the fields of nuScenes, named in
+        `.fields`, of all targets, whatever their states (the devkit leaves some out by default).
+
+        Raises:
+            KeyError: the sample has no points of this channel.
+            DatasetError: the file is missing or damaged.
+        """
+        reading = _chosen(self.readings, channel, ("lidar", "radar"))
+        data = self._content(reading)
+        if reading.modality == "lidar":
+            values, fields = lidar_points(data, reading.path), LIDAR_FIELDS
+        else:
+            values, fields = radar_points(data, reading.path)
+        return Points.of(values, fields, reading.find_pose(), reading.ego_SE3_sensor)
+
+    def global_SE3_ego(self, channel: str) -> Floats:
+        """Return the pose of the ego frame at the time of the reading of a channel, (4, 4).
+
+        Raises:
+            KeyError: the sample has no reading of this channel.
+        """
+        return _chosen(self.readings, channel).find_pose().matrix
+
+    def ego_SE3_sensor(self, channel: str) -> Floats:
+        """Return the pose of a sensor in the ego frame, (4, 4).
+
+        Raises:
+            KeyError: the sample has no reading of this channel.
+        """
+        return _chosen(self.readings, channel).ego_SE3_sensor.matrix
+
+    def intrinsics(self, channel: str) -> Floats:
+        """Return the camera matrix of an image as written, (3, 3) in pixels; there is no distortion left.
+
+        Raises:
+            KeyError: the sample has no image of this camera.
+        """
+        return _matrix(_chosen(self.readings, channel, ("camera",)))
+
+    def _content(self, reading: Reading) -> bytes:
+        try:
+            return reading.path.read_bytes()
+        except FileNotFoundError:
+            raise self._source.folder.missing(reading.path) from None
+        except OSError as err:
+            raise DatasetError(
+                f"{reading.path}: this file of the dataset cannot be read ({err.strerror}); check the disk and its permissions."
+            ) from err
+
+
+def _rank(modality: str) -> int:
+    order = ("camera", "lidar", "radar")
+    return order.index(modality) if modality in order else len(order)
+
+
+def _chosen(readings: Mapping[str, Reading], channel: str, modalities: Collection[str] = ()) -> Reading:
+    fitting = {
+        name: reading
+        for name, reading in readings.items()
+        if not modalities or reading.modality in modalities
+    }
+    return _found(fitting, channel, " or ".join(modalities) or "channel", "this sample")
+
+
+def _matrix(camera: Reading) -> Floats:
+    return np.array(camera.intrinsics, dtype=np.float64)
+
+
+def _view(readings: Mapping[str, Reading], channel: str) -> View:
+    reading = _chosen(readings, channel, ("camera",))
+    cam_SE3_global = (reading.find_pose() @ reading.ego_SE3_sensor).inverse()
+    return View(cam_SE3_global, _matrix(reading), reading.size_px)
+
+
+def _found(things: Mapping[str, T], name: str, what: str, where: str) -> T:
+    """Return a thing by its name; raise KeyError with the names that are there."""
+    if name in things:
+        return things[name]
+    names = [*list(things)[:_MOST_NAMES], *(["…"] if len(things) > _MOST_NAMES else [])]
+    raise KeyError(f"{name}: {where} has no such {what}; there is {', '.join(names) or 'none'}")
+
+
+# --- opening, here and in other processes ----------------------------------------------------
+
+# What is open in this process: a sample that comes from another one belongs to it.
+_open: "WeakValueDictionary[tuple[Path, str], Source]" = WeakValueDictionary()
+
+
+def _source(folder: TableFolder) -> Source:
+    source = VisionSource(folder) if folder.path.name == _ANNOTATIONS else NuScenesSource(folder)
+    _open[folder.path, folder.identity] = source
+    return source
+
+
+def _ticket(source: Source) -> tuple[Path, str]:
+    """Return what other processes need to open the same dataset."""
+    return source.folder.path, source.folder.identity
+
+
+def _reopened(path: Path, identity: str) -> Source:
+    """Return a dataset that another process opened, or this one.
+
+    Raises:
+        DatasetError: it was built again since.
+    """
+    known = _open.get((path, identity))
+    if known is not None:
+        return known
+    folder = TableFolder(path)
+    if folder.identity != identity:
+        raise DatasetError(f"{path}: this dataset was built again since it was opened; open it again.")
+    return _source(folder)
+
+
+def _dataset(path: Path, identity: str) -> Dataset:
+    return Dataset(_reopened(path, identity))
+
+
+def _scene(path: Path, identity: str, row: SceneRow) -> Scene:
+    return Scene(_reopened(path, identity), row)
+
+
+def _sample(path: Path, identity: str, index: int) -> Sample:
+    return Sample(_reopened(path, identity), index)
+
+
+def _folder_of(path: Path, version: str | None) -> TableFolder:
+    """Return the swapped folder of a dataset."""
+    if not path.is_dir():
+        raise DatasetError(
+            f"{path}: there is no such folder; `bagassets build` makes the dataset that a recipe asks for."
+        )
+    if version is not None:
+        if not _is_swapped(path / version):
+            raise DatasetError(f"{path}: there is no version {version}; {_offer(path)}")
+        return TableFolder(path / version)
+    if _is_swapped(path):
+        return TableFolder(path)
+    below = _versions(path)
+    if len(below) != 1:
+        raise DatasetError(f"{path}: expected a dataset with one version; {_offer(path)}")
+    return TableFolder(path / below[0])
+
+
+def _offer(path: Path) -> str:
+    names = _versions(path)
+    return f"there is {', '.join(names)}." if names else "there is none."
+
+
+def _versions(path: Path) -> list[str]:
+    # What a killed build left is no version.
+    return sorted(one.name for one in path.iterdir() if ".tmp-" not in one.name and _is_swapped(one))
+
+
+def _is_swapped(path: Path) -> bool:
+    """Tell whether a folder holds the tables of a dataset, although some may be missing."""
+    if path.name == _ANNOTATIONS:
+        return (path / LOCK).is_file()
+    return any((path / f"{name}.json").is_file() for name in TABLES)

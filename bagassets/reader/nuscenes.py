@@ -1,0 +1,181 @@
+"""Datasets in the nuScenes format, ours and others."""
+
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from functools import cached_property, partial
+
+from bagassets.errors import DatasetError
+from bagassets.formats.nuscenes.schema import SPLITS, TABLES
+from bagassets.geometry.se3 import SE3
+from bagassets.json_types import JsonObject
+from bagassets.reader.boxes import Box
+from bagassets.reader.source import Reading, SceneRow
+from bagassets.reader.table_folder import TableFolder
+
+__all__ = ["NuScenesSource"]
+
+_OPTIONAL = {"map"}  # not read here
+
+
+class NuScenesSource:
+    """The content of a nuScenes dataset: keyframes and their boxes.
+
+    Attributes:
+        folder: the version folder.
+        root: the dataroot.
+
+    Raises:
+        DatasetError: a table is missing.
+    """
+
+    def __init__(self, folder: TableFolder) -> None:
+        self.folder = folder
+        self.root = folder.path.parent
+        missing = [name for name in TABLES if f"{name}.json" not in folder.names and name not in _OPTIONAL]
+        if missing:
+            raise folder.missing(folder.path / f"{missing[0]}.json")
+
+    @cached_property
+    def samples(self) -> Sequence[tuple[str, int]]:
+        """Token and time (ns) of all samples, scene by scene."""
+        return self._order[0]
+
+    @cached_property
+    def scenes(self) -> Sequence[SceneRow]:
+        """All scenes, in the order of the table."""
+        return self._order[1]
+
+    @cached_property
+    def modalities(self) -> Mapping[str, str]:
+        """Channel -> modality."""
+        return {row["channel"]: row["modality"] for row in self._sensors.values()}
+
+    @cached_property
+    def splits(self) -> Mapping[str, Sequence[str]]:
+        """Split -> names of its scenes; empty if the dataset does not say."""
+        splits: Mapping[str, Sequence[str]] = self.folder.read(SPLITS) if SPLITS in self.folder.names else {}
+        return splits
+
+    def readings(self, index: int) -> Mapping[str, Reading]:
+        """Return channel -> keyframe of a sample."""
+        rows = self._data.get(self.samples[index][0], ())
+        readings = [self._reading(row) for row in rows]
+        return {reading.channel: reading for reading in readings}
+
+    def boxes(self, index: int) -> Sequence[Box]:
+        """Return the boxes of a sample in the global frame."""
+        return [self._box(row) for row in self._annotations.get(self.samples[index][0], ())]
+
+    def _reading(self, row: JsonObject) -> Reading:
+        mounted = self._lookup(self._calibrated, "calibrated_sensor", row["calibrated_sensor_token"])
+        sensor = self._lookup(self._sensors, "sensor", mounted["sensor_token"])
+        return Reading(
+            channel=sensor["channel"],
+            modality=sensor["modality"],
+            stamp_ns=1000 * row["timestamp"],
+            path=self.root / row["filename"],
+            size_px=(row["width"] or 0, row["height"] or 0),
+            ego_SE3_sensor=SE3.create(mounted["rotation"], mounted["translation"]),
+            intrinsics=mounted["camera_intrinsic"] or None,
+            find_pose=partial(self._pose, row["ego_pose_token"]),
+        )
+
+    def _pose(self, token: str) -> SE3:
+        row = self._lookup(self._poses, "ego_pose", token)
+        return SE3.create(row["rotation"], row["translation"])
+
+    def _box(self, row: JsonObject) -> Box:
+        instance = self._lookup(self._instances, "instance", row["instance_token"])
+        visibility = row["visibility_token"]
+        width, length, height = row["size"]
+        return Box(
+            token=row["token"],
+            instance=row["instance_token"],
+            category=self._lookup(self._categories, "category", instance["category_token"])["name"],
+            attributes=tuple(
+                self._lookup(self._attributes, "attribute", token)["name"]
+                for token in row["attribute_tokens"]
+            ),
+            visibility=self._lookup(self._visibilities, "visibility", visibility)["level"]
+            if visibility
+            else "",
+            pose=SE3.create(row["rotation"], row["translation"]),
+            size_m=(width, length, height),
+            num_lidar_pts=row["num_lidar_pts"],
+            num_radar_pts=row["num_radar_pts"],
+        )
+
+    # --- tables, read when they are first needed ---------------------------------------------
+
+    @cached_property
+    def _order(self) -> tuple[list[tuple[str, int]], list[SceneRow]]:
+        by_scene: dict[str, list[tuple[int, str]]] = defaultdict(list)
+        for row in self.folder.rows("sample.json"):
+            by_scene[row["scene_token"]].append((1000 * row["timestamp"], row["token"]))
+        samples: list[tuple[str, int]] = []
+        scenes = []
+        for row in self.folder.rows("scene.json"):
+            own = sorted(by_scene[row["token"]])
+            scenes.append(
+                SceneRow(row["name"], row["description"], range(len(samples), len(samples) + len(own)))
+            )
+            samples += [(token, stamp_ns) for stamp_ns, token in own]
+        return samples, scenes
+
+    @cached_property
+    def _data(self) -> Mapping[str, Sequence[JsonObject]]:
+        """Sample -> rows of its keyframes."""
+        found: dict[str, list[JsonObject]] = defaultdict(list)
+        for row in self.folder.rows("sample_data.json"):
+            if row["is_key_frame"]:
+                found[row["sample_token"]].append(row)
+        return dict(found)
+
+    @cached_property
+    def _annotations(self) -> Mapping[str, Sequence[JsonObject]]:
+        """Sample -> rows of its annotations."""
+        found: dict[str, list[JsonObject]] = defaultdict(list)
+        for row in self.folder.rows("sample_annotation.json"):
+            found[row["sample_token"]].append(row)
+        return dict(found)
+
+    @cached_property
+    def _poses(self) -> Mapping[str, JsonObject]:
+        """Token -> ego pose, of keyframes only: sweeps have many more."""
+        wanted = {row["ego_pose_token"] for rows in self._data.values() for row in rows}
+        return {row["token"]: row for row in self.folder.rows("ego_pose.json") if row["token"] in wanted}
+
+    @cached_property
+    def _calibrated(self) -> Mapping[str, JsonObject]:
+        return self._by_token("calibrated_sensor")
+
+    @cached_property
+    def _sensors(self) -> Mapping[str, JsonObject]:
+        return self._by_token("sensor")
+
+    @cached_property
+    def _instances(self) -> Mapping[str, JsonObject]:
+        return self._by_token("instance")
+
+    @cached_property
+    def _categories(self) -> Mapping[str, JsonObject]:
+        return self._by_token("category")
+
+    @cached_property
+    def _attributes(self) -> Mapping[str, JsonObject]:
+        return self._by_token("attribute")
+
+    @cached_property
+    def _visibilities(self) -> Mapping[str, JsonObject]:
+        return self._by_token("visibility")
+
+    def _by_token(self, table: str) -> Mapping[str, JsonObject]:
+        return {row["token"]: row for row in self.folder.rows(f"{table}.json")}
+
+    def _lookup(self, rows: Mapping[str, JsonObject], table: str, token: str) -> JsonObject:
+        try:
+            return rows[token]
+        except KeyError:
+            raise DatasetError(
+                f"{self.folder.path / table}.json: there is no row {token}, which another table names; {self.folder.remedy()}"
+            ) from None

@@ -1,0 +1,587 @@
+"""`bagassets.open_dataset` against the real devkit, against the truth of the sample world, and while things change."""
+
+import multiprocessing
+import os
+import pickle
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from devkit import run_devkit
+from handmade import Drive, make_tables
+
+import bagassets
+from bagassets.errors import DatasetError
+from bagassets.formats.assembly import assemble
+from bagassets.formats.format import Part
+from bagassets.formats.nuscenes.format import NUSCENES
+from bagassets.formats.vision.format import VISION
+from bagassets.recipe import load_recipe
+from bagassets.recipe.model import NuScenes
+from bagassets.recipe.model_splits import Splits
+from bagassets.sample.drive import Target, write_recordings
+from bagassets.sample.recipe import sample_recipe
+from bagassets.store.store import Store
+from bagassets_tests.sample_drives import VERSION, build_recordings
+
+pytestmark = pytest.mark.xdist_group("reader")
+
+CAMERAS = ("CAM_FRONT", "CAM_FRONT_LEFT", "CAM_FRONT_RIGHT")
+CHANNELS = (*CAMERAS, "LIDAR_TOP", "RADAR_FRONT")
+
+
+@pytest.fixture(scope="module")
+def project(tmp_path_factory):
+    """A drive in two formats, its nuScenes dataset and its vision dataset."""
+    folder = tmp_path_factory.mktemp("reader")
+    targets = [
+        Target(folder / "recordings" / "drive.bag", "ros1"),
+        Target(folder / "recordings" / "drive.mcap", "mcap"),
+    ]
+    truth = write_recordings(targets, seed=3, duration_s=2.6)
+    (folder / "recipe.yaml").write_text(sample_recipe() + "\nvision: {frames: 5}\n")
+    recipe = load_recipe(folder / "recipe.yaml")
+    made = build_recordings(recipe)
+    store = Store(recipe.store_path)
+    splits = Splits(pinned={"drive.bag": "train", "drive.mcap": "val"})
+    for kind, settings in ((NUSCENES, recipe.nuscenes), (VISION, recipe.vision)):
+        parts = [Part(key, key, assets[kind.part].artifact.digest) for key, assets in made.items()]
+        assemble(kind, parts, settings, store, settings.output, splits=splits)
+    return recipe, truth
+
+
+@pytest.fixture(scope="module")
+def dataset(project):
+    return bagassets.open_dataset(project[0].nuscenes.output)
+
+
+@pytest.fixture(scope="module")
+def theirs(project, tmp_path_factory):
+    """What the devkit says about the same dataset."""
+    file = tmp_path_factory.mktemp("devkit") / "values.pickle"
+    run_devkit("devkit_read.py", project[0].nuscenes.output, VERSION, file)
+    return pickle.loads(file.read_bytes())
+
+
+def assert_same_box(ours, box):
+    assert (ours.token, ours.instance, ours.category) == (box["token"], box["instance"], box["category"])
+    assert (list(ours.attributes), ours.visibility) == (box["attributes"], box["visibility"])
+    assert (ours.num_lidar_pts, ours.num_radar_pts) == (box["num_lidar_pts"], box["num_radar_pts"])
+    np.testing.assert_allclose(ours.frame_SE3_box, box["pose"], rtol=0, atol=1e-8)
+    np.testing.assert_array_equal(ours.size_m, box["size"])
+    np.testing.assert_allclose(ours.corners_m, box["corners"], rtol=0, atol=1e-7)
+
+
+@pytest.fixture(scope="module")
+def pairs(dataset, theirs):
+    """(our sample, their sample)"""
+    return [(dataset.sample(sample["token"]), sample) for scene in theirs for sample in scene["samples"]]
+
+
+@pytest.fixture(scope="module")
+def readings(pairs):
+    """(our sample, channel, their reading)"""
+    return [(ours, name, one) for ours, sample in pairs for name, one in sample["readings"].items()]
+
+
+@pytest.mark.devkit
+class TestAgainstTheDevkit:
+    def test_scenes_and_samples(self, dataset, theirs):
+        assert [(scene.name, scene.description) for scene in dataset.scenes] == [
+            (scene["name"], scene["description"]) for scene in theirs
+        ]
+        ours = [[(sample.token, sample.stamp_ns) for sample in scene] for scene in dataset.scenes]
+        assert ours == [[(s["token"], 1000 * s["stamp_us"]) for s in scene["samples"]] for scene in theirs]
+
+    def test_channels_files_and_times(self, pairs, readings):
+        for ours, sample in pairs:
+            assert set(ours.channels) == set(sample["readings"]) == set(CHANNELS)
+        for ours, channel, reading in readings:
+            found = ours.readings[channel]
+            assert (str(found.path), found.stamp_ns) == (reading["path"], 1000 * reading["stamp_us"])
+            assert found.modality == reading["modality"]
+
+    def test_poses_and_calibration(self, readings):
+        for ours, channel, reading in readings:
+            for name in ("global_SE3_ego", "ego_SE3_sensor"):
+                matrix = getattr(ours, name)(channel)
+                assert (matrix.dtype, matrix.shape) == (np.float64, (4, 4))
+                np.testing.assert_allclose(matrix, reading[name], rtol=0, atol=1e-12)
+            if "intrinsics" in reading:
+                np.testing.assert_array_equal(ours.intrinsics(channel), reading["intrinsics"])
+
+    def test_images_pixel_by_pixel(self, readings):
+        for ours, channel, reading in readings:
+            if "image" in reading:
+                image = ours.image(channel)
+                assert (image.dtype, image.shape) == (np.uint8, reading["image"].shape)
+                np.testing.assert_array_equal(image, reading["image"])
+
+    def test_points_in_each_frame(self, readings):
+        for ours, channel, reading in readings:
+            if "points" in reading:
+                points = ours.points(channel)
+                columns = reading["points"].shape[1]  # the devkit drops the ring
+                assert (points.dtype, points.shape[1]) == (np.float32, 5 if channel == "LIDAR_TOP" else 18)
+                np.testing.assert_array_equal(points[:, :columns], reading["points"])
+                # The devkit rounds to float32 after each step.
+                np.testing.assert_allclose(points.in_ego()[:, :3], reading["in_ego"], rtol=1e-6, atol=2e-5)
+                np.testing.assert_allclose(
+                    points.in_global()[:, :3], reading["in_global"], rtol=1e-6, atol=5e-5
+                )
+
+    def test_boxes_in_the_global_frame(self, pairs):
+        assert sum(len(ours.boxes) for ours, _ in pairs) > 100
+        for ours, sample in pairs:
+            for box, other in zip(ours.boxes, sample["boxes"], strict=True):
+                assert_same_box(box, other)
+
+    def test_boxes_in_each_camera(self, readings):
+        seen = 0
+        for ours, channel, reading in readings:
+            if "boxes" in reading:
+                for box, other in zip(ours.boxes.in_camera(channel), reading["boxes"], strict=True):
+                    assert_same_box(box, other)
+                visible = ours.boxes.in_camera(channel, visible_only=True)
+                assert [box.token for box in visible] == reading["in_view"]
+                seen += len(visible)
+        assert seen > 50
+
+
+class TestAgainstTheTruth:
+    def test_a_lidar_point_lies_on_the_parked_car_that_the_world_has_there(self, project, dataset):
+        _, truth = project
+        sample = dataset[2]
+        most = max(
+            sample.boxes, key=lambda box: box.num_lidar_pts if "vehicle.parked" in box.attributes else 0
+        )
+        true = min(
+            truth.boxes(sample.stamp_ns),
+            key=lambda box: np.linalg.norm(most.center_m - box.odom_SE3_box.translation),
+        )
+        odom_SE3_box, size = true.odom_SE3_box, true.size_m
+        odom = sample.points("LIDAR_TOP").in_global()[:, :3].astype(np.float64)
+        local = np.abs(odom_SE3_box.inverse().transform_points(odom))
+        half = np.array([size[1], size[0], size[2]]) / 2
+        on_it = local[(local <= half + 0.05).all(axis=1)]
+        assert len(on_it) > 20
+        # At least one of the three coordinates is on a face.
+        assert np.median(np.abs(on_it - half).min(axis=1)) < 0.05
+
+    def test_boxes_are_where_the_objects_are(self, project, dataset):
+        _, truth = project
+        for sample in dataset:
+            centres = np.array([box.odom_SE3_box.translation for box in truth.boxes(sample.stamp_ns)])
+            for box in sample.boxes:
+                assert np.linalg.norm(centres - box.center_m, axis=1).min() < 0.02
+
+    def test_the_ego_pose_is_that_of_the_reading_and_not_of_the_sample(self, project, dataset):
+        _, truth = project
+        moved = 0
+        for channel in CHANNELS:
+            sample = dataset[3]
+            stamp_ns = sample.readings[channel].stamp_ns
+            moved += stamp_ns != sample.stamp_ns
+            true = truth.odom_SE3_ego(stamp_ns).matrix
+            np.testing.assert_allclose(sample.global_SE3_ego(channel), true, atol=1e-3)
+        assert moved, "else the test says nothing"
+
+
+class TestPoints:
+    def test_rows_and_copies_know_their_frame(self, dataset):
+        points = dataset[0].points("LIDAR_TOP")
+        near = points[np.linalg.norm(points[:, :2], axis=1) < 20]
+        assert 0 < len(near) < len(points)
+        keep = np.linalg.norm(np.asarray(points)[:, :2], axis=1) < 20
+        np.testing.assert_array_equal(near.in_global(), points.in_global()[keep])
+        for other in (points.copy(), pickle.loads(pickle.dumps(points))):
+            np.testing.assert_array_equal(other.in_ego(), points.in_ego())
+        assert points.fields == ("x", "y", "z", "intensity", "ring")
+        assert type(points.in_ego()) is np.ndarray
+        np.testing.assert_array_equal(points.in_ego()[:, 3:], points[:, 3:])
+
+    def test_columns_alone_have_no_frame(self, dataset):
+        with pytest.raises(
+            ValueError, match=r"5 columns \(x, y, z, intensity, ring\), got an array of shape"
+        ):
+            dataset[0].points("LIDAR_TOP")[:, 1:4].in_ego()
+
+    def test_they_can_be_changed_without_touching_the_file(self, dataset):
+        points = dataset[0].points("LIDAR_TOP")
+        points[:] = 0
+        assert dataset[0].points("LIDAR_TOP").any()
+
+
+class TestNames:
+    def test_unknown_names_say_what_is_there(self, dataset):
+        sample = dataset[0]
+        for ask in (sample.image, sample.intrinsics, sample.boxes.in_camera):
+            with pytest.raises(
+                KeyError, match="CAM_REAR: this sample has no such camera; there is CAM_FRONT, CAM_"
+            ):
+                ask("CAM_REAR")
+        with pytest.raises(KeyError, match="no such camera; there is CAM_FRONT"):
+            sample.image("LIDAR_TOP")
+        with pytest.raises(KeyError, match="no such lidar or radar; there is LIDAR_TOP, RADAR_FRONT"):
+            sample.points("CAM_FRONT")
+        for ask in (sample.global_SE3_ego, sample.ego_SE3_sensor):
+            with pytest.raises(KeyError, match=r"there is CAM_FRONT, .*, LIDAR_TOP, RADAR_FRONT"):
+                ask("lidar")
+        with pytest.raises(KeyError, match=r"there is drive.bag_000"):
+            dataset.scene("monday")
+        with pytest.raises(KeyError, match="no sample 0123"):
+            dataset.sample("0123")
+
+    def test_a_dataset_is_a_sequence(self, dataset):
+        assert len(dataset) == sum(len(scene) for scene in dataset.scenes) > 5
+        assert [sample.token for sample in dataset] == [dataset[i].token for i in range(len(dataset))]
+        assert dataset[-1].token == dataset.scenes[-1][-1].token == dataset[len(dataset) - 1].token
+        assert [sample.index for sample in dataset[1:3]] == [1, 2]
+        with pytest.raises(IndexError):
+            dataset[len(dataset)]
+        assert dataset.channels == CHANNELS
+        assert set(dataset.splits) == {"custom_train", "custom_val"}
+        assert dataset.scene(dataset.splits["custom_val"][0])[0].token in {sample.token for sample in dataset}
+
+    def test_they_are_shown_in_a_line(self, dataset):
+        assert "2 scenes, 12 samples, CAM_FRONT, " in repr(dataset)
+        assert repr(dataset.scenes[0]) == "<Scene drive.bag_000: 6 samples>"
+        assert repr(dataset[0]).startswith("<Sample 0 at ")
+        assert "boxes in global: human.pedestrian.adult, vehicle.car" in repr(dataset[0].boxes)
+
+
+def facts_of(sample):
+    """What a training would take of a sample: works in any process."""
+    points = sample.points("LIDAR_TOP")
+    return (
+        sample.index, int(sample.image("CAM_FRONT").sum()), float(points.in_global().sum(dtype=np.float64)),
+        [box.token for box in sample.boxes.in_camera("CAM_FRONT", visible_only=True)],
+    )  # fmt: skip
+
+
+def fetch(dataset, numbers):
+    """As a worker of a DataLoader: items by number, put together in the worker."""
+    return os.getpid(), [facts_of(dataset[number]) for number in numbers]
+
+
+def work(dataset, tasks, results):
+    while (numbers := tasks.get()) is not None:
+        results.put(fetch(dataset, numbers))
+
+
+class TestWorkers:
+    """A PyTorch DataLoader gives the dataset to each of its processes once, then sends them numbers."""
+
+    @pytest.mark.parametrize("method", ["fork", "spawn", "forkserver"])
+    @pytest.mark.parametrize("used_before", [False, True])
+    def test_several_processes_read_the_same(self, project, method, used_before):
+        dataset = bagassets.open_dataset(project[0].nuscenes.output)
+        expected = [facts_of(sample) for sample in dataset]
+        if not used_before:
+            dataset = bagassets.open_dataset(project[0].nuscenes.output)
+        context = multiprocessing.get_context(method)
+        tasks, results = context.Queue(), context.Queue()
+        workers = [
+            context.Process(target=work, args=(dataset, tasks, results), daemon=True) for _ in range(3)
+        ]
+        for worker in workers:
+            worker.start()
+        batches = [range(i, min(i + 2, len(dataset))) for i in range(0, len(dataset), 2)]
+        for batch in batches:
+            tasks.put(list(batch))
+        found = [results.get(timeout=120) for _ in batches]
+        for _ in workers:
+            tasks.put(None)
+        for worker in workers:
+            worker.join(30)
+            assert worker.exitcode == 0
+        assert os.getpid() not in {pid for pid, _ in found}
+        assert sorted(facts for _, batch in found for facts in batch) == expected
+
+    def test_samples_and_scenes_travel_too(self, dataset):
+        sample, scene = pickle.loads(pickle.dumps((dataset[3], dataset.scenes[1])))
+        assert facts_of(sample) == facts_of(dataset[3])
+        assert [one.token for one in scene] == [one.token for one in dataset.scenes[1]]
+        ours = bagassets.open_dataset(dataset.path)
+        assert pickle.loads(pickle.dumps(ours))._source is ours._source, "opened once in a process"
+        assert len(pickle.dumps(dataset[3])) < 1000
+
+    def test_threads_read_the_same(self, project):
+        dataset = bagassets.open_dataset(project[0].nuscenes.output)
+        found = []
+        threads = [
+            threading.Thread(target=lambda: found.append([facts_of(s) for s in dataset])) for _ in range(4)
+        ]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        assert found == [[facts_of(sample) for sample in dataset]] * 4
+
+
+IMPORTS = """
+import sys, {module}
+print(sorted(name.partition(".")[0] for name in sys.modules))
+"""
+
+
+class TestStart:
+    def modules(self, code, *arguments):
+        done = subprocess.run(
+            [sys.executable, "-c", code, *map(str, arguments)], capture_output=True, text=True, check=True
+        )
+        return set(done.stdout.split())
+
+    def test_the_package_imports_nothing(self):
+        names = self.modules("import sys, bagassets; dir(bagassets); print(*sys.modules)")
+        assert [name for name in names if name.startswith("bagassets.")] == []
+        assert not names & {"numpy", "dagster", "cv2"}
+
+    def test_opening_needs_numpy_and_little_else(self, project):
+        code = "import sys, bagassets; len(bagassets.open_dataset(sys.argv[1])); print(*sys.modules)"
+        names = {name.partition(".")[0] for name in self.modules(code, project[0].nuscenes.output)}
+        assert "numpy" in names
+        assert not names & {"dagster", "cv2", "nuscenes", "pydantic", "yaml", "click", "pyarrow", "rosbags"}
+
+    def test_it_takes_little_longer_than_numpy(self, project):
+        def fastest(code):
+            times = []
+            for _ in range(5):
+                started = time.perf_counter()
+                subprocess.run([sys.executable, "-c", code, project[0].nuscenes.output], check=True)
+                times.append(time.perf_counter() - started)
+            return min(times)
+
+        opened = "import sys, bagassets; bagassets.open_dataset(sys.argv[1])[0]"
+        assert fastest(opened) - fastest("import numpy") < 0.15
+
+
+VERSION_2 = "v1.0-test"
+
+
+@pytest.fixture(scope="module")
+def states(tmp_path_factory):
+    store = Store(tmp_path_factory.mktemp("states") / "store")
+    drives = {"drive_1": Drive(seconds=2.2), "drive_2": Drive(seconds=3.5, seed=1)}
+    return store, [
+        Part(key, key, make_tables(store, drive, key=key).artifact.digest) for key, drive in drives.items()
+    ]
+
+
+class TestWhileItIsBuilt:
+    """Two states of a dataset: with one recording, and with two."""
+
+    @pytest.fixture
+    def build(self, states, tmp_path):
+        store, both = states
+
+        def build(number):
+            assemble(NUSCENES, both[:number], NuScenes(version=VERSION_2), store, tmp_path / "nuscenes")
+
+        return build
+
+    def content(self, dataset):
+        """All that the tables say."""
+        return [
+            [scene.name for scene in dataset.scenes],
+            [
+                [sample.token, [box.token for box in sample.boxes], *(sample.global_SE3_ego(c).tolist() for c in sample.channels)]
+                for sample in dataset
+            ],
+            dataset.splits,
+        ]  # fmt: skip
+
+    def test_a_reader_sees_the_old_or_the_new_one(self, build, tmp_path):
+        build(2)
+        both = self.content(bagassets.open_dataset(tmp_path / "nuscenes"))
+        build(1)
+        one = self.content(bagassets.open_dataset(tmp_path / "nuscenes"))
+        assert one != both
+        ended = threading.Event()
+
+        def rebuild():
+            number = 0
+            while not ended.is_set():
+                build(2 - number % 2)
+                number += 1
+
+        builder = threading.Thread(target=rebuild)
+        builder.start()
+        seen = [0, 0]
+        deadline = time.monotonic() + 20
+        try:
+            while (min(seen) < 10 or sum(seen) < 40) and time.monotonic() < deadline:
+                content = self.content(bagassets.open_dataset(tmp_path / "nuscenes"))
+                assert content in (one, both)
+                seen[content == both] += 1
+        finally:
+            ended.set()
+            builder.join()
+        assert min(seen) >= 3
+
+    def test_one_that_was_open_stays_as_it_was(self, build, tmp_path):
+        build(2)
+        fresh = bagassets.open_dataset(tmp_path / "nuscenes")
+        before = self.content(bagassets.open_dataset(tmp_path / "nuscenes"))
+        build(1)
+        # Its tables are read only now.
+        assert self.content(fresh) == before
+        kept, gone = fresh.scenes[0][0], fresh.scenes[-1][0]
+        assert kept.image("CAM_FRONT").any()
+        with pytest.raises(
+            DatasetError,
+            match=r"v1.0-test: this dataset was built again since it was opened, and \S+ is no longer",
+        ) as found:
+            gone.image("CAM_FRONT")
+        assert str(found.value).endswith("; open it again.")
+        with pytest.raises(DatasetError, match="no longer part of it; open it again"):
+            gone.points("LIDAR_TOP")
+
+    def test_a_worker_that_starts_later_refuses_another_one(self, build, tmp_path):
+        build(2)
+        sent = pickle.dumps(bagassets.open_dataset(tmp_path / "nuscenes"))
+        build(1)
+        with pytest.raises(DatasetError, match="was built again since it was opened; open it again"):
+            pickle.loads(sent)
+        build(2)
+        assert len(pickle.loads(sent)) == len(bagassets.open_dataset(tmp_path / "nuscenes")), "the same again"
+
+    def test_files_removed_by_hand_are_named_with_what_restores_them(self, build, tmp_path):
+        build(1)
+        dataset = bagassets.open_dataset(tmp_path / "nuscenes")
+        path = dataset[0].readings["CAM_FRONT"].path
+        path.unlink()
+        lock = tmp_path / "nuscenes" / VERSION_2 / "dataset.lock.json"
+        with pytest.raises(DatasetError) as found:
+            dataset[0].image("CAM_FRONT")
+        assert str(found.value) == (
+            f"{path}: this file of the dataset is missing; `bagassets build` in its project makes it again, and so does "
+            f"`bagassets dataset restore {lock}`."
+        )
+        table = tmp_path / "nuscenes" / VERSION_2 / "ego_pose.json"
+        table.unlink()
+        with pytest.raises(
+            DatasetError, match=r"ego_pose.json: this file of the dataset is missing; `bagassets"
+        ):
+            bagassets.open_dataset(tmp_path / "nuscenes")
+
+    def test_damaged_files_are_named(self, build, tmp_path):
+        build(1)
+        dataset = bagassets.open_dataset(tmp_path / "nuscenes")
+        for channel, read in (
+            ("CAM_FRONT", dataset[0].image), ("LIDAR_TOP", dataset[0].points), ("RADAR_FRONT", dataset[0].points),
+        ):  # fmt: skip
+            for content in (b"", b"no picture"):
+                path = dataset[0].readings[channel].path
+                path.unlink()
+                path.write_bytes(content)
+                if channel == "LIDAR_TOP" and not content:
+                    assert len(read(channel)) == 0
+                else:
+                    with pytest.raises(DatasetError, match=f"{path.name}: expected .*`bagassets verify`"):
+                        read(channel)
+        table = tmp_path / "nuscenes" / VERSION_2 / "sample.json"
+        table.unlink()
+        table.write_text("[{")
+        with pytest.raises(DatasetError, match=r"sample.json: this file of the dataset cannot be read"):
+            len(bagassets.open_dataset(tmp_path / "nuscenes"))
+
+    def test_what_is_no_dataset_is_refused_in_a_sentence(self, build, tmp_path):
+        with pytest.raises(DatasetError, match=r"nuscenes: there is no such folder; `bagassets build` makes"):
+            bagassets.open_dataset(tmp_path / "nuscenes")
+        (tmp_path / "empty").mkdir()
+        with pytest.raises(DatasetError, match=r"expected a dataset with one version; there is none"):
+            bagassets.open_dataset(tmp_path / "empty")
+        build(1)
+        folder = tmp_path / "nuscenes" / VERSION_2
+        assert len(bagassets.open_dataset(folder)) == len(bagassets.open_dataset(tmp_path / "nuscenes")) > 0
+        assert len(bagassets.open_dataset(str(tmp_path / "nuscenes"), version=VERSION_2)) > 0
+        with pytest.raises(DatasetError, match=f"there is no version v2; there is {VERSION_2}."):
+            bagassets.open_dataset(tmp_path / "nuscenes", version="v2")
+        leftover = folder.with_name(f"{folder.name}.tmp-0123")
+        leftover.mkdir()
+        (leftover / "sample.json").write_text("[]")
+        assert len(bagassets.open_dataset(tmp_path / "nuscenes")) > 0
+        other = folder.with_name("v1.1")
+        leftover.rename(other)
+        with pytest.raises(DatasetError, match=r"with one version; there is v1\.0-test, v1\.1"):
+            bagassets.open_dataset(tmp_path / "nuscenes")
+
+    def test_without_a_lock_nothing_of_bagassets_is_needed(self, build, tmp_path):
+        """As the datasets that others made."""
+        build(2)
+        folder = tmp_path / "nuscenes" / VERSION_2
+        (folder / "dataset.lock.json").unlink()
+        (folder / "splits.json").unlink()
+        dataset = bagassets.open_dataset(tmp_path / "nuscenes")
+        assert dataset[0].image("CAM_FRONT").any()
+        assert dataset.splits == {}
+        assert len(pickle.loads(pickle.dumps(dataset))) == len(dataset)
+        dataset[0].readings["CAM_FRONT"].path.unlink()
+        with pytest.raises(DatasetError, match="is missing; get it from where the dataset comes from"):
+            dataset[0].image("CAM_FRONT")
+
+    def test_files_are_closed_with_the_dataset(self, build, tmp_path):
+        build(1)
+        before = len(list(Path("/proc/self/fd").iterdir()))
+        for _ in range(5):
+            opened = bagassets.open_dataset(tmp_path / "nuscenes")
+            opened.scenes[0][0].boxes.in_camera("CAM_FRONT")
+            opened.scenes[0][0].points("LIDAR_TOP").in_global()
+            del opened
+            assert len(list(Path("/proc/self/fd").iterdir())) == before, (
+                "at once, not by the garbage collector"
+            )
+
+
+@pytest.fixture(scope="module")
+def sequences(project):
+    return bagassets.open_dataset(project[0].vision.output)
+
+
+class TestVision:
+    def test_sequences_are_scenes(self, sequences):
+        assert sequences.channels == CAMERAS
+        names = [scene.name for scene in sequences.scenes]
+        assert "drive.bag/CAM_FRONT/0000" in names
+        assert all(len(scene) == 5 for scene in sequences.scenes)
+        assert set(sequences.splits) == {"train", "val"}
+        assert sorted(name for scenes in sequences.splits.values() for name in scenes) == sorted(names)
+
+    def test_poses_are_true_relative_to_the_first_image(self, project, sequences):
+        _, truth = project
+        for scene in sequences.scenes:
+            (channel,) = scene[0].channels
+            first = truth.odom_SE3_ego(scene[0].stamp_ns).inverse()
+            for sample in scene:
+                true = (first @ truth.odom_SE3_ego(sample.stamp_ns)).matrix
+                np.testing.assert_allclose(sample.global_SE3_ego(channel), true, atol=2e-3)
+                mounted = truth.ego_SE3_sensor(channel).matrix
+                np.testing.assert_allclose(sample.ego_SE3_sensor(channel), mounted, atol=1e-6)
+
+    def test_images_are_those_of_the_other_dataset(self, sequences, dataset):
+        keyframes = {
+            (sample.readings[name].stamp_ns // 1000, name): sample for sample in dataset.scenes[0] for name in CAMERAS
+        }  # fmt: skip
+        compared = 0
+        for scene in sequences.scenes:
+            for sample in scene if scene.name.startswith("drive.bag/") else ():
+                (channel,) = sample.channels
+                same = keyframes.get((sample.stamp_ns // 1000, channel))
+                if same is not None:
+                    np.testing.assert_array_equal(sample.image(channel), same.image(channel))
+                    np.testing.assert_allclose(
+                        sample.intrinsics(channel), same.intrinsics(channel), atol=1e-3
+                    )
+                    compared += 1
+        assert compared > 5
+
+    def test_what_it_has_not_is_said(self, sequences):
+        with pytest.raises(KeyError, match="no such lidar or radar; there is none"):
+            sequences[0].points("LIDAR_TOP")
+        assert len(sequences[0].boxes) == 0
+        assert pickle.loads(pickle.dumps(sequences[4])).token == sequences[4].token
