@@ -351,6 +351,65 @@ def test_a_run_that_somebody_cancelled_is_not_asked_for_again(project):
     assert set(project.scan()) == {"a.bag"}
 
 
+def scan_all(project, after_s=1.0):
+    """Scan anew; return all requests."""
+    project.now_s += after_s
+    scan = Scan(project.instance, Workspace(recipe_file=str(project.recipe_file)), project.cursor)
+    return scan.scan(project.now_s)
+
+
+def launch_job(project, request, status=None):
+    """Do what the daemon does with a request for several recordings; `status` is what became of it."""
+    job = build_definitions(project.recipe_file).resolve_job_def(request.job_name)
+    if status is not None:
+        run = project.instance.create_run_for_job(job, run_config=request.run_config, status=status)
+        return run.run_id
+    return job.execute_in_process(run_config=request.run_config, instance=project.instance).run_id
+
+
+def test_small_recordings_share_a_run(project):
+    for name in ("b.bag", "c.bag", "d.bag"):
+        shutil.copy(project.bags / "a.bag", project.bags / name)
+    (request,) = scan_all(project)
+    assert request.job_name == "build_recordings"
+    assert request.partition_key is None
+    assert request.tags["why"] == "4 recordings; a.bag: new recording"
+    assert scan_all(project) == [], "asked for already"
+    running = launch_job(project, request, dg.DagsterRunStatus.STARTED)
+    assert scan_all(project, 100) == []
+    assert project.cursor.said == "4 recordings; waiting for 1 run."
+    project.instance.delete_run(running)
+    launch_job(project, request)
+    (request,) = scan_all(project)
+    assert request.asset_selection == project.datasets
+    assert project.execute(request).success
+    assert scan_all(project) == []
+    assert stale(project) == set()
+
+
+def test_those_of_a_shared_run_that_somebody_cancelled_are_not_asked_for_again(project):
+    for name in ("b.bag", "c.bag", "d.bag"):
+        shutil.copy(project.bags / "a.bag", project.bags / name)
+    (request,) = scan_all(project)
+    launch_job(project, request, dg.DagsterRunStatus.CANCELED)
+    assert scan_all(project, 10 * RETRY_S) == []
+    (project.bags / "a.bag").touch()
+    assert set(project.scan()) == {"a.bag"}
+
+
+def test_more_recordings_than_one_run_takes_get_several(project, monkeypatch):
+    monkeypatch.setattr(sensor_scan, "_RECORDINGS_PER_RUN", 4)
+    monkeypatch.setattr(sensor_scan, "MOST_RUNS", 2)
+    for number in range(11):
+        shutil.copy(project.bags / "a.bag", project.bags / f"{number:02}.bag")
+    first = [
+        set(request.run_config["ops"]["build_each"]["config"]["recordings"]) for request in scan_all(project)
+    ]
+    assert [len(keys) for keys in first] == [4, 4]
+    (rest,) = scan_all(project)
+    assert len(set.union(*first, rest.run_config["ops"]["build_each"]["config"]["recordings"])) == 12
+
+
 def test_of_a_recording_that_was_only_touched_bag_alone_is_asked_for(project):
     project.build_project()
     (project.bags / "a.bag").touch()
@@ -416,6 +475,7 @@ def test_a_tick_waits_for_a_recording_that_is_about_to_settle(project, monkeypat
     project.settle_for(0.3)
     result = tick(project)
     assert [request.partition_key for request in result.run_requests] == ["a.bag"]
+    assert result.run_requests[0].job_name == "recordings_and_datasets"
 
 
 def test_a_tick_does_not_wait_for_one_that_takes_longer(project, monkeypatch):

@@ -37,11 +37,14 @@ def build_definitions(recipe_file: Path) -> dg.Definitions:
         # failure.
         warnings.simplefilter("ignore", category=dg.PreviewWarning)
         checks = [*recording_checks(recipe), *dataset_checks(recipe)]
+    # Where a sensor has a job, Dagster copies the sensor with a parameter of its own that it calls beta.
+    warnings.filterwarnings("ignore", "Parameter `owners` of initializer `SensorDefinition", dg.BetaWarning)
+    batches = batch_job()
     return dg.Definitions(
         assets=[*recording_definitions(recipe), *dataset_assets(recipe)],
         asset_checks=checks,
-        jobs=[batch_job()],
-        sensors=[recordings_sensor()],
+        jobs=[batches],
+        sensors=[recordings_sensor(batches)],
         resources={
             "workspace": Workspace(recipe_file=str(recipe_file)),
             "recording_lock": RecordingLock(folder=str(recipe.state / RUN_LOCKS)),

@@ -12,7 +12,7 @@ import dagster as dg
 
 from bagassets.defs.reporting import errors_explained
 from bagassets.defs.sensor_cursor import Cursor
-from bagassets.defs.sensor_scan import Scan
+from bagassets.defs.sensor_scan import ASSETS_JOB, Scan
 from bagassets.defs.workspace import Workspace
 from bagassets.errors import RecordingError
 
@@ -25,12 +25,17 @@ PAUSE_S = 0.5
 _MOVING_TRIES = 2
 
 
-def recordings_sensor() -> dg.SensorDefinition:
-    """Return the sensor; its workspace says which recipe it serves."""
+def recordings_sensor(batch_job: dg.JobDefinition) -> dg.SensorDefinition:
+    """Return the sensor; its workspace says which recipe it serves.
+
+    Args:
+        batch_job: the job of small recordings that share a run.
+    """
 
     @dg.sensor(
         name="recordings",
-        target=dg.AssetSelection.all(),
+        # The runs of large recordings and of datasets, and those that several small recordings share.
+        jobs=[dg.define_asset_job(ASSETS_JOB, dg.AssetSelection.all()), batch_job],
         minimum_interval_seconds=INTERVAL_S,
         default_status=dg.DefaultSensorStatus.RUNNING,
         description=(

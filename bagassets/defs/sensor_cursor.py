@@ -117,16 +117,20 @@ class Cursor:
 
     def ask(self, key: str, what: str, now_s: float) -> bool:
         """Return whether to request `what`, and note it; False if it was requested just now or too often."""
-        before = self.asked.get(key)
-        if before is None or before.what != what:
-            tries = 1
-        elif before.tries < MOST_TRIES and now_s - before.at_s >= RETRY_S * before.tries:
-            tries = before.tries + 1
-        else:
+        if not self.may_ask(key, what, now_s):
             return False
+        before = self.asked.get(key)
+        tries = 1 if before is None or before.what != what else before.tries + 1
         self.asked[key] = Request(what, tries, now_s)
         self.runs += 1
         return True
+
+    def may_ask(self, key: str, what: str, now_s: float) -> bool:
+        """Return whether `what` may be requested; False if it was requested just now or too often."""
+        before = self.asked.get(key)
+        if before is None or before.what != what:
+            return True
+        return before.tries < MOST_TRIES and now_s - before.at_s >= RETRY_S * before.tries
 
     @property
     def may_ask_again(self) -> bool:

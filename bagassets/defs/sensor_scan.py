@@ -1,11 +1,13 @@
 """A scan by the sensor: compares the recordings on disk with Dagster's records and requests runs."""
 
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 
 import dagster as dg
 
 from bagassets.build.named_files import files_beside
 from bagassets.build.plan import AssetState, BagPlan, Plan
+from bagassets.defs.batches import BATCH_JOB, batch_config, batch_of, batches
 from bagassets.defs.dataset import dataset_is_current, record_inputs
 from bagassets.defs.events import all_assets, live_partitions
 from bagassets.defs.instance_plan import InstancePlan, plan_instance, workspace_fingerprint
@@ -23,14 +25,27 @@ from bagassets.recordings.discover import Discovery
 from bagassets.recordings.model import RecordingFiles
 from bagassets.store.canonical import digest_json
 
-__all__ = ["Scan"]
+__all__ = ["ASSETS_JOB", "Scan"]
 
+ASSETS_JOB = "recordings_and_datasets"
+# Small recordings that share a run, unless the launcher says how many.
+_RECORDINGS_PER_RUN = 10
 # Creating a hundred runs takes longer than a tick may, and thousands in the queue make everything slow; the rest
 # is requested when some have ended.
 MOST_RUNS = 50
 # The datasets wait for recordings that have a run, but not for ever.
 PATIENCE_S = 60.0
 _LONGEST_REASON = 80
+_LATEST_BATCHES = 50
+
+
+@dataclass(frozen=True)
+class _Wanted:
+    """What a run is to make of a recording: the assets, a digest of the request, and why."""
+
+    assets: tuple[str, ...]
+    what: str
+    why: str
 
 
 class Scan:
@@ -43,6 +58,7 @@ class Scan:
         self._datasets = tuple(dataset_code_versions(workspace.recipe))
         self._next_settled_s: float | None = None
         self._active: set[str] = set()
+        self._runs = 0
 
     def is_worth_waiting(self, until_s: float) -> bool:
         """Return whether a run is active, or a recording may settle before `until_s`."""
@@ -63,7 +79,7 @@ class Scan:
         active = active_runs(self._instance, self._datasets)
         if active and end_orphaned_runs(self._instance)[0]:
             active = active_runs(self._instance, self._datasets)
-        self._active = {key for keys in active.values() for key in keys}
+        self._active, self._runs = {key for keys in active.values() for key in keys}, len(active)
         records, project = self._state_of_records(), workspace_fingerprint(self._workspace)
         quiet = digest_json(
             [
@@ -132,10 +148,18 @@ class Scan:
         self, planned: InstancePlan, finished: Mapping[str, RecordingStat], now_s: float
     ) -> list[dg.RunRequest]:
         plan, cursor = planned.plan, self.cursor
-        requests: list[dg.RunRequest] = []
-        for key in sorted((finished.keys() & plan.bags.keys()) - self._active):
-            if len(requests) + len(self._active) < MOST_RUNS:
-                requests += self._recording_request(plan.bags[key], finished[key], now_s)
+        wanted = {
+            key: request
+            for key in sorted((finished.keys() & plan.bags.keys()) - self._active)
+            if (request := self._wanted(plan.bags[key], finished[key], now_s)) is not None
+        }
+        sizes = {key: sum(size for _, size, _ in finished[key].files) for key in wanted}
+        most = getattr(self._instance.run_launcher, "recordings_per_run", _RECORDINGS_PER_RUN)
+        dealt = batches({key: one.assets for key, one in wanted.items()}, sizes, 1, most)
+        requests = [
+            self._request({key: wanted[key] for key in batch}, now_s)
+            for batch in dealt[: max(0, MOST_RUNS - self._runs)]
+        ]
         is_busy = bool(requests or self._active)
         cursor.busy_since_s = (cursor.busy_since_s or now_s) if is_busy else None
         if not is_busy or now_s - (cursor.busy_since_s or now_s) > PATIENCE_S:
@@ -144,40 +168,56 @@ class Scan:
         cursor.said = self._describe(plan, finished)
         return requests
 
-    def _recording_request(self, bag: BagPlan, stat: RecordingStat, now_s: float) -> list[dg.RunRequest]:
-        """Return the run that a recording needs, unless it was requested and nothing has changed since.
+    def _wanted(self, bag: BagPlan, stat: RecordingStat, now_s: float) -> _Wanted | None:
+        """Return what a run is to make of a recording, unless it was requested and nothing has changed since.
 
         A recording of which only the time changed is read in a run of `bag` alone: a tick must not take so long, and
         most often nothing else is to be done.
         """
         if not bag.to_run():
             self.cursor.forget([bag.key])
-            return []
+            return None
         stale = {name: asset for name, asset in bag.assets.items() if asset.state not in {"fresh", "skipped"}}
         states = {name: [asset.state, asset.reason] for name, asset in stale.items()}
         what = digest_json([stat.as_json(), states])
         if self._was_cancelled(bag.key, what):
             self.cursor.give_up(bag.key, what)
-            return []
-        if not self.cursor.ask(bag.key, what, now_s):
-            return []
-        return [
-            dg.RunRequest(
-                run_key=f"{bag.key}:{what[:16]}:{self.cursor.runs}",
-                partition_key=bag.key,
-                asset_selection=[dg.AssetKey(name) for name in (("bag",) if bag.touched else bag.to_run())],
-                tags={"why": _why(list(stale.values()))},
+            return None
+        if not self.cursor.may_ask(bag.key, what, now_s):
+            return None
+        return _Wanted(("bag",) if bag.touched else tuple(bag.to_run()), what, _why(list(stale.values())))
+
+    def _request(self, batch: Mapping[str, _Wanted], now_s: float) -> dg.RunRequest:
+        """Return the run for a large recording, or for several small ones."""
+        for key, one in batch.items():
+            self.cursor.ask(key, one.what, now_s)
+        (key, first), count = next(iter(batch.items())), len(batch)
+        if count == 1:
+            return dg.RunRequest(
+                run_key=f"{key}:{first.what[:16]}:{self.cursor.runs}",
+                job_name=ASSETS_JOB,
+                partition_key=key,
+                asset_selection=[dg.AssetKey(name) for name in first.assets],
+                tags={"why": first.why},
             )
-        ]
+        what = digest_json([[key, one.what] for key, one in batch.items()])
+        return dg.RunRequest(
+            run_key=f"{count} recordings:{what[:16]}:{self.cursor.runs}",
+            job_name=BATCH_JOB,
+            run_config=batch_config({key: one.assets for key, one in batch.items()}),
+            tags={"why": f"{count_text(count, 'recording')}; {key}: {first.why}"[:_LONGEST_REASON]},
+        )
 
     def _was_cancelled(self, key: str, what: str) -> bool:
         """Return whether the run of this request was cancelled: then it is not requested again."""
         asked = self.cursor.asked.get(key)
         if asked is None or asked.what != what:
             return False
-        tags = {"dagster/partition": key}
-        runs = self._instance.get_runs(dg.RunsFilter(tags=tags), limit=1)
-        return bool(runs) and runs[0].status == dg.DagsterRunStatus.CANCELED
+        alone = self._instance.get_run_records(dg.RunsFilter(tags={"dagster/partition": key}), limit=1)
+        shared = self._instance.get_run_records(dg.RunsFilter(job_name=BATCH_JOB), limit=_LATEST_BATCHES)
+        records = [*alone, *(record for record in shared if key in batch_of(record.dagster_run))]
+        latest = max(records, key=lambda record: record.storage_id, default=None)
+        return latest is not None and latest.dagster_run.status == dg.DagsterRunStatus.CANCELED
 
     def _dataset_request(self, inputs: DatasetInputs, now_s: float) -> list[dg.RunRequest]:
         record_inputs(self._instance, self._workspace.recipe, inputs)
@@ -189,6 +229,7 @@ class Scan:
         return [
             dg.RunRequest(
                 run_key=f"dataset:{inputs.digest[:16]}:{self.cursor.runs}",
+                job_name=ASSETS_JOB,
                 asset_selection=[dg.AssetKey(name) for name in self._datasets],
                 tags={"why": "its recordings or the recipe changed"},
             )
@@ -200,7 +241,7 @@ class Scan:
         failed = sorted(key for key, bag in plan.bags.items() if bag.failed is not None)
         parts = [count_text(len(plan.bags), "recording")]
         parts += [f"waiting for {_names(writing)} to settle"] if writing else []
-        parts += [f"waiting for {count_text(len(self._active), 'run')}"] if self._active else []
+        parts += [f"waiting for {count_text(self._runs, 'run')}"] if self._runs else []
         parts += [f"failed: {_names(failed)}"] if failed else []
         return "; ".join(parts if len(parts) > 1 else [*parts, "up to date"]) + "."
 

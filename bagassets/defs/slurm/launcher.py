@@ -15,7 +15,7 @@ Set in `dagster.yaml`; all of `config` is optional::
         prefix: module load python &&   # shell text before the command
         rules:                    # later ones override earlier ones
           - {above_gb: 20, memory: 64G}
-        recordings_per_run: 10    # small ones, of `bagassets build`
+        recordings_per_run: 10    # small ones
         runs_per_job: 50          # a run of several recordings counts as so many
         minutes_per_job: 30
         folder: .bagassets/slurm  # logs and records of jobs, on a file system that all nodes share
@@ -84,7 +84,7 @@ class SlurmRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
 
     Attributes:
         most_at_once: most runs that a build hands over before others have ended.
-        recordings_per_run: most small recordings that a build has share a run.
+        recordings_per_run: most small recordings that share a run.
     """
 
     def __init__(
