@@ -5,6 +5,7 @@ The library below this package imports no Dagster; `bagassets.defs` and
 
 For notebooks and training:
 
+- `bagassets.build(recipe)` brings the datasets of a recipe up to date and returns a `Report`;
 - `bagassets.open_dataset(path)` reads a dataset.
 
 They are imported when they are first used.
@@ -14,20 +15,24 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from bagassets.notebook import Report, build
     from bagassets.reader.dataset import open_dataset
 
-__all__ = ["__version__", "open_dataset"]
+__all__ = ["Report", "__version__", "build", "open_dataset"]
 
 __version__ = "0.1.0"
 
-_HOMES = {"open_dataset": "bagassets.reader.dataset"}
+# `build` is the package of that name, which can be called.
+_HOMES = {"Report": "bagassets.notebook", "open_dataset": "bagassets.reader.dataset"}
 
 
 def __getattr__(name: str) -> object:
     if name in _HOMES:
         return getattr(import_module(_HOMES[name]), name)
+    if name == "build":
+        return import_module("bagassets.build")
     raise AttributeError(f"module 'bagassets' has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *_HOMES})
+    return sorted({*globals(), *_HOMES, "build"})

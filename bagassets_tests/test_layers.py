@@ -43,7 +43,7 @@ LAYERS = [
     ("sample",),
     ("defs",),
     ("cli",),
-    ("definitions", "__main__"),
+    ("definitions", "__main__", "notebook"),
 ]
 FACE = ROOT / "__init__.py"  # names what users import, and imports it when they use it (test_reader.py)
 LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}

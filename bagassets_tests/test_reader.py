@@ -423,6 +423,24 @@ class TestWhileItIsBuilt:
             builder.join()
         assert min(seen) >= 3
 
+    def test_a_folder_that_is_swapped_while_it_is_opened_is_opened_again(self, build, tmp_path, monkeypatch):
+        build(2)
+        both = self.content(bagassets.open_dataset(tmp_path / "nuscenes"))
+        build(1)
+        swaps = iter([True])
+
+        def scan(folder, scan=os.scandir):
+            # After the folder was opened, before its files are.
+            if isinstance(folder, int) and next(swaps, False):
+                build(2)
+                (tmp_path / "rest").mkdir()
+                (tmp_path / "rest" / "scene.json").touch()
+                return scan(tmp_path / "rest")
+            return scan(folder)
+
+        monkeypatch.setattr(os, "scandir", scan)
+        assert self.content(bagassets.open_dataset(tmp_path / "nuscenes")) == both
+
     def test_one_that_was_open_stays_as_it_was(self, build, tmp_path):
         build(2)
         fresh = bagassets.open_dataset(tmp_path / "nuscenes")

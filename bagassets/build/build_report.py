@@ -232,6 +232,7 @@ class SummaryRow:
         keyframes: nuScenes samples.
         result: see `BagOutcome`.
         reason: why it was skipped or failed.
+        lost: channel or topic -> reason -> number of messages or boxes that were lost.
     """
 
     NUMBERS: ClassVar = ("images", "sweeps", "poses", "boxes", "scenes", "keyframes")
@@ -247,6 +248,7 @@ class SummaryRow:
     keyframes: int | None
     result: str
     reason: str
+    lost: Mapping[str, Mapping[str, int]] = field(default_factory=dict)
 
     def as_json(self) -> JsonObject:
         """Return the row as JSON."""

@@ -31,25 +31,39 @@ def summary_rows(report: BuildReport, store: Store, *, most: int | None = None) 
 def _row(store: Store, bag: BagPlan, outcome: BagOutcome) -> SummaryRow:
     inventory, poses = _summary(store, bag, "inventory"), _summary(store, bag, "ego_poses")
     boxes, tables = _summary(store, bag, "annotations"), _summary(store, bag, "nuscenes_tables")
+    frames, sweeps = _summary(store, bag, "frames"), _summary(store, bag, "sweeps")
     counts = tables.get("counts", {})
     return SummaryRow(
         recording=bag.key,
         format=bag.format,
         span_s=inventory.get("duration_s"),
-        images=_written(_summary(store, bag, "frames")),
-        sweeps=_written(_summary(store, bag, "sweeps")),
+        images=_written(frames),
+        sweeps=_written(sweeps),
         poses=poses.get("count"),
         boxes=boxes.get("boxes"),
         scenes=counts.get("scenes"),
         keyframes=counts.get("samples"),
         result=outcome.result,
         reason=outcome.reason,
+        lost=_lost(frames, sweeps, poses, boxes),
     )
+
+
+def _lost(
+    frames: JsonMapping, sweeps: JsonMapping, poses: JsonMapping, boxes: JsonMapping
+) -> dict[str, dict[str, int]]:
+    """Return channel or topic -> reason -> number, of what was lost."""
+    counted = {**frames.get("channels", {}), **sweeps.get("channels", {})}
+    counted["ego_poses"] = poses.get("counts", {})
+    for topic, counts in boxes.get("counts", {}).items():
+        parts = [counts.get(what, {}).get("lost", {}) for what in ("messages", "boxes")]
+        counted[topic] = {"lost": {reason: number for part in parts for reason, number in part.items()}}
+    return {name: dict(counts["lost"]) for name, counts in counted.items() if counts.get("lost")}
 
 
 def _row_of_removed(key: str, outcome: BagOutcome) -> SummaryRow:
     """Return the row of a recording that was removed during the build."""
-    empty = dict.fromkeys(("format", "span_s", *SummaryRow.NUMBERS))
+    empty: JsonObject = dict.fromkeys(("format", "span_s", *SummaryRow.NUMBERS))
     reason = outcome.reason or "it was removed meanwhile, so the dataset is without it"
     return SummaryRow(recording=key, **empty, result=outcome.result, reason=reason)
 

@@ -47,9 +47,10 @@ class SilentProgress:
 
 
 class LinesProgress(SilentProgress):
-    """One line when a recording starts and one when it ends, for logs."""
+    """One line when a recording starts and one when it ends, for logs; on standard error unless `err` is False."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, err: bool = True) -> None:
+        self._err = err
         self._total = self._ended = 0
         self._is_reading = False
         self._since: dict[str, float] = {}
@@ -59,27 +60,27 @@ class LinesProgress(SilentProgress):
         now = time.monotonic()
         if event.kind == "reading":
             if not self._is_reading:
-                echo(event.message, err=True)
+                echo(event.message, err=self._err)
             self._is_reading = True
         elif event.kind == "planned":
             self._total = len(event.sizes)
             if self._total:
                 verb = "needs" if self._total == 1 else "need"
-                echo(f"{count_text(self._total, 'recording')} {verb} a run.", err=True)
+                echo(f"{count_text(self._total, 'recording')} {verb} a run.", err=self._err)
             if event.message:
-                echo(event.message, err=True)
+                echo(event.message, err=self._err)
         elif event.kind == "started":
             self._since[event.key] = now
-            echo(f"start    {event.key or 'dataset'}", err=True)
+            echo(f"start    {event.key or 'dataset'}", err=self._err)
         elif event.kind == "where":
             if event.message:
-                echo(f"         {event.key or 'dataset'}: {event.message}", err=True)
+                echo(f"         {event.key or 'dataset'}: {event.message}", err=self._err)
         else:
             self._ended += bool(event.key)
             took = now - self._since.pop(event.key, now)
             place = f"{self._ended}/{self._total} " if event.key else ""
             # The summary says why it failed.
-            echo(f"{event.kind:<8} {place}{event.key or 'dataset'} ({took:.1f} s)", err=True)
+            echo(f"{event.kind:<8} {place}{event.key or 'dataset'} ({took:.1f} s)", err=self._err)
 
 
 class LiveProgress(SilentProgress):

@@ -159,5 +159,6 @@ def _raised(error: dict[str, str]) -> BagAssetsError:
     if kind == SelectionError.__name__:
         return SelectionError(*message.split("\n"))
     if kind in errors.__all__:
-        return BagAssetsError(*message.split("\n"))
+        known: type[BagAssetsError] = getattr(errors, kind)
+        return known(*message.split("\n"))
     return BagAssetsError(f"the build failed in a worker ({kind}: {message}); please report this.")

@@ -1,0 +1,253 @@
+"""Building from Python, as in a notebook: `bagassets.build(recipe)`.
+
+It does what the command does, by the same way: the build runs on the server of the project, so nothing of Dagster is
+imported here.
+"""
+
+import json
+import os
+import re
+import shutil
+import sys
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from bagassets.atomic import write_atomically
+from bagassets.build.build_report import BuildOptions, BuildReport, Event, Remark, SummaryRow
+from bagassets.cli.progress import BuildProgress, LinesProgress, LiveProgress, SilentProgress
+from bagassets.cli.remote import InterruptedBuildError, build_on_server, end_servers, server_for
+from bagassets.cli.summary import counts_line
+from bagassets.errors import BagAssetsError, DatasetError, RecipeError, StoreError
+from bagassets.interrupts import deferred_interrupts
+from bagassets.json_types import JsonMapping, JsonObject
+from bagassets.recipe.load import parse_recipe
+from bagassets.recipe.model import Recipe
+from bagassets.recipe.yaml_text import read_yaml
+
+__all__ = ["Report", "build"]
+
+# What an inline recipe is called in errors, in the current folder: its paths are relative to that.
+_INLINE = "<recipe>"
+
+
+@dataclass(frozen=True, repr=False)
+class Report:
+    """What a build did.
+
+    Attributes:
+        recordings: key -> what it contains, its `result` (`built`, `hit`, `fresh`, `skipped`, `failed`, `stopped`), the
+            `reason`, and what was `lost`.
+        dataset: folder of the nuScenes dataset, for `bagassets.open_dataset`.
+        dataset_state: `updated`, `fresh`, `failed`, `not made`, or `not selected`.
+        dataset_problem: why the datasets could not be made; "" if they could.
+        remarks: problems that checks found in what was built.
+        duplicates: recording -> another one with the same content, which represents it in the dataset.
+        removed: recordings that are gone.
+        splits: split -> its share of recordings and time.
+        seconds: wall time.
+        summary: all of it in a line.
+    """
+
+    recordings: Mapping[str, SummaryRow]
+    dataset: Path
+    dataset_state: str
+    dataset_problem: str = ""
+    remarks: Sequence[Remark] = ()
+    duplicates: Mapping[str, str] = field(default_factory=dict)
+    removed: Sequence[str] = ()
+    splits: Mapping[str, JsonMapping] = field(default_factory=dict)
+    seconds: float = 0.0
+    summary: str = ""
+
+    @property
+    def built(self) -> tuple[str, ...]:
+        """Recordings of which something was made."""
+        return self._having("built")
+
+    @property
+    def fresh(self) -> tuple[str, ...]:
+        """Recordings for which everything was there."""
+        return self._having("fresh", "hit")
+
+    @property
+    def failed(self) -> Mapping[str, str]:
+        """Recordings that failed -> why."""
+        return {key: self.recordings[key].reason for key in self._having("failed", "stopped")}
+
+    @property
+    def skipped(self) -> Mapping[str, str]:
+        """Recordings that take no part -> why."""
+        return {key: self.recordings[key].reason for key in self._having("skipped")}
+
+    @property
+    def lost(self) -> Mapping[str, Mapping[str, Mapping[str, int]]]:
+        """Recording -> channel or topic -> reason -> number of messages or boxes that were lost."""
+        return {key: row.lost for key, row in self.recordings.items() if row.lost}
+
+    @property
+    def succeeded(self) -> bool:
+        """True if nothing failed."""
+        return not (self.failed or self.dataset_problem)
+
+    def __repr__(self) -> str:
+        return f"<Report: {self.summary}; dataset {self.dataset} ({self.dataset_state})>"
+
+    def _having(self, *results: str) -> tuple[str, ...]:
+        return tuple(key for key, row in self.recordings.items() if row.result in results)
+
+
+def build(
+    recipe: str | Path | Mapping[str, object],
+    *,
+    state: str | Path | None = None,
+    progress: bool | Callable[[Event], None] = True,
+    jobs: int | None = None,
+    bags: Sequence[str] = (),
+    select: Sequence[str] = (),
+    retry_failed: bool = False,
+    allow_empty: bool = False,
+    ignore_disk_space: bool = False,
+) -> Report:
+    """Bring the datasets of a recipe up to date, as `bagassets build` does, and report what was done.
+
+    A recording that fails does not stop the others: it is in `Report.failed`. An interrupt (Ctrl-C, *Interrupt the
+    kernel*) ends the runs as canceled and raises KeyboardInterrupt; the next build goes on from there.
+
+    Args:
+        recipe: the path of a recipe; or a recipe itself, as a mapping or as text of several lines, whose paths
+            are relative to the current folder.
+        state: folder for the store and the state of a recipe without a file. None: that of the recipe or, if it
+            names none, one that is removed in the end, so that the next build does everything again; the dataset stays.
+        progress: True shows it (a bar on a terminal, else lines); a callable gets every event; False shows nothing.
+        jobs: recordings built at the same time; None for as many as there are processors.
+        bags: keys, globs or paths of the recordings to build; none: all.
+        select: assets to bring up to date, with those that they read; none: all.
+        retry_failed: retry what failed before on the same input.
+        allow_empty: accept a bag root without recordings where there were some before.
+        ignore_disk_space: build even if the disk seems to be too small.
+
+    Raises:
+        BagAssetsError: the recipe, the recordings' folder, or a disk is not usable.
+        KeyboardInterrupt: somebody interrupted it.
+    """
+    processors = os.cpu_count() or 1
+    options = BuildOptions(
+        min(jobs or processors, 2 * processors), retry_failed, tuple(bags), tuple(select), allow_empty, ignore_disk_space
+    )  # fmt: skip
+    with _recipe_file(recipe, state) as file:
+        try:
+            value = _build(file, options, progress)
+        except BagAssetsError as err:
+            if isinstance(recipe, str | Path) and "\n" not in str(recipe):
+                raise
+            # The file is ours, and may be gone.
+            name = re.compile(re.escape(str(file)) + r"(:\d+)?")
+            raise type(err)(*(name.sub(_INLINE, line) for line in err.args)) from None
+    report = BuildReport.from_json(value)
+    if report.interrupted:
+        raise KeyboardInterrupt(counts_line(report))
+    return Report(
+        recordings={row["recording"]: SummaryRow(**row) for row in value["summary"]},
+        dataset=report.dataset_path,
+        dataset_state=report.dataset,
+        dataset_problem=report.dataset_problem,
+        remarks=report.remarks,
+        duplicates=report.duplicates,
+        removed=report.removed,
+        splits=report.splits,
+        seconds=report.seconds,
+        summary=counts_line(report),
+    )
+
+
+def _build(file: Path, options: BuildOptions, progress: bool | Callable[[Event], None]) -> JsonObject:
+    with _display(progress) as display:
+        listener = display if isinstance(progress, bool) else progress
+        try:
+            while True:
+                with server_for(file, options.bags) as server:
+                    value = build_on_server(server, file, options, listener, None)
+                if value is not None:
+                    return value
+        except InterruptedBuildError as err:
+            raise KeyboardInterrupt from err
+
+
+def _display(progress: bool | Callable[[Event], None]) -> BuildProgress:
+    if progress is not True:
+        return SilentProgress()
+    # Notebooks show standard error as if something were wrong.
+    return LiveProgress() if sys.stderr.isatty() else LinesProgress(err=False)
+
+
+@contextmanager
+def _recipe_file(recipe: str | Path | Mapping[str, object], state: str | Path | None) -> Iterator[Path]:
+    """Have the recipe in a file; what was made for that alone is removed afterwards."""
+    if isinstance(recipe, Path) or (isinstance(recipe, str) and "\n" not in recipe):
+        if state is not None:
+            raise RecipeError(
+                f"{recipe}: `state` is for recipes without a file; this one has a field of that name."
+            )
+        yield Path(recipe).absolute()
+        return
+    text = recipe if isinstance(recipe, str) else json.dumps(dict(recipe), default=os.fspath)
+    given = parse_recipe(text, Path.cwd() / _INLINE)
+    for rig in given.rigs:
+        if rig.questions:  # `_as_json` has stand-ins for what is to be decided
+            raise RecipeError(*rig.questions)
+    data, _ = read_yaml(text, Path.cwd() / _INLINE)
+    if state is None and "state" not in data:
+        with _temporary(given) as (folder, store):
+            yield _written(given, folder, store)
+        return
+    yield _written(given, given.state if state is None else Path(state).absolute(), given.store)
+
+
+def _written(recipe: Recipe, state: Path, store: Path | None) -> Path:
+    own = _as_json(recipe) | {"state": str(state)} | ({} if store is None else {"store": str(store)})
+    file, content = state / "recipe.yaml", json.dumps(own, ensure_ascii=False, indent=1).encode()
+    # Written anew, it would have to be examined again.
+    if not file.is_file() or file.read_bytes() != content:
+        try:
+            state.mkdir(parents=True, exist_ok=True)
+            write_atomically(file, content)
+        except OSError as err:
+            raise StoreError(f"{file}: the recipe cannot be written here ({err.strerror or err}).") from err
+    return file
+
+
+def _as_json(recipe: Recipe) -> JsonObject:
+    """Return a recipe, its paths absolute, as JSON, which is YAML."""
+    own: JsonObject = recipe.model_dump(mode="json", exclude_unset=True)
+    if recipe.installed_sections:
+        sections = recipe.installed_sections.items()
+        own["formats"] = {name: one.model_dump(mode="json", exclude_unset=True) for name, one in sections}
+    return own
+
+
+@contextmanager
+def _temporary(recipe: Recipe) -> Iterator[tuple[Path, Path]]:
+    """Make folders for state and store, and remove them in the end, with the server.
+
+    The store is on the file system of the dataset, whose files are links into it.
+    """
+    output = recipe.nuscenes.output
+    try:
+        output.parent.mkdir(parents=True, exist_ok=True)
+        store = Path(tempfile.mkdtemp(prefix=f".{output.name[:100]}.", dir=output.parent))
+    except OSError as err:
+        raise DatasetError(
+            f"{output}: the dataset cannot be written here ({err.strerror or err}); fix the permissions, or name another folder."
+        ) from err
+    # Databases and sockets work in the temporary folder, whatever file system the dataset goes to.
+    state = Path(tempfile.mkdtemp(prefix="bagassets-")).resolve()
+    try:
+        yield state, store if recipe.store is None else recipe.store
+    finally:
+        with deferred_interrupts():
+            end_servers(state)
+            shutil.rmtree(state, ignore_errors=True)
+            shutil.rmtree(store, ignore_errors=True)
