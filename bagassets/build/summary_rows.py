@@ -6,7 +6,7 @@ from bagassets.errors import StoreError
 from bagassets.json_types import JsonMapping, JsonObject
 from bagassets.store.store import Store
 
-__all__ = ["summary_rows"]
+__all__ = ["losses", "summary_rows"]
 
 
 def summary_rows(report: BuildReport, store: Store, *, most: int | None = None) -> list[SummaryRow]:
@@ -45,11 +45,11 @@ def _row(store: Store, bag: BagPlan, outcome: BagOutcome) -> SummaryRow:
         keyframes=counts.get("samples"),
         result=outcome.result,
         reason=outcome.reason,
-        lost=_lost(frames, sweeps, poses, boxes),
+        lost=losses(frames, sweeps, poses, boxes),
     )
 
 
-def _lost(
+def losses(
     frames: JsonMapping, sweeps: JsonMapping, poses: JsonMapping, boxes: JsonMapping
 ) -> dict[str, dict[str, int]]:
     """Return channel or topic -> reason -> number, of what was lost."""
