@@ -78,6 +78,7 @@ def test_a_row_holds_what_the_current_artifacts_say(report):
         "keyframes": 13,
         "result": "built",
         "reason": "",
+        "lost": {"B": {"torn": 1}},
     }
     assert (b.images, b.keyframes, b.result) == (None, None, "failed")
 
