@@ -13,10 +13,10 @@ from pathlib import Path
 __all__ = ["create_atomically", "replacing", "swap_in", "write_atomically"]
 
 _NO_HARD_LINK = {errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS, errno.EACCES, errno.EMLINK}
-# Linux: arguments of renameat2, and its errors on file systems that cannot exchange two paths.
+# Linux: arguments of renameat2, and its errors on file systems that cannot do what the flag says.
 _AT_FDCWD = -100
-_RENAME_EXCHANGE = 2
-_NO_EXCHANGE = {errno.EINVAL, errno.ENOSYS, errno.EOPNOTSUPP}
+_RENAME_NOREPLACE, _RENAME_EXCHANGE = 1, 2
+_NO_FLAG = {errno.EINVAL, errno.ENOSYS, errno.EOPNOTSUPP}
 
 
 @contextmanager
@@ -50,9 +50,10 @@ def write_atomically(path: Path, content: bytes) -> None:
 
 
 def create_atomically(path: Path, content: bytes) -> bool:
-    """Create a file in an existing folder, unless it exists: the first writer wins.
+    """Create a file in an existing folder, unless it exists: the first writer wins, and nobody sees half of it.
 
-    Where the file system has no hard links, that is not one step, and the file may be torn.
+    Where the file system has neither hard links nor a rename that replaces nothing, two writers that come at the same
+    moment may both count as the first; the file is that of the last.
 
     Returns:
         True if the file was created, False if it existed before.
@@ -68,8 +69,10 @@ def create_atomically(path: Path, content: bytes) -> bool:
         except OSError as err:
             if err.errno not in _NO_HARD_LINK:
                 raise
-            with path.open("xb") as file:
-                file.write(content)
+            if not _rename(temporary, path, _RENAME_NOREPLACE):
+                if path.exists():
+                    return False
+                temporary.replace(path)
     except FileExistsError:
         return False
     finally:
@@ -89,7 +92,7 @@ def swap_in(new: Path, current: Path) -> Path | None:
     if not current.exists():
         new.rename(current)
         return None
-    if _exchange(new, current):
+    if _rename(new, current, _RENAME_EXCHANGE):
         return new
     old = current.with_name(f"{new.name}-old-{os.urandom(16).hex()}")
     current.rename(old)
@@ -97,16 +100,20 @@ def swap_in(new: Path, current: Path) -> Path | None:
     return old
 
 
-def _exchange(one: Path, other: Path) -> bool:
-    """Exchange two paths with renameat2; return False where the system does not support that."""
+def _rename(one: Path, other: Path, flag: int) -> bool:
+    """Rename with renameat2; return False where the system, or the file system, does not know the flag.
+
+    Raises:
+        OSError: it failed.
+    """
     try:
         renameat2 = ctypes.CDLL(None, use_errno=True).renameat2
     except (AttributeError, OSError):
         return False
-    if renameat2(_AT_FDCWD, os.fsencode(one), _AT_FDCWD, os.fsencode(other), _RENAME_EXCHANGE) == 0:
+    if renameat2(_AT_FDCWD, os.fsencode(one), _AT_FDCWD, os.fsencode(other), flag) == 0:
         return True
     number = ctypes.get_errno()
-    if number in _NO_EXCHANGE:
+    if number in _NO_FLAG:
         return False
     raise OSError(number, os.strerror(number), str(one))
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 import bagassets
+from bagassets import atomic
 from bagassets.atomic import create_atomically, replacing, write_atomically
 
 
@@ -83,6 +84,28 @@ def test_one_of_many_who_create_a_file_at_once_wins(tmp_path):
     for thread in threads:
         thread.join()
     assert won == [path.read_bytes()]
+
+
+@pytest.mark.usefixtures("links")
+@pytest.mark.parametrize("renames", [True, False])
+def test_nobody_sees_half_of_a_file_that_is_created(tmp_path, monkeypatch, renames):
+    if not renames:
+        monkeypatch.setattr(atomic, "_rename", lambda *_: False)
+    paths, content, seen = [tmp_path / str(number) for number in range(30)], b"x" * 2_000_000, set()
+
+    def read():
+        for path in paths:
+            while not path.exists():
+                pass
+            seen.add(path.stat().st_size)
+
+    reader = threading.Thread(target=read)
+    reader.start()
+    for path in paths:
+        assert create_atomically(path, content)
+        assert not create_atomically(path, b"second")
+    reader.join()
+    assert seen == {len(content)}
 
 
 def test_a_full_disk_is_no_file_that_exists(tmp_path, monkeypatch):

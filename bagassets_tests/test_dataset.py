@@ -385,7 +385,7 @@ class TestFileSystems:
         )
 
     def test_without_an_exchange_folders_are_renamed(self, store, parts, tmp_path, monkeypatch):
-        monkeypatch.setattr(atomic, "_exchange", lambda *_: False)
+        monkeypatch.setattr(atomic, "_rename", lambda *_: False)
         assemble(NUSCENES, parts, SETTINGS, store, tmp_path)
         assemble(NUSCENES, parts[:1], SETTINGS, store, tmp_path)
         assert check_dataset(tmp_path, VERSION) == []
