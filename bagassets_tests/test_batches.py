@@ -75,6 +75,7 @@ def test_where_runs_wait_in_a_queue_their_number_follows_from_how_many_share_one
     assert {len(batch) for batch in batches(few, sizes, 1000, 10)} == {1}
 
 
+@pytest.mark.long
 def test_recordings_of_a_batch_are_recorded_as_runs_of_their_own_would(project, monkeypatch):
     report, runs = build(project, monkeypatch, jobs=1)
     assert [key for key, _ in runs] == [None]  # that of the dataset
@@ -148,6 +149,7 @@ def stale(instance, recipe_file, names):
     }
 
 
+@pytest.mark.long
 def test_a_change_upstream_makes_those_downstream_stale_for_dagster(project, monkeypatch):
     build(project, monkeypatch, jobs=1)
     (project.parent / "bags" / KEYS[0]).unlink()
@@ -159,6 +161,7 @@ def test_a_change_upstream_makes_those_downstream_stale_for_dagster(project, mon
     assert {key for _, key in found} == {KEYS[0]}
 
 
+@pytest.mark.long
 def test_one_failing_recording_fails_alone(project, monkeypatch):
     whole = (project.parent / "bags" / BROKEN).read_bytes()
     (project.parent / "bags" / BROKEN).write_bytes(b"no bag at all")
@@ -177,6 +180,7 @@ def test_one_failing_recording_fails_alone(project, monkeypatch):
     assert outcomes(build(project, monkeypatch, jobs=1)[0])[BROKEN] == "built"
 
 
+@pytest.mark.long
 def test_a_recording_that_is_skipped_is_not_failed_where_another_one_is(project, monkeypatch):
     (project.parent / "bags" / BROKEN).write_bytes(b"no bag at all")
     (project.parent / "bags" / KEYS[0]).unlink()
@@ -204,6 +208,7 @@ def test_an_unexpected_error_is_one_recordings_own(project, monkeypatch):
     assert report.outcomes[BROKEN].reason == "ZeroDivisionError: by chance"
 
 
+@pytest.mark.long
 def test_what_a_worker_left_when_it_died_gets_another_run(project, monkeypatch):
     real = making.read_bag
     died = []

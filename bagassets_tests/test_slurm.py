@@ -114,6 +114,7 @@ def test_a_job_that_has_none_left_takes_the_next_run(make_instance):
     assert after.tags["slurm/log"] == before.tags["slurm/log"]
 
 
+@pytest.mark.long
 def test_a_run_at_work_and_one_that_waits_are_cancelled(make_instance, slurm, steering):
     instance = make_instance(cpus=1)
     (steering / "hold").touch()
@@ -128,6 +129,7 @@ def test_a_run_at_work_and_one_that_waits_are_cancelled(make_instance, slurm, st
     assert not instance.run_launcher.terminate(at_work), "it has ended"
 
 
+@pytest.mark.long
 def test_a_job_that_nobody_needs_any_more_is_cancelled_while_it_waits(make_instance, slurm):
     instance = make_instance(options=["--begin=now+1hour"])
     run_id = launch(instance, "drive", "first")
@@ -329,6 +331,7 @@ def test_a_time_limit_is_why_a_run_failed(make_instance, steering):
     assert "Slurm job" in instance.run_launcher.get_run_worker_debug_info(ended_run)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("what", "words"),
     [
