@@ -2,7 +2,9 @@
 
 import json
 import os
+import shutil
 import signal
+import threading
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +15,9 @@ import small_definitions
 
 from bagassets.defs.run_pool import RunPool
 from bagassets.defs.runs import CodeLocation, create_run, open_instance
+from bagassets.defs.slurm import commands as slurm_commands
 from bagassets.defs.slurm.launcher import SlurmRunLauncher
+from bagassets.defs.slurm.spool import Spool
 
 TESTS = Path(__file__).parent
 LOCATION = CodeLocation("small_definitions", working_directory=str(TESTS))
@@ -177,6 +181,8 @@ def test_why_slurm_ended_a_job_is_why_its_run_failed(make_instance, slurm, steer
     ("config", "words"),
     [
         ({"partition": "no_such"}, "invalid partition specified: no_such"),
+        ({"options": ["--qos=no_such"]}, "Invalid qos specification"),
+        ({"options": ["--no-such-option"]}, "unrecognized option '--no-such-option'"),
         ({"cpus": 64}, "More processors requested than permitted"),
         ({"python": "/no/such/python"}, "/no/such/python"),
     ],
@@ -206,6 +212,88 @@ def test_a_controller_that_does_not_answer_is_asked_again(make_instance, slurm, 
     assert health.status.value == "RUNNING"
     slurm.start("slurmctld")
     assert ended(instance, run_id).status == dg.DagsterRunStatus.SUCCESS
+
+
+@pytest.mark.long
+def test_a_controller_that_never_answers_fails_the_run(make_instance, slurm):
+    instance = make_instance(give_up_minutes=0.05)
+    slurm.stop("slurmctld")
+    run_id = launch(instance, "drive", "first")
+    assert ended(instance, run_id).status == dg.DagsterRunStatus.FAILURE
+    assert "The run could not be submitted to Slurm: " in messages(instance, run_id)
+    assert "Unable to contact slurm controller" in messages(instance, run_id)
+
+
+def refusing(folder, words, *, times):
+    """An sbatch that refuses so often, since this Slurm has no accounting and hence no limits; then the real one."""
+    count, real = folder / "refused", shutil.which("sbatch")
+    script = f"""#!/bin/sh
+if [ "$(cat '{count}' 2>/dev/null | wc -l)" -lt {times} ]; then
+    echo >> '{count}'
+    echo "{words}" >&2
+    exit 1
+fi
+exec {real} "$@"
+"""
+    (folder / "bin").mkdir()
+    (folder / "bin" / "sbatch").write_text(script)
+    (folder / "bin" / "sbatch").chmod(0o755)
+    return f"{folder}/bin:{os.environ['PATH']}"
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("words", "status"),
+    [
+        ("sbatch: error: QOSMaxSubmitJobPerUserLimit", "SUCCESS"),
+        ("sbatch: error: Invalid account or account/partition combination specified", "FAILURE"),
+    ],
+)
+def test_a_limit_on_waiting_jobs_delays_a_run_and_a_wrong_account_fails_it(
+    make_instance, slurm, steering, monkeypatch, words, status
+):
+    monkeypatch.setenv("PATH", refusing(steering, words, times=2))
+    instance = make_instance()
+    run_id = launch(instance, "drive", "first")
+    assert ended(instance, run_id).status.value == status
+    assert words in messages(instance, run_id)
+    assert (steering / "refused").read_text().count("\n") == (2 if status == "SUCCESS" else 1)
+
+
+@pytest.mark.long
+def test_who_launches_many_runs_does_not_wait_for_slurm(make_instance, slurm, monkeypatch):
+    """The daemon launches one run after another: it must not ask Slurm, nor look at those that wait, for each."""
+    asked, looked = [], []
+    real_run, real_waiting = slurm_commands._run, Spool.waiting
+
+    def run(command, **options):
+        asked.append((command[0], threading.current_thread()))
+        return real_run(command, **options)
+
+    def waiting(spool):
+        looked.append(threading.current_thread())
+        return real_waiting(spool)
+
+    monkeypatch.setattr(slurm_commands, "_run", run)
+    monkeypatch.setattr(Spool, "waiting", waiting)
+    instance = make_instance(options=["--begin=now+1hour"], runs_per_job=25)
+    keys = [f"recording {number}" for number in range(60)]
+    instance.add_dynamic_partitions(small_definitions.recordings.name, keys)
+    run_ids = [create_run(instance, ["first"], partition_key=key, location=LOCATION) for key in keys]
+    with RunPool(instance, 1, lambda _: None, Path(instance.root_directory) / "log", LOCATION) as pool:
+        workspace = pool._workspace.for_launcher()
+        for run_id in run_ids:
+            instance.launch_run(run_id, workspace)
+    wait(lambda: all("slurm/job" in run.tags for run in instance.get_runs()), "all are submitted")
+    here = threading.current_thread()
+    assert {thread for _, thread in asked if thread is here} == set()
+    assert here not in looked
+    jobs = {run.tags["slurm/job"] for run in instance.get_runs()}
+    assert len(jobs) == [command for command, _ in asked].count("sbatch")
+    assert len(jobs) < 10
+    for run_id in run_ids:
+        assert instance.run_launcher.terminate(run_id)
+    wait(lambda: slurm.ask("squeue", "--noheader") == "", "their jobs are cancelled")
 
 
 @pytest.mark.long

@@ -5,7 +5,7 @@ import time
 
 import pytest
 
-from bagassets.defs.slurm.commands import JobState
+from bagassets.defs.slurm.commands import JobState, SlurmError, submit_job
 from bagassets.defs.slurm.keeper import Packing
 from bagassets.defs.slurm.options import JobOptions, Rule, options_for
 from bagassets.defs.slurm.spool import JobSpec, Spool, SpooledRun
@@ -156,3 +156,37 @@ def test_a_job_takes_more_runs_like_its_own_if_they_end_in_time(tmp_path):
 def test_states_in_words(state, words):
     assert str(state) == words
     assert state.has_ended == ("ended" in words)
+
+
+POLICY = (
+    "sbatch: error: Batch job submission failed: Job violates accounting/QOS policy "
+    "(job submit limit, user's size and/or time limits)"
+)
+
+
+@pytest.mark.parametrize(
+    ("words", "is_temporary"),
+    [
+        (f"sbatch: error: QOSMaxSubmitJobPerUserLimit\n{POLICY}", True),
+        (f"sbatch: error: AssocGrpSubmitJobsLimit\n{POLICY}", True),
+        (POLICY, True),
+        (f"sbatch: error: QOSMaxWallDurationPerJobLimit\n{POLICY}", False),
+        (f"sbatch: error: AssocMaxCpuPerJobLimit\n{POLICY}", False),
+        (
+            "sbatch: error: Batch job submission failed: Invalid account or account/partition combination specified",
+            False,
+        ),
+        ("sbatch: error: Batch job submission failed: Invalid qos specification", False),
+        ("sbatch: error: Slurm temporarily unable to accept job, sleeping and retrying", True),
+        ("sbatch: error: Batch job submission failed: Unable to contact slurm controller", True),
+        ("", False),
+    ],
+)
+def test_only_what_may_change_by_itself_is_tried_again(tmp_path, monkeypatch, words, is_temporary):
+    (tmp_path / "sbatch").write_text(f"#!/bin/sh\nprintf '%s\\n' \"{words}\" >&2\nexit 1\n")
+    (tmp_path / "sbatch").chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:/usr/bin:/bin")
+    with pytest.raises(SlurmError) as caught:
+        submit_job([], "", tmp_path)
+    assert caught.value.is_temporary == is_temporary
+    assert " ".join(words.split()) in str(caught.value)

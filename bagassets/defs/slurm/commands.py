@@ -1,6 +1,7 @@
 """Slurm's commands, and what they answer."""
 
 import getpass
+import re
 import subprocess
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
@@ -19,9 +20,10 @@ _TEMPORARY = (
     "zero bytes were transmitted",
     "communication",
     "temporarily",
-    "maxsubmit",  # full for now: a limit on the jobs that an account or user may have waiting
-    "job submit limit",
 )
+# Slurm says this of any limit of an account or QOS, and names the limit in a line before: too many jobs wait only for now,
+# but a job that is too large or too long stays so.
+_LIMIT, _LIMIT_NAME = "job submit limit", re.compile(r"\b(?:QOS|Assoc)\w+")
 _FORMAT = "%i|%T|%r|%N"
 _ENDS = {
     "BOOT_FAIL": "a node could not be started for it",
@@ -149,5 +151,12 @@ def _run(command: list[str], *, folder: Path | None = None, given: str | None = 
         raise SlurmError(f"{name}: no answer within {_ANSWER_S:.0f} s.", is_temporary=True) from err
     if done.returncode != 0:
         words = " ".join(done.stderr.split()) or f"{name} ended with exit code {done.returncode}."
-        raise SlurmError(words, is_temporary=any(text in words.lower() for text in _TEMPORARY))
+        raise SlurmError(words, is_temporary=_is_temporary(words))
     return done.stdout
+
+
+def _is_temporary(words: str) -> bool:
+    if any(text in words.lower() for text in _TEMPORARY):
+        return True
+    name = _LIMIT_NAME.search(words)
+    return "submit" in name[0].lower() if name is not None else _LIMIT in words.lower()

@@ -44,7 +44,7 @@ def main(arguments: list[str]) -> int:
         _LOG.error("node %s does not see %s, or the job was given up", node, folder.path)
         return 1
     spec = folder.spec()
-    problem = problem_of_node(spec, node)
+    problem = problem_of_node(spec, node, folder.sizes())
     if problem is not None:
         _LOG.error("%s", problem)
         folder.note_problem(problem)

@@ -276,7 +276,9 @@ class Keeper:
         if ended is not None and ended.get("problem"):
             return str(ended["problem"]), False
         if state is not None and state.has_ended:
-            return f"{state}.", state.state in _TRY_AGAIN
+            unseen = state.state == "FAILED" and ended is None and not job.log.exists()
+            why = f" It left neither a record nor a log in {job.path.parent.parent}, as when its node does not see this folder."
+            return f"{state}.{why if unseen else ''}", state.state in _TRY_AGAIN
         if ended is not None:
             code, node = int(ended["code"]), ended["node"]
             how = "was ended by a signal" if code > 128 else f"ended with exit code {code}"

@@ -66,6 +66,8 @@ from bagassets.json_types import JsonMapping
 from bagassets.lock_files import RUN_LOCKS
 from bagassets.recipe import Recipe, load_recipe
 from bagassets.recordings.discover import discover
+from bagassets.recordings.model import RecordingFiles
+from bagassets.store.identity import identify
 
 __all__ = ["SlurmRunLauncher"]
 
@@ -73,7 +75,7 @@ _LOG = logging.getLogger(__name__)
 _PARTITION_TAG = "dagster/partition"
 _DEBUG_LINES = 30
 _BUSY_S, _QUIET_S = 0.25, 2.0
-_SIZES_S = 60.0
+_LOOK_S, _LOOK_LEAST_S = 60.0, 1.0
 _BYTES_PER_GB = 1e9
 
 
@@ -124,7 +126,7 @@ class SlurmRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
         self._thread: threading.Thread | None = None
         self._closing = threading.Event()
         self._recipe_read: tuple[Path, int, Recipe] | None = None
-        self._sizes: tuple[float, dict[str, int]] = (-_SIZES_S, {})
+        self._found: tuple[float, dict[str, RecordingFiles]] = (-_LOOK_S, {})
         super().__init__()  # type: ignore[no-untyped-call]  # Dagster's mixin has no annotations
 
     # --- configuration ---------------------------------------------------------------
@@ -187,7 +189,8 @@ class SlurmRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
             self._instance.add_run_tags(run.run_id, stale)
         self._spool.make()
         keys = _recordings_of(run)
-        waiting = SpooledRun(run.run_id, spec, self._seconds(keys), time.time(), max(1, len(keys)))
+        sizes = {str(one.path): one.size for one in self._recordings(keys)}
+        waiting = SpooledRun(run.run_id, spec, self._seconds(keys), time.time(), max(1, len(keys)), sizes)
         self._spool.put(waiting)
         self._care()
 
@@ -217,12 +220,19 @@ class SlurmRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
             versions=versions_here(),
             idle_s=self._idle_s,
             minutes=self._minutes,
+            stores={} if recipe is None else self._stores(recipe),
         )
 
     def _needs(self, recipe: Recipe) -> tuple[str, ...]:
         """Return what nodes must see; what is missing here, too, is reported by the runs themselves."""
         needed = (self._recipe_file, recipe.bags.root, recipe.store_path)
         return tuple(str(path) for path in needed if path is not None and path.exists())
+
+    @staticmethod
+    def _stores(recipe: Recipe) -> dict[str, str]:
+        """Return the store and its id, by which nodes know whether they see the same one."""
+        found = identify(recipe.store_path)
+        return {} if found is None else {str(recipe.store_path): found}
 
     def _seconds(self, keys: Sequence[str]) -> float:
         """Return how long a run may take, by the number and size of its recordings."""
@@ -231,16 +241,21 @@ class SlurmRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
 
     def _size(self, keys: Sequence[str]) -> int:
         """Return the bytes of recordings; 0 if that is unknown."""
+        return sum(one.size for one in self._recordings(keys))
+
+    def _recordings(self, keys: Sequence[str]) -> list[RecordingFiles]:
+        """Return those of some recordings that are there."""
         recipe = self._recipe
         if not keys or recipe is None:
-            return 0
+            return []
         with self._mutex:
-            read_at, sizes = self._sizes
-            if time.monotonic() - read_at > _SIZES_S:
+            looked_at, found = self._found
+            age_s = time.monotonic() - looked_at
+            # Runs of new recordings come soon after these; hundreds of runs come in a row.
+            if age_s > _LOOK_S or (age_s > _LOOK_LEAST_S and any(key not in found for key in keys)):
                 found = discover(recipe.bags).recordings if recipe.bags.root.is_dir() else {}
-                sizes = {name: one.size for name, one in found.items()}
-                self._sizes = time.monotonic(), sizes
-        return sum(sizes.get(key, 0) for key in keys)
+                self._found = time.monotonic(), found
+        return [found[key] for key in keys if key in found]
 
     @property
     def _recipe_file(self) -> Path | None:

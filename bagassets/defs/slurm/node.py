@@ -2,12 +2,16 @@
 
 import platform
 import sys
+from collections.abc import Iterable
 from functools import cache
 from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
 from re import match
 
 from bagassets.defs.slurm.spool import JobSpec
+from bagassets.errors import RecordingError
+from bagassets.recordings.discover import find_one
+from bagassets.store.identity import id_of_store
 
 __all__ = ["problem_of_node", "versions_here"]
 
@@ -29,11 +33,28 @@ def versions_here() -> dict[str, str]:
     return found
 
 
-def problem_of_node(spec: JobSpec, node: str) -> str | None:
-    """Return why runs cannot be executed here: a folder that is missing, other versions of libraries."""
+def problem_of_node(spec: JobSpec, node: str, sizes: Iterable[tuple[str, int]]) -> str | None:
+    """Return why runs cannot be executed here: a folder that is missing or another one, other versions of libraries.
+
+    Args:
+        spec: what the runs need.
+        node: name of this node.
+        sizes: path and bytes of their recordings.
+    """
     unseen = [path for path in spec.needs if not Path(path).exists()]
     if unseen:
         return f"Node {node} does not see {', '.join(unseen)}; mount it there, under this very path."
+    # A folder on which nothing is mounted is there, too.
+    for root, wanted in spec.stores.items():
+        found = id_of_store(Path(root))
+        if found != wanted:
+            what = "nothing of the store" if found is None else "another store"
+            return f"Node {node} sees {what} in {root}; mount it there, under this very path."
+    if (problem := _problem_of_recordings(sizes)) is not None:
+        return (
+            f"Node {node} {problem}; mount the folder of recordings there, under this very path. If this recording has changed "
+            "since the run was launched, build again."
+        )
     here = versions_here()
     other = [
         f"{name} {here.get(name, 'not at all')} instead of {wanted}"
@@ -46,3 +67,18 @@ def problem_of_node(spec: JobSpec, node: str) -> str | None:
             f"({sys.executable}) what is installed on the machine that submits."
         )
     return None
+
+
+def _problem_of_recordings(sizes: Iterable[tuple[str, int]]) -> str | None:
+    """Return how the first recording differs, if none is as it should be: a single one may have changed meanwhile."""
+    problem = None
+    for path, size in sizes:
+        try:
+            seen = find_one(Path(path)).size
+        except RecordingError:
+            problem = problem or f"does not see {path}"
+            continue
+        if seen == size:
+            return None
+        problem = problem or f"sees {path} with {seen} bytes instead of {size}"
+    return problem

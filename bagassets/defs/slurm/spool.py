@@ -10,7 +10,7 @@ import shutil
 import time
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Self
@@ -41,6 +41,7 @@ class JobSpec:
         versions: distribution -> version that the node must have.
         idle_s: how long a job waits for more runs when it has none left.
         minutes: a job takes no more runs that might end later than that after its begin.
+        stores: folder of a store -> its id.
     """
 
     instance: str
@@ -55,6 +56,7 @@ class JobSpec:
     versions: JsonMapping
     idle_s: float = 0.0
     minutes: float = 0.0
+    stores: JsonMapping = field(default_factory=dict)
 
     @classmethod
     def from_json(cls, value: JsonMapping) -> Self:
@@ -78,6 +80,7 @@ class SpooledRun:
         seconds: how long it may take.
         since: when it was launched, in Unix seconds.
         recordings: how many it is about; 1 if it is about none.
+        sizes: path of a recording that it is about -> its bytes, as far as they are known.
     """
 
     run_id: str
@@ -85,6 +88,7 @@ class SpooledRun:
     seconds: float
     since: float
     recordings: int = 1
+    sizes: JsonMapping = field(default_factory=dict)
 
     @classmethod
     def from_json(cls, value: JsonMapping) -> Self:
@@ -129,6 +133,13 @@ class JobFolder:
     def runs(self) -> list[str]:
         """Return the runs that it has not begun, in the order in which it begins them."""
         return sorted(_names(self.path / "runs"), key=lambda run_id: self._order().get(run_id, 0))
+
+    def sizes(self) -> Iterator[tuple[str, int]]:
+        """Yield path and bytes of the recordings of runs that it has not begun."""
+        for run_id in self.runs():
+            found = _read(self.path / "runs" / f"{run_id}.json")
+            if found is not None:
+                yield from SpooledRun.from_json(found).sizes.items()
 
     def begun(self) -> list[str]:
         """Return the runs that it has begun."""
