@@ -181,7 +181,6 @@ def test_why_slurm_ended_a_job_is_why_its_run_failed(make_instance, slurm, steer
     ("config", "words"),
     [
         ({"partition": "no_such"}, "invalid partition specified: no_such"),
-        ({"options": ["--qos=no_such"]}, "Invalid qos specification"),
         ({"options": ["--no-such-option"]}, "unrecognized option '--no-such-option'"),
         ({"cpus": 64}, "More processors requested than permitted"),
         ({"python": "/no/such/python"}, "/no/such/python"),

@@ -470,6 +470,15 @@ class TestFileSystems:
             run_action(store, action_of(), fail)
 
 
+@pytest.mark.parametrize("torn", [b"", b"{", b"{}"])
+def test_a_record_that_turns_out_to_be_torn_is_replaced(store, torn):
+    """Another process was interrupted by a power loss after this one had looked for the record."""
+    artifact = run_action(store, action_of("a"), write("a", b"1")).artifact
+    next((store.root / "actions").glob("*/*.json")).write_bytes(torn)
+    store.record(action_of("a"), artifact, 0.1)
+    assert store.lookup(action_of("a")).artifact == artifact
+
+
 def test_the_first_writer_wins_between_look_and_link(store, monkeypatch):
     """Two processes record the same action at the same time."""
     artifact = run_action(store, action_of("a"), write("a", b"1")).artifact

@@ -259,15 +259,15 @@ class Store:
         created = self._create(path, content)
         self._failure_file(action.digest).unlink(missing_ok=True)
         if not created:
-            recorded = json.loads(path.read_bytes())["artifact"]
+            recorded = _artifact_on_record(path)
             if recorded == artifact.digest:
                 return
-            if self.has(recorded):
+            if recorded is not None and self.has(recorded):
                 raise StoreError(
                     f"step {action.step} is not deterministic: action {action.digest[:16]} made artifact "
                     f"{recorded[:16]} before and {artifact.digest[:16]} now; please report this."
                 )
-            path.unlink(missing_ok=True)  # its artifact is gone
+            path.unlink(missing_ok=True)  # its artifact is gone, or a power loss tore it
             self.record(action, artifact, seconds)
 
     def failure(self, action_digest: str, subject: Path | None = None) -> str | None:
@@ -322,6 +322,14 @@ class Store:
             raise StoreError(
                 f"{path}: cannot be written ({err.strerror}); free disk space, or make the folder writable."
             ) from err
+
+
+def _artifact_on_record(path: Path) -> str | None:
+    """Return the artifact that a record names; None if there is no record (any more), or half of one."""
+    try:
+        return str(json.loads(path.read_bytes())["artifact"])
+    except (FileNotFoundError, ValueError, KeyError):
+        return None
 
 
 def _json(record: JsonObject) -> bytes:
