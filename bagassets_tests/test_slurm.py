@@ -86,7 +86,7 @@ def messages(instance, run_id):
 
 
 def test_runs_share_a_job_and_say_where_they_were(make_instance, slurm, steering):
-    instance = make_instance()
+    instance = make_instance(gather_s=4.0)  # a busy machine takes its time between two launches
     events = []
     with RunPool(instance, 5, events.append, steering / "log", LOCATION) as runs:
         runs.work([{"drive": ("first", "second")}, {"walk": ("broken",)}, {"": ("whole",)}])
