@@ -83,12 +83,13 @@ bench-peers: $(VENV)/.made-bench
 		$(if $(BAZEL),--bazel '$(BAZEL)') $(if $(BAGZEL),--bagzel '$(BAGZEL)')
 
 # All results, and the figures of README and docs from them: half an hour on two quiet cores, with 20 GB of disk.
-bench-all: bench-peers
+bench-all: bench-peers $(DEVKIT)/.made
 	$(BIN)/python -m benchmarks --folder build/bench
 	$(BIN)/python benchmarks/incremental.py --bags 4 --json benchmarks/results/incremental.json
 	$(BIN)/python benchmarks/plan.py --recordings 2000 --json benchmarks/results/plan.json
 	$(BIN)/python benchmarks/launch.py --times 3 --json benchmarks/results/launch.json
 	$(BIN)/python -m benchmarks.kernels --trials 3 --json benchmarks/results/kernels.json
+	$(BIN)/python -m benchmarks.reader --json benchmarks/results/reader.json
 	$(BIN)/python -m benchmarks.pages
 	rm -rf build/bench
 

@@ -13,6 +13,7 @@ from bagassets_tests.postgres_server import PROGRAMS
 from bagassets_tests.slurm_cluster import missing_program
 from benchmarks.launch import launch_table
 from benchmarks.peers import BAGASSETS, BAZEL, LOOP
+from benchmarks.reader import reader_table
 from benchmarks.reads import reads_table
 from benchmarks.slurm import scaling_table, slurm_table
 
@@ -72,6 +73,16 @@ def test_plan(tmp_path):
     json_file = tmp_path / "plan.json"
     run("benchmarks/plan.py", "--recordings", "20", "--json", json_file)
     assert json.loads(json_file.read_text("utf-8"))["recordings"] == 20
+
+
+@pytest.mark.devkit
+def test_reader(tmp_path):
+    json_file = tmp_path / "reader.json"
+    printed = run("-m", "benchmarks.reader", "--seconds", "2", "--trials", "1", "--json", json_file)
+    found = json.loads(json_file.read_text("utf-8"))
+    assert reader_table(found) in printed
+    assert found["read"]["images"] == 3 * found["read"]["samples"] > 0
+    assert all(found[name][0]["samples_per_s"] > 0 for name in ("bagassets", "devkit"))
 
 
 def test_kernels(tmp_path):

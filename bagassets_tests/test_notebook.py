@@ -2,6 +2,7 @@
 
 import asyncio
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -9,6 +10,7 @@ import threading
 from dataclasses import FrozenInstanceError
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 
@@ -171,6 +173,20 @@ def test_it_builds_under_a_running_loop_and_in_a_thread(folder):
     thread.start()
     thread.join(120)
     assert len(found[0].fresh) == 2
+
+
+def test_the_page_about_notebooks_runs(folder):
+    (folder / "recipe.yaml").write_text(text().replace("output: nuscenes", "output: dataset/nuscenes"))
+    page = (Path(__file__).parents[1] / "docs" / "notebook.md").read_text("utf-8")
+    reading, building, inline = re.findall(r"^```python\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
+    names = {"bagassets": bagassets}
+    for block in (building, reading, inline.replace("/tmp/my-state", "state")):
+        exec(block, names)
+    assert names["report"].succeeded
+    assert names["image"].dtype == np.uint8
+    assert names["points_global"].shape == names["points"].shape
+    assert names["global_SE3_cam"].shape == (4, 4)
+    assert len(names["visible"]) <= len(names["sample"].boxes)
 
 
 def test_neither_dagster_nor_the_devkit_is_imported(folder):

@@ -1,8 +1,10 @@
 """The README: its commands are run in their order in an empty folder, and print what it shows."""
 
+import doctest
 import json
 import os
 import re
+import shlex
 import signal
 import subprocess
 from contextlib import ExitStack
@@ -146,6 +148,18 @@ def test_outputs_are_compared_line_by_line():
     assert differences(["one", "two"], ["one"], []) == ["shown, but not printed there: two"]
 
 
+# Executes what is typed at Python's prompt, one after another, and prints what each prints.
+SESSION = """
+import contextlib, io, json, sys
+names, printed = {"__name__": "__main__"}, []
+for source in json.loads(sys.argv[1]):
+    with contextlib.redirect_stdout(io.StringIO()) as out:
+        exec(compile(source, "<stdin>", "single"), names)
+    printed.append(out.getvalue())
+print(json.dumps(printed))
+"""
+
+
 class Reader:
     """Types what the README shows, in a folder."""
 
@@ -166,6 +180,8 @@ class Reader:
             return
         if command.text.startswith("cd "):
             self.folder = self.folder / command.text.removeprefix("cd ")
+        elif command.text == "python":
+            self.type_at_python(command)
         elif command.text == "bagassets ui":
             self.start_ui(command)
         else:
@@ -183,6 +199,15 @@ class Reader:
         shown = plain("\n".join(command.shown), self.root)
         found = differences(shown, plain(stdout, self.root), plain(stderr, self.root))
         assert found == [], f"{command.text}\n{stdout}\n{stderr}"
+
+    def type_at_python(self, command):
+        examples = doctest.DocTestParser().get_examples("\n".join([*command.shown, ""]))
+        assert len(examples) >= 5
+        sources = json.dumps([example.source for example in examples])
+        done = self.call(f"python -c {shlex.quote(SESSION)} {shlex.quote(sources)}")
+        assert done.returncode == 0, f"{done.stdout}\n{done.stderr}"
+        for example, printed in zip(examples, json.loads(done.stdout), strict=True):
+            assert plain(printed, self.root) == plain(example.want, self.root), example.source
 
     def start_ui(self, command):
         log = self.root / "ui.log"

@@ -24,6 +24,7 @@ from benchmarks.kernels import kernels_table
 from benchmarks.launch import DEFAULT, SHIPPED, launch_table
 from benchmarks.peers import peers_table
 from benchmarks.plan import plan_table
+from benchmarks.reader import reader_table
 from benchmarks.reads import reads_table
 from benchmarks.rq1 import rq1_table
 from benchmarks.rq2 import rq2_table
@@ -58,6 +59,7 @@ FIGURES: dict[str, tuple[str, Callable[[Any], str]]] = {
     "launch shipped": ("launch", _step(SHIPPED)),
     "peers": ("peers", peers_table),
     "plan": ("plan", plan_table),
+    "reader": ("reader", reader_table),
     "reads": ("reads", reads_table),
     "rq1": ("rq1", _plotted(rq1_table, "rq1", "run times, logarithmic")),
     "rq2": ("rq2", _plotted(rq2_table, "rq2", "run time over size")),
