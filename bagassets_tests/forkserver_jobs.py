@@ -11,6 +11,10 @@ from bagassets.forkserver.server_files import ServerFiles
 from bagassets.forkserver.worker import cancel_requested, note
 
 
+def slow_preload(modules):
+    time.sleep(1.0)
+
+
 def preload(modules):
     for module in modules:
         __import__(module)

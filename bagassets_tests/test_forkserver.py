@@ -22,6 +22,7 @@ from bagassets.forkserver.client import Client, ServerRefusedError
 from bagassets.forkserver.process import ProcessId
 from bagassets.forkserver.server_files import ServerFiles
 from bagassets.forkserver.spec import ServerSpec
+from bagassets.forkserver.tasks import server_spec
 
 JOBS = "forkserver_jobs"
 TESTS = Path(__file__).parent
@@ -360,6 +361,27 @@ def test_a_long_state_folder_still_gets_a_socket(tmp_path, monkeypatch):
 
 
 # --- its own end -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("minutes", "idle_s"), [(None, 900.0), ("", 900.0), ("0.5", 30.0), ("0", 1.0)])
+def test_how_long_a_server_stays_up_is_said_by_a_variable(tmp_path, monkeypatch, minutes, idle_s):
+    monkeypatch.delenv("BAGASSETS_SERVER_MINUTES", raising=False)
+    if minutes is not None:
+        monkeypatch.setenv("BAGASSETS_SERVER_MINUTES", minutes)
+    assert server_spec(tmp_path, None).idle_timeout_s == idle_s
+    assert server_spec(tmp_path, None, idle_timeout_s=7.0).idle_timeout_s == 7.0
+
+
+def test_a_variable_that_is_no_number_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setenv("BAGASSETS_SERVER_MINUTES", "soon")
+    with pytest.raises(BagAssetsError, match="BAGASSETS_SERVER_MINUTES=soon: how many minutes"):
+        server_spec(tmp_path, None)
+
+
+def test_a_server_is_not_idle_while_it_is_prepared(tmp_path):
+    with Client.ensure(spec_in(tmp_path, idle_timeout_s=0.5, preload=f"{JOBS}:slow_preload")) as client:
+        assert client.status()["jobs"] == []
+        client.shutdown(grace_s=0.0)
 
 
 def test_an_idle_server_ends_but_not_while_a_client_is_there(tmp_path):

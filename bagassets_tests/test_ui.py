@@ -92,6 +92,8 @@ def test_it_shows_the_project_and_leaves_nothing_behind(project):
         assert process.wait(60) == 0
         assert [pid for session in sessions for pid in processes_of(session)] == []
         eventually(lambda: servers_of(project) == [], "the fork server has ended", 10)
+    left = {path.name for path in project.iterdir()}
+    assert left == {"recipe.yaml", "dagster.yaml", "workspace.yaml", ".env", ".bagassets", "dataset"}
     assert log.read_text().splitlines() == [f"{url}  (web UI of project; Ctrl-C ends it)"]
 
 

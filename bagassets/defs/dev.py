@@ -77,6 +77,9 @@ def _serve(instance: DagsterInstance, options: argparse.Namespace, workspace: st
         "--instance-ref", serialize_value(instance.get_ref()), "--workspace", workspace,
     ]  # fmt: skip
     listen = listening_arguments(options.host, options.port, options.allow_host, options.log_level)
+    if not instance.telemetry_enabled:
+        # Otherwise each of them makes folders for it in the project, even if nothing is sent.
+        os.environ["DAGSTER_DISABLE_TELEMETRY"] = "1"
     services: dict[str, tuple[subprocess.Popen[bytes], int]] = {}
     try:
         services["web server"] = _start("bagassets.defs.webserver", [*listen, *common])

@@ -9,7 +9,7 @@ that Dagster is started in::
       config:
         recipe: recipe.yaml       # default: BAGASSETS_RECIPE, else recipe.yaml if there is one
         state_folder: .bagassets  # default: the recipe's, else the folder of the instance
-        idle_timeout_s: 900       # the server ends after so long without work
+        idle_timeout_s: 900       # the server ends after so long without work; default: BAGASSETS_SERVER_MINUTES, else 900
         grace_s: 30               # a cancelled worker is killed after that
 
 Recommended with it: a queue that is polled every second and starts one run per recording at a time (workers of one
@@ -56,7 +56,7 @@ from bagassets.errors import BagAssetsError
 from bagassets.forkserver.client import Client, ServerRefusedError
 from bagassets.forkserver.process import ProcessId
 from bagassets.forkserver.server_files import ServerFiles, last_lines
-from bagassets.forkserver.spec import IDLE_TIMEOUT_S, ServerSpec
+from bagassets.forkserver.spec import ServerSpec
 from bagassets.forkserver.tasks import END_WORKER, connect, server_spec, submit_run
 from bagassets.json_types import JsonMapping
 from bagassets.recipe import load_recipe
@@ -87,7 +87,7 @@ class BagAssetsRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
         *,
         recipe: str | None = None,
         state_folder: str | None = None,
-        idle_timeout_s: float = IDLE_TIMEOUT_S,
+        idle_timeout_s: float | None = None,
         grace_s: float = 30.0,
     ) -> None:
         self._inst_data = inst_data

@@ -110,6 +110,7 @@ class Server:
             BagAssetsError: the socket cannot be created.
         """
         self._listen()
+        self._last_use = time.monotonic()  # nobody could use it while it was prepared, which may take long
         on_ready()
         _LOG.info("serving %s, stamp %s", ", ".join(self._spec.modules) or "nothing ahead", self._files.stamp)
         try:

@@ -5,8 +5,10 @@ The label of a run's job is the run id, so the worker's output is in `ServerFile
 """
 
 import hashlib
+import os
 from pathlib import Path
 
+from bagassets.errors import BagAssetsError
 from bagassets.forkserver.client import Client
 from bagassets.forkserver.spec import IDLE_TIMEOUT_S, ServerSpec
 from bagassets.lock_files import RUN_LOCKS
@@ -16,6 +18,8 @@ __all__ = ["DEFINITIONS", "END_WORKER", "connect", "server_spec", "submit_run"]
 DEFINITIONS = "bagassets.definitions"
 _WORKER = "bagassets.defs.run_worker"
 END_WORKER = f"{_WORKER}:end_worker"
+_MINUTES = "BAGASSETS_SERVER_MINUTES"
+_LEAST_S = 1.0
 
 
 def server_spec(
@@ -24,12 +28,19 @@ def server_spec(
     *,
     modules: tuple[str, ...] = (DEFINITIONS,),
     paths: tuple[str, ...] = (),
-    idle_timeout_s: float = IDLE_TIMEOUT_S,
+    idle_timeout_s: float | None = None,
 ) -> ServerSpec:
     """Return the spec of a server that has Dagster and the definitions imported.
 
+    Args:
+        state_folder: see `ServerSpec`, as for the other arguments.
+        recipe: likewise.
+        modules: likewise.
+        paths: likewise.
+        idle_timeout_s: likewise; by default what the variable BAGASSETS_SERVER_MINUTES says.
+
     Raises:
-        BagAssetsError: a module cannot be found.
+        BagAssetsError: a module cannot be found, or the variable is no number.
     """
     return ServerSpec.of(
         state_folder,
@@ -37,8 +48,21 @@ def server_spec(
         modules=modules,
         paths=paths,
         preload=f"{_WORKER}:preload",
-        idle_timeout_s=idle_timeout_s,
+        idle_timeout_s=_idle_timeout_s() if idle_timeout_s is None else idle_timeout_s,
     )
+
+
+def _idle_timeout_s() -> float:
+    text = os.environ.get(_MINUTES)
+    if not text:
+        return IDLE_TIMEOUT_S
+    try:
+        # One that ends at once would be gone before the first job comes.
+        return max(_LEAST_S, float(text) * 60.0)
+    except ValueError:
+        raise BagAssetsError(
+            f"{_MINUTES}={text}: how many minutes the server of a project stays up without work; a number is expected."
+        ) from None
 
 
 def connect(spec: ServerSpec, instance: str, *, timeout_s: float = 60.0) -> Client:
