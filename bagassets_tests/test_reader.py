@@ -7,8 +7,10 @@ import subprocess
 import sys
 import threading
 import time
+from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from devkit import run_devkit
@@ -121,6 +123,12 @@ class TestAgainstTheDevkit:
                 assert (image.dtype, image.shape) == (np.uint8, reading["image"].shape)
                 np.testing.assert_array_equal(image, reading["image"])
 
+    def test_images_with_an_older_opencv(self, readings, monkeypatch):
+        monkeypatch.delattr(cv2, "IMREAD_COLOR_RGB", raising=False)
+        for ours, channel, reading in readings[:5]:
+            if "image" in reading:
+                np.testing.assert_array_equal(ours.image(channel), reading["image"])
+
     def test_points_in_each_frame(self, readings):
         for ours, channel, reading in readings:
             if "points" in reading:
@@ -214,6 +222,23 @@ class TestPoints:
         points = dataset[0].points("LIDAR_TOP")
         points[:] = 0
         assert dataset[0].points("LIDAR_TOP").any()
+
+
+class TestImages:
+    @pytest.mark.parametrize("shape", [(6, 4, 3), (6, 4)])
+    @pytest.mark.parametrize("extension", [".png", ".jpg"])
+    def test_they_are_rgb_whatever_the_file(self, project, shape, extension, tmp_path):
+        """Red stays red; grey images have three equal channels."""
+        sample = bagassets.open_dataset(project[0].nuscenes.output)[0]
+        image = np.zeros(shape, np.uint8)
+        image[..., 2:] = 200
+        path = tmp_path / f"image{extension}"
+        cv2.imwrite(str(path), image)
+        vars(sample)["readings"] = {"CAM_FRONT": replace(sample.readings["CAM_FRONT"], path=path)}
+        found = sample.image("CAM_FRONT")
+        assert found.shape == (6, 4, 3)
+        expected = image[..., ::-1] if image.ndim == 3 else np.repeat(image[..., None], 3, axis=2)
+        assert np.abs(found.astype(int) - expected).max() <= (0 if extension == ".png" else 60)
 
 
 class TestNames:

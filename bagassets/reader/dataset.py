@@ -214,13 +214,17 @@ class Sample:
 
         reading = _chosen(self.readings, channel, ("camera",))
         data = np.frombuffer(self._content(reading), dtype=np.uint8)
-        image = cv2.imdecode(data, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION) if len(data) else None
+        as_rgb: int | None = getattr(cv2, "IMREAD_COLOR_RGB", None)  # since OpenCV 4.11; spares a pass
+        kind = cv2.IMREAD_COLOR if as_rgb is None else as_rgb
+        image = cv2.imdecode(data, kind | cv2.IMREAD_IGNORE_ORIENTATION) if len(data) else None
         if image is None:
             raise DatasetError(
                 f"{reading.path}: expected an image, but it cannot be decoded; `bagassets verify` finds and removes damaged "
                 "files, and the next build makes them again."
             )
-        return cv2.cvtColor(image, cv2.COLOR_BGR2RGB, dst=image).astype(np.uint8, copy=False)
+        if as_rgb is None:
+            image = cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
+        return image.astype(np.uint8, copy=False)
 
     def points(self, channel: str) -> Points:
         """Read and return the points of a lidar or radar, float32 in the frame of the sensor, metres.
