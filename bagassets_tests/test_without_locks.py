@@ -181,3 +181,18 @@ def test_two_machines_that_make_the_same_at_once_agree(place, lacks):
         place.run(project, "verify")
         assert "nothing to do" in place.run(project)[0]
     assert not list((store.root / "tmp").iterdir()), "nothing half-made is left"
+
+
+def test_a_state_folder_without_locks_is_refused_in_words(place):
+    place.lacks("locks")
+    project = place.project("p")
+    state = place.shared / "state"
+    project.write_text(f"{project.read_text()}state: {state}\n")
+    process = place.start(project)
+    out, err = process.communicate(timeout=100)
+    assert process.returncode == 1, out
+    assert "Traceback" not in err
+    assert (
+        "files cannot be locked there (No locks available); set `state` in the recipe to a folder on a local disk"
+        in err
+    )

@@ -12,7 +12,7 @@ import sys
 import time
 from pathlib import Path
 
-from bagassets.errors import BagAssetsError
+from bagassets.errors import BagAssetsError, StoreError
 from bagassets.forkserver.protocol import FirstJob
 from bagassets.forkserver.server import Server
 from bagassets.forkserver.server_files import ServerFiles
@@ -38,6 +38,8 @@ def main(arguments: list[str]) -> int:
             files, first_job = ServerFiles(spec.state_folder, stamp), arguments[3:]
             first = json.loads(first_job[0]) if first_job else None
             code = _serve(spec, files, timeout_s, signal_ready, first)
+        except BagAssetsError as err:
+            _LOG.error("%s", err)
         except Exception:  # noqa: BLE001  (`os._exit` would swallow it)
             _LOG.exception("the server ended")
         finally:
@@ -94,7 +96,14 @@ def _lock_of_server(path: Path) -> LockFile | None:
     """Return the lock of a server, held; None if another process holds it."""
     while True:
         lock = LockFile.open(path)
-        if not lock.try_lock():
+        try:
+            is_ours = lock.try_lock()
+        except OSError as err:
+            raise StoreError(
+                f"{path.parent}: files cannot be locked there ({err.strerror}); set `state` in the recipe to a folder on a local "
+                "disk, and `store` to the shared one."
+            ) from err
+        if not is_ours:
             lock.close()
             return None
         if lock.is_in_place:
