@@ -1,7 +1,6 @@
 """Nodes that do not see what the machine that submits sees, under a real Slurm: a folder is there, but not mounted."""
 
 import subprocess
-from pathlib import Path
 
 import pytest
 from test_slurm_build import build, command, projects, runs, use_slurm
@@ -10,7 +9,6 @@ from bagassets.defs.runs import failure_of, open_instance
 from bagassets.propose.project import dagster_home
 from bagassets.recipe import load_recipe
 from bagassets_tests.in_process import make_project
-from bagassets_tests.small_drive import write_drive
 
 pytestmark = pytest.mark.long
 __all__ = ["projects"]
@@ -105,16 +103,3 @@ def test_a_job_whose_log_cannot_be_made_says_where_it_should_be(project, tmp_pat
     found = fails(project)
     assert "ended as FAILED: its command failed. It left neither a record nor a log in" in found
     assert str(folder) in found
-
-
-def test_a_recording_that_was_found_just_now_has_its_size(project, tmp_path):
-    """A rule on sizes is for it, too, though others were launched a moment ago."""
-    use_slurm(project, rules=[{"above_gb": 0.0, "time": "7"}])
-    build(project)
-    write_drive(load_recipe(project).bags.root / "c.bag", "ros1", duration_s=1.2)
-    build(project)
-    specs = [
-        path.read_text() for path in Path(load_recipe(project).state / "slurm/ended").glob("*/begun/*.json")
-    ]
-    for key in ("a.bag", "c.bag"):
-        assert any(f"/{key}" in text and '"time": "7"' in text for text in specs), key

@@ -5,11 +5,15 @@ import time
 
 import pytest
 
+from bagassets.defs.slurm import launcher as slurm_launcher
 from bagassets.defs.slurm.commands import JobState, SlurmError, submit_job
 from bagassets.defs.slurm.keeper import Packing
+from bagassets.defs.slurm.launcher import SlurmRunLauncher
 from bagassets.defs.slurm.options import JobOptions, Rule, options_for
 from bagassets.defs.slurm.spool import JobSpec, Spool, SpooledRun
 from bagassets.errors import BagAssetsError
+from bagassets_tests.in_process import make_project
+from bagassets_tests.small_drive import write_drive
 
 BASE = JobOptions(partition="work", cpus=2, memory="4G", options=("--qos=low",))
 RULES = [
@@ -190,3 +194,14 @@ def test_only_what_may_change_by_itself_is_tried_again(tmp_path, monkeypatch, wo
         submit_job([], "", tmp_path)
     assert caught.value.is_temporary == is_temporary
     assert " ".join(words.split()) in str(caught.value)
+
+
+def test_a_recording_that_came_a_moment_ago_has_its_size(tmp_path, monkeypatch):
+    """The daemon launches runs of new recordings soon after others, and rules on sizes are for them, too."""
+    monkeypatch.setattr(slurm_launcher, "_LOOK_LEAST_S", 0.0)
+    recipe_file = make_project(tmp_path)
+    launcher = SlurmRunLauncher(recipe=str(recipe_file))
+    assert launcher._size(["a.bag"]) == (tmp_path / "bags" / "a.bag").stat().st_size
+    new = write_drive(tmp_path / "bags" / "b.bag", "ros1", duration_s=1.2)
+    assert launcher._size(["b.bag"]) == new.stat().st_size
+    assert launcher._size(["gone.bag"]) == 0
