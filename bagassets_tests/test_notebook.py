@@ -82,6 +82,7 @@ def test_a_recipe_file_is_built_as_by_the_command(folder, capfd):
     assert "2 fresh: nothing to do" in command.stdout
 
 
+@pytest.mark.long
 def test_without_a_project_only_the_dataset_is_left(folder):
     events = []
     report = bagassets.build(text(), progress=events.append, bags=["one.bag"])
@@ -95,6 +96,7 @@ def test_without_a_project_only_the_dataset_is_left(folder):
     assert sample.image("CAM_FRONT").any()
 
 
+@pytest.mark.long
 def test_with_a_state_folder_the_next_build_goes_on(folder):
     first = bagassets.build(text(), state="state", progress=False, bags=["one.bag"])
     assert first.built == ("one.bag",)
@@ -128,6 +130,7 @@ def test_errors_are_those_of_bagassets(folder):
     assert not (folder / "nuscenes").exists()
 
 
+@pytest.mark.long
 def test_an_interrupt_ends_the_runs_and_the_next_build_goes_on(folder):
     write_recordings([Target(folder / "recordings" / "long.bag", "ros1")], seed=1, duration_s=20.0)
     (folder / "recipe.yaml").write_text(text())
@@ -149,6 +152,7 @@ def test_an_interrupt_ends_the_runs_and_the_next_build_goes_on(folder):
     assert report.succeeded
 
 
+@pytest.mark.long
 def test_an_error_in_the_progress_function_ends_the_build(folder):
     def progress(event):
         if event.kind == "started":
@@ -159,6 +163,7 @@ def test_an_error_in_the_progress_function_ends_the_build(folder):
     assert bagassets.build(text(), state="state", progress=False).succeeded
 
 
+@pytest.mark.long
 def test_it_builds_under_a_running_loop_and_in_a_thread(folder):
     """As in Jupyter, where a cell runs in the main thread, under the loop of the kernel."""
 
@@ -175,6 +180,7 @@ def test_it_builds_under_a_running_loop_and_in_a_thread(folder):
     assert len(found[0].fresh) == 2
 
 
+@pytest.mark.long
 def test_the_page_about_notebooks_runs(folder):
     (folder / "recipe.yaml").write_text(text().replace("output: nuscenes", "output: dataset/nuscenes"))
     page = (Path(__file__).parents[1] / "docs" / "notebook.md").read_text("utf-8")
