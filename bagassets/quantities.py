@@ -1,6 +1,6 @@
 """Numbers as people read them: with a noun in the singular or plural, or with a unit."""
 
-__all__ = ["count_text", "readable_bytes"]
+__all__ = ["count_text", "readable_bytes", "readable_length"]
 
 
 def count_text(number: int, noun: str) -> str:
@@ -18,3 +18,8 @@ def readable_bytes(size: int) -> str:
         if value < 999.95:
             return f"{value:.1f} {unit}"
     return f"{value / 1000:.1f} TB"
+
+
+def readable_length(length_m: float) -> str:
+    """Return a length in metres with a unit: `12 m`, `1.2 km`."""
+    return f"{length_m:.0f} m" if length_m < 999.5 else f"{length_m / 1000:,.1f} km"

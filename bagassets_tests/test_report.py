@@ -4,6 +4,7 @@ import base64
 import json
 import re
 import time
+from dataclasses import replace
 from html.parser import HTMLParser
 from itertools import pairwise
 
@@ -16,9 +17,10 @@ from bagassets.formats.catalogue import recording_assets
 from bagassets.formats.report_data import build_map, map_path, report_data
 from bagassets.recipe import load_recipe
 from bagassets.recipe.model_splits import Splits
+from bagassets.recordings.discover import discover
 from bagassets.report.grid_map import colour_of_split, grid_map
 from bagassets.report.map_shell import map_shell
-from bagassets.report.model import Gaps, RecordingFacts, ReportData, Route
+from bagassets.report.model import Gaps, Problem, RecordingFacts, ReportData, Route
 from bagassets.report.page import report_json, report_page
 from bagassets.report.trajectory_map import MapRoute, trajectory_map_page
 from bagassets.report.write import write_page
@@ -97,6 +99,38 @@ class TestPage:
             assert words in page.text, words
         rows = [attrs for tag, attrs in page.found if tag == "tr"]
         assert len(rows) == 1 + 2 + 1 + 3 + 1 + 4  # splits, left out, recordings, each with a heading
+
+    def test_numbers_are_said_as_people_say_them(self, tmp_path):
+        one = facts("a", length_m=39.6, counts={"images": 1, "boxes": 1, "poses": 2000})
+        page = Page(report_page(data_of(tmp_path, [one]))).text
+        for words in ("1 recording", "40 m", "1 image", "1 box", "2,000 poses"):
+            assert words in page, words
+        assert not re.search(r"\b1 (recordings|images|boxes)", page)
+        assert "0.0 km" not in page
+        far = facts("a", length_m=1_234.0)
+        assert "2.5 km" in Page(report_page(data_of(tmp_path, [far, far]))).text
+
+    def test_what_checks_found_is_listed_errors_first(self, tmp_path):
+        evil = "<b>late</b>"
+        late = Problem("sweeps_timed", "warn", evil)
+        gone = Problem("channels_present", "error", "CAM_BACK has no image.", 2)
+        recordings = [
+            facts("a", problems=[late], checks_passed=3),
+            facts("b", problems=[gone], checks_passed=4),
+        ]
+        page = Page(report_page(data_of(tmp_path, recordings)))
+        assert "7 passed, 2 found something." in page.text
+        first = "b channels_present error CAM_BACK has no image. (and 2 more)"
+        assert page.text.index(first) < page.text.index(f"a sweeps_timed warn {evil}")
+        assert "b" not in [tag for tag, attrs in page.found if tag == "b" and attrs]
+        none = Page(report_page(data_of(tmp_path, [facts("a")])))
+        assert "Checks" not in none.text
+
+    def test_boxes_are_counted_by_category(self, tmp_path):
+        recordings = [facts("a", boxes={"car": 30, "person": 5}), facts("b", boxes={"car": 65})]
+        page = Page(report_page(data_of(tmp_path, recordings)))
+        assert "car 95 95.0% 2" in page.text
+        assert "person 5 5.0% 1" in page.text
 
     def test_names_cannot_break_out_of_the_page(self, tmp_path):
         evil = '<script>alert("x")</script>'
@@ -281,6 +315,26 @@ class TestGathered:
         assert len(recording.pictures) == 5
         assert recording.route.points[0][0] == pytest.approx(48.0775, abs=1e-3)
         assert "lidar_over_camera.jpg" in {path.name for path in recording.full_pictures.iterdir()}
+        assert sum(recording.boxes.values()) == recording.counts["boxes"] > 0
+        assert list(recording.boxes) == made["annotations"].artifact.summary()["categories"]
+
+    def test_checks_are_those_of_the_present_recipe(self, built):
+        recipe, made = built
+        recorded = {name: made[name].artifact.digest for name in recording_assets(recipe).names}
+        (bag,) = plan_of(recipe, made).bags.values()
+        plan = Plan({"drive.mcap": replace(bag, key="drive.mcap", recorded=recorded)}, {}, ())
+
+        def gathered(checked):
+            return report_data(checked, Store(recipe.store_path), plan, discover(recipe.bags)).recordings[0]
+
+        strict = recipe.checks.poses_cover_sensors.model_copy(update={"max_speed_mps": 0.5})
+        checks = recipe.checks.model_copy(update={"poses_cover_sensors": strict})
+        before, after = gathered(recipe), gathered(recipe.model_copy(update={"checks": checks}))
+        assert before.checks_passed > 5
+        assert after.checks_passed == before.checks_passed - 1
+        (new,) = set(after.problems) - set(before.problems)
+        assert new.weight == "error"
+        assert "m/s" in new.sentence
 
     def test_failed_and_skipped_recordings_are_reported_with_reason(self, built):
         recipe, made = built

@@ -102,6 +102,30 @@ def test_a_project_is_built_by_slurm_and_equals_the_one_built_here(project, proj
     assert "nothing to do" in build(project).stdout
 
 
+def test_two_nodes_that_are_asked_for_the_same_at_once_agree(tmp_path, slurm, projects):
+    keys = ("a.bag", "b.mcap")
+    one = make_project(tmp_path / "one", keys)
+    two = make_project(tmp_path / "two", ())
+    shutil.copytree(one.parent / "bags", two.parent / "bags", dirs_exist_ok=True)
+    for recipe_file in (one, two):
+        recipe_file.write_text(f"{recipe_file.read_text()}store: {tmp_path / 'store'}\n")
+        use_slurm(recipe_file)
+        projects.append(recipe_file)
+    processes = [start(recipe_file) for recipe_file in (one, two)]
+    for process in processes:
+        out, err = process.communicate(timeout=WAIT_S)
+        assert process.returncode == 0, out + err
+    assert {run.tags["slurm/node"] for recipe_file in (one, two) for run in runs(recipe_file)} == {"n1", "n2"}
+    assert content(one.parent / "dataset") == content(two.parent / "dataset")
+    made = [json.loads(path.read_bytes())["action"] for path in (tmp_path / "store/actions").glob("*/*.json")]
+    assert {action["step"] for action in made} >= {"inventory", "frames", "sweeps"}
+    for recipe_file in (one, two):
+        command_line = [sys.executable, "-m", "bagassets", "verify", "--recipe", str(recipe_file)]
+        verified = subprocess.run(command_line, capture_output=True, text=True, check=False)
+        assert verified.returncode == 0, verified.stdout + verified.stderr
+    assert not list((tmp_path / "store/tmp").iterdir()), "nothing half-made is left"
+
+
 def follow_output(process, pattern):
     for line in process.stderr:
         if re.search(pattern, line):

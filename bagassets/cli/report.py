@@ -1,5 +1,6 @@
 """`bagassets report`: one page about the whole dataset."""
 
+import sys
 from pathlib import Path
 
 import click
@@ -15,7 +16,7 @@ __all__ = ["report"]
     epilog="""\b
 Examples:
   bagassets report
-  bagassets report --output /srv/www/drives.html
+  bagassets report --output /srv/www/drives.html --no-checks
   bagassets report --json | jq '.recordings[] | select(.state == "failed")'"""
 )
 @recipe_option
@@ -26,10 +27,15 @@ Examples:
     help="File to write; default: report.html beside the recipe.",
 )
 @click.option(
+    "--no-checks",
+    is_flag=True,
+    help="Leave out the checks, which take most of the time with many recordings.",
+)
+@click.option(
     "--json", "as_json", is_flag=True, help="Print the content of the page as JSON, and write no page."
 )
-def report(recipe: Path, output: Path | None, as_json: bool) -> None:
-    """Write one HTML page about the dataset: recordings, splits, gaps, losses, pictures, map.
+def report(recipe: Path, output: Path | None, no_checks: bool, as_json: bool) -> None:
+    """Write one HTML page about the dataset: recordings, splits, checks, classes, gaps, losses, pictures, map.
 
     The page is self-contained, pictures included, and loads nothing. Nothing is built: the page shows the present state.
     """
@@ -42,8 +48,15 @@ def report(recipe: Path, output: Path | None, as_json: bool) -> None:
     from bagassets.report.write import write_page
 
     with open_project(recipe) as (instance, workspace):
-        plan = plan_instance(instance, workspace).plan
-        data = report_data(workspace.recipe, workspace.store, plan)
+        planned = plan_instance(instance, workspace)
+        checked = None if no_checks else planned.discovery
+        with click.progressbar(
+            length=len(planned.plan.bags),
+            label="Reading recordings",
+            file=sys.stderr,
+            hidden=not sys.stderr.isatty(),
+        ) as bar:
+            data = report_data(workspace.recipe, workspace.store, planned.plan, checked, bar.update)
     if as_json:
         echo_lines(json.dumps(report_json(data), indent=1))
         return

@@ -1,23 +1,27 @@
 """Data of reports and maps, gathered from the plan and its artifacts."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 from bagassets.assets import trajectory_map
+from bagassets.assets.annotations import TABLE
 from bagassets.assets.preview import FACTS, THUMBNAIL
 from bagassets.build.plan import BagPlan, Plan
 from bagassets.build.run_action import run_action
 from bagassets.build.track import Track, track_of
 from bagassets.errors import StoreError
 from bagassets.formats.catalogue import formats
+from bagassets.formats.checking import Verdict, check_bag, check_datasets
 from bagassets.formats.dataset_build import deal_contents, recordings_without_scenes
 from bagassets.freshness.published import Publication
 from bagassets.json_types import JsonMapping, JsonObject
 from bagassets.preview.pictures import TITLES
 from bagassets.recipe.model import Recipe
+from bagassets.recordings.discover import Discovery
 from bagassets.report.grid_map import colour_of_split
-from bagassets.report.model import Gaps, RecordingFacts, ReportData, Route
+from bagassets.report.model import Gaps, Problem, RecordingFacts, ReportData, Route
 from bagassets.report.trajectory_map import MapRoute
 from bagassets.report.write import write_page
 from bagassets.splits import shares_of
@@ -30,21 +34,41 @@ __all__ = ["build_map", "map_path", "report_data"]
 _NO_SPLIT = "not in the dataset"
 
 
-def report_data(recipe: Recipe, store: Store, plan: Plan) -> ReportData:
+def report_data(
+    recipe: Recipe,
+    store: Store,
+    plan: Plan,
+    discovery: Discovery | None = None,
+    on_recording: Callable[[int], None] = lambda _number: None,
+) -> ReportData:
     """Return the report's data about all recordings.
 
     Args:
         recipe: the recipe.
         store: has the artifacts.
         plan: states of all recordings.
+        discovery: the recordings on disk, to be checked, which takes most of the time; None to leave out the checks.
+        on_recording: called with 1 for each recording that is done.
+
+    Raises:
+        DatasetError: a file of a dataset cannot be read.
     """
     dealt = _dealt(recipe, store, plan)
-    recordings = [_facts(recipe, store, bag, dealt.get(bag.key, "")) for _, bag in sorted(plan.bags.items())]
+    recordings = []
+    for key, bag in sorted(plan.bags.items()):
+        facts = _facts(recipe, store, bag, dealt.get(key, ""))
+        if discovery is not None:
+            facts = _checked(facts, check_bag(recipe, store, discovery, bag))
+        recordings.append(facts)
+        on_recording(1)
+    problems, passed = ((), 0) if discovery is None else _outcome(check_datasets(recipe))
     durations_s = [(r.key, r.duration_s) for r in recordings if r.state in {"ready", "stale"}]
     shares = shares_of(durations_s, recipe.splits, dealt)
     dataset = recipe.nuscenes.output / recipe.nuscenes.version
     idle_pins = sorted(recipe.splits.pinned.keys() - plan.bags.keys())
-    return ReportData(recipe.name, dataset, recordings, plan.excluded, shares, idle_pins)
+    return ReportData(
+        recipe.name, dataset, recordings, plan.excluded, shares, idle_pins, problems, checks_passed=passed
+    )
 
 
 def map_path(recipe: Recipe) -> Path:
@@ -146,6 +170,7 @@ def _facts(recipe: Recipe, store: Store, bag: BagPlan, split: str) -> RecordingF
         daylight=seen["daylight"],
         length_m=_summary(store, bag, "ego_poses").get("length_m"),
         counts=_counts(store, bag),
+        boxes=_boxes(store, bag),
         lost=_lost(store, bag),
         gaps=_gaps(seen["topics"]),
         route=Route() if track is None else Route(_points(track), _local(track)),
@@ -154,6 +179,35 @@ def _facts(recipe: Recipe, store: Store, bag: BagPlan, split: str) -> RecordingF
         full_pictures=None if pictures is None else pictures.files,
         notes=seen["notes"],
     )
+
+
+def _checked(facts: RecordingFacts, verdicts: Iterable[Verdict]) -> RecordingFacts:
+    problems, passed = _outcome(verdicts)
+    return replace(facts, problems=problems, checks_passed=passed)
+
+
+def _outcome(verdicts: Iterable[Verdict]) -> tuple[tuple[Problem, ...], int]:
+    """Return what checks found, and how many found nothing; one whose asset is not made counts as neither."""
+    problems, passed = [], 0
+    for verdict in verdicts:
+        if verdict.finding is None:
+            continue
+        if verdict.finding.passed:
+            passed += 1
+            continue
+        first, *more = verdict.finding.sentences
+        problems.append(Problem(verdict.check, verdict.weight, first, len(more)))
+    return tuple(problems), passed
+
+
+def _boxes(store: Store, bag: BagPlan) -> dict[str, int]:
+    """Return category -> number of boxes."""
+    annotations = bag.current_artifact(store, "annotations")
+    if annotations is None or not annotations.summary().get("boxes"):
+        return {}
+    column = annotations.read_table(TABLE, ["category"]).column("category")
+    counts = {str(one["values"]): int(one["counts"]) for one in column.value_counts().to_pylist()}
+    return dict(sorted(counts.items()))
 
 
 def _state(bag: BagPlan) -> tuple[str, str]:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from bagassets.splits import SplitShare
 
-__all__ = ["Gaps", "RecordingFacts", "ReportData", "Route"]
+__all__ = ["Gaps", "Problem", "RecordingFacts", "ReportData", "Route"]
 
 
 @dataclass(frozen=True)
@@ -32,6 +32,16 @@ class Gaps:
 
 
 @dataclass(frozen=True)
+class Problem:
+    """What a check found: the name of the check, `warn` or `error`, the first sentence, and how many there are more."""
+
+    check: str
+    weight: str
+    sentence: str
+    more: int = 0
+
+
+@dataclass(frozen=True)
 class RecordingFacts:
     """One recording.
 
@@ -48,7 +58,10 @@ class RecordingFacts:
         daylight: day, night, twilight, or None if unknown.
         length_m: metres driven.
         counts: numbers of images, sweeps, poses, boxes, scenes and keyframes.
+        boxes: category -> number of boxes.
         lost: a line per channel and reason about lost messages.
+        problems: what checks found.
+        checks_passed: how many checks found nothing.
         gaps: topics with pauses, the worst first.
         route: where it was driven.
         pictures: name -> small picture as JPEG file, in the order of the report.
@@ -69,7 +82,10 @@ class RecordingFacts:
     daylight: str | None = None
     length_m: float | None = None
     counts: Mapping[str, int] = field(default_factory=dict)
+    boxes: Mapping[str, int] = field(default_factory=dict)
     lost: Sequence[str] = ()
+    problems: Sequence[Problem] = ()
+    checks_passed: int = 0
     gaps: Sequence[Gaps] = ()
     route: Route = field(default_factory=Route)
     pictures: Mapping[str, Path] = field(default_factory=dict)
@@ -89,6 +105,8 @@ class ReportData:
         excluded: path below the bag root -> reason why it is excluded.
         shares: each split's share.
         idle_pins: keys pinned to a split in the recipe that no recording has.
+        problems: what checks of whole datasets found.
+        checks_passed: how many of those found nothing.
     """
 
     name: str
@@ -97,3 +115,5 @@ class ReportData:
     excluded: Mapping[str, str] = field(default_factory=dict)
     shares: Sequence[SplitShare] = ()
     idle_pins: Sequence[str] = ()
+    problems: Sequence[Problem] = ()
+    checks_passed: int = 0

@@ -1,13 +1,15 @@
 """The report: one self-contained HTML page about the whole dataset."""
 
 from base64 import b64encode
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
 
 from bagassets.escaping import html
 from bagassets.json_types import JsonObject
-from bagassets.quantities import count_text
+from bagassets.quantities import count_text, readable_length
 from bagassets.report.grid_map import colour_of_split, grid_map
 from bagassets.report.model import RecordingFacts, ReportData
 from bagassets.report.style import PAGE_CSS, TABLE_SCRIPT
@@ -18,7 +20,10 @@ __all__ = ["PICTURE_BYTES", "report_json", "report_page"]
 # Total size of the pictures on a page, before base64 makes four bytes of three.
 PICTURE_BYTES = 2_700_000
 _MOST_GAPS = 5
+_MOST_PROBLEMS = 500
 _COUNTS = ("images", "sweeps", "poses", "boxes", "scenes", "keyframes")
+_SINGULAR = {"boxes": "box"}
+_COLOURS = {"error": "failed", "warn": "stale"}
 
 
 def report_page(data: ReportData) -> str:
@@ -38,6 +43,8 @@ def report_page(data: ReportData) -> str:
         _idle_pins(data.idle_pins),
         _map(data),
         _left_out(data),
+        _checks(data),
+        _categories(data.recordings),
         "<h2>Recordings</h2>",
         '<input id="filter" placeholder="filter" aria-label="Filter recordings">',
         '<table id="recordings"><thead><tr>',
@@ -58,6 +65,7 @@ def report_json(data: ReportData) -> JsonObject:
         "splits": {share.name: share.as_json() for share in data.shares},
         "idle_pins": list(data.idle_pins),
         "excluded": dict(sorted(data.excluded.items())),
+        "checks": {"passed": data.checks_passed, "problems": [asdict(one) for one in data.problems]},
         "recordings": [
             {
                 "recording": recording.key,
@@ -72,11 +80,16 @@ def report_json(data: ReportData) -> JsonObject:
                 "length_m": recording.length_m,
                 "daylight": recording.daylight,
                 "counts": dict(recording.counts),
+                "boxes": dict(recording.boxes),
                 "gaps": [
                     {"topic": gap.topic, "number": gap.number, "longest_s": gap.longest_s}
                     for gap in recording.gaps
                 ],
                 "lost": list(recording.lost),
+                "checks": {
+                    "passed": recording.checks_passed,
+                    "problems": [asdict(one) for one in recording.problems],
+                },
                 "notes": list(recording.notes),
             }
             for recording in data.recordings
@@ -86,7 +99,7 @@ def report_json(data: ReportData) -> JsonObject:
 
 _COLUMNS = (
     ("picture", ""), ("recording", ""), ("state", ""), ("split", ""), ("start (UTC)", ""), ("s", "n"),
-    ("MB", "n"), ("km", "n"), *((name, "n") for name in _COUNTS), ("gaps", "n"),
+    ("MB", "n"), ("length", "n"), *((name, "n") for name in _COUNTS), ("gaps", "n"),
 )  # fmt: skip
 
 
@@ -108,19 +121,22 @@ def _chosen_pictures(recordings: Sequence[RecordingFacts]) -> Mapping[str, Seque
 def _cards(data: ReportData) -> str:
     ready = [recording for recording in data.recordings if recording.state in {"ready", "stale"}]
     hours = sum(recording.duration_s for recording in ready) / 3600
+    length, unit = readable_length(sum(recording.length_m or 0.0 for recording in ready)).split()
+    states = [recording.state for recording in data.recordings]
     values = [
-        ("recordings", str(len(ready))),
+        _counted(len(ready), "recordings"),
         ("hours" if hours >= 1 else "minutes", f"{hours:.1f}" if hours >= 1 else f"{hours * 60:.1f}"),
-        ("km", f"{sum(recording.length_m or 0.0 for recording in ready) / 1000:.1f}"),
-        *((name, f"{sum(recording.counts.get(name, 0) for recording in ready):,}") for name in _COUNTS),
-        (
-            "skipped",
-            str(sum(recording.state == "skipped" for recording in data.recordings) + len(data.excluded)),
-        ),
-        ("failed", str(sum(recording.state == "failed" for recording in data.recordings))),
+        (unit, length),
+        *(_counted(sum(recording.counts.get(name, 0) for recording in ready), name) for name in _COUNTS),
+        ("skipped", str(states.count("skipped") + len(data.excluded))),
+        ("failed", str(states.count("failed"))),
     ]
     cards = "".join(f'<div class="card"><b>{value}</b><span>{name}</span></div>' for name, value in values)
     return f'<div class="cards">{cards}</div>'
+
+
+def _counted(number: int, plural: str) -> tuple[str, str]:
+    return (_SINGULAR.get(plural, plural[:-1]) if number == 1 else plural), f"{number:,}"
 
 
 def _split_table(shares: Sequence[SplitShare]) -> str:
@@ -179,6 +195,51 @@ def _left_out(data: ReportData) -> str:
     return f"<h2>Left out</h2><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
 
 
+def _checks(data: ReportData) -> str:
+    found = [
+        *(("datasets", problem) for problem in data.problems),
+        *((recording.key, problem) for recording in data.recordings for problem in recording.problems),
+    ]
+    passed = data.checks_passed + sum(recording.checks_passed for recording in data.recordings)
+    if not found and not passed:
+        return ""
+    found.sort(key=lambda one: one[1].weight != "error")
+    rows = "".join(
+        f'<tr><td>{html(name)}</td><td>{html(problem.check)}</td><td class="{_COLOURS.get(problem.weight, "")}">{problem.weight}'
+        f"</td><td>{html(problem.sentence)}{f' (and {problem.more} more)' if problem.more else ''}</td></tr>"
+        for name, problem in found[:_MOST_PROBLEMS]
+    )
+    more = f"; the first {_MOST_PROBLEMS} are shown" if len(found) > _MOST_PROBLEMS else ""
+    summary = (
+        f"<p>{passed:,} passed, {len(found):,} found something{more}.</p>"
+        if found
+        else f"<p>All {passed:,} passed.</p>"
+    )
+    head = "<th>recording</th><th>check</th><th>severity</th><th>what</th>"
+    table = f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>" if found else ""
+    return f"<h2>Checks</h2>{summary}{table}"
+
+
+def _categories(recordings: Sequence[RecordingFacts]) -> str:
+    boxes: Counter[str] = Counter()
+    having: Counter[str] = Counter()
+    for recording in recordings:
+        boxes.update(recording.boxes)
+        having.update(recording.boxes.keys())
+    if not boxes:
+        return ""
+    total = sum(boxes.values())
+    rows = "".join(
+        f"<tr><td>{html(category)}</td><td class=n>{number:,}</td><td class=n>{number / total:.1%}</td>"
+        f"<td class=n>{having[category]:,}</td></tr>"
+        for category, number in sorted(boxes.items(), key=lambda one: (-one[1], one[0]))
+    )
+    head = "<th>category</th>" + "".join(
+        f"<th class=n>{name}</th>" for name in ("boxes", "share", "recordings")
+    )
+    return f"<h2>Boxes</h2><table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"
+
+
 def _row(number: int, recording: RecordingFacts, pictures: Sequence[tuple[str, Path]]) -> str:
     gaps = sum(gap.number for gap in recording.gaps)
     start = ""
@@ -194,7 +255,7 @@ def _row(number: int, recording: RecordingFacts, pictures: Sequence[tuple[str, P
         f"<td>{start}{daylight}</td>",
         _number(recording.duration_s, ".1f"),
         _number(None if recording.size is None else recording.size / 1e6, ",.1f"),
-        _number(None if recording.length_m is None else recording.length_m / 1000, ".2f"),
+        _length(recording.length_m),
         *(_number(recording.counts.get(name), ",d") for name in _COUNTS),
         _number(gaps if recording.size is not None else None, "d"),
     ]
@@ -207,6 +268,12 @@ def _number(value: float | None, form: str) -> str:
         if value is None
         else f"<td class=n data-v={value:.6g}>{value:{form}}</td>"
     )
+
+
+def _length(length_m: float | None) -> str:
+    if length_m is None:
+        return _number(None, "")
+    return f"<td class=n data-v={length_m:.6g}>{readable_length(length_m)}</td>"
 
 
 def _first_picture(recording: RecordingFacts, pictures: Sequence[tuple[str, Path]]) -> str:
@@ -242,6 +309,7 @@ def _lines(recording: RecordingFacts) -> Iterator[str]:
     if len(recording.gaps) > _MOST_GAPS:
         yield f"and gaps of {count_text(len(recording.gaps) - _MOST_GAPS, 'more topic')}"
     yield from (html(line) for line in recording.lost)
+    yield from (f"{problem.check}: {html(problem.sentence)}" for problem in recording.problems)
     yield from (html(note) for note in recording.notes)
 
 
