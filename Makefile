@@ -82,7 +82,7 @@ bench-peers: $(VENV)/.made-bench
 	$(BIN)/python -m benchmarks.peers --folder build/bench $(if $(CONVERTER),--converter '$(CONVERTER)') \
 		$(if $(BAZEL),--bazel '$(BAZEL)') $(if $(BAGZEL),--bagzel '$(BAGZEL)')
 
-# All results, and the figures of README and docs from them: half an hour on two quiet cores, with 20 GB of disk.
+# All results, and the figures of README and docs from them: most of an hour on two quiet cores, with 20 GB of disk.
 bench-all: bench-peers $(DEVKIT)/.made
 	$(BIN)/python -m benchmarks --folder build/bench
 	$(BIN)/python benchmarks/incremental.py --bags 4 --json benchmarks/results/incremental.json
@@ -90,6 +90,7 @@ bench-all: bench-peers $(DEVKIT)/.made
 	$(BIN)/python benchmarks/launch.py --times 3 --json benchmarks/results/launch.json
 	$(BIN)/python -m benchmarks.kernels --trials 3 --json benchmarks/results/kernels.json
 	$(BIN)/python -m benchmarks.reader --json benchmarks/results/reader.json
+	$(BIN)/python -m benchmarks.scale --json benchmarks/results/scale.json
 	$(BIN)/python -m benchmarks.pages
 	rm -rf build/bench
 

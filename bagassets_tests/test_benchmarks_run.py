@@ -15,6 +15,7 @@ from benchmarks.launch import launch_table
 from benchmarks.peers import BAGASSETS, BAZEL, LOOP
 from benchmarks.reader import reader_table
 from benchmarks.reads import reads_table
+from benchmarks.scale import scale_table
 from benchmarks.slurm import scaling_table, slurm_table
 
 pytestmark = pytest.mark.long
@@ -73,6 +74,14 @@ def test_plan(tmp_path):
     json_file = tmp_path / "plan.json"
     run("benchmarks/plan.py", "--recordings", "20", "--json", json_file)
     assert json.loads(json_file.read_text("utf-8"))["recordings"] == 20
+
+
+def test_scale(tmp_path):
+    result = tmp_path / "scale.json"
+    printed = run("-m", "benchmarks.scale", "--numbers", "2", "4", "--json", result)
+    found = json.loads(result.read_text("utf-8"))
+    assert scale_table(found) in printed
+    assert all(len(values) == 2 and min(values) > 0 for values in found["costs"].values())
 
 
 @pytest.mark.devkit
