@@ -78,7 +78,7 @@ def test_plan(tmp_path):
 
 def test_scale(tmp_path):
     result = tmp_path / "scale.json"
-    printed = run("-m", "benchmarks.scale", "--numbers", "2", "4", "--json", result)
+    printed = run("-m", "benchmarks.scale", "--numbers", "2", "4", "--times", "1", "--json", result)
     found = json.loads(result.read_text("utf-8"))
     assert scale_table(found) in printed
     assert all(len(values) == 2 and min(values) > 0 for values in found["costs"].values())

@@ -32,7 +32,6 @@ __all__ = ["scale_table"]
 
 NUMBERS = (10, 100, 1000)
 DRIVE_S = 1.0
-TIMES = 3
 # A tick of the sensor as its code server evaluates it, with all that it needs imported.
 _TICK = """
 import sys, time
@@ -53,13 +52,14 @@ with open_project(Path(sys.argv[1])) as (instance, workspace):
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--numbers", type=int, nargs="+", default=list(NUMBERS))
+    parser.add_argument("--times", type=int, default=3, help="how often each command is run")
     parser.add_argument("--folder", type=Path, help="where to work; default: a temporary folder")
     parser.add_argument("--json", type=Path, help="write the figures here")
     options = parser.parse_args()
     found: dict[str, Any] = {"machine": machine(), "numbers": sorted(options.numbers), "costs": {}}
     with tempfile.TemporaryDirectory(dir=options.folder, ignore_cleanup_errors=True) as folder:
         for number in found["numbers"]:
-            for name, value in measure(Path(folder) / f"p{number}", number).items():
+            for name, value in measure(Path(folder) / f"p{number}", number, options.times).items():
                 found["costs"].setdefault(name, []).append(value)
                 print(f"{number:6} {name:50} {value:.4g}", flush=True)
     print(scale_table(found))
@@ -79,7 +79,7 @@ def scale_table(found: dict[str, Any]) -> str:
     return markdown(["", *(f"{number:,}" for number in numbers), "growth"], rows)
 
 
-def measure(folder: Path, number: int) -> dict[str, float]:
+def measure(folder: Path, number: int, times: int) -> dict[str, float]:
     """Return what everything costs with so many recordings."""
     recipe_file = make(folder, number)
 
@@ -94,14 +94,14 @@ def measure(folder: Path, number: int) -> dict[str, float]:
     costs["first build, processor time, s"] = built.cpu_s
     costs["first build, most memory, MB"] = built.peak_mb
     costs["Dagster's records, MB"] = size_of(load_recipe(recipe_file).state / "dagster") / 1e6
-    costs["nothing to do, s"] = timed(lambda: command("build"), "nothing to do")
-    costs["`status`, s"] = timed(lambda: command("status"), "")
-    costs["`build --dry-run`, s"] = timed(lambda: command("build", "--dry-run"), "")
-    costs["`report --no-checks`, s"] = timed(lambda: command("report", "--no-checks"), "")
+    costs["nothing to do, s"] = timed(times, command("build"), "nothing to do")
+    costs["`status`, s"] = timed(times, command("status"))
+    costs["`build --dry-run`, s"] = timed(times, command("build", "--dry-run"))
+    costs["`report --no-checks`, s"] = timed(times, command("report", "--no-checks"))
     first, quiet = ticks(recipe_file)
     costs["tick of a new sensor, s"], costs["tick with nothing to do, s"] = first, quiet
     costs["content of one changed, dataset included, s"] = timed(
-        lambda: command("build"), " in ", before=lambda: change(recipe_file)
+        times, command("build"), " in ", lambda: change(recipe_file)
     )
     changed = run_watched(command("build"), cwd=folder) if change(recipe_file) else built
     costs["the same, most memory, MB"] = changed.peak_mb
@@ -135,13 +135,13 @@ def change(recipe_file: Path) -> bool:
     return True
 
 
-def timed(command: Callable[[], list[str]], expected: str, before: Callable[[], object] = bool) -> float:
+def timed(times: int, command: list[str], expected: str = "", before: Callable[[], object] = bool) -> float:
     """Return the median time of a command, which must succeed and print what is expected."""
     seconds = []
-    for _ in range(TIMES):
+    for _ in range(times):
         before()
         began = time.perf_counter()
-        done = subprocess.run(command(), capture_output=True, text=True, check=False)
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
         seconds.append(time.perf_counter() - began)
         if done.returncode or expected not in done.stdout:
             raise SystemExit(done.stdout[-1000:] + done.stderr[-2000:])
