@@ -38,7 +38,7 @@ from bagassets_tests.slurm_cluster import running_cluster
 from benchmarks.common import machine
 
 DRIVE_S = 1.0
-NUMBERS, WORKERS = (8, 16, 24, 40), (1, 2)
+NUMBERS, WORKERS = (16, 32, 48, 80), (1, 2)
 PER_RUN = 4
 BESIDE = 40
 PREDICTED = 10_000
@@ -148,12 +148,28 @@ def beside(work: Path, number: int, runs: int, postgres: Postgres) -> dict[str, 
     for turn in range(runs):
         slurm.append(build(make(work / f"b{turn}", number, postgres, cpus=2), number))
         local.append(build(make(work / f"l{turn}", number, postgres), number, "--jobs", "2"))
-    return {"recordings": number, "slurm_s": median(slurm), "local_s": median(local)}
+    warm = [nothing_to_do(work / "b0" / "recipe.yaml") for _ in range(5)]
+    return {
+        "recordings": number,
+        "slurm_s": median(slurm),
+        "local_s": median(local),
+        "nothing_to_do_s": median(warm),
+    }
+
+
+def nothing_to_do(recipe_file: Path) -> float:
+    """Return how long a build takes that finds everything fresh."""
+    began = time.monotonic()
+    command = [sys.executable, "-m", "bagassets", "build", "--recipe", str(recipe_file)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if "nothing to do" not in done.stdout:
+        raise SystemExit(done.stdout + done.stderr)
+    return time.monotonic() - began
 
 
 def launches(work: Path, number: int, postgres: Postgres) -> dict[str, Any]:
     """Return how long the launcher holds its caller for each of many runs, whose jobs Slurm keeps waiting."""
-    recipe_file = make(work / "stale", 1, postgres, options=["--begin=now+1hour"])
+    recipe_file = make(work / "stale", 1, postgres, options=["--begin=now+1hour"], folder=str(work / "spool"))
     os.environ["SMALL_DEFINITIONS"] = str(work)
     location = CodeLocation("small_definitions", working_directory=str(Path(small_drive.__file__).parent))
     keys = [f"r{index:04}.bag" for index in range(number)]
@@ -166,7 +182,7 @@ def launches(work: Path, number: int, postgres: Postgres) -> dict[str, Any]:
             began = time.monotonic()
             instance.launch_run(run_id, workspace.for_launcher())
             held.append(time.monotonic() - began)
-        spool = Spool(load_recipe(recipe_file).state / "slurm")
+        spool = Spool(work / "spool")
         while spool.waiting():
             time.sleep(0.1)
         workspace.close()
@@ -247,6 +263,7 @@ def slurm_table(found: dict[str, Any]) -> str:
     lines += [f"| {name} | {seconds:.2f} |" for name, seconds in found["one"].items()]
     held = found["launches"]
     sentence = (
+        f"With nothing to do, a build of {both['recordings']} recordings takes {both['nothing_to_do_s']:.2f} s. "
         f"{held['runs']:,} runs launched in a row, by one process: each holds it for {held['median_ms']:.0f} ms (at most "
         f"{held['most_ms']:.0f} ms), whatever Slurm does meanwhile; they became {held['jobs']} jobs."
     )
