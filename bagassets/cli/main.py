@@ -43,7 +43,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "ui": ("bagassets.cli.ui:ui", "Open the web UI of a project."),
     "report": (
         "bagassets.cli.report:report",
-        "Write one HTML page about the dataset: recordings, splits, gaps, losses, pictures, map.",
+        "Write one HTML page about the dataset: recordings, splits, checks, classes, gaps, losses, pictures, map.",
     ),
     "view": (
         "bagassets.cli.view:view",

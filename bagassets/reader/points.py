@@ -15,7 +15,7 @@ LIDAR_FIELDS: tuple[str, ...] = ("x", "y", "z", "intensity", "ring")
 _PCD_KINDS = {"F": "f", "I": "i", "U": "u"}
 
 
-class Points(NDArray[np.float32]):
+class Points(np.ndarray[Any, np.dtype[np.float32]]):
     """The points of one reading: float32 (N, fields) in the frame of the sensor, metres.
 
     It is an array. Rows taken from it, and copies, know their frame as well; other columns do not.
