@@ -171,10 +171,6 @@ class Client:
                 return None
         return self._events.popleft()
 
-    def fileno(self) -> int:
-        """Return the descriptor that is readable when events come, for `select`."""
-        return self._socket.fileno()
-
     def cancel(self, job: str, *, grace_s: float = _GRACE_S) -> bool:
         """Ask a job to stop; it is killed after `grace_s` seconds. Return False if it has ended."""
         return bool(self._ask({"op": "cancel", "job": job, "grace_s": grace_s})["found"])
