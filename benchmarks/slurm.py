@@ -84,7 +84,7 @@ def main() -> None:
         arguments.json.write_text(json.dumps(found, indent=1) + "\n", "utf-8")
 
 
-def make(folder: Path, number: int, postgres: Postgres, **launcher: Any) -> Path:
+def make(folder: Path, number: int, postgres: Postgres, /, **launcher: Any) -> Path:
     """Write a project of small recordings with its records in a database of its own."""
     start_ns = small_drive.START_NS
     for index in range(number):
