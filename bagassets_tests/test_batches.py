@@ -3,6 +3,7 @@
 import dagster as dg
 import pytest
 from dagster._core.definitions.data_version import CachingStaleStatusResolver, StaleStatus
+from dagster._core.event_api import PartitionKeyFilter
 from dagster._core.loader import LoadingContextForTest
 from dagster._core.storage.partition_status_cache import get_and_update_asset_status_cache_value
 
@@ -87,7 +88,9 @@ def test_recordings_of_a_batch_are_recorded_as_runs_of_their_own_would(project, 
         assert run.status == dg.DagsterRunStatus.SUCCESS
         names = ("bag", *workspace.assets.names)
         by_batch = {name: material(instance, name) for name in names}
-        found = checks(instance)
+        found = checks(instance, project)
+        logged = instance.all_logs(run.run_id, of_type=dg.DagsterEventType.ASSET_CHECK_EVALUATION)
+        assert len(logged) == sum(not passed for _, passed, _ in found.values()) < len(found)
         for asset in ASSETS:
             assert partitions(instance, project, asset, "made") == set(KEYS)
             assert partitions(instance, project, asset, "failed") == set()
@@ -100,7 +103,7 @@ def test_recordings_of_a_batch_are_recorded_as_runs_of_their_own_would(project, 
     assert {key for key, _ in runs} == set(KEYS)  # the dataset is as it was
     assert outcomes(report) == dict.fromkeys(KEYS, "hit")
     with pending_work.open_project(project) as (instance, _):
-        assert found == checks(instance)
+        assert found == checks(instance, project)
         for name in names:
             one = material(instance, name)
             assert [tags(made) for made in one] == [tags(made) for made in by_batch[name]]
@@ -125,15 +128,18 @@ def tags(made):
     return {name: "input" if "/input_" in name else value for name, value in made.tags.items()}
 
 
-def checks(instance):
-    """Return the latest result of each check of each recording."""
+def checks(instance, recipe_file):
+    """Return the latest result of each check of each recording, as the web UI looks it up."""
+    keys = build_definitions(recipe_file).get_repository_def().asset_graph.asset_check_keys
     found = {}
-    for run in reversed(instance.get_runs()):
-        for entry in instance.all_logs(run.run_id, of_type=dg.DagsterEventType.ASSET_CHECK_EVALUATION):
-            one = entry.get_dagster_event().asset_check_evaluation_data
-            target = one.target_materialization_data
-            assert target.run_id == run.run_id
-            found[one.asset_key.to_user_string(), one.check_name, one.partition] = one.passed, one.severity
+    for partition in KEYS:
+        latest = instance.event_log_storage.get_latest_asset_check_execution_by_key(
+            list(keys), PartitionKeyFilter(key=partition)
+        )
+        for key, record in latest.items():
+            target = record.evaluation.target_materialization_data
+            assert target.run_id == record.run_id
+            found[key, partition] = record.status, record.evaluation.passed, record.evaluation.severity
     return found
 
 

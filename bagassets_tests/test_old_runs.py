@@ -1,12 +1,16 @@
 """`bagassets gc --keep-runs-days`: what no current record is from goes from Dagster's database, and nothing else does."""
 
 import json
+import shutil
+import sqlite3
+from contextlib import closing
 
 import dagster as dg
 import pytest
 from click.testing import CliRunner
 
 from bagassets.cli.main import root as command_line
+from bagassets.defs.events import event_database
 from bagassets.defs.runs import create_run, open_instance
 from bagassets_tests.in_process import build, make_project
 from bagassets_tests.small_drive import write_drive
@@ -42,6 +46,15 @@ def runs_of(recipe_file):
         return {run.run_id: run.tags.get("dagster/partition") for run in instance.get_runs()}
 
 
+def database_size(recipe_file):
+    """Bytes of the events, read back from the write-ahead log first."""
+    with open_instance(str(recipe_file.parent)) as instance:
+        path = event_database(instance)
+    with closing(sqlite3.connect(path)) as connection:
+        connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+    return path.stat().st_size
+
+
 def test_superseded_runs_go_and_nothing_is_to_be_done_because_of_that(project, monkeypatch):
     before = runs_of(project)
     of_a = [run_id for run_id, key in before.items() if key == "a.bag"]
@@ -52,14 +65,23 @@ def test_superseded_runs_go_and_nothing_is_to_be_done_because_of_that(project, m
     assert collect(project, "--keep-runs-days", "1") == []
     assert collect(project) == [], "only if asked"
     assert runs_of(project) == before
-    shards = list(project.parent.rglob("history/runs/*-*.db"))
+    size = database_size(project)
     assert set(collect(project, "--keep-runs-days", "0")) == old
     assert runs_of(project).keys() == before.keys() - old
-    left = list(project.parent.rglob("history/runs/*-*.db"))
-    assert {path.stem for path in shards} - {path.stem for path in left} == old
+    assert database_size(project) < 0.8 * size, "the disk space is given back"
     report, runs = build(project, monkeypatch)
     assert runs == []
     assert report.outcomes["a.bag"].result == "failed", "the run that says why is still there"
+
+
+def test_runs_with_a_database_of_their_own_lose_it(project):
+    """As a project of before has them."""
+    (*_, oldest) = (run_id for run_id, key in runs_of(project).items() if key == "a.bag")
+    with open_instance(str(project.parent)) as instance:
+        own = event_database(instance).with_name(f"{oldest}.db")
+        shutil.copy(event_database(instance), own)
+    assert oldest in collect(project, "--keep-runs-days", "0")
+    assert not own.exists()
 
 
 def test_runs_of_others_and_those_at_work_stay(project, monkeypatch):

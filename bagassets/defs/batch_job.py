@@ -4,6 +4,7 @@ Each recording is recorded as its own partition, as a run of its own would.
 """
 
 import logging
+import time
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
@@ -17,6 +18,7 @@ from bagassets.defs.checks import check_groups, run_checks
 from bagassets.defs.dagster_private import (
     AssetCheckEvaluationTargetMaterializationData,
     AssetMaterializationPlannedData,
+    SqlEventLogStorage,
     StepMaterializationData,
 )
 from bagassets.defs.events import CODE_VERSION, DATA_VERSION, INPUT_PREFIX
@@ -108,6 +110,7 @@ class _Recording:
         self._lock = lock
         self._key = key
         self._wanted = set(assets)
+        self._made: set[str] = set()
         self._latest: dict[str, _Latest] = {}
 
     def build(self, recording: RecordingFiles | None) -> str | None:
@@ -129,63 +132,58 @@ class _Recording:
         except Exception as err:
             problem = f"{type(err).__name__}: {err}"
             self._context.log.exception("%s: an unexpected error", self._key)
+        if problem is not None:
+            self._give_up(self._wanted - self._made)
         note_progress(self._context, self._key, problem, ended=True)
         return problem
 
     def _make(self, recording: RecordingFiles) -> None:
         rest = self._wanted - {"bag"}
         if "bag" in self._wanted:
-            self._plan({"bag"})
             source, bag = read_bag(
                 self._workspace, recording, self._context.run_id, makes_inventory="inventory" in rest
             )
             self._record(bag)
         else:
             source = recorded_bag(self._instance, recording)
-        made = set()
-        # The inventory says whether the recording takes part; what is planned and never made would look failed.
-        planned = rest & {"inventory"} or rest
-        self._plan(planned)
-        try:
-            for result in (
-                make_assets(self._instance, self._workspace, source, rest, self._context.run_id)
-                if rest
-                else ()
-            ):
-                if isinstance(result, Skipped):
-                    self._context.log.info("%s is skipped: %s.", self._key, visible(result.reason))
-                    return
-                self._record(result)
-                made.add(result.asset)
-                if "skipped" not in result.metadata:
-                    self._plan(rest - planned)
-                    planned = rest
-        except BagAssetsError:
-            self._plan(rest - planned)
-            raise
-        self._check(recording, made)
+        results = (
+            make_assets(self._instance, self._workspace, source, rest, self._context.run_id) if rest else ()
+        )
+        for result in results:
+            if isinstance(result, Skipped):
+                self._context.log.info("%s is skipped: %s.", self._key, visible(result.reason))
+                return
+            self._record(result)
+        self._check(recording)
 
-    def _plan(self, assets: Collection[str]) -> None:
-        """Record that assets are about to be made: those that are not made by the end of the run have failed."""
+    def _give_up(self, assets: Collection[str]) -> None:
+        """Record that assets were to be made: those that are not made by the end of the run have failed.
+
+        Dagster records it beforehand of each asset of a run; here it would be a tenth of what is kept of a recording.
+        """
         for asset in sorted(assets):
             planned = AssetMaterializationPlannedData(dg.AssetKey(asset), partition=self._key)
-            self._log(
-                dg.DagsterEventType.ASSET_MATERIALIZATION_PLANNED, planned, f"Makes {asset} of {self._key}."
-            )
+            message = f"{asset} of {self._key} was not made."
+            self._log(dg.DagsterEventType.ASSET_MATERIALIZATION_PLANNED, planned, message)
 
     def _log(self, kind: dg.DagsterEventType, data: object, message: str) -> None:
-        """Record an event of the run.
+        """Record an event of the run."""
+        self._instance.report_dagster_event(
+            self._event(kind, data, message), self._context.run_id, logging.DEBUG
+        )
+
+    def _event(self, kind: dg.DagsterEventType, data: object, message: str) -> dg.DagsterEvent:
+        """Return an event of the run.
 
         Not through the step, which would add to each what it is and where it stands: a third of the event.
         """
-        event = dg.DagsterEvent(
+        return dg.DagsterEvent(
             event_type_value=kind.value,
             job_name=BATCH_JOB,
             step_key=BATCH_OP,
             event_specific_data=data,  # type: ignore[arg-type]  # a union of all kinds
             message=message,
         )
-        self._instance.report_dagster_event(event, self._context.run_id, logging.DEBUG)
 
     def _record(self, made: MadeAsset) -> None:
         """Record an asset as materialized, with the tags that Dagster would write itself."""
@@ -206,6 +204,7 @@ class _Recording:
         recorded = dg.AssetMaterialization(made.asset, partition=self._key, metadata=made.metadata, tags=tags)
         kind = dg.DagsterEventType.ASSET_MATERIALIZATION
         self._log(kind, StepMaterializationData(recorded), f"Materialized {made.asset} of {self._key}.")
+        self._made.add(made.asset)
 
     def _latest_of(self, asset: str) -> _Latest:
         if asset not in self._latest:
@@ -223,10 +222,10 @@ class _Recording:
             )
         return self._latest[asset]
 
-    def _check(self, recording: RecordingFiles, made: set[str]) -> None:
+    def _check(self, recording: RecordingFiles) -> None:
         store = self._workspace.store
         for group in check_groups(self._workspace.recipe).values():
-            chosen = {asset: checks for asset, checks in group.items() if asset in made}
+            chosen = {asset: checks for asset, checks in group.items() if asset in self._made}
             for result in run_checks(
                 self._workspace,
                 recording,
@@ -247,6 +246,28 @@ class _Recording:
                         storage_id=target.storage_id, run_id=target.run_id, timestamp=target.timestamp
                     ),
                 )
-                outcome = "passed" if result.passed else f"did not pass: {result.description}"
-                kind = dg.DagsterEventType.ASSET_CHECK_EVALUATION
-                self._log(kind, evaluation, f"Check {result.check_name} of {asset} of {self._key} {outcome}.")
+                self._record_check(evaluation)
+
+    def _record_check(self, evaluation: dg.AssetCheckEvaluation) -> None:
+        """Record a check; one that passed where Dagster looks checks up, and not in the run's log, too.
+
+        There are a dozen of each recording, and each takes as much room in either place.
+        """
+        what = f"Check {evaluation.check_name} of {evaluation.asset_key.to_user_string()} of {self._key}"
+        kind = dg.DagsterEventType.ASSET_CHECK_EVALUATION
+        storage = self._instance.event_log_storage
+        if not evaluation.passed or not isinstance(storage, SqlEventLogStorage):
+            outcome = "passed" if evaluation.passed else f"did not pass: {evaluation.description}"
+            self._log(kind, evaluation, f"{what} {outcome}.")
+            return
+        entry = dg.EventLogEntry(  # type: ignore[no-untyped-call]
+            error_info=None,
+            level=logging.DEBUG,
+            user_message="",
+            run_id=self._context.run_id,
+            timestamp=time.time(),
+            step_key=BATCH_OP,
+            job_name=BATCH_JOB,
+            dagster_event=self._event(kind, evaluation, f"{what} passed."),
+        )
+        storage.store_asset_check_event(entry, None)

@@ -40,8 +40,14 @@ if TYPE_CHECKING:
     )
     from dagster._core.remote_origin import ManagedGrpcPythonEnvCodeLocationOrigin, RemoteRepositoryOrigin
     from dagster._core.secrets.env_file import get_env_var_dict
-    from dagster._core.storage.event_log.schema import SqlEventLogStorageMetadata
+    from dagster._core.storage.event_log.polling_event_watcher import SqlPollingEventWatcher
+    from dagster._core.storage.event_log.schema import (
+        AssetCheckExecutionsTable,
+        SqlEventLogStorageMetadata,
+    )
+    from dagster._core.storage.event_log.sql_event_log import SqlEventLogStorage
     from dagster._core.storage.event_log.sqlite import sqlite_event_log
+    from dagster._core.storage.event_log.sqlite.sqlite_event_log import SqliteEventLogStorage
     from dagster._core.storage.runs.schema import RunStorageSqlMetadata
     from dagster._core.storage.runs.sqlite import sqlite_run_storage
     from dagster._core.storage.schedules.schema import ScheduleStorageSqlMetadata
@@ -75,6 +81,7 @@ __all__ = [
     "GRPC_INFO_TAG",
     "RUN_MODULES",
     "AssetCheckEvaluationTargetMaterializationData",
+    "AssetCheckExecutionsTable",
     "AssetMaterializationPlannedData",
     "BaseWorkspaceRequestContext",
     "CheckRunHealthResult",
@@ -101,7 +108,10 @@ __all__ = [
     "RunStorageSqlMetadata",
     "ScheduleStorageSqlMetadata",
     "SerializableErrorInfo",
+    "SqlEventLogStorage",
     "SqlEventLogStorageMetadata",
+    "SqlPollingEventWatcher",
+    "SqliteEventLogStorage",
     "StepMaterializationData",
     "T_DagsterInstance",
     "WorkerStatus",
@@ -173,6 +183,11 @@ _PLACES = {
     "get_alembic_config": "dagster._core.storage.sql",  # 1.7
     "sqlite_event_log": "dagster._core.storage.event_log.sqlite",  # 1.7
     "sqlite_run_storage": "dagster._core.storage.runs.sqlite",  # 1.7
+    # One database for the events of all runs: `sqlite_storage`; checks in it: `batch_job`, `old_runs`.
+    "AssetCheckExecutionsTable": "dagster._core.storage.event_log.schema",  # 1.7
+    "SqlEventLogStorage": "dagster._core.storage.event_log.sql_event_log",  # 1.7
+    "SqliteEventLogStorage": "dagster._core.storage.event_log.sqlite.sqlite_event_log",  # 1.7
+    "SqlPollingEventWatcher": "dagster._core.storage.event_log.polling_event_watcher",  # 1.7
     # A code server for launchers that ask for one: `code_server`.
     "BaseWorkspaceRequestContext": "dagster._core.workspace.context",  # 1.7
     "WorkspaceProcessContext": "dagster._core.workspace.context",  # 1.7; of `webserver` as well

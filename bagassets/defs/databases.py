@@ -31,15 +31,19 @@ __all__ = ["database_errors_explained", "ready_to_open"]
 _LOCK = "opening.lock"
 _NEW = "new-"
 # What Dagster keeps in SQLite, below the folder of the storage.
+_EVENTS = "history/runs/index.db"
 _DATABASES: dict[str, MetaData] = {
     "history/runs.db": RunStorageSqlMetadata,
-    "history/runs/index.db": SqlEventLogStorageMetadata,
+    _EVENTS: SqlEventLogStorageMetadata,
     "schedules/schedules.db": ScheduleStorageSqlMetadata,
 }
 # Tables that Dagster fills when it creates a database, or may fill again at any time.
 _VERSION, _INDEXES = "alembic_version", "secondary_indexes"
 _REPLACEABLE = frozenset({_VERSION, _INDEXES, "instance_info", "daemon_heartbeats"})
 _BUSY_S = 5.0
+_OUR_STORAGE = "bagassets.defs.sqlite_storage"
+# Events are of one to three kB each: with pages of 4 kB, a quarter of the file stays empty.
+_PAGE_BYTES = 8192
 
 
 @contextmanager
@@ -152,6 +156,7 @@ def _make(folder: Path, names: list[str]) -> None:
     new = folder / f"{_NEW}{uuid4().hex}"
     try:
         DagsterSqliteStorage.from_local(str(new)).dispose()
+        _lay_out(new / _EVENTS)
         for name in names:
             path = folder / name
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -161,6 +166,16 @@ def _make(folder: Path, names: list[str]) -> None:
             (new / name).replace(path)
     finally:
         shutil.rmtree(new, ignore_errors=True)
+
+
+def _lay_out(path: Path) -> None:
+    """Choose the pages of a database of events that has none yet, and let it give back what deleted runs leave."""
+    with closing(sqlite3.connect(path, isolation_level=None)) as connection:
+        connection.execute("PRAGMA journal_mode = DELETE")  # else the size of pages cannot be changed
+        connection.execute(f"PRAGMA page_size = {_PAGE_BYTES}")
+        connection.execute("PRAGMA auto_vacuum = INCREMENTAL")
+        connection.execute("VACUUM")
+        connection.execute("PRAGMA journal_mode = WAL")
 
 
 def _first_damaged(home: Path) -> Path:
@@ -189,7 +204,10 @@ def _damaged(path: Path, reason: str) -> StoreError:
 
 def _storage(home: Path) -> Path | None:
     try:
-        config = yaml.safe_load((home / "dagster.yaml").read_text("utf-8"))
-        return Path(config["storage"]["sqlite"]["base_dir"])
+        storage = yaml.safe_load((home / "dagster.yaml").read_text("utf-8"))["storage"]
+        if "sqlite" in storage:
+            return Path(storage["sqlite"]["base_dir"])
+        is_ours = storage["custom"]["module"] == _OUR_STORAGE
+        return Path(storage["custom"]["config"]["base_dir"]) if is_ours else None
     except (OSError, yaml.YAMLError, KeyError, TypeError):
         return None

@@ -1,11 +1,13 @@
 """Runs of long ago that no current record is from: Dagster keeps every run for ever, unless somebody deletes it."""
 
+import sqlite3
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
+from contextlib import closing, suppress
 
 import dagster as dg
 
 from bagassets.defs.batches import batch_of
+from bagassets.defs.dagster_private import AssetCheckExecutionsTable, SqlEventLogStorage
 from bagassets.defs.events import all_assets, event_database, live_partitions, recorded_states
 from bagassets.defs.partitions import DATASET
 from bagassets.formats.dataset_build import dataset_code_versions
@@ -15,6 +17,7 @@ __all__ = ["delete_runs", "superseded_runs"]
 
 _PARTITION_TAG = "dagster/partition"
 _PAGE = 1000
+_BUSY_S = 60.0
 _ENDED = {dg.DagsterRunStatus.SUCCESS, dg.DagsterRunStatus.FAILURE, dg.DagsterRunStatus.CANCELED}
 
 
@@ -55,15 +58,23 @@ def superseded_runs(instance: dg.DagsterInstance, recipe: Recipe, ended_before_s
 
 
 def delete_runs(instance: dg.DagsterInstance, run_ids: Sequence[str]) -> None:
-    """Delete runs with their events and logs."""
-    index = event_database(instance)
+    """Delete runs with their events, results of checks and logs, and give back the disk space where SQLite can."""
+    index, storage = event_database(instance), instance.event_log_storage
     for run_id in run_ids:
         instance.delete_run(run_id)
+        if isinstance(storage, SqlEventLogStorage):  # Dagster itself leaves the results of checks
+            with storage.index_connection() as connection:
+                connection.execute(
+                    AssetCheckExecutionsTable.delete().where(AssetCheckExecutionsTable.c.run_id == run_id)
+                )
         with suppress(NotImplementedError):  # where logs are, only their manager knows
             instance.compute_log_manager.delete_logs(prefix=[run_id])
         if index is not None:  # what is left is a database without rows
             for kind in ("", "-wal", "-shm"):
                 index.with_name(f"{run_id}.db{kind}").unlink(missing_ok=True)
+    if index is not None and run_ids:
+        with closing(sqlite3.connect(index, timeout=_BUSY_S, isolation_level=None)) as connection:
+            connection.executescript("PRAGMA incremental_vacuum")  # `execute` would stop after one page
 
 
 def _runs(instance: dg.DagsterInstance) -> Iterator[dg.RunRecord]:

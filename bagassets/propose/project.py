@@ -25,8 +25,12 @@ _DAGSTER_YAML = """\
 # Paths are absolute, since Dagster takes relative ones from wherever it is started. After moving the
 # project, run `bagassets init PROJECT` again: it keeps recipe.yaml and rewrites the rest.
 storage:
-  sqlite:
-    base_dir: {storage}
+  # Dagster's SQLite storage, but with the events of all runs in one file, which takes half of the room.
+  custom:
+    module: bagassets.defs.sqlite_storage
+    class: ProjectStorage
+    config:
+      base_dir: {storage}
 local_artifact_storage:
   module: dagster._core.storage.root
   class: LocalArtifactStorage

@@ -1,0 +1,182 @@
+"""One SQLite file for the events of all runs: nothing is lost, and projects of before go on."""
+
+import re
+import subprocess
+import sys
+import threading
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+
+import dagster as dg
+import pytest
+
+from bagassets.defs.connections import kept_open
+from bagassets.defs.events import event_database
+from bagassets.defs.runs import open_instance
+from bagassets.defs.sqlite_storage import ProjectEventLogStorage
+from bagassets.propose.project import dagster_files
+from bagassets.recipe import load_recipe
+from bagassets_tests.in_process import build, make_project
+from bagassets_tests.small_drive import write_drive
+
+WRITERS, EVENTS = 8, 40
+WAIT_S = 30.0
+
+
+@pytest.fixture
+def project(tmp_path):
+    return make_project(tmp_path / "p")
+
+
+@pytest.fixture
+def old_project(project):
+    """A project whose runs have files of their own."""
+    home = project.parent
+    text = (home / "dagster.yaml").read_text()
+    storage = re.search(r"base_dir: (.*)\n", text)[1]
+    (home / "dagster.yaml").write_text(
+        re.sub(
+            r"storage:\n.*?(?=local_artifact)",
+            f"storage:\n  sqlite:\n    base_dir: {storage}\n",
+            text,
+            count=1,
+            flags=re.DOTALL,
+        )
+    )
+    with open_instance(str(home)) as instance:
+        assert not isinstance(instance.event_log_storage, ProjectEventLogStorage)
+    return project
+
+
+def files(instance):
+    return sorted(path.stem for path in event_database(instance).parent.glob("*.db"))
+
+
+def logs(instance):
+    """Run id -> kinds of its events, in order."""
+    return {
+        run.run_id: [entry.dagster_event.event_type_value for entry in instance.all_logs(run.run_id)]
+        for run in instance.get_runs()
+    }
+
+
+def change_over(recipe_file):
+    """As `bagassets init` does for a project that is there."""
+    home = recipe_file.parent
+    for name, text in dagster_files(home, load_recipe(recipe_file).state).items():
+        (home / name).write_text(text)
+
+
+def test_the_log_of_each_run_is_whole_and_all_are_in_one_file(project, monkeypatch):
+    _, runs = build(project, monkeypatch)
+    with open_instance(str(project.parent)) as instance:
+        assert files(instance) == ["index"]
+        assert len(logs(instance)) == len(runs) == 2
+        for kinds in logs(instance).values():
+            assert kinds.count("PIPELINE_START") == kinds.count("PIPELINE_SUCCESS") == 1
+            assert kinds.count("ASSET_MATERIALIZATION") == kinds.count("ASSET_MATERIALIZATION_PLANNED") > 0
+
+
+def test_a_project_of_before_changes_over_and_keeps_its_history(old_project, monkeypatch):
+    build(old_project, monkeypatch)
+    with open_instance(str(old_project.parent)) as instance:
+        before = logs(instance)
+        assert len(files(instance)) >= 3, "one each, and the common one"
+    change_over(old_project)
+    _, runs = build(old_project, monkeypatch)
+    assert runs == [], "nothing is stale because of it"
+    write_drive(old_project.parent / "bags/b.mcap", "mcap", duration_s=1.0)
+    build(old_project, monkeypatch)
+    with open_instance(str(old_project.parent)) as instance:
+        after = logs(instance)
+        assert {run_id: after[run_id] for run_id in before} == before
+        new = set(after) - set(before)
+        assert len(new) == 2
+        assert not new & set(files(instance))
+        found = instance.fetch_run_status_changes(dg.DagsterEventType.RUN_SUCCESS, limit=100).records
+        assert {record.run_id for record in found} == set(after), "what sensors on runs see"
+        for run_id in after:
+            assert instance.get_run_stats(run_id).steps_succeeded > 0
+
+
+def test_a_run_that_was_begun_before_the_change_goes_on_in_its_file(old_project):
+    home = str(old_project.parent)
+    with open_instance(home) as instance:
+        run = instance.create_run_for_job(_job)
+        instance.report_engine_event("before", run)
+    change_over(old_project)
+    with open_instance(home) as instance:
+        instance.report_engine_event("after", run)
+        materialized = dg.AssetMaterialization("own", partition="a.bag")
+        instance.report_dagster_event(_materialization(run, materialized), run.run_id)
+        messages = [entry.get_dagster_event().message for entry in instance.all_logs(run.run_id)]
+        assert messages == ["before", "after", "made"]
+        assert run.run_id in files(instance)
+        assert instance.get_latest_materialization_event(dg.AssetKey("own")) is not None
+
+
+def test_who_watches_a_run_hears_what_others_write(project):
+    heard, enough = [], threading.Event()
+
+    def hear(entry, _cursor):
+        heard.append(entry.get_dagster_event().message)
+        if len(heard) == 2:
+            enough.set()
+
+    home = str(project.parent)
+    with open_instance(home) as instance, open_instance(home) as other:
+        run, unseen = (instance.create_run_for_job(_job) for _ in range(2))
+        instance.watch_event_logs(run.run_id, None, hear)
+        other.report_engine_event("first", run)
+        other.report_engine_event("of another run", unseen)
+        other.report_engine_event("second", run)
+        assert enough.wait(WAIT_S)
+        instance.end_watch_event_logs(run.run_id, hear)
+    assert heard == ["first", "second"]
+
+
+@pytest.mark.long
+def test_eight_processes_write_at_the_same_time_and_nothing_is_lost(project):
+    home = str(project.parent)
+    script = (
+        f"from bagassets_tests.test_sqlite_storage import write_side_by_side; write_side_by_side({home!r})"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    run_ids = done.stdout.split()
+    assert len(run_ids) == WRITERS
+    with open_instance(home) as instance:
+        for run_id in run_ids:
+            messages = [entry.get_dagster_event().message for entry in instance.all_logs(run_id)]
+            assert messages == [str(number) for number in range(EVENTS)]
+
+
+def write_side_by_side(home):
+    """In a process of its own, since it forks."""
+    open_instance(home).dispose()
+    with ProcessPoolExecutor(WRITERS, get_context("fork")) as pool:
+        print(*pool.map(write_events, [home] * WRITERS))
+
+
+def write_events(home):
+    with open_instance(home) as instance:
+        run = instance.create_run_for_job(_job)
+        with kept_open(instance, run.run_id):  # as workers do
+            for number in range(EVENTS):
+                instance.report_engine_event(str(number), run)
+        return run.run_id
+
+
+@dg.job
+def _job():
+    pass
+
+
+def _materialization(run, materialized):
+    from dagster._core.events import StepMaterializationData
+
+    return dg.DagsterEvent(
+        dg.DagsterEventType.ASSET_MATERIALIZATION.value,
+        run.job_name,
+        event_specific_data=StepMaterializationData(materialized),
+        message="made",
+    )
