@@ -30,8 +30,21 @@ class Postgres:
     @property
     def url(self) -> str:
         """URL of its database `dagster`."""
+        return self.url_of("dagster")
+
+    def url_of(self, database: str) -> str:
+        """Return the URL of a database."""
         # Without a driver in the URL SQLAlchemy takes psycopg 3, with which dagster-postgres cannot work.
-        return f"postgresql+psycopg2://postgres@/dagster?host={self.folder}&port={PORT}"
+        return f"postgresql+psycopg2://postgres@/{database}?host={self.folder}&port={PORT}"
+
+    def create_database(self, name: str) -> None:
+        """Create an empty database."""
+        _run("createdb", *self._client(), name)
+
+    def database_bytes(self, name: str) -> int:
+        """Return the size of a database on the disk."""
+        query = f"SELECT pg_database_size('{name}')"
+        return int(_run("psql", *self._client(), "--no-align", "--tuples-only", "--command", query, name))
 
     def start(self) -> None:
         """Start it, and wait until it answers."""
@@ -41,6 +54,9 @@ class Postgres:
     def stop(self, mode: str = "immediate") -> None:
         """Stop it, as with a power loss unless `mode` says otherwise."""
         self._control("--mode", mode, "stop")
+
+    def _client(self) -> list[str]:
+        return ["--host", str(self.folder), "--port", str(PORT), "--username", "postgres"]
 
     def _control(self, *arguments: str) -> None:
         _run("pg_ctl", "--pgdata", str(self.folder / "data"), *arguments)
@@ -57,7 +73,7 @@ def running_postgres() -> Iterator[Postgres]:
     _run("initdb", "--pgdata", str(folder / "data"), "--auth", "trust", "--username", "postgres", "--no-sync")
     server.start()
     try:
-        _run("createdb", "--host", str(folder), "--port", str(PORT), "--username", "postgres", "dagster")
+        server.create_database("dagster")
         yield server
     finally:
         server.stop()
@@ -72,9 +88,10 @@ def use_postgres(recipe_file: Path, url: str) -> None:
     file.write_text(yaml.safe_dump(config))
 
 
-def _run(program: str, *arguments: str) -> None:
-    """Run a program of PostgreSQL, which refuses to run as root."""
+def _run(program: str, *arguments: str) -> str:
+    """Run a program of PostgreSQL, which refuses to run as root; return what it prints."""
     user = {"user": "postgres"} if os.getuid() == 0 else {}
     command = [str(PROGRAMS and PROGRAMS / program), *arguments]
     done = subprocess.run(command, capture_output=True, text=True, check=False, cwd="/", **user)
     assert done.returncode == 0, done.stderr
+    return done.stdout

@@ -67,6 +67,7 @@ FIGURES: dict[str, tuple[str, Callable[[Any], str]]] = {
     "rq3": ("rq3", _plotted(rq3_table, "rq3", "times by number of files")),
     "scale": ("scale", scale_table),
     "small": ("small", small_table),
+    "small daily": ("small", lambda found: f"{1e4 * median(found['each']['record_bytes']) / 1e9:.1f} GB"),
     "small records": ("small", lambda found: f"{median(found['each']['record_bytes']) / 1e6:.2f} MB"),
     "slurm": ("slurm", slurm_table),
     "slurm model": ("slurm", scaling_table),

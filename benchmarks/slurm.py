@@ -95,22 +95,8 @@ def make(folder: Path, number: int, postgres: Postgres, /, **launcher: Any) -> P
     write_project(folder, QUICK.format(name=folder.name.replace("-", "_"), root="bags"))
     recipe_file = folder / "recipe.yaml"
     name = "b_" + re.sub(r"\W", "_", folder.name)
-    subprocess.run(
-        [
-            "psql",
-            "--host",
-            str(postgres.folder),
-            "--port",
-            "5439",
-            "--username",
-            "postgres",
-            "-q",
-            "-c",
-            f"CREATE DATABASE {name}",
-        ],
-        check=True,
-    )
-    use_postgres(recipe_file, postgres.url.replace("/dagster?", f"/{name}?"))
+    postgres.create_database(name)
+    use_postgres(recipe_file, postgres.url_of(name))
     if launcher:
         file = folder / "dagster.yaml"
         config = yaml.safe_load(file.read_text())

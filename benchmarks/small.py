@@ -2,7 +2,8 @@
 
 Recordings of half a second, from nothing. Projects of two sizes are built by turns; what each recording more of the
 larger one took is a recording's share, free of the start of the server and of the dataset. The work alone is the same
-assets of the same recordings, made in one process that has everything imported, without Dagster.
+assets of the same recordings, made in one process that has everything imported, without Dagster. What is kept of each in
+PostgreSQL is measured once.
 """
 
 import argparse
@@ -27,8 +28,9 @@ from bagassets.recordings.discover import discover
 from bagassets.sample.drive import Target, write_recordings
 from bagassets.sample.recipe import sample_recipe
 from bagassets.store.store import Store
+from bagassets_tests.postgres_server import Postgres, running_postgres, use_postgres
 from benchmarks.common import machine
-from benchmarks.resources import run_watched
+from benchmarks.resources import Used, run_watched
 
 __all__ = ["small_table"]
 
@@ -60,7 +62,8 @@ def small_table(figures: dict[str, Any]) -> str:
         ("time", f"{middle['seconds']:.2f} s"),
         ("processor time", f"{middle['cpu_s']:.2f} s"),
         ("processor time of the work alone", f"{middle['work_cpu_s']:.2f} s"),
-        ("Dagster's records", f"{middle['record_bytes'] / 1e3:.0f} kB"),
+        ("Dagster's records in SQLite", f"{middle['record_bytes'] / 1e3:.0f} kB"),
+        ("Dagster's records in PostgreSQL", f"{figures['postgres_bytes'] / 1e3:.0f} kB"),
     ]
     return (
         "\n".join(["| each recording | |", "|---|--:|", *(f"| {name} | {value} |" for name, value in rows)])
@@ -83,7 +86,16 @@ def measure(folder: Path, fewer: int, more: int, times: int) -> dict[str, Any]:
             each[name].append((value - few[name]) / (more - fewer))
         each["work_cpu_s"].append(_work_cpu_s(folder / "project", recordings[fewer]))
     size = next(recordings[more].iterdir()).stat().st_size
-    return {"recordings": [fewer, more], "recording_bytes": size, "each": each}
+    with running_postgres() as server:
+        few, many = (
+            _postgres_bytes(folder / "project", recordings[number], server) for number in (fewer, more)
+        )
+    return {
+        "recordings": [fewer, more],
+        "recording_bytes": size,
+        "postgres_bytes": (many - few) / (more - fewer),
+        "each": each,
+    }
 
 
 def _project(folder: Path, recordings: Path) -> Path:
@@ -95,14 +107,30 @@ def _project(folder: Path, recordings: Path) -> Path:
 def _build(folder: Path, recordings: Path) -> dict[str, float]:
     """Build a new project, and return what that took."""
     recipe_file = _project(folder, recordings)
-    used = run_watched([sys.executable, "-m", "bagassets", "build", "--recipe", str(recipe_file)], cwd=folder)
-    if used.code:
-        raise SystemExit(f"the build ended with status {used.code}")
+    used = _run_build(recipe_file)
     state = load_recipe(recipe_file).state
-    for client in Client.all_of(state):
-        client.shutdown(grace_s=1.0)
     records = sum(path.stat().st_size for path in (state / "dagster").rglob("*") if path.is_file())
     return {"seconds": used.seconds, "cpu_s": used.cpu_s, "record_bytes": records}
+
+
+def _run_build(recipe_file: Path) -> Used:
+    command = [sys.executable, "-m", "bagassets", "build", "--recipe", str(recipe_file)]
+    used = run_watched(command, cwd=recipe_file.parent)
+    if used.code:
+        raise SystemExit(f"the build ended with status {used.code}")
+    for client in Client.all_of(load_recipe(recipe_file).state):
+        client.shutdown(grace_s=1.0)
+    return used
+
+
+def _postgres_bytes(folder: Path, recordings: Path, server: Postgres) -> int:
+    """Build a new project that keeps its records in PostgreSQL, and return the size of its database."""
+    name = recordings.name.replace("-", "_")
+    server.create_database(name)
+    recipe_file = _project(folder, recordings)
+    use_postgres(recipe_file, server.url_of(name))
+    _run_build(recipe_file)
+    return server.database_bytes(name)
 
 
 def _work_cpu_s(folder: Path, recordings: Path) -> float:
