@@ -9,6 +9,7 @@ import signal
 import sqlite3
 import subprocess
 import sys
+import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
@@ -19,11 +20,13 @@ import dagster as dg
 import pytest
 
 from bagassets.defs.databases import database_errors_explained, ready_to_open
+from bagassets.defs.events import event_database
 from bagassets.defs.runs import open_instance
 from bagassets.errors import StoreError
 from bagassets.forkserver.client import Client
 from bagassets_tests.in_process import build, make_project, survey
 
+BUSY_S = 10.0
 DATABASES = ["history/runs.db", "history/runs/index.db", "schedules/schedules.db"]
 
 
@@ -50,7 +53,12 @@ def new_home(home, opened_home):
 
 def write_home(folder):
     storage = folder / "state" / "dagster"
-    (folder / "dagster.yaml").write_text(f"storage:\n  sqlite:\n    base_dir: {storage}\n")
+    ours = {
+        "module": "bagassets.defs.sqlite_storage",
+        "class": "ProjectStorage",
+        "config": {"base_dir": str(storage)},
+    }
+    (folder / "dagster.yaml").write_text(json.dumps({"storage": {"custom": ours}}))
     return folder
 
 
@@ -317,3 +325,21 @@ def test_a_build_killed_in_its_first_second_is_no_obstacle_to_the_next(tmp_path,
     counts = json.loads(done.stdout)["counts"]
     assert counts["built"] + counts["hit"] == 1
     assert json.loads(done.stdout)["dataset"]["state"] == "updated"
+
+
+@pytest.mark.long
+def test_a_build_waits_while_another_program_writes(tmp_path, monkeypatch):
+    """As a backup or an analysis might, for ten seconds."""
+    recipe_file = make_project(tmp_path, ("a.bag", "b.bag"))
+    with open_instance(str(tmp_path)) as instance:
+        path = event_database(instance)
+    with closing(sqlite3.connect(path, isolation_level=None, check_same_thread=False)) as other:
+        other.execute("BEGIN IMMEDIATE")
+        release = threading.Timer(BUSY_S, other.execute, ["COMMIT"])
+        release.start()
+        began = time.monotonic()
+        report, _ = build(recipe_file, monkeypatch, jobs=1)
+        assert time.monotonic() - began > BUSY_S
+        release.join()
+    assert {outcome.result for outcome in report.outcomes.values()} == {"built"}
+    assert build(recipe_file, monkeypatch, jobs=1)[1] == []
