@@ -17,12 +17,21 @@ from bagassets.recipe import load_recipe
 from bagassets_tests.services import BIN, bare_environment
 
 OLD = sorted((Path(__file__).parent / "upgrade").glob("*.tar.xz"))
+BEFORE_THE_FIRST_RELEASE = "bb81e10"
 LOCK = Path("dataset/nuscenes/v1.0-test/dataset.lock.json")
 # What versions before 0.1.0 kept in the state folder to tell whether anything had changed.
 LEFT_BEHIND = ("plan.sqlite", "nothing-to-do.snapshot", "published", "last-build.json")
 
 pytestmark = [
-    pytest.mark.parametrize("old", OLD, ids=lambda path: path.name.removesuffix(".tar.xz"), scope="module"),
+    pytest.mark.parametrize(
+        "old",
+        [
+            pytest.param(path, marks=pytest.mark.long if BEFORE_THE_FIRST_RELEASE in path.name else ())
+            for path in OLD
+        ],
+        ids=lambda path: path.name.removesuffix(".tar.xz"),
+        scope="module",
+    ),
     pytest.mark.xdist_group("upgrade"),
 ]
 
