@@ -47,7 +47,7 @@ def make_project(folder, drives=("a.bag",), *, text=QUICK, duration_s=1.0):
     return folder / "recipe.yaml"
 
 
-def build(recipe_file, monkeypatch, **options):
+def build(recipe_file, monkeypatch, *, on_event=lambda _event: None, **options):
     """Build; return the report and the runs there were: (partition key, assets)."""
     runs = []
 
@@ -64,7 +64,7 @@ def build(recipe_file, monkeypatch, **options):
     monkeypatch.setattr(dg.DagsterInstance, "run_launcher", property(launcher))
     monkeypatch.setenv("BAGASSETS_RECIPE", str(recipe_file))
     load_definitions(recipe_file)
-    report = project_build.build_project(recipe_file, BuildOptions(**options), lambda _event: None)
+    report = project_build.build_project(recipe_file, BuildOptions(**options), on_event)
     return report, runs
 
 

@@ -203,10 +203,10 @@ def test_a_recording_that_is_skipped_is_not_failed_where_another_one_is(project,
 def test_an_unexpected_error_is_one_recordings_own(project, monkeypatch):
     real = making.read_bag
 
-    def read_bag(workspace, recording, *arguments, **options):
+    def read_bag(instance, workspace, recording, *arguments, **options):
         if recording.key == BROKEN:
             raise ZeroDivisionError("by chance")
-        return real(workspace, recording, *arguments, **options)
+        return real(instance, workspace, recording, *arguments, **options)
 
     monkeypatch.setattr("bagassets.defs.batch_job.read_bag", read_bag)
     report, _ = build(project, monkeypatch, jobs=1)
@@ -219,11 +219,11 @@ def test_what_a_worker_left_when_it_died_gets_another_run(project, monkeypatch):
     real = making.read_bag
     died = []
 
-    def read_bag(workspace, recording, *arguments, **options):
+    def read_bag(instance, workspace, recording, *arguments, **options):
         if recording.key == BROKEN and not died:
             died.append(recording.key)
             raise SystemExit("killed")
-        return real(workspace, recording, *arguments, **options)
+        return real(instance, workspace, recording, *arguments, **options)
 
     monkeypatch.setattr("bagassets.defs.batch_job.read_bag", read_bag)
     report, _ = build(project, monkeypatch, jobs=1)

@@ -65,16 +65,18 @@ class Event:
     Attributes:
         kind: `reading` while recordings are read whose time changed, `planned` once, then `started`, `done`,
             `failed` or `stopped` for a recording, or for the dataset (with an empty key); in between `where`, when
-            its launcher says where it waits or is executed.
+            its launcher says where it waits or is executed, or its run how far it has come.
         key: partition key.
         message: why it failed, where it is, what is planned, or how far the reading is.
         sizes: for `planned`, recording that needs a run -> bytes.
+        share: for `where`, how much of the recording the present pass has read, 0 to 1, if its run says so.
     """
 
     kind: Literal["reading", "planned", "started", "where", "done", "failed", "stopped"]
     key: str = ""
     message: str = ""
     sizes: Mapping[str, int] = field(default_factory=dict)
+    share: float | None = None
 
     def as_json(self) -> JsonObject:
         """Return the event as JSON."""

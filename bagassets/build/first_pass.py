@@ -82,7 +82,12 @@ def _with_inventory(
 ) -> FirstPass:
     recipe = assets.recipe
     source = MessageSource(
-        recording, stat, recipe.bags.message_definitions, recipe.limits, on_read=along.follow
+        recording,
+        stat,
+        recipe.bags.message_definitions,
+        recipe.limits,
+        on_read=along.follow,
+        what="hash and inventory",
     )
     inputs = RecordingInputs(store, recording, "", source)
     pending = summary = made = None

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
+from bagassets.build.reading import followed
 from bagassets.errors import BagAssetsError
 from bagassets.recipe.model import Limits
 from bagassets.recordings.digest import RecordingStat, assert_unchanged
@@ -26,6 +27,7 @@ class MessageSource:
         message_definitions: folders of `.msg` files.
         limits: limits on the memory that reading may take.
         on_read: told how far reading has come; see `open_recording`.
+        what: what the whole recording is read for, for those who wait.
     """
 
     def __init__(
@@ -35,12 +37,14 @@ class MessageSource:
         message_definitions: Sequence[Path],
         limits: Limits,
         on_read: OnRead | None = None,
+        what: str = "images and clouds",
     ) -> None:
         self.files = files
         self._stat = stat
         self._message_definitions = tuple(message_definitions)
         self._limits = limits
         self._on_read = on_read
+        self._what = what
 
     def verify_unchanged(self) -> None:
         """Check that the recording is still the one that was digested.
@@ -58,10 +62,9 @@ class MessageSource:
             inventory: has the definitions for topics that lack one in the recording; None to look for them.
         """
         self.verify_unchanged()
+        on_read = followed(self.files, self._what, self._on_read)
         try:
-            with open_recording(
-                self.files, self._message_definitions, self._limits, self._on_read
-            ) as recording:
+            with open_recording(self.files, self._message_definitions, self._limits, on_read) as recording:
                 if inventory is not None:
                     for name, topic in recording.topics.items():
                         if name in inventory.topics:

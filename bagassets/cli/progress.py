@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 __all__ = ["BuildProgress", "LinesProgress", "LiveProgress", "SilentProgress", "progress_for"]
 
-_BAR_WIDTH = 30
+_BAR_WIDTH, _SMALL_BAR_WIDTH = 30, 10
 _MOST_SHOWN = 12
 
 
@@ -84,7 +84,7 @@ class LinesProgress(SilentProgress):
 
 
 class LiveProgress(SilentProgress):
-    """A bar with done/total and the time left, and a line per active recording.
+    """A bar with done/total and the time left, and a line per active recording, with a bar if it is long.
 
     The time left is extrapolated from the bytes done so far; it is shown once a recording is done.
     """
@@ -92,7 +92,7 @@ class LiveProgress(SilentProgress):
     def __init__(self) -> None:
         self._sizes: dict[str, int] = {}
         self._since: dict[str, float] = {}
-        self._where: dict[str, str] = {}
+        self._where: dict[str, Event] = {}
         self._done: set[str] = set()
         self._failed = 0
         self._preparing = "scanning recordings …"
@@ -112,7 +112,7 @@ class LiveProgress(SilentProgress):
         elif event.kind == "started":
             self._since[event.key] = now
         elif event.kind == "where":
-            self._where[event.key] = event.message
+            self._where[event.key] = event
         else:
             self._since.pop(event.key, None)
             self._where.pop(event.key, None)
@@ -136,10 +136,6 @@ class LiveProgress(SilentProgress):
         if self._live is not None:
             self._live.stop()
 
-    def _place(self, key: str) -> str:
-        where = self._where.get(key)
-        return f"  {where}" if where else ""
-
     def render(self) -> "RenderableType":
         """Return the current display."""
         from rich.console import Group
@@ -162,14 +158,19 @@ class LiveProgress(SilentProgress):
             text += f", {self._failed} failed"
         row = Table.grid(padding=(0, 1))
         row.add_row(ProgressBar(total=max(total, 1), completed=done, width=_BAR_WIDTH), text)
-        in_work = [
-            Text(
-                f"  {clock(now - since)}  {key or 'dataset: linking files and writing tables'}{self._place(key)}",
-                style="cyan",
+        in_work = Table.grid(padding=(0, 1))
+        for key, since in list(self._since.items())[:_MOST_SHOWN]:
+            where = self._where.get(key)
+            share = None if where is None else where.share
+            in_work.add_row(
+                Text(
+                    f"  {clock(now - since)}  {key or 'dataset: linking files and writing tables'}",
+                    style="cyan",
+                ),
+                "" if share is None else ProgressBar(total=1.0, completed=share, width=_SMALL_BAR_WIDTH),
+                Text("" if where is None else where.message, style="cyan", no_wrap=True, overflow="ellipsis"),
             )
-            for key, since in list(self._since.items())[:_MOST_SHOWN]
-        ]
-        return Group(row, *in_work)
+        return Group(row, in_work)
 
 
 def clock(seconds: float) -> str:

@@ -46,6 +46,7 @@ def recording_definitions(recipe: Recipe) -> list[dg.AssetsDefinition]:
             recording_lock.take(context)
             selected = context.run.asset_selection
             _, made = read_bag(
+                context.instance,
                 workspace,
                 workspace.recording(context.partition_key),
                 context.run.run_id,

@@ -13,7 +13,7 @@ import dagster as dg
 from dagster import AssetRecordsFilter
 
 from bagassets.build.execute import Skipped
-from bagassets.defs.batches import BATCH_JOB, BATCH_OP, Batch, note_progress
+from bagassets.defs.batches import BATCH_JOB, BATCH_OP, Batch
 from bagassets.defs.checks import check_groups, run_checks
 from bagassets.defs.dagster_private import (
     AssetCheckEvaluationTargetMaterializationData,
@@ -25,6 +25,7 @@ from bagassets.defs.events import CODE_VERSION, DATA_VERSION, INPUT_PREFIX
 from bagassets.defs.exclusive import RecordingLock
 from bagassets.defs.making import MadeAsset, dependencies, make_assets, read_bag, recorded_bag
 from bagassets.defs.reporting import BAG_CODE_VERSION
+from bagassets.defs.run_progress import note_begun, note_ended
 from bagassets.defs.workspace import Workspace
 from bagassets.errors import BagAssetsError, RunEndedError, StoreError
 from bagassets.escaping import visible
@@ -119,7 +120,7 @@ class _Recording:
         Raises:
             RunEndedError: the run was given up while this worker was at work.
         """
-        note_progress(self._context, self._key, ended=False)
+        note_begun(self._instance, self._context.run_id, BATCH_JOB, self._key)
         problem = None
         try:
             with self._lock.hold(self._context, self._key):
@@ -134,14 +135,18 @@ class _Recording:
             self._context.log.exception("%s: an unexpected error", self._key)
         if problem is not None:
             self._give_up(self._wanted - self._made)
-        note_progress(self._context, self._key, problem, ended=True)
+        note_ended(self._instance, self._context.run_id, BATCH_JOB, self._key, problem)
         return problem
 
     def _make(self, recording: RecordingFiles) -> None:
         rest = self._wanted - {"bag"}
         if "bag" in self._wanted:
             source, bag = read_bag(
-                self._workspace, recording, self._context.run_id, makes_inventory="inventory" in rest
+                self._instance,
+                self._workspace,
+                recording,
+                self._context.run_id,
+                makes_inventory="inventory" in rest,
             )
             self._record(bag)
         else:

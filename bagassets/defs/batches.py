@@ -5,24 +5,19 @@ partition, and the failure of one is its own (see `batch_job`). Dagster's range 
 run have the same data version, and fail together.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
 from heapq import heapify, heapreplace
 from typing import Any
 
 import dagster as dg
 
-from bagassets.defs.dagster_private import EngineEventData
-
 __all__ = [
     "BATCH_JOB",
     "BATCH_OP",
     "Batch",
-    "BatchProgress",
     "batch_config",
     "batch_of",
     "batches",
-    "note_progress",
 ]
 
 BATCH_JOB = "build_recordings"
@@ -32,8 +27,6 @@ _LARGEST_BATCH_BYTES = 128 * 2**20
 _AT_ALL_BYTES = 2**20  # a recording costs as much as these, whatever its size
 _MOST_RECORDINGS = 50  # or about that, in one run: its log can still be read
 _FEWEST_PER_JOB = 4  # where there are fewer, a run each shows more and costs little
-_RECORDING, _STATE, _PROBLEM = "recording", "state", "problem"
-_BEGUN, _DONE, _FAILED = "begun", "done", "failed"
 
 Batch = Mapping[str, Sequence[str]]
 """Partition key -> the assets to materialize."""
@@ -81,48 +74,3 @@ def batch_of(run: dg.DagsterRun) -> tuple[str, ...]:
         return tuple(run_config["ops"][BATCH_OP]["config"]["recordings"])
     except (KeyError, TypeError, AttributeError):  # somebody launched it with a config of their own
         return ()
-
-
-@dataclass
-class BatchProgress:
-    """How far a run is with its batch, as its log says.
-
-    Attributes:
-        begun: partition key -> when it was begun (seconds since the epoch).
-        ended: partition key -> why it failed (None if it did not), and the seconds it took.
-    """
-
-    begun: dict[str, float] = field(default_factory=dict)
-    ended: dict[str, tuple[str | None, float]] = field(default_factory=dict)
-    _cursor: str | None = None
-
-    def read(self, instance: dg.DagsterInstance, run_id: str) -> Iterator[tuple[str, bool]]:
-        """Read what is new, and yield each recording that was begun (False) or has ended (True)."""
-        found = instance.get_records_for_run(run_id, self._cursor, dg.DagsterEventType.ENGINE_EVENT)
-        self._cursor = found.cursor
-        for record in found.records:
-            entry = record.event_log_entry
-            said = {
-                name: value.value
-                for name, value in entry.get_dagster_event().engine_event_data.metadata.items()
-            }
-            key, state = str(said.get(_RECORDING)), said.get(_STATE)
-            if state == _BEGUN:
-                self.begun[key] = entry.timestamp
-                yield key, False
-            elif state in {_DONE, _FAILED}:
-                problem = str(said[_PROBLEM]) if state == _FAILED else None
-                self.ended[key] = problem, entry.timestamp - self.begun.get(key, entry.timestamp)
-                yield key, True
-
-
-def note_progress(
-    context: dg.OpExecutionContext, key: str, problem: str | None = None, *, ended: bool
-) -> None:
-    """Note in the log of a run that a recording of its batch was begun, or has ended, for `BatchProgress`."""
-    state = _BEGUN if not ended else _DONE if problem is None else _FAILED
-    metadata = {_RECORDING: key, _STATE: state} | ({} if problem is None else {_PROBLEM: problem})
-    message = f"{key}: {state}" + ("." if problem is None else f". {problem}")
-    context.instance.report_engine_event(
-        message, run_id=context.run_id, job_name=BATCH_JOB, engine_event_data=EngineEventData(metadata)
-    )

@@ -11,6 +11,7 @@ from bagassets.build.graph import SELECTION, Graph
 from bagassets.build.recording_assets import RecordingAssets
 from bagassets.defs.events import recorded_artifact, recorded_partition
 from bagassets.defs.reporting import Metadata, bag_metadata, result_metadata
+from bagassets.defs.run_progress import readings_noted
 from bagassets.defs.workspace import Workspace
 from bagassets.errors import StoreError
 from bagassets.recordings.digest import RecordingStat, recording_digest, recording_stat
@@ -53,7 +54,12 @@ def dependencies(assets: RecordingAssets, asset: str) -> list[str]:
 
 
 def read_bag(
-    workspace: Workspace, recording: RecordingFiles, run_id: str, *, makes_inventory: bool
+    instance: dg.DagsterInstance,
+    workspace: Workspace,
+    recording: RecordingFiles,
+    run_id: str,
+    *,
+    makes_inventory: bool,
 ) -> tuple[Source, MadeAsset]:
     """Hash a recording, and return it with what is recorded of it as `bag`.
 
@@ -64,7 +70,8 @@ def read_bag(
     """
     stat = recording_stat(recording)
     if makes_inventory:
-        first = first_pass(workspace.assets, workspace.store, recording, stat, workspace.index)
+        with readings_noted(instance, run_id, recording.key):
+            first = first_pass(workspace.assets, workspace.store, recording, stat, workspace.index)
         if first.inventory is not None and not first.inventory.cached:
             workspace.note_made(run_id, first.inventory.action_digest)
         digest = first.digest
@@ -121,11 +128,14 @@ def make_assets(
         wanted=wanted,
         given=given,
     )
-    for result in execute(graph):
-        if isinstance(result, Skipped):
-            yield result
-            return
-        reason = graph.node(SELECTION).skipped if result.asset == "inventory" else None
-        cached = result.cached and not workspace.has_made(run_id, result.action_digest)
-        metadata = result_metadata(replace(result, cached=cached)) | ({"skipped": reason} if reason else {})
-        yield MadeAsset(result.asset, result.artifact.digest, metadata)
+    with readings_noted(instance, run_id, key):
+        for result in execute(graph):
+            if isinstance(result, Skipped):
+                yield result
+                return
+            reason = graph.node(SELECTION).skipped if result.asset == "inventory" else None
+            cached = result.cached and not workspace.has_made(run_id, result.action_digest)
+            metadata = result_metadata(replace(result, cached=cached)) | (
+                {"skipped": reason} if reason else {}
+            )
+            yield MadeAsset(result.asset, result.artifact.digest, metadata)

@@ -16,9 +16,10 @@ from uuid import uuid4
 import dagster as dg
 
 from bagassets.build.build_report import Event
-from bagassets.defs.batches import BATCH_JOB, Batch, BatchProgress, batch_config, batches
+from bagassets.defs.batches import BATCH_JOB, Batch, batch_config, batches
 from bagassets.defs.code_server import LaunchWorkspace
 from bagassets.defs.connections import kept_open
+from bagassets.defs.run_progress import RunProgress
 from bagassets.defs.runs import CodeLocation, create_job_run, create_run, fail_if_lost, failure_of
 from bagassets.defs.worker_tag import WHERE_TAG
 from bagassets.errors import BagAssetsError
@@ -32,6 +33,7 @@ _HEALTH_S = 5.0
 # Polling the records costs 1 to 2 ms. The end of a run is noticed late by at most 2 % of its duration.
 _QUICKEST_S, _SLOWEST_S = 0.02, 0.5
 _POLL_SHARE = 0.02
+_LOG_S = 2.0
 _FEW = 20  # active runs that are all read each time
 _MOST_THREADS = 32
 _ENDED = [dg.DagsterRunStatus.SUCCESS, dg.DagsterRunStatus.FAILURE, dg.DagsterRunStatus.CANCELED]
@@ -60,7 +62,8 @@ class _Active:
         checked_at: when its health was last checked (monotonic clock).
         is_ours: False if an earlier build launched it.
         where: where it waits or is executed, if its launcher says so.
-        progress: of a run about several recordings.
+        progress: what its log says of its recordings.
+        read_at: when its log was last read (monotonic clock).
     """
 
     batch: Batch
@@ -69,7 +72,8 @@ class _Active:
     checked_at: float
     is_ours: bool = True
     where: str = ""
-    progress: BatchProgress = field(default_factory=BatchProgress)
+    progress: RunProgress = field(default_factory=RunProgress)
+    read_at: float = 0.0
 
 
 @dataclass
@@ -193,7 +197,9 @@ class RunPool:
             if not active.launch.done():
                 continue
             run = records.get(run_id)
-            if len(active.batch) > 1:
+            # The log of a run about one recording says something only if that takes long.
+            if len(active.batch) > 1 or min(now - active.since, now - active.read_at) > _LOG_S:
+                active.read_at = now
                 self._follow(run_id, active)
             if run is None:
                 if is_whole:
@@ -231,6 +237,11 @@ class RunPool:
                 self._conclude(key, EndedRun(run_id, problem, stopped=False, seconds=seconds))
             else:
                 self.on_event(Event("started", key))
+        for key, (text, share) in active.progress.reading.items():
+            if key not in active.progress.ended:
+                said = f"{active.where}: {text}" if active.where else text
+                self.on_event(Event("where", key, said, share=share))
+        active.progress.reading.clear()
 
     def _drop(self, run_id: str, problem: str | None) -> None:
         active = self._active.pop(run_id)
