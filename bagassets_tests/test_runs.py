@@ -16,6 +16,7 @@ from bagassets.defs.runs import (
     create_run,
     dotenv_variables,
     execute_run,
+    mark_canceling,
     open_instance,
     pack_instance,
 )
@@ -175,6 +176,27 @@ def test_a_run_cancelled_while_its_code_loads_is_canceled(instance, tmp_path, mo
     assert execute_run(instance, run_id).status == "CANCELED"
     assert "PIPELINE_FAILURE" not in events(instance, run_id)
     assert not (tmp_path / "attempts").exists()
+
+
+@pytest.mark.parametrize("end", ["CANCELED", "SUCCESS"])
+def test_a_run_that_ends_while_it_is_marked_keeps_the_state_it_ended_with(instance, monkeypatch, end):
+    """Its worker has read the event, and recorded the end, before the state CANCELING is written."""
+    run_id = create(instance, "first")
+    real = instance.run_storage.handle_run_event
+
+    def end_first(run_id, event, *args):
+        if event.event_type == dg.DagsterEventType.PIPELINE_CANCELING:
+            run = instance.get_run_by_id(run_id)
+            if end == "CANCELED":
+                instance.report_run_canceled(run)
+            else:
+                done = dg.DagsterEvent(dg.DagsterEventType.PIPELINE_SUCCESS.value, run.job_name)
+                instance.report_dagster_event(done, run_id)
+        real(run_id, event, *args)
+
+    monkeypatch.setattr(instance.run_storage, "handle_run_event", end_first)
+    assert not mark_canceling(instance, instance.get_run_by_id(run_id))
+    assert instance.get_run_by_id(run_id).status.value == end
 
 
 def test_a_run_canceled_by_force_is_not_executed(instance, tmp_path):

@@ -50,7 +50,7 @@ from bagassets.defs.dagster_private import (
 )
 from bagassets.defs.ports import ANY_HOST
 from bagassets.defs.run_worker import end_worker
-from bagassets.defs.runs import pack_instance
+from bagassets.defs.runs import mark_canceling, pack_instance
 from bagassets.defs.worker_tag import WORKER_TAG, RunWorker
 from bagassets.errors import BagAssetsError
 from bagassets.forkserver.client import Client, ServerRefusedError
@@ -234,8 +234,7 @@ class BagAssetsRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
                 cls=self.__class__,
             )
             return False
-        self._instance.report_run_canceling(run)
-        if self._cancel_job(run_id):
+        if not mark_canceling(self._instance, run) or self._cancel_job(run_id):
             return True
         if worker.process is None or not worker.process.send(signal.SIGTERM):
             self._instance.report_run_canceled(run, f"The worker ({worker}) of the run is gone.")

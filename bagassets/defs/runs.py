@@ -54,6 +54,7 @@ __all__ = [
     "fail_if_lost",
     "failure_of",
     "is_interrupted",
+    "mark_canceling",
     "open_instance",
     "pack_instance",
     "preload_definitions",
@@ -61,7 +62,8 @@ __all__ = [
 
 _TAIL = "tail_to_stream"  # what `compute_logs` starts the processes with
 _WRAPPERS = ("Dagster", "RetryRequested")
-_ENDS = {dg.DagsterEventType.PIPELINE_FAILURE, dg.DagsterEventType.PIPELINE_CANCELED}
+_BAD_ENDS = {dg.DagsterEventType.PIPELINE_FAILURE, dg.DagsterEventType.PIPELINE_CANCELED}
+_ENDS = {*_BAD_ENDS, dg.DagsterEventType.PIPELINE_SUCCESS}
 _FAILED_FROM_OUTSIDE = "This run has been marked as failed from outside the execution context."
 _INTERRUPTS = {dg.DagsterExecutionInterruptedError.__name__, KeyboardInterrupt.__name__}
 
@@ -159,7 +161,7 @@ def failure_of(instance: dg.DagsterInstance, run: dg.DagsterRun) -> str | None:
         if data.error_source != ErrorSource.INTERRUPT:
             return _step_error(event.step_key or "", data.error).message
     message = None
-    for entry in instance.all_logs(run.run_id, of_type=_ENDS):
+    for entry in instance.all_logs(run.run_id, of_type=_BAD_ENDS):
         message = entry.get_dagster_event().message
     if message in {None, "", _FAILED_FROM_OUTSIDE}:  # the reason is in an engine event
         for entry in instance.all_logs(run.run_id, of_type=dg.DagsterEventType.ENGINE_EVENT):
@@ -275,6 +277,19 @@ def create_job_run(
         remote_job_origin=location.remote_origin(repository.name).get_job_origin(job_name),
         job_code_origin=JobPythonOrigin(job_name, origin),
     )
+
+
+def mark_canceling(instance: dg.DagsterInstance, run: dg.DagsterRun) -> bool:
+    """Mark a run as CANCELING, which its worker reads; return False if it has ended meanwhile.
+
+    Dagster writes that event first and the state of the run afterwards. A worker that reads the event at once may have
+    ended the run in between, which would then stay CANCELING for ever.
+    """
+    instance.report_run_canceling(run)
+    ended = instance.all_logs(run.run_id, of_type=_ENDS)
+    for entry in ended[-1:]:
+        instance.run_storage.handle_run_event(run.run_id, entry.get_dagster_event())
+    return not ended
 
 
 def execute_run(

@@ -44,7 +44,7 @@ from bagassets.defs.dagster_private import (
     WorkerStatus,
 )
 from bagassets.defs.orphaned_runs import UNTAKEN_S, report_ended
-from bagassets.defs.runs import pack_instance
+from bagassets.defs.runs import mark_canceling, pack_instance
 from bagassets.defs.slurm.commands import SlurmError
 from bagassets.defs.slurm.keeper import Keeper, Packing
 from bagassets.defs.slurm.node import versions_here
@@ -388,8 +388,8 @@ class SlurmRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
                 cls=self.__class__,
             )
             return False
-        self._instance.report_run_canceling(run)
-        job.ask_to_cancel(run_id)
+        if mark_canceling(self._instance, run):
+            job.ask_to_cancel(run_id)
         self._care()
         return True
 
