@@ -9,6 +9,7 @@ from bagassets.build.execute import Skipped
 from bagassets.build.recording_assets import RecordingAssets
 from bagassets.defs.exclusive import RecordingLock
 from bagassets.defs.making import dependencies, make_assets, read_bag, recorded_bag
+from bagassets.defs.not_made import failures_observed
 from bagassets.defs.partitions import recording_partitions
 from bagassets.defs.reporting import BAG_CODE_VERSION, errors_explained
 from bagassets.defs.workspace import Workspace
@@ -42,7 +43,7 @@ def recording_definitions(recipe: Recipe) -> list[dg.AssetsDefinition]:
     def bag(
         context: dg.AssetExecutionContext, workspace: Workspace, recording_lock: RecordingLock
     ) -> dg.MaterializeResult[None]:
-        with errors_explained():
+        with errors_explained(), failures_observed(context, assets, {"bag"}):
             recording_lock.take(context)
             selected = context.run.asset_selection
             _, made = read_bag(
@@ -110,13 +111,15 @@ def _build(
     context: dg.AssetExecutionContext, workspace: Workspace, recording_lock: RecordingLock, wanted: set[str]
 ) -> Iterator[dg.MaterializeResult[None]]:
     key = context.partition_key
-    recording_lock.take(context)
-    source = recorded_bag(context.instance, workspace.recording(key))
-    for made in make_assets(context.instance, workspace, source, wanted, context.run.run_id):
-        if isinstance(made, Skipped):
-            context.log.info("%s is skipped: %s.", key, visible(made.reason))
-        else:
+    with failures_observed(context, workspace.assets, wanted) as done:
+        recording_lock.take(context)
+        source = recorded_bag(context.instance, workspace.recording(key))
+        for made in make_assets(context.instance, workspace, source, wanted, context.run.run_id):
+            if isinstance(made, Skipped):
+                context.log.info("%s is skipped: %s.", key, visible(made.reason))
+                continue
             recording_lock.check()
             # Not in the result, where it would be recorded twice: with the output of the step, too.
             context.add_asset_metadata(made.metadata, asset_key=made.asset, partition_key=key)
             yield dg.MaterializeResult(asset_key=made.asset, data_version=dg.DataVersion(made.data_version))
+            done.add(made.asset)

@@ -18,12 +18,14 @@ from bagassets.defs.checks import check_groups, run_checks
 from bagassets.defs.dagster_private import (
     AssetCheckEvaluationTargetMaterializationData,
     AssetMaterializationPlannedData,
+    AssetObservationData,
     SqlEventLogStorage,
     StepMaterializationData,
 )
 from bagassets.defs.events import CODE_VERSION, DATA_VERSION, INPUT_PREFIX
 from bagassets.defs.exclusive import RecordingLock
 from bagassets.defs.making import MadeAsset, dependencies, make_assets, read_bag, recorded_bag
+from bagassets.defs.not_made import observations_of
 from bagassets.defs.reporting import BAG_CODE_VERSION
 from bagassets.defs.run_progress import note_begun, note_ended
 from bagassets.defs.workspace import Workspace
@@ -121,7 +123,7 @@ class _Recording:
             RunEndedError: the run was given up while this worker was at work.
         """
         note_begun(self._instance, self._context.run_id, BATCH_JOB, self._key)
-        problem = None
+        problem: BagAssetsError | str | None = None
         try:
             with self._lock.hold(self._context, self._key):
                 # Asked for once more, a recording that is gone says what to do.
@@ -129,14 +131,15 @@ class _Recording:
         except RunEndedError:
             raise
         except BagAssetsError as err:
-            problem = str(err)
+            problem = err
         except Exception as err:
             problem = f"{type(err).__name__}: {err}"
             self._context.log.exception("%s: an unexpected error", self._key)
+        text = None if problem is None else str(problem)
         if problem is not None:
-            self._give_up(self._wanted - self._made)
-        note_ended(self._instance, self._context.run_id, BATCH_JOB, self._key, problem)
-        return problem
+            self._give_up(self._wanted - self._made, problem)
+        note_ended(self._instance, self._context.run_id, BATCH_JOB, self._key, text)
+        return text
 
     def _make(self, recording: RecordingFiles) -> None:
         rest = self._wanted - {"bag"}
@@ -161,8 +164,8 @@ class _Recording:
             self._record(result)
         self._check(recording)
 
-    def _give_up(self, assets: Collection[str]) -> None:
-        """Record that assets were to be made: those that are not made by the end of the run have failed.
+    def _give_up(self, assets: Collection[str], problem: BagAssetsError | str) -> None:
+        """Record that assets were to be made, and why they are not: by the end of the run, they have failed.
 
         Dagster records it beforehand of each asset of a run; here it would be a tenth of what is kept of a recording.
         """
@@ -170,6 +173,11 @@ class _Recording:
             planned = AssetMaterializationPlannedData(dg.AssetKey(asset), partition=self._key)
             message = f"{asset} of {self._key} was not made."
             self._log(dg.DagsterEventType.ASSET_MATERIALIZATION_PLANNED, planned, message)
+        for observed in observations_of(self._workspace.assets, self._key, assets, problem):
+            message = (
+                f"{observed.asset_key.to_user_string()} of {self._key} was not made: {observed.description}"
+            )
+            self._log(dg.DagsterEventType.ASSET_OBSERVATION, AssetObservationData(observed), message)
 
     def _log(self, kind: dg.DagsterEventType, data: object, message: str) -> None:
         """Record an event of the run."""

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from dagster._core.errors import DagsterUserCodeUnreachableError
     from dagster._core.events import (
         AssetMaterializationPlannedData,
+        AssetObservationData,
         EngineEventData,
         StepMaterializationData,
     )
@@ -83,6 +84,7 @@ __all__ = [
     "AssetCheckEvaluationTargetMaterializationData",
     "AssetCheckExecutionsTable",
     "AssetMaterializationPlannedData",
+    "AssetObservationData",
     "BaseWorkspaceRequestContext",
     "CheckRunHealthResult",
     "CodePointer",
@@ -171,6 +173,7 @@ _PLACES = {
     # What a run about several recordings records of each: `batches`, `batch_job`.
     "AssetCheckEvaluationTargetMaterializationData": "dagster._core.definitions.asset_checks.asset_check_evaluation",  # 1.7
     "AssetMaterializationPlannedData": "dagster._core.events",  # 1.7
+    "AssetObservationData": "dagster._core.events",  # 1.7
     "EngineEventData": "dagster._core.events",  # 1.7
     "StepMaterializationData": "dagster._core.events",  # 1.7
     # A partition that registers itself when it is asked for: `partitions`.

@@ -1,0 +1,79 @@
+"""Why an asset of a recording was not made, as an observation: the page of its partition shows it.
+
+A run that fails says it in its log only, among the tracebacks of Dagster, and on no page of an asset.
+"""
+
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
+
+import dagster as dg
+
+from bagassets.build.execute import BuildFailure
+from bagassets.build.recording_assets import RecordingAssets
+from bagassets.errors import BagAssetsError, RunEndedError
+
+__all__ = ["failures_observed", "observations_of"]
+
+
+def observations_of(
+    assets: RecordingAssets, key: str, missing: Collection[str], err: BagAssetsError | str
+) -> list[dg.AssetObservation]:
+    """Return an observation of each asset of a recording that a failure kept from being made.
+
+    An asset that failed itself has its own sentence, and one that reads it says which one failed.
+
+    Args:
+        assets: of recordings.
+        key: partition key of the recording.
+        missing: names of the assets that were to be made and are not; may include `bag`.
+        err: what went wrong, or its sentence.
+    """
+    own = {name: str(error) for name, error in err.errors.items()} if isinstance(err, BuildFailure) else {}
+    return [_observation(name, key, _why(assets, name, own) or str(err)) for name in sorted(missing)]
+
+
+def _why(assets: RecordingAssets, asset: str, failed: dict[str, str]) -> str:
+    if asset in failed:
+        return failed[asset]
+    above = [name for name in assets.with_upstream([asset]) if name in failed]
+    return "\n".join(f"{name} failed: {failed[name]}" for name in above)
+
+
+def _observation(asset: str, key: str, why: str) -> dg.AssetObservation:
+    return dg.AssetObservation(
+        asset, description=why, partition=key, metadata={"not_made": dg.MetadataValue.text(why)}
+    )
+
+
+@contextmanager
+def failures_observed(
+    context: dg.AssetExecutionContext, assets: RecordingAssets, wanted: Collection[str]
+) -> Iterator[set[str]]:
+    """Record why assets were not made: those of a step, and those of its run that Dagster will not even begin.
+
+    Args:
+        context: of the step.
+        assets: of recordings.
+        wanted: names of the assets that the step is to make.
+
+    Yields:
+        names to which the step adds each asset that it has made.
+    """
+    made: set[str] = set()
+    try:
+        yield made
+    except RunEndedError:
+        raise  # Whoever ended the run has said why, and a later one may have made them.
+    except BagAssetsError as err:
+        missing = set(wanted) - made
+        for asset in ("bag", *assets.names):
+            if not missing.isdisjoint(assets.with_upstream([asset])) and _selected(context, asset):
+                missing.add(asset)
+        for observation in observations_of(assets, context.partition_key, missing, err):
+            context.log_event(observation)
+        raise
+
+
+def _selected(context: dg.AssetExecutionContext, asset: str) -> bool:
+    selected = context.run.asset_selection
+    return selected is None or dg.AssetKey(asset) in selected

@@ -1,0 +1,102 @@
+"""Why an asset of a recording was not made stands on the page of its partition, and nothing else changes by it."""
+
+import dagster as dg
+import pytest
+
+from bagassets.build.execute import BuildFailure
+from bagassets.defs import pending_work
+from bagassets.defs.not_made import observations_of
+from bagassets.errors import RecordingError
+from bagassets_tests.in_process import build, make_project, states, survey
+from bagassets_tests.small_drive import write_drive
+from bagassets_tests.test_batches import KEYS, batch_runs, partitions, stale
+
+GOOD, BROKEN = KEYS[0], KEYS[2]
+
+
+@pytest.fixture
+def project(tmp_path):
+    return make_project(tmp_path, (GOOD, BROKEN))
+
+
+def observed(instance, key):
+    """Return asset -> what the latest observation of a recording's partition says."""
+    found = {}
+    for name in ("bag", "inventory", "frames", "sweeps", "annotations", "ego_poses", "nuscenes_tables"):
+        records = instance.fetch_observations(
+            dg.AssetRecordsFilter(asset_key=dg.AssetKey(name), asset_partitions=[key]), limit=10
+        ).records
+        if records:
+            observation = records[0].asset_observation
+            assert observation.metadata["not_made"].value == observation.description
+            found[name] = observation.description
+    return found
+
+
+def events(instance):
+    return [entry for run in instance.get_runs() for entry in instance.all_logs(run.run_id)]
+
+
+def test_each_asset_of_a_broken_recording_says_why_it_was_not_made(project, monkeypatch):
+    whole = (project.parent / "bags" / BROKEN).read_bytes()
+    (project.parent / "bags" / BROKEN).write_bytes(b"no bag at all")
+    report, runs = build(project, monkeypatch, jobs=1)
+    assert {key for key, _ in runs} == {GOOD, BROKEN, None}
+    assert report.dataset == "updated"  # of the other one
+    with pending_work.open_project(project) as (instance, workspace):
+        why = observed(instance, BROKEN)
+        assert {"inventory", "frames", "annotations", "nuscenes_tables"} <= why.keys()
+        assert "bag" not in why  # it was read, and has a digest
+        assert BROKEN in why["inventory"]
+        assert why["nuscenes_tables"] == f"inventory failed: {why['inventory']}"
+        assert observed(instance, GOOD) == {}
+        assert GOOD not in {key for _, key in stale(instance, project, workspace.assets.names)}
+        assert partitions(instance, project, "frames", "failed") == {BROKEN}
+    assert set(states(survey(project), GOOD).values()) == {"fresh"}
+    again, _ = build(project, monkeypatch, jobs=1)
+    assert "failed before" in again.outcomes[BROKEN].reason
+    (project.parent / "bags" / BROKEN).write_bytes(whole)
+    build(project, monkeypatch, jobs=1)
+    assert set(states(survey(project), BROKEN).values()) == {"fresh"}
+    with pending_work.open_project(project) as (instance, workspace):
+        made = instance.get_latest_materialization_event(dg.AssetKey("frames"))
+        assert made.asset_materialization.partition == BROKEN
+        markers = stale(instance, project, workspace.assets.names)
+        assert not {GOOD, BROKEN} & {key for _, key in markers}
+
+
+def test_a_recording_of_a_batch_says_why_too(tmp_path, monkeypatch):
+    project = make_project(tmp_path, ())
+    for number, key in enumerate(KEYS):
+        write_drive(tmp_path / "bags" / key, "ros1", duration_s=1.0 + number / 10)
+    (tmp_path / "bags" / BROKEN).write_bytes(b"no bag at all")
+    build(project, monkeypatch, jobs=1)
+    with pending_work.open_project(project) as (instance, _):
+        (run,) = batch_runs(instance)
+        why = observed(instance, BROKEN)
+        assert why["nuscenes_tables"] == f"inventory failed: {why['inventory']}"
+        assert all(observed(instance, key) == {} for key in set(KEYS) - {BROKEN})
+        kinds = [entry.dagster_event_type for entry in instance.all_logs(run.run_id)]
+        assert kinds.count(dg.DagsterEventType.ASSET_OBSERVATION) == kinds.count(
+            dg.DagsterEventType.ASSET_MATERIALIZATION_PLANNED
+        )
+
+
+def test_recordings_that_are_made_have_no_observation(project, monkeypatch):
+    build(project, monkeypatch, jobs=1)
+    with pending_work.open_project(project) as (instance, _):
+        found = events(instance)
+    assert found
+    assert not [e for e in found if e.dagster_event_type == dg.DagsterEventType.ASSET_OBSERVATION]
+
+
+def test_an_asset_says_which_one_above_it_failed_and_one_beside_it_the_whole(project):
+    with pending_work.open_project(project) as (_, workspace):
+        failure = BuildFailure({"frames": RecordingError("a.bag: /cam: no image.")}, project)
+        found = observations_of(
+            workspace.assets, "a.bag", {"frames", "nuscenes_tables", "annotations"}, failure
+        )
+    said = {one.asset_key.to_user_string(): one.description for one in found}
+    assert said["frames"] == "a.bag: /cam: no image."
+    assert said["nuscenes_tables"] == "frames failed: a.bag: /cam: no image."
+    assert said["annotations"].endswith("a.bag: /cam: no image.")
