@@ -1,10 +1,13 @@
-"""The pictures of the store that `bagassets ui` serves, and nothing else."""
+"""The pictures of the store, the map and the report, which `bagassets ui` serves, and nothing else."""
 
 import pytest
+from starlette.requests import Request
 
 from bagassets.build.run_action import run_action
-from bagassets.defs.artifact_files import picture_file
+from bagassets.defs.artifact_files import page_file, page_link, picture_file
+from bagassets.defs.webserver import page
 from bagassets.errors import StoreError
+from bagassets.formats.report_data import map_path
 from bagassets.recipe import load_recipe
 from bagassets.store.action import Step
 from bagassets.store.store import Store
@@ -62,3 +65,47 @@ def test_what_is_not_there_is_missing(artifact):
         picture_file("0" * 64, "a.jpg")
     artifact.path("a.jpg").unlink()
     assert picture_file(artifact.digest, "a.jpg") is None
+
+
+@pytest.fixture
+def recipe(tmp_path, monkeypatch):
+    recipe_file = make_project(tmp_path, [])
+    monkeypatch.setenv("BAGASSETS_RECIPE", str(recipe_file))
+    return load_recipe(recipe_file)
+
+
+def asked(name):
+    return page(Request({"type": "http", "method": "GET", "headers": [], "path_params": {"name": name}}))
+
+
+@pytest.mark.parametrize("name", ["map", "report"])
+def test_pages_are_served_as_those_of_no_site(recipe, name):
+    file = page_file(name)
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text("<p>page</p>")
+    answer = asked(name)
+    assert answer.status_code == 200
+    assert answer.path == file
+    policy = answer.headers["content-security-policy"]
+    assert policy.startswith("sandbox")
+    assert "allow-same-origin" not in policy
+    assert answer.headers["cache-control"] == "no-cache"
+
+
+def test_the_pages_are_those_that_the_commands_write(recipe, tmp_path):
+    assert page_file("map") == map_path(recipe)
+    assert page_file("report") == tmp_path / "report.html"
+    assert page_link("map") == "/bagassets/pages/map"
+
+
+@pytest.mark.parametrize(("name", "what"), [("map", "bagassets build"), ("report", "bagassets report")])
+def test_a_page_that_was_not_made_says_what_makes_it(recipe, name, what):
+    answer = asked(name)
+    assert answer.status_code == 404
+    assert what in answer.body.decode()
+
+
+@pytest.mark.parametrize("name", ["recipe.yaml", "../recipe.yaml", "", "map/..", "report.html"])
+def test_there_are_no_other_pages(recipe, name):
+    assert page_file(name) is None
+    assert asked(name).status_code == 404

@@ -1,4 +1,4 @@
-"""Pictures of the store in the web UI: what the metadata of a materialization shows.
+"""Pictures of the store, the map and the report in the web UI: what the metadata of a materialization shows or links to.
 
 The event log keeps whatever stands in the metadata twice, for every materialization. So addresses of pictures stand
 there, and `bagassets ui` serves the pictures.
@@ -8,13 +8,16 @@ import os
 import re
 from pathlib import Path
 
+from bagassets.formats.report_data import map_path
 from bagassets.recipe import load_recipe
 from bagassets.store.store import Store
 
-__all__ = ["PICTURES", "picture_file", "picture_link"]
+__all__ = ["PAGES", "PICTURES", "page_file", "page_link", "picture_file", "picture_link"]
 
 PICTURES = "/bagassets/artifacts"
 """Address below which the web server of a project serves pictures: digest of the artifact, then the file."""
+PAGES = "/bagassets/pages"
+"""Address below which it serves the map and the report of the project."""
 _DIGEST = re.compile("[0-9a-f]{64}")
 # Nothing that a browser would execute: what recordings contain is not trusted.
 _SUFFIXES = frozenset({".jpg", ".png"})
@@ -38,3 +41,20 @@ def picture_file(artifact: str, name: str) -> Path | None:
         return None
     file = found.path(name)
     return file if file.is_file() else None
+
+
+def page_link(name: str) -> str:
+    """Return the address of a page of the project, `map` or `report`, without the server."""
+    return f"{PAGES}/{name}"
+
+
+def page_file(name: str) -> Path | None:
+    """Return where a page of the project in the environment is, if it was made; None if there is no such page.
+
+    Raises:
+        BagAssetsError: the recipe is wrong.
+    """
+    recipe_file = Path(os.environ["BAGASSETS_RECIPE"]).absolute()
+    if name == "map":
+        return map_path(load_recipe(recipe_file))
+    return recipe_file.with_name("report.html") if name == "report" else None

@@ -3,7 +3,9 @@
 from collections.abc import Iterator
 
 import dagster as dg
+import pyarrow as pa
 
+from bagassets.annotations.table import SCHEMA as BOX_SCHEMA
 from bagassets.assets.asset import AnyAsset
 from bagassets.build.execute import Skipped
 from bagassets.build.recording_assets import RecordingAssets
@@ -25,6 +27,8 @@ _BAG = """A recording: a ROS 1 bag, a ROS 2 bag or an MCAP file.
 Its data version is the digest of its content; each file is hashed once. Touching a file does not change it."""
 # Operations of assets that are not called `make_<asset>` in the runs on record.
 _OPERATIONS = {"nuscenes_tables": "tables"}
+# Assets that are one table of columns that are known beforehand.
+_SCHEMAS = {"annotations": BOX_SCHEMA}
 
 
 def recording_definitions(recipe: Recipe) -> list[dg.AssetsDefinition]:
@@ -103,8 +107,20 @@ def _spec(assets: RecordingAssets, asset: AnyAsset) -> dg.AssetSpec:
         kinds=set(asset.kinds),
         description=asset.about,
         code_version=assets.versions[asset.name],
+        metadata=_columns(_SCHEMAS[asset.name]) if asset.name in _SCHEMAS else None,
         skippable=True,
     )
+
+
+def _columns(schema: pa.Schema) -> dict[str, dg.TableSchemaMetadataValue]:
+    """Return the columns of a table as the web UI shows them; said once, not with each materialization."""
+    columns = [dg.TableColumn(field.name, _type_name(field.type)) for field in schema]
+    return {"dagster/column_schema": dg.MetadataValue.table_schema(dg.TableSchema(columns))}
+
+
+def _type_name(kind: pa.DataType) -> str:
+    """Return the name of a type; what files call the items of a list is of no interest."""
+    return f"list<{kind.value_type}>" if pa.types.is_list(kind) else str(kind)
 
 
 def _build(

@@ -2,6 +2,7 @@
 
 import dagster as dg
 
+from bagassets.defs.artifact_files import page_link
 from bagassets.defs.fence import refuse_if_ended
 from bagassets.defs.instance_plan import plan_in_run
 from bagassets.defs.reporting import dataset_metadata, errors_explained, inputs_metadata
@@ -170,6 +171,7 @@ def _map_asset(recipe: Recipe) -> dg.AssetsDefinition:
             return dg.MaterializeResult(
                 data_version=dg.DataVersion(outcome.artifact.digest),
                 metadata={
+                    "open": dg.MetadataValue.md(f"[Open the map]({page_link('map')})"),
                     "map": dg.MetadataValue.path(str(map_path(workspace.recipe))),
                     "cached": outcome.cached,
                     **outcome.artifact.summary(),

@@ -135,7 +135,6 @@ def make_assets(
                 return
             reason = graph.node(SELECTION).skipped if result.asset == "inventory" else None
             cached = result.cached and not workspace.has_made(run_id, result.action_digest)
-            metadata = result_metadata(replace(result, cached=cached)) | (
-                {"skipped": reason} if reason else {}
-            )
+            skipped: Metadata = {"skipped": reason} if reason else {}  # first: nothing else follows of it
+            metadata = skipped | result_metadata(replace(result, cached=cached))
             yield MadeAsset(result.asset, result.artifact.digest, metadata)

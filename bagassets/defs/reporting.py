@@ -10,7 +10,7 @@ import dagster as dg
 
 from bagassets.assets.preview import FACTS
 from bagassets.build.execute import AssetResult, BuildFailure
-from bagassets.defs.artifact_files import picture_link
+from bagassets.defs.artifact_files import page_link, picture_link
 from bagassets.defs.events import STAT
 from bagassets.defs.markdown import (
     calibration_table,
@@ -75,7 +75,11 @@ def result_metadata(result: AssetResult) -> Metadata:
     elif result.asset == "calibration":
         metadata["mounting"] = dg.MetadataValue.md(calibration_table(result.artifact))
     elif result.asset in CHANNEL_ASSETS:
-        metadata["channels"] = dg.MetadataValue.md(counts_table(summary.pop("channels")))
+        channels = summary.pop("channels")
+        metadata |= _totals(channels)
+        metadata["channels"] = dg.MetadataValue.md(counts_table(channels))
+    elif result.asset == "nuscenes_tables":
+        metadata |= _table_numbers(summary["counts"])
     metadata |= {name: shown for name, value in summary.items() if (shown := _shown(value)) is not None}
     # The artifact of frames or sweeps only names those of the channels.
     size = metadata.pop("bytes", None) or sum(entry.size for entry in result.artifact.entries())
@@ -88,6 +92,22 @@ def result_metadata(result: AssetResult) -> Metadata:
         "action_digest": result.action_digest,
     }
     return (_pictures(result.artifact) if result.asset == "preview" else {}) | metadata
+
+
+def _totals(channels: Mapping[str, Mapping[str, Any]]) -> dict[str, int]:
+    """Return the numbers of all channels together: Dagster plots numbers, and no tables."""
+    return {
+        "written": sum(entry["written"] for entry in channels.values()),
+        "lost": sum(sum(entry.get("lost", {}).values()) for entry in channels.values()),
+    }
+
+
+def _table_numbers(counts: Mapping[str, Any]) -> dict[str, int]:
+    return {
+        "scenes": counts["scenes"],
+        "keyframes": counts["samples"],
+        "boxes": counts["boxes"]["annotations"],
+    }
 
 
 def _pictures(preview: Artifact) -> dict[str, dg.MetadataValue[str]]:
@@ -141,6 +161,7 @@ def dataset_metadata(summary: DatasetSummary, failed: Mapping[str, str]) -> Meta
         failed: recording that could not enter it -> why.
     """
     metadata: Metadata = {
+        "report": dg.MetadataValue.md(f"[Open the report]({page_link('report')})"),
         "folder": dg.MetadataValue.path(str(summary.folder)),
         "recordings": sum(share.recordings for share in summary.shares),
         **{

@@ -14,7 +14,7 @@ from starlette.requests import Request
 from starlette.responses import FileResponse, PlainTextResponse, Response
 from starlette.routing import Route
 
-from bagassets.defs.artifact_files import PICTURES, picture_file
+from bagassets.defs.artifact_files import PAGES, PICTURES, page_file, picture_file
 from bagassets.defs.dagster_private import (
     InstanceRef,
     WorkspaceFileTarget,
@@ -28,12 +28,24 @@ from bagassets.defs.guard import Guard, own_names
 from bagassets.defs.ports import listening_options
 from bagassets.errors import BagAssetsError
 
-__all__ = ["main"]
+__all__ = ["main", "page"]
 
 _LOG = logging.getLogger("dagster-webserver")
 # The defaults of `dagster-webserver`.
 _STATEMENT_TIMEOUT_MS, _POOL_RECYCLE_S, _POOL_MAX_OVERFLOW = 15_000, 3600, 20
 _POLL_MS = 2000
+_NOT_MADE = {
+    "map": "There is no map yet; `bagassets build` makes it, unless the recipe switches it off.\n",
+    "report": "There is no report yet; `bagassets report` writes it beside the recipe.\n",
+}
+# The pages name what recordings contain. Their scripts run, but as those of no site: to this server their requests are
+# those of a stranger, which `Guard` refuses, and they see nothing of the UI.
+_PAGE_HEADERS = {
+    "Content-Security-Policy": "sandbox allow-scripts allow-popups; frame-ancestors 'none'",
+    "Cache-Control": "no-cache",
+    "Referrer-Policy": "strict-origin-when-cross-origin",  # the servers of map tiles ask for one
+    "X-Content-Type-Options": "nosniff",
+}
 
 
 def main() -> None:
@@ -70,6 +82,7 @@ def _serve(instance: DagsterInstance, options: argparse.Namespace) -> None:
         )
         # Before the page of the UI, which answers to every address.
         app.router.routes.insert(0, Route(f"{PICTURES}/{{digest}}/{{name:path}}", _picture))
+        app.router.routes.insert(0, Route(f"{PAGES}/{{name}}", page))
         app.add_middleware(Guard, names=own_names(options.host, options.allow_host))
         uvicorn.run(app, host=options.host, port=options.port, log_level="warning")
 
@@ -84,6 +97,18 @@ def _picture(request: Request) -> Response:
     # An artifact never changes.
     headers = {"Cache-Control": "private, max-age=31536000, immutable", "X-Content-Type-Options": "nosniff"}
     return FileResponse(file, headers=headers)
+
+
+def page(request: Request) -> Response:
+    """Answer with the map or the report of the project."""
+    name = request.path_params["name"]
+    try:
+        file = page_file(name)
+    except BagAssetsError as err:
+        return PlainTextResponse(f"{err}\n", 404)
+    if file is None or not file.is_file():
+        return PlainTextResponse(_NOT_MADE.get(name, "There is no such page.\n"), 404)
+    return FileResponse(file, media_type="text/html", headers=_PAGE_HEADERS)
 
 
 @asynccontextmanager

@@ -1,0 +1,98 @@
+"""What the web UI shows of an asset: numbers that it can plot, what matters first, columns, and links to pages."""
+
+import dagster as dg
+import pyarrow.parquet as pq
+import pytest
+
+from bagassets.defs import pending_work
+from bagassets.defs.location import build_definitions
+from bagassets_tests.in_process import build, make_project
+from bagassets_tests.small_drive import write_drive
+
+KEY = "a.bag"
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("web")
+    project = make_project(folder, (KEY,), duration_s=3.0)
+    write_drive(folder / "bags" / "short.bag", "ros1", duration_s=0.4)
+    project.write_text(project.read_text().replace("settle_s: 0", "settle_s: 0, min_duration_s: 0.8"))
+    with pytest.MonkeyPatch.context() as patch:
+        build(project, patch, jobs=1)
+        with pending_work.open_project(project) as (instance, workspace):
+            yield project, instance, workspace
+
+
+def metadata(instance, asset, key=None):
+    records = instance.fetch_materializations(
+        dg.AssetRecordsFilter(asset_key=dg.AssetKey(asset), asset_partitions=[key] if key else None), limit=1
+    ).records
+    return records[0].asset_materialization.metadata
+
+
+@pytest.mark.parametrize(
+    ("asset", "names"),
+    [
+        ("frames", ("written", "lost")),
+        ("sweeps", ("written", "lost")),
+        ("annotations", ("boxes",)),
+        ("nuscenes_tables", ("scenes", "keyframes", "boxes")),
+    ],
+)
+def test_what_people_count_is_a_number_and_stands_first(made, asset, names):
+    found = metadata(made[1], asset, KEY)
+    assert tuple(found)[: len(names)] == names
+    assert all(isinstance(found[name], dg.IntMetadataValue) for name in names)
+    assert list(found)[-1] == "action_digest"
+
+
+def test_the_numbers_are_those_of_the_artifacts(made):
+    _, instance, workspace = made
+    frames = metadata(instance, "frames", KEY)
+    artifact = workspace.store.artifact(
+        instance.get_latest_materialization_event(dg.AssetKey("frames")).asset_materialization.tags[
+            "dagster/data_version"
+        ]
+    )
+    channels = artifact.summary()["channels"]
+    assert frames["written"].value == sum(channel["written"] for channel in channels.values()) > 0
+    dataset = metadata(instance, "nuscenes_dataset")
+    tables = metadata(instance, "nuscenes_tables", KEY)
+    assert all(tables[name].value == dataset[name].value for name in ("scenes", "keyframes", "boxes"))
+
+
+def test_a_skipped_recording_says_why_above_all_else(made):
+    found = metadata(made[1], "inventory", "short.bag")
+    assert next(iter(found)) == "skipped"
+    assert "min_duration_s" in found["skipped"].value
+
+
+def test_the_columns_of_boxes_are_those_of_the_file(made):
+    project, instance, workspace = made
+    definitions = build_definitions(project)
+    node = definitions.get_repository_def().asset_graph.get(dg.AssetKey("annotations"))
+    columns = {column.name: column.type for column in node.metadata["dagster/column_schema"].value.columns}
+    event = instance.get_latest_materialization_event(dg.AssetKey("annotations"))
+    artifact = workspace.store.artifact(event.asset_materialization.tags["dagster/data_version"])
+    (file,) = [entry.path for entry in artifact.entries() if entry.path.endswith(".parquet")]
+    written = pq.read_schema(artifact.path(file))
+    assert columns == {field.name: str(field.type).replace("element: ", "") for field in written}
+    assert "dagster/column_schema" not in event.asset_materialization.metadata
+
+
+def test_the_report_opens_from_the_dataset(made):
+    found = metadata(made[1], "nuscenes_dataset")
+    assert found["report"].value == "[Open the report](/bagassets/pages/report)"
+
+
+def test_owners_tags_and_groups_that_a_user_adds_stay(made):
+    def mine(spec):
+        return spec.replace_attributes(
+            owners=["team:perception"], tags={**spec.tags, "tier": "gold"}, group_name="drives"
+        )
+
+    graph = build_definitions(made[0]).map_asset_specs(func=mine).get_repository_def().asset_graph
+    for asset in ("bag", "frames", "annotations", "nuscenes_tables", "dataset_inputs", "nuscenes_dataset"):
+        node = graph.get(dg.AssetKey(asset))
+        assert (node.owners, node.group_name, node.tags["tier"]) == (["team:perception"], "drives", "gold")
