@@ -5,6 +5,7 @@ from importlib import import_module
 from pathlib import Path
 
 import dagster as dg
+from dagster._core.definitions.reconstruct import ReconstructableJob
 from dagster._core.launcher import RunLauncher
 
 from bagassets.build.build_report import BuildOptions
@@ -31,6 +32,9 @@ def load_definitions(recipe_file):
     loaded = sys.modules.get("bagassets.definitions")
     if getattr(loaded, "read_from", None) != (recipe_file, recipe_file.read_text()):
         sys.modules.pop("bagassets.definitions", None)
+        # They keep the last job, even if it is that of another project.
+        ReconstructableJob.get_definition.cache_clear()
+        ReconstructableJob.get_repository_definition.cache_clear()
         import_module("bagassets.definitions").read_from = (recipe_file, recipe_file.read_text())
 
 

@@ -7,16 +7,19 @@ from dagster._core.event_api import PartitionKeyFilter
 from dagster._core.loader import LoadingContextForTest
 from dagster._core.storage.partition_status_cache import get_and_update_asset_status_cache_value
 
+from bagassets.defs import batch_job, making, pending_work
 from bagassets.defs import batches as defs_batches
-from bagassets.defs import making, pending_work
 from bagassets.defs.batches import batch_of, batches
 from bagassets.defs.location import build_definitions
+from bagassets.defs.partitions import DATASET
+from bagassets.errors import DatasetError
 from bagassets_tests.in_process import build, make_project, states, survey
-from bagassets_tests.small_drive import write_drive
+from bagassets_tests.small_drive import RECIPE, write_drive
 
 KEYS = tuple(f"d{number}.bag" for number in range(4))
 ASSETS = ("bag", "inventory", "frames", "annotations", "nuscenes_tables")
 BROKEN = "d2.bag"
+NUSCENES = "nuscenes_dataset"
 
 
 @pytest.fixture
@@ -79,12 +82,12 @@ def test_where_runs_wait_in_a_queue_their_number_follows_from_how_many_share_one
 @pytest.mark.long
 def test_recordings_of_a_batch_are_recorded_as_runs_of_their_own_would(project, monkeypatch):
     report, runs = build(project, monkeypatch, jobs=1)
-    assert [key for key, _ in runs] == [None]  # that of the dataset
+    assert runs == []  # one for all, and the dataset
     assert outcomes(report) == dict.fromkeys(KEYS, "built")
     assert all(set(states(survey(project), key).values()) == {"fresh"} for key in KEYS)
     with pending_work.open_project(project) as (instance, workspace):
         (run,) = batch_runs(instance)
-        assert set(batch_of(run)) == set(KEYS)
+        assert set(batch_of(run)) == {*KEYS, DATASET}
         assert run.status == dg.DagsterRunStatus.SUCCESS
         names = ("bag", *workspace.assets.names)
         by_batch = {name: material(instance, name) for name in names}
@@ -143,14 +146,14 @@ def checks(instance, recipe_file):
     return found
 
 
-def stale(instance, recipe_file, names):
-    """Return the assets that Dagster marks as stale, for some recording."""
+def stale(instance, recipe_file, names, partitions=KEYS):
+    """Return the assets that Dagster marks as stale, with the recordings for which it does."""
     graph = build_definitions(recipe_file).get_repository_def().asset_graph
     resolver = CachingStaleStatusResolver(instance, graph, LoadingContextForTest(instance))
     return {
         (name, key)
         for name in names
-        for key in KEYS
+        for key in partitions
         if resolver.get_status(dg.AssetKey(name), key) != StaleStatus.FRESH
     }
 
@@ -228,3 +231,61 @@ def test_what_a_worker_left_when_it_died_gets_another_run(project, monkeypatch):
     monkeypatch.setattr("bagassets.defs.batch_job.read_bag", read_bag)
     report, _ = build(project, monkeypatch, jobs=1)
     assert outcomes(report) == {key: "failed" if key == BROKEN else "built" for key in KEYS}
+    assert report.dataset == "updated"  # of the others, by a run of its own
+
+
+def dataset_records(instance, recipe_file):
+    """Return the tags and the metadata of the latest record of the dataset, and the latest result of each check of it."""
+    made = instance.get_latest_materialization_event(dg.AssetKey(NUSCENES)).asset_materialization
+    graph = build_definitions(recipe_file).get_repository_def().asset_graph
+    keys = [key for key in graph.asset_check_keys if key.asset_key == dg.AssetKey(NUSCENES)]
+    latest = instance.event_log_storage.get_latest_asset_check_execution_by_key(keys)
+    results = {key.name: (one.status, one.evaluation.severity) for key, one in latest.items()}
+    runs = {one.run_id for one in latest.values()}
+    described = {name: value for name, value in made.tags.items() if "/input_event_pointer/" not in name}
+    return described, made.metadata.keys(), results, runs
+
+
+def test_the_run_of_a_changed_recording_makes_the_dataset_too(tmp_path, monkeypatch):
+    recipe_file = make_project(tmp_path, ("a.bag", "b.bag"))
+    build(recipe_file, monkeypatch, jobs=1)
+    (tmp_path / "bags" / "a.bag").unlink()
+    write_drive(tmp_path / "bags" / "a.bag", "ros1", duration_s=1.2)
+    report, _ = build(recipe_file, monkeypatch, jobs=1)
+    assert outcomes(report) == {"a.bag": "built", "b.bag": "fresh"}
+    assert report.dataset == "updated"
+    assert survey(recipe_file).is_settled
+    with pending_work.open_project(recipe_file) as (instance, _):
+        latest = instance.get_runs(limit=1)[0]
+        assert set(batch_of(latest)) == {"a.bag", DATASET}
+        *in_one_run, check_runs = dataset_records(instance, recipe_file)
+        assert check_runs == {latest.run_id}
+        assert in_one_run[2], "there are checks of the dataset"
+        assert stale(instance, recipe_file, [NUSCENES, "dataset_inputs"], [None]) == set()
+        instance.wipe_assets([dg.AssetKey(NUSCENES)])
+    report, runs = build(recipe_file, monkeypatch, jobs=1)
+    assert [key for key, _ in runs] == [None]
+    with pending_work.open_project(recipe_file) as (instance, _):
+        *in_its_own, _ = dataset_records(instance, recipe_file)
+        assert in_one_run == in_its_own
+
+
+def test_a_dataset_that_fails_beside_its_recording_is_reported_once(tmp_path, monkeypatch):
+    recipe_file = make_project(tmp_path, text=RECIPE)
+    real = batch_job.make_dataset
+
+    def make_dataset(instance, workspace, planned, asset, run_id):
+        if asset == NUSCENES:
+            raise DatasetError("nuscenes: somebody else's folder.")
+        return real(instance, workspace, planned, asset, run_id)
+
+    monkeypatch.setattr(batch_job, "make_dataset", make_dataset)
+    report, runs = build(recipe_file, monkeypatch, jobs=1)
+    assert outcomes(report) == {"a.bag": "built"}
+    assert (report.dataset, report.dataset_problem) == ("failed", "nuscenes: somebody else's folder.")
+    assert runs == [], "it was not tried again at once"
+    with pending_work.open_project(recipe_file) as (instance, _):
+        assert instance.get_runs(limit=1)[0].status == dg.DagsterRunStatus.FAILURE
+        assert instance.get_latest_materialization_event(dg.AssetKey("trajectory_map")) is not None
+    report, _ = build(recipe_file, monkeypatch, jobs=1)
+    assert report.dataset == "updated"

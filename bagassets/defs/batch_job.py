@@ -1,10 +1,11 @@
-"""The job that brings a batch of recordings up to date, one after the other.
+"""The job that brings a batch of recordings up to date, one after the other, and then the datasets if asked to.
 
 Each recording is recorded as its own partition, as a run of its own would.
 """
 
 import logging
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
@@ -14,7 +15,7 @@ from dagster import AssetRecordsFilter
 
 from bagassets.build.execute import Skipped
 from bagassets.defs.batches import BATCH_JOB, BATCH_OP, Batch
-from bagassets.defs.checks import check_groups, run_checks
+from bagassets.defs.checks import check_groups, run_checks, run_dataset_checks
 from bagassets.defs.dagster_private import (
     AssetCheckEvaluationTargetMaterializationData,
     AssetMaterializationPlannedData,
@@ -22,15 +23,19 @@ from bagassets.defs.dagster_private import (
     SqlEventLogStorage,
     StepMaterializationData,
 )
+from bagassets.defs.dataset import dataset_is_current, make_dataset, record_inputs
 from bagassets.defs.events import CODE_VERSION, DATA_VERSION, INPUT_PREFIX
 from bagassets.defs.exclusive import RecordingLock
+from bagassets.defs.instance_plan import plan_instance
 from bagassets.defs.making import MadeAsset, dependencies, make_assets, read_bag, recorded_bag
 from bagassets.defs.not_made import observations_of
+from bagassets.defs.partitions import DATASET
 from bagassets.defs.reporting import BAG_CODE_VERSION
 from bagassets.defs.run_progress import note_begun, note_ended
 from bagassets.defs.workspace import Workspace
 from bagassets.errors import BagAssetsError, RunEndedError, StoreError
 from bagassets.escaping import visible
+from bagassets.formats.dataset_build import dataset_code_versions, datasets_of
 from bagassets.quantities import count_text
 from bagassets.recordings.model import RecordingFiles
 
@@ -46,7 +51,10 @@ def batch_job() -> dg.JobDefinition:
     @dg.op(
         name=BATCH_OP,
         config_schema={
-            "recordings": dg.Field(dict, description="Partition key: names of the assets to make.")
+            "recordings": dg.Field(
+                dict,
+                description="Partition key: names of the assets to make; with an empty key, names of datasets.",
+            )
         },
         out=dg.Out(dg.Nothing),
         description=__doc__,
@@ -60,16 +68,24 @@ def batch_job() -> dg.JobDefinition:
             found = workspace.discover().recordings
         except BagAssetsError as err:
             raise dg.Failure(str(err), allow_retries=False) from None
-        for key, assets in batch.items():
-            problem = _Recording(context, workspace, recording_lock, key, assets).build(found.get(key))
+        parts: list[_Part] = [
+            _Recording(context, workspace, key, assets, recording_lock, found.get(key))
+            for key, assets in batch.items()
+            if key != DATASET
+        ]
+        if DATASET in batch:
+            parts.append(_Datasets(context, workspace, DATASET, batch[DATASET]))
+        for part in parts:
+            problem = part.build()
             if problem is not None:
-                failed[key] = problem
+                failed[part.key] = problem
         if failed:
-            raise dg.Failure(_describe(failed, len(batch)), allow_retries=False)
+            total = len(batch.keys() - {DATASET})
+            raise dg.Failure(_describe(failed, total), allow_retries=False)
 
     @dg.job(
         name=BATCH_JOB,
-        description="Brings several small recordings up to date; `bagassets build` launches it.",
+        description="Brings recordings up to date, and the datasets made from them; `bagassets build` launches it.",
         executor_def=dg.in_process_executor,
     )
     def job() -> None:
@@ -79,18 +95,21 @@ def batch_job() -> dg.JobDefinition:
 
 
 def _describe(failed: Mapping[str, str], total: int) -> str:
-    sentences = [f"{key}: {problem}" for key, problem in list(failed.items())[:_MOST_NAMED]]
-    more = f" (and {len(failed) - _MOST_NAMED} more)" if len(failed) > _MOST_NAMED else ""
-    return (
-        f"{len(failed)} of {count_text(total, 'recording')} failed; the others are recorded. "
-        + " ".join(sentences)
-        + more
-    )
+    recordings = [f"{key}: {problem}" for key, problem in failed.items() if key != DATASET]
+    said = []
+    if recordings:
+        said.append(f"{len(recordings)} of {count_text(total, 'recording')} failed; the others are recorded.")
+        said += recordings[:_MOST_NAMED]
+    if len(recordings) > _MOST_NAMED:
+        said.append(f"(and {len(recordings) - _MOST_NAMED} more)")
+    if DATASET in failed:
+        said.append(f"The datasets could not be made: {failed[DATASET]}")
+    return " ".join(said)
 
 
 @dataclass(frozen=True)
 class _Latest:
-    """The latest materialization of an asset of the recording."""
+    """The latest materialization of an asset, of one recording if there is one of each."""
 
     storage_id: int
     run_id: str
@@ -98,71 +117,61 @@ class _Latest:
     data_version: str
 
 
-class _Recording:
-    """One recording of a batch."""
+class _Part(ABC):
+    """What a run brings up to date one after the other: a recording, or the datasets.
+
+    Attributes:
+        key: partition key of the recording; `DATASET` for the datasets.
+    """
 
     def __init__(
-        self,
-        context: dg.OpExecutionContext,
-        workspace: Workspace,
-        lock: RecordingLock,
-        key: str,
-        assets: Sequence[str],
+        self, context: dg.OpExecutionContext, workspace: Workspace, key: str, assets: Sequence[str]
     ) -> None:
+        self.key = key
         self._context, self._instance, self._workspace = context, context.instance, workspace
-        self._lock = lock
-        self._key = key
-        self._wanted = set(assets)
+        self._wanted = tuple(assets)
         self._made: set[str] = set()
         self._latest: dict[str, _Latest] = {}
 
-    def build(self, recording: RecordingFiles | None) -> str | None:
+    def build(self) -> str | None:
         """Make and record everything; return why something failed, or None.
 
         Raises:
             RunEndedError: the run was given up while this worker was at work.
         """
-        note_begun(self._instance, self._context.run_id, BATCH_JOB, self._key)
+        note_begun(self._instance, self._context.run_id, BATCH_JOB, self.key)
         problem: BagAssetsError | str | None = None
         try:
-            with self._lock.hold(self._context, self._key):
-                # Asked for once more, a recording that is gone says what to do.
-                self._make(recording or self._workspace.recording(self._key))
+            self._make()
         except RunEndedError:
             raise
         except BagAssetsError as err:
             problem = err
         except Exception as err:
             problem = f"{type(err).__name__}: {err}"
-            self._context.log.exception("%s: an unexpected error", self._key)
+            self._context.log.exception("%s: an unexpected error", self.name)
         text = None if problem is None else str(problem)
         if problem is not None:
-            self._give_up(self._wanted - self._made, problem)
-        note_ended(self._instance, self._context.run_id, BATCH_JOB, self._key, text)
+            self._give_up({*self._wanted} - self._made, problem)
+        note_ended(self._instance, self._context.run_id, BATCH_JOB, self.key, text)
         return text
 
-    def _make(self, recording: RecordingFiles) -> None:
-        rest = self._wanted - {"bag"}
-        if "bag" in self._wanted:
-            source, bag = read_bag(
-                self._instance,
-                self._workspace,
-                recording,
-                self._context.run_id,
-                makes_inventory="inventory" in rest,
-            )
-            self._record(bag)
-        else:
-            source = recorded_bag(self._instance, recording)
-        results = (
-            make_assets(self._instance, self._workspace, source, rest, self._context.run_id) if rest else ()
-        )
-        for result in results:
-            if isinstance(result, Skipped):
-                self._context.log.info("%s is skipped: %s.", self._key, visible(result.reason))
-                return
-            self._record(result)
-        self._check(recording)
+    @property
+    def name(self) -> str:
+        """What messages call it."""
+        return self.key or "the datasets"
+
+    @abstractmethod
+    def _make(self) -> None:
+        """Make and record everything.
+
+        Raises:
+            BagAssetsError: something could not be made.
+        """
+
+    @property
+    def _of_key(self) -> str:
+        return f" of {self.key}" if self.key else ""
 
     def _give_up(self, assets: Collection[str], problem: BagAssetsError | str) -> None:
         """Record that assets were to be made, and why they are not: by the end of the run, they have failed.
@@ -170,12 +179,12 @@ class _Recording:
         Dagster records it beforehand of each asset of a run; here it would be a tenth of what is kept of a recording.
         """
         for asset in sorted(assets):
-            planned = AssetMaterializationPlannedData(dg.AssetKey(asset), partition=self._key)
-            message = f"{asset} of {self._key} was not made."
+            planned = AssetMaterializationPlannedData(dg.AssetKey(asset), partition=self.key or None)
+            message = f"{asset}{self._of_key} was not made."
             self._log(dg.DagsterEventType.ASSET_MATERIALIZATION_PLANNED, planned, message)
-        for observed in observations_of(self._workspace.assets, self._key, assets, problem):
+        for observed in observations_of(self._workspace.assets, self.key, assets, problem):
             message = (
-                f"{observed.asset_key.to_user_string()} of {self._key} was not made: {observed.description}"
+                f"{observed.asset_key.to_user_string()}{self._of_key} was not made: {observed.description}"
             )
             self._log(dg.DagsterEventType.ASSET_OBSERVATION, AssetObservationData(observed), message)
 
@@ -198,35 +207,39 @@ class _Recording:
             message=message,
         )
 
-    def _record(self, made: MadeAsset) -> None:
-        """Record an asset as materialized, with the tags that Dagster would write itself."""
-        self._lock.check()
-        assets = self._workspace.assets
-        is_bag = made.asset == "bag"
+    def _record(self, made: MadeAsset, code_version: str, inputs: Mapping[str, str]) -> None:
+        """Record an asset as materialized, with the tags that Dagster would write itself.
+
+        Args:
+            made: the asset.
+            code_version: its code version.
+            inputs: what it was made from -> data version, as Dagster writes it.
+        """
         tags = {
-            CODE_VERSION: BAG_CODE_VERSION if is_bag else assets.versions[made.asset],
+            CODE_VERSION: code_version,
             DATA_VERSION: made.data_version,
             "dagster/data_version_is_user_provided": "true",
         }
-        for name in () if is_bag else dependencies(assets, made.asset):
-            latest = self._latest_of(name)
-            # As of any partitioned input: a digest over the versions of the partitions that are read, here one.
-            tags[INPUT_PREFIX + name] = sha256(latest.data_version.encode()).hexdigest()
-            tags[_POINTER_PREFIX + name] = str(latest.storage_id)
+        for name, version in inputs.items():
+            tags[INPUT_PREFIX + name] = version
+            tags[_POINTER_PREFIX + name] = str(self._latest_of(name).storage_id)
         self._latest.pop(made.asset, None)
-        recorded = dg.AssetMaterialization(made.asset, partition=self._key, metadata=made.metadata, tags=tags)
+        recorded = dg.AssetMaterialization(
+            made.asset, partition=self.key or None, metadata=made.metadata, tags=tags
+        )
         kind = dg.DagsterEventType.ASSET_MATERIALIZATION
-        self._log(kind, StepMaterializationData(recorded), f"Materialized {made.asset} of {self._key}.")
+        self._log(kind, StepMaterializationData(recorded), f"Materialized {made.asset}{self._of_key}.")
         self._made.add(made.asset)
 
     def _latest_of(self, asset: str) -> _Latest:
         if asset not in self._latest:
+            partitions = [self.key] if self.key else None
             records = self._instance.fetch_materializations(
-                AssetRecordsFilter(asset_key=dg.AssetKey(asset), asset_partitions=[self._key]), limit=1
+                AssetRecordsFilter(asset_key=dg.AssetKey(asset), asset_partitions=partitions), limit=1
             ).records
             if not records:
                 raise StoreError(
-                    f"{self._key}: {asset} is not materialized for this recording; materialize it first."
+                    f"{self.key}: {asset} is not materialized for this recording; materialize it first."
                 )
             (record,) = records
             tags = (record.asset_materialization and record.asset_materialization.tags) or {}
@@ -235,38 +248,26 @@ class _Recording:
             )
         return self._latest[asset]
 
-    def _check(self, recording: RecordingFiles) -> None:
-        store = self._workspace.store
-        for group in check_groups(self._workspace.recipe).values():
-            chosen = {asset: checks for asset, checks in group.items() if asset in self._made}
-            for result in run_checks(
-                self._workspace,
-                recording,
-                chosen,
-                lambda name: store.artifact(self._latest_of(name).data_version),
-            ):
-                asset = str(result.asset_key and result.asset_key.to_user_string())
-                target = self._latest_of(asset)
-                evaluation = dg.AssetCheckEvaluation(
-                    asset_key=dg.AssetKey(asset),
-                    check_name=str(result.check_name),
-                    passed=result.passed,
-                    metadata=result.metadata,
-                    severity=result.severity,
-                    description=result.description,
-                    partition=self._key,
-                    target_materialization_data=AssetCheckEvaluationTargetMaterializationData(
-                        storage_id=target.storage_id, run_id=target.run_id, timestamp=target.timestamp
-                    ),
-                )
-                self._record_check(evaluation)
-
-    def _record_check(self, evaluation: dg.AssetCheckEvaluation) -> None:
+    def _record_check(self, result: dg.AssetCheckResult) -> None:
         """Record a check; one that passed where Dagster looks checks up, and not in the run's log, too.
 
         There are a dozen of each recording, and each takes as much room in either place.
         """
-        what = f"Check {evaluation.check_name} of {evaluation.asset_key.to_user_string()} of {self._key}"
+        asset = str(result.asset_key and result.asset_key.to_user_string())
+        target = self._latest_of(asset)
+        evaluation = dg.AssetCheckEvaluation(
+            asset_key=dg.AssetKey(asset),
+            check_name=str(result.check_name),
+            passed=result.passed,
+            metadata=result.metadata,
+            severity=result.severity,
+            description=result.description,
+            partition=self.key or None,
+            target_materialization_data=AssetCheckEvaluationTargetMaterializationData(
+                storage_id=target.storage_id, run_id=target.run_id, timestamp=target.timestamp
+            ),
+        )
+        what = f"Check {evaluation.check_name} of {asset}{self._of_key}"
         kind = dg.DagsterEventType.ASSET_CHECK_EVALUATION
         storage = self._instance.event_log_storage
         if not evaluation.passed or not isinstance(storage, SqlEventLogStorage):
@@ -284,3 +285,93 @@ class _Recording:
             dagster_event=self._event(kind, evaluation, f"{what} passed."),
         )
         storage.store_asset_check_event(entry, None)
+
+
+class _Recording(_Part):
+    """One recording of a run; `recording` is None if it is gone."""
+
+    def __init__(
+        self,
+        context: dg.OpExecutionContext,
+        workspace: Workspace,
+        key: str,
+        assets: Sequence[str],
+        lock: RecordingLock,
+        recording: RecordingFiles | None,
+    ) -> None:
+        super().__init__(context, workspace, key, assets)
+        self._lock = lock
+        self._recording = recording
+
+    def _make(self) -> None:
+        with self._lock.hold(self._context, self.key):
+            # Asked for once more, a recording that is gone says what to do.
+            recording = self._recording or self._workspace.recording(self.key)
+            rest = {*self._wanted} - {"bag"}
+            run_id = self._context.run_id
+            if "bag" in self._wanted:
+                source, bag = read_bag(
+                    self._instance, self._workspace, recording, run_id, makes_inventory="inventory" in rest
+                )
+                self._lock.check()
+                self._record(bag, BAG_CODE_VERSION, {})
+            else:
+                source = recorded_bag(self._instance, recording)
+            results = make_assets(self._instance, self._workspace, source, rest, run_id) if rest else ()
+            for result in results:
+                if isinstance(result, Skipped):
+                    self._context.log.info("%s is skipped: %s.", self.key, visible(result.reason))
+                    return
+                self._lock.check()
+                version = self._workspace.assets.versions[result.asset]
+                self._record(result, version, self._inputs_of(result.asset))
+            self._check(recording)
+
+    def _inputs_of(self, asset: str) -> dict[str, str]:
+        """Return upstream asset -> what Dagster compares: a digest over the versions of the partitions read, here one."""
+        return {
+            name: sha256(self._latest_of(name).data_version.encode()).hexdigest()
+            for name in dependencies(self._workspace.assets, asset)
+        }
+
+    def _check(self, recording: RecordingFiles) -> None:
+        store = self._workspace.store
+        for group in check_groups(self._workspace.recipe).values():
+            chosen = {asset: checks for asset, checks in group.items() if asset in self._made}
+            for result in run_checks(
+                self._workspace,
+                recording,
+                chosen,
+                lambda name: store.artifact(self._latest_of(name).data_version),
+            ):
+                self._record_check(result)
+
+
+class _Datasets(_Part):
+    """The datasets, made from what is recorded; nothing is done if they are as they should be."""
+
+    def build(self) -> str | None:
+        self._planned = plan_instance(self._instance, self._workspace)
+        if dataset_is_current(self._instance, self._workspace.recipe, self._planned.inputs):
+            return None
+        return super().build()
+
+    def _make(self) -> None:
+        recipe, planned = self._workspace.recipe, self._planned
+        record_inputs(self._instance, recipe, planned.inputs)
+        problems = []
+        for asset, version in dataset_code_versions(recipe).items():
+            if asset not in self._wanted:
+                continue
+            try:
+                made = make_dataset(self._instance, self._workspace, planned, asset, self._context.run_id)
+                self._record(made, version, {"dataset_inputs": planned.inputs.digest})
+                if asset in datasets_of(recipe):
+                    for result in run_dataset_checks(self._workspace, asset):
+                        self._record_check(result)
+            except RunEndedError:
+                raise
+            except BagAssetsError as err:  # the others may well succeed
+                problems.append(str(err))
+        if problems:
+            raise BagAssetsError(" ".join(problems))

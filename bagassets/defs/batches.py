@@ -14,6 +14,7 @@ import dagster as dg
 __all__ = [
     "BATCH_JOB",
     "BATCH_OP",
+    "SMALL_BYTES",
     "Batch",
     "batch_config",
     "batch_of",
@@ -22,14 +23,14 @@ __all__ = [
 
 BATCH_JOB = "build_recordings"
 BATCH_OP = "build_each"
-_SMALL_BYTES = 16 * 2**20
+SMALL_BYTES = 16 * 2**20
 _LARGEST_BATCH_BYTES = 128 * 2**20
 _AT_ALL_BYTES = 2**20  # a recording costs as much as these, whatever its size
 _MOST_RECORDINGS = 50  # or about that, in one run: its log can still be read
 _FEWEST_PER_JOB = 4  # where there are fewer, a run each shows more and costs little
 
 Batch = Mapping[str, Sequence[str]]
-"""Partition key -> the assets to materialize."""
+"""Partition key -> the assets to materialize; an empty key -> the datasets."""
 
 
 def batches(todo: Batch, sizes: Mapping[str, int], jobs: int, most_per_run: int | None = None) -> list[Batch]:
@@ -45,7 +46,7 @@ def batches(todo: Batch, sizes: Mapping[str, int], jobs: int, most_per_run: int 
     Returns:
         The runs, the longest first: begun last, it would keep one worker busy after all others are done.
     """
-    small = sorted((key for key in todo if sizes[key] <= _SMALL_BYTES), key=lambda key: (-sizes[key], key))
+    small = sorted((key for key in todo if sizes[key] <= SMALL_BYTES), key=lambda key: (-sizes[key], key))
     most, jobs = (_MOST_RECORDINGS, jobs) if most_per_run is None else (most_per_run, 1)
     if most == 1 or len(small) < _FEWEST_PER_JOB * jobs:
         small = []

@@ -1,6 +1,6 @@
 """Asset checks: the rules of `bagassets.quality`, shown per recording and for the dataset."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 
 import dagster as dg
 
@@ -20,7 +20,7 @@ from bagassets.recipe.model_checks import Severity
 from bagassets.recordings.model import RecordingFiles
 from bagassets.store.artifact import Artifact
 
-__all__ = ["Checks", "check_groups", "dataset_checks", "recording_checks", "run_checks"]
+__all__ = ["Checks", "check_groups", "dataset_checks", "recording_checks", "run_checks", "run_dataset_checks"]
 
 Checks = Mapping[str, Sequence[RecordingCheck]]
 """Asset -> checks of it."""
@@ -128,13 +128,27 @@ def _dataset_operation(recipe: Recipe, dataset: Dataset) -> dg.AssetChecksDefini
     )
     def run(workspace: Workspace) -> Iterator[dg.AssetCheckResult]:
         with errors_explained():
-            now = datasets_of(workspace.recipe)[asset]
-            findings = checking.check_dataset(now, frozenset(wanted))
-        for name in wanted:
-            severity = checking.dataset_checks(workspace.recipe, now.kind).get(name, "skip")
-            yield _result(asset, name, findings[name], severity)
+            results = run_dataset_checks(workspace, asset, wanted)
+        yield from results
 
     return run
+
+
+def run_dataset_checks(
+    workspace: Workspace, asset: str, names: Collection[str] | None = None
+) -> list[dg.AssetCheckResult]:
+    """Return the results of checks of a dataset on disk: of those named, or all; none if it is a named dataset.
+
+    Raises:
+        DatasetError: a file of the dataset cannot be read.
+    """
+    dataset = datasets_of(workspace.recipe)[asset]
+    if dataset.selection is not None:
+        return []
+    severities = checking.dataset_checks(workspace.recipe, dataset.kind)
+    names = severities.keys() if names is None else names
+    findings = checking.check_dataset(dataset, frozenset(names))
+    return [_result(asset, name, findings[name], severities.get(name, "skip")) for name in names]
 
 
 def _result(asset: str, name: str, finding: Finding, severity: Severity) -> dg.AssetCheckResult:

@@ -4,7 +4,8 @@ import dagster as dg
 
 from bagassets.defs.artifact_files import page_link
 from bagassets.defs.fence import refuse_if_ended
-from bagassets.defs.instance_plan import plan_in_run
+from bagassets.defs.instance_plan import InstancePlan, plan_in_run
+from bagassets.defs.making import MadeAsset
 from bagassets.defs.reporting import dataset_metadata, errors_explained, inputs_metadata
 from bagassets.defs.workspace import Workspace
 from bagassets.formats.catalogue import formats, recording_assets
@@ -19,9 +20,10 @@ from bagassets.formats.dataset_build import (
 from bagassets.formats.report_data import build_map, map_path
 from bagassets.recipe.model import Recipe
 
-__all__ = ["dataset_assets", "dataset_is_current", "record_inputs"]
+__all__ = ["dataset_assets", "dataset_is_current", "make_dataset", "record_inputs"]
 
 GROUP = "dataset"
+TRAJECTORY_MAP = "trajectory_map"
 INPUTS_CODE_VERSION = "1"
 
 _INPUTS = """Which recordings the datasets are made from, and why others are left out.
@@ -121,7 +123,7 @@ def dataset_assets(recipe: Recipe) -> list[dg.AssetsDefinition]:
             )
 
     datasets = [_dataset_asset(recipe, dataset) for dataset in datasets_of(recipe).values()]
-    has_map = "trajectory_map" in dataset_code_versions(recipe)
+    has_map = TRAJECTORY_MAP in dataset_code_versions(recipe)
     return [dataset_inputs, *datasets, *([_map_asset(recipe)] if has_map else [])]
 
 
@@ -135,47 +137,63 @@ def _dataset_asset(recipe: Recipe, dataset: Dataset) -> dg.AssetsDefinition:
         code_version=dataset_code_versions(recipe)[dataset.asset],
     )
     def make(context: dg.AssetExecutionContext, workspace: Workspace) -> dg.MaterializeResult[None]:
-        with errors_explained():
-            planned = plan_in_run(context, workspace)
-            # The recipe as it is now: this process may be older.
-            now = datasets_of(workspace.recipe)[dataset.asset]
-
-            def permit() -> None:
-                refuse_if_ended(context.instance, context.run.run_id)
-
-            summary = build_dataset(
-                now, workspace.recipe, workspace.store, planned.plan, planned.inputs, permit
-            )
-            failed = planned.inputs.failed.get(dataset.kind.name, {})
-            return dg.MaterializeResult(
-                data_version=dg.DataVersion(summary.digest), metadata=dataset_metadata(summary, failed)
-            )
+        return _result(context, workspace, dataset.asset)
 
     return make
 
 
 def _map_asset(recipe: Recipe) -> dg.AssetsDefinition:
     @dg.asset(
-        name="trajectory_map",
+        name=TRAJECTORY_MAP,
         deps=["dataset_inputs"],
         group_name=GROUP,
         kinds={"html"},
         description=_MAP,
-        code_version=dataset_code_versions(recipe)["trajectory_map"],
+        code_version=dataset_code_versions(recipe)[TRAJECTORY_MAP],
     )
     def trajectory_map(context: dg.AssetExecutionContext, workspace: Workspace) -> dg.MaterializeResult[None]:
-        with errors_explained():
-            plan = plan_in_run(context, workspace).plan
-            refuse_if_ended(context.instance, context.run.run_id)
-            outcome = build_map(workspace.recipe, workspace.store, plan)
-            return dg.MaterializeResult(
-                data_version=dg.DataVersion(outcome.artifact.digest),
-                metadata={
-                    "open": dg.MetadataValue.md(f"[Open the map]({page_link('map')})"),
-                    "map": dg.MetadataValue.path(str(map_path(workspace.recipe))),
-                    "cached": outcome.cached,
-                    **outcome.artifact.summary(),
-                },
-            )
+        return _result(context, workspace, TRAJECTORY_MAP)
 
     return trajectory_map
+
+
+def _result(
+    context: dg.AssetExecutionContext, workspace: Workspace, asset: str
+) -> dg.MaterializeResult[None]:
+    with errors_explained():
+        planned = plan_in_run(context, workspace)
+        made = make_dataset(context.instance, workspace, planned, asset, context.run.run_id)
+        return dg.MaterializeResult(data_version=dg.DataVersion(made.data_version), metadata=made.metadata)
+
+
+def make_dataset(
+    instance: dg.DagsterInstance, workspace: Workspace, planned: InstancePlan, asset: str, run_id: str
+) -> MadeAsset:
+    """Make a dataset, or the map, from what is planned, and return what is to be recorded of it.
+
+    Raises:
+        BagAssetsError: it could not be made.
+        RunEndedError: the run was given up meanwhile.
+    """
+    recipe = workspace.recipe  # as it is now: this process may be older
+
+    def permit() -> None:
+        refuse_if_ended(instance, run_id)
+
+    if asset == TRAJECTORY_MAP:
+        permit()
+        outcome = build_map(recipe, workspace.store, planned.plan)
+        return MadeAsset(
+            asset,
+            outcome.artifact.digest,
+            {
+                "open": dg.MetadataValue.md(f"[Open the map]({page_link('map')})"),
+                "map": dg.MetadataValue.path(str(map_path(recipe))),
+                "cached": outcome.cached,
+                **outcome.artifact.summary(),
+            },
+        )
+    dataset = datasets_of(recipe)[asset]
+    summary = build_dataset(dataset, recipe, workspace.store, planned.plan, planned.inputs, permit)
+    failed = planned.inputs.failed.get(dataset.kind.name, {})
+    return MadeAsset(asset, summary.digest, dataset_metadata(summary, failed))

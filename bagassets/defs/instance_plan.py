@@ -98,7 +98,8 @@ def replan_instance(
         if key in kept or all(path.exists() for path in recording.files)
     }
     planned = _planned(instance, workspace, replace(before.discovery, recordings=there), live, ids, kept)
-    return replace(planned, recorded={**before.recorded, **planned.recorded})
+    same = {key: recorded for key, recorded in before.recorded.items() if key in kept}
+    return replace(planned, recorded={**same, **planned.recorded})
 
 
 def plan_in_run(context: dg.AssetExecutionContext, workspace: Workspace) -> InstancePlan:

@@ -18,13 +18,13 @@ __all__ = ["failures_observed", "observations_of"]
 def observations_of(
     assets: RecordingAssets, key: str, missing: Collection[str], err: BagAssetsError | str
 ) -> list[dg.AssetObservation]:
-    """Return an observation of each asset of a recording that a failure kept from being made.
+    """Return an observation of each asset of a recording, or dataset, that a failure kept from being made.
 
     An asset that failed itself has its own sentence, and one that reads it says which one failed.
 
     Args:
         assets: of recordings.
-        key: partition key of the recording.
+        key: partition key of the recording; empty for datasets.
         missing: names of the assets that were to be made and are not; may include `bag`.
         err: what went wrong, or its sentence.
     """
@@ -41,7 +41,7 @@ def _why(assets: RecordingAssets, asset: str, failed: dict[str, str]) -> str:
 
 def _observation(asset: str, key: str, why: str) -> dg.AssetObservation:
     return dg.AssetObservation(
-        asset, description=why, partition=key, metadata={"not_made": dg.MetadataValue.text(why)}
+        asset, description=why, partition=key or None, metadata={"not_made": dg.MetadataValue.text(why)}
     )
 
 

@@ -16,10 +16,12 @@ from bagassets.build.build_report import BagOutcome, BuildOptions, BuildReport, 
 from bagassets.build.disk_space import folders_written, require_disk_space, space_needed
 from bagassets.build.plan import Plan, Recorded
 from bagassets.build.summary_rows import summary_rows
+from bagassets.defs.batches import SMALL_BYTES, Batch
 from bagassets.defs.dataset import record_inputs
+from bagassets.defs.events import fetch_recorded
 from bagassets.defs.instance_plan import InstancePlan
 from bagassets.defs.orphaned_runs import end_orphaned_runs
-from bagassets.defs.partitions import active_runs, add_partitions, remove_partition
+from bagassets.defs.partitions import DATASET, active_runs, add_partitions, remove_partition
 from bagassets.defs.pending_work import PendingWork, find_pending_work, open_project, update_pending_work
 from bagassets.defs.run_pool import EndedRun, Listener, RunPool
 from bagassets.defs.snapshot import Snapshot
@@ -77,20 +79,24 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
             going_on = _going_on(instance, before.datasets)
             followed = {key for keys in going_on.values() for key in keys}
             todo = {key: assets for key, assets in before.todo.items() if key not in followed}
-            runs.work(runs.deal(todo, sizes), following=going_on)
+            batches = runs.deal(todo, sizes)
+            if len(batches) == 1 and not going_on and _is_quick(before, batches[0], sizes):
+                batches = [{**batches[0], DATASET: before.datasets}]
+            runs.work(batches, following=going_on)
             now = update_pending_work(instance, workspace, before, runs.ended.keys())
             # Runs of an earlier build may have begun before the recipe or the recording changed.
             again = {key: now.todo[key] for key in followed & now.todo.keys() & before.chosen}
             if again and not runs.interrupted:
                 runs.work([{key: assets} for key, assets in again.items()])
                 now = update_pending_work(instance, workspace, now, runs.ended.keys())
-            _add_outcomes(report, now, runs)
-            if before.datasets and not now.dataset_is_current and not runs.interrupted:
+            _add_outcomes(report, instance, now.planned, runs)
+            is_due = DATASET not in runs.ended and not now.dataset_is_current
+            if before.datasets and is_due and not runs.interrupted:
                 record_inputs(instance, recipe, now.planned.inputs)
-                runs.work([{"": before.datasets}])
+                runs.work([{DATASET: before.datasets}])
             report.interrupted = runs.interrupted
             report.remarks += tuple(_remarks(instance, {one.run_id for one in runs.ended.values()}))
-            report.dataset, report.dataset_problem = _dataset_outcome(runs.ended.get(""))
+            report.dataset, report.dataset_problem = _dataset_outcome(runs.ended.get(DATASET))
             if report.succeeded and options.is_whole:
                 snapshot = Snapshot(instance, workspace)
                 now = find_pending_work(instance, workspace)
@@ -131,6 +137,18 @@ def build_project_in_worker(args: JsonObject) -> JsonObject:
     report = build_project(recipe_file, BuildOptions.from_json(args["options"]), send)
     rows = summary_rows(report, Store(load_recipe(recipe_file).store_path), most=args["most"])
     return {**report.as_json(), "summary": [row.as_json() for row in rows]}
+
+
+def _is_quick(before: PendingWork, batch: Batch, sizes: Mapping[str, int]) -> bool:
+    """Return whether a second run, for the datasets, would take a good part of the time that a first one takes.
+
+    So it is where the recordings are small, or have been built before and little is to be made again. Elsewhere a step for
+    each asset shows more in the web UI.
+    """
+    recorded = before.planned.recorded
+    return bool(before.datasets) and all(
+        sizes[key] <= SMALL_BYTES or "inventory" in recorded.get(key, {}) for key in batch
+    )
 
 
 def _going_on(instance: dg.DagsterInstance, datasets: Iterable[str]) -> dict[str, tuple[str, ...]]:
@@ -187,10 +205,16 @@ def _register(instance: dg.DagsterInstance, workspace: Workspace, planned: Insta
     return planned.plan.removed
 
 
-def _add_outcomes(report: BuildReport, now: PendingWork, runs: RunPool) -> None:
-    """Add the outcome of each run to the report."""
-    for key, ended in runs.ended.items():
-        report.outcomes[key] = _outcome(now.planned.recorded.get(key, {}), ended)
+def _add_outcomes(
+    report: BuildReport, instance: dg.DagsterInstance, planned: InstancePlan, runs: RunPool
+) -> None:
+    """Add the outcome of each recording that had a run to the report."""
+    ended = {key: one for key, one in runs.ended.items() if key != DATASET}
+    # A run that made the datasets, too, has planned its recordings since they were recorded.
+    unknown = ended.keys() - planned.recorded.keys()
+    recorded = {**planned.recorded, **fetch_recorded(instance, planned.storage_ids, unknown)}
+    for key, one in ended.items():
+        report.outcomes[key] = _outcome(recorded.get(key, {}), one)
 
 
 def _outcome(recorded: Mapping[str, Recorded], ended: EndedRun) -> BagOutcome:

@@ -19,6 +19,7 @@ from bagassets.build.build_report import Event
 from bagassets.defs.batches import BATCH_JOB, Batch, batch_config, batches
 from bagassets.defs.code_server import LaunchWorkspace
 from bagassets.defs.connections import kept_open
+from bagassets.defs.partitions import DATASET
 from bagassets.defs.run_progress import RunProgress
 from bagassets.defs.runs import CodeLocation, create_job_run, create_run, fail_if_lost, failure_of
 from bagassets.defs.worker_tag import WHERE_TAG
@@ -249,7 +250,7 @@ class RunPool:
         if stopped and active.is_ours:
             self._settle(run_id)
         begun, ended = active.progress.begun, active.progress.ended
-        left = {key: assets for key, assets in active.batch.items() if key not in begun}
+        left = {key: assets for key, assets in active.batch.items() if key not in begun and key != DATASET}
         if (
             begun
             and left
@@ -263,7 +264,10 @@ class RunPool:
         else:
             left = {}
         seconds = time.monotonic() - active.since
-        for key in active.batch.keys() - ended.keys() - left.keys():
+        unfinished = active.batch.keys() - ended.keys() - left.keys()
+        if len(active.batch) > 1 and DATASET not in begun:
+            unfinished -= {DATASET}  # the recordings failed, and the datasets are yet to be made without them
+        for key in unfinished:
             self._conclude(key, EndedRun(run_id, problem, stopped, seconds))
 
     def _has_failed(self, run_id: str) -> bool:

@@ -12,6 +12,7 @@ from bagassets.defs.dagster_private import EngineEventData
 __all__ = ["RunProgress", "note_begun", "note_ended", "readings_noted"]
 
 _RECORDING, _STATE, _PROBLEM, _SHARE = "recording", "state", "problem", "share"
+_DATASETS = "datasets"  # whose key is empty
 _BEGUN, _DONE, _FAILED, _READING = "begun", "done", "failed", "reading"
 
 
@@ -53,7 +54,7 @@ class RunProgress:
 
 def note_begun(instance: dg.DagsterInstance, run_id: str, job_name: str, key: str) -> None:
     """Note in the log of a run about several recordings that it has begun with one."""
-    _note(instance, run_id, job_name, f"{key}: {_BEGUN}.", {_RECORDING: key, _STATE: _BEGUN})
+    _note(instance, run_id, job_name, f"{key or _DATASETS}: {_BEGUN}.", {_RECORDING: key, _STATE: _BEGUN})
 
 
 def note_ended(
@@ -61,10 +62,10 @@ def note_ended(
 ) -> None:
     """Note in the log of a run about several recordings that it is done with one, or that this failed."""
     if problem is None:
-        _note(instance, run_id, job_name, f"{key}: {_DONE}.", {_RECORDING: key, _STATE: _DONE})
+        _note(instance, run_id, job_name, f"{key or _DATASETS}: {_DONE}.", {_RECORDING: key, _STATE: _DONE})
     else:
         metadata = {_RECORDING: key, _STATE: _FAILED, _PROBLEM: problem}
-        _note(instance, run_id, job_name, f"{key}: {_FAILED}. {problem}", metadata)
+        _note(instance, run_id, job_name, f"{key or _DATASETS}: {_FAILED}. {problem}", metadata)
 
 
 def readings_noted(instance: dg.DagsterInstance, run_id: str, key: str) -> AbstractContextManager[None]:

@@ -44,6 +44,7 @@ from bagassets.defs.dagster_private import (
     WorkerStatus,
 )
 from bagassets.defs.orphaned_runs import UNTAKEN_S, report_ended
+from bagassets.defs.partitions import DATASET
 from bagassets.defs.runs import mark_canceling, pack_instance
 from bagassets.defs.slurm.commands import SlurmError
 from bagassets.defs.slurm.keeper import Keeper, Packing
@@ -442,4 +443,6 @@ class SlurmRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
 
 def _recordings_of(run: dg.DagsterRun) -> Sequence[str]:
     """Return the partition keys that a run is about; none if it is about a dataset."""
-    return [run.tags[_PARTITION_TAG]] if _PARTITION_TAG in run.tags else batch_of(run)
+    if _PARTITION_TAG in run.tags:
+        return [run.tags[_PARTITION_TAG]]
+    return [key for key in batch_of(run) if key != DATASET]
