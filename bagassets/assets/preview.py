@@ -7,6 +7,7 @@ others.
 """
 
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 from bagassets.annotations.table import BoxTable
@@ -38,6 +39,7 @@ INLINE_BYTES = 16 * 1024
 INLINE_WIDTH_PX = 560
 THUMBNAIL_BYTES = 2600
 THUMBNAIL_WIDTH_PX = 200
+_THREADS = 2
 # The first of these that there is stands for the recording.
 _THUMBNAILS = ("lidar_over_camera", "contact_sheet", "birds_eye", "timeline")
 
@@ -146,18 +148,29 @@ def make(use: Use[PreviewUse], inputs: Inputs, out: ArtifactWriter) -> Summary:
         future_s=params.style.future_s,
         range_m=params.style.range_m,
     )
+    _ = pictures.moment_ns  # found once, not by each thread
+
+    def paint(name: str) -> tuple[Image, bytes, bytes] | str:
+        """Return a picture, as JPEG, and as a small JPEG; or why it is missing."""
+        try:
+            picture = pictures.draw(name)
+        except CannotDrawError as err:
+            return str(err)
+        # Text shrinks with a picture, so the timeline is drawn again.
+        small = timeline(pictures.timeline_facts, INLINE_WIDTH_PX) if name == "timeline" else picture
+        return picture, jpeg(picture), jpeg_within(small, INLINE_BYTES, INLINE_WIDTH_PX)
+
     drawn: dict[str, Image] = {}
     missing: dict[str, str] = {}
-    for name in TITLES:
-        try:
-            drawn[name] = pictures.draw(name)
-        except CannotDrawError as err:
-            missing[name] = str(err)
-            continue
-        out.write(f"{name}.jpg", jpeg(drawn[name]))
-        # Text shrinks with a picture, so the timeline is drawn again.
-        inline = timeline(pictures.timeline_facts, INLINE_WIDTH_PX) if name == "timeline" else drawn[name]
-        out.write(f"inline/{name}.jpg", jpeg_within(inline, INLINE_BYTES, INLINE_WIDTH_PX))
+    with ThreadPoolExecutor(_THREADS) as pool:  # most of it is OpenCV, which leaves Python to others
+        painted = list(pool.map(paint, TITLES))
+    for name, one in zip(TITLES, painted, strict=True):
+        if isinstance(one, str):
+            missing[name] = one
+        else:
+            drawn[name], whole, small = one
+            out.write(f"{name}.jpg", whole)
+            out.write(f"inline/{name}.jpg", small)
     stands_for_all = next(drawn[name] for name in _THUMBNAILS if name in drawn)
     out.write(THUMBNAIL, jpeg_within(stands_for_all, THUMBNAIL_BYTES, THUMBNAIL_WIDTH_PX))
     facts = {"pictures": list(drawn), "missing": missing, "moment_ns": pictures.moment_ns}
