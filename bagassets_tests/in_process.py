@@ -10,7 +10,9 @@ from dagster._core.launcher import RunLauncher
 
 from bagassets.build.build_report import BuildOptions
 from bagassets.defs import pending_work, project_build, run_pool
-from bagassets.defs.runs import create_run, execute_run
+from bagassets.defs.batches import BATCH_OP, batch_of
+from bagassets.defs.partitions import DATASET
+from bagassets.defs.runs import create_job_run, create_run, execute_run
 from bagassets.propose.project import write_project
 from bagassets_tests.small_drive import RECIPE, write_drive
 
@@ -52,12 +54,17 @@ def make_project(folder, drives=("a.bag",), *, text=QUICK, duration_s=1.0):
 
 
 def build(recipe_file, monkeypatch, *, on_event=lambda _event: None, **options):
-    """Build; return the report and the runs there were: (partition key, assets)."""
+    """Build; return the report and what there were runs for: (partition key, assets), in any number of runs."""
     runs = []
 
     def created(instance, assets, *, partition_key, location, run_id):
         runs.append((partition_key, tuple(assets)))
         return create_run(instance, assets, partition_key=partition_key, location=location, run_id=run_id)
+
+    def created_job(instance, name, run_config, **options):
+        recordings = run_config["ops"][BATCH_OP]["config"]["recordings"]
+        runs.extend((key or None, tuple(assets)) for key, assets in recordings.items())
+        return create_job_run(instance, name, run_config, **options)
 
     def launcher(instance):
         found = InProcessLauncher()
@@ -65,11 +72,17 @@ def build(recipe_file, monkeypatch, *, on_event=lambda _event: None, **options):
         return found
 
     monkeypatch.setattr(run_pool, "create_run", created)
+    monkeypatch.setattr(run_pool, "create_job_run", created_job)
     monkeypatch.setattr(dg.DagsterInstance, "run_launcher", property(launcher))
     monkeypatch.setenv("BAGASSETS_RECIPE", str(recipe_file))
     load_definitions(recipe_file)
     report = project_build.build_project(recipe_file, BuildOptions(**options), on_event)
     return report, runs
+
+
+def keys_of(run):
+    """Return what a run is about: partition keys, and `DATASET` for datasets."""
+    return set(batch_of(run)) or {run.tags.get("dagster/partition", DATASET)}
 
 
 def survey(recipe_file, **options):

@@ -82,7 +82,7 @@ def test_where_runs_wait_in_a_queue_their_number_follows_from_how_many_share_one
 @pytest.mark.long
 def test_recordings_of_a_batch_are_recorded_as_runs_of_their_own_would(project, monkeypatch):
     report, runs = build(project, monkeypatch, jobs=1)
-    assert runs == []  # one for all, and the dataset
+    assert {key for key, _ in runs} == {*KEYS, None}
     assert outcomes(report) == dict.fromkeys(KEYS, "built")
     assert all(set(states(survey(project), key).values()) == {"fresh"} for key in KEYS)
     with pending_work.open_project(project) as (instance, workspace):
@@ -283,7 +283,7 @@ def test_a_dataset_that_fails_beside_its_recording_is_reported_once(tmp_path, mo
     report, runs = build(recipe_file, monkeypatch, jobs=1)
     assert outcomes(report) == {"a.bag": "built"}
     assert (report.dataset, report.dataset_problem) == ("failed", "nuscenes: somebody else's folder.")
-    assert runs == [], "it was not tried again at once"
+    assert [key for key, _ in runs] == ["a.bag", None], "it was not tried again at once"
     with pending_work.open_project(recipe_file) as (instance, _):
         assert instance.get_runs(limit=1)[0].status == dg.DagsterRunStatus.FAILURE
         assert instance.get_latest_materialization_event(dg.AssetKey("trajectory_map")) is not None

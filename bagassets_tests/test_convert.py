@@ -6,7 +6,6 @@ import signal
 import subprocess
 import sys
 import tempfile
-import time
 from contextlib import suppress
 from pathlib import Path
 
@@ -190,7 +189,6 @@ def test_an_interrupt_leaves_nothing_behind(tmp_path, temporary, drive, number, 
             eventually(lambda: list(temporary.glob("*/forkserver/*.lock")), "a server that starts", 300)
         else:
             eventually(lambda: moment in (tmp_path / "tmp.err").read_text(), "a build under way", 300)
-            time.sleep(0.3)
         process.send_signal(number)
         assert process.wait(90) == 130
     assert names(tmp_path) == ["bags", "tmp", "tmp.err"]

@@ -18,7 +18,7 @@ from bagassets.freshness.cache import NAME, Cache, Changes
 from bagassets.freshness.decide import nothing_to_do
 from bagassets.freshness.fingerprints import PlanNeeded
 from bagassets.recipe import load_recipe
-from bagassets_tests.in_process import build, make_project, states, survey
+from bagassets_tests.in_process import build, keys_of, make_project, states, survey
 
 KEY = "a.bag"
 
@@ -215,7 +215,7 @@ def test_an_asset_wiped_in_the_ui_is_seen(fresh, monkeypatch):
 
 def test_a_run_deleted_in_the_ui_is_seen_even_if_ids_come_again(fresh, monkeypatch):
     with instance_of(fresh) as instance:
-        (run, *_) = instance.get_runs(dg.RunsFilter(tags={"dagster/partition": KEY}), limit=1)
+        run = next(run for run in instance.get_runs() if KEY in keys_of(run))
         instance.delete_run(run.run_id)
         assert not is_quick(fresh)
         # SQLite gives the ids away again; as many other events hide the deletion from whoever counts.
@@ -323,7 +323,7 @@ def test_a_failed_recording_takes_the_full_path(project, monkeypatch):
     assert runs == [], "it is not tried again by itself"
     assert not is_quick(project)
     _, runs = build(project, monkeypatch, retry_failed=True)
-    assert [key for key, _ in runs] == ["broken.bag"]
+    assert "broken.bag" in {key for key, _ in runs}
     broken.unlink()
 
 

@@ -11,8 +11,9 @@ from click.testing import CliRunner
 
 from bagassets.cli.main import root as command_line
 from bagassets.defs.events import event_database
+from bagassets.defs.partitions import DATASET
 from bagassets.defs.runs import create_run, open_instance
-from bagassets_tests.in_process import build, make_project
+from bagassets_tests.in_process import build, keys_of, make_project
 from bagassets_tests.small_drive import write_drive
 
 KEYS = ("a.bag", "b.mcap")
@@ -41,9 +42,9 @@ def collect(recipe_file, *options):
 
 
 def runs_of(recipe_file):
-    """Run id -> partition key, the newest first."""
+    """Run id -> what it is about, the newest first."""
     with open_instance(str(recipe_file.parent)) as instance:
-        return {run.run_id: run.tags.get("dagster/partition") for run in instance.get_runs()}
+        return {run.run_id: keys_of(run) for run in instance.get_runs()}
 
 
 def database_size(recipe_file):
@@ -57,10 +58,12 @@ def database_size(recipe_file):
 
 def test_superseded_runs_go_and_nothing_is_to_be_done_because_of_that(project, monkeypatch):
     before = runs_of(project)
-    of_a = [run_id for run_id, key in before.items() if key == "a.bag"]
-    of_datasets = [run_id for run_id, key in before.items() if key is None]
+    of_a = [run_id for run_id, keys in before.items() if "a.bag" in keys]
+    of_datasets = [run_id for run_id, keys in before.items() if DATASET in keys]
     assert (len(of_a), len(of_datasets)) == (3, 3)
-    old = {of_a[2], of_datasets[1], of_datasets[2]}
+    assert of_a[:2] == of_datasets[:2], "a change of one recording is one run"
+    # The latest images of `a.bag` are from the second build, though the dataset is from the third.
+    old = {of_a[2], of_datasets[2]}
     assert set(collect(project, "--keep-runs-days", "0", "--dry-run")) == old
     assert collect(project, "--keep-runs-days", "1") == []
     assert collect(project) == [], "only if asked"
@@ -76,7 +79,7 @@ def test_superseded_runs_go_and_nothing_is_to_be_done_because_of_that(project, m
 
 def test_runs_with_a_database_of_their_own_lose_it(project):
     """As a project of before has them."""
-    (*_, oldest) = (run_id for run_id, key in runs_of(project).items() if key == "a.bag")
+    (*_, oldest) = (run_id for run_id, keys in runs_of(project).items() if "a.bag" in keys)
     with open_instance(str(project.parent)) as instance:
         own = event_database(instance).with_name(f"{oldest}.db")
         shutil.copy(event_database(instance), own)

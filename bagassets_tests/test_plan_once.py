@@ -7,7 +7,7 @@ from click.testing import CliRunner
 
 from bagassets.build.planner import Planner
 from bagassets.cli.main import root
-from bagassets.defs import instance_plan, pending_work
+from bagassets.defs import batch_job, instance_plan, pending_work
 from bagassets.store.store import Store
 from bagassets_tests.in_process import QUICK, build, make_project
 from bagassets_tests.small_drive import write_drive
@@ -30,7 +30,7 @@ def planned(recipe_file, monkeypatch):
 
     with monkeypatch.context() as patch:
         patch.setattr(Planner, "plan", note)
-        for module in (instance_plan, pending_work):
+        for module in (instance_plan, pending_work, batch_job):
             patch.setattr(module, "plan_instance", note_whole)
         report, _ = build(recipe_file, monkeypatch)
     return report, keys, whole["all"]

@@ -17,6 +17,7 @@ from pathlib import Path
 import dagster as dg
 
 from bagassets.decode.loading import load_built_in
+from bagassets.defs.batches import batch_of
 from bagassets.defs.connections import kept_open, share_migrations
 from bagassets.defs.dagster_private import RUN_MODULES
 from bagassets.defs.databases import database_errors_explained
@@ -111,7 +112,7 @@ def execute(args: JsonObject) -> JsonObject:
             return current is not None and not current.is_finished
 
         partition_key = run.tags.get(_PARTITION_TAG)
-        name_process(f"worker: {partition_key or _assets_of(run)}")
+        name_process(f"worker: {partition_key or _describe(run)}")
         stack.enter_context(span("run", run_id=run_id))
         _take_turn(Path(args["locks"]), partition_key, run_id, stack, is_wanted)
         stack.enter_context(kept_open(instance, run_id))
@@ -185,7 +186,12 @@ def _apply_dotenv() -> None:
         os.environ.update(dotenv_variables(Path(recipe).parent))
 
 
-def _assets_of(run: dg.DagsterRun) -> str:
+def _describe(run: dg.DagsterRun) -> str:
+    """Return what a run about more than one partition is about: recordings, or assets."""
+    recordings = [key for key in batch_of(run) if key]
+    if recordings:
+        more = f" and {len(recordings) - 1} more" if len(recordings) > 1 else ""
+        return recordings[0] + more
     return ", ".join(sorted(key.to_user_string() for key in run.asset_selection or ())) or run.job_name
 
 
