@@ -19,6 +19,7 @@ from hypothesis import strategies as st
 
 from bagassets.build.run_action import run_action
 from bagassets.errors import BagAssetsError, DecodeError, StoreError
+from bagassets.freshness.artifacts import artifacts_fingerprint, packed
 from bagassets.store.action import Action, Step
 from bagassets.store.canonical import canonical_json, digest_bytes, digest_file, digest_json
 from bagassets.store.integrity import artifact_damage, check_store
@@ -105,6 +106,17 @@ class TestActions:
 
 
 class TestArtifacts:
+    def test_making_the_same_again_does_not_change_an_artifact(self, store):
+        (made, before), (same, after) = (
+            (
+                one.artifact,
+                artifacts_fingerprint(str(store.root / "artifacts"), packed([one.artifact.digest])),
+            )
+            for one in (run_action(store, action_of(q=number), write("a", b"data")) for number in (1, 2))
+        )
+        assert made == same
+        assert after == before
+
     def test_the_same_files_are_the_same_artifact_whatever_made_them(self, store):
         one = run_action(store, action_of(q=1), write("a/b.txt", b"data"))
         other = run_action(store, action_of(q=2), write("a/b.txt", b"data"))
@@ -369,7 +381,7 @@ class TestFileSystems:
 
     def test_one_that_is_whole_stays_and_is_marked_as_used(self, store):
         outcome = run_action(store, action_of(), write("a", b"data"))
-        folder = outcome.artifact.files
+        folder = outcome.artifact.folder
         os.utime(folder, (1000, 1000))
         os.utime(outcome.artifact.path("a"), (1000, 1000))
         run_action(store, action_of(q=2), write("a", b"data"))

@@ -164,8 +164,12 @@ def _remove(store: Store, entry: Garbage) -> bool:
 
 
 def _marked_ns(folder: Path) -> int:
+    """Return when a build that made the same relied on an artifact last; moving a folder does not change its time.
+
+    Builds of before 0.2 mark the folder of the files.
+    """
     try:
-        return (folder / "files").stat().st_mtime_ns
+        return max(folder.stat().st_mtime_ns, (folder / "files").stat().st_mtime_ns)
     except FileNotFoundError:
         return 0  # damaged, so no build relies on it
 
