@@ -3,14 +3,18 @@
     python scripts/screenshots.py                          # of build/demo, which `make demo` makes
     python scripts/screenshots.py --recipe my/recipe.yaml --output /tmp/pictures --only asset_graph
 
+`failed` and `skipped` are of a small project of its own, with one recording that is cut off and one that is too short.
 Starts the web UI itself, waits until the sensor has nothing to do, and looks at the pages with a headless Chromium
 (Debian: apt-get install chromium).
 """
 
 import argparse
 import json
+import subprocess
+import sys
+import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from urllib.request import Request, urlopen
 
@@ -19,6 +23,9 @@ from browser import Browser
 
 from bagassets.defs.ports import free_port
 from bagassets.defs.services import Services
+from bagassets.propose.project import write_project
+from bagassets.sample.demo import missing_drives, write_drives
+from bagassets.sample.recipe import sample_recipe
 
 HOST = "127.0.0.1"
 WIDTH, HEIGHT = 1400, 780
@@ -42,21 +49,51 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--recipe", type=Path, default=Path("build/demo/recipe.yaml"))
     parser.add_argument("--output", type=Path, default=Path("docs/pictures"))
-    parser.add_argument("--only", choices=sorted(PICTURES), action="append")
+    parser.add_argument("--only", choices=sorted(PICTURES | FAILURES), action="append")
     arguments = parser.parse_args()
     arguments.output.mkdir(parents=True, exist_ok=True)
-    with Services(arguments.recipe, HOST, free_port(HOST, 3100)) as services:
+    wanted = arguments.only or [*PICTURES, *FAILURES]
+    if ordinary := [name for name in wanted if name in PICTURES]:
+        take(arguments.recipe, ordinary, arguments.output)
+    if failures := [name for name in wanted if name in FAILURES]:
+        with tempfile.TemporaryDirectory(prefix="screenshots-", ignore_cleanup_errors=True) as folder:
+            take(broken_project(Path(folder)), failures, arguments.output)
+
+
+def take(recipe: Path, names: Iterable[str], output: Path) -> None:
+    """Take pictures of a project."""
+    with Services(recipe, HOST, free_port(HOST, 3100)) as services:
         services.wait_until_ready(lambda: False)
         wait_until_quiet(services.url)
-        for name in arguments.only or PICTURES:
-            file = arguments.output / f"{name}.png"
+        for name in names:
+            file = output / f"{name}.png"
             with Browser(WIDTH, HEIGHT) as browser:
                 fold_navigation(browser, services.url)
-                PICTURES[name](browser, services.url, file)
+                (PICTURES | FAILURES)[name](browser, services.url, file)
             squeeze(file)
             print(f"{file}  {file.stat().st_size / 1000:.0f} kB")
         services.stop()
         services.end_runs(lambda _runs: None, cancel=lambda: True)
+
+
+def broken_project(folder: Path) -> Path:
+    """Build a project of a good recording, one that is cut off and one that is too short; return its recipe."""
+    recordings = folder / "recordings"
+    good, cut, short = missing_drives(recordings)[:3]
+    for drive, seconds in ((good, 5.0), (cut, 5.0), (short, 1.0)):
+        list(write_drives(recordings, [drive], seconds))
+    place = recordings / cut.path
+    [file] = [place] if place.is_file() else place.glob("*.db3")
+    file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+    recipe = folder / "recipe.yaml"
+    text = sample_recipe(name="demo", version="v1.0-demo")
+    write_project(folder, text.replace("bags:\n", "bags:\n  min_duration_s: 2\n", 1))
+    subprocess.run(
+        [Path(sys.executable).with_name("bagassets"), "build", "--recipe", recipe],
+        check=False,
+        stdout=subprocess.DEVNULL,
+    )
+    return recipe
 
 
 def wait_until_quiet(url: str) -> None:
@@ -153,9 +190,43 @@ def preview(browser: Browser, url: str, file: Path) -> None:
     browser.picture(file)
 
 
+def choose(browser: Browser, url: str, asset: str, status: str) -> None:
+    """Open the only partition of an asset that has a status: FAILED, MISSING, …."""
+    show(browser, f"{url}/assets/{asset}?view=partitions&status={status}", "Partitions Selected")
+    browser.click(
+        "[...document.querySelectorAll('div')].filter(e => /^drive_\\d\\S*$/.test(e.innerText)).pop()"
+    )
+
+
+def failed(browser: Browser, url: str, file: Path) -> None:
+    """Why an asset of a recording was not made."""
+    choose(browser, url, "nuscenes_tables", "FAILED")
+    browser.wait_for_text("did not materialize this asset")
+    browser.click("[...document.querySelectorAll('button')].find(e => e.innerText.includes('historical'))")
+    browser.wait_for_text("Historical events for")
+    browser.click("[...document.querySelectorAll('button')].find(e => e.className.includes('isclosure'))")
+    browser.wait_for_text("not_made")
+    time.sleep(SETTLE_S)
+    browser.picture(file)
+
+
+def skipped(browser: Browser, url: str, file: Path) -> None:
+    """Why a recording takes no part."""
+    show(browser, f"{url}/assets/inventory?view=partitions", "Partitions Selected")
+    browser.click(
+        "[...document.querySelectorAll('div')].filter(e => /^drive_3\\S*$/.test(e.innerText)).pop()"
+    )
+    browser.wait_for_text("min_duration_s")
+    time.sleep(SETTLE_S)
+    browser.picture(file, top(600))
+
+
 PICTURES: dict[str, Callable[[Browser, str, Path], None]] = {
     function.__name__: function
     for function in (asset_graph, asset, partitions, checks, runs, sensor, preview)
+}
+FAILURES: dict[str, Callable[[Browser, str, Path], None]] = {
+    function.__name__: function for function in (failed, skipped)
 }
 
 
