@@ -9,8 +9,9 @@ import dagster as dg
 import pytest
 from test_slurm_build import build, content, projects, runs, start, use_slurm, wait
 
+from bagassets.defs.partitions import DATASET
 from bagassets.freshness.decide import nothing_to_do
-from bagassets_tests.in_process import make_project
+from bagassets_tests.in_process import keys_of, make_project
 from bagassets_tests.postgres_server import PROGRAMS, running_postgres, use_postgres
 from bagassets_tests.small_drive import write_drive
 
@@ -54,8 +55,8 @@ def test_twelve_recordings_over_two_nodes_are_the_dataset_that_one_machine_makes
     (project.parent / "bags" / KEYS[0]).unlink()
     before = {run.run_id for run in runs(project)}
     assert "1 built" in build(project).stdout
-    later = [run.tags.get("dagster/partition") for run in runs(project) if run.run_id not in before]
-    assert sorted(later, key=str) == sorted([KEYS[3], None], key=str)
+    later = [keys_of(run) for run in runs(project) if run.run_id not in before]
+    assert later == [{KEYS[3], DATASET}]
     assert nothing_to_do(["build", "--recipe", str(project)])[0] == "11 fresh: nothing to do"
 
 
