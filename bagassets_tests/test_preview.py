@@ -110,6 +110,11 @@ class TestBirdsEye:
             assert near(place, colour_of(0)), (forward, left)
         assert near(picture[(250 + 21 * 5), (250 - 10 * 5)], BACKGROUND, 5), "boxes are outlines"
 
+    def test_the_vehicle_does_not_hide_what_is_around_a_small_robot(self):
+        nothing, still = np.zeros((0, 3)), SE3.create((1, 0, 0, 0), (0.0, 0.0, 0.0))
+        picture = birds_eye(nothing, [], nothing, still, range_m=2.0, width=400)
+        assert 0 < (picture == np.array(ACCENT)).all(axis=2).mean() < 0.01
+
     def test_boxes_are_those_of_the_moment_and_interpolated(self):
         table = BoxTable(
             stamps_ns=np.array([0, S, 0], dtype=np.int64),
@@ -146,9 +151,11 @@ class TestBirdsEye:
     def test_the_range_suits_the_points(self):
         ego = SE3.create((1, 0, 0, 0), (100.0, 0.0, 0.0))
         room = np.array([[100.0 + x, y, 0.0] for x in (-6.0, 6.0) for y in (-4.0, 4.0)])
-        assert suitable_range_m(room, ego) == 10.0
+        assert suitable_range_m(room, ego) == 7.0
         assert suitable_range_m(room + np.array([20.0, 0.0, 0.0]), ego) == 30.0
-        assert suitable_range_m(room * 100, ego) == 50.0
+        assert suitable_range_m(room + np.array([80.0, 0.0, 0.0]), ego) == 100.0
+        assert suitable_range_m(room * 100, ego) == 200.0
+        assert suitable_range_m((room - [100.0, 0.0, 0.0]) / 50 + [100.0, 0.0, 0.0], ego) == 2.0
         assert suitable_range_m(room[:0], ego) == 50.0
 
 

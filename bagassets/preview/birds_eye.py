@@ -11,7 +11,9 @@ from bagassets.preview.canvas import ACCENT, DIM, FAINT, Image, blank, colour_of
 
 __all__ = ["BoxAt", "birds_eye"]
 
-RING_M = 10
+# Up to a range, the distance between rings.
+_RINGS_M = ((5, 1), (10, 2), (20, 5), (60, 10), (float("inf"), 50))
+_CAR_M, _MOST_SHARE = 2.2, 0.09
 LOW_M, HIGH_M = -0.5, 3.5
 _SHIFT = 4  # bits of sub-pixel position that OpenCV takes
 
@@ -63,7 +65,7 @@ def birds_eye(
     categories = sorted({box.category for box in boxes})
     for box in boxes:
         _box(picture, ground, box, colour_of(categories.index(box.category)))
-    _vehicle(picture, width / (2 * range_m))
+    _vehicle(picture, min(_CAR_M, _MOST_SHARE * range_m) * width / (2 * range_m))
     for number, category in enumerate(categories):
         text(picture, category, 12, 46 + 16 * number, size_px=11, colour=colour_of(number), halo=True)
     if title:
@@ -91,7 +93,7 @@ class _Ground:
 
 def _rings(picture: Image, ground: _Ground, range_m: float) -> None:
     middle = round(ground.middle_px)
-    step_m = RING_M if 20 < range_m <= 60 else 5 if range_m <= 20 else 5 * RING_M
+    step_m = next(step_m for most_m, step_m in _RINGS_M if range_m <= most_m)
     for ring in range(1, int(range_m // step_m) + 1):
         radius = round(ring * step_m * ground.pixels_per_m)
         cv2.circle(picture, (middle, middle), radius, FAINT, 1, cv2.LINE_AA)
@@ -121,9 +123,9 @@ def _box(picture: Image, ground: _Ground, box: BoxAt, colour: tuple[int, int, in
     cv2.polylines(picture, [ground.pixels(place(heading), _SHIFT)], False, colour, 1, cv2.LINE_AA, _SHIFT)
 
 
-def _vehicle(picture: Image, pixels_per_m: float) -> None:
-    """Draw an arrowhead as large as a car in the middle."""
+def _vehicle(picture: Image, half_px: float) -> None:
+    """Draw an arrowhead in the middle, as large as a car; smaller where a car would hide a small robot's surroundings."""
     middle = picture.shape[0] / 2
-    shape_m = np.array([[2.2, 0.0], [-2.2, 1.0], [-1.4, 0.0], [-2.2, -1.0]])
-    pixels = np.stack([middle - shape_m[:, 1] * pixels_per_m, middle - shape_m[:, 0] * pixels_per_m], axis=1)
+    shape = np.array([[1.0, 0.0], [-1.0, 0.45], [-0.64, 0.0], [-1.0, -0.45]])
+    pixels = np.stack([middle - shape[:, 1] * half_px, middle - shape[:, 0] * half_px], axis=1)
     cv2.fillPoly(picture, [np.rint(pixels * (1 << _SHIFT)).astype(np.int32)], ACCENT, cv2.LINE_AA, _SHIFT)

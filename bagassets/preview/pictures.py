@@ -38,7 +38,8 @@ TOLERANCE_NS = 150_000_000
 BOX_GAP_NS, BOX_TOLERANCE_NS = 1_000_000_000, 250_000_000
 FUTURE_STEP_NS = 100_000_000
 MOST_PAST_POSES = 2000
-LEAST_RANGE_M, MOST_RANGE_M = 10.0, 50.0
+LEAST_RANGE_M, MOST_RANGE_M = 2.0, 200.0
+EMPTY_RANGE_M = 50.0  # where there are no points
 
 
 class CannotDrawError(Exception):
@@ -213,13 +214,15 @@ class Pictures:
 
 
 def suitable_range_m(points_global: Floats, global_SE3_ego: SE3) -> float:
-    """Return half the side of a view that shows nine of ten points: a multiple of 5 m, 10 to 50 m."""
+    """Return half the side of a view that shows nine of ten points: 2 to 200 m, a multiple of 1, 5 or 10 m."""
     if not len(points_global):
-        return MOST_RANGE_M
+        return EMPTY_RANGE_M
     offsets = points_global[:, :2] - np.array(global_SE3_ego.translation[:2])
     apart_m = np.sort(np.abs(offsets).max(axis=1))
     far_m = float(apart_m[int(0.9 * (len(apart_m) - 1))])
-    return min(max(5.0 * ceil(1.1 * far_m / 5.0), LEAST_RANGE_M), MOST_RANGE_M)
+    wanted_m = 1.1 * far_m
+    step_m = 1.0 if wanted_m <= 10.0 else 5.0 if wanted_m <= 50.0 else 10.0
+    return min(max(step_m * ceil(wanted_m / step_m), LEAST_RANGE_M), MOST_RANGE_M)
 
 
 def boxes_at(boxes: BoxTable, moment_ns: int) -> list[BoxAt]:

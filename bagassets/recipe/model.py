@@ -336,7 +336,7 @@ class Preview(Model):
     range_m: float | None = Field(
         None,
         gt=0,
-        description="Half the side of the bird's-eye view; default: 10 to 50 m, so that it shows most points.",
+        description="Half the side of the bird's-eye view; default: 2 to 200 m, so that it shows most points.",
     )
     trajectory_map: bool = Field(True, description="Make the map of all recordings (`trajectory_map`).")
 
