@@ -12,6 +12,7 @@ from bagassets.defs import batches as defs_batches
 from bagassets.defs.batches import batch_of, batches
 from bagassets.defs.location import build_definitions
 from bagassets.defs.partitions import DATASET
+from bagassets.defs.runs import failure_of
 from bagassets.errors import DatasetError
 from bagassets_tests.in_process import build, make_project, states, survey
 from bagassets_tests.small_drive import RECIPE, write_drive
@@ -289,3 +290,13 @@ def test_a_dataset_that_fails_beside_its_recording_is_reported_once(tmp_path, mo
         assert instance.get_latest_materialization_event(dg.AssetKey("trajectory_map")) is not None
     report, _ = build(recipe_file, monkeypatch, jobs=1)
     assert report.dataset == "updated"
+
+
+def test_the_failure_of_a_run_about_one_recording_is_the_sentence_about_it(tmp_path, monkeypatch):
+    recipe_file = make_project(tmp_path, ())
+    (tmp_path / "bags").mkdir()
+    (tmp_path / "bags" / "a.bag").write_bytes(b"no bag at all")
+    build(recipe_file, monkeypatch, jobs=1)
+    with pending_work.open_project(recipe_file) as (instance, _):
+        (run,) = batch_runs(instance)
+        assert (failure_of(instance, run) or "").startswith("a.bag: ")

@@ -97,9 +97,9 @@ def batch_job() -> dg.JobDefinition:
 def _describe(failed: Mapping[str, str], total: int) -> str:
     recordings = [f"{key}: {problem}" for key, problem in failed.items() if key != DATASET]
     said = []
-    if recordings:
+    if recordings and total > 1:
         said.append(f"{len(recordings)} of {count_text(total, 'recording')} failed; the others are recorded.")
-        said += recordings[:_MOST_NAMED]
+    said += recordings[:_MOST_NAMED]
     if len(recordings) > _MOST_NAMED:
         said.append(f"(and {len(recordings) - _MOST_NAMED} more)")
     if DATASET in failed:

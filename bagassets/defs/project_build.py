@@ -80,7 +80,8 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
             followed = {key for keys in going_on.values() for key in keys}
             todo = {key: assets for key, assets in before.todo.items() if key not in followed}
             batches = runs.deal(todo, sizes)
-            if len(batches) == 1 and not going_on and _is_quick(before, batches[0], sizes):
+            one_run = len(batches) == 1 and not going_on and _is_quick(before, batches[0], sizes)
+            if one_run:
                 batches = [{**batches[0], DATASET: before.datasets}]
             runs.work(batches, following=going_on)
             now = update_pending_work(instance, workspace, before, runs.ended.keys())
@@ -90,8 +91,8 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
                 runs.work([{key: assets} for key, assets in again.items()])
                 now = update_pending_work(instance, workspace, now, runs.ended.keys())
             _add_outcomes(report, instance, now.planned, runs)
-            is_due = DATASET not in runs.ended and not now.dataset_is_current
-            if before.datasets and is_due and not runs.interrupted:
+            was_tried = one_run and DATASET in runs.ended
+            if before.datasets and not now.dataset_is_current and not was_tried and not runs.interrupted:
                 record_inputs(instance, recipe, now.planned.inputs)
                 runs.work([{DATASET: before.datasets}])
             report.interrupted = runs.interrupted
