@@ -37,6 +37,7 @@ def events(instance):
     return [entry for run in instance.get_runs() for entry in instance.all_logs(run.run_id)]
 
 
+@pytest.mark.long
 def test_each_asset_of_a_broken_recording_says_why_it_was_not_made(project, monkeypatch):
     whole = (project.parent / "bags" / BROKEN).read_bytes()
     (project.parent / "bags" / BROKEN).write_bytes(b"no bag at all")
