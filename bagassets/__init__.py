@@ -8,6 +8,8 @@ For notebooks and training:
 - `bagassets.build(recipe)` brings the datasets of a recipe up to date and returns a `Report`;
 - `bagassets.open_dataset(path)` reads a dataset.
 
+`bagassets.RecordingDatasets` is a Dagster component: a project as YAML, in a code location that has others.
+
 They are imported when they are first used.
 """
 
@@ -15,15 +17,20 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from bagassets.defs.component import RecordingDatasets
     from bagassets.notebook import Report, build
     from bagassets.reader.dataset import open_dataset
 
-__all__ = ["Report", "__version__", "build", "open_dataset"]
+__all__ = ["RecordingDatasets", "Report", "__version__", "build", "open_dataset"]
 
 __version__ = "0.1.0"
 
 # `build` is the package of that name, which can be called.
-_HOMES = {"Report": "bagassets.notebook", "open_dataset": "bagassets.reader.dataset"}
+_HOMES = {
+    "RecordingDatasets": "bagassets.defs.component",
+    "Report": "bagassets.notebook",
+    "open_dataset": "bagassets.reader.dataset",
+}
 
 
 def __getattr__(name: str) -> object:

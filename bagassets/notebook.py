@@ -15,15 +15,14 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from bagassets.atomic import write_atomically
-from bagassets.build.build_report import BuildOptions, BuildReport, Event, Remark, SummaryRow
+from bagassets.build.build_report import BuildOptions, BuildReport, Event, OwnOutcome, Remark, SummaryRow
 from bagassets.cli.progress import BuildProgress, LinesProgress, LiveProgress, SilentProgress
 from bagassets.cli.remote import InterruptedBuildError, build_on_server, end_servers, server_for
 from bagassets.cli.summary import counts_line
-from bagassets.errors import BagAssetsError, DatasetError, RecipeError, StoreError
+from bagassets.errors import BagAssetsError, DatasetError, RecipeError
 from bagassets.interrupts import deferred_interrupts
 from bagassets.json_types import JsonMapping, JsonObject
-from bagassets.recipe.load import parse_recipe
+from bagassets.recipe.inline import parse_inline, write_inline
 from bagassets.recipe.model import Recipe
 from bagassets.recipe.yaml_text import read_yaml
 
@@ -47,6 +46,8 @@ class Report:
         duplicates: recording -> another one with the same content, which represents it in the dataset.
         removed: recordings that are gone.
         splits: split -> its share of recordings and time.
+        own: asset of your own -> what became of it (see docs/steps.md).
+        own_problem: why none of your own assets are known; "" if they are.
         seconds: wall time.
         summary: all of it in a line.
     """
@@ -59,6 +60,8 @@ class Report:
     duplicates: Mapping[str, str] = field(default_factory=dict)
     removed: Sequence[str] = ()
     splits: Mapping[str, JsonMapping] = field(default_factory=dict)
+    own: Mapping[str, OwnOutcome] = field(default_factory=dict)
+    own_problem: str = ""
     seconds: float = 0.0
     summary: str = ""
 
@@ -90,7 +93,8 @@ class Report:
     @property
     def succeeded(self) -> bool:
         """True if nothing failed."""
-        return not (self.failed or self.dataset_problem)
+        own_failed = self.own_problem or any("failed" in one.results for one in self.own.values())
+        return not (self.failed or self.dataset_problem or own_failed)
 
     def __repr__(self) -> str:
         return f"<Report: {self.summary}; dataset {self.dataset} ({self.dataset_state})>"
@@ -158,6 +162,8 @@ def build(
         duplicates=report.duplicates,
         removed=report.removed,
         splits=report.splits,
+        own=report.own,
+        own_problem=report.own_problem,
         seconds=report.seconds,
         summary=counts_line(report),
     )
@@ -194,38 +200,13 @@ def _recipe_file(recipe: str | Path | Mapping[str, object], state: str | Path | 
         yield Path(recipe).absolute()
         return
     text = recipe if isinstance(recipe, str) else json.dumps(dict(recipe), default=os.fspath)
-    given = parse_recipe(text, Path.cwd() / _INLINE)
-    for rig in given.rigs:
-        if rig.questions:  # `_as_json` has stand-ins for what is to be decided
-            raise RecipeError(*rig.questions)
+    given = parse_inline(text, Path.cwd() / _INLINE)
     data, _ = read_yaml(text, Path.cwd() / _INLINE)
     if state is None and "state" not in data:
         with _temporary(given) as (folder, store):
-            yield _written(given, folder, store)
+            yield write_inline(given, folder, store)
         return
-    yield _written(given, given.state if state is None else Path(state).absolute(), given.store)
-
-
-def _written(recipe: Recipe, state: Path, store: Path | None) -> Path:
-    own = _as_json(recipe) | {"state": str(state)} | ({} if store is None else {"store": str(store)})
-    file, content = state / "recipe.yaml", json.dumps(own, ensure_ascii=False, indent=1).encode()
-    # Written anew, it would have to be examined again.
-    if not file.is_file() or file.read_bytes() != content:
-        try:
-            state.mkdir(parents=True, exist_ok=True)
-            write_atomically(file, content)
-        except OSError as err:
-            raise StoreError(f"{file}: the recipe cannot be written here ({err.strerror or err}).") from err
-    return file
-
-
-def _as_json(recipe: Recipe) -> JsonObject:
-    """Return a recipe, its paths absolute, as JSON, which is YAML."""
-    own: JsonObject = recipe.model_dump(mode="json", exclude_unset=True)
-    if recipe.installed_sections:
-        sections = recipe.installed_sections.items()
-        own["formats"] = {name: one.model_dump(mode="json", exclude_unset=True) for name, one in sections}
-    return own
+    yield write_inline(given, given.state if state is None else Path(state).absolute(), given.store)
 
 
 @contextmanager

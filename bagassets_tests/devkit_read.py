@@ -29,16 +29,30 @@ def box_values(nusc, box):
     }  # fmt: skip
 
 
+def place_values(nusc, data):
+    pose = nusc.get("ego_pose", data["ego_pose_token"])
+    mounted = nusc.get("calibrated_sensor", data["calibrated_sensor_token"])
+    return {
+        "path": nusc.get_sample_data_path(data["token"]), "stamp_us": data["timestamp"],
+        "modality": data["sensor_modality"],
+        "global_SE3_ego": transform_matrix(pose["translation"], Quaternion(pose["rotation"])),
+        "ego_SE3_sensor": transform_matrix(mounted["translation"], Quaternion(mounted["rotation"])),
+    }  # fmt: skip
+
+
+def before(nusc, data):
+    """What the links `prev` lead to."""
+    while data["prev"]:
+        data = nusc.get("sample_data", data["prev"])
+        yield {**place_values(nusc, data), "is_key_frame": data["is_key_frame"]}
+
+
 def reading_values(nusc, token):
     data = nusc.get("sample_data", token)
     pose = nusc.get("ego_pose", data["ego_pose_token"])
     mounted = nusc.get("calibrated_sensor", data["calibrated_sensor_token"])
     path, in_view, intrinsics = nusc.get_sample_data(token)
-    values = {
-        "path": path, "stamp_us": data["timestamp"], "modality": data["sensor_modality"],
-        "global_SE3_ego": transform_matrix(pose["translation"], Quaternion(pose["rotation"])),
-        "ego_SE3_sensor": transform_matrix(mounted["translation"], Quaternion(mounted["rotation"])),
-    }  # fmt: skip
+    values = {**place_values(nusc, data), "before": list(before(nusc, data))}
     if data["sensor_modality"] == "camera":
         _, boxes, _ = nusc.get_sample_data(token, box_vis_level=BoxVisibility.NONE)
         return {

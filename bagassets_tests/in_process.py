@@ -10,7 +10,7 @@ from dagster._core.launcher import RunLauncher
 
 from bagassets.build.build_report import BuildOptions
 from bagassets.defs import pending_work, project_build, run_pool
-from bagassets.defs.batches import BATCH_OP, batch_of
+from bagassets.defs.batches import batch_of
 from bagassets.defs.partitions import DATASET
 from bagassets.defs.runs import create_job_run, create_run, execute_run
 from bagassets.propose.project import write_project
@@ -57,12 +57,13 @@ def build(recipe_file, monkeypatch, *, on_event=lambda _event: None, **options):
     """Build; return the report and what there were runs for: (partition key, assets), in any number of runs."""
     runs = []
 
-    def created(instance, assets, *, partition_key, location, run_id):
-        runs.append((partition_key, tuple(assets)))
-        return create_run(instance, assets, partition_key=partition_key, location=location, run_id=run_id)
+    def created(instance, assets, *, partition_key, **options):
+        runs.append((partition_key, tuple(key.to_user_string() for key in assets)))
+        return create_run(instance, assets, partition_key=partition_key, **options)
 
     def created_job(instance, name, run_config, **options):
-        recordings = run_config["ops"][BATCH_OP]["config"]["recordings"]
+        (operation,) = run_config["ops"].values()
+        recordings = operation["config"]["recordings"]
         runs.extend((key or None, tuple(assets)) for key, assets in recordings.items())
         return create_job_run(instance, name, run_config, **options)
 

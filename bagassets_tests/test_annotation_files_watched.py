@@ -7,6 +7,7 @@ from label_files import box_json
 
 from bagassets.defs.instance_plan import plan_instance
 from bagassets.defs.location import build_definitions
+from bagassets.defs.naming import Naming
 from bagassets.defs.partitions import add_partitions
 from bagassets.defs.sensor_cursor import Cursor
 from bagassets.defs.sensor_scan import Scan
@@ -27,7 +28,7 @@ def project(tmp_path):
     data["rigs"][0]["annotation_files"] = [{"format": "boxes", "path": "{stem}.boxes.json"}]
     (tmp_path / "recipe.yaml").write_text(yaml.safe_dump(data))
     with dg.DagsterInstance.ephemeral() as instance:
-        add_partitions(instance, load_recipe(tmp_path / "recipe.yaml"), ["a.mcap"])
+        add_partitions(instance, Naming(load_recipe(tmp_path / "recipe.yaml").name), ["a.mcap"])
         execute(tmp_path / "recipe.yaml", instance, None)
         yield tmp_path / "recipe.yaml", instance
 

@@ -48,6 +48,8 @@ from bagassets_tests.small_drive import RECIPE, write_drive
 from bagassets_tests.test_end_to_end import build_all, build_of, make_project
 from bagassets_tests.tiny_mcap import write_tiny
 
+pytestmark = pytest.mark.once
+
 VERSION = "v1.0-test"
 TEXT = RECIPE + "preview: {{enabled: false}}\n"
 

@@ -9,7 +9,8 @@ from dagster._core.storage.partition_status_cache import get_and_update_asset_st
 
 from bagassets.defs import batch_job, making, pending_work
 from bagassets.defs import batches as defs_batches
-from bagassets.defs.batches import batch_of, batches
+from bagassets.defs.batches import batch_of, batches, without_steps
+from bagassets.defs.events import MADE_ALONG
 from bagassets.defs.location import build_definitions
 from bagassets.defs.partitions import DATASET
 from bagassets.defs.runs import failure_of
@@ -80,6 +81,27 @@ def test_where_runs_wait_in_a_queue_their_number_follows_from_how_many_share_one
     assert {len(batch) for batch in batches(few, sizes, 1000, 10)} == {1}
 
 
+def test_where_there_are_many_all_but_the_largest_do_without_steps():
+    sizes = {f"m{number}": 10**8 for number in range(8)} | {"large": 2 * 10**9}
+    assert without_steps(sizes, 2) == sizes.keys() - {"large"}
+    assert without_steps(sizes, 3) == frozenset()
+    assert without_steps({}, 2) == frozenset()
+
+
+def test_a_run_without_steps_says_what_one_with_steps_does(project, monkeypatch):
+    monkeypatch.setattr(defs_batches, "SMALL_BYTES", 0)
+    (project.parent / "bags" / BROKEN).write_bytes(b"no bag at all")
+    events = []
+    report, _ = build(project, monkeypatch, jobs=1, on_event=events.append)
+    with pending_work.open_project(project) as (instance, _):
+        assert sorted(batch_of(run) for run in batch_runs(instance)) == [(key,) for key in KEYS]
+    assert outcomes(report) == {key: "failed" if key == BROKEN else "built" for key in KEYS}
+    assert sorted(event.key for event in events if event.kind == "started") == ["", *KEYS]
+    monkeypatch.setattr(defs_batches, "_FEWEST_PER_JOB", 100)
+    with_steps, _ = build(project, monkeypatch, jobs=1, retry_failed=True)
+    assert with_steps.outcomes[BROKEN].reason == report.outcomes[BROKEN].reason
+
+
 @pytest.mark.long
 def test_recordings_of_a_batch_are_recorded_as_runs_of_their_own_would(project, monkeypatch):
     report, runs = build(project, monkeypatch, jobs=1)
@@ -111,7 +133,9 @@ def test_recordings_of_a_batch_are_recorded_as_runs_of_their_own_would(project, 
         for name in names:
             one = material(instance, name)
             assert [tags(made) for made in one] == [tags(made) for made in by_batch[name]]
-            assert [made.metadata.keys() for made in one] == [made.metadata.keys() for made in by_batch[name]]
+            assert [made.metadata.keys() for made in one] == [
+                made.metadata.keys() - {MADE_ALONG} for made in by_batch[name]
+            ]
         assert stale(instance, project, names) == set()
 
 

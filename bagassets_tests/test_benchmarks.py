@@ -31,6 +31,8 @@ from benchmarks.resources import Used, run_watched
 from benchmarks.rq1 import PLAIN, output_lines
 from benchmarks.rq2 import fit
 
+pytestmark = pytest.mark.once
+
 ROOT = Path(__file__).parents[1]
 
 

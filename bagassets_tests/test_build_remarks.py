@@ -10,7 +10,7 @@ import pytest
 
 from bagassets_tests.small_drive import RECIPE, write_drive
 
-pytestmark = pytest.mark.xdist_group("build_remarks")
+pytestmark = [pytest.mark.xdist_group("build_remarks"), pytest.mark.once]
 
 
 def run(folder, *args):

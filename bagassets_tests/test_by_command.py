@@ -20,7 +20,7 @@ from bagassets_tests.in_process import make_project
 from bagassets_tests.nuscenes_checks import check_dataset
 from bagassets_tests.test_databases import kill_all
 
-pytestmark = pytest.mark.xdist_group("by_command")
+pytestmark = [pytest.mark.xdist_group("by_command"), pytest.mark.once]
 
 NAMES, VERSION = ["a.bag", "b", "c.mcap"], "v1.0-test"
 

@@ -16,7 +16,7 @@ from bagassets_tests.small_drive import RECIPE, write_drive
 ROOT = Path(__file__).parent.parent
 STATE = "build/demo/.bagassets"
 
-pytestmark = pytest.mark.xdist_group("materialize")
+pytestmark = [pytest.mark.xdist_group("materialize"), pytest.mark.once]
 
 
 @pytest.fixture

@@ -21,6 +21,8 @@ from bagassets.formats.catalogue import known_assets, recording_assets
 from bagassets_tests.asset_matrix import recipes, recordings, write_files
 from bagassets_tests.recipe_changes import all_fields, changes
 
+pytestmark = pytest.mark.once
+
 ASSETS = {asset.name: asset for asset in known_assets()}
 # What decides whether a recording takes part, and nothing about what is made of it.
 PARTICIPATION = ("Rig.required", "Bags.min_duration_s")

@@ -11,7 +11,7 @@ import pytest
 from bagassets_tests.in_process import QUICK
 from bagassets_tests.small_drive import START_NS, write_drive
 
-pytestmark = pytest.mark.xdist_group("complete_samples")
+pytestmark = [pytest.mark.xdist_group("complete_samples"), pytest.mark.once]
 
 STOPS_NS = START_NS + 1_150_000_000
 STALE = 3

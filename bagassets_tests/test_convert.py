@@ -17,6 +17,8 @@ from bagassets.recordings.digest_record import read_attribute
 from bagassets_tests.services import eventually
 from bagassets_tests.small_drive import write_drive
 
+pytestmark = pytest.mark.once
+
 
 @pytest.fixture
 def temporary(tmp_path, monkeypatch):

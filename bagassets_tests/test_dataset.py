@@ -418,9 +418,9 @@ class TestChecks:
             ("sample_data", lambda rows: rows[3].update(next=""), "links of prev and next are broken"),
             ("sample_data", lambda rows: rows[0].update(is_key_frame="true"), "is_key_frame is not a JSON boolean"),
             ("sample_data", lambda rows: rows[0].update(filename=rows[1]["filename"]), "named by more than one row"),
-            ("sample", lambda rows: rows.pop(), "scene: 1 rows disagree with their rows of sample"),
-            ("instance", lambda rows: rows[0].update(nbr_annotations=1), "instance: 1 rows disagree"),
-            ("map", lambda rows: rows[0].update(log_tokens=[]), "log: 1 are on no map"),
+            ("sample", lambda rows: rows.pop(), "scene: 1 row disagrees with its rows of sample"),
+            ("instance", lambda rows: rows[0].update(nbr_annotations=1), "instance: 1 row disagrees"),
+            ("map", lambda rows: rows[0].update(log_tokens=[]), "log: 1 is on no map"),
             ("sample_annotation", lambda rows: rows[0].update(visibility_token="9"), "visibility"),
         ],
     )  # fmt: skip

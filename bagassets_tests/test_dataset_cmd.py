@@ -15,7 +15,7 @@ from bagassets.defs.dataset import dataset_is_current, record_inputs
 from bagassets.defs.events import STAT
 from bagassets.defs.instance_plan import plan_instance
 from bagassets.defs.location import build_definitions
-from bagassets.defs.partitions import partitions_name
+from bagassets.defs.naming import Naming
 from bagassets.defs.workspace import Workspace
 from bagassets.errors import DatasetError
 from bagassets.formats.assembly import assemble
@@ -34,6 +34,8 @@ from bagassets_tests.small_drive import RECIPE
 from bagassets_tests.test_dataset import content
 from bagassets_tests.test_end_to_end import build_all, build_of, make_project
 from bagassets_tests.tiny_mcap import write_tiny
+
+pytestmark = pytest.mark.once
 
 VERSION = "v1.0-test"
 SETTINGS = NuScenes(version=VERSION)
@@ -395,7 +397,7 @@ class TestMoreThanAHundredRecordings:
         recipe_file = tmp_path / "recipe.yaml"
         with dg.DagsterInstance.ephemeral() as instance:  # in memory: hundreds of events take no time
             keys = [f"{i:03d}.mcap" for i in range(NUMBER)]
-            instance.add_dynamic_partitions(partitions_name(recipe), keys)
+            instance.add_dynamic_partitions(Naming(recipe.name).partitions, keys)
             for key in keys:
                 self.materialize(instance, recipe, key)
             yield instance, Workspace(recipe_file=str(recipe_file))
@@ -417,7 +419,7 @@ class TestMoreThanAHundredRecordings:
     def update(self, instance, workspace):
         """Do what the build does at its end."""
         inputs = plan_instance(instance, workspace).inputs
-        record_inputs(instance, workspace.recipe, inputs)
+        record_inputs(instance, workspace, inputs)
         job = build_definitions(Path(workspace.recipe_file)).resolve_implicit_global_asset_job_def()
         result = job.execute_in_process(instance=instance, asset_selection=[dg.AssetKey("nuscenes_dataset")])
         assert result.success
@@ -431,7 +433,7 @@ class TestMoreThanAHundredRecordings:
         }
 
     def is_current(self, instance, workspace):
-        return dataset_is_current(instance, workspace.recipe, plan_instance(instance, workspace).inputs)
+        return dataset_is_current(instance, workspace, plan_instance(instance, workspace).inputs)
 
     def test_a_change_and_a_removal_are_noticed_and_only_they_cost_anything(self, project):
         instance, workspace = project
@@ -454,7 +456,7 @@ class TestMoreThanAHundredRecordings:
 
         # One is removed: its scenes and files go, all others stay as they are.
         (recipe.bags.root / "017.mcap").unlink()
-        instance.delete_dynamic_partition(partitions_name(recipe), "017.mcap")
+        instance.delete_dynamic_partition(Naming(recipe.name).partitions, "017.mcap")
         assert not self.is_current(instance, workspace)
         self.update(instance, workspace)
         assert self.files(output) == {n: i for n, i in files.items() if recording_of(n) != "017.mcap"}

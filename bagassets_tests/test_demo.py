@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-pytestmark = pytest.mark.xdist_group("demo")
+pytestmark = [pytest.mark.xdist_group("demo"), pytest.mark.once]
 
 NAMES = ["drive_1.bag", "drive_2.bag", "drive_3", "drive_4", "drive_5.mcap", "drive_6.mcap"]
 

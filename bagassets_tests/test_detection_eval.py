@@ -29,7 +29,7 @@ from bagassets.store.store import Store
 from bagassets_tests.devkit import run_devkit
 from bagassets_tests.sample_drives import VERSION, Built, build_recordings, build_sample
 
-pytestmark = [pytest.mark.devkit, pytest.mark.xdist_group("detection_eval")]
+pytestmark = [pytest.mark.devkit, pytest.mark.xdist_group("detection_eval"), pytest.mark.once]
 
 KEY = "drive.mcap"
 NAMES = {"vehicle.car": "car", "vehicle.truck": "truck", "human.pedestrian.adult": "pedestrian"}

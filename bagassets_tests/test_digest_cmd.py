@@ -53,7 +53,7 @@ def run(*args, status=0):
 def test_digests_are_printed_like_b3sum_and_stored(bags):
     result = run(bags / "a.bag", bags / "sub" / "b.mcap")
     assert result.stdout == f"{hex_of(b'a')}  {bags}/a.bag\n{hex_of(b'b')}  {bags}/sub/b.mcap\n"
-    assert "2 recordings, 0.0 MB" in result.stderr
+    assert "2 recordings, 2 B" in result.stderr
     path = bags / "a.bag"
     assert read_attribute(path, path.stat()) == hex_of(b"a")
 
@@ -105,7 +105,7 @@ def test_an_empty_folder_is_reported(tmp_path):
 def test_verify_reports_every_disagreement_and_changes_nothing(bags, tmp_path):
     (tmp_path / "recipe.yaml").write_text(RECIPE)
     run()
-    assert "2 recordings, 0.0 MB hashed again: no disagreements." in run("--verify").stderr
+    assert "2 recordings, 2 B hashed again: no disagreements." in run("--verify").stderr
     for name, content in (("a.bag", b"A"), ("sub/b.mcap", b"B")):
         rewrite_in_place(bags / name, content)
     for _ in range(2):

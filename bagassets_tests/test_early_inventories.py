@@ -15,6 +15,8 @@ from bagassets.recordings.digest import DigestIndex, recording_digest
 from bagassets.recordings.discover import discover
 from bagassets_tests.in_process import make_project
 
+pytestmark = pytest.mark.once
+
 KEYS = ["a.bag", "b.mcap", "c"]  # of three formats: equal content would be one action
 
 

@@ -13,6 +13,8 @@ from bagassets.recordings.globs import matches
 from bagassets_tests.services import BIN, bare_environment
 from bagassets_tests.small_drive import write_drive
 
+pytestmark = pytest.mark.once
+
 HOSTILE = {
     "LC_ALL": "C",
     "PYTHONUTF8": "0",

@@ -20,6 +20,8 @@ from bagassets.freshness.fingerprints import PlanNeeded
 from bagassets.recipe import load_recipe
 from bagassets_tests.in_process import build, keys_of, make_project, states, survey
 
+pytestmark = pytest.mark.once
+
 KEY = "a.bag"
 
 

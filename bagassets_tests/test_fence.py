@@ -10,6 +10,7 @@ from bagassets.defs import exclusive as exclusive_module
 from bagassets.defs.events import recorded_partition, recorded_states
 from bagassets.defs.exclusive import exclusive, holder_has_ended
 from bagassets.defs.fence import Fence
+from bagassets.defs.naming import Naming
 from bagassets.defs.runs import open_instance
 from bagassets.errors import RunEndedError
 from bagassets.lock_files import LockFile
@@ -42,10 +43,10 @@ def test_what_a_run_records_after_its_end_does_not_count(project, monkeypatch, e
         report = instance.report_run_failed if ended == "FAILURE" else instance.report_run_canceled
         report(run, "Its node failed.")
         time.sleep(0.01)
-        assert recorded_partition(instance, "ego_poses", "a.bag") is not None
+        assert recorded_partition(instance, Naming("test"), "ego_poses", "a.bag") is not None
         recorded_late(instance, run, "ego_poses")
-        assert recorded_partition(instance, "ego_poses", "a.bag") is None
-        assert recorded_states(instance, ["ego_poses"])["ego_poses"] == {}
+        assert recorded_partition(instance, Naming("test"), "ego_poses", "a.bag") is None
+        assert recorded_states(instance, Naming("test"), ["ego_poses"])["ego_poses"] == {}
     pending = survey(project)
     assert states(pending, "a.bag")["ego_poses"] in {"missing", "record-only"}
     report, _ = build(project, monkeypatch)

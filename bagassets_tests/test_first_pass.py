@@ -15,6 +15,7 @@ from bagassets.build.first_pass import first_pass
 from bagassets.build.graph import Graph
 from bagassets.defs.early_inventories import make_inventories
 from bagassets.defs.events import recorded_partition
+from bagassets.defs.naming import Naming
 from bagassets.defs.pending_work import open_project
 from bagassets.errors import BagAssetsError, ChangedWhileReadError
 from bagassets.formats.catalogue import recording_assets
@@ -29,6 +30,8 @@ from bagassets.sample.recipe import sample_recipe
 from bagassets.store import canonical
 from bagassets.store.store import Store
 from bagassets_tests.in_process import build, make_project
+
+pytestmark = pytest.mark.once
 
 PAGE = 4096
 LARGE = 1000  # bytes of a message; smaller ones are found with those around them
@@ -138,7 +141,7 @@ def test_a_cold_build_reads_a_recording_twice(tmp_path, monkeypatch, name, diges
     assert report.counts()["built"] == 1
     assert 1.6 < disk.times <= 2.05
     with open_project(recipe) as (instance, _):
-        assert recorded_partition(instance, "inventory", name).cached is False
+        assert recorded_partition(instance, Naming("test"), "inventory", name).cached is False
 
 
 @pytest.mark.parametrize(

@@ -23,6 +23,8 @@ from bagassets.forkserver.server_files import ServerFiles
 from bagassets.forkserver.spec import ServerSpec
 from bagassets.forkserver.tasks import server_spec
 
+pytestmark = pytest.mark.once
+
 JOBS = "forkserver_jobs"
 TESTS = Path(__file__).parent
 WAIT_S = 60

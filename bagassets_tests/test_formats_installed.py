@@ -8,6 +8,7 @@ from click.testing import CliRunner
 from bagassets.build.run_action import run_action
 from bagassets.cli.main import root
 from bagassets.defs.checks import recording_checks
+from bagassets.defs.naming import Naming
 from bagassets.errors import DatasetError, PluginError, RecipeError
 from bagassets.extensions import ASSETS, FORMATS
 from bagassets.formats.assembly import assemble
@@ -123,7 +124,9 @@ class TestGood:
         site.install("acme_package", "1.2", with_check("'files_match'"), group=FORMATS, acme="ACME")
         assert "| `acme_sound` | `acme_part` | it is not | error |" in render_checks()
         (operation,) = (
-            one for one in recording_checks(recipe(tmp_path)) if one.node_def.name == "acme_part_checks"
+            one
+            for one in recording_checks(recipe(tmp_path), Naming("test"))
+            if one.node_def.name == "acme_part_checks"
         )
         assert [key.name for key in operation.check_keys] == ["acme_sound"]
         (check,) = catalogue().assets["acme_part"].checks

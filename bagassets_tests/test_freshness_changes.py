@@ -15,7 +15,7 @@ from pathlib import Path
 import dagster as dg
 import pytest
 
-from bagassets.defs.partitions import partitions_name
+from bagassets.defs.naming import Naming
 from bagassets.defs.runs import open_instance
 from bagassets.forkserver.process import ProcessId
 from bagassets.freshness import fingerprints
@@ -26,6 +26,8 @@ from bagassets.propose.project import write_project
 from bagassets.recipe import load_recipe
 from bagassets_tests.in_process import QUICK, build, survey
 from bagassets_tests.small_drive import write_drive
+
+pytestmark = pytest.mark.once
 
 KEYS = ("a.bag", "b.mcap")
 # A few pixels of the first row of each image, and the byte that is changed in place.
@@ -185,7 +187,7 @@ class Project:
 
     def partition_removed(self):
         with open_instance(str(self.folder)) as instance:
-            name = partitions_name(load_recipe(self.recipe))
+            name = Naming(load_recipe(self.recipe).name).partitions
             instance.delete_dynamic_partition(
                 name, self.dice.choice(sorted(instance.get_dynamic_partitions(name)))
             )

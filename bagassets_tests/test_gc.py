@@ -15,7 +15,7 @@ from click.testing import CliRunner
 from bagassets.build.run_action import run_action
 from bagassets.cli.main import root as command_line
 from bagassets.defs.garbage import locks_of
-from bagassets.defs.partitions import partitions_name
+from bagassets.defs.naming import Naming
 from bagassets.errors import DatasetError, StoreError
 from bagassets.formats.assembly import assemble
 from bagassets.formats.dataset_lock import locked_artifacts
@@ -33,6 +33,8 @@ from bagassets.store.users import User, forget_user, note_user, users_of
 from bagassets_tests import in_process
 from bagassets_tests.nuscenes_checks import check_dataset
 from bagassets_tests.test_end_to_end import build_all, build_of, make_project
+
+pytestmark = pytest.mark.once
 
 DAY_S = 86400.0
 
@@ -406,7 +408,7 @@ class TestCommand:
         note_user(other.store_path, other_file)
         current, removed = make(store, "current"), make(store, "removed")
         with dg.DagsterInstance.from_config(str(dagster_home(other_file, other))) as instance:
-            instance.add_dynamic_partitions(partitions_name(other), ["b.bag"])
+            instance.add_dynamic_partitions(Naming(other.name).partitions, ["b.bag"])
             for key, digest in (("b.bag", current), ("gone.bag", removed)):
                 tags = {"dagster/data_version": digest}
                 instance.report_runless_asset_event(dg.AssetMaterialization("bag", partition=key, tags=tags))
@@ -482,7 +484,5 @@ class TestCommand:
     def test_it_says_what_it_did(self, recipe_file):
         make(Store(load_recipe(recipe_file).store_path), "old")
         result = CliRunner().invoke(command_line, ["gc", "--recipe", str(recipe_file)])
-        assert (
-            "1 artifact, 0.0 MB, removed; kept what 1 project and 1 dataset lock refer to." in result.output
-        )
+        assert "1 artifact, 136 B, removed; kept what 1 project and 1 dataset lock refer to." in result.output
         assert "last used 30.0 days ago" in result.output

@@ -2,18 +2,25 @@
 
 import io
 import re
+import runpy
+import shlex
+import shutil
 import sys
+import tomllib
 from textwrap import dedent
 
 import numpy as np
 import pytest
+import yaml
 from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from bagassets.cli.main import main
 from bagassets.errors import RecipeError
+from bagassets.propose.project import dagster_home
 from bagassets.recipe import load_recipe
 from bagassets.recordings.discover import discover
+from bagassets_tests.in_process import build, make_project
 from bagassets_tests.small_drive import START_NS, STORE1, messages, write_drive
 
 
@@ -64,7 +71,7 @@ def test_everything_guessed(init, tmp_path):
           /odom             nav_msgs/Odometry             151  poses
           /tf_static        tf2_msgs/TFMessage              1  transforms
 
-        Project /home/me/project: recipe.yaml, dagster.yaml, workspace.yaml, .env
+        Project /home/me/project: recipe.yaml, dagster.yaml, workspace.yaml, .env, definitions.py, pyproject.toml
         5 guesses are marked in recipe.yaml; look at them first.
         Then:
           cd /home/me/project
@@ -232,3 +239,81 @@ def test_what_is_no_recording_is_refused(tmp_path, capsys):
     assert main(["init", str(tmp_path / "project"), "--bags", str(tmp_path / "notes.txt")]) == 1
     assert "notes.txt: expected a recording" in capsys.readouterr().err
     assert not (tmp_path / "project").exists()
+
+
+def test_what_dg_loads_is_the_recipe_of_the_project(init, tmp_path):
+    write_drive(tmp_path / "bags" / "drive.bag", "ros1")
+    assert init()[0] == 0
+    project = tmp_path / "project"
+    settings = tomllib.loads((project / "pyproject.toml").read_text())["tool"]["dg"]
+    assert settings["directory_type"] == "project"
+    (named,) = {
+        settings["project"][key] for key in ("root_module", "defs_module", "code_location_target_module")
+    }
+    # The name by which `.env` is found; without it the web UI and the launcher would know no recipe.
+    paths = yaml.safe_load((project / "dagster.yaml").read_text())["secrets"]["custom"]["config"][
+        "location_paths"
+    ]
+    assert list(paths) == [settings["project"]["code_location_name"]]
+    definitions = runpy.run_path(str(project / f"{named}.py"))["defs"]
+    assert definitions.resources["workspace"].recipe_file == str(project / "recipe.yaml")
+
+
+@pytest.mark.parametrize("own", ["definitions.py", "pyproject.toml"])
+def test_files_for_dg_are_not_written_beside_one_of_the_users(init, tmp_path, capsys, own):
+    write_drive(tmp_path / "bags" / "drive.bag", "ros1")
+    project = tmp_path / "project"
+    project.mkdir()
+    (project / own).write_text("# mine\n")
+    _, out, _ = init()
+    assert "recipe.yaml, dagster.yaml, workspace.yaml, .env\n" in out
+    assert main(["init", str(project)]) == 0
+    wrote = f"Wrote dagster.yaml, .env in {project}; kept recipe.yaml, workspace.yaml.\n"
+    assert capsys.readouterr().out == wrote
+    assert (project / own).read_text() == "# mine\n"
+    assert len([*project.glob("definitions.py"), *project.glob("pyproject.toml")]) == 1
+
+
+def test_a_project_of_an_older_version_gets_the_files_for_dg(init, tmp_path, capsys):
+    write_drive(tmp_path / "bags" / "drive.bag", "ros1")
+    init()
+    project = tmp_path / "project"
+    for name in ("definitions.py", "pyproject.toml"):
+        (project / name).unlink()
+    assert main(["init", str(project)]) == 0
+    assert capsys.readouterr().out.startswith("Wrote dagster.yaml, .env, definitions.py, pyproject.toml in ")
+
+
+@pytest.mark.parametrize("how", ["moved", "copied", "copied without its .env"])
+def test_a_project_that_was_moved_or_copied_does_not_write_to_where_it_was(tmp_path, monkeypatch, how):
+    before, after = tmp_path / "before", tmp_path / "it is here"
+    make_project(before)
+    (shutil.move if how == "moved" else shutil.copytree)(before, after)
+    if how == "copied without its .env":
+        (after / ".env").unlink()
+    with pytest.raises(RecipeError, match="this project was moved or copied from there") as refused:
+        build(after / "recipe.yaml", monkeypatch)
+    assert f"`bagassets init {shlex.quote(str(after))}`" in str(refused.value)
+    assert main(["init", str(after)]) == 0
+    report, _ = build(after / "recipe.yaml", monkeypatch)
+    assert report.succeeded
+    assert (after / "dataset" / "nuscenes").is_dir()
+    assert not (before / "dataset").exists()
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "BAGASSETS_RECIPE='{recipe}'",
+        "BAGASSETS_RECIPE={recipe}",
+        'BAGASSETS_RECIPE="{recipe}"',
+        "BAGASSETS_RECIPE='{recipe}'  # ours",
+        "BAGASSETS_RECIPE=recipe.yaml",
+    ],
+)
+def test_an_env_that_somebody_wrote_is_no_sign_of_a_move(tmp_path, line):
+    recipe_file = make_project(tmp_path, ())
+    (tmp_path / ".env").write_text(line.format(recipe=recipe_file))
+    config = tmp_path / "dagster.yaml"
+    config.write_text(config.read_text().replace(str(recipe_file), "recipe.yaml"))
+    assert dagster_home(recipe_file, load_recipe(recipe_file)) == tmp_path

@@ -23,6 +23,7 @@ from dagster._daemon.run_coordinator.queued_run_coordinator_daemon import Queued
 from dagster_graphql.test.utils import execute_dagster_graphql
 
 from bagassets.defs.launcher import BagAssetsRunLauncher
+from bagassets.defs.naming import Naming
 from bagassets.defs.orphaned_runs import UNTAKEN_S, end_orphaned_runs
 from bagassets.defs.run_pool import RunPool
 from bagassets.defs.runs import CodeLocation, create_run, open_instance
@@ -240,7 +241,9 @@ def test_a_tag_copied_from_the_parent_means_nothing(instance):
 
 
 def test_a_run_of_the_build_can_be_executed_again_in_the_web_ui(workspace, instance, place):
-    with RunPool(instance, 1, lambda _event: None, place / "code-server.log", LOCATION) as runs:
+    with RunPool(
+        instance, Naming("test"), 1, lambda _event: None, place / "code-server.log", LOCATION
+    ) as runs:
         runs.work([{"": ("whole",)}])
     assert runs.ended[""].problem is None
     run_id = runs.ended[""].run_id

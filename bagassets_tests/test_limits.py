@@ -39,6 +39,8 @@ from bagassets_tests.test_end_to_end import build_of, make_project
 from bagassets_tests.tiny_mcap import write_tiny
 from bagassets_tests.tree_memory import run_measured
 
+pytestmark = pytest.mark.once
+
 MOST_BYTES = 2_000_000_000
 SIX_GB = 5_800_000_000
 BAGASSETS = Path(sys.executable).with_name("bagassets")

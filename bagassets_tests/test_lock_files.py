@@ -29,6 +29,8 @@ from bagassets.store.store import Store
 from bagassets_tests.in_process import build, make_project
 from bagassets_tests.small_drive import RECIPE, write_drive
 
+pytestmark = pytest.mark.once
+
 SECONDS = 20
 
 

@@ -11,7 +11,7 @@ from rosbags.rosbag2 import Writer
 from bagassets_tests.in_process import QUICK
 from bagassets_tests.small_drive import LATENCY_NS, STORE2, messages
 
-pytestmark = pytest.mark.xdist_group("losses_named")
+pytestmark = [pytest.mark.xdist_group("losses_named"), pytest.mark.once]
 
 FOUND = 3
 

@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.once
+
 ROOT = Path(__file__).parents[1]
 CI = ROOT / ".ci" / "run"
 # A Python of another version, as far as somebody sees who asks it for that; and a shim of pyenv.

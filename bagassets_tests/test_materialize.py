@@ -6,9 +6,11 @@ import time
 
 import dagster as dg
 import pytest
+from sqlalchemy import Engine, event
 
 from bagassets.defs.exclusive import exclusive
-from bagassets.defs.partitions import RecordingPartitions, recording_partitions
+from bagassets.defs.naming import Naming
+from bagassets.defs.partitions import RecordingPartitions, add_partitions, recording_partitions
 from bagassets.defs.runs import open_instance
 from bagassets.recipe import load_recipe
 from bagassets_tests.services import BIN, bare_environment, make_project
@@ -86,6 +88,13 @@ def test_a_recording_that_does_not_exist_is_reported_with_one_that_does(project)
         assert "b.mcpa" not in instance.get_dynamic_partitions("test_recordings")
 
 
+def test_without_a_partition_it_says_what_to_add(project):
+    done = materialize(project, "*")
+    assert done.returncode == 2
+    assert "so add --partition KEY, as in --partition a.bag." in done.stderr.splitlines()[-1]
+    assert "Traceback" not in done.stderr
+
+
 def test_runs_of_one_recording_take_turns_whoever_launched_them(project):
     """A worker that was given up but works on, and the run that took its place, say."""
     locks = load_recipe(project / "recipe.yaml").state / "locks"
@@ -118,7 +127,35 @@ def test_the_dataset_takes_no_partition(project):
 
 def test_partitions_are_equal_to_plain_ones_of_the_same_name(project):
     recipe = load_recipe(project / "recipe.yaml")
-    ours, plain = recording_partitions(recipe), dg.DynamicPartitionsDefinition(name="test_recordings")
+    ours, plain = (
+        recording_partitions(recipe.bags, Naming("test")),
+        dg.DynamicPartitionsDefinition(name="test_recordings"),
+    )
     assert isinstance(ours, RecordingPartitions)
     assert (ours == plain, hash(ours) == hash(plain)) == (True, True)
     assert ours != dg.DynamicPartitionsDefinition(name="other_recordings")
+
+
+def test_recordings_that_another_process_registers_at_the_same_moment(project):
+    """Each time we have seen what is missing and are about to insert it, the other one has inserted one of them."""
+    recipe, keys = load_recipe(project / "recipe.yaml"), ["x.bag", "y.bag", "z.bag"]
+    left, inserting = list(keys), False
+
+    with open_instance(str(project)) as instance, open_instance(str(project)) as other:
+
+        def be_faster(_connection, _cursor, statement, *_more):
+            nonlocal inserting
+            if "INSERT INTO dynamic_partitions" in statement and left and not inserting:
+                inserting = True
+                other.add_dynamic_partitions("test_recordings", [left.pop(0)])
+                inserting = False
+
+        event.listen(Engine, "before_cursor_execute", be_faster)
+        try:
+            add_partitions(instance, Naming(recipe.name), keys)
+        finally:
+            event.remove(Engine, "before_cursor_execute", be_faster)
+        assert left == []
+        assert set(keys) <= set(instance.get_dynamic_partitions("test_recordings"))
+        for key in keys:
+            instance.delete_dynamic_partition("test_recordings", key)

@@ -26,6 +26,8 @@ from bagassets_tests.devkit import run_devkit
 from bagassets_tests.nuscenes_checks import check_dataset
 from bagassets_tests.sample_drives import build_recordings
 
+pytestmark = pytest.mark.once
+
 SCENE = {
     "name": "monday_001",
     "start_ns": moment_ns("2025-06-15T12:00:00+02:00"),

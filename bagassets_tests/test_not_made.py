@@ -95,7 +95,11 @@ def test_an_asset_says_which_one_above_it_failed_and_one_beside_it_the_whole(pro
     with pending_work.open_project(project) as (_, workspace):
         failure = BuildFailure({"frames": RecordingError("a.bag: /cam: no image.")}, project)
         found = observations_of(
-            workspace.assets, "a.bag", {"frames", "nuscenes_tables", "annotations"}, failure
+            workspace.assets,
+            workspace.names,
+            "a.bag",
+            {"frames", "nuscenes_tables", "annotations"},
+            failure,
         )
     said = {one.asset_key.to_user_string(): one.description for one in found}
     assert said["frames"] == "a.bag: /cam: no image."

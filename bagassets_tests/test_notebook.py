@@ -184,14 +184,15 @@ def test_it_builds_under_a_running_loop_and_in_a_thread(folder):
 def test_the_page_about_notebooks_runs(folder):
     (folder / "recipe.yaml").write_text(text().replace("output: nuscenes", "output: dataset/nuscenes"))
     page = (Path(__file__).parents[1] / "docs" / "notebook.md").read_text("utf-8")
-    reading, building, inline = re.findall(r"^```python\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
-    names = {"bagassets": bagassets}
-    for block in (building, reading, inline.replace("/tmp/my-state", "state")):
+    reading, before, building, inline = re.findall(r"^```python\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
+    names = {"bagassets": bagassets, "np": np}
+    for block in (building, reading, before, inline.replace("/tmp/my-state", "state")):
         exec(block, names)
     assert names["report"].succeeded
     assert names["image"].dtype == np.uint8
     assert names["points_global"].shape == names["points"].shape
     assert names["global_SE3_cam"].shape == (4, 4)
+    assert len(names["dense"]) > len(names["points"])
     assert len(names["visible"]) <= len(names["sample"].boxes)
 
 

@@ -3,6 +3,7 @@
 from collections import Counter
 
 import dagster as dg
+import pytest
 from click.testing import CliRunner
 
 from bagassets.build.planner import Planner
@@ -11,6 +12,8 @@ from bagassets.defs import batch_job, instance_plan, pending_work
 from bagassets.store.store import Store
 from bagassets_tests.in_process import QUICK, build, make_project
 from bagassets_tests.small_drive import write_drive
+
+pytestmark = pytest.mark.once
 
 KEY = "a.bag"
 

@@ -8,7 +8,7 @@ from contextlib import closing
 import psycopg2
 import pytest
 
-from bagassets.defs.partitions import partitions_name
+from bagassets.defs.naming import Naming
 from bagassets.defs.runs import open_instance
 from bagassets.forkserver.client import Client
 from bagassets.freshness.cache import NAME
@@ -74,7 +74,7 @@ def test_what_happened_in_the_database_is_noticed(project, what):
         elif what == "a run deleted":
             instance.delete_run(instance.get_runs()[-1].run_id)
         else:
-            instance.delete_dynamic_partition(partitions_name(load_recipe(project)), KEYS[0])
+            instance.delete_dynamic_partition(Naming(load_recipe(project).name).partitions, KEYS[0])
     assert decide(project) is None
     assert "failed" not in build(project)
     assert decide(project) is not None, "all is as it was"

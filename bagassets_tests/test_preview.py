@@ -1,6 +1,8 @@
 """Pictures: what is drawn is where it belongs."""
 
+import dataclasses
 import re
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -40,15 +42,17 @@ from bagassets.preview.pictures import (
     reading_at,
     suitable_range_m,
 )
-from bagassets.preview.timeline import ROW_PX, TOP_PX, timeline
+from bagassets.preview.timeline import ROW_PX, TOP_PX, timeline, timeline_facts
 from bagassets.recipe import load_recipe
 from bagassets.recipe.model import Preview
+from bagassets.recordings.inventory import Gap, TopicRecord
 from bagassets.sample.drive import Target, write_recordings
 from bagassets.sample.recipe import sample_recipe
 from bagassets.store.store import Store
 from bagassets_tests.sample_drives import build_recordings, object_ids
 
 S = 1_000_000_000
+START_NS = 1_760_000_000 * S
 CAMERA = CameraModel("none", 200, 100, 100.0, 100.0, 99.5, 49.5)
 # z forward, x right, y down, in a world with x forward, y left, z up.
 FORWARD = SE3.create((0.5, -0.5, 0.5, -0.5), (0.0, 0.0, 0.0))
@@ -201,23 +205,28 @@ class TestContactSheet:
                 assert tuple(sheet[y, x]) == tuple(expected), (name, column)
 
 
-FACTS = {
-    "start_ns": 0,
-    "end_ns": 10 * S,
-    "topics": [
-        {"name": "/a", "count": 100, "rate_hz": 10.0, "first_ns": 0, "last_ns": 10 * S, "gaps": [],
-         "gap_count": 0, "problem": False},
-        {"name": "/b", "count": 40, "rate_hz": 8.0, "first_ns": 5 * S, "last_ns": 10 * S,
-         "gaps": [[7 * S, 1.0]], "gap_count": 1, "problem": False},
-        {"name": "/c", "count": 0, "rate_hz": None, "first_ns": None, "last_ns": None, "gaps": [],
-         "gap_count": 0, "problem": False},
-    ],
-}  # fmt: skip
+def topic(name, count, first_ns, last_ns, rate_hz=None, gaps=()):
+    """Return a topic as an inventory has it, as far as the timeline shows it."""
+    fields = dict.fromkeys(field.name for field in dataclasses.fields(TopicRecord))
+    told = {"name": name, "count": count, "first_ns": first_ns, "last_ns": last_ns, "rate_hz": rate_hz}
+    return TopicRecord(**fields | told | {"gaps": gaps, "gap_count": len(gaps)})
+
+
+def facts_of(*topics, start_ns=START_NS, end_ns=START_NS + 10 * S):
+    inventory = SimpleNamespace(start_ns=start_ns, end_ns=end_ns, topics={one.name: one for one in topics})
+    return timeline_facts(inventory)
+
+
+TOPICS = (
+    topic("/a", 100, START_NS, START_NS + 10 * S, 10.0),
+    topic("/b", 40, START_NS + 5 * S, START_NS + 10 * S, 8.0, (Gap(START_NS + 7 * S, 1.0),)),
+    topic("/c", 0, None, None),
+)
 
 
 class TestTimeline:
     def test_bars_and_gaps_are_where_the_messages_were_and_were_not(self):
-        picture = timeline(FACTS, 1000)
+        picture = timeline(facts_of(*TOPICS), 1000)
         left, right = 360, 922
 
         def at(row, second):
@@ -231,9 +240,9 @@ class TestTimeline:
         assert near(at(2, 5.0), BACKGROUND, 5)
 
     def test_of_many_topics_the_busiest_are_shown(self):
-        topics = [{**FACTS["topics"][0], "name": f"/{n:03d}", "count": n} for n in range(80)]
-        tall = timeline({**FACTS, "topics": topics}, 800)
-        assert tall.shape[0] == TOP_PX + ROW_PX * 49 + 8
+        facts = facts_of(*(topic(f"/{n:03d}", n, START_NS, START_NS + 10 * S) for n in range(80)))
+        assert [one["name"] for one in facts["topics"]] == [f"/{n:03d}" for n in range(32, 80)]
+        assert timeline(facts, 800).shape[0] == TOP_PX + ROW_PX * 49 + 8
 
     @pytest.mark.parametrize(
         ("topics", "line"),
@@ -243,14 +252,22 @@ class TestTimeline:
         ],
     )
     def test_the_last_line_counts_those_that_are_not_shown(self, topics, line):
-        many = [{**FACTS["topics"][0], "name": f"/{n:03d}", "count": n} for n in range(topics)]
-        below = timeline({**FACTS, "topics": many}, 800)[TOP_PX + ROW_PX * 48 :]
+        many = [topic(f"/{n:03d}", n, START_NS, START_NS + 10 * S) for n in range(topics)]
+        below = timeline(facts_of(*many), 800)[TOP_PX + ROW_PX * 48 :]
         expected = blank(800, len(below))
         text(expected, line, 10, 13, size_px=10, colour=DIM)
         assert np.array_equal(below[3:, :280], expected[3:, :280])
 
     def test_an_empty_recording_has_one_too(self):
-        assert timeline({"start_ns": None, "end_ns": None, "topics": []}, 800).shape[1] == 800
+        assert timeline(facts_of(start_ns=None, end_ns=None), 800).shape[1] == 800
+
+    def test_it_is_told_only_what_it_shows(self):
+        told = facts_of(*TOPICS)
+        later = topic("/a", 100, START_NS, START_NS + 10 * S + 1, 10.01)
+        assert facts_of(later, *TOPICS[1:], end_ns=START_NS + 10 * S + 1) == told
+        assert facts_of(dataclasses.replace(TOPICS[0], count=101), *TOPICS[1:]) == told
+        assert facts_of(dataclasses.replace(TOPICS[0], rate_hz=10.1), *TOPICS[1:]) != told
+        assert facts_of(*TOPICS, topic("/d", 1, START_NS, START_NS)) != told
 
 
 class TestMoments:

@@ -7,6 +7,9 @@ import subprocess
 import sys
 import threading
 import time
+import zlib
+from collections import Counter
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,6 +25,7 @@ from bagassets.formats.assembly import assemble
 from bagassets.formats.format import Part
 from bagassets.formats.nuscenes.format import NUSCENES
 from bagassets.formats.vision.format import VISION
+from bagassets.reader.table_folder import TableFolder
 from bagassets.recipe import load_recipe
 from bagassets.recipe.model import NuScenes
 from bagassets.recipe.model_splits import Splits
@@ -142,6 +146,27 @@ class TestAgainstTheDevkit:
                     points.in_global()[:, :3], reading["in_global"], rtol=1e-6, atol=5e-5
                 )
 
+    def test_what_was_read_before(self, readings):
+        between = 0
+        for ours, channel, reading in readings:
+            found = ours.sweeps(channel, 1000)
+            assert len(found) == len(reading["before"])
+            assert [sweep.stamp_ns for sweep in ours.sweeps(channel, 3)] == [
+                1000 * other["stamp_us"] for other in reading["before"][:3]
+            ]
+            for sweep, other in zip(found, reading["before"], strict=True):
+                assert (sweep.channel, sweep.reading.modality) == (channel, other["modality"])
+                assert str(sweep.reading.path) == other["path"]
+                assert sweep.stamp_ns == 1000 * other["stamp_us"] < ours.readings[channel].stamp_ns
+                np.testing.assert_allclose(
+                    sweep.global_SE3_ego(), other["global_SE3_ego"], rtol=0, atol=1e-12
+                )
+                np.testing.assert_allclose(
+                    sweep.ego_SE3_sensor(), other["ego_SE3_sensor"], rtol=0, atol=1e-12
+                )
+                between += not other["is_key_frame"]
+        assert between > 100, "else the test says nothing"
+
     def test_boxes_in_the_global_frame(self, pairs):
         assert sum(len(ours.boxes) for ours, _ in pairs) > 100
         for ours, sample in pairs:
@@ -197,6 +222,69 @@ class TestAgainstTheTruth:
             true = truth.odom_SE3_ego(stamp_ns).matrix
             np.testing.assert_allclose(sample.global_SE3_ego(channel), true, atol=1e-3)
         assert moved, "else the test says nothing"
+
+
+class TestSweeps:
+    def test_they_are_decoded_as_samples_are(self, dataset):
+        last = dataset.scenes[0][-1]
+        for channel in CHANNELS:
+            sweeps = last.sweeps(channel, 1000)
+            keyframes = {sample.readings[channel].path: sample for sample in dataset.scenes[0]}
+            same = [
+                (sweep, keyframes[sweep.reading.path]) for sweep in sweeps if sweep.reading.path in keyframes
+            ]
+            assert len(same) == len(dataset.scenes[0]) - 1
+            assert len(sweeps) > len(same) or channel in CAMERAS
+            for sweep, sample in same:
+                if channel in CAMERAS:
+                    np.testing.assert_array_equal(sweep.image(), sample.image(channel))
+                    np.testing.assert_array_equal(sweep.intrinsics(), sample.intrinsics(channel))
+                else:
+                    points, expected = sweep.points(), sample.points(channel)
+                    np.testing.assert_array_equal(points, expected)
+                    np.testing.assert_array_equal(points.in_global(), expected.in_global())
+
+    def test_points_between_samples_lie_on_what_stands_still(self, project, dataset):
+        """In the global frame, those of ten sweeps are as near the ground as those of the sample."""
+        sample = dataset.scenes[0][3]
+        heights = []
+        for points in (sample.points("LIDAR_TOP"), *(s.points() for s in sample.sweeps("LIDAR_TOP", 10))):
+            placed = np.asarray(points.in_global())
+            assert len(placed) > 1000
+            heights.append(np.percentile(placed[:, 2], 10))
+        assert len(heights) == 11
+        assert np.ptp(heights) < 0.05
+
+    def test_they_travel_to_other_processes(self, dataset):
+        sweep = dataset[4].sweeps("LIDAR_TOP", 5)[3]
+        sent = pickle.dumps(sweep)
+        assert len(sent) < 1000
+        other = pickle.loads(sent)
+        assert (other.channel, other.stamp_ns, other.reading.path) == (
+            sweep.channel, sweep.stamp_ns, sweep.reading.path,
+        )  # fmt: skip
+        np.testing.assert_array_equal(other.points(), sweep.points())
+
+    def test_tables_are_read_once_for_each_channel_and_not_before(self, project, monkeypatch):
+        opened = bagassets.open_dataset(project[0].nuscenes.output)
+        read = []
+        rows = TableFolder.rows
+        monkeypatch.setattr(TableFolder, "rows", lambda self, name: [read.append(name), rows(self, name)][1])
+        sample = opened.scenes[0][0]
+        assert sample.sweeps("LIDAR_TOP", 5) == [], "nothing is before the first one"
+        assert read.count("sample_data.json") == 1
+        for sample in opened.scenes[0][2:]:
+            assert [len(sample.sweeps("LIDAR_TOP", number)) for number in (0, 1, 3)] == [0, 1, 3]
+        assert (read.count("sample_data.json"), read.count("ego_pose.json")) == (2, 1)
+
+    def test_what_is_not_there_is_said(self, dataset):
+        with pytest.raises(KeyError, match="LIDAR_REAR: this sample has no such channel; there is CAM_FRONT"):
+            dataset[2].sweeps("LIDAR_REAR", 5)
+        with pytest.raises(KeyError, match="no such camera; there is none"):
+            dataset[2].sweeps("LIDAR_TOP", 1)[0].image()
+        with pytest.raises(KeyError, match="no such lidar or radar; there is none"):
+            dataset[2].sweeps("CAM_FRONT", 1)[0].points()
+        assert repr(dataset[2].sweeps("LIDAR_TOP", 1)[0]).startswith("<Sweep of LIDAR_TOP at ")
 
 
 class TestPoints:
@@ -408,12 +496,9 @@ class TestWhileItIsBuilt:
             dataset.splits,
         ]  # fmt: skip
 
-    def test_a_reader_sees_the_old_or_the_new_one(self, build, tmp_path):
-        build(2)
-        both = self.content(bagassets.open_dataset(tmp_path / "nuscenes"))
-        build(1)
-        one = self.content(bagassets.open_dataset(tmp_path / "nuscenes"))
-        assert one != both
+    @contextmanager
+    def rebuilding(self, build):
+        """Build one state and the other in turn, until the block ends; give whether there is time left."""
         ended = threading.Event()
 
         def rebuild():
@@ -423,18 +508,52 @@ class TestWhileItIsBuilt:
                 number += 1
 
         builder = threading.Thread(target=rebuild)
-        builder.start()
-        seen = [0, 0]
         deadline = time.monotonic() + 20
+        builder.start()
         try:
-            while (min(seen) < 10 or sum(seen) < 40) and time.monotonic() < deadline:
-                content = self.content(bagassets.open_dataset(tmp_path / "nuscenes"))
-                assert content in (one, both)
-                seen[content == both] += 1
+            yield lambda: time.monotonic() < deadline and builder.is_alive()
         finally:
             ended.set()
             builder.join()
+
+    def test_a_reader_sees_the_old_or_the_new_one(self, build, tmp_path):
+        build(2)
+        both = self.content(bagassets.open_dataset(tmp_path / "nuscenes"))
+        build(1)
+        one = self.content(bagassets.open_dataset(tmp_path / "nuscenes"))
+        assert one != both
+        seen = [0, 0]
+        with self.rebuilding(build) as has_time:
+            while (min(seen) < 10 or sum(seen) < 40) and has_time():
+                content = self.content(bagassets.open_dataset(tmp_path / "nuscenes"))
+                assert content in (one, both)
+                seen[content == both] += 1
         assert min(seen) >= 3
+
+    def test_its_images_are_those_of_the_samples_or_it_says_that_it_has_to_be_opened_again(
+        self, build, tmp_path
+    ):
+        build(2)
+        truth = {
+            sample.token: zlib.crc32(sample.image("CAM_FRONT").tobytes())
+            for sample in bagassets.open_dataset(tmp_path / "nuscenes")
+        }
+        assert len(set(truth.values())) > len(truth) / 2, "images differ"
+        seen = Counter()
+        with self.rebuilding(build) as has_time:
+            while seen["whole"] < 40 and has_time():
+                dataset = bagassets.open_dataset(tmp_path / "nuscenes")
+                try:
+                    found = {
+                        sample.token: zlib.crc32(sample.image("CAM_FRONT").tobytes()) for sample in dataset
+                    }
+                except DatasetError as err:
+                    seen["refused" if str(err).endswith("; open it again.") else str(err)] += 1
+                else:
+                    assert found.items() <= truth.items()
+                    seen["whole"] += 1
+        assert seen["whole"] >= 10
+        assert seen.keys() <= {"whole", "refused"}
 
     def test_a_folder_that_is_swapped_while_it_is_opened_is_opened_again(self, build, tmp_path, monkeypatch):
         build(2)
@@ -615,4 +734,5 @@ class TestVision:
         with pytest.raises(KeyError, match="no such lidar or radar; there is none"):
             sequences[0].points("LIDAR_TOP")
         assert len(sequences[0].boxes) == 0
+        assert sequences[4].sweeps(*sequences[4].channels, 5) == [], "every image is a sample"
         assert pickle.loads(pickle.dumps(sequences[4])).token == sequences[4].token

@@ -18,6 +18,8 @@ from bagassets.recordings.digest import recording_stat
 from bagassets.recordings.discover import discover
 from bagassets_tests.in_process import build, make_project
 
+pytestmark = pytest.mark.once
+
 KEYS = ("a.bag", "b", "c.mcap")
 PASSES = ["hash and inventory", "images and clouds"]
 

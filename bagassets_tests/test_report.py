@@ -3,7 +3,6 @@
 import base64
 import json
 import re
-import time
 from dataclasses import replace
 from html.parser import HTMLParser
 from itertools import pairwise
@@ -109,6 +108,19 @@ class TestPage:
         assert "0.0 km" not in page
         far = facts("a", length_m=1_234.0)
         assert "2.5 km" in Page(report_page(data_of(tmp_path, [far, far]))).text
+
+    @pytest.mark.parametrize(
+        ("seconds", "said"),
+        [(0.4, "0.4 seconds"), (1.0, "1 second"), (12.3, "12 seconds"), (60.0, "1 minute"), (59.9 * 60, "59.9 minutes"),
+         (3600.0, "1 hour"), (5.5 * 3600, "5.5 hours")],
+    )  # fmt: skip
+    def test_time_is_in_a_unit_that_fits(self, tmp_path, seconds, said):
+        text = Page(report_page(data_of(tmp_path, [facts("a", duration_s=seconds)]))).text
+        assert said in " ".join(text.split())
+
+    def test_a_failed_recording_has_no_time(self, tmp_path):
+        page = report_page(data_of(tmp_path, [RecordingFacts("torn", "failed", "it is truncated.")]))
+        assert ">0.0<" not in page.partition('id="recordings"')[2]
 
     def test_what_checks_found_is_listed_errors_first(self, tmp_path):
         evil = "<b>late</b>"
@@ -360,12 +372,10 @@ class TestGathered:
         assert data.idle_pins == ["dirve"]
         assert "not among the recordings: dirve" in Page(report_page(data)).text
 
-    def test_a_thousand_recordings_make_a_page_below_five_megabytes_in_seconds(self, built):
+    def test_a_thousand_recordings_make_a_page_below_five_megabytes(self, built):
         recipe, made = built
-        started = time.perf_counter()
         page = report_page(report_data(recipe, Store(recipe.store_path), plan_of(recipe, made, 1000)))
         assert len(page.encode()) < 5_000_000
-        assert time.perf_counter() - started < 30
         assert page.count('class="t"') == 1000, "each with a picture"
 
     def test_the_map_is_made_once_and_put_in_its_place(self, built):

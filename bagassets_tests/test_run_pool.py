@@ -13,6 +13,7 @@ import small_definitions
 from dagster._core.launcher import RunLauncher
 from dagster._serdes import ConfigurableClass
 
+from bagassets.defs.naming import Naming
 from bagassets.defs.run_pool import RunPool
 from bagassets.defs.runs import CodeLocation, open_instance
 from bagassets.defs.worker_tag import RunWorker
@@ -91,7 +92,9 @@ def steering(tmp_path, monkeypatch):
 def follow(instance, todo, jobs=2):
     events = []
     log = Path(instance.root_directory) / "code-server.log"
-    with RunPool(instance, jobs, lambda event: events.append((event.kind, event.key)), log, LOCATION) as runs:
+    with RunPool(
+        instance, Naming("test"), jobs, lambda event: events.append((event.kind, event.key)), log, LOCATION
+    ) as runs:
         runs.work([{key: assets} for key, assets in todo.items()])
     return runs, events
 
@@ -155,7 +158,7 @@ def test_an_interrupt_is_not_lost_where_exceptions_are_ignored(instance, steerin
             Interrupting()
 
     (steering / "hold").touch()
-    with RunPool(instance, 1, interrupt, steering / "code-server.log", LOCATION) as runs:
+    with RunPool(instance, Naming("test"), 1, interrupt, steering / "code-server.log", LOCATION) as runs:
         threading.Timer(30, (steering / "hold").unlink, [True]).start()  # or a lost interrupt would never end
         runs.work([{"drive": ("first",)}])
     assert runs.interrupted

@@ -17,6 +17,7 @@ from dagster._core.storage.tags import PARTITION_NAME_TAG
 from bagassets.defs import sensor, sensor_scan
 from bagassets.defs.events import event_database, live_partitions
 from bagassets.defs.location import build_definitions
+from bagassets.defs.naming import Naming
 from bagassets.defs.orphaned_runs import UNTAKEN_S
 from bagassets.defs.partitions import add_partitions
 from bagassets.defs.runs import create_run, open_instance
@@ -130,7 +131,7 @@ class Project:
 
     @property
     def live(self):
-        return live_partitions(self.instance, self.recipe)
+        return live_partitions(self.instance, Naming(self.recipe.name))
 
     def scan(self, after_s=1.0):
         """Scan anew, as a tick does; return the runs asked for as key -> request."""
@@ -532,7 +533,7 @@ def left_behind(tmp_path, monkeypatch):
     load_definitions(recipe_file)
     with open_instance(str(tmp_path)) as instance:
         recipe = load_recipe(recipe_file)
-        add_partitions(instance, recipe, ["a.bag"])
+        add_partitions(instance, Naming(recipe.name), ["a.bag"])
         run_id = create_run(instance, ["bag", *recording_assets(recipe).names], partition_key="a.bag")
         starting = DagsterEvent(DagsterEventType.PIPELINE_STARTING.value, "__ASSET_JOB", message="to start")
         instance.report_dagster_event(starting, run_id)

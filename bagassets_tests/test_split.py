@@ -18,6 +18,8 @@ from bagassets.recipe.model_splits import Splits
 from bagassets.splits import deal, moves, shares_of
 from bagassets.store.store import Store
 
+pytestmark = pytest.mark.once
+
 KEYS = [f"drive_{number}" for number in range(2000)]
 SPLITS = Splits(shares={"train": 0.7, "val": 0.2, "test": 0.1})
 

@@ -18,7 +18,7 @@ from bagassets.store.store import Store
 from bagassets_tests.in_process import QUICK, build, make_project
 from bagassets_tests.small_drive import write_drive
 
-pytestmark = pytest.mark.xdist_group("split_build")
+pytestmark = [pytest.mark.xdist_group("split_build"), pytest.mark.once]
 
 FIRST = ("a.mcap", "b.mcap")
 STALE = 3

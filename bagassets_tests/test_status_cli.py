@@ -7,9 +7,12 @@ import pytest
 from click.testing import CliRunner
 
 from bagassets.cli.main import root
-from bagassets.defs.events import event_database, latest_ids
+from bagassets.defs.events import all_assets, event_database, latest_ids
+from bagassets.defs.naming import Naming
 from bagassets.defs.runs import open_instance
 from bagassets_tests.in_process import QUICK, build, make_project, survey
+
+pytestmark = pytest.mark.once
 
 GOOD, SHORT, BROKEN = "a.bag", "b.mcap", "c.bag"
 ALL_WELL, FAILED, USAGE, STALE = 0, 1, 2, 3
@@ -99,7 +102,7 @@ def test_reasons_lead_back_to_what_changed_first(edited):
 
 def test_a_dry_run_runs_nothing_and_shows_what_would(edited):
     with open_instance(str(edited.parent)) as instance:
-        before = latest_ids(instance), event_database(instance).stat().st_size
+        before = latest_ids(instance, Naming("test"), all_assets()), event_database(instance).stat().st_size
     done = run("build", "--dry-run", recipe=edited)
     assert done.exit_code == ALL_WELL
     lines = [line.split() for line in done.stdout.splitlines()]
@@ -111,7 +114,10 @@ def test_a_dry_run_runs_nothing_and_shows_what_would(edited):
     assert value["settled"] is False
     assert list(value["recordings"]) == [GOOD]
     with open_instance(str(edited.parent)) as instance:
-        assert (latest_ids(instance), event_database(instance).stat().st_size) == before
+        assert (
+            latest_ids(instance, Naming("test"), all_assets()),
+            event_database(instance).stat().st_size,
+        ) == before
 
 
 def test_a_check_looks_only_at_what_is_asked_for(edited):

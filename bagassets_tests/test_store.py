@@ -25,6 +25,8 @@ from bagassets.store.canonical import canonical_json, digest_bytes, digest_file,
 from bagassets.store.integrity import artifact_damage, check_store
 from bagassets.store.store import Store
 
+pytestmark = pytest.mark.once
+
 JSON = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False, allow_infinity=False) | st.text(),
     lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner),

@@ -11,7 +11,7 @@ from devkit import run_devkit
 from bagassets.sample.drive import Target, write_recordings
 from bagassets_tests.small_drive import write_drive
 
-pytestmark = [pytest.mark.devkit, pytest.mark.xdist_group("two_rigs")]
+pytestmark = [pytest.mark.devkit, pytest.mark.xdist_group("two_rigs"), pytest.mark.once]
 
 VERSION = "v1.0-rigs"
 RECIPE = f"""

@@ -93,7 +93,17 @@ def test_it_shows_the_project_and_leaves_nothing_behind(project):
         assert [pid for session in sessions for pid in processes_of(session)] == []
         eventually(lambda: servers_of(project) == [], "the fork server has ended", 10)
     left = {path.name for path in project.iterdir()}
-    assert left == {"recipe.yaml", "dagster.yaml", "workspace.yaml", ".env", ".bagassets", "dataset"}
+    assert left == {
+        "recipe.yaml",
+        "dagster.yaml",
+        "workspace.yaml",
+        ".env",
+        "definitions.py",
+        "pyproject.toml",
+    } | {
+        ".bagassets",
+        "dataset",
+    }
     assert log.read_text().splitlines() == [f"{url}  (web UI of project; Ctrl-C ends it)"]
 
 

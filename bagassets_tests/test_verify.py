@@ -31,6 +31,8 @@ from bagassets_tests.small_drive import write_drive
 from bagassets_tests.test_dataset import content
 from bagassets_tests.test_end_to_end import build_all, make_project
 
+pytestmark = pytest.mark.once
+
 VERSION = "v1.0-test"
 NAMES = {"ros1": "a.bag", "mcap": "c.mcap"}
 

@@ -8,6 +8,7 @@ import pytest
 from bagassets.defs.dataset import dataset_is_current
 from bagassets.defs.instance_plan import plan_instance
 from bagassets.defs.location import build_definitions
+from bagassets.defs.naming import Naming
 from bagassets.defs.partitions import add_partitions
 from bagassets.defs.workspace import Workspace
 from bagassets.recipe import load_recipe
@@ -22,7 +23,7 @@ def project(tmp_path_factory):
     write_drive(folder / "bags" / "a.bag", "ros1", duration_s=2.0)
     (folder / "recipe.yaml").write_text(RECIPE.format(name="test", root="bags") + EXTRA)
     with dg.DagsterInstance.ephemeral() as instance:
-        add_partitions(instance, load_recipe(folder / "recipe.yaml"), ["a.bag"])
+        add_partitions(instance, Naming(load_recipe(folder / "recipe.yaml").name), ["a.bag"])
         yield folder / "recipe.yaml", instance, materialize(folder / "recipe.yaml", instance)
 
 
@@ -58,14 +59,14 @@ def test_the_datasets_are_current_until_what_they_are_made_with_changes(project,
     workspace = Workspace(recipe_file=str(recipe_file))
     inputs = plan_instance(instance, workspace).inputs
     assert len(inputs.parts["vision"]) == 1
-    assert dataset_is_current(instance, workspace.recipe, inputs)
+    assert dataset_is_current(instance, workspace, inputs)
     for change in ("frames: 4", "frames: 5, files: one"):
         text = recipe_file.read_text().replace("frames: 5", change)
         other = recipe_file.with_name("other.yaml")
         other.write_text(text)
-        assert not dataset_is_current(instance, load_recipe(other), inputs)
+        assert not dataset_is_current(instance, Workspace(recipe_file=str(other)), inputs)
     (workspace.recipe.state / "trajectory_map.html").unlink()
-    assert not dataset_is_current(instance, workspace.recipe, inputs)
+    assert not dataset_is_current(instance, workspace, inputs)
 
 
 def test_people_see_pictures_shares_and_what_was_left_out(project):

@@ -25,6 +25,8 @@ from bagassets.recordings.watch import Watcher
 from bagassets_tests import in_process
 from bagassets_tests.test_digest import attributes_work, rewrite_in_place
 
+pytestmark = pytest.mark.once
+
 
 def hex_of(content):
     return blake3(content).hexdigest()

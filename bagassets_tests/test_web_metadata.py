@@ -1,11 +1,15 @@
 """What the web UI shows of an asset: numbers that it can plot, what matters first, columns, and links to pages."""
 
+from pathlib import Path
+
 import dagster as dg
 import pyarrow.parquet as pq
 import pytest
 
 from bagassets.defs import pending_work
 from bagassets.defs.location import build_definitions
+from bagassets.defs.reporting import dataset_metadata
+from bagassets.formats.assembly import DatasetSummary
 from bagassets_tests.in_process import build, make_project
 from bagassets_tests.small_drive import write_drive
 
@@ -68,17 +72,53 @@ def test_a_skipped_recording_says_why_above_all_else(made):
     assert "min_duration_s" in found["skipped"].value
 
 
-def test_the_columns_of_boxes_are_those_of_the_file(made):
+def test_a_dataset_says_which_recordings_failed_before_its_numbers():
+    summary = DatasetSummary("0" * 64, Path("/data"), {"scenes": 2}, ())
+    found = dataset_metadata(summary, {"cut.bag": "it cannot be read"})
+    assert list(found)[:2] == ["report", "failed"]
+    assert "| cut.bag | it cannot be read |" in found["failed"].value
+    assert list(dataset_metadata(summary, {}))[:2] == ["report", "folder"]
+
+
+@pytest.mark.parametrize(
+    ("asset", "file"),
+    [
+        ("inventory", "messages.parquet"),
+        ("ego_poses", "ego_poses.parquet"),
+        ("annotations", "annotations.parquet"),
+        ("frames", "index.parquet"),
+        ("sweeps", "index.parquet"),
+    ],
+)
+def test_the_columns_of_tables_are_those_of_the_files(made, asset, file):
     project, instance, workspace = made
-    definitions = build_definitions(project)
-    node = definitions.get_repository_def().asset_graph.get(dg.AssetKey("annotations"))
+    node = build_definitions(project).get_repository_def().asset_graph.get(dg.AssetKey(asset))
     columns = {column.name: column.type for column in node.metadata["dagster/column_schema"].value.columns}
-    event = instance.get_latest_materialization_event(dg.AssetKey("annotations"))
-    artifact = workspace.store.artifact(event.asset_materialization.tags["dagster/data_version"])
-    (file,) = [entry.path for entry in artifact.entries() if entry.path.endswith(".parquet")]
+    materialization = (
+        instance.fetch_materializations(
+            dg.AssetRecordsFilter(asset_key=dg.AssetKey(asset), asset_partitions=[KEY]), limit=1
+        )
+        .records[0]
+        .asset_materialization
+    )
+    artifact = workspace.store.artifact(materialization.tags["dagster/data_version"])
+    if asset in {"frames", "sweeps"}:
+        channel = next(iter(artifact.read_json("channels.json").values()))
+        artifact = workspace.store.artifact(channel["artifact"])
     written = pq.read_schema(artifact.path(file))
     assert columns == {field.name: str(field.type).replace("element: ", "") for field in written}
-    assert "dagster/column_schema" not in event.asset_materialization.metadata
+    assert "dagster/column_schema" not in materialization.metadata
+
+
+def test_every_asset_says_where_its_code_is(made):
+    graph = build_definitions(made[0]).get_repository_def().asset_graph
+    found = {}
+    for key in graph.get_all_asset_keys():
+        (reference,) = graph.get(key).metadata["dagster/code_references"].code_references
+        lines = Path(reference.file_path).read_text().splitlines()
+        found[key.to_user_string()] = (reference.label, lines[reference.line_number - 1].partition("(")[0])
+    assert found["ego_poses"] == ("bagassets/assets/ego_poses.py", "def _make")
+    assert all(text.startswith(("def ", "@")) for _, text in found.values())
 
 
 def test_the_report_opens_from_the_dataset(made):

@@ -9,19 +9,13 @@ comparison the same with Dagster's own launcher, which starts a process per run:
 """
 
 import argparse
-import contextlib
 import json
-import os
-import signal
-import socket
 import statistics
 import subprocess
 import sys
 import tempfile
 import time
 import urllib.request
-from collections.abc import Iterator
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -32,10 +26,10 @@ from bagassets.recipe import load_recipe
 from bagassets.sample.drive import Target, write_recordings
 from bagassets.sample.recipe import sample_recipe
 from benchmarks.common import machine
+from benchmarks.web_ui import wait_until, web_ui
 
 ROOT = Path(__file__).parents[1]
 DRIVE_S = 3.0
-DEADLINE_S = 300
 SHIPPED, DEFAULT = "as shipped", "Dagster's launcher"
 REPOSITORY = {"repositoryLocationName": "bagassets.definitions", "repositoryName": "__repository__"}
 ASSETS = "{ assetNodes { assetKey { path } partitionDefinition { name } } }"
@@ -102,55 +96,27 @@ def measure(folder: Path, launcher: str, times: int, number: int) -> dict[str, l
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
     )
-    with _web_ui(project) as url:
-        nodes = _ask(url, ASSETS, {})["assetNodes"]
-        assets = [node["assetKey"] for node in nodes if node["partitionDefinition"] is not None]
-        first = _click(url, assets, ["drive0.bag"])
-        one = [_click(url, assets, ["drive0.bag"]) for _ in range(times)]
-        keys = [f"drive{seed}.bag" for seed in range(number)]
-        many = [_click(url, assets, keys) for _ in range(times)]
-        return {
-            "the first click to the first step": [first[0]],
-            "click to the first step": [begun for begun, _ in one],
-            "click to success, everything known": [done for _, done in one],
-            f"{number} clicks at once to the last success": [done for _, done in many],
-            "upload to dataset": [
-                _upload(project, recordings, path)
-                for path in sorted(uploads.iterdir())
-                if path.suffix == ".bag"
-            ],
-        }
-
-
-@contextlib.contextmanager
-def _web_ui(project: Path) -> Iterator[str]:
-    """Run `bagassets ui` until the end of the block; yield its address."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
-    ours = ("DAGSTER_", "BAGASSETS_RECIPE")
-    environment = {name: value for name, value in os.environ.items() if not name.startswith(ours)}
-    command = [sys.executable, "-m", "bagassets", "ui", "--recipe", str(project / "recipe.yaml")]
-    log = project / "ui.log"
-    with log.open("wb") as output:
-        process = subprocess.Popen(
-            [*command, "--port", str(port), "--no-browser"],
-            cwd=ROOT,
-            env=environment,
-            stdin=subprocess.DEVNULL,
-            stdout=output,
-            stderr=output,
-            # A shell has what it starts in the background ignore Ctrl-C, and children inherit that.
-            preexec_fn=partial(signal.signal, signal.SIGINT, signal.SIG_DFL),  # noqa: PLW1509  (no threads here)
-        )
-    url = f"http://127.0.0.1:{port}"
     try:
-        _wait(lambda: url in log.read_text("utf-8", "replace"), f"`bagassets ui` tells its address ({log})")
-        yield url
+        with web_ui([sys.executable, "-m", "bagassets"], recipe) as url:
+            nodes = _ask(url, ASSETS, {})["assetNodes"]
+            assets = [node["assetKey"] for node in nodes if node["partitionDefinition"] is not None]
+            first = _click(url, assets, ["drive0.bag"])
+            one = [_click(url, assets, ["drive0.bag"]) for _ in range(times)]
+            keys = [f"drive{seed}.bag" for seed in range(number)]
+            many = [_click(url, assets, keys) for _ in range(times)]
+            return {
+                "the first click to the first step": [first[0]],
+                "click to the first step": [begun for begun, _ in one],
+                "click to success, everything known": [done for _, done in one],
+                f"{number} clicks at once to the last success": [done for _, done in many],
+                "upload to dataset": [
+                    _upload(project, recordings, path)
+                    for path in sorted(uploads.iterdir())
+                    if path.suffix == ".bag"
+                ],
+            }
     finally:
-        process.send_signal(signal.SIGINT)
-        process.wait()
-        for client in Client.all_of(load_recipe(project / "recipe.yaml").state):
+        for client in Client.all_of(load_recipe(recipe).state):
             client.shutdown(grace_s=1.0)
 
 
@@ -170,7 +136,7 @@ def _click(url: str, assets: list[dict[str, Any]], keys: list[str]) -> tuple[flo
     runs = [_launch(url, assets, key) for key in keys]
     first, last = [], []
     for run in runs:
-        found = _wait(lambda run=run: _ended(url, run), f"run {run} ends")
+        found = wait_until(lambda run=run: _ended(url, run), f"run {run} ends")
         if found["status"] != "SUCCESS":
             raise SystemExit(f"run {run}: {found['status']}")
         first.append(min(step["startTime"] for step in found["stepStats"]))
@@ -205,18 +171,8 @@ def _upload(project: Path, recordings: Path, path: Path) -> float:
     lock = recipe.nuscenes.output / recipe.nuscenes.version / "dataset.lock.json"
     start = time.time()
     path.rename(recordings / path.name)
-    _wait(lambda: path.name in lock.read_text("utf-8"), f"{path.name} is in the dataset", pause_s=0.02)
+    wait_until(lambda: path.name in lock.read_text("utf-8"), f"{path.name} is in the dataset", pause_s=0.02)
     return time.time() - start
-
-
-def _wait(condition: Any, what: str, pause_s: float = 0.1) -> Any:
-    deadline = time.time() + DEADLINE_S
-    while time.time() < deadline:
-        with contextlib.suppress(OSError):
-            if found := condition():
-                return found
-        time.sleep(pause_s)
-    raise SystemExit(f"waited {DEADLINE_S} s until {what}")
 
 
 def _ask(url: str, query: str, variables: dict[str, Any]) -> Any:

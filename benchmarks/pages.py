@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.chaos import chaos_table
+from benchmarks.clicks import clicks_table
 from benchmarks.cold import cold_table
 from benchmarks.common import ROOT, median
 from benchmarks.floor import floor_table
@@ -51,6 +52,7 @@ def _plotted(tell: Callable[[Any], str], name: str, title: str) -> Callable[[Any
 
 FIGURES: dict[str, tuple[str, Callable[[Any], str]]] = {
     "chaos": ("chaos", chaos_table),
+    "clicks": ("clicks", clicks_table),
     "cold": ("cold", cold_table),
     "floor": ("floor", floor_table),
     "incremental": ("incremental", incremental_table),

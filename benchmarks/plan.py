@@ -26,7 +26,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from bagassets.build.plan import AssetState, BagPlan
 from bagassets.build.planner import Planner
-from bagassets.defs.events import event_database, fetch_recorded, latest_ids
+from bagassets.defs.events import all_assets, event_database, fetch_recorded, latest_ids
 from bagassets.defs.instance_plan import plan_instance, workspace_fingerprint
 from bagassets.defs.partitions import add_partitions
 from bagassets.defs.pending_work import open_project
@@ -120,12 +120,13 @@ def prepare(recipe_file: Path, number: int) -> None:
     with open_project(recipe_file) as (instance, workspace):
         recipe = workspace.recipe
         recordings = workspace.discover().recordings
-        add_partitions(instance, recipe, list(recordings))
+        add_partitions(instance, workspace.names, list(recordings))
         with noted_build(recipe, recipe_file):
             pass  # a build has ended well: the next one need not read the artifacts, which hold nothing
         assets = ("bag", *recording_assets(recipe).names)
         record(instance, assets, list(recordings))
-        ids, project = latest_ids(instance), str(workspace_fingerprint(workspace))
+        names = workspace.names
+        ids, project = latest_ids(instance, names, all_assets()), str(workspace_fingerprint(workspace))
         remembered = {}
         for key, recording in recordings.items():
             states = {}
@@ -224,7 +225,8 @@ def walk(recipe_file: Path) -> float:
     timed(["build", "--recipe", str(recipe_file)], "built in")
     with open_project(recipe_file) as (instance, workspace):
         recordings = workspace.discover().recordings
-        recorded = fetch_recorded(instance, latest_ids(instance), recordings)
+        names = workspace.names
+        recorded = fetch_recorded(instance, names, latest_ids(instance, names, all_assets()), recordings)
         planner = Planner(workspace.assets, workspace.store, workspace.index)
         if not all(planner.plan(recording, recorded[key]).settled for key, recording in recordings.items()):
             sys.exit("the recordings should be fresh after a build")

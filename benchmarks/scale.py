@@ -31,7 +31,7 @@ from benchmarks.resources import run_watched
 __all__ = ["scale_table"]
 
 NUMBERS = (10, 100, 1000)
-DRIVE_S = 1.0
+DRIVE_S = 2.0  # less is no scene, and a dataset of nothing costs nothing
 # A tick of the sensor as its code server evaluates it, with all that it needs imported.
 _TICK = """
 import sys, time
@@ -90,6 +90,10 @@ def measure(folder: Path, number: int, times: int) -> dict[str, float]:
     built = run_watched(command("build"), cwd=folder)
     if built.code:
         raise SystemExit(f"the build of {number} recordings ended with status {built.code}")
+    nuscenes = load_recipe(recipe_file).nuscenes
+    scenes = json.loads((nuscenes.output / nuscenes.version / "scene.json").read_text())
+    if len(scenes) != number:
+        raise SystemExit(f"{number} recordings became {len(scenes)} scenes; each must have one")
     costs["first build, s"] = built.seconds
     costs["first build, processor time, s"] = built.cpu_s
     costs["first build, most memory, MB"] = built.peak_mb

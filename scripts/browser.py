@@ -40,6 +40,10 @@ class Browser:
                 "--no-sandbox",
                 "--disable-gpu",
                 "--hide-scrollbars",
+                "--no-first-run",
+                "--disable-background-networking",
+                "--disable-component-update",
+                "--disable-sync",
                 "--remote-debugging-port=0",
                 f"--user-data-dir={self._profile.name}",
                 f"--window-size={width},{height}",
@@ -125,7 +129,7 @@ class Browser:
     def click(self, script: str) -> None:
         """Click in the middle of the element that a JavaScript expression finds."""
         box = self.wait_for(
-            f"(() => {{ const e = {script}; if (!e) return null; e.scrollIntoView({{block: 'center'}});"
+            f"(() => {{ const e = {script}; if (!e) return null; e.scrollIntoViewIfNeeded();"
             " const r = e.getBoundingClientRect(); return [r.x + r.width / 2, r.y + r.height / 2]; })()",
             script,
         )

@@ -3,7 +3,7 @@
     python scripts/screenshots.py                          # of build/demo, which `make demo` makes
     python scripts/screenshots.py --recipe my/recipe.yaml --output /tmp/pictures --only asset_graph
 
-`failed` and `skipped` are of a small project of its own, with one recording that is cut off and one that is too short.
+`failed`, `skipped` and `materialized_all` are of a small project of its own, with one recording that is cut off and one that is too short.
 Starts the web UI itself, waits until the sensor has nothing to do, and looks at the pages with a headless Chromium
 (Debian: apt-get install chromium).
 """
@@ -16,6 +16,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import Any
 from urllib.request import Request, urlopen
 
 import cv2
@@ -34,6 +35,9 @@ GROUPS = "global%40global%3Adataset%2Cglobal%40global%3Arecording"
 WAIT_S = 120.0
 SETTLE_S = 2.0  # until the page has stopped moving
 BUTTONS = "[...document.querySelectorAll('[aria-label=panel_show_right]')]"
+BACKFILLS = """{
+  partitionBackfillsOrError(limit: 1) { ... on PartitionBackfills { results { status } } }
+}"""
 QUIET = """{
   runsOrError(filter: {statuses: [QUEUED, NOT_STARTED, STARTING, STARTED, CANCELING]}, limit: 1) {
     ... on Runs { results { runId } }
@@ -96,15 +100,20 @@ def broken_project(folder: Path) -> Path:
     return recipe
 
 
+def ask(url: str, query: str) -> Any:
+    """Return the answer to a GraphQL query."""
+    request = Request(
+        f"{url}/graphql", json.dumps({"query": query}).encode(), {"Content-Type": "application/json"}
+    )
+    with urlopen(request) as answer:
+        return json.load(answer)["data"]
+
+
 def wait_until_quiet(url: str) -> None:
     """Wait until no run is active and the sensor had nothing to ask for twice."""
     deadline = time.monotonic() + WAIT_S
     while time.monotonic() < deadline:
-        request = Request(
-            f"{url}/graphql", json.dumps({"query": QUIET}).encode(), {"Content-Type": "application/json"}
-        )
-        with urlopen(request) as answer:
-            data = json.load(answer)["data"]
+        data = ask(url, QUIET)
         ticks = [tick["status"] for tick in data["sensorOrError"]["sensorState"]["ticks"]]
         if not data["runsOrError"]["results"] and len(ticks) > 1 and set(ticks) == {"SKIPPED"}:
             return
@@ -221,12 +230,31 @@ def skipped(browser: Browser, url: str, file: Path) -> None:
     browser.picture(file, top(600))
 
 
+def materialized_all(browser: Browser, url: str, file: Path) -> None:
+    """All assets after *Materialize all* of all partitions, one of which cannot be made."""
+    browser.resize(1500, 860)
+    show(browser, f"{url}/asset-groups?expanded={GROUPS}", "Materialize all", "nuscenes_dataset")
+    for text in ("Materialize all…", "All", "Launch backfill"):
+        browser.click_text(text)
+        time.sleep(SETTLE_S)
+    deadline = time.monotonic() + WAIT_S
+    while ask(url, BACKFILLS)["partitionBackfillsOrError"]["results"][0]["status"] in {
+        "REQUESTED",
+        "FAILING",
+    }:
+        if time.monotonic() > deadline:
+            raise SystemExit("the backfill does not end")
+        time.sleep(1)
+    wait_until_quiet(url)
+    asset_graph(browser, url, file)
+
+
 PICTURES: dict[str, Callable[[Browser, str, Path], None]] = {
     function.__name__: function
     for function in (asset_graph, asset, partitions, checks, runs, sensor, preview)
 }
 FAILURES: dict[str, Callable[[Browser, str, Path], None]] = {
-    function.__name__: function for function in (failed, skipped)
+    function.__name__: function for function in (failed, skipped, materialized_all)
 }
 
 

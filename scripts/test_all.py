@@ -26,7 +26,7 @@ FOLDER = ROOT / "build" / "test-all"
 LOWEST_PYTHON = (3, 11)
 NEWEST_PYTHON = (3, 14)
 _USABLE = "import ensurepip, sys, venv; print(*sys.version_info[:2])"
-_TESTS = ("-m", "pytest", "-q", "-n", "auto", "--dist", "loadfile", "-p", "no:cacheprovider")
+_TESTS = ("-m", "pytest", "-q", "-n", "auto", "-p", "no:cacheprovider", "--dist")
 _AT_MOST_S = 30 * 60.0  # a part that hangs must not take the time of the others
 
 
@@ -79,7 +79,8 @@ def main(arguments: list[str]) -> int:
 
 
 def _long() -> None:
-    _run(sys.executable, *_TESTS, "-m", "long")
+    # Not by file: the benchmarks are one file, and would keep one worker busy after all others are done.
+    _run(sys.executable, *_TESTS, "loadgroup", "-m", "long")
 
 
 def _lowest() -> None:
@@ -89,7 +90,7 @@ def _lowest() -> None:
             f"there is no Python {_dotted(LOWEST_PYTHON)}, for which these versions have wheels"
         )
     environment = _environment("lowest", python, ["--requirement", str(ROOT / "requirements-lowest.lock")])
-    _run(environment, *_TESTS, "-m", "not long")
+    _run(environment, *_TESTS, "loadfile", "-m", "not long and not once")
 
 
 def _newest() -> None:
@@ -102,13 +103,15 @@ def _newest() -> None:
             f"There is no newer Python than {_dotted(version)} here: the newest packages are tried with that."
         )
     environment = _environment("newest", pythons[version], ["--prefer-binary", *_requirements()])
-    _run(environment, *_TESTS, "-m", "not long")
+    _run(environment, *_TESTS, "loadfile", "-m", "not long and not once")
 
 
 PARTS = {
     "long": Part("tests that take minutes: the wheel, installed outside of the checkout", _long),
-    "lowest": Part("all other tests with the lowest versions that pyproject.toml allows", _lowest),
-    "newest": Part("all other tests with the newest Python here, and the newest versions there are", _newest),
+    "lowest": Part("what depends on libraries, with the lowest versions that pyproject.toml allows", _lowest),
+    "newest": Part(
+        "what depends on libraries, with the newest Python here, and the newest versions", _newest
+    ),
 }
 
 

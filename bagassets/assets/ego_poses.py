@@ -34,12 +34,22 @@ from bagassets.recordings.inventory import Inventory
 from bagassets.recordings.recording import Recording
 from bagassets.store.artifact import Artifact, ArtifactWriter
 
-__all__ = ["EGO_POSES", "MovingRigParams", "load_trajectory", "make_ego_poses", "params", "use"]
+__all__ = [
+    "EGO_POSES",
+    "POSE_SCHEMA",
+    "MovingRigParams",
+    "load_trajectory",
+    "make_ego_poses",
+    "params",
+    "use",
+]
 
 # Coordinates beyond this lose centimetres in the float32 arithmetic of training code.
 FAR_M = 100_000.0
 
 _NUMBERS = ("x", "y", "z", "qw", "qx", "qy", "qz")
+POSE_SCHEMA = pa.schema({"stamp_ns": pa.int64(), **dict.fromkeys(_NUMBERS, pa.float64())})
+"""Columns of `ego_poses.parquet`."""
 
 
 @dataclass(frozen=True)
@@ -201,9 +211,8 @@ def _write(
 ) -> Summary:
     """Write (N,) stamps and (N, 7) poses, and facts about them; return the summary."""
     origin = samples.origin or _recentre(rows)
-    table = {"stamp_ns": pa.array(stamps_ns, pa.int64())}
-    table |= {name: pa.array(rows[:, i], pa.float64()) for i, name in enumerate(_NUMBERS)}
-    out.write_table("ego_poses.parquet", pa.table(table))
+    columns = [pa.array(stamps_ns), *map(pa.array, rows.T)]
+    out.write_table("ego_poses.parquet", pa.table(columns, schema=POSE_SCHEMA))
     steps = np.diff(rows[:, :3], axis=0)
     length_m = round(float(np.sqrt((steps * steps).sum(axis=1)).sum()), 3)
     summary = {

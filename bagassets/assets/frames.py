@@ -38,9 +38,9 @@ from bagassets.recordings.recording import Recording
 from bagassets.store.artifact import ArtifactWriter, FileEntry
 from bagassets.trace import span
 
-__all__ = ["FRAMES", "FrameExtractor"]
+__all__ = ["FRAMES", "INDEX_SCHEMA", "FrameExtractor"]
 
-_SCHEMA = pa.schema(
+INDEX_SCHEMA = pa.schema(
     {
         "stamp_ns": pa.int64(),
         "log_time_ns": pa.int64(),
@@ -51,6 +51,7 @@ _SCHEMA = pa.schema(
         "height": pa.int32(),
     }
 )
+"""Columns of `index.parquet` of a camera."""
 
 
 @dataclass(frozen=True)
@@ -225,7 +226,7 @@ class FrameExtractor:
             self._collect()
         self._check()
         rows = sorted(self._rows, key=lambda row: row["stamp_ns"])
-        self._out.write_table("index.parquet", pa.Table.from_pylist(rows, schema=_SCHEMA))
+        self._out.write_table("index.parquet", pa.Table.from_pylist(rows, schema=INDEX_SCHEMA))
         facts = {"counts": self._counts.as_json()}
         self._out.write_json(
             "channel.json",

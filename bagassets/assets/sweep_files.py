@@ -13,7 +13,7 @@ from bagassets.recipe.model import Limits
 from bagassets.recipe.model_base import Clock
 from bagassets.store.artifact import ArtifactWriter
 
-__all__ = ["PointCounts", "SensorSettings", "SensorUse", "SweepFiles"]
+__all__ = ["LIDAR_SCHEMA", "PointCounts", "SensorSettings", "SensorUse", "SweepFiles"]
 
 _COLUMNS = {
     "stamp_ns": pa.int64(),
@@ -23,7 +23,9 @@ _COLUMNS = {
     "digest": pa.string(),
     "points": pa.int32(),
 }
-_SPAN = {"start_ns": pa.int64(), "end_ns": pa.int64()}
+_RADAR_SCHEMA = pa.schema(_COLUMNS)
+LIDAR_SCHEMA = pa.schema(_COLUMNS | {"start_ns": pa.int64(), "end_ns": pa.int64()})
+"""Columns of `index.parquet` of a lidar; that of a radar is without the last two."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,7 +108,7 @@ class SweepFiles:
         self.bytes = 0
         self._out = out
         self._extension = extension
-        self._schema = pa.schema(_COLUMNS | _SPAN if with_span else _COLUMNS)
+        self._schema = LIDAR_SCHEMA if with_span else _RADAR_SCHEMA
         self._rows: list[JsonObject] = []
         self._stamps_us: set[int] = set()
 

@@ -11,9 +11,20 @@ if TYPE_CHECKING:
     # Not imported: the command line only waits for the server, and should not import all of this.
     from bagassets.build.plan import Plan
 
-__all__ = ["BagOutcome", "BuildOptions", "BuildReport", "Event", "Remark", "Result", "SummaryRow"]
+__all__ = [
+    "BagOutcome",
+    "BuildOptions",
+    "BuildReport",
+    "Event",
+    "OwnOutcome",
+    "OwnResult",
+    "Remark",
+    "Result",
+    "SummaryRow",
+]
 
 Result = Literal["built", "hit", "fresh", "skipped", "failed", "stopped"]
+OwnResult = Literal["made", "fresh", "skipped", "failed", "not made", "stopped"]
 
 
 @dataclass(frozen=True)
@@ -65,14 +76,15 @@ class Event:
     Attributes:
         kind: `reading` while recordings are read whose time changed, `planned` once, then `started`, `done`,
             `failed` or `stopped` for a recording, or for the dataset (with an empty key); in between `where`, when
-            its launcher says where it waits or is executed, or its run how far it has come.
+            its launcher says where it waits or is executed, or its run how far it has come. `own` before runs of the
+            user's own assets, whose keys then say what is made.
         key: partition key.
         message: why it failed, where it is, what is planned, or how far the reading is.
-        sizes: for `planned`, recording that needs a run -> bytes.
+        sizes: for `planned`, recording that needs a run -> bytes; for `own`, one entry for each run.
         share: for `where`, how much of the recording the present pass has read, 0 to 1, if its run says so.
     """
 
-    kind: Literal["reading", "planned", "started", "where", "done", "failed", "stopped"]
+    kind: Literal["reading", "planned", "own", "started", "where", "done", "failed", "stopped"]
     key: str = ""
     message: str = ""
     sizes: Mapping[str, int] = field(default_factory=dict)
@@ -97,6 +109,25 @@ class BagOutcome:
     result: Result
     reason: str = ""
     seconds: float = 0.0
+
+
+@dataclass(frozen=True)
+class OwnOutcome:
+    """What became of an asset of the user's.
+
+    Attributes:
+        per_recording: there is one of each recording; else one for all.
+        results: result -> number of recordings, or 1 if it is one for all.
+        reasons: partition key, "" if it is one for all -> result and reason, of what failed or was not made.
+    """
+
+    per_recording: bool
+    results: Mapping[str, int]
+    reasons: Mapping[str, list[str]] = field(default_factory=dict)
+
+    def as_json(self) -> JsonObject:
+        """Return the outcome as JSON."""
+        return asdict(self)
 
 
 @dataclass(frozen=True)
@@ -137,6 +168,9 @@ class BuildReport:
         dataset: `updated`, `fresh`, `failed`, `stopped`, `not made`, or `not selected`.
         dataset_problem: why the dataset could not be made.
         dataset_path: its dataroot.
+        own: asset of the user's -> what became of it.
+        own_left_out: asset of the user's -> why builds do not make it.
+        own_problem: why none of the user's assets are known, if so.
         interrupted: True if somebody stopped the build.
         seconds: wall time.
     """
@@ -152,6 +186,9 @@ class BuildReport:
     dataset: str = "fresh"
     dataset_problem: str = ""
     dataset_path: Path = Path()
+    own: dict[str, OwnOutcome] = field(default_factory=dict)
+    own_left_out: Mapping[str, str] = field(default_factory=dict)
+    own_problem: str = ""
     interrupted: bool = False
     seconds: float = 0.0
 
@@ -162,7 +199,10 @@ class BuildReport:
     @property
     def succeeded(self) -> bool:
         """True if nothing failed and nobody stopped the build."""
-        return not (self.interrupted or self.dataset_problem or self.having("failed", "stopped"))
+        own_failed = self.own_problem or any("failed" in one.results for one in self.own.values())
+        return not (
+            self.interrupted or self.dataset_problem or self.having("failed", "stopped") or own_failed
+        )
 
     def counts(self) -> dict[str, int]:
         """Return result -> number of recordings."""
@@ -192,6 +232,9 @@ class BuildReport:
                 "path": str(self.dataset_path),
                 "problem": self.dataset_problem,
             },
+            "own": {name: one.as_json() for name, one in self.own.items()},
+            "own_left_out": dict(self.own_left_out),
+            "own_problem": self.own_problem,
             "interrupted": self.interrupted,
             "seconds": round(self.seconds, 3),
         }
@@ -213,6 +256,9 @@ class BuildReport:
             dataset=value["dataset"]["state"],
             dataset_problem=value["dataset"]["problem"],
             dataset_path=Path(value["dataset"]["path"]),
+            own={name: OwnOutcome(**one) for name, one in value["own"].items()},
+            own_left_out=value["own_left_out"],
+            own_problem=value["own_problem"],
             interrupted=value["interrupted"],
             seconds=value["seconds"],
         )

@@ -29,6 +29,7 @@ class Recorded:
         cached: True if nothing had to run; None if that is not recorded.
         action: digest of the action that made it.
         run_id: the run that recorded it.
+        made_along: for `bag`, the action of the inventory if the same pass has run it.
     """
 
     data_version: str
@@ -38,6 +39,7 @@ class Recorded:
     cached: bool | None = None
     action: str | None = None
     run_id: str = ""
+    made_along: str = ""
 
 
 class AssetState(NamedTuple):

@@ -11,6 +11,7 @@ from bagassets.build.rebuild import Scratch
 from bagassets.build.recording_assets import RecordingAssets
 from bagassets.errors import BagAssetsError
 from bagassets.json_types import JsonMapping, JsonObject
+from bagassets.quantities import count_text
 from bagassets.recordings.digest import DigestIndex, combined_digest, hash_file, recording_stat, stat_files
 from bagassets.recordings.digest_record import read_attribute
 from bagassets.recordings.discover import discover
@@ -58,9 +59,9 @@ class ChangedTopic:
         if self.recorded is None:
             return f"topic {self.name} was not there"
         if self.actual is None:
-            return f"topic {self.name} is gone ({self.recorded} messages)"
+            return f"topic {self.name} is gone ({count_text(self.recorded, 'message')})"
         if self.recorded != self.actual:
-            return f"topic {self.name} has {self.actual} messages instead of {self.recorded}"
+            return f"topic {self.name} has {count_text(self.actual, 'message')} instead of {self.recorded}"
         return f"topic {self.name}: some of its {self.actual} messages changed"
 
 

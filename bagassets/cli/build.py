@@ -33,6 +33,7 @@ Examples:
   bagassets build
   bagassets build --recipe project/recipe.yaml --jobs 4
   bagassets build --bag 'monday*' --select frames,sweeps
+  bagassets build --select train                # an asset of your own that does not run by itself
   bagassets build --dry-run
   bagassets build --check || echo stale
   bagassets build --trace trace.json            # open it with https://ui.perfetto.dev
@@ -49,7 +50,7 @@ Exit status:
 @click.option("--bag", "bags", multiple=True, metavar="BAG",
               help="Only this recording: its key, a glob of keys, or its path; may be repeated.")  # fmt: skip
 @click.option("--select", multiple=True, metavar="ASSETS",
-              help="Only these assets and what they depend on, separated by commas; default: all.")  # fmt: skip
+              help="Only these assets, also of your own, and what they depend on, separated by commas; default: all.")  # fmt: skip
 @click.option("--jobs", "-j", type=click.IntRange(min=1), default=os.cpu_count() or 1,
               show_default="processors", help="How many recordings to build at the same time; at most two per processor.")  # fmt: skip
 @click.option("--retry-failed", is_flag=True, help="Retry what failed before on the same input.")
@@ -78,7 +79,8 @@ def build(
 ) -> None:
     """Bring all recordings and the dataset up to date, and report what was done.
 
-    Only what is stale runs; a recording that fails does not stop the others.
+    Only what is stale runs; a recording that fails does not stop the others. Assets of your own that read these and would
+    run by themselves come last.
     """
     from bagassets.build.build_report import BuildOptions
     from bagassets.build.choose import SelectionError
@@ -151,26 +153,30 @@ def _dry_run(recipe: Path, options: "BuildOptions", *, check: bool, as_json: boo
     """Show what a build would do; return the exit status of --check, or 0 for a dry run."""
     from bagassets.cli.dry_run import dry_run_json, dry_run_lines, verdict
     from bagassets.cli.summary import print_remarks, summary_console
+    from bagassets.defs.own_build import load_own
     from bagassets.defs.pending_work import expected_moves, find_pending_work, open_project
     from bagassets.formats.checking import remarks_on_record
 
-    with open_project(recipe) as (instance, workspace):
-        pending = find_pending_work(instance, workspace, options)
+    with open_project(recipe) as (instance, known_as):
+        own = load_own(known_as, options)
+        workspace = own.workspace
+        pending = find_pending_work(instance, workspace, options, own)
+        own_work = own.survey(instance, pending, options)
         moved = expected_moves(pending, workspace.recipe) if pending.datasets else {}
         # Recordings that will be built will also be checked again.
         done = [pending.plan.bags[key] for key in sorted(pending.chosen - pending.todo.keys())]
         remarks = tuple(remarks_on_record(workspace.recipe, workspace.store, pending.planned.discovery, done))
     if as_json:
-        echo_lines(dry_run_json(pending, moved, remarks))
+        echo_lines(dry_run_json(pending, own_work, moved, remarks))
     else:
-        for line in dry_run_lines(pending) if not check else ():
+        for line in dry_run_lines(pending, own_work) if not check else ():
             echo_lines(line)
         print_remarks(remarks, summary_console())
         for key, (was, now) in moved.items():
             echo(f"{key} would move from {was} to {now}; pin it in `splits.pinned` to keep it where it is.")
-        echo(verdict(pending))
+        echo(verdict(pending, own_work))
     if not check:
         return 0
-    if not pending.is_settled:
+    if not (pending.is_settled and own_work.is_settled):
         return ExitStatus.FOUND
-    return ExitStatus.FAILED if pending.failed else 0
+    return ExitStatus.FAILED if pending.failed or own_work.failed else 0

@@ -12,7 +12,7 @@ from bagassets.cli.exit_status import ExitStatus
 from bagassets.cli.terminal import echo, echo_lines
 from bagassets.errors import BagAssetsError, RecordingError
 from bagassets.json_types import JsonObject
-from bagassets.quantities import count_text
+from bagassets.quantities import count_text, readable_bytes
 
 if TYPE_CHECKING:
     from bagassets.recipe.model import Bags
@@ -157,7 +157,7 @@ def _show(entry: JsonObject) -> None:
 def _summarize(done: list[JsonObject], wrong: int | None) -> None:
     """Print a summary to standard error, so that standard output stays a list of digests."""
     size = sum(entry["size"] for entry in done)
-    number = f"{count_text(len(done), 'recording')}, {_megabytes(size)}"
+    number = f"{count_text(len(done), 'recording')}, {readable_bytes(size)}"
     if wrong is not None:
         echo(
             f"{number} hashed again: {count_text(wrong, 'disagreement') if wrong else 'no disagreements'}.",
@@ -166,14 +166,10 @@ def _summarize(done: list[JsonObject], wrong: int | None) -> None:
         return
     hashed = sum(entry["hashed_bytes"] for entry in done)
     nowhere = sum(file["kept"] == "nowhere" for entry in done for file in entry["files"])
-    echo(f"{number}; {_megabytes(hashed)} hashed, the rest was on record.", err=True)
+    echo(f"{number}; {readable_bytes(hashed)} hashed, the rest was on record.", err=True)
     if nowhere:
         echo(
             f"{count_text(nowhere, 'digest')} could not be stored: you cannot set extended attributes of these files. "
             "Name a recipe with --recipe; its index takes them.",
             err=True,
         )
-
-
-def _megabytes(size: int) -> str:
-    return f"{size / 1e6:.1f} MB"

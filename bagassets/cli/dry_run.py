@@ -10,6 +10,7 @@ from bagassets.escaping import visible
 from bagassets.quantities import count_text
 
 if TYPE_CHECKING:
+    from bagassets.defs.own_build import OwnWork
     from bagassets.defs.pending_work import PendingWork
 
 __all__ = ["dry_run_json", "dry_run_lines", "verdict"]
@@ -21,10 +22,18 @@ _VERBS: dict[State, str] = {
     "record-only": "record",
     "failed": "failed",
 }
+_OWN_VERBS = {
+    "missing": "run",
+    "stale": "run",
+    "unknown": "may run",
+    "blocked": "waits",
+    "failed": "failed",
+}
+_OWN_TO_DO = ("missing", "stale", "unknown")
 
 
-def dry_run_lines(pending: "PendingWork") -> Iterator[str]:
-    """Yield what a build would do to recordings and datasets, as lines of text."""
+def dry_run_lines(pending: "PendingWork", own: "OwnWork") -> Iterator[str]:
+    """Yield what a build would do to recordings, datasets and the user's own assets, as lines of text."""
     for key, assets in pending.todo.items():
         yield key
         for name in assets:
@@ -38,32 +47,52 @@ def dry_run_lines(pending: "PendingWork") -> Iterator[str]:
         yield f"{key}\n  is gone: its partition and scenes would be removed"
     if pending.datasets:
         yield f"dataset\n  {_dataset(pending)}"
+    yield from _own_lines(own)
 
 
-def verdict(pending: "PendingWork") -> str:
+def _own_lines(own: "OwnWork") -> Iterator[str]:
+    if own.project.problem:
+        yield f"error: {visible(own.project.problem)}"
+    for name in own.project.wanted:
+        listed = [(key, one) for other, key, one in own.having(*_OWN_VERBS) if other == name]
+        if listed:
+            yield name
+        for key, one in listed:
+            yield f"  {_OWN_VERBS[one.state]:<8} {f'{key}: ' if key else ''}{visible(one.reason)}"
+    for name, why in own.project.left_out.items():
+        yield f"{name}\n  not made: {why}"
+
+
+def verdict(pending: "PendingWork", own: "OwnWork") -> str:
     """Return whether there is something to do, and what, as one line."""
-    if pending.is_settled:
+    to_make = [name for name in own.project.wanted if any(name == one[0] for one in own.having(*_OWN_TO_DO))]
+    if pending.is_settled and not to_make:
         fresh = len(pending.chosen) - len(pending.failed)
         failed = f", {len(pending.failed)} failed before" if pending.failed else ""
         return f"nothing to do: {count_text(fresh, 'recording')} up to date{failed}."
     parts = [f"build {count_text(len(pending.todo), 'recording')}"] if pending.todo else []
     parts += [f"remove {count_text(len(pending.plan.removed), 'recording')}"] if pending.plan.removed else []
     parts += ["update the dataset"] if pending.datasets and (parts or not pending.dataset_is_current) else []
+    parts += [f"make {', '.join(to_make)}"] if to_make else []
     return f"to do: {', '.join(parts)}."
 
 
 def dry_run_json(
-    pending: "PendingWork", moved: Mapping[str, tuple[str, str]], remarks: Sequence[Remark]
+    pending: "PendingWork",
+    own: "OwnWork",
+    moved: Mapping[str, tuple[str, str]],
+    remarks: Sequence[Remark],
 ) -> str:
     """Return what a build would do, as JSON.
 
     Args:
         pending: the work to be done.
+        own: that on the user's own assets.
         moved: recording that would move to another split -> the old split and the new one.
         remarks: losses and dropped keyframes of recordings that are built.
     """
     value = {
-        "settled": pending.is_settled,
+        "settled": pending.is_settled and own.is_settled,
         "recordings": {
             key: {
                 "run": list(assets),
@@ -76,6 +105,7 @@ def dry_run_json(
         "moved": {key: list(splits) for key, splits in moved.items()},
         "remarks": [remark.as_json() for remark in remarks],
         "datasets": {name: _dataset_state(pending) for name in pending.datasets},
+        "own": own.as_json(),
     }
     return json.dumps(value, indent=1)
 

@@ -1,7 +1,7 @@
 """`bagassets explain`: why an asset of a recording is in its state."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -9,9 +9,12 @@ import click
 
 from bagassets.cli.options import recipe_option
 from bagassets.cli.terminal import echo, echo_lines
+from bagassets.errors import RecipeError
+from bagassets.escaping import visible
 
 if TYPE_CHECKING:
     from bagassets.build.explain import ActionPair, Explanation
+    from bagassets.defs.own_states import OwnState
 
 __all__ = ["explain"]
 
@@ -24,6 +27,7 @@ _SHORT_DIGEST = 16
 Examples:
   bagassets explain monday.bag frames
   bagassets explain 'runs/tuesday' nuscenes_tables --json
+  bagassets explain monday.bag sharpness        # an asset of your own that reads ours
 
 \b
 Exit status: 0 in any state; 1 if the recipe is wrong; 2 if there is no such recording or asset."""
@@ -36,33 +40,63 @@ def explain(bag: str, asset: str, recipe: Path, as_json: bool) -> None:
     """Show what an asset of a recording is made from, and what has changed since the last time.
 
     BAG is the key or path of a recording, ASSET one of its assets. The inputs, parameters and libraries of its action
-    are printed beside those of the action that Dagster recorded last.
+    are printed beside those of the action that Dagster recorded last. ASSET may be one of your own, too: what it read
+    last is printed beside what it would read now.
     """
+    from bagassets.build.build_report import BuildOptions
     from bagassets.build.choose import SelectionError, choose_assets, choose_recordings
     from bagassets.build.explain import explain_asset
     from bagassets.build.planner import Planner
     from bagassets.defs.instance_plan import recorded_assets
-    from bagassets.defs.pending_work import open_project
+    from bagassets.defs.own_build import load_own
+    from bagassets.defs.pending_work import find_pending_work, open_project
 
-    with open_project(recipe) as (instance, workspace):
+    with open_project(recipe) as (instance, known_as):
+        own = load_own(known_as)
+        workspace = own.workspace
+        if asset not in own.assets:  # one of the user's may be below our prefix, too
+            asset = workspace.names.shorten(asset)
         recordings = workspace.discover().recordings
         planner = Planner(workspace.assets, workspace.store, workspace.index)
+        known = ("bag", *planner.assets.names)
+        if own.problem and asset not in known:
+            raise RecipeError(own.problem)
         try:
             keys = sorted(choose_recordings(recordings, [bag]))
-            choose_assets(("bag", *planner.assets.names), [asset])
+            choose_assets((*known, *own.assets), [asset])
         except SelectionError as err:
             raise click.UsageError(str(err)) from err
         if len(keys) > 1:
             raise click.UsageError(
                 f"{bag}: matches {len(keys)} recordings ({', '.join(keys[:3])}, …); name one."
             )
-        recorded = recorded_assets(instance, workspace.recipe, keys[0])
+        if asset in own.assets:
+            pending = find_pending_work(instance, workspace)
+            states = own.survey(instance, pending, BuildOptions()).states[asset]
+            _print_own(asset, keys[0] if own.assets[asset].is_partitioned else "", states, as_json=as_json)
+            return
+        recorded = recorded_assets(instance, workspace.names, keys[0])
         explanation = explain_asset(planner, recordings[keys[0]], recorded, asset)
     if as_json:
         echo_lines(json.dumps(explanation.as_json(), indent=1))
         return
     for line in explanation_lines(explanation):
         echo(line)
+
+
+def _print_own(asset: str, key: str, states: "Mapping[str, OwnState]", *, as_json: bool) -> None:
+    """Print why one of the user's own assets is in its state; `key` is empty for one that is made once."""
+    one = states[key]
+    if as_json:
+        value = {"key": key or None, "asset": asset, **one.as_json(), "reads": dict(one.reads)}
+        echo_lines(
+            json.dumps(value | {"recorded": None if one.recorded is None else dict(one.recorded)}, indent=1)
+        )
+        return
+    echo_lines(f"{asset}{f' of {key}' if key else ''} is {one.state}: {visible(one.reason)}")
+    for name, now in one.reads.items():
+        for line in _row(f"reads {name}", (one.recorded or {}).get(name) or None, now or None):
+            echo_lines(line)
 
 
 def explanation_lines(explanation: "Explanation") -> Iterator[str]:

@@ -10,7 +10,7 @@ import click
 from bagassets.cli.options import recipe_option
 from bagassets.cli.terminal import echo, echo_lines
 from bagassets.json_types import JsonObject
-from bagassets.quantities import count_text
+from bagassets.quantities import count_text, readable_bytes
 
 if TYPE_CHECKING:
     from bagassets.store.collect import Garbage
@@ -85,7 +85,9 @@ def gc(
     Dagster keeps every run for ever; --keep-runs-days deletes old ones that say nothing of the present.
     """
     from bagassets.defs.garbage import find_roots
+    from bagassets.defs.naming import Naming
     from bagassets.defs.old_runs import delete_runs, superseded_runs
+    from bagassets.defs.projects import noted_prefix
     from bagassets.defs.runs import open_instance
     from bagassets.propose.project import dagster_home
     from bagassets.recipe import load_recipe
@@ -110,7 +112,8 @@ def gc(
     if keep_runs_days is not None:
         found = load_recipe(recipe)
         with open_instance(str(dagster_home(recipe, found))) as instance:
-            runs = superseded_runs(instance, found, now_s - keep_runs_days * _DAY_S)
+            names = Naming(found.name, noted_prefix(instance, recipe))
+            runs = superseded_runs(instance, found, names, now_s - keep_runs_days * _DAY_S)
             if not dry_run:
                 delete_runs(instance, runs)
     if as_json:
@@ -133,12 +136,12 @@ def gc(
     for entry in listed:
         days = (now_s - entry.used_s) / _DAY_S
         echo(
-            f"{entry.size / 1e6:10.1f} MB  {entry.step or '(unrecorded)':<18} {entry.artifact[:16]}  "
+            f"{readable_bytes(entry.size):>13}  {entry.step or '(unrecorded)':<18} {entry.artifact[:16]}  "
             f"last used {days:.1f} days ago"
         )
     verb = "would be removed" if dry_run else "removed"
     echo(
-        f"{count_text(len(listed), 'artifact')}, {sum(e.size for e in listed) / 1e6:.1f} MB, {verb}; kept what "
+        f"{count_text(len(listed), 'artifact')}, {readable_bytes(sum(e.size for e in listed))}, {verb}; kept what "
         f"{count_text(len(roots.projects), 'project')} and {count_text(len(roots.locks), 'dataset lock')} refer to.",
         err=True,
     )

@@ -53,11 +53,12 @@ the first build, as when no recording can be read"""
 def init(project: Path, bags: Path | None, look_at: int, force: bool) -> None:
     """Make a project folder, with a recipe proposed from recordings.
 
-    Writes recipe.yaml, dagster.yaml, workspace.yaml and .env into PROJECT. The recipe is proposed
-    from the first seconds of the recordings at PATH: rigs, channels, topics, frames, pose
-    source, with a comment for each guess and for what is to be decided before a build can succeed.
-    On a terminal it asks whether builds may store digests beside the recordings, as extended
-    attributes; elsewhere the recipe has that as a comment.
+    Writes recipe.yaml, dagster.yaml, workspace.yaml and .env into PROJECT, and definitions.py and
+    pyproject.toml for `dg`, Dagster's command line, unless one is there. The recipe is proposed
+    from the first seconds of the recordings at PATH: rigs, channels, topics, frames, pose source,
+    with a comment for each guess and for what is to be decided before a build can succeed. On a
+    terminal it asks whether builds may store digests beside the recordings, as extended attributes;
+    elsewhere the recipe has that as a comment.
 
     Without --bags, recipe.yaml and workspace.yaml of PROJECT are kept and the other files are
     written again, which a project needs after it has been moved.
@@ -74,8 +75,10 @@ def init(project: Path, bags: Path | None, look_at: int, force: bool) -> None:
             raise click.UsageError(
                 f"{project} has no recipe.yaml yet; name the folder of the recordings with --bags."
             )
-        write_project(project, None, load_recipe(recipe_file).state)
-        echo(f"Rewrote dagster.yaml and .env in {project}; recipe.yaml and workspace.yaml are as they were.")
+        kept = [name for name in FILES if (project / name).is_file()]
+        written = write_project(project, None, load_recipe(recipe_file).state)
+        unchanged = ", ".join(name for name in kept if name not in written)
+        echo(f"Wrote {', '.join(written)} in {project}; kept {unchanged}.")
         return
     present = [name for name in FILES if (project / name).exists()]
     if present and not force:
@@ -83,10 +86,10 @@ def init(project: Path, bags: Path | None, look_at: int, force: bool) -> None:
             f"{project}: {', '.join(present)} would be replaced; --force does that, another folder avoids it."
         )
     proposal, unreadable = _propose(project, bags.resolve(), look_at)
-    write_project(project, proposal.text)
+    written = write_project(project, proposal.text)
     print_found(proposal, unreadable)
     problems = [] if proposal.questions else _problems(recipe_file)
-    print_next_steps(project, proposal, problems)
+    print_next_steps(project, written, proposal, problems)
     if proposal.questions or problems:
         click.get_current_context().exit(ExitStatus.UNDECIDED)
 

@@ -48,15 +48,18 @@ def print_found(proposal: Proposal, unreadable: Mapping[str, str]) -> None:
     echo("")
 
 
-def print_next_steps(project: Path, proposal: Proposal, problems: Sequence[str]) -> None:
+def print_next_steps(
+    project: Path, written: Sequence[str], proposal: Proposal, problems: Sequence[str]
+) -> None:
     """Print what was written, what is to be decided, and the next commands.
 
     Args:
         project: the project folder.
-        proposal: what was written there as recipe.
+        written: names of the files written there.
+        proposal: what was written as recipe.
         problems: what is wrong with the recipe besides its questions.
     """
-    echo(f"Project {project}: recipe.yaml, dagster.yaml, workspace.yaml, .env")
+    echo(f"Project {project}: {', '.join(written)}")
     if proposal.guesses:
         is_one = proposal.guesses == 1
         echo(

@@ -69,6 +69,9 @@ class LinesProgress(SilentProgress):
                 echo(f"{count_text(self._total, 'recording')} {verb} a run.", err=self._err)
             if event.message:
                 echo(event.message, err=self._err)
+        elif event.kind == "own":
+            self._total, self._ended = len(event.sizes), 0
+            echo(event.message, err=self._err)
         elif event.kind == "started":
             self._since[event.key] = now
             echo(f"start    {event.key or 'dataset'}", err=self._err)
@@ -96,6 +99,7 @@ class LiveProgress(SilentProgress):
         self._done: set[str] = set()
         self._failed = 0
         self._preparing = "scanning recordings …"
+        self._counted = "recordings"
         self._began = time.monotonic()
         self._live: Live | None = None
 
@@ -108,6 +112,11 @@ class LiveProgress(SilentProgress):
             self._sizes = dict(event.sizes)
             self._began = now
             if event.message and self._live is not None:
+                print_lines(self._live.console, event.message)
+        elif event.kind == "own":
+            self._sizes, self._done, self._failed = dict(event.sizes), set(), 0
+            self._began, self._counted = now, "runs"
+            if self._live is not None:
                 print_lines(self._live.console, event.message)
         elif event.kind == "started":
             self._since[event.key] = now
@@ -151,7 +160,7 @@ class LiveProgress(SilentProgress):
         total = sum(weight.values())
         done = sum(weight.get(key, 0) for key in self._done)
         number = len(self._done & weight.keys())
-        text = f"{number}/{len(weight)} recordings, {clock(now - self._began)}"
+        text = f"{number}/{len(weight)} {self._counted}, {clock(now - self._began)}"
         if done and number < len(weight):
             text += f", about {clock((now - self._began) * (total - done) / done)} left"
         if self._failed:

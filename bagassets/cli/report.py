@@ -7,7 +7,7 @@ import click
 
 from bagassets.cli.options import recipe_option
 from bagassets.cli.terminal import echo, echo_lines
-from bagassets.quantities import count_text
+from bagassets.quantities import count_text, readable_bytes
 
 __all__ = ["report"]
 
@@ -62,4 +62,4 @@ def report(recipe: Path, output: Path | None, no_checks: bool, as_json: bool) ->
         return
     path = output or recipe.absolute().parent / "report.html"
     size = write_page(path, report_page(data))
-    echo(f"{path} ({count_text(len(data.recordings), 'recording')}, {size / 1e6:.1f} MB)")
+    echo(f"{path} ({count_text(len(data.recordings), 'recording')}, {readable_bytes(size)})")

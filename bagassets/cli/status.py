@@ -19,10 +19,12 @@ from bagassets.quantities import count_text
 if TYPE_CHECKING:
     from rich.table import Table
 
+    from bagassets.defs.own_build import OwnWork
     from bagassets.defs.pending_work import PendingWork
 
 __all__ = ["status"]
 
+_OWN_WITH_REASON = ("missing", "stale", "unknown", "blocked", "failed")
 # Beyond this number, fresh recordings are not listed.
 MOST_ROWS = 40
 # Narrower terminals get shorter column headings.
@@ -71,37 +73,43 @@ def status(recipe: Path, bags: tuple[str, ...], show_all: bool, as_json: bool) -
     """
     from bagassets.build.build_report import BuildOptions
     from bagassets.build.choose import SelectionError
+    from bagassets.defs.own_build import load_own
     from bagassets.defs.pending_work import find_pending_work, open_project
     from bagassets.formats.catalogue import problems_of
 
     try:
-        with open_project(recipe) as (instance, workspace):
-            pending = find_pending_work(instance, workspace, BuildOptions(bags=bags))
+        with open_project(recipe) as (instance, known_as):
+            options = BuildOptions(bags=bags)
+            project = load_own(known_as)
+            workspace = project.workspace
+            pending = find_pending_work(instance, workspace, options)
+            own = project.survey(instance, pending, options)
     except SelectionError as err:
         raise click.UsageError(str(err)) from err
     problems = list(problems_of(workspace.recipe))
     if as_json:
-        echo_lines(json.dumps(status_json(pending, problems), indent=1))
+        echo_lines(json.dumps(status_json(pending, own, problems), indent=1))
     else:
-        _print(pending, show_all=show_all or bool(bags))
+        _print(pending, own, show_all=show_all or bool(bags))
         for problem in problems:
             echo_lines(f"warning: {problem}", err=True)
-    if not pending.is_settled:
+    if not (pending.is_settled and own.is_settled):
         sys.exit(ExitStatus.FOUND)
-    if pending.failed:
+    if pending.failed or own.failed:
         sys.exit(ExitStatus.FAILED)
 
 
-def status_json(pending: "PendingWork", problems: Sequence[str] = ()) -> JsonObject:
+def status_json(pending: "PendingWork", own: "OwnWork", problems: Sequence[str] = ()) -> JsonObject:
     """Return all states as JSON, and the problems of installed packages."""
     bags = {key: bag for key, bag in pending.plan.bags.items() if key in pending.chosen}
     return {
-        "settled": pending.is_settled,
+        "settled": pending.is_settled and own.is_settled,
         "recordings": {
             key: {"format": bag.format, "registered": key in pending.planned.live, "assets": bag.as_json()}
             for key, bag in bags.items()
         },
         "datasets": {name: _dataset_state(pending) for name in pending.datasets},
+        "own": own.as_json(),
         "removed": list(pending.plan.removed),
         "excluded": dict(pending.plan.excluded),
         **({"problems": list(problems)} if problems else {}),
@@ -114,7 +122,7 @@ def _dataset_state(pending: "PendingWork") -> str:
     return "fresh" if pending.dataset_is_current else "stale"
 
 
-def _print(pending: "PendingWork", *, show_all: bool) -> None:
+def _print(pending: "PendingWork", own: "OwnWork", *, show_all: bool) -> None:
     from rich.console import Console
 
     console = Console(highlight=False, width=None if sys.stdout.isatty() else 140)
@@ -132,9 +140,26 @@ def _print(pending: "PendingWork", *, show_all: bool) -> None:
         print_lines(console, line)
     for name in pending.datasets:
         console.print(f"{name}: {_dataset_state(pending)}")
+    for line in _own_lines(own):
+        print_lines(console, line)
     counts = Counter[str](state.state for bag in bags.values() for state in bag.assets.values())
     counted = ", ".join(f"{counts[state]} {state}" for state in _ORDER if counts[state])
     console.print(f"{count_text(len(bags), 'recording')}: {counted or 'none'}.")
+
+
+def _own_lines(own: "OwnWork") -> Iterator[str]:
+    """Yield how many recordings of each of the user's own assets are in which state, then why."""
+    for name in own.project.wanted:
+        states = [one.state for other, _, one in own.having() if other == name]
+        is_partitioned = own.project.assets[name].is_partitioned
+        counts = Counter(states)
+        yield f"{name}: {', '.join(f'{counts[state]} {state}' if is_partitioned else state for state in counts) or 'no recordings'}"
+    for name, key, one in own.having(*_OWN_WITH_REASON):
+        yield f"{f'{key}: ' if key else ''}{name} {one.state}: {visible(one.reason)}"
+    for name, why in own.project.left_out.items():
+        yield f"{name}: not made by a build ({why})"
+    if own.project.problem:
+        yield f"error: {visible(own.project.problem)}"
 
 
 def _table(states: Mapping[str, Mapping[str, str]], *, short: bool) -> "Table":

@@ -29,11 +29,13 @@ __all__ = [
 MOST_ROWS = 60
 _WIDTH_OF_LOGS = 120
 _COLOURS = {"built": "green", "hit": "cyan", "failed": "bold red", "stopped": "yellow", "skipped": "dim",
-            "error": "bold red", "warn": "yellow"}  # fmt: skip
+            "not made": "yellow", "error": "bold red", "warn": "yellow"}  # fmt: skip
 # Further findings of checks are only counted.
 _MOST_REMARKS = 12
 # So are further recordings that moved to another split: a new seed moves many.
 _MOST_MOVES = 12
+# And what was not made of one of the user's own assets.
+_MOST_OWN = 12
 
 
 def print_summary(
@@ -71,6 +73,7 @@ def print_summary(
     print_remarks(report.remarks, console)
     print_lines(console, counts_line(report))
     _print_dataset(report, console)
+    _print_own(report, console)
     print_lines(console, f"web UI:  {ui_command(recipe_file)}")
 
 
@@ -122,6 +125,25 @@ def _print_dataset(report: BuildReport, console: "Console") -> None:
         print_lines(console, f"         {report.dataset_problem}")
     if any(share["recordings"] for share in report.splits.values()):
         print_lines(console, f"splits:  {splits_text(report.splits)}")
+
+
+def _print_own(report: BuildReport, console: "Console") -> None:
+    """Print what became of the user's own assets."""
+    if report.own_problem:
+        console.print("[bold red]error[/] ", end="")
+        print_lines(console, visible(report.own_problem))
+    for name, one in report.own.items():
+        counted = ", ".join(
+            f"{number} {result}" if one.per_recording else result for result, number in one.results.items()
+        )
+        print_lines(console, f"{name}: {counted or 'no recordings'}")
+        for key, (result, reason) in list(one.reasons.items())[:_MOST_OWN]:
+            console.print(f"[{_COLOURS[result]}]{result}[/] ", end="")
+            print_lines(console, f"{name}{f' of {key}' if key else ''}: {visible(reason)}")
+        if len(one.reasons) > _MOST_OWN:
+            console.print(f"{len(one.reasons) - _MOST_OWN} more; `bagassets status` lists all.")
+    for name, why in report.own_left_out.items():
+        print_lines(console, f"{name}: not made ({why})")
 
 
 def splits_text(splits: Mapping[str, JsonMapping]) -> str:

@@ -14,7 +14,7 @@ from bagassets.cli.options import recipe_option
 from bagassets.cli.terminal import echo, echo_lines
 from bagassets.errors import BagAssetsError
 from bagassets.json_types import JsonObject
-from bagassets.quantities import count_text
+from bagassets.quantities import count_text, readable_bytes
 
 if TYPE_CHECKING:
     from bagassets.build.rebuild import KnownAction
@@ -172,7 +172,7 @@ def _check_recordings(recipe: "Recipe", store: "Store", *, as_json: bool) -> int
         else ""
     )
     echo(
-        f"{count_text(len(checked), 'recording')}, {size / 1e6:.1f} MB hashed: {wrong or 'none'} changed.{advice}",
+        f"{count_text(len(checked), 'recording')}, {readable_bytes(size)} hashed: {wrong or 'none'} changed.{advice}",
         err=True,
     )
     return ExitStatus.FOUND if wrong else 0
@@ -188,10 +188,10 @@ def _damages(store: "Store") -> list["Damage"]:
         nonlocal checked
         checked += number
         if on_terminal and checked % 50 == 0:
-            click.echo(f"\r{checked} artifacts checked", nl=False, err=True)
+            click.echo(f"\r{count_text(checked, 'artifact')} checked", nl=False, err=True)
 
     damages = list(check_store(store, progress))
-    click.echo(("\r" if on_terminal else "") + f"{checked} artifacts checked", err=True)
+    click.echo(("\r" if on_terminal else "") + f"{count_text(checked, 'artifact')} checked", err=True)
     return damages
 
 

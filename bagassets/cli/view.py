@@ -8,7 +8,7 @@ import click
 from bagassets.cli.options import recipe_option
 from bagassets.cli.terminal import echo, echo_lines
 from bagassets.escaping import visible
-from bagassets.quantities import count_text
+from bagassets.quantities import count_text, readable_bytes
 
 if TYPE_CHECKING:
     from bagassets.recipe.model import Recipe
@@ -76,7 +76,7 @@ def view(
     if as_json:
         echo_lines(json.dumps({"file": str(path), "scene": chosen.name, "messages": counts}, indent=1))
         return
-    echo(f"{path} ({count_text(sum(counts.values()), 'message')}, {path.stat().st_size / 1e6:.1f} MB)")
+    echo(f"{path} ({count_text(sum(counts.values()), 'message')}, {readable_bytes(path.stat().st_size)})")
     for topic, number in counts.items():
         echo(f"{number:8d}  {topic}")
 

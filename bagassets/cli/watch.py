@@ -9,6 +9,7 @@ import click
 
 from bagassets.cli.exit_status import ExitStatus
 from bagassets.cli.terminal import echo_lines
+from bagassets.quantities import readable_bytes
 
 if TYPE_CHECKING:
     from bagassets.recordings.watch import WatchEvent
@@ -107,7 +108,7 @@ def watch(
 def _line(event: "WatchEvent") -> str:
     if event.kind == "hashed":
         rate = event.size / 1e6 / max(event.seconds, 1e-9)
-        return f"hashed  {event.path}  {event.digest}  {event.size / 1e6:.1f} MB, {rate:.0f} MB/s"
+        return f"hashed  {event.path}  {event.digest}  {readable_bytes(event.size)}, {rate:.0f} MB/s"
     return f"{event.kind}  {event.message}"
 
 

@@ -7,10 +7,15 @@ import pyarrow as pa
 
 from bagassets.annotations.table import SCHEMA as BOX_SCHEMA
 from bagassets.assets.asset import AnyAsset
+from bagassets.assets.ego_poses import POSE_SCHEMA
+from bagassets.assets.frames import INDEX_SCHEMA
+from bagassets.assets.sweep_files import LIDAR_SCHEMA
 from bagassets.build.execute import Skipped
 from bagassets.build.recording_assets import RecordingAssets
+from bagassets.defs.code_links import code_link
 from bagassets.defs.exclusive import RecordingLock
 from bagassets.defs.making import dependencies, make_assets, read_bag, recorded_bag
+from bagassets.defs.naming import Naming
 from bagassets.defs.not_made import failures_observed
 from bagassets.defs.partitions import recording_partitions
 from bagassets.defs.reporting import BAG_CODE_VERSION, errors_explained
@@ -18,36 +23,43 @@ from bagassets.defs.workspace import Workspace
 from bagassets.escaping import visible
 from bagassets.formats.catalogue import recording_assets
 from bagassets.recipe.model import Recipe
+from bagassets.recordings.pack import PACK_SCHEMA
 
 __all__ = ["recording_definitions"]
 
-GROUP = "recording"
 _BAG = """A recording: a ROS 1 bag, a ROS 2 bag or an MCAP file.
 
 Its data version is the digest of its content; each file is hashed once. Touching a file does not change it."""
 # Operations of assets that are not called `make_<asset>` in the runs on record.
 _OPERATIONS = {"nuscenes_tables": "tables"}
-# Assets that are one table of columns that are known beforehand.
-_SCHEMAS = {"annotations": BOX_SCHEMA}
+# Columns of the tables that assets hold.
+_SCHEMAS = {
+    "inventory": PACK_SCHEMA,
+    "ego_poses": POSE_SCHEMA,
+    "annotations": BOX_SCHEMA,
+    "frames": INDEX_SCHEMA,
+    "sweeps": LIDAR_SCHEMA,
+}
 
 
-def recording_definitions(recipe: Recipe) -> list[dg.AssetsDefinition]:
+def recording_definitions(recipe: Recipe, names: Naming) -> list[dg.AssetsDefinition]:
     """Return the assets that exist once per recording."""
-    partitions = recording_partitions(recipe)
+    partitions = recording_partitions(recipe.bags, names)
     assets = recording_assets(recipe)
 
     @dg.asset(
-        name="bag",
+        key=names.key("bag"),
         partitions_def=partitions,
-        group_name=GROUP,
+        required_resource_keys={names.workspace, names.lock},
+        group_name=names.recording_group,
         kinds={"ros", "file"},
         description=_BAG,
         code_version=BAG_CODE_VERSION,
+        metadata=code_link(read_bag),
     )
-    def bag(
-        context: dg.AssetExecutionContext, workspace: Workspace, recording_lock: RecordingLock
-    ) -> dg.MaterializeResult[None]:
-        with errors_explained(), failures_observed(context, assets, {"bag"}):
+    def bag(context: dg.AssetExecutionContext) -> dg.MaterializeResult[None]:
+        workspace, recording_lock = _resources(context, names)
+        with errors_explained(), failures_observed(context, assets, names, {"bag"}):
             recording_lock.take(context)
             selected = context.run.asset_selection
             _, made = read_bag(
@@ -55,7 +67,7 @@ def recording_definitions(recipe: Recipe) -> list[dg.AssetsDefinition]:
                 workspace,
                 workspace.recording(context.partition_key),
                 context.run.run_id,
-                makes_inventory=selected is None or dg.AssetKey("inventory") in selected,
+                makes_inventory=selected is None or names.key("inventory") in selected,
             )
             recording_lock.check()
             return dg.MaterializeResult(
@@ -63,51 +75,54 @@ def recording_definitions(recipe: Recipe) -> list[dg.AssetsDefinition]:
             )
 
     @dg.multi_asset(
-        name="extract",
+        name=names.spell("extract"),
         can_subset=True,
         partitions_def=partitions,
-        specs=[_spec(assets, asset) for asset in assets if asset.name in assets.extracted],
+        required_resource_keys={names.workspace, names.lock},
+        specs=[_spec(assets, names, asset) for asset in assets if asset.name in assets.extracted],
     )
-    def extract(
-        context: dg.AssetExecutionContext, workspace: Workspace, recording_lock: RecordingLock
-    ) -> Iterator[dg.MaterializeResult[None]]:
-        wanted = {key.to_user_string() for key in context.selected_asset_keys}
+    def extract(context: dg.AssetExecutionContext) -> Iterator[dg.MaterializeResult[None]]:
+        selected = context.selected_asset_keys
         with errors_explained():
-            yield from _build(context, workspace, recording_lock, wanted)
+            yield from _build(
+                context, names, {name for name in assets.extracted if names.key(name) in selected}
+            )
 
     return [
         bag,
         extract,
-        *(_definition(assets, asset) for asset in assets if asset.name not in assets.extracted),
+        *(_definition(assets, names, asset) for asset in assets if asset.name not in assets.extracted),
     ]
 
 
-def _definition(assets: RecordingAssets, asset: AnyAsset) -> dg.AssetsDefinition:
+def _definition(assets: RecordingAssets, names: Naming, asset: AnyAsset) -> dg.AssetsDefinition:
     """Return the definition of an asset that has an operation of its own."""
 
     @dg.multi_asset(
-        name=_OPERATIONS.get(asset.name, f"make_{asset.name}"),
-        partitions_def=recording_partitions(assets.recipe),
-        specs=[_spec(assets, asset)],
+        name=names.spell(_OPERATIONS.get(asset.name, f"make_{asset.name}")),
+        partitions_def=recording_partitions(assets.recipe.bags, names),
+        required_resource_keys={names.workspace, names.lock},
+        specs=[_spec(assets, names, asset)],
     )
-    def make(
-        context: dg.AssetExecutionContext, workspace: Workspace, recording_lock: RecordingLock
-    ) -> Iterator[dg.MaterializeResult[None]]:
+    def make(context: dg.AssetExecutionContext) -> Iterator[dg.MaterializeResult[None]]:
         with errors_explained():
-            yield from _build(context, workspace, recording_lock, {asset.name})
+            yield from _build(context, names, {asset.name})
 
     return make
 
 
-def _spec(assets: RecordingAssets, asset: AnyAsset) -> dg.AssetSpec:
+def _spec(assets: RecordingAssets, names: Naming, asset: AnyAsset) -> dg.AssetSpec:
     return dg.AssetSpec(
-        asset.name,
-        deps=dependencies(assets, asset.name),
-        group_name=GROUP,
+        names.key(asset.name),
+        deps=[names.key(name) for name in dependencies(assets, asset.name)],
+        group_name=names.recording_group,
         kinds=set(asset.kinds),
         description=asset.about,
         code_version=assets.versions[asset.name],
-        metadata=_columns(_SCHEMAS[asset.name]) if asset.name in _SCHEMAS else None,
+        metadata={
+            **(_columns(_SCHEMAS[asset.name]) if asset.name in _SCHEMAS else {}),
+            **code_link(asset.make or asset.use),
+        },
         skippable=True,
     )
 
@@ -123,19 +138,24 @@ def _type_name(kind: pa.DataType) -> str:
     return f"list<{kind.value_type}>" if pa.types.is_list(kind) else str(kind)
 
 
+def _resources(context: dg.AssetExecutionContext, names: Naming) -> tuple[Workspace, RecordingLock]:
+    return getattr(context.resources, names.workspace), getattr(context.resources, names.lock)
+
+
 def _build(
-    context: dg.AssetExecutionContext, workspace: Workspace, recording_lock: RecordingLock, wanted: set[str]
+    context: dg.AssetExecutionContext, names: Naming, wanted: set[str]
 ) -> Iterator[dg.MaterializeResult[None]]:
-    key = context.partition_key
-    with failures_observed(context, workspace.assets, wanted) as done:
+    key, (workspace, recording_lock) = context.partition_key, _resources(context, names)
+    with failures_observed(context, workspace.assets, names, wanted) as done:
         recording_lock.take(context)
-        source = recorded_bag(context.instance, workspace.recording(key))
+        source = recorded_bag(context.instance, names, workspace.recording(key), context.run.run_id)
         for made in make_assets(context.instance, workspace, source, wanted, context.run.run_id):
             if isinstance(made, Skipped):
                 context.log.info("%s is skipped: %s.", key, visible(made.reason))
                 continue
             recording_lock.check()
             # Not in the result, where it would be recorded twice: with the output of the step, too.
-            context.add_asset_metadata(made.metadata, asset_key=made.asset, partition_key=key)
-            yield dg.MaterializeResult(asset_key=made.asset, data_version=dg.DataVersion(made.data_version))
+            asset = names.key(made.asset)
+            context.add_asset_metadata(made.metadata, asset_key=asset, partition_key=key)
+            yield dg.MaterializeResult(asset_key=asset, data_version=dg.DataVersion(made.data_version))
             done.add(made.asset)

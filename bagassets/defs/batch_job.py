@@ -14,7 +14,7 @@ import dagster as dg
 from dagster import AssetRecordsFilter
 
 from bagassets.build.execute import Skipped
-from bagassets.defs.batches import BATCH_JOB, BATCH_OP, Batch
+from bagassets.defs.batches import Batch
 from bagassets.defs.checks import check_groups, run_checks, run_dataset_checks
 from bagassets.defs.dagster_private import (
     AssetCheckEvaluationTargetMaterializationData,
@@ -24,16 +24,17 @@ from bagassets.defs.dagster_private import (
     StepMaterializationData,
 )
 from bagassets.defs.dataset import dataset_is_current, make_dataset, record_inputs
-from bagassets.defs.events import CODE_VERSION, DATA_VERSION, INPUT_PREFIX
+from bagassets.defs.events import CODE_VERSION, DATA_VERSION
 from bagassets.defs.exclusive import RecordingLock
 from bagassets.defs.instance_plan import plan_instance
 from bagassets.defs.making import MadeAsset, dependencies, make_assets, read_bag, recorded_bag
+from bagassets.defs.naming import DATASET_INPUTS, Naming
 from bagassets.defs.not_made import observations_of
 from bagassets.defs.partitions import DATASET
 from bagassets.defs.reporting import BAG_CODE_VERSION
 from bagassets.defs.run_progress import note_begun, note_ended
 from bagassets.defs.workspace import Workspace
-from bagassets.errors import BagAssetsError, RunEndedError, StoreError
+from bagassets.errors import BagAssetsError, RunEndedError, StoreError, UnexpectedError
 from bagassets.escaping import visible
 from bagassets.formats.dataset_build import dataset_code_versions, datasets_of
 from bagassets.quantities import count_text
@@ -41,15 +42,15 @@ from bagassets.recordings.model import RecordingFiles
 
 __all__ = ["batch_job"]
 
-_POINTER_PREFIX = "dagster/input_event_pointer/"
 _MOST_NAMED = 3
 
 
-def batch_job() -> dg.JobDefinition:
+def batch_job(names: Naming) -> dg.JobDefinition:
     """Return the job that makes assets of several recordings."""
 
     @dg.op(
-        name=BATCH_OP,
+        name=names.batch_op,
+        required_resource_keys={names.workspace, names.lock},
         config_schema={
             "recordings": dg.Field(
                 dict,
@@ -59,9 +60,9 @@ def batch_job() -> dg.JobDefinition:
         out=dg.Out(dg.Nothing),
         description=__doc__,
     )
-    def build_each(
-        context: dg.OpExecutionContext, workspace: Workspace, recording_lock: RecordingLock
-    ) -> None:
+    def build_each(context: dg.OpExecutionContext) -> None:
+        workspace: Workspace = getattr(context.resources, names.workspace)
+        recording_lock: RecordingLock = getattr(context.resources, names.lock)
         failed: dict[str, str] = {}
         batch: Batch = context.op_config["recordings"]
         try:
@@ -84,7 +85,7 @@ def batch_job() -> dg.JobDefinition:
             raise dg.Failure(_describe(failed, total), allow_retries=False)
 
     @dg.job(
-        name=BATCH_JOB,
+        name=names.batch_job,
         description="Brings recordings up to date, and the datasets made from them; `bagassets build` launches it.",
         executor_def=dg.in_process_executor,
     )
@@ -129,6 +130,7 @@ class _Part(ABC):
     ) -> None:
         self.key = key
         self._context, self._instance, self._workspace = context, context.instance, workspace
+        self._names = workspace.names
         self._wanted = tuple(assets)
         self._made: set[str] = set()
         self._latest: dict[str, _Latest] = {}
@@ -139,7 +141,7 @@ class _Part(ABC):
         Raises:
             RunEndedError: the run was given up while this worker was at work.
         """
-        note_begun(self._instance, self._context.run_id, BATCH_JOB, self.key)
+        note_begun(self._instance, self._context.run_id, self._names.batch_job, self.key)
         problem: BagAssetsError | str | None = None
         try:
             self._make()
@@ -153,7 +155,7 @@ class _Part(ABC):
         text = None if problem is None else str(problem)
         if problem is not None:
             self._give_up({*self._wanted} - self._made, problem)
-        note_ended(self._instance, self._context.run_id, BATCH_JOB, self.key, text)
+        note_ended(self._instance, self._context.run_id, self._names.batch_job, self.key, text)
         return text
 
     @property
@@ -179,10 +181,10 @@ class _Part(ABC):
         Dagster records it beforehand of each asset of a run; here it would be a tenth of what is kept of a recording.
         """
         for asset in sorted(assets):
-            planned = AssetMaterializationPlannedData(dg.AssetKey(asset), partition=self.key or None)
+            planned = AssetMaterializationPlannedData(self._names.key(asset), partition=self.key or None)
             message = f"{asset}{self._of_key} was not made."
             self._log(dg.DagsterEventType.ASSET_MATERIALIZATION_PLANNED, planned, message)
-        for observed in observations_of(self._workspace.assets, self.key, assets, problem):
+        for observed in observations_of(self._workspace.assets, self._names, self.key, assets, problem):
             message = (
                 f"{observed.asset_key.to_user_string()}{self._of_key} was not made: {observed.description}"
             )
@@ -201,8 +203,8 @@ class _Part(ABC):
         """
         return dg.DagsterEvent(
             event_type_value=kind.value,
-            job_name=BATCH_JOB,
-            step_key=BATCH_OP,
+            job_name=self._names.batch_job,
+            step_key=self._names.batch_op,
             event_specific_data=data,  # type: ignore[arg-type]  # a union of all kinds
             message=message,
         )
@@ -221,11 +223,11 @@ class _Part(ABC):
             "dagster/data_version_is_user_provided": "true",
         }
         for name, version in inputs.items():
-            tags[INPUT_PREFIX + name] = version
-            tags[_POINTER_PREFIX + name] = str(self._latest_of(name).storage_id)
+            tags[self._names.input_tag(name)] = version
+            tags[self._names.pointer_tag(name)] = str(self._latest_of(name).storage_id)
         self._latest.pop(made.asset, None)
         recorded = dg.AssetMaterialization(
-            made.asset, partition=self.key or None, metadata=made.metadata, tags=tags
+            self._names.key(made.asset), partition=self.key or None, metadata=made.metadata, tags=tags
         )
         kind = dg.DagsterEventType.ASSET_MATERIALIZATION
         self._log(kind, StepMaterializationData(recorded), f"Materialized {made.asset}{self._of_key}.")
@@ -235,7 +237,7 @@ class _Part(ABC):
         if asset not in self._latest:
             partitions = [self.key] if self.key else None
             records = self._instance.fetch_materializations(
-                AssetRecordsFilter(asset_key=dg.AssetKey(asset), asset_partitions=partitions), limit=1
+                AssetRecordsFilter(asset_key=self._names.key(asset), asset_partitions=partitions), limit=1
             ).records
             if not records:
                 raise StoreError(
@@ -253,10 +255,11 @@ class _Part(ABC):
 
         There are a dozen of each recording, and each takes as much room in either place.
         """
-        asset = str(result.asset_key and result.asset_key.to_user_string())
+        if result.asset_key is None or (asset := self._names.asset_of(result.asset_key)) is None:
+            raise UnexpectedError(f"check {result.check_name}: of no asset of this project")
         target = self._latest_of(asset)
         evaluation = dg.AssetCheckEvaluation(
-            asset_key=dg.AssetKey(asset),
+            asset_key=result.asset_key,
             check_name=str(result.check_name),
             passed=result.passed,
             metadata=result.metadata,
@@ -280,8 +283,8 @@ class _Part(ABC):
             user_message="",
             run_id=self._context.run_id,
             timestamp=time.time(),
-            step_key=BATCH_OP,
-            job_name=BATCH_JOB,
+            step_key=self._names.batch_op,
+            job_name=self._names.batch_job,
             dagster_event=self._event(kind, evaluation, f"{what} passed."),
         )
         storage.store_asset_check_event(entry, None)
@@ -316,7 +319,7 @@ class _Recording(_Part):
                 self._lock.check()
                 self._record(bag, BAG_CODE_VERSION, {})
             else:
-                source = recorded_bag(self._instance, recording)
+                source = recorded_bag(self._instance, self._names, recording, run_id)
             results = make_assets(self._instance, self._workspace, source, rest, run_id) if rest else ()
             for result in results:
                 if isinstance(result, Skipped):
@@ -352,20 +355,20 @@ class _Datasets(_Part):
 
     def build(self) -> str | None:
         self._planned = plan_instance(self._instance, self._workspace)
-        if dataset_is_current(self._instance, self._workspace.recipe, self._planned.inputs):
+        if dataset_is_current(self._instance, self._workspace, self._planned.inputs):
             return None
         return super().build()
 
     def _make(self) -> None:
         recipe, planned = self._workspace.recipe, self._planned
-        record_inputs(self._instance, recipe, planned.inputs)
+        record_inputs(self._instance, self._workspace, planned.inputs)
         problems = []
         for asset, version in dataset_code_versions(recipe).items():
             if asset not in self._wanted:
                 continue
             try:
                 made = make_dataset(self._instance, self._workspace, planned, asset, self._context.run_id)
-                self._record(made, version, {"dataset_inputs": planned.inputs.digest})
+                self._record(made, version, {DATASET_INPUTS: planned.inputs.digest})
                 if asset in datasets_of(recipe):
                     for result in run_dataset_checks(self._workspace, asset):
                         self._record_check(result)

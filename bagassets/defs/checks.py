@@ -5,6 +5,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 import dagster as dg
 
 from bagassets.assets.selection import choose_rig
+from bagassets.defs.naming import Naming
 from bagassets.defs.partitions import recording_partitions
 from bagassets.defs.reporting import errors_explained
 from bagassets.defs.workspace import Workspace
@@ -28,12 +29,12 @@ Checks = Mapping[str, Sequence[RecordingCheck]]
 MOST_SENTENCES = 20
 
 
-def recording_checks(recipe: Recipe) -> list[dg.AssetChecksDefinition]:
+def recording_checks(recipe: Recipe, names: Naming) -> list[dg.AssetChecksDefinition]:
     """Return the checks of a recording's assets.
 
     They are partitioned, or one recording's pass would hide another's failure.
     """
-    return [_operation(recipe, name, group) for name, group in check_groups(recipe).items()]
+    return [_operation(recipe, names, name, group) for name, group in check_groups(recipe).items()]
 
 
 def check_groups(recipe: Recipe) -> dict[str, Checks]:
@@ -53,23 +54,25 @@ def check_groups(recipe: Recipe) -> dict[str, Checks]:
     return {name: group for name, group in groups.items() if any(group.values())}
 
 
-def _operation(recipe: Recipe, name: str, wanted: Checks) -> dg.AssetChecksDefinition:
+def _operation(recipe: Recipe, names: Naming, name: str, wanted: Checks) -> dg.AssetChecksDefinition:
     """Return an operation that runs the checks of some assets."""
-    partitions = recording_partitions(recipe)
+    partitions = recording_partitions(recipe.bags, names)
 
     @dg.multi_asset_check(
-        name=name,
+        name=names.spell(name),
         can_subset=True,
+        required_resource_keys={names.workspace},
         specs=[
             dg.AssetCheckSpec(
-                check.name, asset=asset, description=check.description, partitions_def=partitions
+                check.name, asset=names.key(asset), description=check.description, partitions_def=partitions
             )
             for asset, checks in wanted.items()
             for check in checks
         ],
     )
-    def run(context: dg.AssetCheckExecutionContext, workspace: Workspace) -> Iterator[dg.AssetCheckResult]:
-        selected = {(key.asset_key.to_user_string(), key.name) for key in context.selected_asset_check_keys}
+    def run(context: dg.AssetCheckExecutionContext) -> Iterator[dg.AssetCheckResult]:
+        workspace: Workspace = getattr(context.resources, names.workspace)
+        selected = {(names.asset_of(key.asset_key), key.name) for key in context.selected_asset_check_keys}
         chosen = {
             asset: [check for check in checks if (asset, check.name) in selected]
             for asset, checks in wanted.items()
@@ -104,29 +107,36 @@ def run_checks(
     for asset, checks in wanted.items():
         for check in checks:
             yield _result(
-                asset, check.name, check.rule(evidence), severity_of(evidence.checks, check.section)
+                workspace.names.key(asset),
+                check.name,
+                check.rule(evidence),
+                severity_of(evidence.checks, check.section),
             )
 
 
-def dataset_checks(recipe: Recipe) -> list[dg.AssetChecksDefinition]:
+def dataset_checks(recipe: Recipe, names: Naming) -> list[dg.AssetChecksDefinition]:
     """Return the checks of the datasets on disk, one operation per dataset."""
     whole = (dataset for dataset in datasets_of(recipe).values() if dataset.selection is None)
-    return [_dataset_operation(recipe, one) for one in whole if checking.dataset_checks(recipe, one.kind)]
+    return [
+        _dataset_operation(recipe, names, one) for one in whole if checking.dataset_checks(recipe, one.kind)
+    ]
 
 
-def _dataset_operation(recipe: Recipe, dataset: Dataset) -> dg.AssetChecksDefinition:
+def _dataset_operation(recipe: Recipe, names: Naming, dataset: Dataset) -> dg.AssetChecksDefinition:
     asset, wanted = dataset.asset, checking.dataset_checks(recipe, dataset.kind)
     prefix = "" if dataset.kind is MAIN else f"{dataset.kind.name}_"
 
     @dg.multi_asset_check(
-        name=f"{prefix}dataset_checks",
+        name=names.spell(f"{prefix}dataset_checks"),
+        required_resource_keys={names.workspace},
         specs=[
-            dg.AssetCheckSpec(check.name, asset=asset, description=check.description)
+            dg.AssetCheckSpec(check.name, asset=names.key(asset), description=check.description)
             for check in dataset.kind.checks
             if check.name in wanted
         ],
     )
-    def run(workspace: Workspace) -> Iterator[dg.AssetCheckResult]:
+    def run(context: dg.AssetCheckExecutionContext) -> Iterator[dg.AssetCheckResult]:
+        workspace: Workspace = getattr(context.resources, names.workspace)
         with errors_explained():
             results = run_dataset_checks(workspace, asset, wanted)
         yield from results
@@ -148,10 +158,11 @@ def run_dataset_checks(
     severities = checking.dataset_checks(workspace.recipe, dataset.kind)
     names = severities.keys() if names is None else names
     findings = checking.check_dataset(dataset, frozenset(names))
-    return [_result(asset, name, findings[name], severities.get(name, "skip")) for name in names]
+    key = workspace.names.key(asset)
+    return [_result(key, name, findings[name], severities.get(name, "skip")) for name in names]
 
 
-def _result(asset: str, name: str, finding: Finding, severity: Severity) -> dg.AssetCheckResult:
+def _result(asset: dg.AssetKey, name: str, finding: Finding, severity: Severity) -> dg.AssetCheckResult:
     sentences = "\n".join(f"- {markdown(problem)}" for problem in finding.sentences[:MOST_SENTENCES])
     metadata: dict[str, dg.MetadataValue | int] = {"problems": len(finding.sentences)}
     if sentences:

@@ -7,6 +7,7 @@ server needs few of them, and all together take a second.
 Dagster's inner workings are relied upon in these places, too:
 
 - `connections` replaces `create_engine` in Dagster's two SQLite storages, and does nothing if its options have changed;
+- `missing_partition` replaces `AssetSelection` in the module of `dagster asset materialize`, and does nothing if it is unused there;
 - `runs` replaces `tail_to_stream` in `compute_logs` while a run is executed;
 - `databases` knows the files and the tables in which Dagster keeps its records, and `bagassets.freshness` reads four of the tables;
 - `code_server` starts `dagster api grpc`, `dev` the daemon by its module, with the variables that `dagster dev` sets;
@@ -16,12 +17,14 @@ Dagster's inner workings are relied upon in these places, too:
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from dagster._cli import asset
     from dagster._cli.proxy_server_manager import ProxyServerManager
     from dagster._cli.utils import get_possibly_temporary_instance_for_cli
     from dagster._core.code_pointer import CodePointer, ModuleCodePointer
     from dagster._core.definitions.asset_checks.asset_check_evaluation import (
         AssetCheckEvaluationTargetMaterializationData,
     )
+    from dagster._core.definitions.assets.graph.asset_graph import AssetGraph
     from dagster._core.definitions.partitions.context import PartitionLoadingContext
     from dagster._core.errors import DagsterUserCodeUnreachableError
     from dagster._core.events import (
@@ -56,7 +59,9 @@ if TYPE_CHECKING:
     from dagster._core.storage.sqlite_storage import DagsterSqliteStorage
     from dagster._core.storage.tags import GRPC_INFO_TAG
     from dagster._core.types.loadable_target_origin import LoadableTargetOrigin
+    from dagster._core.workspace.autodiscovery import loadable_targets_from_python_module
     from dagster._core.workspace.context import BaseWorkspaceRequestContext, WorkspaceProcessContext
+    from dagster._core.workspace.load import location_origins_from_yaml_paths
     from dagster._core.workspace.load_target import GrpcServerTarget, WorkspaceFileTarget
     from dagster._grpc.client import DagsterGrpcClient
     from dagster._grpc.impl import core_execute_run
@@ -83,6 +88,7 @@ __all__ = [
     "RUN_MODULES",
     "AssetCheckEvaluationTargetMaterializationData",
     "AssetCheckExecutionsTable",
+    "AssetGraph",
     "AssetMaterializationPlannedData",
     "AssetObservationData",
     "BaseWorkspaceRequestContext",
@@ -119,6 +125,7 @@ __all__ = [
     "WorkerStatus",
     "WorkspaceFileTarget",
     "WorkspaceProcessContext",
+    "asset",
     "capture_interrupts",
     "check_captured_interrupt",
     "compute_logs",
@@ -130,6 +137,8 @@ __all__ = [
     "get_ipc_shutdown_pipe",
     "get_possibly_temporary_instance_for_cli",
     "interrupt_on_ipc_shutdown_message",
+    "loadable_targets_from_python_module",
+    "location_origins_from_yaml_paths",
     "open_ipc_subprocess",
     "recon_job_from_origin",
     "recon_repository_from_origin",
@@ -152,6 +161,10 @@ _PLACES = {
     "RemoteRepositoryOrigin": "dagster._core.remote_origin",  # 1.12
     "recon_job_from_origin": "dagster._utils.hosted_user_process",  # 1.7
     "recon_repository_from_origin": "dagster._utils.hosted_user_process",  # 1.7
+    # The user's assets downstream of ours: `own_location`, `own_assets`.
+    "AssetGraph": "dagster._core.definitions.assets.graph.asset_graph",  # 1.9
+    "loadable_targets_from_python_module": "dagster._core.workspace.autodiscovery",  # 1.7
+    "location_origins_from_yaml_paths": "dagster._core.workspace.load",  # 1.7
     # Executing them in this process, and what they report: `runs`.
     "core_execute_run": "dagster._grpc.impl",  # 1.7
     "compute_logs": "dagster._core.execution",  # 1.7
@@ -178,6 +191,8 @@ _PLACES = {
     "StepMaterializationData": "dagster._core.events",  # 1.7
     # A partition that registers itself when it is asked for: `partitions`.
     "PartitionLoadingContext": "dagster._core.definitions.partitions.context",  # 1.12
+    # Its command that makes assets, when it lacks a partition: `missing_partition`.
+    "asset": "dagster._cli",  # 1.7
     # SQLite databases made whole or not at all, and kept open while a run writes: `databases`, `connections`.
     "DagsterSqliteStorage": "dagster._core.storage.sqlite_storage",  # 1.7
     "RunStorageSqlMetadata": "dagster._core.storage.runs.schema",  # 1.7

@@ -3,9 +3,11 @@
 import dagster as dg
 
 from bagassets.defs.artifact_files import page_link
+from bagassets.defs.code_links import code_link
 from bagassets.defs.fence import refuse_if_ended
 from bagassets.defs.instance_plan import InstancePlan, plan_in_run
 from bagassets.defs.making import MadeAsset
+from bagassets.defs.naming import DATASET_INPUTS, Naming
 from bagassets.defs.reporting import dataset_metadata, errors_explained, inputs_metadata
 from bagassets.defs.workspace import Workspace
 from bagassets.formats.catalogue import formats, recording_assets
@@ -16,13 +18,13 @@ from bagassets.formats.dataset_build import (
     dataset_code_versions,
     datasets_of,
     is_on_disk,
+    select_inputs,
 )
 from bagassets.formats.report_data import build_map, map_path
 from bagassets.recipe.model import Recipe
 
 __all__ = ["dataset_assets", "dataset_is_current", "make_dataset", "record_inputs"]
 
-GROUP = "dataset"
 TRAJECTORY_MAP = "trajectory_map"
 INPUTS_CODE_VERSION = "1"
 
@@ -36,35 +38,37 @@ _MAP = """Where all recordings were driven: an interactive map with a layer per 
 Without a network, it shows the same routes on a plain grid."""
 
 
-def dataset_is_current(instance: dg.DagsterInstance, recipe: Recipe, inputs: DatasetInputs) -> bool:
+def dataset_is_current(instance: dg.DagsterInstance, workspace: Workspace, inputs: DatasetInputs) -> bool:
     """Return whether all datasets on disk were made from `inputs` with this recipe and code."""
     return all(
-        _is_current(instance, recipe, inputs, asset, version)
-        for asset, version in dataset_code_versions(recipe).items()
+        _is_current(instance, workspace, inputs, asset, version)
+        for asset, version in dataset_code_versions(workspace.recipe).items()
     )
 
 
 def _is_current(
-    instance: dg.DagsterInstance, recipe: Recipe, inputs: DatasetInputs, asset: str, version: str
+    instance: dg.DagsterInstance, workspace: Workspace, inputs: DatasetInputs, asset: str, version: str
 ) -> bool:
-    latest = instance.get_latest_materialization_event(dg.AssetKey(asset))
+    names = workspace.names
+    latest = instance.get_latest_materialization_event(names.key(asset))
     materialization = latest.asset_materialization if latest is not None else None
     if materialization is None:
         return not any(inputs.parts.values())
     tags = materialization.tags or {}
     return (
-        tags.get("dagster/input_data_version/dataset_inputs") == inputs.digest
+        tags.get(names.input_tag(DATASET_INPUTS)) == inputs.digest
         and tags.get("dagster/code_version") == version
-        and is_on_disk(recipe, asset)
+        and is_on_disk(workspace.recipe, asset)
     )
 
 
-def record_inputs(instance: dg.DagsterInstance, recipe: Recipe, inputs: DatasetInputs) -> None:
+def record_inputs(instance: dg.DagsterInstance, workspace: Workspace, inputs: DatasetInputs) -> None:
     """Record `dataset_inputs` without a run (about 10 ms), if it changed.
 
     Its tags name its inputs, as those of a run would: without them Dagster would mark it as stale.
     """
-    latest = instance.get_latest_materialization_event(dg.AssetKey("dataset_inputs"))
+    key = workspace.names.key(DATASET_INPUTS)
+    latest = instance.get_latest_materialization_event(key)
     materialization = latest.asset_materialization if latest is not None else None
     recorded = (
         (materialization.tags or {}).get("dagster/data_version") if materialization is not None else None
@@ -73,26 +77,26 @@ def record_inputs(instance: dg.DagsterInstance, recipe: Recipe, inputs: DatasetI
         return
     instance.report_runless_asset_event(
         dg.AssetMaterialization(
-            asset_key="dataset_inputs",
+            asset_key=key,
             metadata=inputs_metadata(inputs),
             tags={
                 "dagster/data_version": inputs.digest,
                 "dagster/code_version": INPUTS_CODE_VERSION,
-                **_provenance(instance, recipe, inputs),
+                **_provenance(instance, workspace, inputs),
             },
         )
     )
 
 
-def _provenance(instance: dg.DagsterInstance, recipe: Recipe, inputs: DatasetInputs) -> dict[str, str]:
+def _provenance(instance: dg.DagsterInstance, workspace: Workspace, inputs: DatasetInputs) -> dict[str, str]:
     """Return tags that point to the newest record of all recordings, which Dagster compares with later ones."""
-    tags = {}
-    for asset in _read_of_recordings(recipe):
+    tags, names = {}, workspace.names
+    for asset in _read_of_recordings(workspace.recipe):
         ids = instance.event_log_storage.get_latest_storage_id_by_partition(
-            dg.AssetKey(asset), dg.DagsterEventType.ASSET_MATERIALIZATION
+            names.key(asset), dg.DagsterEventType.ASSET_MATERIALIZATION
         )
-        tags[f"dagster/input_data_version/{asset}"] = inputs.digest
-        tags[f"dagster/input_event_pointer/{asset}"] = str(max(ids.values(), default=0))
+        tags[names.input_tag(asset)] = inputs.digest
+        tags[names.pointer_tag(asset)] = str(max(ids.values(), default=0))
     return tags
 
 
@@ -101,65 +105,71 @@ def _read_of_recordings(recipe: Recipe) -> list[str]:
     return [kind.part for kind in formats() if kind.part in recording_assets(recipe).names]
 
 
-def dataset_assets(recipe: Recipe) -> list[dg.AssetsDefinition]:
+def dataset_assets(recipe: Recipe, names: Naming) -> list[dg.AssetsDefinition]:
     """Return the assets that exist once."""
 
     @dg.asset(
-        name="dataset_inputs",
+        key=names.key(DATASET_INPUTS),
         deps=[
-            dg.AssetDep(asset, partition_mapping=dg.AllPartitionMapping())
+            dg.AssetDep(names.key(asset), partition_mapping=dg.AllPartitionMapping())
             for asset in _read_of_recordings(recipe)
         ],
-        group_name=GROUP,
+        required_resource_keys={names.workspace},
+        group_name=names.dataset_group,
         kinds={"json"},
         description=_INPUTS,
         code_version=INPUTS_CODE_VERSION,
+        metadata=code_link(select_inputs),
     )
-    def dataset_inputs(context: dg.AssetExecutionContext, workspace: Workspace) -> dg.MaterializeResult[None]:
+    def dataset_inputs(context: dg.AssetExecutionContext) -> dg.MaterializeResult[None]:
+        workspace: Workspace = getattr(context.resources, names.workspace)
         with errors_explained():
             inputs = plan_in_run(context, workspace).inputs
             return dg.MaterializeResult(
                 data_version=dg.DataVersion(inputs.digest), metadata=inputs_metadata(inputs)
             )
 
-    datasets = [_dataset_asset(recipe, dataset) for dataset in datasets_of(recipe).values()]
+    datasets = [_dataset_asset(recipe, names, dataset) for dataset in datasets_of(recipe).values()]
     has_map = TRAJECTORY_MAP in dataset_code_versions(recipe)
-    return [dataset_inputs, *datasets, *([_map_asset(recipe)] if has_map else [])]
+    return [dataset_inputs, *datasets, *([_map_asset(recipe, names)] if has_map else [])]
 
 
-def _dataset_asset(recipe: Recipe, dataset: Dataset) -> dg.AssetsDefinition:
+def _dataset_asset(recipe: Recipe, names: Naming, dataset: Dataset) -> dg.AssetsDefinition:
     @dg.asset(
-        name=dataset.asset,
-        deps=["dataset_inputs"],
-        group_name=GROUP,
+        key=names.key(dataset.asset),
+        deps=[names.key(DATASET_INPUTS)],
+        required_resource_keys={names.workspace},
+        group_name=names.dataset_group,
         kinds=set(dataset.kind.kinds),
         description=dataset.description,
         code_version=dataset_code_versions(recipe)[dataset.asset],
+        metadata=code_link(dataset.kind.join),
     )
-    def make(context: dg.AssetExecutionContext, workspace: Workspace) -> dg.MaterializeResult[None]:
-        return _result(context, workspace, dataset.asset)
+    def make(context: dg.AssetExecutionContext) -> dg.MaterializeResult[None]:
+        return _result(context, names, dataset.asset)
 
     return make
 
 
-def _map_asset(recipe: Recipe) -> dg.AssetsDefinition:
+def _map_asset(recipe: Recipe, names: Naming) -> dg.AssetsDefinition:
     @dg.asset(
-        name=TRAJECTORY_MAP,
-        deps=["dataset_inputs"],
-        group_name=GROUP,
+        key=names.key(TRAJECTORY_MAP),
+        deps=[names.key(DATASET_INPUTS)],
+        required_resource_keys={names.workspace},
+        group_name=names.dataset_group,
         kinds={"html"},
         description=_MAP,
         code_version=dataset_code_versions(recipe)[TRAJECTORY_MAP],
+        metadata=code_link(build_map),
     )
-    def trajectory_map(context: dg.AssetExecutionContext, workspace: Workspace) -> dg.MaterializeResult[None]:
-        return _result(context, workspace, TRAJECTORY_MAP)
+    def trajectory_map(context: dg.AssetExecutionContext) -> dg.MaterializeResult[None]:
+        return _result(context, names, TRAJECTORY_MAP)
 
     return trajectory_map
 
 
-def _result(
-    context: dg.AssetExecutionContext, workspace: Workspace, asset: str
-) -> dg.MaterializeResult[None]:
+def _result(context: dg.AssetExecutionContext, names: Naming, asset: str) -> dg.MaterializeResult[None]:
+    workspace: Workspace = getattr(context.resources, names.workspace)
     with errors_explained():
         planned = plan_in_run(context, workspace)
         made = make_dataset(context.instance, workspace, planned, asset, context.run.run_id)

@@ -6,15 +6,15 @@ Only the event log says which artifact is current.
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import TypeVar
 
 import dagster as dg
 from dagster import AssetRecordsFilter
 
 from bagassets.build.plan import Recorded
-from bagassets.defs.partitions import partitions_name
+from bagassets.defs.naming import INPUT_PREFIX, AssetName, Naming
 from bagassets.errors import StoreError
 from bagassets.formats.catalogue import known_assets
-from bagassets.recipe.model import Recipe
 from bagassets.recordings.digest import RecordingStat
 from bagassets.store.artifact import Artifact
 from bagassets.store.store import Store
@@ -27,12 +27,16 @@ __all__ = [
     "recorded_artifact",
     "recorded_partition",
     "recorded_states",
+    "recorded_whole",
+    "recordings_made",
 ]
+
+A = TypeVar("A", bound=AssetName)
 
 DATA_VERSION = "dagster/data_version"
 CODE_VERSION = "dagster/code_version"
-INPUT_PREFIX = "dagster/input_data_version/"
 STAT = "file_stat"
+MADE_ALONG = "inventory_action"
 
 # Records are fetched by storage id; more ids at a time would exceed SQLite's limit of variables.
 _BATCH = 500
@@ -44,45 +48,68 @@ def all_assets() -> tuple[str, ...]:
     return ("bag", *(asset.name for asset in known_assets()))
 
 
-def live_partitions(instance: dg.DagsterInstance, recipe: Recipe) -> frozenset[str]:
+def live_partitions(instance: dg.DagsterInstance, names: Naming) -> frozenset[str]:
     """Return the registered partition keys."""
-    return frozenset(instance.get_dynamic_partitions(partitions_name(recipe)))
+    return frozenset(instance.get_dynamic_partitions(names.partitions))
 
 
 def recorded_states(
-    instance: dg.DagsterInstance, assets: Iterable[str] | None = None
-) -> dict[str, dict[str, Recorded]]:
+    instance: dg.DagsterInstance, names: Naming, assets: Iterable[A]
+) -> dict[A, dict[str, Recorded]]:
     """Return asset -> partition key -> latest record, in bulk.
 
     Partitions that were deleted are included; intersect with the live ones.
     """
-    ids = latest_ids(instance, assets)
-    records = fetch_recorded(instance, ids, {key for by_key in ids.values() for key in by_key})
+    ids = latest_ids(instance, names, assets)
+    records = fetch_recorded(instance, names, ids, {key for by_key in ids.values() for key in by_key})
     return {asset: {key: made[asset] for key, made in records.items() if asset in made} for asset in ids}
 
 
-def recorded_partition(instance: dg.DagsterInstance, asset: str, partition_key: str) -> Recorded | None:
+def recorded_partition(
+    instance: dg.DagsterInstance, names: Naming, asset: AssetName, partition_key: str
+) -> Recorded | None:
     """Return the latest record of one asset partition."""
     result = instance.fetch_materializations(
-        AssetRecordsFilter(asset_key=dg.AssetKey(asset), asset_partitions=[partition_key]), limit=1
+        AssetRecordsFilter(asset_key=names.key(asset), asset_partitions=[partition_key]), limit=1
     )
     late = _late(instance, result.records)
     for record in result.records:
         if record.asset_materialization is not None and record.storage_id not in late:
-            return _recorded(record.asset_materialization, record.run_id)
+            return _recorded(names, record.asset_materialization, record.run_id)
     return None
 
 
-def recorded_artifact(instance: dg.DagsterInstance, store: Store, asset: str, partition_key: str) -> Artifact:
+def recorded_whole(instance: dg.DagsterInstance, names: Naming, asset: AssetName) -> Recorded | None:
+    """Return the latest record of an asset, whichever partition it is of."""
+    for record in instance.fetch_materializations(names.key(asset), limit=1).records:
+        if record.asset_materialization is not None:
+            return _recorded(names, record.asset_materialization, record.run_id)
+    return None
+
+
+def recordings_made(instance: dg.DagsterInstance, run_id: str) -> frozenset[str]:
+    """Return the partition keys of which a run has made something, rather than recorded what was known."""
+    made = set()
+    for entry in instance.all_logs(run_id, of_type=dg.DagsterEventType.ASSET_MATERIALIZATION):
+        materialization = entry.asset_materialization
+        cached = None if materialization is None else materialization.metadata.get("cached")
+        if materialization is not None and cached is not None and not cached.value:
+            made.add(materialization.partition or "")
+    return frozenset(made)
+
+
+def recorded_artifact(
+    instance: dg.DagsterInstance, names: Naming, store: Store, asset: AssetName, partition_key: str
+) -> Artifact:
     """Return the artifact that is current for an asset partition.
 
     Raises:
         StoreError: nothing is recorded, or the artifact is not in the store.
     """
-    recorded = recorded_partition(instance, asset, partition_key)
+    recorded = recorded_partition(instance, names, asset, partition_key)
     if recorded is None:
         raise StoreError(
-            f"{partition_key}: {asset} is not materialized for this recording; materialize it first."
+            f"{partition_key}: {names.key(asset).to_user_string()} is not materialized for this recording; materialize it first."
         )
     return store.artifact(recorded.data_version)
 
@@ -106,39 +133,36 @@ def database_place(instance: dg.DagsterInstance) -> str | None:
 
 
 def latest_ids(
-    instance: dg.DagsterInstance, assets: Iterable[str] | None = None
-) -> dict[str, Mapping[str, int]]:
+    instance: dg.DagsterInstance, names: Naming, assets: Iterable[A]
+) -> dict[A, Mapping[str, int]]:
     """Return asset -> partition key -> storage id of the latest materialization (20 ms for 10,000 partitions).
 
     Partitions that were deleted are included; intersect with the live ones.
     """
     storage = instance.event_log_storage
     kind = dg.DagsterEventType.ASSET_MATERIALIZATION
-    return {
-        asset: storage.get_latest_storage_id_by_partition(dg.AssetKey(asset), kind)
-        for asset in (all_assets() if assets is None else assets)
-    }
+    return {asset: storage.get_latest_storage_id_by_partition(names.key(asset), kind) for asset in assets}
 
 
 def fetch_recorded(
-    instance: dg.DagsterInstance, ids: Mapping[str, Mapping[str, int]], keys: Iterable[str]
-) -> dict[str, dict[str, Recorded]]:
+    instance: dg.DagsterInstance, names: Naming, ids: Mapping[A, Mapping[str, int]], keys: Iterable[str]
+) -> dict[str, dict[A, Recorded]]:
     """Return partition key -> asset -> latest record, for the storage ids that `latest_ids` gave."""
-    found: dict[str, dict[str, Recorded]] = {key: {} for key in keys}
-    records: list[tuple[str, dg.EventLogRecord]] = []
+    found: dict[str, dict[A, Recorded]] = {key: {} for key in keys}
+    records: list[tuple[A, dg.EventLogRecord]] = []
     for asset, by_key in ids.items():
         wanted = sorted(by_key[key] for key in found if key in by_key)
         for start in range(0, len(wanted), _BATCH):
             batch = wanted[start : start + _BATCH]
             result = instance.fetch_materializations(
-                AssetRecordsFilter(asset_key=dg.AssetKey(asset), storage_ids=batch), limit=len(batch)
+                AssetRecordsFilter(asset_key=names.key(asset), storage_ids=batch), limit=len(batch)
             )
             records += [(asset, record) for record in result.records]
     late = _late(instance, [record for _, record in records])
     for asset, record in records:
         made = record.asset_materialization
         if made is not None and made.partition in found and record.storage_id not in late:
-            found[made.partition][asset] = _recorded(made, record.run_id)
+            found[made.partition][asset] = _recorded(names, made, record.run_id)
     return found
 
 
@@ -160,15 +184,14 @@ def _late(instance: dg.DagsterInstance, records: Sequence[dg.EventLogRecord]) ->
     }
 
 
-def _recorded(materialization: dg.AssetMaterialization, run_id: str) -> Recorded:
+def _recorded(names: Naming, materialization: dg.AssetMaterialization, run_id: str) -> Recorded:
     tags: Mapping[str, str] = materialization.tags or {}
     stat = materialization.metadata.get(STAT)
     cached = materialization.metadata.get("cached")
     action = materialization.metadata.get("action_digest")
+    made_along = materialization.metadata.get(MADE_ALONG)
     inputs = {
-        name.removeprefix(INPUT_PREFIX): version
-        for name, version in tags.items()
-        if name.startswith(INPUT_PREFIX)
+        names.input_of(name): version for name, version in tags.items() if name.startswith(INPUT_PREFIX)
     }
     return Recorded(
         data_version=tags.get(DATA_VERSION, ""),
@@ -178,4 +201,5 @@ def _recorded(materialization: dg.AssetMaterialization, run_id: str) -> Recorded
         cached=None if cached is None else bool(cached.value),
         action=None if action is None else str(action.value),
         run_id=run_id,
+        made_along="" if made_along is None else str(made_along.value),
     )

@@ -68,11 +68,16 @@ def exclusive(
 
 def holder_has_ended(instance: dg.DagsterInstance, folder: Path, key: str) -> bool:
     """Return whether nobody need wait for the lock `key`, because the run that holds it has ended."""
-    try:
-        run_id = _file(folder, key).read_text("utf-8").strip()
-    except (OSError, UnicodeDecodeError):
-        return False
+    run_id = _holder(folder, key)
     return bool(run_id) and run_has_ended(instance, run_id)
+
+
+def _holder(folder: Path, key: str) -> str:
+    """Return the run that holds a lock, or held it last; "" if that is not known."""
+    try:
+        return _file(folder, key).read_text("utf-8").strip()
+    except (OSError, UnicodeDecodeError):
+        return ""
 
 
 def _file(folder: Path, key: str) -> Path:
@@ -104,16 +109,19 @@ class RecordingLock(dg.ConfigurableResource):  # type: ignore[type-arg]  # steps
         Raises:
             RunEndedError: this run has ended meanwhile.
         """
+        folder = Path(self.folder)
 
         def keep_waiting(asked: int) -> bool:
+            # Where each step is a process, one of this run may hold it, or the worker that waits for all of them; they
+            # make nothing twice.
+            if _holder(folder, key) == context.run.run_id:
+                return False
             if asked == 0:
                 context.log.info("Waiting for another run of %s to end.", key)
             # An interrupt raises.
-            return bool(asked % ASKS_PER_LOOK) or not holder_has_ended(
-                context.instance, Path(self.folder), key
-            )
+            return bool(asked % ASKS_PER_LOOK) or not holder_has_ended(context.instance, folder, key)
 
-        with exclusive(Path(self.folder), key, keep_waiting=keep_waiting, holder=context.run.run_id):
+        with exclusive(folder, key, keep_waiting=keep_waiting, holder=context.run.run_id):
             refuse_if_ended(context.instance, context.run.run_id)
             self._fence = Fence(context.instance, context.run.run_id)
             yield

@@ -11,6 +11,8 @@ from pathlib import Path
 import dagster as dg
 
 from bagassets.defs.events import DATA_VERSION, all_assets, live_partitions
+from bagassets.defs.naming import Naming
+from bagassets.defs.projects import instances_of
 from bagassets.defs.runs import open_instance
 from bagassets.errors import DatasetError, RecipeError, StoreError
 from bagassets.formats.dataset_build import dataset_folders
@@ -87,18 +89,19 @@ def locks_of(recipe: Recipe) -> Iterator[Path]:
     yield from sorted((recipe.state / KEPT_LOCKS).glob("**/*.json"))
 
 
-def recorded_versions(instance: dg.DagsterInstance, live: frozenset[str]) -> set[str]:
+def recorded_versions(instance: dg.DagsterInstance, names: Naming) -> set[str]:
     """Return the current data versions in an instance, those of users' own assets included.
 
     Those of removed recordings do not count.
     """
     versions: set[str] = set()
+    live = live_partitions(instance, names)
     storage, kind = instance.event_log_storage, dg.DagsterEventType.ASSET_MATERIALIZATION
-    once = storage.get_latest_tags_by_partition(dg.AssetKey("bag"), kind, [DATA_VERSION])
+    once = storage.get_latest_tags_by_partition(names.key("bag"), kind, [DATA_VERSION])
     removed = once.keys() - live
     for key in storage.all_asset_keys():
         by_partition = storage.get_latest_tags_by_partition(key, kind, [DATA_VERSION])
-        ours = key.to_user_string() in all_assets()
+        ours = names.asset_of(key) in all_assets()
         for partition, tags in by_partition.items():
             if partition in live or not (ours or partition in removed):
                 versions.add(tags[DATA_VERSION])
@@ -133,8 +136,10 @@ def _add_project(recipe_file: Path, recipe: Recipe, roots: Roots) -> None:
     roots.projects.append(recipe_file)
     for lock in locks_of(recipe):
         _add_lock(lock, roots)
-    with open_instance(str(dagster_home(recipe_file, recipe))) as instance:
-        roots.artifacts |= recorded_versions(instance, live_partitions(instance, recipe))
+    places = [(str(dagster_home(recipe_file, recipe)), ()), *instances_of(recipe.state)]
+    for place, prefix in places:
+        with open_instance(place) as instance:
+            roots.artifacts |= recorded_versions(instance, Naming(recipe.name, prefix))
 
 
 def _add_lock(lock: Path, roots: Roots) -> None:

@@ -10,11 +10,11 @@ import dagster as dg
 from bagassets.build.named_files import named_files
 from bagassets.build.plan import BagPlan, Plan, Recorded
 from bagassets.build.planner import plan_recordings
-from bagassets.defs.events import fetch_recorded, latest_ids, live_partitions
+from bagassets.defs.events import all_assets, fetch_recorded, latest_ids, live_partitions
+from bagassets.defs.naming import Naming
 from bagassets.defs.workspace import Workspace
 from bagassets.formats.dataset_build import DatasetInputs, select_inputs
 from bagassets.freshness.fingerprints import PlanNeeded, loaded_code_fingerprint, project_fingerprint
-from bagassets.recipe.model import Recipe
 from bagassets.recordings.discover import Discovery
 
 __all__ = [
@@ -65,7 +65,7 @@ def plan_instance(
     Raises:
         BagAssetsError: the recipe or the bag root is not usable.
     """
-    live = live_partitions(instance, workspace.recipe) if live is None else live
+    live = live_partitions(instance, workspace.names) if live is None else live
     return _planned(instance, workspace, workspace.discover(), live)
 
 
@@ -84,8 +84,8 @@ def replan_instance(
         worked_on: recordings that had a run; others with new records, whoever wrote them, are found by these
             records.
     """
-    live = live_partitions(instance, workspace.recipe)
-    ids = latest_ids(instance)
+    live = live_partitions(instance, workspace.names)
+    ids = latest_ids(instance, workspace.names, all_assets())
     now = replace(before, live=live, storage_ids=ids)
     kept = {
         key: bag
@@ -115,10 +115,10 @@ def _planned(
     ids: Mapping[str, Mapping[str, int]] | None = None,
     kept: Mapping[str, BagPlan] | None = None,
 ) -> InstancePlan:
-    ids = latest_ids(instance) if ids is None else ids
+    ids = latest_ids(instance, workspace.names, all_assets()) if ids is None else ids
 
     def fetch(keys: Iterable[str]) -> dict[str, dict[str, Recorded]]:
-        return fetch_recorded(instance, ids, keys)
+        return fetch_recorded(instance, workspace.names, ids, keys)
 
     with _uncollected():
         plan, recorded = plan_recordings(
@@ -147,11 +147,11 @@ def _uncollected() -> Iterator[None]:
             gc.enable()
 
 
-def recorded_assets(instance: dg.DagsterInstance, recipe: Recipe, key: str) -> Mapping[str, Recorded]:
+def recorded_assets(instance: dg.DagsterInstance, names: Naming, key: str) -> Mapping[str, Recorded]:
     """Return asset -> latest record of one recording; nothing if it is not registered."""
-    if key not in live_partitions(instance, recipe):
+    if key not in live_partitions(instance, names):
         return {}
-    return fetch_recorded(instance, latest_ids(instance), [key])[key]
+    return fetch_recorded(instance, names, latest_ids(instance, names, all_assets()), [key])[key]
 
 
 def workspace_fingerprint(workspace: Workspace) -> str | None:

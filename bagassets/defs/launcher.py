@@ -7,7 +7,7 @@ that Dagster is started in::
       module: bagassets.defs.launcher
       class: BagAssetsRunLauncher
       config:
-        recipe: recipe.yaml       # default: BAGASSETS_RECIPE, else recipe.yaml if there is one
+        recipe: recipe.yaml       # of code locations whose .env names none; default: BAGASSETS_RECIPE, else recipe.yaml
         state_folder: .bagassets  # default: the recipe's, else the folder of the instance
         idle_timeout_s: 900       # the server ends after so long without work; default: BAGASSETS_SERVER_MINUTES, else 900
         grace_s: 30               # a cancelled worker is killed after that
@@ -49,6 +49,7 @@ from bagassets.defs.dagster_private import (
     WorkerStatus,
 )
 from bagassets.defs.ports import ANY_HOST
+from bagassets.defs.projects import recipe_of_location, recipes_of
 from bagassets.defs.run_worker import end_worker
 from bagassets.defs.runs import mark_canceling, pack_instance
 from bagassets.defs.worker_tag import WORKER_TAG, RunWorker
@@ -57,7 +58,7 @@ from bagassets.forkserver.client import Client, ServerRefusedError
 from bagassets.forkserver.process import ProcessId
 from bagassets.forkserver.server_files import ServerFiles, last_lines
 from bagassets.forkserver.spec import ServerSpec
-from bagassets.forkserver.tasks import END_WORKER, connect, server_spec, submit_run
+from bagassets.forkserver.tasks import DEFINITIONS, END_WORKER, connect, server_spec, submit_run
 from bagassets.json_types import JsonMapping
 from bagassets.recipe import load_recipe
 
@@ -188,15 +189,22 @@ class BagAssetsRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
             self._client = None
 
     def _spec(self, run: dg.DagsterRun) -> ServerSpec:
-        recipe = self._recipe_file()
+        recipe = recipe_of_location(self._instance, run) or self._recipe_file()
         pointer = run.job_code_origin.repository_origin.code_pointer if run.job_code_origin else None
         modules: tuple[str, ...] = ()
         paths: tuple[str, ...] = ()
         if isinstance(pointer, ModuleCodePointer):
             modules = (pointer.module,)
             paths = (pointer.working_directory,) if pointer.working_directory else ()
+        # A module of the user's may be made from several recipes, and each that changes makes its server outdated.
+        read = [] if modules == (DEFINITIONS,) else recipes_of(self._instance)
         return server_spec(
-            self._folder(recipe), recipe, modules=modules, paths=paths, idle_timeout_s=self._idle_timeout_s
+            self._folder(recipe),
+            recipe,
+            modules=modules,
+            paths=paths,
+            idle_timeout_s=self._idle_timeout_s,
+            recipes=tuple(file for file in read if recipe is None or not file.samefile(recipe)),
         )
 
     def _recipe_file(self) -> Path | None:

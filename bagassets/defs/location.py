@@ -3,6 +3,7 @@
 import logging
 import os
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
 
 import dagster as dg
@@ -12,6 +13,8 @@ from bagassets.defs.batch_job import batch_job
 from bagassets.defs.checks import dataset_checks, recording_checks
 from bagassets.defs.dataset import dataset_assets
 from bagassets.defs.exclusive import RecordingLock
+from bagassets.defs.missing_partition import explain_missing_partition
+from bagassets.defs.naming import Naming, checked_prefix
 from bagassets.defs.sensor import recordings_sensor
 from bagassets.defs.workspace import Workspace
 from bagassets.lock_files import RUN_LOCKS
@@ -20,38 +23,62 @@ from bagassets.recipe import load_recipe
 __all__ = ["build_definitions"]
 
 
-def build_definitions(recipe_file: Path) -> dg.Definitions:
+def build_definitions(
+    recipe_file: Path,
+    *,
+    key_prefix: str | Sequence[str] | None = None,
+    group_name: str | None = None,
+    resource_key: str | None = None,
+    in_process: bool | None = None,
+) -> dg.Definitions:
     """Return the assets, checks and sensor of a recipe.
 
     Merge them with your own: `Definitions.merge(build_definitions(file), Definitions(assets=[…]))`.
 
+    Args:
+        recipe_file: the recipe.
+        key_prefix: stands before the name of each asset in its key, and tells this project from others in the same code
+            location and instance.
+        group_name: group of all assets; default: `recording` and `dataset`, below the prefix.
+        resource_key: of the `Workspace`, which your own assets ask for; default: `workspace`, below the prefix
+            (`north__workspace`).
+        in_process: the definitions name `in_process_executor`, so that a click on *Materialize* is one process, too, as
+            our jobs always are; default: only without a prefix. A code location has one executor, and beside assets of
+            others it is theirs to choose.
+
     Raises:
-        RecipeError: the recipe is missing or wrong.
+        RecipeError: the recipe is missing or wrong, or the prefix.
     """
     if os.environ.get("DAGSTER_IS_DEV_CLI"):  # in a code server of `bagassets ui` or `dagster dev`
         _keep_log_level()
+    explain_missing_partition()
     recipe_file = recipe_file.absolute()
     recipe = load_recipe(recipe_file)
+    names = Naming(recipe.name, checked_prefix(key_prefix), group_name, resource_key)
     with warnings.catch_warnings():
         # Partitioned checks are a preview feature, but without partitions one recording's pass would hide another's
         # failure.
         warnings.simplefilter("ignore", category=dg.PreviewWarning)
-        checks = [*recording_checks(recipe), *dataset_checks(recipe)]
+        checks = [*recording_checks(recipe, names), *dataset_checks(recipe, names)]
     # Where a sensor has a job, Dagster copies the sensor with a parameter of its own that it calls beta.
     warnings.filterwarnings("ignore", "Parameter `owners` of initializer `SensorDefinition", dg.BetaWarning)
-    batches = batch_job()
+    assets = [*recording_definitions(recipe, names), *dataset_assets(recipe, names)]
+    batches = batch_job(names)
     return dg.Definitions(
-        assets=[*recording_definitions(recipe), *dataset_assets(recipe)],
+        assets=assets,
         asset_checks=checks,
         jobs=[batches],
-        sensors=[recordings_sensor(batches)],
+        sensors=[recordings_sensor(recipe_file, names, assets, batches)],
         resources={
-            "workspace": Workspace(recipe_file=str(recipe_file)),
-            "recording_lock": RecordingLock(folder=str(recipe.state / RUN_LOCKS)),
+            names.workspace: Workspace(recipe_file=str(recipe_file), key_prefix=list(names.prefix)),
+            names.lock: RecordingLock(folder=str(recipe.state / RUN_LOCKS)),
         },
-        # A run is one process, whatever launched it: our workers are forked from a server.
-        executor=dg.in_process_executor,
+        executor=dg.in_process_executor if _is_in_process(names, in_process) else None,
     )
+
+
+def _is_in_process(names: Naming, in_process: bool | None) -> bool:
+    return not names.prefix if in_process is None else in_process
 
 
 def _keep_log_level() -> None:

@@ -9,7 +9,8 @@ from bagassets.build.execute import Skipped, execute
 from bagassets.build.first_pass import first_pass
 from bagassets.build.graph import SELECTION, Graph
 from bagassets.build.recording_assets import RecordingAssets
-from bagassets.defs.events import recorded_artifact, recorded_partition
+from bagassets.defs.events import MADE_ALONG, recorded_artifact, recorded_partition
+from bagassets.defs.naming import Naming
 from bagassets.defs.reporting import Metadata, bag_metadata, result_metadata
 from bagassets.defs.run_progress import readings_noted
 from bagassets.defs.workspace import Workspace
@@ -28,11 +29,13 @@ class Source:
         recording: its files.
         digest: digest of its content.
         stat: its status before it was hashed.
+        made_along: digest of the action whose artifact was made in the same pass of the same run; "" if none was.
     """
 
     recording: RecordingFiles
     digest: str
     stat: RecordingStat
+    made_along: str = ""
 
 
 @dataclass(frozen=True)
@@ -68,31 +71,35 @@ def read_bag(
     Raises:
         RecordingError: it cannot be read, or changed meanwhile.
     """
-    stat = recording_stat(recording)
+    stat, made_along = recording_stat(recording), ""
     if makes_inventory:
         with readings_noted(instance, run_id, recording.key):
             first = first_pass(workspace.assets, workspace.store, recording, stat, workspace.index)
         if first.inventory is not None and not first.inventory.cached:
-            workspace.note_made(run_id, first.inventory.action_digest)
+            made_along = first.inventory.action_digest
         digest = first.digest
     else:
         digest = recording_digest(recording, workspace.index)
-    made = MadeAsset("bag", digest.digest, bag_metadata(recording, stat, digest))
-    return Source(recording, digest.digest, stat), made
+    # On record, as the step that makes the inventory may be another process.
+    metadata = bag_metadata(recording, stat, digest) | ({MADE_ALONG: made_along} if made_along else {})
+    return Source(recording, digest.digest, stat, made_along), MadeAsset("bag", digest.digest, metadata)
 
 
-def recorded_bag(instance: dg.DagsterInstance, recording: RecordingFiles) -> Source:
-    """Return a recording as it was when `bag` was last recorded.
+def recorded_bag(
+    instance: dg.DagsterInstance, names: Naming, recording: RecordingFiles, run_id: str
+) -> Source:
+    """Return a recording as it was when `bag` was last recorded, in this run or another.
 
     Raises:
         StoreError: it never was.
     """
-    record = recorded_partition(instance, "bag", recording.key)
+    record = recorded_partition(instance, names, "bag", recording.key)
     if record is None or record.stat is None:
         raise StoreError(
             f"{recording.key}: bag is not materialized for this recording; materialize bag first."
         )
-    return Source(recording, record.data_version, record.stat)
+    made_along = record.made_along if record.run_id == run_id else ""
+    return Source(recording, record.data_version, record.stat, made_along)
 
 
 def make_assets(
@@ -111,13 +118,13 @@ def make_assets(
         BuildFailure: some could not be made; raised after all others were.
         StoreError: an artifact that they need is not in the store.
     """
-    key, assets = source.recording.key, workspace.assets
+    key, assets, names = source.recording.key, workspace.assets, workspace.names
     # The inventory decides whether the recording takes part, even if the asset (of a package) does not read it.
     upstream = {"inventory", *(name for asset in wanted for name in assets.upstream(asset))} - wanted
     given = {
-        name: recorded_artifact(instance, workspace.store, name, key)
+        name: recorded_artifact(instance, names, workspace.store, name, key)
         for name in sorted(upstream)
-        if recorded_partition(instance, name, key) is not None
+        if recorded_partition(instance, names, name, key) is not None
     }
     graph = Graph(
         assets,
@@ -134,7 +141,7 @@ def make_assets(
                 yield result
                 return
             reason = graph.node(SELECTION).skipped if result.asset == "inventory" else None
-            cached = result.cached and not workspace.has_made(run_id, result.action_digest)
+            cached = result.cached and result.action_digest != source.made_along
             skipped: Metadata = {"skipped": reason} if reason else {}  # first: nothing else follows of it
             metadata = skipped | result_metadata(replace(result, cached=cached))
             yield MadeAsset(result.asset, result.artifact.digest, metadata)

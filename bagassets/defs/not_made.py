@@ -10,13 +10,14 @@ import dagster as dg
 
 from bagassets.build.execute import BuildFailure
 from bagassets.build.recording_assets import RecordingAssets
+from bagassets.defs.naming import Naming
 from bagassets.errors import BagAssetsError, RunEndedError
 
 __all__ = ["failures_observed", "observations_of"]
 
 
 def observations_of(
-    assets: RecordingAssets, key: str, missing: Collection[str], err: BagAssetsError | str
+    assets: RecordingAssets, names: Naming, key: str, missing: Collection[str], err: BagAssetsError | str
 ) -> list[dg.AssetObservation]:
     """Return an observation of each asset of a recording, or dataset, that a failure kept from being made.
 
@@ -24,12 +25,15 @@ def observations_of(
 
     Args:
         assets: of recordings.
+        names: of the project in Dagster.
         key: partition key of the recording; empty for datasets.
         missing: names of the assets that were to be made and are not; may include `bag`.
         err: what went wrong, or its sentence.
     """
     own = {name: str(error) for name, error in err.errors.items()} if isinstance(err, BuildFailure) else {}
-    return [_observation(name, key, _why(assets, name, own) or str(err)) for name in sorted(missing)]
+    return [
+        _observation(names.key(name), key, _why(assets, name, own) or str(err)) for name in sorted(missing)
+    ]
 
 
 def _why(assets: RecordingAssets, asset: str, failed: dict[str, str]) -> str:
@@ -39,7 +43,7 @@ def _why(assets: RecordingAssets, asset: str, failed: dict[str, str]) -> str:
     return "\n".join(f"{name} failed: {failed[name]}" for name in above)
 
 
-def _observation(asset: str, key: str, why: str) -> dg.AssetObservation:
+def _observation(asset: dg.AssetKey, key: str, why: str) -> dg.AssetObservation:
     return dg.AssetObservation(
         asset, description=why, partition=key or None, metadata={"not_made": dg.MetadataValue.text(why)}
     )
@@ -47,13 +51,14 @@ def _observation(asset: str, key: str, why: str) -> dg.AssetObservation:
 
 @contextmanager
 def failures_observed(
-    context: dg.AssetExecutionContext, assets: RecordingAssets, wanted: Collection[str]
+    context: dg.AssetExecutionContext, assets: RecordingAssets, names: Naming, wanted: Collection[str]
 ) -> Iterator[set[str]]:
     """Record why assets were not made: those of a step, and those of its run that Dagster will not even begin.
 
     Args:
         context: of the step.
         assets: of recordings.
+        names: of the project in Dagster.
         wanted: names of the assets that the step is to make.
 
     Yields:
@@ -67,13 +72,13 @@ def failures_observed(
     except BagAssetsError as err:
         missing = set(wanted) - made
         for asset in ("bag", *assets.names):
-            if not missing.isdisjoint(assets.with_upstream([asset])) and _selected(context, asset):
+            if not missing.isdisjoint(assets.with_upstream([asset])) and _selected(context, names.key(asset)):
                 missing.add(asset)
-        for observation in observations_of(assets, context.partition_key, missing, err):
+        for observation in observations_of(assets, names, context.partition_key, missing, err):
             context.log_event(observation)
         raise
 
 
-def _selected(context: dg.AssetExecutionContext, asset: str) -> bool:
+def _selected(context: dg.AssetExecutionContext, asset: dg.AssetKey) -> bool:
     selected = context.run.asset_selection
-    return selected is None or dg.AssetKey(asset) in selected
+    return selected is None or asset in selected

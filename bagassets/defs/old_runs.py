@@ -9,6 +9,7 @@ import dagster as dg
 from bagassets.defs.batches import batch_of
 from bagassets.defs.dagster_private import AssetCheckExecutionsTable, SqlEventLogStorage
 from bagassets.defs.events import all_assets, event_database, live_partitions, recorded_states
+from bagassets.defs.naming import Naming
 from bagassets.defs.partitions import DATASET
 from bagassets.formats.dataset_build import dataset_code_versions
 from bagassets.recipe.model import Recipe
@@ -21,7 +22,9 @@ _BUSY_S = 60.0
 _ENDED = {dg.DagsterRunStatus.SUCCESS, dg.DagsterRunStatus.FAILURE, dg.DagsterRunStatus.CANCELED}
 
 
-def superseded_runs(instance: dg.DagsterInstance, recipe: Recipe, ended_before_s: float) -> list[str]:
+def superseded_runs(
+    instance: dg.DagsterInstance, recipe: Recipe, names: Naming, ended_before_s: float
+) -> list[str]:
     """Return the ids of runs of a recipe that ended long ago, and that nothing needs any more, the oldest last.
 
     Needed is a run that has the latest record of an asset of a recording, or of a dataset, and the last run about each,
@@ -31,20 +34,22 @@ def superseded_runs(instance: dg.DagsterInstance, recipe: Recipe, ended_before_s
     Args:
         instance: where the runs are.
         recipe: whose runs.
+        names: of its project.
         ended_before_s: Unix time; runs that ended later are kept.
     """
     datasets = ("dataset_inputs", *dataset_code_versions(recipe))
-    live = live_partitions(instance, recipe)
-    needed = {one.run_id for by_key in recorded_states(instance).values() for one in by_key.values()}
+    live = live_partitions(instance, names)
+    recorded = recorded_states(instance, names, all_assets())
+    needed = {one.run_id for by_key in recorded.values() for one in by_key.values()}
     for name in datasets:
-        latest = instance.get_latest_materialization_event(dg.AssetKey(name))
+        latest = instance.get_latest_materialization_event(names.key(name))
         needed |= {latest.run_id} if latest is not None else set()
-    ours = {dg.AssetKey(name) for name in (*all_assets(), *datasets)}
+    ours = {names.key(name) for name in (*all_assets(), *datasets)}
     seen: set[str] = set()
     found = []
     for record in _runs(instance):
         run = record.dagster_run
-        batch = batch_of(run)
+        batch = batch_of(run, names)
         if not batch and not (run.asset_selection and run.asset_selection <= ours):
             continue
         about = set(batch) or {run.tags.get(_PARTITION_TAG, DATASET)}

@@ -8,19 +8,23 @@ from difflib import get_close_matches
 
 import dagster as dg
 from dagster import partition_loading_context
+from sqlalchemy.exc import IntegrityError
 
 from bagassets.defs.batches import batch_of
 from bagassets.defs.dagster_private import PartitionLoadingContext
+from bagassets.defs.events import all_assets
+from bagassets.defs.naming import Naming
 from bagassets.errors import RecordingError
-from bagassets.recipe.model import Bags, Recipe
+from bagassets.recipe.model import Bags
 from bagassets.recordings.discover import discover
 
 __all__ = [
+    "ACTIVE",
     "DATASET",
+    "PARTITION_TAG",
     "RecordingPartitions",
     "active_runs",
     "add_partitions",
-    "partitions_name",
     "recording_partitions",
     "remove_partition",
 ]
@@ -31,25 +35,22 @@ DATASET = ""
 _MOST_NAMED = 5
 # SQLite takes a limited number of variables in one statement.
 _BATCH = 1000
-_PARTITION_TAG = "dagster/partition"
+PARTITION_TAG = "dagster/partition"
+"""Tag of a run about one partition."""
 _UNFINISHED = [
     dg.DagsterRunStatus.QUEUED,
     dg.DagsterRunStatus.NOT_STARTED,
     dg.DagsterRunStatus.STARTING,
     dg.DagsterRunStatus.STARTED,
 ]
-_ACTIVE = [*_UNFINISHED, dg.DagsterRunStatus.CANCELING]
+ACTIVE = [*_UNFINISHED, dg.DagsterRunStatus.CANCELING]
+"""States of runs that have not ended."""
 
 
-def partitions_name(recipe: Recipe) -> str:
-    """Return the name of the recipe's dynamic partitions, which is global to the instance."""
-    return f"{recipe.name}_recordings"
-
-
-def recording_partitions(recipe: Recipe) -> dg.DynamicPartitionsDefinition:
+def recording_partitions(bags: Bags, names: Naming) -> dg.DynamicPartitionsDefinition:
     """Return the partitions of the assets of a recording: one key per recording."""
-    partitions = RecordingPartitions(name=partitions_name(recipe))
-    partitions.bags = recipe.bags
+    partitions = RecordingPartitions(name=names.partitions)
+    partitions.bags = bags
     return partitions
 
 
@@ -85,7 +86,7 @@ class RecordingPartitions(dg.DynamicPartitionsDefinition):
         recordings = discover(self.bags).recordings
         if partition_key not in recordings:
             raise RecordingError(_no_such_recording(partition_key, self.bags, list(recordings)))
-        store.add_dynamic_partitions(str(self.name), [partition_key])
+        _register(store, str(self.name), [partition_key])
 
 
 def _no_such_recording(key: str, bags: Bags, known: list[str]) -> str:
@@ -100,32 +101,52 @@ def _no_such_recording(key: str, bags: Bags, known: list[str]) -> str:
     return f"{key}: no recording with this partition key below {bags.root}; {hint}"
 
 
-def active_runs(instance: dg.DagsterInstance, datasets: Iterable[str]) -> dict[str, tuple[str, ...]]:
+def active_runs(
+    instance: dg.DagsterInstance, names: Naming, datasets: Iterable[str]
+) -> dict[str, tuple[str, ...]]:
     """Return run id -> partition keys, and `DATASET` if it makes one of `datasets`, for runs that have not ended."""
-    keys = {dg.AssetKey(name) for name in datasets}
+    recordings, once = frozenset(all_assets()), frozenset(datasets)
     active: dict[str, tuple[str, ...]] = {}
-    for run in instance.get_runs(filters=dg.RunsFilter(statuses=_ACTIVE)):
-        if _PARTITION_TAG in run.tags:
-            active[run.run_id] = (run.tags[_PARTITION_TAG],)
-        elif keys & (run.asset_selection or set()):
+    for run in instance.get_runs(filters=dg.RunsFilter(statuses=ACTIVE)):
+        if PARTITION_TAG in run.tags and names.is_about(run, recordings):
+            active[run.run_id] = (run.tags[PARTITION_TAG],)
+        elif run.asset_selection and names.is_about(run, once):
             active[run.run_id] = (DATASET,)
-        elif batch := batch_of(run):
+        elif batch := batch_of(run, names):
             active[run.run_id] = batch
     return active
 
 
-def add_partitions(instance: dg.DagsterInstance, recipe: Recipe, keys: Sequence[str]) -> None:
+def add_partitions(instance: dg.DagsterInstance, names: Naming, keys: Sequence[str]) -> None:
     """Register recordings; keys that are registered already are kept."""
     for start in range(0, len(keys), _BATCH):
-        instance.add_dynamic_partitions(partitions_name(recipe), list(keys[start : start + _BATCH]))
+        _register(instance, names.partitions, list(keys[start : start + _BATCH]))
 
 
-def remove_partition(instance: dg.DagsterInstance, recipe: Recipe, key: str) -> None:
+def _register(instance: dg.DagsterInstance, partitions: str, keys: list[str]) -> None:
+    """Register partition keys, also while another process registers some of them.
+
+    Dagster looks which of them are missing, then inserts those; in SQLite that fails if somebody was faster. Each time
+    that happens one key more is known.
+    """
+    for _ in keys:
+        try:
+            instance.add_dynamic_partitions(partitions, keys)
+        except IntegrityError:
+            continue
+        return
+    instance.add_dynamic_partitions(partitions, keys)
+
+
+def remove_partition(instance: dg.DagsterInstance, names: Naming, key: str) -> None:
     """Cancel the runs of a recording that is gone, then delete its partition."""
-    runs = instance.get_runs(dg.RunsFilter(statuses=_UNFINISHED, tags={_PARTITION_TAG: key}))
+    runs = instance.get_runs(dg.RunsFilter(statuses=_UNFINISHED, tags={PARTITION_TAG: key}))
+    assets = frozenset(all_assets())
     for run in runs:
+        if not names.is_about(run, assets):
+            continue
         if run.status == dg.DagsterRunStatus.QUEUED:
             instance.report_run_canceled(run, message=f"Recording {key} was removed.")
         else:
             instance.run_launcher.terminate(run.run_id)
-    instance.delete_dynamic_partition(partitions_name(recipe), key)
+    instance.delete_dynamic_partition(names.partitions, key)

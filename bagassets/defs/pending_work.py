@@ -5,6 +5,7 @@ from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import dagster as dg
 
@@ -15,6 +16,7 @@ from bagassets.defs.connections import kept_open
 from bagassets.defs.databases import database_errors_explained
 from bagassets.defs.dataset import dataset_is_current
 from bagassets.defs.instance_plan import InstancePlan, plan_instance, replan_instance
+from bagassets.defs.projects import noted_prefix
 from bagassets.defs.runs import open_instance
 from bagassets.defs.workspace import Workspace
 from bagassets.formats.catalogue import MAIN
@@ -31,6 +33,9 @@ from bagassets.splits import moves
 from bagassets.store.store import Store
 from bagassets.store.writable import require_writable
 from bagassets.trace import span
+
+if TYPE_CHECKING:
+    from bagassets.defs.own_build import OwnProject
 
 __all__ = ["PendingWork", "expected_moves", "find_pending_work", "open_project", "update_pending_work"]
 
@@ -71,16 +76,25 @@ class PendingWork:
 
 
 def find_pending_work(
-    instance: dg.DagsterInstance, workspace: Workspace, options: BuildOptions | None = None
+    instance: dg.DagsterInstance,
+    workspace: Workspace,
+    options: BuildOptions | None = None,
+    own: "OwnProject | None" = None,
 ) -> PendingWork:
     """Plan everything and return what is to be done; nothing is changed.
+
+    Args:
+        instance: where materializations are recorded.
+        workspace: recipe, store and recordings.
+        options: what is asked for; default: everything.
+        own: the user's assets, which may be selected.
 
     Raises:
         BagAssetsError: the recipe or the bag root is not usable, or there is no such recording.
     """
     with span("plan"):
         planned = plan_instance(instance, workspace)
-    return _pending_work(instance, workspace, planned, options or BuildOptions())
+    return _pending_work(instance, workspace, planned, options or BuildOptions(), own)
 
 
 def update_pending_work(
@@ -93,13 +107,20 @@ def update_pending_work(
 
 
 def _pending_work(
-    instance: dg.DagsterInstance, workspace: Workspace, planned: InstancePlan, options: BuildOptions
+    instance: dg.DagsterInstance,
+    workspace: Workspace,
+    planned: InstancePlan,
+    options: BuildOptions,
+    own: "OwnProject | None" = None,
 ) -> PendingWork:
     recipe = workspace.recipe
     recordings = planned.discovery.recordings
     chosen = choose_recordings(recordings, options.bags) if options.bags else frozenset(recordings)
     datasets = tuple(dataset_code_versions(recipe))
-    wanted = choose_assets(("bag", *workspace.assets.names, *datasets), options.select)
+    ours = ("bag", *workspace.assets.names, *datasets)
+    wanted = choose_assets((*ours, *(own.assets if own else ())), options.select)
+    if wanted is not None and own is not None:
+        wanted = (wanted & frozenset(ours)) | own.ours_read_by(wanted)
     made_from = {asset: dataset.kind.part for asset, dataset in datasets_of(recipe).items()}
     made_from["trajectory_map"] = "ego_poses"
     select = (
@@ -111,7 +132,7 @@ def _pending_work(
     for key, bag in planned.plan.bags.items():
         if key in chosen and (assets := bag.to_run(retry_failed=options.retry_failed, select=select)):
             todo[key] = assets
-    is_current = dataset_is_current(instance, recipe, planned.inputs)
+    is_current = dataset_is_current(instance, workspace, planned.inputs)
     asked = datasets if wanted is None else tuple(name for name in datasets if name in wanted)
     return PendingWork(planned, is_current, chosen, todo, asked)
 
@@ -131,7 +152,7 @@ def expected_moves(pending: PendingWork, recipe: Recipe) -> dict[str, tuple[str,
 
 @contextmanager
 def open_project(recipe_file: Path) -> Iterator[tuple[dg.DagsterInstance, Workspace]]:
-    """Open the Dagster instance and the workspace of a recipe.
+    """Open the Dagster instance and the workspace of a recipe, below the prefix that the instance knows it by.
 
     Raises:
         RecipeError: the recipe is missing or wrong, or its project is another recipe's.
@@ -142,4 +163,6 @@ def open_project(recipe_file: Path) -> Iterator[tuple[dg.DagsterInstance, Worksp
     home = dagster_home(recipe_file.absolute(), workspace.recipe)
     os.environ["BAGASSETS_RECIPE"] = str(recipe_file.absolute())
     with database_errors_explained(str(home)), open_instance(str(home)) as instance, kept_open(instance):
+        if prefix := noted_prefix(instance, recipe_file):
+            workspace = Workspace(recipe_file=workspace.recipe_file, key_prefix=list(prefix))
         yield instance, workspace

@@ -8,21 +8,25 @@ import signal
 import time
 from collections.abc import Collection, Iterable, Mapping
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 
 import dagster as dg
 
 from bagassets.build.build_report import BagOutcome, BuildOptions, BuildReport, Event, Remark
 from bagassets.build.disk_space import folders_written, require_disk_space, space_needed
-from bagassets.build.plan import Plan, Recorded
+from bagassets.build.plan import Plan
 from bagassets.build.summary_rows import summary_rows
 from bagassets.defs.batches import SMALL_BYTES, Batch
 from bagassets.defs.dataset import record_inputs
-from bagassets.defs.events import fetch_recorded
+from bagassets.defs.events import recordings_made
 from bagassets.defs.instance_plan import InstancePlan
+from bagassets.defs.naming import Naming
 from bagassets.defs.orphaned_runs import end_orphaned_runs
+from bagassets.defs.own_build import OwnBuild, OwnProject, OwnWork, load_own
 from bagassets.defs.partitions import DATASET, active_runs, add_partitions, remove_partition
 from bagassets.defs.pending_work import PendingWork, find_pending_work, open_project, update_pending_work
+from bagassets.defs.projects import forget_other_prefixes, require_own_keys
 from bagassets.defs.run_pool import EndedRun, Listener, RunPool
 from bagassets.defs.snapshot import Snapshot
 from bagassets.defs.touched import record_touched
@@ -49,18 +53,26 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
         BagAssetsError: the recipe, the bag root or the server is not usable.
     """
     started = time.monotonic()
-    with open_project(recipe_file) as (instance, workspace), ExitStack() as stack:
+    with open_project(recipe_file) as (instance, known_as), ExitStack() as stack:
+        own = load_own(known_as, options)  # first, as it knows the prefix
+        workspace = own.workspace
         recipe = workspace.recipe
+        require_own_keys(instance, workspace.names.prefix, recipe_file)
+        if workspace.key_prefix:
+            forget_other_prefixes(instance, workspace.names.prefix, recipe_file)
         end_orphaned_runs(instance)
         repaired = {"after_crash": stack.enter_context(noted_build(recipe, recipe_file))}
         repaired["changed_in_place"] = remove_changed_sources(recipe, workspace.store)
         repaired["installed_packages"] = list(problems_of(recipe))
-        snapshot = Snapshot(instance, workspace)
-        before = find_pending_work(instance, workspace, options)
+
+        def plan_all(asked: BuildOptions | None = None) -> tuple[Snapshot, PendingWork]:
+            snapshot = Snapshot(instance, workspace, own.files)  # of what there is before it is planned
+            return snapshot, find_pending_work(instance, workspace, asked, own)
+
+        snapshot, before = plan_all(options)
         if touched := record_touched(instance, workspace, before, options.jobs, on_event):
-            snapshot = Snapshot(instance, workspace)
-            before = find_pending_work(instance, workspace, options)
-        now = before
+            snapshot, before = plan_all(options)
+        now, has_run, is_replanned = before, False, False
         report = BuildReport(before.plan, dataset_path=recipe.nuscenes.output)
         split_before = split_on_disk(recipe)
         report.remarks = tuple(
@@ -72,11 +84,13 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
         report.removed = _register(instance, workspace, before.planned)
         if before.todo or (before.datasets and not before.dataset_is_current):
             log = recipe.state / "code-server.log"
-            runs = stack.enter_context(RunPool(instance, options.jobs, on_event, log))
+            runs = stack.enter_context(
+                RunPool(instance, workspace.names, options.jobs, on_event, log, own.location)
+            )
             sizes = {key: before.planned.discovery.recordings[key].size for key in before.todo}
             space = _disk_space(before, workspace, options)
             on_event(Event("planned", sizes=sizes, message=space))
-            going_on = _going_on(instance, before.datasets)
+            going_on = _going_on(instance, workspace.names, before.datasets)
             followed = {key for keys in going_on.values() for key in keys}
             todo = {key: assets for key, assets in before.todo.items() if key not in followed}
             batches = runs.deal(todo, sizes)
@@ -84,7 +98,11 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
             if one_run:
                 batches = [{**batches[0], DATASET: before.datasets}]
             runs.work(batches, following=going_on)
-            now = update_pending_work(instance, workspace, before, runs.ended.keys())
+            if one_run:  # which is likely to have left nothing to do, as only a whole plan can tell
+                snapshot, now = plan_all()
+                is_replanned = True
+            else:
+                now = update_pending_work(instance, workspace, before, runs.ended.keys())
             # Runs of an earlier build may have begun before the recipe or the recording changed.
             again = {key: now.todo[key] for key in followed & now.todo.keys() & before.chosen}
             if again and not runs.interrupted:
@@ -93,14 +111,19 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
             _add_outcomes(report, instance, now.planned, runs)
             was_tried = one_run and DATASET in runs.ended
             if before.datasets and not now.dataset_is_current and not was_tried and not runs.interrupted:
-                record_inputs(instance, recipe, now.planned.inputs)
+                record_inputs(instance, workspace, now.planned.inputs)
                 runs.work([{DATASET: before.datasets}])
+                is_replanned = False
             report.interrupted = runs.interrupted
             report.remarks += tuple(_remarks(instance, {one.run_id for one in runs.ended.values()}))
             report.dataset, report.dataset_problem = _dataset_outcome(runs.ended.get(DATASET))
-            if report.succeeded and options.is_whole:
-                snapshot = Snapshot(instance, workspace)
-                now = find_pending_work(instance, workspace)
+            has_run = True
+        chosen = replace(now, chosen=before.chosen)
+        own_work, own_has_run = _build_own(instance, own, chosen, options, report, on_event)
+        if (has_run or own_has_run) and report.succeeded and options.is_whole:
+            if own_has_run or not is_replanned:
+                snapshot, now = plan_all()
+            own_work = own.survey(instance, now, options)
         lock = main_lock(recipe)
         report.duplicates = {} if lock is None else lock.value["duplicates"]
         report.splits = {} if lock is None else _shares(lock.value["shares"])
@@ -113,8 +136,8 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
             report.dataset = "stopped"
         report.plan, report.excluded = now.plan, now.plan.excluded
         _add_idle(report, now.plan, before.chosen, is_whole=options.is_whole)
-        if options.is_whole and now.is_settled:
-            snapshot.save(now.plan)
+        if options.is_whole and now.is_settled and own_work.is_up_to_date:
+            snapshot.save(now.plan, own.wanted)
     report.seconds = time.monotonic() - started
     return report
 
@@ -152,13 +175,40 @@ def _is_quick(before: PendingWork, batch: Batch, sizes: Mapping[str, int]) -> bo
     )
 
 
-def _going_on(instance: dg.DagsterInstance, datasets: Iterable[str]) -> dict[str, tuple[str, ...]]:
+def _build_own(
+    instance: dg.DagsterInstance,
+    own: OwnProject,
+    now: PendingWork,
+    options: BuildOptions,
+    report: BuildReport,
+    on_event: Listener,
+) -> tuple[OwnWork, bool]:
+    """Bring the user's own assets up to date, and say in the report what became of them.
+
+    Returns:
+        How they stand, and whether there were any runs.
+    """
+    report.own_problem, report.own_left_out = own.problem, own.left_out
+    if not own.wanted or report.interrupted:
+        return OwnWork(own), False
+    building = OwnBuild(instance, own, options, on_event)
+    work = building.work(now, is_dataset_current=now.dataset_is_current or report.dataset == "updated")
+    report.own = building.outcomes(work)
+    report.interrupted = building.interrupted
+    return work, building.has_run
+
+
+def _going_on(
+    instance: dg.DagsterInstance, names: Naming, datasets: Iterable[str]
+) -> dict[str, tuple[str, ...]]:
     """Return run -> keys for the runs of earlier builds that go on: those of launchers whose runs survive the build."""
     spooled_runs = getattr(instance.run_launcher, "spooled_runs", None)
     if spooled_runs is None:
         return {}
     spooled = spooled_runs()
-    return {run_id: keys for run_id, keys in active_runs(instance, datasets).items() if run_id in spooled}
+    return {
+        run_id: keys for run_id, keys in active_runs(instance, names, datasets).items() if run_id in spooled
+    }
 
 
 def _shares(locked: Mapping[str, JsonMapping]) -> dict[str, JsonObject]:
@@ -201,30 +251,38 @@ def _refuse_empty(recipe: Recipe, planned: InstancePlan) -> None:
 def _register(instance: dg.DagsterInstance, workspace: Workspace, planned: InstancePlan) -> tuple[str, ...]:
     """Add partitions for new recordings, remove those of recordings that are gone, and return the removed keys."""
     for key in planned.plan.removed:
-        remove_partition(instance, workspace.recipe, key)
-    add_partitions(instance, workspace.recipe, sorted(planned.discovery.recordings.keys() - planned.live))
+        remove_partition(instance, workspace.names, key)
+    add_partitions(instance, workspace.names, sorted(planned.discovery.recordings.keys() - planned.live))
     return planned.plan.removed
 
 
 def _add_outcomes(
-    report: BuildReport, instance: dg.DagsterInstance, planned: InstancePlan, runs: RunPool
+    report: BuildReport,
+    instance: dg.DagsterInstance,
+    planned: InstancePlan,
+    runs: RunPool,
 ) -> None:
     """Add the outcome of each recording that had a run to the report."""
     ended = {key: one for key, one in runs.ended.items() if key != DATASET}
     # A run that made the datasets, too, has planned its recordings since they were recorded.
     unknown = ended.keys() - planned.recorded.keys()
-    recorded = {**planned.recorded, **fetch_recorded(instance, planned.storage_ids, unknown)}
+    made_by_run = {
+        run_id: recordings_made(instance, run_id) for run_id in {ended[key].run_id for key in unknown} - {""}
+    }
     for key, one in ended.items():
-        report.outcomes[key] = _outcome(recorded.get(key, {}), one)
+        has_made = key in made_by_run.get(one.run_id, ()) or any(
+            record.run_id == one.run_id and record.cached is False
+            for record in planned.recorded.get(key, {}).values()
+        )
+        report.outcomes[key] = _outcome(one, has_made=has_made)
 
 
-def _outcome(recorded: Mapping[str, Recorded], ended: EndedRun) -> BagOutcome:
+def _outcome(ended: EndedRun, *, has_made: bool) -> BagOutcome:
     if ended.stopped:
         return BagOutcome("stopped", "the build was interrupted; the next one carries on", ended.seconds)
     if ended.problem is not None:
         return BagOutcome("failed", ended.problem, ended.seconds)
-    ran = any(record.run_id == ended.run_id and record.cached is False for record in recorded.values())
-    return BagOutcome("built" if ran else "hit", seconds=ended.seconds)
+    return BagOutcome("built" if has_made else "hit", seconds=ended.seconds)
 
 
 def _dataset_outcome(ended: EndedRun | None) -> tuple[str, str]:

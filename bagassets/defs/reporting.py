@@ -160,8 +160,11 @@ def dataset_metadata(summary: DatasetSummary, failed: Mapping[str, str]) -> Meta
         summary: of the dataset.
         failed: recording that could not enter it -> why.
     """
+    # People look for it first, and below twenty rows they would have to scroll.
+    why = {"failed": dg.MetadataValue.md(record_table(failed, ("recording", "reason")))} if failed else {}
     metadata: Metadata = {
         "report": dg.MetadataValue.md(f"[Open the report]({page_link('report')})"),
+        **why,
         "folder": dg.MetadataValue.path(str(summary.folder)),
         "recordings": sum(share.recordings for share in summary.shares),
         **{
@@ -179,8 +182,6 @@ def dataset_metadata(summary: DatasetSummary, failed: Mapping[str, str]) -> Meta
         metadata["duplicates"] = dg.MetadataValue.md(
             record_table(summary.duplicates, ("left out", "same content as"))
         )
-    if failed:
-        metadata["failed"] = dg.MetadataValue.md(record_table(failed, ("recording", "reason")))
     return metadata
 
 

@@ -16,9 +16,10 @@ from uuid import uuid4
 import dagster as dg
 
 from bagassets.build.build_report import Event
-from bagassets.defs.batches import BATCH_JOB, Batch, batch_config, batches
+from bagassets.defs.batches import Batch, batch_config, batches, without_steps
 from bagassets.defs.code_server import LaunchWorkspace
 from bagassets.defs.connections import kept_open
+from bagassets.defs.naming import Naming
 from bagassets.defs.partitions import DATASET
 from bagassets.defs.run_progress import RunProgress
 from bagassets.defs.runs import CodeLocation, create_job_run, create_run, fail_if_lost, failure_of
@@ -65,6 +66,7 @@ class _Active:
         where: where it waits or is executed, if its launcher says so.
         progress: what its log says of its recordings.
         read_at: when its log was last read (monotonic clock).
+        has_steps: it has a step for each asset; else its log says what became of its recordings.
     """
 
     batch: Batch
@@ -75,6 +77,7 @@ class _Active:
     where: str = ""
     progress: RunProgress = field(default_factory=RunProgress)
     read_at: float = 0.0
+    has_steps: bool = True
 
 
 @dataclass
@@ -83,21 +86,28 @@ class RunPool:
 
     Attributes:
         instance: where runs are recorded, and whose launcher executes them.
+        names: of the project whose assets are made.
         jobs: most runs at the same time, unless they wait in a queue of the launcher's own (`most_at_once`).
         on_event: called when a run begins and when it ends.
         log: log file of the code server, if the launcher needs one.
         location: code location of the assets.
+        key_of: how the keys of assets are made from their names; default: below the prefix of the project.
+        tags: partition key -> further tags of its run.
         ended: partition key -> how its run ended; the key of unpartitioned assets is empty.
         interrupted: the user pressed Ctrl-C.
     """
 
     instance: dg.DagsterInstance
+    names: Naming
     jobs: int
     on_event: Listener
     log: Path
     location: CodeLocation = field(default_factory=CodeLocation)
+    key_of: Callable[[str], dg.AssetKey] | None = None
+    tags: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     ended: dict[str, EndedRun] = field(default_factory=dict)
     interrupted: bool = False
+    _without_steps: frozenset[str] = frozenset()
     _waiting: list[Batch] = field(default_factory=list)
     _active: dict[str, _Active] = field(default_factory=dict)
     _looked_at: float = 0.0
@@ -105,6 +115,9 @@ class RunPool:
     def __post_init__(self) -> None:
         launcher = self.instance.run_launcher
         self.jobs = getattr(launcher, "most_at_once", self.jobs)
+        self._key_of = self.key_of or self.names.key
+        # Below a prefix, steps of assets are run by whatever executor the location names, perhaps a process each.
+        self._is_by_job = self.key_of is None and bool(self.names.prefix)
         self._most_per_run: int | None = getattr(launcher, "recordings_per_run", None)
         # One for all runs: a code server takes seconds to start.
         self._workspace = LaunchWorkspace(self.instance, self.location, self.log)
@@ -117,6 +130,7 @@ class RunPool:
 
     def deal(self, todo: Batch, sizes: Mapping[str, int]) -> list[Batch]:
         """Return a batch for each run that is to be launched, for recordings and their assets (see `batches`)."""
+        self._without_steps = without_steps({key: sizes[key] for key in todo}, self.jobs, self._most_per_run)
         return batches(todo, sizes, self.jobs, self._most_per_run)
 
     def work(self, batches: Sequence[Batch], following: Mapping[str, Sequence[str]] | None = None) -> None:
@@ -152,25 +166,33 @@ class RunPool:
         launch: Future[dg.DagsterRun | None] = Future()
         launch.set_result(None)
         now = time.monotonic()
-        self._active[run_id] = _Active(dict.fromkeys(keys, ()), launch, now, now, is_ours=False)
+        self._active[run_id] = _Active(
+            dict.fromkeys(keys, ()), launch, now, now, is_ours=False, has_steps=False
+        )
         if len(keys) == 1:
             self.on_event(Event("started", keys[0]))
 
     def _start(self, batch: Batch, pool: ThreadPoolExecutor) -> None:
         began, run_id = time.monotonic(), str(uuid4())
-        key = next(iter(batch)) if len(batch) == 1 else None
+        key, is_alone = next(iter(batch)), len(batch) == 1
+        has_steps = is_alone and key not in self._without_steps and not self._is_by_job
         try:
             # A run begins with twenty events, which Dagster writes one by one.
             with span("create run", bags=list(batch)), kept_open(self.instance, run_id):
-                if key is None:
-                    create_job_run(
-                        self.instance, BATCH_JOB, batch_config(batch), location=self.location, run_id=run_id
-                    )
-                else:
+                if has_steps:
                     create_run(
                         self.instance,
-                        batch[key],
+                        [self._key_of(asset) for asset in batch[key]],
                         partition_key=key or None,
+                        tags=self.tags.get(key),
+                        location=self.location,
+                        run_id=run_id,
+                    )
+                else:
+                    create_job_run(
+                        self.instance,
+                        self.names.batch_job,
+                        batch_config(batch, self.names),
                         location=self.location,
                         run_id=run_id,
                     )
@@ -179,8 +201,8 @@ class RunPool:
                 self._conclude(one, EndedRun("", str(err), stopped=False, seconds=0.0))
             return
         launch = pool.submit(self.instance.launch_run, run_id, self._workspace.for_launcher())
-        self._active[run_id] = _Active(batch, launch, began, began)
-        if key is not None:
+        self._active[run_id] = _Active(batch, launch, began, began, has_steps=has_steps)
+        if is_alone:
             self.on_event(Event("started", key))
 
     def _poll(self) -> None:
@@ -198,8 +220,9 @@ class RunPool:
             if not active.launch.done():
                 continue
             run = records.get(run_id)
-            # The log of a run about one recording says something only if that takes long.
-            if len(active.batch) > 1 or min(now - active.since, now - active.read_at) > _LOG_S:
+            # The log of a run about one recording says something only if that takes long, and in the end.
+            is_due = not active.has_steps and (len(active.batch) > 1 or (run is not None and run.is_finished))
+            if is_due or min(now - active.since, now - active.read_at) > _LOG_S:
                 active.read_at = now
                 self._follow(run_id, active)
             if run is None:
@@ -236,7 +259,7 @@ class RunPool:
             if has_ended:
                 problem, seconds = active.progress.ended[key]
                 self._conclude(key, EndedRun(run_id, problem, stopped=False, seconds=seconds))
-            else:
+            elif len(active.batch) > 1:  # of one alone it was said when its run was launched
                 self.on_event(Event("started", key))
         for key, (text, share) in active.progress.reading.items():
             if key not in active.progress.ended:

@@ -6,6 +6,7 @@ and opens the instance itself: no database connection may be opened before a for
 
 import os
 import signal
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
@@ -71,6 +72,7 @@ def preload(modules: list[str]) -> Iterator[None]:
         Short steps that make workers still faster, and can wait until the server is idle.
     """
     _apply_dotenv()
+    _stand_in_for_script()
     for module in _AHEAD:
         import_module(module)
     share_migrations()
@@ -184,6 +186,17 @@ def _apply_dotenv() -> None:
     recipe = os.environ.get("BAGASSETS_RECIPE")
     if recipe is not None:
         os.environ.update(dotenv_variables(Path(recipe).parent))
+
+
+def _stand_in_for_script() -> None:
+    """Put the folder of a script first on the module search path.
+
+    Dagster takes the first entry for that, and hides it while it imports definitions: here, and in the processes that a
+    multiprocess executor starts. It would be the first folder of PYTHONPATH.
+    """
+    scripts = str(Path(sys.executable).parent)
+    if sys.path[:1] != [scripts]:
+        sys.path.insert(0, scripts)
 
 
 def _describe(run: dg.DagsterRun) -> str:

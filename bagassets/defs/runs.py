@@ -54,6 +54,7 @@ __all__ = [
     "fail_if_lost",
     "failure_of",
     "is_interrupted",
+    "location_variables",
     "mark_canceling",
     "open_instance",
     "pack_instance",
@@ -189,6 +190,12 @@ def dotenv_variables(folder: Path) -> dict[str, str]:
     return get_env_var_dict(str(folder))
 
 
+def location_variables(instance: dg.DagsterInstance, location: str | None) -> Mapping[str, str]:
+    """Return the variables that the `secrets` of an instance give a code location: with ours, those of its `.env`."""
+    loader = instance.get_ref().secrets_loader  # `inject_env_vars` would set them in this process
+    return {} if loader is None else loader.get_secrets_for_environment(location)
+
+
 def preload_definitions(module: str) -> None:
     """Import a module of definitions and build what all runs of it share, but open nothing."""
     for value in vars(import_module(module)).values():
@@ -218,7 +225,7 @@ def create_run(
     only then.
 
     Raises:
-        BagAssetsError: no such asset or partition, or the assets cannot share a run.
+        BagAssetsError: no such asset or partition, the assets cannot share a run, or they need configuration.
     """
     location = location or CodeLocation()
     origin = location.python_origin()
@@ -248,14 +255,21 @@ def create_run(
                     f"{partition_key}: no such partition; it was removed, or never registered."
                 ) from err
             run_tags |= job.get_tags_for_partition_key(partition_key, selected_asset_keys=keys)
-    run = instance.create_run_for_job(
-        job_def=job,
-        run_id=run_id,
-        asset_selection=frozenset(keys),
-        tags=run_tags,
-        remote_job_origin=location.remote_origin(repository.name).get_job_origin(job.name),
-        job_code_origin=JobPythonOrigin(job.name, origin),
-    )
+    try:
+        run = instance.create_run_for_job(
+            job_def=job,
+            run_id=run_id,
+            asset_selection=frozenset(keys),
+            tags=run_tags,
+            remote_job_origin=location.remote_origin(repository.name).get_job_origin(job.name),
+            job_code_origin=JobPythonOrigin(job.name, origin),
+        )
+    except dg.DagsterInvalidConfigError as err:
+        names = ", ".join(sorted(key.to_user_string() for key in keys))
+        raise BagAssetsError(
+            f"{location.module}: {names} cannot be made without configuration ({err.errors[0].message}); give the "
+            "fields of its configuration defaults, or materialize it in the web UI."
+        ) from err
     return run.run_id
 
 

@@ -7,16 +7,23 @@ has settled, and the datasets as soon as the last run has ended.
 """
 
 import time
+from collections.abc import Iterable
+from pathlib import Path
 
 import dagster as dg
 
+from bagassets.defs.naming import Naming
+from bagassets.defs.projects import require_own_keys
 from bagassets.defs.reporting import errors_explained
 from bagassets.defs.sensor_cursor import Cursor
-from bagassets.defs.sensor_scan import ASSETS_JOB, Scan
+from bagassets.defs.sensor_scan import Scan
 from bagassets.defs.workspace import Workspace
 from bagassets.errors import RecordingError
 
-__all__ = ["recordings_sensor"]
+__all__ = ["KEY_PREFIX", "RECIPE", "recordings_sensor"]
+
+RECIPE, KEY_PREFIX = "bagassets/recipe", "bagassets/key_prefix"
+"""Metadata of the sensor."""
 
 # Less than the daemon's five seconds, or a tick that came a little early would be put off to the next one.
 INTERVAL_S = 4
@@ -25,28 +32,44 @@ PAUSE_S = 0.5
 _MOVING_TRIES = 2
 
 
-def recordings_sensor(batch_job: dg.JobDefinition) -> dg.SensorDefinition:
-    """Return the sensor; its workspace says which recipe it serves.
+def recordings_sensor(
+    recipe_file: Path, names: Naming, assets: Iterable[dg.AssetsDefinition], batch_job: dg.JobDefinition
+) -> dg.SensorDefinition:
+    """Return the sensor; its metadata says which project is defined where it is, for `own_location`.
 
     Args:
+        recipe_file: the recipe.
+        names: of the project.
+        assets: its assets.
         batch_job: the job of small recordings that share a run.
     """
+    asset_job = dg.define_asset_job(
+        names.assets_job,
+        dg.AssetSelection.assets(*assets),
+        # A run of ours is one process, whatever the executor of the code location: our workers are forked from a server.
+        executor_def=dg.in_process_executor,
+    )
 
     @dg.sensor(
-        name="recordings",
+        name=names.sensor,
         # The runs of large recordings and of datasets, and those that several small recordings share.
-        jobs=[dg.define_asset_job(ASSETS_JOB, dg.AssetSelection.all()), batch_job],
+        jobs=[asset_job, batch_job],
+        required_resource_keys={names.workspace},
         minimum_interval_seconds=INTERVAL_S,
         default_status=dg.DefaultSensorStatus.RUNNING,
+        metadata={RECIPE: dg.MetadataValue.path(str(recipe_file)), KEY_PREFIX: "/".join(names.prefix)},
         description=(
             "Watches the folder of recordings: registers new recordings as partitions once they have settled, requests runs "
             "for stale ones, deletes the partitions of removed ones, and then requests a run for the datasets."
         ),
     )
-    def recordings(context: dg.SensorEvaluationContext, workspace: Workspace) -> dg.SensorResult:
-        # The recipe as it is now: the one in `workspace` was read when the code location was loaded.
-        workspace = Workspace(recipe_file=workspace.recipe_file)
+    # Called directly, as in tests, a sensor is given its resources as parameters, too.
+    def recordings(context: dg.SensorEvaluationContext, **_resources: object) -> dg.SensorResult:
+        loaded: Workspace = getattr(context.resources, names.workspace)
+        # The recipe as it is now: that one was read when the code location was loaded.
+        workspace = Workspace(recipe_file=loaded.recipe_file, key_prefix=loaded.key_prefix)
         with errors_explained():
+            require_own_keys(context.instance, names.prefix, Path(workspace.recipe_file))
             return _watch(Scan(context.instance, workspace, Cursor.parse(context.cursor)))
 
     return recordings

@@ -7,7 +7,7 @@ import dagster as dg
 
 from bagassets.build.named_files import files_beside
 from bagassets.build.plan import AssetState, BagPlan, Plan
-from bagassets.defs.batches import BATCH_JOB, batch_config, batch_of, batches
+from bagassets.defs.batches import batch_config, batch_of, batches
 from bagassets.defs.dataset import dataset_is_current, record_inputs
 from bagassets.defs.events import all_assets, live_partitions
 from bagassets.defs.instance_plan import InstancePlan, plan_instance, workspace_fingerprint
@@ -25,9 +25,8 @@ from bagassets.recordings.discover import Discovery
 from bagassets.recordings.model import RecordingFiles
 from bagassets.store.canonical import digest_json
 
-__all__ = ["ASSETS_JOB", "Scan"]
+__all__ = ["Scan"]
 
-ASSETS_JOB = "recordings_and_datasets"
 # Small recordings that share a run, unless the launcher says how many.
 _RECORDINGS_PER_RUN = 10
 # Creating a hundred runs takes longer than a tick may, and thousands in the queue make everything slow; the rest
@@ -36,7 +35,7 @@ MOST_RUNS = 50
 # The datasets wait for recordings that have a run, but not for ever.
 PATIENCE_S = 60.0
 _LONGEST_REASON = 80
-_LATEST_BATCHES = 50
+_LATEST = 50
 
 
 @dataclass(frozen=True)
@@ -55,6 +54,7 @@ class Scan:
         self.cursor = cursor
         self._instance = instance
         self._workspace = workspace
+        self._names = workspace.names
         self._datasets = tuple(dataset_code_versions(workspace.recipe))
         self._next_settled_s: float | None = None
         self._active: set[str] = set()
@@ -70,15 +70,15 @@ class Scan:
         recipe, cursor = self._workspace.recipe, self.cursor
         discovery = self._workspace.discover()
         stats = _stats(discovery)
-        live = live_partitions(self._instance, recipe)
+        live = live_partitions(self._instance, self._names)
         # A recording in a folder that cannot be read at the moment is not gone.
         there = frozenset(stats) | discovery.unseen(live)
         if self._is_disk_gone(live, there, now_s):
             return []
         live = self._drop_removed(live, there)
-        active = active_runs(self._instance, self._datasets)
+        active = active_runs(self._instance, self._names, self._datasets)
         if active and end_orphaned_runs(self._instance)[0]:
-            active = active_runs(self._instance, self._datasets)
+            active = active_runs(self._instance, self._names, self._datasets)
         self._active, self._runs = {key for keys in active.values() for key in keys}, len(active)
         records, project = self._state_of_records(), workspace_fingerprint(self._workspace)
         quiet = digest_json(
@@ -99,7 +99,7 @@ class Scan:
         known = {key for key, bag in planned.plan.bags.items() if bag.assets["bag"].state == "fresh"}
         finished = cursor.settle(stats, known, recipe.bags.settle_s, now_s)
         self._next_settled_s = cursor.next_settled_s(recipe.bags.settle_s, finished)
-        add_partitions(self._instance, recipe, sorted(finished - live))
+        add_partitions(self._instance, self._names, sorted(finished - live))
         requests = self._requests(planned, {key: stats[key] for key in finished}, now_s)
         is_settling = self._next_settled_s is not None
         is_over = not (requests or self._active or is_settling or cursor.may_ask_again)
@@ -126,9 +126,8 @@ class Scan:
         return True
 
     def _drop_removed(self, live: frozenset[str], found: frozenset[str]) -> frozenset[str]:
-        recipe = self._workspace.recipe
         for key in sorted(live - found):
-            remove_partition(self._instance, recipe, key)
+            remove_partition(self._instance, self._names, key)
         self.cursor.forget([key for key in self.cursor.asked if key not in found and key != DATASET])
         return live & found
 
@@ -136,7 +135,7 @@ class Scan:
 
     def _state_of_records(self) -> str:
         """Return a digest that changes whenever one of our assets is materialized or wiped."""
-        keys = [dg.AssetKey(name) for name in (*all_assets(), "dataset_inputs", *self._datasets)]
+        keys = [self._names.key(name) for name in (*all_assets(), "dataset_inputs", *self._datasets)]
         entries = [record.asset_entry for record in self._instance.get_asset_records(keys)]
         return digest_json(
             sorted([e.asset_key.to_user_string(), e.last_materialization_storage_id] for e in entries)
@@ -195,16 +194,16 @@ class Scan:
         if count == 1:
             return dg.RunRequest(
                 run_key=f"{key}:{first.what[:16]}:{self.cursor.runs}",
-                job_name=ASSETS_JOB,
+                job_name=self._names.assets_job,
                 partition_key=key,
-                asset_selection=[dg.AssetKey(name) for name in first.assets],
+                asset_selection=[self._names.key(name) for name in first.assets],
                 tags={"why": first.why},
             )
         what = digest_json([[key, one.what] for key, one in batch.items()])
         return dg.RunRequest(
             run_key=f"{count} recordings:{what[:16]}:{self.cursor.runs}",
-            job_name=BATCH_JOB,
-            run_config=batch_config({key: one.assets for key, one in batch.items()}),
+            job_name=self._names.batch_job,
+            run_config=batch_config({key: one.assets for key, one in batch.items()}, self._names),
             tags={"why": f"{count_text(count, 'recording')}; {key}: {first.why}"[:_LONGEST_REASON]},
         )
 
@@ -213,15 +212,17 @@ class Scan:
         asked = self.cursor.asked.get(key)
         if asked is None or asked.what != what:
             return False
-        alone = self._instance.get_run_records(dg.RunsFilter(tags={"dagster/partition": key}), limit=1)
-        shared = self._instance.get_run_records(dg.RunsFilter(job_name=BATCH_JOB), limit=_LATEST_BATCHES)
-        records = [*alone, *(record for record in shared if key in batch_of(record.dagster_run))]
+        assets, names = frozenset(all_assets()), self._names
+        alone = self._instance.get_run_records(dg.RunsFilter(tags={"dagster/partition": key}), limit=_LATEST)
+        shared = self._instance.get_run_records(dg.RunsFilter(job_name=names.batch_job), limit=_LATEST)
+        records = [record for record in alone if names.is_about(record.dagster_run, assets)]
+        records += [record for record in shared if key in batch_of(record.dagster_run, names)]
         latest = max(records, key=lambda record: record.storage_id, default=None)
         return latest is not None and latest.dagster_run.status == dg.DagsterRunStatus.CANCELED
 
     def _dataset_request(self, inputs: DatasetInputs, now_s: float) -> list[dg.RunRequest]:
-        record_inputs(self._instance, self._workspace.recipe, inputs)
-        if dataset_is_current(self._instance, self._workspace.recipe, inputs):
+        record_inputs(self._instance, self._workspace, inputs)
+        if dataset_is_current(self._instance, self._workspace, inputs):
             self.cursor.forget([DATASET])
             return []
         if DATASET in self._active or not self.cursor.ask(DATASET, inputs.digest, now_s):
@@ -229,8 +230,8 @@ class Scan:
         return [
             dg.RunRequest(
                 run_key=f"dataset:{inputs.digest[:16]}:{self.cursor.runs}",
-                job_name=ASSETS_JOB,
-                asset_selection=[dg.AssetKey(name) for name in self._datasets],
+                job_name=self._names.assets_job,
+                asset_selection=[self._names.key(name) for name in self._datasets],
                 tags={"why": "its recordings or the recipe changed"},
             )
         ]

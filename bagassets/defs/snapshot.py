@@ -1,5 +1,6 @@
 """The snapshot that a build with nothing left to do keeps for the next build."""
 
+from collections.abc import Collection, Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -9,7 +10,6 @@ from bagassets.build.named_files import files_beside, named_files
 from bagassets.build.plan import Plan
 from bagassets.defs.events import database_place
 from bagassets.defs.instance_plan import workspace_fingerprint
-from bagassets.defs.partitions import partitions_name
 from bagassets.defs.workspace import Workspace
 from bagassets.formats.dataset_build import dataset_code_versions, dataset_folders
 from bagassets.freshness import decide
@@ -26,7 +26,9 @@ class Snapshot:
     So whatever changes while the plan is made differs from the snapshot, and the next build plans in full.
     """
 
-    def __init__(self, instance: dg.DagsterInstance, workspace: Workspace) -> None:
+    def __init__(
+        self, instance: dg.DagsterInstance, workspace: Workspace, own_files: Sequence[str] = ()
+    ) -> None:
         self._recipe = workspace.recipe
         self._fingerprints: list[str] | None = None
         recipe_file = Path(workspace.recipe_file).absolute()
@@ -37,7 +39,7 @@ class Snapshot:
             return
         files, folders = named_files(self._recipe)
         # A dagster.yaml in the project folder would take precedence.
-        beside = [config, recipe_file.with_name(config.name)]
+        beside = [config, recipe_file.with_name(config.name), *map(Path, own_files)]
         if any(rig.annotation_files for rig in self._recipe.rigs):
             # Label files may lie outside the bag root.
             recordings = workspace.discover().recordings.values()
@@ -50,7 +52,7 @@ class Snapshot:
             beside=[str(path) for path in beside],
             bag_root=str(self._recipe.bags.root),
             database=database,
-            partitions=partitions_name(self._recipe),
+            partitions=workspace.names.partitions,
             artifacts=str(self._recipe.store_path / "artifacts"),
         )
         project = workspace_fingerprint(workspace)
@@ -58,8 +60,13 @@ class Snapshot:
             with suppress(PlanNeeded):
                 self._fingerprints = decide.current_fingerprints(self._places, project)
 
-    def save(self, plan: Plan) -> None:
-        """Save the snapshot if the plan has nothing to do; else remove the last one."""
+    def save(self, plan: Plan, own: Collection[str] = ()) -> None:
+        """Save the snapshot if the plan has nothing to do; else remove the last one.
+
+        Args:
+            plan: the state of our assets.
+            own: the user's assets, which are up to date.
+        """
         bags = plan.bags.values()
         if self._fingerprints is None or not all(bag.settled for bag in bags):
             decide.forget_note(self._recipe.state)
@@ -75,5 +82,6 @@ class Snapshot:
             lines=[
                 f"{counts}: nothing to do",
                 *(f"dataset: {folder} (up to date)" for folder in dataset_folders(self._recipe).values()),
+                *([f"{', '.join(own)}: up to date"] if own else ()),
             ],
         )

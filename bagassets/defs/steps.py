@@ -3,7 +3,7 @@
 See `docs/steps.md`; `examples/step_plugin` is a complete example.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import dagster as dg
@@ -11,7 +11,9 @@ import dagster as dg
 from bagassets.build.execute import AssetResult
 from bagassets.build.run_action import run_action
 from bagassets.defs.events import live_partitions, recorded_states
-from bagassets.defs.partitions import recording_partitions
+from bagassets.defs.naming import AssetName, Naming, checked_prefix
+from bagassets.defs.own_assets import FOLLOWS, sensor_tags
+from bagassets.defs.partitions import ACTIVE, recording_partitions
 from bagassets.defs.reporting import errors_explained, result_metadata
 from bagassets.defs.workspace import Workspace
 from bagassets.errors import StoreError
@@ -24,14 +26,6 @@ from bagassets.store.canonical import digest_json
 
 __all__ = ["all_recordings", "channels", "follow_recordings", "per_recording", "publish", "recipe_beside"]
 
-_ACTIVE = [
-    dg.DagsterRunStatus.QUEUED,
-    dg.DagsterRunStatus.NOT_STARTED,
-    dg.DagsterRunStatus.STARTING,
-    dg.DagsterRunStatus.STARTED,
-    dg.DagsterRunStatus.CANCELING,
-]
-
 
 def recipe_beside(file: str | Path) -> Recipe:
     """Return the recipe in the folder of a file; pass `__file__` in the definitions of a project.
@@ -42,13 +36,20 @@ def recipe_beside(file: str | Path) -> Recipe:
     return load_recipe(Path(file).absolute().with_name("recipe.yaml"))
 
 
-def per_recording(recipe: Recipe) -> dg.PartitionsDefinition[str]:
-    """Return the partitions of our assets, one key per recording, for your own assets."""
-    return recording_partitions(recipe)
+def per_recording(
+    recipe: Recipe, *, key_prefix: str | Sequence[str] | None = None
+) -> dg.PartitionsDefinition[str]:
+    """Return the partitions of our assets, one key per recording, for your own assets.
+
+    Args:
+        recipe: the project.
+        key_prefix: as given to `build_definitions`.
+    """
+    return recording_partitions(recipe.bags, Naming(recipe.name, checked_prefix(key_prefix)))
 
 
 def channels(
-    context: dg.AssetExecutionContext | dg.AssetCheckExecutionContext, workspace: Workspace, asset: str
+    context: dg.AssetExecutionContext | dg.AssetCheckExecutionContext, workspace: Workspace, asset: AssetName
 ) -> dict[str, Artifact]:
     """Return channel -> artifact of `frames` or `sweeps`, for the recording that is being materialized.
 
@@ -62,7 +63,7 @@ def channels(
 
 
 def all_recordings(
-    context: dg.AssetExecutionContext | dg.AssetCheckExecutionContext, workspace: Workspace, asset: str
+    context: dg.AssetExecutionContext | dg.AssetCheckExecutionContext, workspace: Workspace, asset: AssetName
 ) -> dict[str, Artifact]:
     """Return partition key -> current artifact of an asset, sorted by key.
 
@@ -71,8 +72,8 @@ def all_recordings(
     Raises:
         StoreError: an artifact is not in the store.
     """
-    recorded = recorded_states(context.instance, [asset])[asset]
-    live = live_partitions(context.instance, workspace.recipe)
+    recorded = recorded_states(context.instance, workspace.names, [asset])[asset]
+    live = live_partitions(context.instance, workspace.names)
     return {
         key: workspace.store.artifact(recorded[key].data_version) for key in sorted(live & recorded.keys())
     }
@@ -125,7 +126,13 @@ def publish(
         )
 
 
-def follow_recordings(asset: str, *, upstream: str, interval_s: int = 30) -> dg.SensorDefinition:
+def follow_recordings(
+    asset: AssetName,
+    *,
+    upstream: AssetName,
+    interval_s: int = 30,
+    resource_key: str = "workspace",
+) -> dg.SensorDefinition:
     """Return a sensor that runs an unpartitioned asset when a recording was added, changed or removed.
 
     Automation conditions wait for ever for skipped recordings, miss removals, and lose changes between a run and the
@@ -133,27 +140,36 @@ def follow_recordings(asset: str, *, upstream: str, interval_s: int = 30) -> dg.
 
     Args:
         asset: key of an unpartitioned asset.
-        upstream: key of the partitioned asset that it reads.
+        upstream: the partitioned asset that it reads: name of one of ours, or the key of any.
         interval_s: least time between two ticks.
+        resource_key: of the project, as given to `build_definitions`.
     """
-    key = dg.AssetKey(asset)
+    key = asset if isinstance(asset, dg.AssetKey) else dg.AssetKey(asset)
+    read = upstream.to_user_string() if isinstance(upstream, dg.AssetKey) else upstream
 
     @dg.sensor(
-        name=f"{asset}_follows_recordings",
+        name=f"{key.to_python_identifier()}_follows_recordings",
         target=dg.AssetSelection.assets(key),
+        required_resource_keys={resource_key},
         minimum_interval_seconds=interval_s,
         default_status=dg.DefaultSensorStatus.RUNNING,
-        description=f"Requests a run of {asset} whenever {upstream} of a recording was added, changed or removed.",
+        metadata={FOLLOWS: key.to_user_string()},
+        description=f"Requests a run of {key.to_user_string()} whenever {read} of a recording was added, changed or removed.",
     )
-    def follow(context: dg.SensorEvaluationContext, workspace: Workspace) -> dg.SensorResult:
+    # Called directly, as in tests, a sensor is given its resources as parameters, too.
+    def follow(context: dg.SensorEvaluationContext, **_resources: object) -> dg.SensorResult:
+        workspace: Workspace = getattr(context.resources, resource_key)
         with errors_explained():
-            recorded = recorded_states(context.instance, [upstream])[upstream]
-            live = live_partitions(context.instance, workspace.recipe)
+            recorded = recorded_states(context.instance, workspace.names, [upstream])[upstream]
+            live = live_partitions(context.instance, workspace.names)
         now = digest_json({key: recorded[key].data_version for key in sorted(live & recorded.keys())})
-        runs = context.instance.get_runs(dg.RunsFilter(statuses=_ACTIVE))
+        runs = context.instance.get_runs(dg.RunsFilter(statuses=ACTIVE))
         busy = any(key in (run.asset_selection or ()) for run in runs)
         if now == context.cursor or busy:
             return dg.SensorResult()
-        return dg.SensorResult(run_requests=[dg.RunRequest(asset_selection=[key])], cursor=now)
+        tags = sensor_tags(context, workspace.names, key, ("bag", *workspace.assets.names))
+        if tags is None:  # a build has made it meanwhile
+            return dg.SensorResult(cursor=now)
+        return dg.SensorResult(run_requests=[dg.RunRequest(asset_selection=[key], tags=tags)], cursor=now)
 
     return follow

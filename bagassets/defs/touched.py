@@ -76,23 +76,23 @@ def record_touched(
             if digest.digest != touched[key].data_version:
                 continue
             if stat != touched[key].stat:
-                _record(instance, key, recordings[key], stat, digest)
+                _record(instance, workspace.names.key("bag"), recordings[key], stat, digest)
             same[key] = seconds
     return same
 
 
 def _record(
     instance: dg.DagsterInstance,
-    key: str,
+    bag: dg.AssetKey,
     recording: RecordingFiles,
     stat: RecordingStat,
     digest: RecordingDigest,
 ) -> None:
     instance.report_runless_asset_event(
         dg.AssetMaterialization(
-            "bag",
+            bag,
             description="Recorded without a run: only the time of its files had changed.",
-            partition=key,
+            partition=recording.key,
             metadata=bag_metadata(recording, stat, digest),
             tags={DATA_VERSION: digest.digest, CODE_VERSION: BAG_CODE_VERSION},
         )

@@ -1,15 +1,18 @@
 """The resource that assets and users' own steps share: recipe, store and recordings."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, TypeVar
 
 import dagster as dg
-from pydantic import PrivateAttr
+from pydantic import Field, PrivateAttr
 
 from bagassets.build.recording_assets import RecordingAssets
 from bagassets.defs.events import recorded_artifact
-from bagassets.errors import RecordingError
+from bagassets.defs.naming import AssetName, Naming
+from bagassets.defs.projects import note_instance, note_project
+from bagassets.errors import BagAssetsError, RecordingError
 from bagassets.formats.catalogue import recording_assets
 from bagassets.freshness.fingerprints import recipe_fingerprint
 from bagassets.recipe import Recipe, load_recipe, where_in
@@ -37,11 +40,19 @@ class Workspace(dg.ConfigurableResource):  # type: ignore[type-arg]  # steps get
     """
 
     recipe_file: str
+    key_prefix: list[str] = Field(default=[])
     _recipe: Recipe | None = PrivateAttr(default=None)
     _assets: RecordingAssets | None = PrivateAttr(default=None)
     _recipe_fingerprint: str = PrivateAttr(default="")
     _found_in_run: tuple[str, Any] | None = PrivateAttr(default=None)
-    _made_along: tuple[str, str] | None = PrivateAttr(default=None)
+
+    def setup_for_execution(self, context: dg.InitResourceContext) -> None:
+        """Note that the instance has this project; what to do if there is another, sensors and builds say."""
+        instance, prefix = context.instance, tuple(self.key_prefix)
+        if instance is not None:
+            note_project(instance, prefix, Path(self.recipe_file))
+            with suppress(BagAssetsError):  # a wrong recipe is reported by the step
+                note_instance(instance, self.recipe.state, prefix)
 
     @property
     def recipe(self) -> Recipe:
@@ -50,6 +61,11 @@ class Workspace(dg.ConfigurableResource):  # type: ignore[type-arg]  # steps get
             self._recipe_fingerprint = recipe_fingerprint(self.recipe_file)
             self._recipe = load_recipe(Path(self.recipe_file))
         return self._recipe
+
+    @property
+    def names(self) -> Naming:
+        """What the project is called in Dagster."""
+        return Naming(self.recipe.name, tuple(self.key_prefix))
 
     @property
     def assets(self) -> RecordingAssets:
@@ -97,14 +113,6 @@ class Workspace(dg.ConfigurableResource):  # type: ignore[type-arg]  # steps get
         value: T = self._found_in_run[1]
         return value
 
-    def note_made(self, run_id: str, action: str) -> None:
-        """Note that a run has run an action (its digest) before the asset that reports it; a run keeps one."""
-        self._made_along = run_id, action
-
-    def has_made(self, run_id: str, action: str) -> bool:
-        """Return whether a run has run an action before the asset that reports it."""
-        return self._made_along == (run_id, action)
-
     def recording(self, key: str) -> RecordingFiles:
         """Return the recording of a partition.
 
@@ -120,11 +128,15 @@ class Workspace(dg.ConfigurableResource):  # type: ignore[type-arg]  # steps get
             ) from None
 
     def artifact(
-        self, context: dg.AssetExecutionContext | dg.AssetCheckExecutionContext, asset: str
+        self, context: dg.AssetExecutionContext | dg.AssetCheckExecutionContext, asset: AssetName
     ) -> Artifact:
         """Return the current artifact of `asset` for the partition that is being materialized.
+
+        Args:
+            context: of the step.
+            asset: name of one of our assets, or the key of any.
 
         Raises:
             StoreError: the asset is not materialized, or its artifact is not in the store.
         """
-        return recorded_artifact(context.instance, self.store, asset, context.partition_key)
+        return recorded_artifact(context.instance, self.names, self.store, asset, context.partition_key)

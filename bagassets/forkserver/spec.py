@@ -38,6 +38,7 @@ class ServerSpec:
     Attributes:
         state_folder: folder of its socket and logs.
         recipe: recipe file that the modules read, if any.
+        recipes: further ones that they read, of other projects.
         modules: modules that it imports before it serves.
         paths: folders put on the module search path, for modules that are not installed.
         preload: `module:function` called with the names of the modules before the server serves; may
@@ -55,6 +56,7 @@ class ServerSpec:
     environment: Mapping[str, str] = field(default_factory=dict)
     sources: tuple[str, ...] = ()
     idle_timeout_s: float = IDLE_TIMEOUT_S
+    recipes: tuple[Path, ...] = ()
 
     @classmethod
     def of(
@@ -66,6 +68,7 @@ class ServerSpec:
         paths: tuple[str, ...] = (),
         preload: str = "",
         idle_timeout_s: float = IDLE_TIMEOUT_S,
+        recipes: tuple[Path, ...] = (),
     ) -> Self:
         """Return the spec of a server for this process.
 
@@ -83,6 +86,7 @@ class ServerSpec:
             _environment(recipe),
             sources,
             idle_timeout_s,
+            recipes,
         )
 
     @classmethod
@@ -98,6 +102,7 @@ class ServerSpec:
             value["environment"],
             tuple(value["sources"]),
             value["idle_timeout_s"],
+            tuple(map(Path, value["recipes"])),
         )
 
     def as_json(self) -> JsonObject:
@@ -105,14 +110,16 @@ class ServerSpec:
         paths = {
             "state_folder": str(self.state_folder),
             "recipe": self.recipe and str(self.recipe),
+            "recipes": [str(path) for path in self.recipes],
         }
         return asdict(self) | paths
 
     def stamp(self) -> str:
         """Return the digest of everything that determines what a worker of this server does."""
         recipe = "" if self.recipe is None else recipe_fingerprint(self.recipe)
+        others = [recipe_fingerprint(path) for path in self.recipes]
         asked = [list(self.modules), list(self.paths), self.preload, sorted(self.environment.items())]
-        return digest_lines([code_fingerprint(self.sources), recipe, repr(asked)])
+        return digest_lines([code_fingerprint(self.sources), recipe, *others, repr(asked)])
 
 
 def _locate(modules: tuple[str, ...], paths: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:

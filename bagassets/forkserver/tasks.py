@@ -29,6 +29,7 @@ def server_spec(
     modules: tuple[str, ...] = (DEFINITIONS,),
     paths: tuple[str, ...] = (),
     idle_timeout_s: float | None = None,
+    recipes: tuple[Path, ...] = (),
 ) -> ServerSpec:
     """Return the spec of a server that has Dagster and the definitions imported.
 
@@ -38,6 +39,7 @@ def server_spec(
         modules: likewise.
         paths: likewise.
         idle_timeout_s: likewise; by default what the variable BAGASSETS_SERVER_MINUTES says.
+        recipes: see `ServerSpec`.
 
     Raises:
         BagAssetsError: a module cannot be found, or the variable is no number.
@@ -49,6 +51,7 @@ def server_spec(
         paths=paths,
         preload=f"{_WORKER}:preload",
         idle_timeout_s=_idle_timeout_s() if idle_timeout_s is None else idle_timeout_s,
+        recipes=recipes,
     )
 
 

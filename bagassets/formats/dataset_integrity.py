@@ -19,6 +19,7 @@ from bagassets.formats.dataset_build import dataset_folders
 from bagassets.formats.dataset_lock import LOCK, DatasetLock, load_lock
 from bagassets.formats.format import AnyFormat, Entry, Part, UnitFolders
 from bagassets.freshness.published import Publication
+from bagassets.quantities import count_text
 from bagassets.recipe.model import Recipe
 from bagassets.store.artifact import Artifact, FileEntry
 from bagassets.store.canonical import digest_file
@@ -214,7 +215,11 @@ class _Check:
     def unchecked(self, output: Path) -> Iterator[DatasetDamage]:
         """Report the files whose artifacts are gone; they stay, since no other copy may be left."""
         if self._unchecked:
-            reason = f"{self._unchecked} files cannot be checked, because their artifacts are not in the store; build, then verify again"
+            whose = "its artifact is" if self._unchecked == 1 else "their artifacts are"
+            reason = (
+                f"{count_text(self._unchecked, 'file')} cannot be checked, because {whose} not in the store; build, then "
+                "verify again"
+            )
             yield DatasetDamage(output, reason, None)
         self._unchecked = 0
 

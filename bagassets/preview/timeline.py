@@ -1,13 +1,11 @@
 """The timeline: when and how often each topic has messages, and where it pauses."""
 
-from collections.abc import Sequence
-
 import cv2
 
 from bagassets.json_types import JsonMapping, JsonObject
 from bagassets.preview.canvas import ACCENT, DIM, FAINT, TEXT, WARNING, Image, blank, text, text_width
 from bagassets.quantities import count_text
-from bagassets.recordings.inventory import Inventory
+from bagassets.recordings.inventory import Inventory, TopicRecord
 
 __all__ = ["timeline", "timeline_facts"]
 
@@ -16,42 +14,57 @@ ROW_PX = 18
 TOP_PX = 30
 _NAMES_SHARE = 0.36
 _LEAST_GAP_PX = 2
+_WHOLE_HZ = 99.95  # rates are whole numbers from here on
 
 
 def timeline_facts(inventory: Inventory) -> JsonObject:
-    """Return exactly what the picture shows: the picture depends on the digest of this, not on the inventory."""
+    """Return exactly what the picture shows: the picture depends on the digest of this, not on the inventory.
+
+    Times are in ms from the first message of the recording, at `start_ns`, so one more message hardly ever changes the picture.
+    Of many topics, those with the most messages are shown.
+    """
+    start_ns = inventory.start_ns or 0
+
+    def ms(stamp_ns: float | None) -> int | None:
+        return None if stamp_ns is None else round((stamp_ns - start_ns) / 1e6)
+
+    most = sorted(inventory.topics.values(), key=lambda topic: (-topic.count, topic.name))[:MOST_TOPICS]
     return {
         "start_ns": inventory.start_ns,
-        "end_ns": inventory.end_ns,
+        "duration_ms": ms(inventory.end_ns) or 0,
+        "hidden": len(inventory.topics) - len(most),
         "topics": [
             {
-                "name": name,
-                "count": topic.count,
-                "rate_hz": topic.rate_hz,
-                "first_ns": topic.first_ns,
-                "last_ns": topic.last_ns,
-                "gaps": [[gap.start_ns, gap.duration_s] for gap in topic.gaps],
-                "gap_count": topic.gap_count,
+                "name": topic.name,
+                "label": _label(topic),
+                "first_ms": ms(topic.first_ns),
+                "last_ms": ms(topic.last_ns),
+                "gaps": [[ms(gap.start_ns), ms(gap.start_ns + gap.duration_s * 1e9)] for gap in topic.gaps],
+                "has_gaps": topic.gap_count > 0,
                 "problem": topic.problem is not None,
             }
-            for name, topic in inventory.topics.items()
+            for topic in sorted(most, key=lambda topic: topic.name)
         ],
     }
 
 
-def timeline(facts: JsonMapping, width: int) -> Image:
-    """Return the picture.
+def _label(topic: TopicRecord) -> str:
+    rate = topic.rate_hz
+    if rate is None:
+        return f"{topic.count} msg"
+    return f"{rate:.1f} Hz" if rate < _WHOLE_HZ else f"{rate:.0f} Hz"
 
-    Of many topics those with the most messages are shown; a last line says how many are not.
+
+def timeline(facts: JsonMapping, width: int) -> Image:
+    """Return the picture; a last line says how many topics it does not show.
 
     Args:
         facts: from `timeline_facts`.
         width: of the picture in pixels.
     """
-    topics = _chosen(facts["topics"])
-    hidden = len(facts["topics"]) - len(topics)
+    topics, hidden = facts["topics"], facts["hidden"]
     picture = blank(width, TOP_PX + ROW_PX * (len(topics) + (hidden > 0)) + 8)
-    axis = _Axis(facts, round(width * _NAMES_SHARE), width - 78)
+    axis = _Axis(facts["duration_ms"], round(width * _NAMES_SHARE), width - 78)
     axis.draw(picture, TOP_PX + ROW_PX * len(topics))
     for row, topic in enumerate(topics):
         _row(picture, axis, topic, TOP_PX + ROW_PX * row)
@@ -61,28 +74,23 @@ def timeline(facts: JsonMapping, width: int) -> Image:
     return picture
 
 
-def _chosen(topics: Sequence[JsonMapping]) -> list[JsonMapping]:
-    most = sorted(topics, key=lambda topic: (-topic["count"], topic["name"]))[:MOST_TOPICS]
-    return sorted(most, key=lambda topic: str(topic["name"]))
-
-
 class _Axis:
     """The time axis, from the first to the last message of the recording."""
 
-    def __init__(self, facts: JsonMapping, left: int, right: int) -> None:
-        self.start_ns = facts["start_ns"] or 0
-        self.duration_s = max(((facts["end_ns"] or 0) - self.start_ns) / 1e9, 1e-3)
+    def __init__(self, duration_ms: int, left: int, right: int) -> None:
+        self.duration_ms = max(duration_ms, 1)
         self.left, self.right = left, right
 
-    def x(self, stamp_ns: float) -> int:
-        share = (stamp_ns - self.start_ns) / 1e9 / self.duration_s
+    def x(self, time_ms: float) -> int:
+        share = time_ms / self.duration_ms
         return round(self.left + min(max(share, 0.0), 1.0) * (self.right - self.left))
 
     def draw(self, picture: Image, bottom: int) -> None:
-        step_s = _step(self.duration_s / 6)
-        for number in range(int(self.duration_s / step_s) + 1):
+        duration_s = self.duration_ms / 1e3
+        step_s = _step(duration_s / 6)
+        for number in range(int(duration_s / step_s) + 1):
             second = number * step_s
-            x = self.x(self.start_ns + second * 1e9)
+            x = self.x(second * 1e3)
             cv2.line(picture, (x, TOP_PX - 6), (x, bottom), FAINT, 1)
             text(picture, f"{second:g} s", x - 8, TOP_PX - 10, size_px=10, colour=DIM)
 
@@ -102,23 +110,14 @@ def _row(picture: Image, axis: _Axis, topic: JsonMapping, top: int) -> None:
     while text_width(name, 10) > axis.left - 30 and len(name) > 4:
         name = name[:-1]
     text(picture, name if name == topic["name"] else f"{name}..", 10, top + 13, size_px=10)
-    if topic["first_ns"] is None:
+    if topic["first_ms"] is None:
         text(picture, "no messages", axis.left + 4, top + 13, size_px=10, colour=WARNING)
         return
-    first, last = axis.x(topic["first_ns"]), axis.x(topic["last_ns"])
+    first, last = axis.x(topic["first_ms"]), axis.x(topic["last_ms"])
     bar = DIM if topic["problem"] else ACCENT
     cv2.rectangle(picture, (first, top + 5), (max(last, first + 1), top + 13), bar, -1)
-    for start_ns, duration_s in topic["gaps"]:
-        begin, end = axis.x(start_ns), axis.x(start_ns + duration_s * 1e9)
+    for begin_ms, end_ms in topic["gaps"]:
+        begin, end = axis.x(begin_ms), axis.x(end_ms)
         cv2.rectangle(picture, (begin, top + 4), (max(end, begin + _LEAST_GAP_PX), top + 14), WARNING, -1)
-    rate = topic["rate_hz"]
-    label = (
-        f"{rate:.1f} Hz"
-        if rate is not None and rate < 99.95
-        else f"{rate:.0f} Hz"
-        if rate is not None
-        else f"{topic['count']} msg"
-    )
-    text(
-        picture, label, axis.right + 10, top + 13, size_px=10, colour=WARNING if topic["gap_count"] else TEXT
-    )
+    colour = WARNING if topic["has_gaps"] else TEXT
+    text(picture, topic["label"], axis.right + 10, top + 13, size_px=10, colour=colour)

@@ -8,6 +8,8 @@ path, and `.env` sets DAGSTER_HOME for commands started in the project folder.
 
 import json
 import os
+import re
+import shlex
 from pathlib import Path
 
 from bagassets.atomic import write_atomically
@@ -17,7 +19,7 @@ from bagassets.recipe.model import Recipe
 __all__ = ["FILES", "dagster_files", "dagster_home", "write_project"]
 
 FILES = ("recipe.yaml", "dagster.yaml", "workspace.yaml", ".env")
-"""What a project folder holds."""
+"""What every project folder holds."""
 
 _DAGSTER_YAML = """\
 # The Dagster instance of this project, written by `bagassets init`. Its state lives in one folder:
@@ -103,6 +105,37 @@ BAGASSETS_RECIPE={recipe}
 """
 
 
+_DEFINITIONS_PY = """\
+# What `dg dev`, `dg list defs` and `dg launch` load. Assets of your own can be merged in here; have workspace.yaml name this
+# module then, so that `bagassets` and `dagster` load them, too.
+from pathlib import Path
+
+from bagassets.defs import build_definitions
+
+defs = build_definitions(Path(__file__).with_name("recipe.yaml"))
+"""
+
+_PYPROJECT_TOML = """\
+# Makes this folder a project of `dg`, Dagster's command line.
+[tool.dg]
+directory_type = "project"
+
+[tool.dg.project]
+root_module = "definitions"
+defs_module = "definitions"
+code_location_target_module = "definitions"
+# The name that dagster.yaml knows this location by.
+code_location_name = "bagassets.definitions"
+"""
+
+# Where the files of a project name its recipe, as they are written here; of what people write, nothing is concluded.
+_NAMED_RECIPE = {
+    ".env": re.compile(r"^BAGASSETS_RECIPE='?([^'\"#\n]+?)'?$", re.MULTILINE),
+    "dagster.yaml": re.compile(r'^ +recipe: ("(?:[^"\\]|\\["\\/bfnrtu])*")$', re.MULTILINE),
+}
+_FOR_DG = {"definitions.py": _DEFINITIONS_PY, "pyproject.toml": _PYPROJECT_TOML}
+
+
 def dagster_files(project: Path, state: Path, recipe: Path | None = None) -> dict[str, str]:
     """Return file name -> content of everything in a project folder but the recipe.
 
@@ -127,8 +160,10 @@ def dagster_files(project: Path, state: Path, recipe: Path | None = None) -> dic
     return {"dagster.yaml": dagster_yaml, "workspace.yaml": _WORKSPACE_YAML, ".env": env}
 
 
-def write_project(project: Path, recipe_text: str | None, state: Path | None = None) -> None:
-    """Write the files of a project, replacing those that are there.
+def write_project(project: Path, recipe_text: str | None, state: Path | None = None) -> list[str]:
+    """Write the files of a project, replacing those that are there; return their names.
+
+    Those for `dg` are written only if neither is there, as they may be the user's own.
 
     Args:
         project: the project folder; made if missing.
@@ -144,6 +179,8 @@ def write_project(project: Path, recipe_text: str | None, state: Path | None = N
         files["recipe.yaml"] = recipe_text
     elif (project / "workspace.yaml").is_file():
         del files["workspace.yaml"]  # it names no path of ours, and may name steps of the user's
+    if not any((project / name).exists() for name in _FOR_DG):
+        files |= _FOR_DG
     try:
         project.mkdir(parents=True, exist_ok=True)
         # Dagster refuses a log folder that does not exist.
@@ -152,6 +189,7 @@ def write_project(project: Path, recipe_text: str | None, state: Path | None = N
             write_atomically(project / name, text.encode())
     except OSError as err:
         raise RecipeError(f"{project}: the project cannot be written ({err.strerror or err}).") from err
+    return [name for name in (*FILES, *_FOR_DG) if name in files]
 
 
 def dagster_home(recipe_file: Path, recipe: Recipe) -> Path:
@@ -180,15 +218,22 @@ def dagster_home(recipe_file: Path, recipe: Recipe) -> Path:
 
 
 def _refuse_other_recipe(recipe_file: Path) -> None:
-    """Raise if the `.env` beside a recipe names another, which Dagster's processes would take."""
-    dotenv = recipe_file.with_name(".env")
-    prefix = "BAGASSETS_RECIPE="
-    for line in dotenv.read_text("utf-8").splitlines() if dotenv.is_file() else ():
-        named = Path(line.removeprefix(prefix).strip("'"))
-        if line.startswith(prefix) and named.exists() and not named.samefile(recipe_file):
+    """Raise if the files beside a recipe name another, whose state Dagster's processes would take."""
+    project = recipe_file.parent
+    for name, pattern in _NAMED_RECIPE.items():
+        file = project / name
+        for found in pattern.finditer(file.read_text("utf-8")) if file.is_file() else ():
+            named = project / (json.loads(found[1]) if found[1].startswith('"') else found[1])
+            if named.exists() and named.samefile(recipe_file):
+                continue
+            if named.exists() and named.parent.samefile(project):
+                raise RecipeError(
+                    f"{recipe_file}: this project is made for {named.name} (its {name} says so); keep each recipe in a "
+                    "folder of its own."
+                )
             raise RecipeError(
-                f"{recipe_file}: this project is made for {named.name} (its .env says so); keep each recipe in a "
-                "folder of its own."
+                f"{file}: it names {named}, so this project was moved or copied from there. Run `bagassets init "
+                f"{shlex.quote(str(project))}`: it keeps recipe.yaml and has the rest name this folder."
             )
 
 

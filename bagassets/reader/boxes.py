@@ -106,7 +106,8 @@ class Boxes(Sequence[Box]):
 
     def __repr__(self) -> str:
         categories = sorted({box.category for box in self._boxes})
-        return f"<{len(self)} boxes in {self.frame}: {', '.join(categories) or 'none'}>"
+        number = "1 box" if len(self) == 1 else f"{len(self)} boxes"
+        return f"<{number} in {self.frame}: {', '.join(categories) or 'none'}>"
 
     def in_camera(self, channel: str, *, visible_only: bool = False) -> "Boxes":
         """Return the boxes in the frame of a camera (x right, y down, z ahead) at the time of its image.

@@ -15,14 +15,15 @@ from numpy.typing import NDArray
 from bagassets.errors import DatasetError
 from bagassets.formats.nuscenes.schema import TABLES
 from bagassets.geometry.se3 import Floats
+from bagassets.quantities import count_text
 from bagassets.reader.boxes import Boxes, View
 from bagassets.reader.nuscenes import NuScenesSource
-from bagassets.reader.points import LIDAR_FIELDS, Points, lidar_points, radar_points
+from bagassets.reader.reading_files import Points, read_image, read_points
 from bagassets.reader.source import Reading, SceneRow, Source
 from bagassets.reader.table_folder import LOCK, TableFolder
 from bagassets.reader.vision import VisionSource
 
-__all__ = ["Dataset", "Sample", "Scene", "open_dataset"]
+__all__ = ["Dataset", "Sample", "Scene", "Sweep", "open_dataset"]
 
 T = TypeVar("T")
 
@@ -34,7 +35,8 @@ def open_dataset(path: str | Path, version: str | None = None) -> "Dataset":
     """Open a dataset that was built: nuScenes, also from elsewhere, or vision.
 
     What is opened stays as it is while the dataset is built again: readers see the old dataset or the new one. Only
-    where the old one has a file that the new one has not, reading it fails, with a sentence that says so.
+    where the old one has a file that the new one has not, reading it fails, with a sentence that says so; and a file
+    that has other bytes by then is read as it is.
 
     Args:
         path: folder of the dataset, or its version folder.
@@ -81,7 +83,7 @@ class Dataset(Sequence["Sample"]):
         return _dataset, _ticket(self._source)
 
     def __repr__(self) -> str:
-        numbers = f"{len(self.scenes)} scenes, {len(self)} samples"
+        numbers = f"{count_text(len(self.scenes), 'scene')}, {count_text(len(self), 'sample')}"
         return f"<Dataset {self.path}: {numbers}, {', '.join(self.channels) or 'no channels'}>"
 
     @cached_property
@@ -161,7 +163,7 @@ class Scene(Sequence["Sample"]):
         return _scene, (*_ticket(self._source), self._row)
 
     def __repr__(self) -> str:
-        return f"<Scene {self.name}: {len(self)} samples>"
+        return f"<Scene {self.name}: {count_text(len(self), 'sample')}>"
 
 
 class Sample:
@@ -210,21 +212,7 @@ class Sample:
             KeyError: the sample has no image of this camera.
             DatasetError: the file is missing or damaged.
         """
-        import cv2
-
-        reading = _chosen(self.readings, channel, ("camera",))
-        data = np.frombuffer(self._content(reading), dtype=np.uint8)
-        as_rgb: int | None = getattr(cv2, "IMREAD_COLOR_RGB", None)  # since OpenCV 4.11; spares a pass
-        kind = cv2.IMREAD_COLOR if as_rgb is None else as_rgb
-        image = cv2.imdecode(data, kind | cv2.IMREAD_IGNORE_ORIENTATION) if len(data) else None
-        if image is None:
-            raise DatasetError(
-                f"{reading.path}: expected an image, but it cannot be decoded; `bagassets verify` finds and removes damaged "
-                "files, and the next build makes them again."
-            )
-        if as_rgb is None:
-            image = cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
-        return image.astype(np.uint8, copy=False)
+        return read_image(self._source.folder, _chosen(self.readings, channel, ("camera",)))
 
     def points(self, channel: str) -> Points:
         """Read and return the points of a lidar or radar, float32 in the frame of the sensor, metres.
@@ -236,13 +224,20 @@ class Sample:
             KeyError: the sample has no points of this channel.
             DatasetError: the file is missing or damaged.
         """
-        reading = _chosen(self.readings, channel, ("lidar", "radar"))
-        data = self._content(reading)
-        if reading.modality == "lidar":
-            values, fields = lidar_points(data, reading.path), LIDAR_FIELDS
-        else:
-            values, fields = radar_points(data, reading.path)
-        return Points.of(values, fields, reading.find_pose(), reading.ego_SE3_sensor)
+        return read_points(self._source.folder, _chosen(self.readings, channel, ("lidar", "radar")))
+
+    def sweeps(self, channel: str, number: int) -> "list[Sweep]":
+        """Return what a channel read before this sample, newest first: at most `number` readings of its scene.
+
+        As the links `prev` of the devkit have it, those between two samples and those of earlier samples alike. Nothing is
+        decoded yet. The first time a channel is asked for, its part of the tables is read.
+
+        Raises:
+            KeyError: the sample has no reading of this channel.
+        """
+        _chosen(self.readings, channel)
+        before = self._source.before(self.index, channel, number)
+        return [Sweep(self._source, self.index, place, reading) for place, reading in enumerate(before)]
 
     def global_SE3_ego(self, channel: str) -> Floats:
         """Return the pose of the ego frame at the time of the reading of a channel, (4, 4).
@@ -268,15 +263,72 @@ class Sample:
         """
         return _matrix(_chosen(self.readings, channel, ("camera",)))
 
-    def _content(self, reading: Reading) -> bytes:
-        try:
-            return reading.path.read_bytes()
-        except FileNotFoundError:
-            raise self._source.folder.missing(reading.path) from None
-        except OSError as err:
-            raise DatasetError(
-                f"{reading.path}: this file of the dataset cannot be read ({err.strerror}); check the disk and its permissions."
-            ) from err
+
+class Sweep:
+    """One reading of a channel before a sample.
+
+    Attributes:
+        reading: its file, time, size.
+    """
+
+    def __init__(self, source: Source, index: int, place: int, reading: Reading) -> None:
+        self._source = source
+        self._index, self._place = index, place
+        self.reading = reading
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return _sweep, (*_ticket(self._source), self._index, self.channel, self._place)
+
+    def __repr__(self) -> str:
+        return f"<Sweep of {self.channel} at {self.stamp_ns / 1e9:.3f} s>"
+
+    @property
+    def channel(self) -> str:
+        """Its channel."""
+        return self.reading.channel
+
+    @property
+    def stamp_ns(self) -> int:
+        """Its own time."""
+        return self.reading.stamp_ns
+
+    def image(self) -> NDArray[np.uint8]:
+        """Decode and return the image of a camera, as `Sample.image`.
+
+        Raises:
+            KeyError: it is no image.
+            DatasetError: the file is missing or damaged.
+        """
+        return read_image(self._source.folder, _chosen(self._readings, self.channel, ("camera",)))
+
+    def points(self) -> Points:
+        """Read and return the points of a lidar or radar, as `Sample.points`.
+
+        Raises:
+            KeyError: it has no points.
+            DatasetError: the file is missing or damaged.
+        """
+        return read_points(self._source.folder, _chosen(self._readings, self.channel, ("lidar", "radar")))
+
+    def global_SE3_ego(self) -> Floats:
+        """Return the pose of the ego frame at its time, (4, 4)."""
+        return self.reading.find_pose().matrix
+
+    def ego_SE3_sensor(self) -> Floats:
+        """Return the pose of its sensor in the ego frame, (4, 4)."""
+        return self.reading.ego_SE3_sensor.matrix
+
+    def intrinsics(self) -> Floats:
+        """Return the camera matrix, as `Sample.intrinsics`.
+
+        Raises:
+            KeyError: it is no image.
+        """
+        return _matrix(_chosen(self._readings, self.channel, ("camera",)))
+
+    @property
+    def _readings(self) -> Mapping[str, Reading]:
+        return {self.channel: self.reading}
 
 
 def _rank(modality: str) -> int:
@@ -353,6 +405,10 @@ def _scene(path: Path, identity: str, row: SceneRow) -> Scene:
 
 def _sample(path: Path, identity: str, index: int) -> Sample:
     return Sample(_reopened(path, identity), index)
+
+
+def _sweep(path: Path, identity: str, index: int, channel: str, place: int) -> Sweep:
+    return _sample(path, identity, index).sweeps(channel, place + 1)[place]
 
 
 def _folder_of(path: Path, version: str | None) -> TableFolder:

@@ -1,8 +1,9 @@
 """Datasets in the nuScenes format, ours and others."""
 
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property, partial
+from typing import NamedTuple
 
 from bagassets.errors import DatasetError
 from bagassets.formats.nuscenes.schema import SPLITS, TABLES
@@ -17,8 +18,15 @@ __all__ = ["NuScenesSource"]
 _OPTIONAL = {"map"}  # not read here
 
 
+class _History(NamedTuple):
+    """All readings of a channel, and their ego poses, by token."""
+
+    rows: Mapping[str, JsonObject]
+    poses: Mapping[str, JsonObject]
+
+
 class NuScenesSource:
-    """The content of a nuScenes dataset: keyframes and their boxes.
+    """The content of a nuScenes dataset: keyframes and their boxes, and what was read between them.
 
     Attributes:
         folder: the version folder.
@@ -31,6 +39,7 @@ class NuScenesSource:
     def __init__(self, folder: TableFolder) -> None:
         self.folder = folder
         self.root = folder.path.parent
+        self._histories: dict[str, _History] = {}
         missing = [name for name in TABLES if f"{name}.json" not in folder.names and name not in _OPTIONAL]
         if missing:
             raise folder.missing(folder.path / f"{missing[0]}.json")
@@ -62,13 +71,25 @@ class NuScenesSource:
         readings = [self._reading(row) for row in rows]
         return {reading.channel: reading for reading in readings}
 
+    def before(self, index: int, channel: str, number: int) -> Sequence[Reading]:
+        """Return at most `number` readings of a channel before that of a sample, newest first: what `prev` links to."""
+        rows = self._data.get(self.samples[index][0], ())
+        row = next((row for row in rows if self._sensor(self._mounting(row))["channel"] == channel), None)
+        found: list[Reading] = []
+        while row is not None and row["prev"] and len(found) < number:
+            history = self._history(channel)
+            row = self._lookup(history.rows, "sample_data", row["prev"])
+            found.append(self._reading(row, history.poses))
+        return found
+
     def boxes(self, index: int) -> Sequence[Box]:
         """Return the boxes of a sample in the global frame."""
         return [self._box(row) for row in self._annotations.get(self.samples[index][0], ())]
 
-    def _reading(self, row: JsonObject) -> Reading:
-        mounted = self._lookup(self._calibrated, "calibrated_sensor", row["calibrated_sensor_token"])
-        sensor = self._lookup(self._sensors, "sensor", mounted["sensor_token"])
+    def _reading(self, row: JsonObject, poses: Mapping[str, JsonObject] | None = None) -> Reading:
+        """Return a reading; `poses` are those to look its own up in, by default those of keyframes."""
+        mounted = self._mounting(row)
+        sensor = self._sensor(mounted)
         return Reading(
             channel=sensor["channel"],
             modality=sensor["modality"],
@@ -77,11 +98,17 @@ class NuScenesSource:
             size_px=(row["width"] or 0, row["height"] or 0),
             ego_SE3_sensor=SE3.create(mounted["rotation"], mounted["translation"]),
             intrinsics=mounted["camera_intrinsic"] or None,
-            find_pose=partial(self._pose, row["ego_pose_token"]),
+            find_pose=partial(self._pose, row["ego_pose_token"], poses),
         )
 
-    def _pose(self, token: str) -> SE3:
-        row = self._lookup(self._poses, "ego_pose", token)
+    def _mounting(self, row: JsonObject) -> JsonObject:
+        return self._lookup(self._calibrated, "calibrated_sensor", row["calibrated_sensor_token"])
+
+    def _sensor(self, mounted: JsonObject) -> JsonObject:
+        return self._lookup(self._sensors, "sensor", mounted["sensor_token"])
+
+    def _pose(self, token: str, poses: Mapping[str, JsonObject] | None) -> SE3:
+        row = self._lookup(self._poses if poses is None else poses, "ego_pose", token)
         return SE3.create(row["rotation"], row["translation"])
 
     def _box(self, row: JsonObject) -> Box:
@@ -142,8 +169,25 @@ class NuScenesSource:
     @cached_property
     def _poses(self) -> Mapping[str, JsonObject]:
         """Token -> ego pose, of keyframes only: sweeps have many more."""
-        wanted = {row["ego_pose_token"] for rows in self._data.values() for row in rows}
+        return self._poses_of(row for rows in self._data.values() for row in rows)
+
+    def _poses_of(self, readings: Iterable[JsonObject]) -> Mapping[str, JsonObject]:
+        wanted = {row["ego_pose_token"] for row in readings}
         return {row["token"]: row for row in self.folder.rows("ego_pose.json") if row["token"] in wanted}
+
+    def _history(self, channel: str) -> _History:
+        """Return all readings of a channel; others are not kept, since a lidar alone has ten times its keyframes."""
+        if channel not in self._histories:
+            mounted = {
+                token for token, row in self._calibrated.items() if self._sensor(row)["channel"] == channel
+            }
+            rows = {
+                row["token"]: row
+                for row in self.folder.rows("sample_data.json")
+                if row["calibrated_sensor_token"] in mounted
+            }
+            self._histories[channel] = _History(rows, self._poses_of(rows.values()))
+        return self._histories[channel]
 
     @cached_property
     def _calibrated(self) -> Mapping[str, JsonObject]:

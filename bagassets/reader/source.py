@@ -76,5 +76,8 @@ class Source(Protocol):
     def readings(self, index: int) -> Mapping[str, Reading]:
         """Return channel -> reading of a sample."""
 
+    def before(self, index: int, channel: str, number: int) -> Sequence[Reading]:
+        """Return at most `number` readings of a channel before that of a sample, newest first."""
+
     def boxes(self, index: int) -> Sequence[Box]:
         """Return the boxes of a sample in the global frame."""

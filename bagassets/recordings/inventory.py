@@ -12,6 +12,7 @@ from typing import Literal, Self
 
 from bagassets.errors import RecordingError
 from bagassets.json_types import JsonMapping
+from bagassets.quantities import count_text
 from bagassets.recordings.model import Definition, Format
 
 __all__ = ["Gap", "GnssFix", "HeaderOffset", "Inventory", "TopicRecord"]
@@ -217,4 +218,4 @@ class Inventory:
         alike = [known for known in self.topics if tail and tail in known.lower()]
         if alike:
             return f"; did you mean {' or '.join(alike[:3])}? Correct the recipe"
-        return f"; it has {len(self.topics)} topics, see `bagassets inspect`"
+        return f"; it has {count_text(len(self.topics), 'topic')}, see `bagassets inspect`"

@@ -144,6 +144,8 @@ def _metadata(file: Path) -> JsonObject:
                 raise DamageError(f"its {METADATA} is nested too deeply")
         facts = yaml.load(text, Loader=yaml.CSafeLoader)
     except yaml.YAMLError as err:
+        if "nesting depth" in str(err):  # libyaml of PyYAML 6.0.4 has a limit of its own, and looks ahead
+            raise DamageError(f"its {METADATA} is nested too deeply") from err
         mark = getattr(err, "problem_mark", None)
         line = "" if mark is None else f", line {mark.line + 1}"
         raise DamageError(f"its {METADATA} is not YAML{line}") from err

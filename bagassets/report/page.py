@@ -34,7 +34,8 @@ def report_page(data: ReportData) -> str:
     chosen = _chosen_pictures(data.recordings)
     parts = [
         "<!DOCTYPE html>",
-        f'<html lang="en"><head><meta charset="utf-8"><title>{html(data.name)}: dataset report</title>',
+        '<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">',
+        f"<title>{html(data.name)}: dataset report</title>",
         f"<style>{PAGE_CSS}</style></head><body>",
         f"<h1>{html(data.name)}</h1>",
         f'<p class="dim">Dataset in <code>{html(str(data.dataset))}</code></p>',
@@ -120,12 +121,11 @@ def _chosen_pictures(recordings: Sequence[RecordingFacts]) -> Mapping[str, Seque
 
 def _cards(data: ReportData) -> str:
     ready = [recording for recording in data.recordings if recording.state in {"ready", "stale"}]
-    hours = sum(recording.duration_s for recording in ready) / 3600
     length, unit = readable_length(sum(recording.length_m or 0.0 for recording in ready)).split()
     states = [recording.state for recording in data.recordings]
     values = [
         _counted(len(ready), "recordings"),
-        ("hours" if hours >= 1 else "minutes", f"{hours:.1f}" if hours >= 1 else f"{hours * 60:.1f}"),
+        _time(sum(recording.duration_s for recording in ready)),
         (unit, length),
         *(_counted(sum(recording.counts.get(name, 0) for recording in ready), name) for name in _COUNTS),
         ("skipped", str(states.count("skipped") + len(data.excluded))),
@@ -133,6 +133,15 @@ def _cards(data: ReportData) -> str:
     ]
     cards = "".join(f'<div class="card"><b>{value}</b><span>{name}</span></div>' for name, value in values)
     return f'<div class="cards">{cards}</div>'
+
+
+def _time(seconds: float) -> tuple[str, str]:
+    """Return the largest unit of which there is at least one, and how many there are."""
+    units = (("hour", 3600), ("minute", 60), ("second", 1))
+    unit, length_s = next((one for one in units if seconds >= one[1]), units[-1])
+    digits = 0 if unit == "second" and seconds >= 9.5 else 1
+    number = f"{seconds / length_s:,.{digits}f}".removesuffix(".0")
+    return unit if number == "1" else f"{unit}s", number
 
 
 def _counted(number: int, plural: str) -> tuple[str, str]:
@@ -253,7 +262,7 @@ def _row(number: int, recording: RecordingFacts, pictures: Sequence[tuple[str, P
         f'<td class="{recording.state}">{recording.state}</td>',
         f"<td>{html(recording.split)}</td>",
         f"<td>{start}{daylight}</td>",
-        _number(recording.duration_s, ".1f"),
+        _number(recording.duration_s if recording.start_ns is not None else None, ".1f"),
         _number(None if recording.size is None else recording.size / 1e6, ",.1f"),
         _length(recording.length_m),
         *(_number(recording.counts.get(name), ",d") for name in _COUNTS),

@@ -23,7 +23,8 @@ vertical-align:top;border-radius:4px;margin:.3rem .3rem .3rem 0}
 button{font:inherit;color:#2f5fa8;background:none;border:0;padding:0;cursor:pointer}[popover]{max-width:1000px;
 width:90vw;max-height:90vh;overflow:auto;border:1px solid #ccc;border-radius:8px;padding:0 1.2rem 1.2rem}
 .dim{color:#667}input{font:inherit;padding:.25rem .5rem;width:18rem;margin:.2rem 0 .6rem}
-code{background:#f4f5f2;padding:0 .25em;border-radius:3px}
+code{background:#f4f5f2;padding:0 .25em;border-radius:3px;overflow-wrap:anywhere}
+@media (max-width:900px){body{margin:1rem auto}table{display:block;overflow-x:auto}td{min-width:3rem}}
 """
     + MAP_CSS
 )

@@ -45,6 +45,7 @@ from bagassets.defs.dagster_private import (
 )
 from bagassets.defs.orphaned_runs import UNTAKEN_S, report_ended
 from bagassets.defs.partitions import DATASET
+from bagassets.defs.projects import recipe_of_assets, recipe_of_location
 from bagassets.defs.runs import mark_canceling, pack_instance
 from bagassets.defs.slurm.commands import SlurmError
 from bagassets.defs.slurm.keeper import Keeper, Packing
@@ -126,8 +127,8 @@ class SlurmRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
         self._mutex = threading.RLock()  # the web server launches from several threads
         self._thread: threading.Thread | None = None
         self._closing = threading.Event()
-        self._recipe_read: tuple[Path, int, Recipe] | None = None
-        self._found: tuple[float, dict[str, RecordingFiles]] = (-_LOOK_S, {})
+        self._recipes: dict[Path, tuple[int, Recipe]] = {}
+        self._found: dict[Path, tuple[float, dict[str, RecordingFiles]]] = {}
         super().__init__()  # type: ignore[no-untyped-call]  # Dagster's mixin has no annotations
 
     # --- configuration ---------------------------------------------------------------
@@ -184,18 +185,23 @@ class SlurmRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
             BagAssetsError: no job can execute it.
         """
         run = context.dagster_run
-        spec = self._spec(run)
+        recipe_file = self._recipe_of(run)
+        keys = _recordings_of(run)
+        recordings = self._recordings(recipe_file, keys)
+        spec = self._spec(run, recipe_file, recordings)
         stale = {name: "" for name in (JOB_TAG, NODE_TAG, LOG_TAG, WHERE_TAG) if name in run.tags}
         if stale:  # copied from the run that this one repeats
             self._instance.add_run_tags(run.run_id, stale)
         self._spool.make()
-        keys = _recordings_of(run)
-        sizes = {str(one.path): one.size for one in self._recordings(keys)}
-        waiting = SpooledRun(run.run_id, spec, self._seconds(keys), time.time(), max(1, len(keys)), sizes)
+        sizes = {str(one.path): one.size for one in recordings}
+        seconds = self._seconds(len(keys), sum(sizes.values()))
+        waiting = SpooledRun(run.run_id, spec, seconds, time.time(), max(1, len(keys)), sizes)
         self._spool.put(waiting)
         self._care()
 
-    def _spec(self, run: dg.DagsterRun) -> JobSpec:
+    def _spec(
+        self, run: dg.DagsterRun, recipe_file: Path | None, recordings: Sequence[RecordingFiles]
+    ) -> JobSpec:
         if run.job_code_origin is None:
             raise BagAssetsError(f"run {run.run_id}: it does not say where its code is.")
         code = run.job_code_origin.repository_origin
@@ -206,8 +212,9 @@ class SlurmRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
         pointer = code.code_pointer
         if not isinstance(pointer, ModuleCodePointer):
             raise BagAssetsError(f"run {run.run_id}: its code is not in a Python module.")
-        recipe = self._recipe
-        options = options_for(self._options, self._rules, self._size(_recordings_of(run)), run.tags)
+        recipe = self._read(recipe_file)
+        size = sum(one.size for one in recordings)
+        options = options_for(self._options, self._rules, size, run.tags)
         return JobSpec(
             instance=pack_instance(self._instance),
             options=options.as_json(),
@@ -216,17 +223,18 @@ class SlurmRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
             modules=(pointer.module,),
             paths=(pointer.working_directory,) if pointer.working_directory else (),
             locks=str(self._state / RUN_LOCKS),
-            environment={} if recipe is None else {"BAGASSETS_RECIPE": str(self._recipe_file)},
-            needs=() if recipe is None else self._needs(recipe),
+            environment={} if recipe is None else {"BAGASSETS_RECIPE": str(recipe_file)},
+            needs=() if recipe is None else self._needs(recipe_file, recipe),
             versions=versions_here(),
             idle_s=self._idle_s,
             minutes=self._minutes,
             stores={} if recipe is None else self._stores(recipe),
         )
 
-    def _needs(self, recipe: Recipe) -> tuple[str, ...]:
+    @staticmethod
+    def _needs(recipe_file: Path | None, recipe: Recipe) -> tuple[str, ...]:
         """Return what nodes must see; what is missing here, too, is reported by the runs themselves."""
-        needed = (self._recipe_file, recipe.bags.root, recipe.store_path)
+        needed = (recipe_file, recipe.bags.root, recipe.store_path)
         return tuple(str(path) for path in needed if path is not None and path.exists())
 
     @staticmethod
@@ -235,28 +243,29 @@ class SlurmRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
         found = identify(recipe.store_path)
         return {} if found is None else {str(recipe.store_path): found}
 
-    def _seconds(self, keys: Sequence[str]) -> float:
-        """Return how long a run may take, by the number and size of its recordings."""
+    def _seconds(self, number: int, size: int) -> float:
+        """Return how long a run may take, by the number of its recordings and their bytes."""
         fixed_s, per_gb_s = self._estimate
-        return fixed_s * max(1, len(keys)) + per_gb_s * self._size(keys) / _BYTES_PER_GB
+        return fixed_s * max(1, number) + per_gb_s * size / _BYTES_PER_GB
 
-    def _size(self, keys: Sequence[str]) -> int:
-        """Return the bytes of recordings; 0 if that is unknown."""
-        return sum(one.size for one in self._recordings(keys))
-
-    def _recordings(self, keys: Sequence[str]) -> list[RecordingFiles]:
-        """Return those of some recordings that are there."""
-        recipe = self._recipe
-        if not keys or recipe is None:
+    def _recordings(self, recipe_file: Path | None, keys: Sequence[str]) -> list[RecordingFiles]:
+        """Return those of some recordings of a project that are there."""
+        recipe = self._read(recipe_file)
+        if not keys or recipe is None or recipe_file is None:
             return []
         with self._mutex:
-            looked_at, found = self._found
+            looked_at, found = self._found.get(recipe_file, (-_LOOK_S, {}))
             age_s = time.monotonic() - looked_at
             # Runs of new recordings come soon after these; hundreds of runs come in a row.
             if age_s > _LOOK_S or (age_s > _LOOK_LEAST_S and any(key not in found for key in keys)):
                 found = discover(recipe.bags).recordings if recipe.bags.root.is_dir() else {}
-                self._found = time.monotonic(), found
+                self._found[recipe_file] = time.monotonic(), found
         return [found[key] for key in keys if key in found]
+
+    def _recipe_of(self, run: dg.DagsterRun) -> Path | None:
+        """Return the recipe of a run's project, else the one that is configured."""
+        found = recipe_of_location(self._instance, run) or recipe_of_assets(self._instance, run)
+        return found or self._recipe_file
 
     @property
     def _recipe_file(self) -> Path | None:
@@ -266,21 +275,19 @@ class SlurmRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
         here = Path("recipe.yaml")
         return here.absolute() if here.is_file() else None
 
-    @property
-    def _recipe(self) -> Recipe | None:
-        """The recipe, read again when it has changed: hundreds of runs may be launched in a row."""
-        file = self._recipe_file
+    def _read(self, file: Path | None) -> Recipe | None:
+        """Return a recipe, read again when it has changed: hundreds of runs may be launched in a row."""
         if file is None:
             return None
         with self._mutex:
             changed_ns = file.stat().st_mtime_ns if file.exists() else 0
-            if self._recipe_read is None or self._recipe_read[:2] != (file, changed_ns):
-                self._recipe_read = file, changed_ns, load_recipe(file)
-            return self._recipe_read[2]
+            if file not in self._recipes or self._recipes[file][0] != changed_ns:
+                self._recipes[file] = changed_ns, load_recipe(file)
+            return self._recipes[file][1]
 
     @property
     def _state(self) -> Path:
-        recipe = self._recipe
+        recipe = self._read(self._recipe_file)
         return recipe.state if recipe is not None else Path(self._instance.root_directory)
 
     @property

@@ -101,7 +101,8 @@ def _lacking_sentences(
 
 def _first(what: str, offenders: Sequence[str]) -> Iterator[str]:
     if offenders:
-        yield f"{what}: {len(offenders)} rows, the first is {offenders[0]}"
+        rows = "1 row" if len(offenders) == 1 else f"{len(offenders)} rows, the first is"
+        yield f"{what}: {rows} {offenders[0]}"
 
 
 def _map(dataroot: Path, tables: Tables) -> Iterator[str]:

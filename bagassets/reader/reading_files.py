@@ -1,4 +1,4 @@
-"""Points of lidars and radars."""
+"""The files of readings, decoded: images, and the points of lidars and radars, which know their frame."""
 
 from pathlib import Path
 from typing import Any, Self
@@ -8,10 +8,12 @@ from numpy.typing import NDArray
 
 from bagassets.errors import DatasetError
 from bagassets.geometry.se3 import SE3
+from bagassets.reader.source import Reading
+from bagassets.reader.table_folder import TableFolder
 
-__all__ = ["LIDAR_FIELDS", "Points", "lidar_points", "radar_points"]
+__all__ = ["Points", "read_image", "read_points"]
 
-LIDAR_FIELDS: tuple[str, ...] = ("x", "y", "z", "intensity", "ring")
+_LIDAR_FIELDS: tuple[str, ...] = ("x", "y", "z", "intensity", "ring")
 _PCD_KINDS = {"F": "f", "I": "i", "U": "u"}
 
 
@@ -77,22 +79,69 @@ class Points(np.ndarray[Any, np.dtype[np.float32]]):
         return placed
 
 
-def lidar_points(data: bytes, path: Path) -> NDArray[np.float32]:
+def read_image(folder: TableFolder, reading: Reading) -> NDArray[np.uint8]:
+    """Decode and return the image of a camera: (height, width, 3), RGB.
+
+    Raises:
+        DatasetError: the file is missing or damaged.
+    """
+    import cv2
+
+    data = np.frombuffer(_content(folder, reading), dtype=np.uint8)
+    as_rgb: int | None = getattr(cv2, "IMREAD_COLOR_RGB", None)  # since OpenCV 4.11; spares a pass
+    kind = cv2.IMREAD_COLOR if as_rgb is None else as_rgb
+    image = cv2.imdecode(data, kind | cv2.IMREAD_IGNORE_ORIENTATION) if len(data) else None
+    if image is None:
+        raise DatasetError(
+            f"{reading.path}: expected an image, but it cannot be decoded; `bagassets verify` finds and removes damaged "
+            "files, and the next build makes them again."
+        )
+    if as_rgb is None:
+        image = cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
+    return image.astype(np.uint8, copy=False)
+
+
+def read_points(folder: TableFolder, reading: Reading) -> Points:
+    """Read and return the points of a lidar or radar, float32 in the frame of the sensor, metres.
+
+    Raises:
+        DatasetError: the file is missing or damaged.
+    """
+    data = _content(folder, reading)
+    if reading.modality == "lidar":
+        values, fields = _lidar_points(data, reading.path), _LIDAR_FIELDS
+    else:
+        values, fields = _radar_points(data, reading.path)
+    return Points.of(values, fields, reading.find_pose(), reading.ego_SE3_sensor)
+
+
+def _content(folder: TableFolder, reading: Reading) -> bytes:
+    try:
+        return reading.path.read_bytes()
+    except FileNotFoundError:
+        raise folder.missing(reading.path) from None
+    except OSError as err:
+        raise DatasetError(
+            f"{reading.path}: this file of the dataset cannot be read ({err.strerror}); check the disk and its permissions."
+        ) from err
+
+
+def _lidar_points(data: bytes, path: Path) -> NDArray[np.float32]:
     """Return the points (N, 5) of a lidar file of nuScenes.
 
     Raises:
         DatasetError: it is none.
     """
-    size = 4 * len(LIDAR_FIELDS)
+    size = 4 * len(_LIDAR_FIELDS)
     if len(data) % size:
         raise DatasetError(
             f"{path}: expected points of {size} bytes, got {len(data)} bytes; `bagassets verify` finds such files."
         )
     # A copy may be written to.
-    return np.frombuffer(data, dtype="<f4").reshape(-1, len(LIDAR_FIELDS)).astype(np.float32)
+    return np.frombuffer(data, dtype="<f4").reshape(-1, len(_LIDAR_FIELDS)).astype(np.float32)
 
 
-def radar_points(data: bytes, path: Path) -> tuple[NDArray[np.float32], tuple[str, ...]]:
+def _radar_points(data: bytes, path: Path) -> tuple[NDArray[np.float32], tuple[str, ...]]:
     """Return the targets (N, fields) of a radar file of nuScenes, whatever their states, and the names of the fields.
 
     Raises:

@@ -1,0 +1,168 @@
+"""The code locations that a project's `workspace.yaml` names besides ours, with the assets of its users.
+
+They are imported into this process, as Dagster imports them into a code server.
+"""
+
+import os
+import sys
+import sysconfig
+from collections.abc import Iterable, Iterator
+from contextlib import chdir, contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import dagster as dg
+
+from bagassets.defs.dagster_private import (
+    ManagedGrpcPythonEnvCodeLocationOrigin,
+    loadable_targets_from_python_module,
+    location_origins_from_yaml_paths,
+    recon_repository_from_origin,
+)
+from bagassets.defs.naming import parse_prefix
+from bagassets.defs.runs import CodeLocation, dotenv_variables
+from bagassets.defs.sensor import KEY_PREFIX, RECIPE
+from bagassets.errors import RecipeError
+from bagassets.freshness.fingerprints import contents_fingerprint, site_folders
+
+__all__ = ["OwnLocation", "code_digest", "files_of", "home_of", "load_locations"]
+
+_OURS = CodeLocation().module
+_WORKSPACE = "workspace.yaml"
+_PACKAGE = str(Path(__file__).resolve().parent.parent)
+
+
+@dataclass(frozen=True)
+class OwnLocation:
+    """A code location of the user's.
+
+    Attributes:
+        location: as `workspace.yaml` names it.
+        repository: what it defines.
+    """
+
+    location: CodeLocation
+    repository: dg.RepositoryDefinition
+
+    def prefixes_of(self, recipe_file: Path) -> set[tuple[str, ...]]:
+        """Return the key prefixes below which the project of a recipe is defined here; an empty one stands for none."""
+        found = set()
+        for sensor in self.repository.sensor_defs:
+            recipe, prefix = sensor.metadata.get(RECIPE), sensor.metadata.get(KEY_PREFIX)
+            if recipe is not None and Path(str(recipe.value)).resolve() == recipe_file.resolve():
+                found.add(parse_prefix(str(prefix.value) if prefix is not None else ""))
+        return found
+
+
+def load_locations(home: Path) -> list[OwnLocation]:
+    """Import the user's code locations; none if only ours is named.
+
+    Locations of other interpreters and of servers are left out, as nothing of them can be imported here.
+
+    Raises:
+        RecipeError: `workspace.yaml` is wrong, or a module cannot be imported.
+    """
+    file = home / _WORKSPACE
+    loaded = []
+    for location in _named(file):
+        try:
+            with chdir(home), _variables_of(home):  # as where Dagster is started
+                loaded.append(_load(location))
+        except (Exception, SystemExit) as err:
+            lines = str(err).strip().splitlines()
+            said = f"{type(err).__name__}: {lines[0]}" if lines else type(err).__name__
+            raise RecipeError(
+                f"{file}: {location.module} cannot be loaded ({said}), so nothing of yours is brought up to date; "
+                f"`dagster definitions validate -m {location.module}` in {home} shows where."
+            ) from err
+    return loaded
+
+
+@contextmanager
+def _variables_of(home: Path) -> Iterator[None]:
+    """Set the variables in the `.env` of a project, as Dagster does for its code locations."""
+    given = {name: value for name, value in dotenv_variables(home).items() if name not in os.environ}
+    os.environ.update(given)
+    try:
+        yield
+    finally:
+        for name in given:
+            os.environ.pop(name, None)
+
+
+def home_of(
+    home: Path, recipe_file: Path, locations: Iterable[OwnLocation]
+) -> tuple[tuple[str, ...], CodeLocation]:
+    """Return the key prefix of a project, and the code location that defines it: ours, unless it has a prefix.
+
+    A project that is defined without a prefix as well has none.
+    """
+    found = {prefix: one.location for one in locations for prefix in one.prefixes_of(recipe_file)}
+    if not found or () in found or any(_module_of(origin) == _OURS for origin in _origins(home / _WORKSPACE)):
+        return (), CodeLocation()
+    return min(found.items(), key=lambda one: one[0])
+
+
+def _module_of(origin: object) -> str | None:
+    if not isinstance(origin, ManagedGrpcPythonEnvCodeLocationOrigin):
+        return None
+    return origin.loadable_target_origin.module_name
+
+
+def _origins(file: Path) -> list[object]:
+    if not file.is_file():
+        return []
+    try:
+        return list(location_origins_from_yaml_paths([str(file)]))
+    except Exception as err:
+        problem = str(err).strip().splitlines()
+        raise RecipeError(
+            f"{file}: this cannot be read as a workspace of Dagster ({problem[0] if problem else err!r})."
+        ) from err
+
+
+def _named(file: Path) -> Iterator[CodeLocation]:
+    for origin in _origins(file):
+        if not isinstance(origin, ManagedGrpcPythonEnvCodeLocationOrigin):
+            continue
+        target = origin.loadable_target_origin
+        if target.executable_path not in {None, sys.executable} or target.module_name == _OURS:
+            continue
+        folder = file.parent / (target.working_directory or "")
+        module = target.module_name or target.package_name
+        if target.python_file is not None:
+            module, folder = Path(target.python_file).stem, (file.parent / target.python_file).parent
+        if module is not None:
+            yield CodeLocation(module, target.attribute or "", origin.location_name, str(folder.resolve()))
+
+
+def _load(location: CodeLocation) -> OwnLocation:
+    if not location.attribute:
+        (target,) = loadable_targets_from_python_module(location.module, location.working_directory)
+        location = replace(location, attribute=target.attribute)
+    repository = recon_repository_from_origin(location.python_origin()).get_definition()
+    return OwnLocation(location, repository)
+
+
+def files_of(home: Path) -> tuple[str, ...]:
+    """Return the files that say what the user's code locations define, whether they are there or not."""
+    return (str(home / _WORKSPACE), str(home / ".env"), *_modules())
+
+
+def _modules() -> list[str]:
+    """Return the imported files that belong neither to us, nor to Python, nor to an installed package."""
+    foreign = tuple(
+        f"{folder}/"
+        for folder in (_PACKAGE, *site_folders(), *map(sysconfig.get_path, ("stdlib", "platstdlib")))
+    )
+    named = {getattr(module, "__file__", None) or "" for module in list(sys.modules.values())}
+    # There are thousands, and to resolve a path takes as long as reading a small file.
+    own = {name for name in named if name.endswith(".py") and not name.startswith(foreign)}
+    return sorted(
+        str(Path(name).absolute()) for name in own if not str(Path(name).resolve()).startswith(foreign)
+    )
+
+
+def code_digest() -> str:
+    """Return a digest of the user's modules."""
+    return contents_fingerprint(_modules())[:16]
