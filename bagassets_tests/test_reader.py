@@ -1,5 +1,6 @@
 """`bagassets.open_dataset` against the real devkit, against the truth of the sample world, and while things change."""
 
+import itertools
 import multiprocessing
 import os
 import pickle
@@ -473,6 +474,27 @@ def states(tmp_path_factory):
     ]
 
 
+@contextmanager
+def rebuilding(build, states):
+    """Build the states in turn, until the block ends; give whether there is time left."""
+    ended = threading.Event()
+
+    def rebuild():
+        for state in itertools.cycle(states):
+            if ended.is_set():
+                return
+            build(state)
+
+    builder = threading.Thread(target=rebuild)
+    deadline = time.monotonic() + 20
+    builder.start()
+    try:
+        yield lambda: time.monotonic() < deadline and builder.is_alive()
+    finally:
+        ended.set()
+        builder.join()
+
+
 class TestWhileItIsBuilt:
     """Two states of a dataset: with one recording, and with two."""
 
@@ -496,26 +518,6 @@ class TestWhileItIsBuilt:
             dataset.splits,
         ]  # fmt: skip
 
-    @contextmanager
-    def rebuilding(self, build):
-        """Build one state and the other in turn, until the block ends; give whether there is time left."""
-        ended = threading.Event()
-
-        def rebuild():
-            number = 0
-            while not ended.is_set():
-                build(2 - number % 2)
-                number += 1
-
-        builder = threading.Thread(target=rebuild)
-        deadline = time.monotonic() + 20
-        builder.start()
-        try:
-            yield lambda: time.monotonic() < deadline and builder.is_alive()
-        finally:
-            ended.set()
-            builder.join()
-
     def test_a_reader_sees_the_old_or_the_new_one(self, build, tmp_path):
         build(2)
         both = self.content(bagassets.open_dataset(tmp_path / "nuscenes"))
@@ -523,7 +525,7 @@ class TestWhileItIsBuilt:
         one = self.content(bagassets.open_dataset(tmp_path / "nuscenes"))
         assert one != both
         seen = [0, 0]
-        with self.rebuilding(build) as has_time:
+        with rebuilding(build, (2, 1)) as has_time:
             while (min(seen) < 10 or sum(seen) < 40) and has_time():
                 content = self.content(bagassets.open_dataset(tmp_path / "nuscenes"))
                 assert content in (one, both)
@@ -540,7 +542,7 @@ class TestWhileItIsBuilt:
         }
         assert len(set(truth.values())) > len(truth) / 2, "images differ"
         seen = Counter()
-        with self.rebuilding(build) as has_time:
+        with rebuilding(build, (2, 1)) as has_time:
             while seen["whole"] < 40 and has_time():
                 dataset = bagassets.open_dataset(tmp_path / "nuscenes")
                 try:
@@ -736,3 +738,70 @@ class TestVision:
         assert len(sequences[0].boxes) == 0
         assert sequences[4].sweeps(*sequences[4].channels, 5) == [], "every image is a sample"
         assert pickle.loads(pickle.dumps(sequences[4])).token == sequences[4].token
+
+
+@pytest.fixture(scope="module")
+def qualities(tmp_path_factory):
+    """A drive built with two qualities of its images: recipes, and what was made."""
+    folder = tmp_path_factory.mktemp("qualities")
+    write_recordings([Target(folder / "recordings" / "drive.mcap", "mcap")], seed=4, duration_s=1.6)
+    found = []
+    for quality in (90, 30):
+        lines = [
+            line.replace("modality: camera", f"modality: camera, quality: {quality}")
+            for line in (sample_recipe() + "\nvision: {frames: 4}\n").splitlines()
+        ]
+        (folder / "recipe.yaml").write_text("\n".join(lines))
+        recipe = load_recipe(folder / "recipe.yaml")
+        found.append((recipe, build_recordings(recipe)["drive.mcap"]))
+    return found
+
+
+@pytest.mark.parametrize("kind", [NUSCENES, VISION], ids=lambda kind: kind.name)
+class TestImagesThatAreMadeAgain:
+    """The same recording with the same times, whose images have other bytes."""
+
+    @pytest.fixture
+    def build(self, kind, qualities, tmp_path):
+        def build(number):
+            recipe, made = qualities[number]
+            part = Part("drive.mcap", "content", made[kind.part].artifact.digest)
+            settings = getattr(recipe, kind.name)
+            assemble(kind, [part], settings, Store(recipe.store_path), tmp_path / "dataset")
+            return bagassets.open_dataset(tmp_path / "dataset")
+
+        return build
+
+    def images(self, dataset):
+        """The digest of each image, or the end of the sentence that says that there is none."""
+        found = []
+        for sample in dataset:
+            (channel, *_) = sample.channels
+            try:
+                found.append(zlib.crc32(sample.image(channel).tobytes()))
+            except DatasetError as err:
+                found.append(str(err).rpartition("; ")[2])
+        return found
+
+    def test_what_was_open_never_shows_the_new_ones(self, build):
+        old = build(0)
+        before = self.images(old)
+        new = build(1)
+        after = self.images(new)
+        assert len(before) == len(after) >= 3
+        assert not set(before) & set(after)
+        assert set(self.images(old)) == {"open it again."}
+        assert self.images(build(0)) == before
+        assert self.images(old) == before, "the same dataset again"
+
+    def test_while_they_are_made_an_image_is_that_of_the_tables_or_none(self, build, tmp_path):
+        states = [self.images(build(number)) for number in (0, 1)]
+        seen = Counter()
+        with rebuilding(build, (0, 1)) as has_time:
+            while (min(seen[0], seen[1]) < 100 or not seen["refused"]) and has_time():
+                found = self.images(bagassets.open_dataset(tmp_path / "dataset"))
+                (state,) = {number for number in (0, 1) if set(found) & set(states[number])} or {"refused"}
+                for image, true in zip(found, states[state] if state in (0, 1) else found, strict=True):
+                    assert image in (true, "open it again.")
+                    seen["refused" if image == "open it again." else state] += 1
+        assert min(seen[0], seen[1]) >= 10

@@ -201,7 +201,11 @@ def test_a_recording_that_came_a_moment_ago_has_its_size(tmp_path, monkeypatch):
     monkeypatch.setattr(slurm_launcher, "_LOOK_LEAST_S", 0.0)
     recipe_file = make_project(tmp_path)
     launcher = SlurmRunLauncher(recipe=str(recipe_file))
-    assert launcher._size(["a.bag"]) == (tmp_path / "bags" / "a.bag").stat().st_size
+    assert _size(launcher, recipe_file, "a.bag") == (tmp_path / "bags" / "a.bag").stat().st_size
     new = write_drive(tmp_path / "bags" / "b.bag", "ros1", duration_s=1.2)
-    assert launcher._size(["b.bag"]) == new.stat().st_size
-    assert launcher._size(["gone.bag"]) == 0
+    assert _size(launcher, recipe_file, "b.bag") == new.stat().st_size
+    assert _size(launcher, recipe_file, "gone.bag") == 0
+
+
+def _size(launcher, recipe_file, key):
+    return sum(one.size for one in launcher._recordings(recipe_file, [key]))

@@ -35,8 +35,8 @@ def open_dataset(path: str | Path, version: str | None = None) -> "Dataset":
     """Open a dataset that was built: nuScenes, also from elsewhere, or vision.
 
     What is opened stays as it is while the dataset is built again: readers see the old dataset or the new one. Only
-    where the old one has a file that the new one has not, reading it fails, with a sentence that says so; and a file
-    that has other bytes by then is read as it is.
+    where the new one has lost a file of the old one, or made it again with other bytes, reading it fails, with a
+    sentence that says so.
 
     Args:
         path: folder of the dataset, or its version folder.

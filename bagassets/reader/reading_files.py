@@ -14,6 +14,7 @@ from bagassets.reader.table_folder import TableFolder
 __all__ = ["Points", "read_image", "read_points"]
 
 _LIDAR_FIELDS: tuple[str, ...] = ("x", "y", "z", "intensity", "ring")
+_TRIES = 3
 _PCD_KINDS = {"F": "f", "I": "i", "U": "u"}
 
 
@@ -116,14 +117,18 @@ def read_points(folder: TableFolder, reading: Reading) -> Points:
 
 
 def _content(folder: TableFolder, reading: Reading) -> bytes:
-    try:
-        return reading.path.read_bytes()
-    except FileNotFoundError:
-        raise folder.missing(reading.path) from None
-    except OSError as err:
-        raise DatasetError(
-            f"{reading.path}: this file of the dataset cannot be read ({err.strerror}); check the disk and its permissions."
-        ) from err
+    """Read a file; if it is missing although the dataset is as it was opened, a build may be putting it back right now."""
+    for _ in range(_TRIES):
+        try:
+            return reading.path.read_bytes()
+        except FileNotFoundError:
+            if not folder.is_current():
+                raise folder.outdated(reading.path) from None
+        except OSError as err:
+            raise DatasetError(
+                f"{reading.path}: this file of the dataset cannot be read ({err.strerror}); check the disk and its permissions."
+            ) from err
+    raise folder.missing(reading.path)
 
 
 def _lidar_points(data: bytes, path: Path) -> NDArray[np.float32]:

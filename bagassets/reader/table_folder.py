@@ -74,12 +74,14 @@ class TableFolder:
 
     def missing(self, path: Path) -> DatasetError:
         """Return the error for a file that the dataset names and that is not there."""
-        if not self.is_current():
-            return DatasetError(
-                f"{self.path}: this dataset was built again since it was opened, and {path.name} is no longer part of it; "
-                "open it again."
-            )
         return DatasetError(f"{path}: this file of the dataset is missing; {self.remedy()}")
+
+    def outdated(self, path: Path) -> DatasetError:
+        """Return the error for a file that another build has removed."""
+        return DatasetError(
+            f"{self.path}: this dataset was built again since it was opened, and {path.name} is no longer part of it; "
+            "open it again."
+        )
 
     def is_current(self) -> bool:
         """Tell whether whoever opens the dataset now gets the same."""
