@@ -5,6 +5,7 @@ import json
 import os
 import shutil
 import subprocess
+import time
 from pathlib import Path
 
 import pytest
@@ -221,14 +222,15 @@ def tear(recipe_file, pattern):
     return path
 
 
-def start_anew(recipe_file):
+def start_anew(recipe_file, monkeypatch):
     """Have the machine started anew since the last build."""
+    monkeypatch.setattr(after_crash, "booted_at_s", lambda now_s=time.time(): now_s)
     changes = Changes()
     changes.put("last", "", json.dumps(["another one", ""]).encode())
     Cache(load_recipe(recipe_file).state).write(changes)
 
 
-def kill_last_build(recipe_file):
+def kill_last_build(recipe_file, _monkeypatch):
     """Have the last build killed before its end."""
     child = subprocess.Popen(["true"])
     process = ProcessId.of(child.pid)
@@ -238,7 +240,7 @@ def kill_last_build(recipe_file):
 
 @pytest.mark.parametrize("crash", [start_anew, kill_last_build])
 def test_a_crash_needs_a_plan(fresh, monkeypatch, crash):
-    crash(fresh)
+    crash(fresh, monkeypatch)
     assert not is_quick(fresh)
     assert build(fresh, monkeypatch)[1] == []
     assert is_quick(fresh)
@@ -265,7 +267,7 @@ def test_what_a_crash_tore_is_read_and_mended(fresh, monkeypatch, crash, pattern
     whole = everything(fresh)
     tear(fresh, pattern)
     assert everything(fresh) != whole
-    crash(fresh)
+    crash(fresh, monkeypatch)
     report, _ = build(fresh, monkeypatch)
     assert report.succeeded, report.as_json()
     assert everything(fresh) == whole
@@ -287,7 +289,7 @@ def test_an_artifact_that_a_crash_tore_is_made_again(fresh, monkeypatch, name):
     whole = torn.read_bytes()
     torn.chmod(0o644)
     torn.write_bytes(b"")
-    start_anew(fresh)
+    start_anew(fresh, monkeypatch)
     assert build(fresh, monkeypatch)[0].succeeded
     assert torn.read_bytes() == whole
 
@@ -301,7 +303,7 @@ def test_a_copy_that_a_crash_tore_is_mended_and_an_old_one_not_read(fresh, monke
     whole = everything(fresh)
     torn = tear(fresh, "nuscenes/samples/CAM_FRONT/*")
     assert torn.stat().st_nlink == 1
-    start_anew(fresh)
+    start_anew(fresh, monkeypatch)
     build(fresh, monkeypatch)
     assert everything(fresh) == whole
     old = first(fresh, "nuscenes/samples/CAM_FRONT/*")
@@ -320,8 +322,29 @@ def test_another_boot_needs_a_plan(fresh, monkeypatch):
     assert not is_quick(fresh)
 
 
+def test_what_a_crash_tore_is_found_when_others_have_written_since(fresh, monkeypatch):
+    """As runs of the web UI do, and the inventories that are made while the server starts."""
+    root = load_recipe(fresh).store_path / "artifacts"
+    torn, *others = sorted(root.glob("*/*/files/*.parquet"))
+    hour_s = 3600
+    for path in root.glob("*/*/manifest.json"):
+        os.utime(path, (time.time() - hour_s,) * 2)
+    whole = torn.read_bytes()
+    torn.chmod(0o644)
+    torn.write_bytes(bytes(len(whole)))
+    start_anew(fresh, monkeypatch)
+    monkeypatch.setattr(after_crash, "booted_at_s", lambda booted_s=time.time() - hour_s / 2: booted_s)
+    os.utime(others[-1].parents[1] / "manifest.json")
+    report, _ = build(fresh, monkeypatch)
+    assert report.succeeded
+    assert torn.read_bytes() == whole
+    assert [
+        str(torn.parents[1]) in remark.problem for remark in report.remarks if remark.check == "after_crash"
+    ] == [True]
+
+
 def test_without_a_crash_nothing_is_read_again(fresh, monkeypatch):
-    start_anew(fresh)
+    start_anew(fresh, monkeypatch)
     build(fresh, monkeypatch)
     monkeypatch.setattr(after_crash, "repair_last_writes", pytest.fail)
     build(fresh, monkeypatch)

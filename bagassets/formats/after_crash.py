@@ -3,21 +3,24 @@
 Files appear by renaming, so a killed process leaves no torn one. But nothing waits for the disk: when a machine loses power,
 files of the last half minute may exist with zeros or nothing in them. So the first build after a reboot, or after a build
 that was killed, reads the artifacts written in the last `WINDOW_S` seconds before the newest one, the joined files of
-datasets, and copies in datasets that are as new.
+datasets, and copies in datasets that are as new. After a reboot, the newest one is that from before it: runs of the web UI
+may have come first.
 """
 
 import json
+import math
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
 
 from bagassets.forkserver.process import ProcessId
 from bagassets.formats.dataset_build import dataset_code_versions
 from bagassets.freshness.cache import Cache
 from bagassets.freshness.decide import BuildLog
-from bagassets.freshness.fingerprints import PlanNeeded, boot_id
+from bagassets.freshness.fingerprints import PlanNeeded, boot_id, booted_at_s
 from bagassets.freshness.published import Publication
 from bagassets.recipe.model import Recipe
 from bagassets.store.artifact import MANIFEST, Artifact
@@ -28,9 +31,24 @@ __all__ = ["WINDOW_S", "noted_build", "repair_last_writes"]
 
 # Every 5 s, Linux writes back what is older than 30 s; a slow disk takes longer.
 WINDOW_S = 120.0
+# The clock may be set a little while a machine boots.
+_CLOCK_S = 10.0
 # Caches of earlier versions in the state folder; now they are one file.
 _OLD_CACHES = ("plan.sqlite", "nothing-to-do.snapshot", "last-build.json")
 _OLD_PUBLISHED = "published"
+
+
+@dataclass(frozen=True)
+class _Crash:
+    """What may have torn files.
+
+    Attributes:
+        killed: processes of the builds that were killed.
+        until_s: until when what may be torn was written (Unix seconds).
+    """
+
+    killed: Sequence[str] = ()
+    until_s: float = math.inf
 
 
 @contextmanager
@@ -46,20 +64,20 @@ def noted_build(recipe: Recipe, recipe_file: Path) -> Iterator[list[str]]:
     repaired = []
     if crashed is not None:
         Cache(recipe.state).remove_if_damaged()
-        repaired = repair_last_writes(recipe)
+        repaired = repair_last_writes(recipe, crashed.until_s)
     process = json.dumps(ProcessId.current().as_json())
-    builds.begin(process, recipe_file, over=crashed or ())
+    builds.begin(process, recipe_file, over=() if crashed is None else crashed.killed)
     try:
         yield repaired
     finally:
         builds.end(process)
 
 
-def repair_last_writes(recipe: Recipe) -> list[str]:
-    """Read the last writes, remove torn artifacts, and return a sentence about each."""
+def repair_last_writes(recipe: Recipe, until_s: float) -> list[str]:
+    """Read the last writes until some time (Unix seconds), remove torn artifacts, and return a sentence about each."""
     store = Store(recipe.store_path)
     sentences = []
-    newest, since_s = _newest(store)
+    newest, since_s = _newest(store, until_s)
     for artifact in newest:
         reasons = artifact_damage(artifact)
         if reasons and artifact.folder.is_dir():
@@ -70,29 +88,34 @@ def repair_last_writes(recipe: Recipe) -> list[str]:
     return sentences
 
 
-def _newest(store: Store) -> tuple[list[Artifact], float]:
-    """Return the newest artifacts in the store, and the time from which on they were written (Unix seconds)."""
+def _newest(store: Store, until_s: float) -> tuple[list[Artifact], float]:
+    """Return the newest artifacts in the store of those written until some time (Unix seconds), and since when they were."""
     times: dict[str, float] = {}
     for group in (store.root / "artifacts").glob("??"):
         with suppress(OSError), os.scandir(group) as entries:
             for entry in entries:
                 with suppress(OSError):
-                    times[entry.name] = os.stat(f"{entry.path}/{MANIFEST}").st_mtime
+                    time_s = os.stat(f"{entry.path}/{MANIFEST}").st_mtime
+                    if time_s < until_s:
+                        times[entry.name] = time_s
     since_s = max(times.values(), default=0.0) - WINDOW_S
     digests = sorted(digest for digest, time_s in times.items() if time_s >= since_s)
     return [Artifact(digest, store.artifact_folder(digest)) for digest in digests], since_s
 
 
-def _crashed(builds: BuildLog) -> list[str] | None:
-    """Return the builds that were killed; None if none was and the machine has not rebooted since the last build."""
+def _crashed(builds: BuildLog) -> _Crash | None:
+    """Return what happened since the last build began; None if it was not killed, and the machine has not rebooted."""
     try:
         killed = [
             text for text in builds.unfinished() if not ProcessId.from_json(json.loads(text)).is_alive()
         ]
         is_same_boot = builds.last_boot_id() == boot_id()
     except PlanNeeded:
-        return []  # the first build of this project, or the record is lost
-    return killed if killed or not is_same_boot else None
+        return _Crash()  # the first build of this project, or the record is lost
+    if is_same_boot:
+        return _Crash(killed) if killed else None
+    booted_s = booted_at_s()
+    return _Crash(killed, math.inf if booted_s is None else booted_s + _CLOCK_S)
 
 
 def _remove_old_caches(state: Path) -> None:

@@ -14,6 +14,7 @@ __all__ = [
     "PlanNeeded",
     "Signature",
     "boot_id",
+    "booted_at_s",
     "code_fingerprint",
     "contents_fingerprint",
     "digest_lines",
@@ -73,6 +74,15 @@ def boot_id() -> str:
             return stream.read().strip()
     except (OSError, ValueError):
         return ""
+
+
+def booted_at_s() -> float | None:
+    """Return when the machine was booted (Unix seconds), or None where the system does not say."""
+    try:
+        with open("/proc/stat", encoding="ascii") as stream:
+            return next((float(line.split()[1]) for line in stream if line.startswith("btime ")), None)
+    except (OSError, ValueError):
+        return None
 
 
 def files_fingerprint(paths: list[str]) -> str:
