@@ -1,19 +1,25 @@
-"""What a build begins with while its server starts."""
+"""What a build begins with while its server starts, and while it plans."""
 
 import json
 import os
 import subprocess
 import sys
+import time
+from contextlib import contextmanager
 
 import pytest
+from mcap.reader import make_reader
+from mcap.writer import CompressionType, Writer
 
-from bagassets.defs.early_inventories import make_inventories
+from bagassets.build.build_report import BuildOptions
+from bagassets.defs import early_inventories, project_build
+from bagassets.defs.early_inventories import make_first_inventories, make_inventories, making_ahead
 from bagassets.forkserver.client import Client
 from bagassets.forkserver.server_files import ServerFiles
 from bagassets.recipe import load_recipe
 from bagassets.recordings.digest import DigestIndex, recording_digest
 from bagassets.recordings.discover import discover
-from bagassets_tests.in_process import make_project
+from bagassets_tests.in_process import build, make_project
 
 pytestmark = pytest.mark.once
 
@@ -79,3 +85,94 @@ def test_a_cold_build_counts_what_was_made_ahead_as_built(project):
     log = client.files.log.read_text()
     assert "job make_inventories: exit code 0" in log
     assert "bagassets.defs.early_inventories:make_inventories" in log
+
+
+# --- while a build plans ------------------------------------------------------------------
+
+
+def build_by_command(recipe_file):
+    command = [sys.executable, "-m", "bagassets", "build", "--recipe", str(recipe_file), "--json"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+def pack_again(path, library="another"):
+    """Write an MCAP anew, so that its bytes differ, and nothing that a topic says."""
+    with path.open("rb") as file:
+        found = list(make_reader(file).iter_messages())
+    with path.open("wb") as file:
+        writer = Writer(file, compression=CompressionType.NONE)
+        writer.start("ros2", library)
+        channels = {}
+        for schema, channel, message in found:
+            if channel.topic not in channels:
+                known = writer.register_schema(schema.name, schema.encoding, schema.data)
+                channels[channel.topic] = writer.register_channel(
+                    channel.topic, channel.message_encoding, known
+                )
+            writer.add_message(channels[channel.topic], message.log_time, message.data, message.publish_time)
+        writer.finish()
+
+
+def test_the_server_makes_inventories_of_what_changed(project):
+    assert build_by_command(project)["counts"]["built"] == 3
+    pack_again(project.parent / "bags" / "b.mcap")
+    before = steps_in_store(project).count("inventory")
+    deadline = time.monotonic() + 30
+    with making_ahead(load_recipe(project), project, BuildOptions(jobs=2)) as made:
+        while not made() and time.monotonic() < deadline:
+            time.sleep(0.02)
+        assert made() == {"b.mcap"}
+    assert steps_in_store(project).count("inventory") == before + 1
+    after = build_by_command(project)
+    assert after["counts"]["hit"] == 1, "it was there when the build began"
+
+
+@pytest.mark.parametrize(
+    "options", [BuildOptions(jobs=1), BuildOptions(jobs=2, select=("bag",))], ids=["one job", "assets"]
+)
+def test_nothing_is_made_ahead_where_that_would_delay_or_is_not_asked_for(project, monkeypatch, options):
+    monkeypatch.setattr(Client, "connect", pytest.fail)
+    with making_ahead(load_recipe(project), project, options) as made:
+        assert made() == set()
+
+
+def test_without_a_server_nothing_is_made_ahead(project):
+    with making_ahead(load_recipe(project), project, BuildOptions(jobs=2)) as made:
+        assert made() == set()
+
+
+def test_what_has_been_hashed_or_is_large_is_left_alone(project, monkeypatch):
+    make_inventories(asked(project, "a.bag"))
+    recordings = discover(load_recipe(project).bags).recordings
+    small, large = sorted(("b.mcap", "c"), key=lambda key: recordings[key].size)
+    monkeypatch.setattr(early_inventories, "_LARGEST_WHILE_PLANNED_BYTES", recordings[large].size - 1)
+    made = []
+    monkeypatch.setattr(early_inventories, "note", made.append)
+    make_first_inventories({"recipe": str(project), "bags": []})
+    assert made == [{"inventory": small}]
+    assert steps_in_store(project) == ["inventory"] * 2
+
+
+def test_none_is_begun_once_the_runs_begin(project, monkeypatch):
+    monkeypatch.setattr(early_inventories, "_BEGIN_S", -1.0)
+    make_first_inventories({"recipe": str(project), "bags": []})
+    assert steps_in_store(project) == []
+
+
+def test_what_was_made_ahead_counts_as_built(project, monkeypatch):
+    """Even if it is all that there was to make."""
+    assert build(project, monkeypatch)[0].counts()["built"] == 3
+
+    for told, outcome in (({"b.mcap"}, "built"), (set(), "hit")):
+
+        @contextmanager
+        def ahead(*_, told=told):
+            make_first_inventories({"recipe": str(project), "bags": []})
+            yield lambda: told
+
+        pack_again(project.parent / "bags" / "b.mcap", f"for {outcome}")
+        monkeypatch.setattr(project_build, "_making_ahead", ahead)
+        report, _ = build(project, monkeypatch)
+        assert report.outcomes["b.mcap"].result == outcome

@@ -1,34 +1,49 @@
-"""Inventories made ahead of the runs, while the server of a build still imports Dagster.
+"""Inventories made ahead of the runs: while the server of a build still imports Dagster, and while a build plans.
 
-Starting the server keeps one processor busy for a second or two. Meanwhile another one reads the recordings that the
-build will begin with; the runs then find these inventories in the store, or wait for the one that is being made. No
-Dagster is needed here, and no failure is reported: it happens again in the run, which reports it.
+Starting the server keeps one processor busy for a second or two; opening Dagster's records, planning and starting a run
+take a third of a second. Meanwhile another processor reads the recordings that the build will begin with; the runs then
+find these inventories in the store, or wait for the one that is being made. No Dagster is needed here, and no failure is
+reported: it happens again in the run, which reports it.
 """
 
 import gc
 import logging
+import time
+from collections.abc import Callable, Collection, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from uuid import uuid4
 
+from bagassets.build.build_report import BuildOptions
 from bagassets.build.choose import choose_recordings
-from bagassets.build.execute import execute
+from bagassets.build.execute import Skipped, execute
 from bagassets.build.first_pass import first_pass
 from bagassets.build.graph import Graph
 from bagassets.build.recording_assets import RecordingAssets
 from bagassets.errors import BagAssetsError
+from bagassets.forkserver.client import Client, ServerRefusedError
 from bagassets.forkserver.server_files import ServerFiles
+from bagassets.forkserver.tasks import server_spec
+from bagassets.forkserver.worker import note
 from bagassets.formats.catalogue import recording_assets
 from bagassets.json_types import JsonObject
 from bagassets.recipe import load_recipe
-from bagassets.recordings.digest import DigestIndex, recording_stat
+from bagassets.recipe.model import Recipe
+from bagassets.recordings.digest import DigestIndex, recording_stat, stored_digest
 from bagassets.recordings.discover import discover
 from bagassets.recordings.model import RecordingFiles
 from bagassets.store.store import Store
 
-__all__ = ["make_inventories"]
+__all__ = ["make_first_inventories", "make_inventories", "making_ahead"]
 
 _LOG = logging.getLogger(__name__)
 # For a larger recording the second saved is nothing, and an interrupted build must not leave a reader running for long.
 _LARGEST_BYTES = 4_000_000_000
+# A run that waits for another process says nothing of how far that is; one that reads for ten seconds should.
+_LARGEST_WHILE_PLANNED_BYTES = 1_000_000_000
+_JOB = f"{__name__}:make_first_inventories"
+# So long does a build plan; then its runs begin, and need the processors.
+_BEGIN_S = 0.25
 
 
 def make_inventories(args: JsonObject) -> int:
@@ -41,17 +56,10 @@ def make_inventories(args: JsonObject) -> int:
     files = ServerFiles(Path(args["state"]), args["stamp"])
     recipe = load_recipe(Path(args["recipe"]))
     assets = recording_assets(recipe)
-    recordings = discover(recipe.bags).recordings
-    chosen = choose_recordings(recordings, args["bags"]) if args["bags"] else recordings.keys()
     tried = 0
-    # In the order of the build: the largest first.
-    for recording in sorted(
-        (recordings[key] for key in recordings if key in chosen), key=lambda one: -one.size
-    ):
+    for recording in _chosen(recipe, args["bags"], _LARGEST_BYTES):
         if files.socket is not None:
             break
-        if recording.size > _LARGEST_BYTES:
-            continue
         tried += 1
         try:
             _make_inventory(assets, recording)
@@ -60,9 +68,80 @@ def make_inventories(args: JsonObject) -> int:
     return tried
 
 
-def _make_inventory(assets: RecordingAssets, recording: RecordingFiles) -> None:
+@contextmanager
+def making_ahead(
+    recipe: Recipe, recipe_file: Path, options: BuildOptions
+) -> Iterator[Callable[[], Collection[str]]]:
+    """Have the server make the inventories that a build is likely to begin with, while the block plans it.
+
+    Yields:
+        A function that returns the recordings whose inventories have been made so.
+    """
+    made: set[str] = set()
+    client = None
+    # With one processor, or for some assets only, the plan comes first.
+    if options.jobs > 1 and not options.select:
+        client = _submit(recipe, recipe_file, options)
+
+    def so_far() -> Collection[str]:
+        with suppress(ServerRefusedError):
+            while client is not None and (event := client.wait(0.0)) is not None:
+                if event["event"] == "note":
+                    made.add(event["note"]["inventory"])
+        return made
+
+    try:
+        yield so_far
+    finally:
+        if client is not None:
+            client.close()
+
+
+def make_first_inventories(args: JsonObject) -> None:
+    """Make the inventories of recordings that have not been hashed as they are, the largest first, while a build plans.
+
+    Args:
+        args: `recipe` (file) and `bags` (of `BuildOptions`).
+    """
+    began_s = time.monotonic()
+    recipe = load_recipe(Path(args["recipe"]))
+    assets, index = recording_assets(recipe), DigestIndex.of(recipe)
+    for recording in _chosen(recipe, args["bags"], _LARGEST_WHILE_PLANNED_BYTES):
+        if time.monotonic() - began_s > _BEGIN_S:
+            break
+        with suppress(BagAssetsError):
+            if stored_digest(recording, index) is None and _make_inventory(assets, recording):
+                note({"inventory": recording.key})
+
+
+def _submit(recipe: Recipe, recipe_file: Path, options: BuildOptions) -> Client | None:
+    """Submit the job to the server of a build, and return its client; None if there is no such server."""
+    spec = server_spec(recipe.state, recipe_file)
+    client = Client.connect(ServerFiles(spec.state_folder, spec.stamp()))
+    if client is None:
+        return None
+    args = {"recipe": str(recipe_file), "bags": list(options.bags)}
+    try:
+        client.submit(_JOB, args, label=f"ahead-{uuid4()}", grace_s=1.0)
+    except ServerRefusedError:
+        client.close()
+        return None
+    return client
+
+
+def _chosen(recipe: Recipe, bags: Collection[str], largest_bytes: int) -> list[RecordingFiles]:
+    """Return recordings that are not too large in the order in which they are built: the largest first."""
+    recordings = discover(recipe.bags).recordings
+    chosen = choose_recordings(recordings, list(bags)) if bags else recordings.keys()
+    found = [recordings[key] for key in recordings if key in chosen]
+    return sorted((one for one in found if one.size <= largest_bytes), key=lambda one: -one.size)
+
+
+def _make_inventory(assets: RecordingAssets, recording: RecordingFiles) -> bool:
+    """Make the inventory of a recording; return whether it was not in the store."""
     recipe, stat = assets.recipe, recording_stat(recording)
     store = Store(recipe.store_path)
-    digest = first_pass(assets, store, recording, stat, DigestIndex.of(recipe)).digest.digest
-    for _ in execute(Graph(assets, store, recording, digest, stat, wanted={"inventory"})):
-        pass
+    first = first_pass(assets, store, recording, stat, DigestIndex.of(recipe))
+    graph = Graph(assets, store, recording, first.digest.digest, stat, wanted={"inventory"})
+    is_hit = all(result.cached for result in execute(graph) if not isinstance(result, Skipped))
+    return not is_hit or (first.inventory is not None and not first.inventory.cached)

@@ -6,8 +6,8 @@ others, and an interrupt loses nothing that was finished.
 
 import signal
 import time
-from collections.abc import Collection, Iterable, Mapping
-from contextlib import ExitStack
+from collections.abc import Callable, Collection, Iterable, Mapping
+from contextlib import AbstractContextManager, ExitStack, nullcontext
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,8 +19,10 @@ from bagassets.build.plan import Plan
 from bagassets.build.summary_rows import summary_rows
 from bagassets.defs.batches import SMALL_BYTES, Batch
 from bagassets.defs.dataset import record_inputs
+from bagassets.defs.early_inventories import making_ahead
 from bagassets.defs.events import recordings_made
 from bagassets.defs.instance_plan import InstancePlan
+from bagassets.defs.launcher import BagAssetsRunLauncher
 from bagassets.defs.naming import Naming
 from bagassets.defs.orphaned_runs import end_orphaned_runs
 from bagassets.defs.own_build import OwnBuild, OwnProject, OwnWork, load_own
@@ -54,6 +56,7 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
     """
     started = time.monotonic()
     with open_project(recipe_file) as (instance, known_as), ExitStack() as stack:
+        made_ahead = stack.enter_context(_making_ahead(instance, known_as.recipe, recipe_file, options))
         own = load_own(known_as, options)  # first, as it knows the prefix
         workspace = own.workspace
         recipe = workspace.recipe
@@ -108,7 +111,7 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
             if again and not runs.interrupted:
                 runs.work([{key: assets} for key, assets in again.items()])
                 now = update_pending_work(instance, workspace, now, runs.ended.keys())
-            _add_outcomes(report, instance, now.planned, runs)
+            _add_outcomes(report, instance, now.planned, runs, made_ahead())
             was_tried = one_run and DATASET in runs.ended
             if before.datasets and not now.dataset_is_current and not was_tried and not runs.interrupted:
                 record_inputs(instance, workspace, now.planned.inputs)
@@ -161,6 +164,15 @@ def build_project_in_worker(args: JsonObject) -> JsonObject:
     report = build_project(recipe_file, BuildOptions.from_json(args["options"]), send)
     rows = summary_rows(report, Store(load_recipe(recipe_file).store_path), most=args["most"])
     return {**report.as_json(), "summary": [row.as_json() for row in rows]}
+
+
+def _making_ahead(
+    instance: dg.DagsterInstance, recipe: Recipe, recipe_file: Path, options: BuildOptions
+) -> AbstractContextManager[Callable[[], Collection[str]]]:
+    """See `making_ahead`; where other machines execute the runs, they do the reading, too."""
+    if isinstance(instance.run_launcher, BagAssetsRunLauncher):
+        return making_ahead(recipe, recipe_file, options)
+    return nullcontext(tuple)
 
 
 def _is_quick(before: PendingWork, batch: Batch, sizes: Mapping[str, int]) -> bool:
@@ -261,8 +273,9 @@ def _add_outcomes(
     instance: dg.DagsterInstance,
     planned: InstancePlan,
     runs: RunPool,
+    made_ahead: Collection[str],
 ) -> None:
-    """Add the outcome of each recording that had a run to the report."""
+    """Add the outcome of each recording that had a run to the report; of some, the inventory was made ahead of it."""
     ended = {key: one for key, one in runs.ended.items() if key != DATASET}
     # A run that made the datasets, too, has planned its recordings since they were recorded.
     unknown = ended.keys() - planned.recorded.keys()
@@ -270,9 +283,13 @@ def _add_outcomes(
         run_id: recordings_made(instance, run_id) for run_id in {ended[key].run_id for key in unknown} - {""}
     }
     for key, one in ended.items():
-        has_made = key in made_by_run.get(one.run_id, ()) or any(
-            record.run_id == one.run_id and record.cached is False
-            for record in planned.recorded.get(key, {}).values()
+        has_made = (
+            key in made_ahead
+            or key in made_by_run.get(one.run_id, ())
+            or any(
+                record.run_id == one.run_id and record.cached is False
+                for record in planned.recorded.get(key, {}).values()
+            )
         )
         report.outcomes[key] = _outcome(one, has_made=has_made)
 

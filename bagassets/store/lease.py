@@ -22,7 +22,7 @@ __all__ = ["HOLDERS", "action_lock", "in_use", "in_use_since_s"]
 _FOLDER, _ACTIONS = "leases", "underway"
 # Where the file system has no locks, a lease is valid for this long.
 _UNLOCKED_S = 2 * 86400.0
-_POLL_S, _LOOK_S = 0.05, 1.0
+_POLL_S, _LOOK_S = 0.01, 1.0
 
 
 @contextmanager
