@@ -148,7 +148,8 @@ def test_our_launcher_executes_runs_whose_steps_are_processes(place, monkeypatch
     location = CodeLocation("two_drives", working_directory=str(place))
     with open_instance(str(place / "home")) as instance:
         add_partitions(instance, names, [KEY])
-        with RunPool(instance, names, 1, lambda _event: None, place / "code-server.log", location) as runs:
+        log = place / "code-server.log"
+        with RunPool(instance, names, 1, lambda _: None, log, location, key_of=names.key) as runs:
             runs.work([{KEY: ("bag", "inventory")}])
         assert runs.ended[KEY].problem is None
         run = instance.get_run_by_id(runs.ended[KEY].run_id)

@@ -447,4 +447,4 @@ def test_a_node_that_lacks_something_says_what(make_instance, monkeypatch, what,
 def changed_spec(**changes):
     """What the machine that submits has, and no node."""
     original = SlurmRunLauncher._spec
-    return lambda self, run: replace(original(self, run), **changes)
+    return lambda self, *about: replace(original(self, *about), **changes)
