@@ -9,8 +9,19 @@ import sys
 __all__ = ["main"]
 
 
+_INTERRUPTED = 130  # as `ExitStatus.INTERRUPTED`
+
+
 def main() -> int:
     """Run the command line and return its exit status."""
+    try:
+        return _main()
+    except KeyboardInterrupt:  # before the command line is there to say it
+        sys.stderr.write("Interrupted.\n")
+        return _INTERRUPTED
+
+
+def _main() -> int:
     if sys.getfilesystemencoding() != "utf-8" and os.environ.get("PYTHONUTF8") != "1":
         # Names of recordings are UTF-8, whatever the locale; Python can only be started with that.
         os.execve(sys.executable, sys.orig_argv, os.environ | {"PYTHONUTF8": "1"})  # noqa: S606  (no shell)

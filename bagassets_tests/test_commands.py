@@ -2,12 +2,14 @@
 
 import ast
 import re
+import sys
 from pathlib import Path
 
 import click
 import pytest
 
 import bagassets
+from bagassets.__main__ import main as program
 from bagassets.cli import docs as docs_command
 from bagassets.cli.docs import all_commands
 from bagassets.cli.exit_status import ExitStatus
@@ -84,6 +86,17 @@ def test_every_page_that_the_code_cites_exists():
     assert len(cited) > 5
     assert {name for _, name in cited} <= set(docs_command.find_pages())
     assert not [(path, text) for path in sources for text in _messages(path) if PAGE_FILE.search(text)]
+
+
+@pytest.mark.parametrize("at", ["bagassets.freshness.decide.nothing_to_do", "bagassets.cli.main.main"])
+def test_an_interrupt_before_the_command_line_is_there_is_no_traceback(monkeypatch, capsys, at):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(at, interrupted)
+    monkeypatch.setattr(sys, "argv", ["bagassets", "build", "--recipe", "/no/such/recipe.yaml"])
+    assert program() == ExitStatus.INTERRUPTED
+    assert capsys.readouterr().err == "Interrupted.\n"
 
 
 def _messages(path):

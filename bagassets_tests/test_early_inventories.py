@@ -123,7 +123,7 @@ def test_the_server_makes_inventories_of_what_changed(project):
     with making_ahead(load_recipe(project), project, BuildOptions(jobs=2)) as made:
         while not made() and time.monotonic() < deadline:
             time.sleep(0.02)
-        assert made() == {"b.mcap"}
+        assert made().keys() == {"b.mcap"}
     assert steps_in_store(project).count("inventory") == before + 1
     after = build_by_command(project)
     assert after["counts"]["hit"] == 1, "it was there when the build began"
@@ -135,12 +135,12 @@ def test_the_server_makes_inventories_of_what_changed(project):
 def test_nothing_is_made_ahead_where_that_would_delay_or_is_not_asked_for(project, monkeypatch, options):
     monkeypatch.setattr(Client, "connect", pytest.fail)
     with making_ahead(load_recipe(project), project, options) as made:
-        assert made() == set()
+        assert made() == {}
 
 
 def test_without_a_server_nothing_is_made_ahead(project):
     with making_ahead(load_recipe(project), project, BuildOptions(jobs=2)) as made:
-        assert made() == set()
+        assert made() == {}
 
 
 def test_what_has_been_hashed_or_is_large_is_left_alone(project, monkeypatch):
@@ -151,7 +151,7 @@ def test_what_has_been_hashed_or_is_large_is_left_alone(project, monkeypatch):
     made = []
     monkeypatch.setattr(early_inventories, "note", made.append)
     make_first_inventories({"recipe": str(project), "bags": []})
-    assert made == [{"inventory": small}]
+    assert [one.keys() for one in made] == [{small}]
     assert steps_in_store(project) == ["inventory"] * 2
 
 
@@ -165,12 +165,16 @@ def test_what_was_made_ahead_counts_as_built(project, monkeypatch):
     """Even if it is all that there was to make."""
     assert build(project, monkeypatch)[0].counts()["built"] == 3
 
-    for told, outcome in (({"b.mcap"}, "built"), (set(), "hit")):
+    for is_told, outcome in ((True, "built"), (False, "hit")):
 
         @contextmanager
-        def ahead(*_, told=told):
-            make_first_inventories({"recipe": str(project), "bags": []})
-            yield lambda: told
+        def ahead(*_, is_told=is_told):
+            made = {}
+            with monkeypatch.context() as patch:
+                patch.setattr(early_inventories, "note", made.update)
+                make_first_inventories({"recipe": str(project), "bags": []})
+            assert made.keys() == {"b.mcap"}
+            yield lambda: made if is_told else {}
 
         pack_again(project.parent / "bags" / "b.mcap", f"for {outcome}")
         monkeypatch.setattr(project_build, "_making_ahead", ahead)

@@ -3,7 +3,7 @@
 import pytest
 
 from bagassets.build.execute import BuildFailure
-from bagassets.errors import CalibrationError, StoreError
+from bagassets.errors import CalibrationError, RecordingError, StoreError
 from bagassets.geometry.se3 import SE3
 from bagassets.recipe import load_recipe
 from bagassets.recordings.digest import recording_digest, recording_stat
@@ -67,6 +67,17 @@ def test_a_failure_costs_what_reads_it_and_nothing_else(bags):
         for name, err in caught.value.errors.items()
         if name == "calibration"
     )
+
+
+def test_what_assets_have_in_common_is_said_once(tmp_path):
+    path = tmp_path / "a.bag"
+    errors = [
+        RecordingError(f"{path}: it changed."),
+        RecordingError("no such topic."),
+        RecordingError(f"{path}: it changed."),
+    ]
+    failure = BuildFailure(dict(zip(("frames", "preview", "sweeps"), errors, strict=True)), path)
+    assert str(failure).split("\n") == [f"{path}: it changed.", f"{path}: no such topic."]
 
 
 def test_a_second_build_runs_nothing(bags):

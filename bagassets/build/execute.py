@@ -63,7 +63,7 @@ class BuildFailure(BagAssetsError):  # noqa: N818  (a state of a build, named as
         texts = [str(err) for err in self.errors.values()]
         where = visible(str(path))
         lines = [line if where in text else f"{where}: {line}" for text in texts for line in text.split("\n")]
-        super().__init__(*lines)
+        super().__init__(*dict.fromkeys(lines))  # of two assets that fail alike, once
 
 
 def execute(graph: Graph, *, threads: int | None = None) -> Iterator[AssetResult | Skipped]:

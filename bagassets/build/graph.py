@@ -12,13 +12,12 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
-from hashlib import sha256
 
 from bagassets.assets.asset import AnyAsset, AnyUse
 from bagassets.assets.selection import choose_rig, skip_reason
 from bagassets.build.differences import compare_actions, describe_changes
 from bagassets.build.inputs import RecordingInputs
-from bagassets.build.plan import AssetState, Recorded
+from bagassets.build.plan import AssetState, Recorded, version_as_input
 from bagassets.build.recording_assets import RecordingAssets
 from bagassets.build.source import MessageSource
 from bagassets.build.unexpected import explained_error
@@ -318,7 +317,7 @@ class Graph:
         if recorded.code_version != self.assets.versions[name]:
             return AssetState("record-only", "recipe or step version changed, the result did not", digest)
         for above, data_version in recorded.inputs.items():
-            if above in current and _as_input(current[above]) != data_version:
+            if above in current and version_as_input(current[above]) != data_version:
                 state = states.get(above)
                 why = "made again" if state is None or state.state == "fresh" else state.reason
                 return AssetState("record-only", f"the result did not change, but {above} did: {why}", digest)
@@ -359,8 +358,3 @@ def _noted(node: Node, recording: RecordingFiles) -> Iterator[None]:
 
 def _missing(key: str, asset: str) -> StoreError:
     return StoreError(f"{key}: {asset} is not materialized for this recording; materialize {asset} first.")
-
-
-def _as_input(data_version: str) -> str:
-    """Return how Dagster records the version of a partitioned input: a digest over its partitions, here a single one."""
-    return sha256(data_version.encode()).hexdigest()

@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
+from hashlib import sha256
 from typing import TYPE_CHECKING, Literal, NamedTuple, Self
 
 from bagassets.json_types import Json, JsonObject
@@ -12,7 +13,7 @@ if TYPE_CHECKING:
     from bagassets.store.artifact import Artifact
     from bagassets.store.store import Store
 
-__all__ = ["AssetState", "BagPlan", "Plan", "Recorded", "State"]
+__all__ = ["AssetState", "BagPlan", "Plan", "Recorded", "State", "version_as_input"]
 
 State = Literal["fresh", "record-only", "stale", "unknown", "failed", "missing", "skipped"]
 
@@ -30,6 +31,8 @@ class Recorded:
         action: digest of the action that made it.
         run_id: the run that recorded it.
         made_along: for `bag`, the action of the inventory if the same pass has run it.
+        content: for what was made from `bag`, the digest of the recording; "" if that is not recorded, and something else if
+            it was made from assets of several contents.
     """
 
     data_version: str
@@ -40,6 +43,7 @@ class Recorded:
     action: str | None = None
     run_id: str = ""
     made_along: str = ""
+    content: str = ""
 
 
 class AssetState(NamedTuple):
@@ -74,6 +78,7 @@ class BagPlan:
         rig: name of the rig that made the recording; "" if none did.
         touched: its files have the names and sizes on record, but another time; whether their content is the same is
             not known, or it is known to be. So a settled recording is never one.
+        outdated: assets whose record is of other content than the record of `bag`; none if it is settled.
     """
 
     key: str
@@ -84,6 +89,7 @@ class BagPlan:
     optional: frozenset[str] = frozenset()
     rig: str = ""
     touched: bool = False
+    outdated: frozenset[str] = frozenset()
 
     @property
     def skipped(self) -> str | None:
@@ -171,3 +177,8 @@ class Plan:
     bags: Mapping[str, BagPlan]
     excluded: Mapping[str, str]
     removed: tuple[str, ...]
+
+
+def version_as_input(data_version: str) -> str:
+    """Return how Dagster records the version of a partitioned input: a digest over its partitions, here a single one."""
+    return sha256(data_version.encode()).hexdigest()

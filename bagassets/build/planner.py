@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from bagassets.build.graph import Graph
 from bagassets.build.named_files import files_beside
-from bagassets.build.plan import AssetState, BagPlan, Plan, Recorded
+from bagassets.build.plan import AssetState, BagPlan, Plan, Recorded, version_as_input
 from bagassets.build.recording_assets import RecordingAssets
 from bagassets.freshness.plan_cache import PlanCache, recording_fingerprint
 from bagassets.recordings.digest import DigestIndex, RecordingStat, stat_files, stored_digest
@@ -57,7 +57,15 @@ class Planner:
         rig = "" if graph.rig is None else graph.rig.name
         touched = _is_touched(states["bag"], recorded.get("bag"), graph.stat)
         return BagPlan(
-            recording.key, states, recording.format, on_record, channels, self.assets.optional, rig, touched
+            recording.key,
+            states,
+            recording.format,
+            on_record,
+            channels,
+            self.assets.optional,
+            rig,
+            touched,
+            _outdated(states, recorded),
         )
 
     def graph(self, recording: RecordingFiles, recorded: Mapping[str, Recorded]) -> Graph:
@@ -92,6 +100,27 @@ def _is_touched(state: AssetState, recorded: Recorded | None, stat: RecordingSta
     if recorded is None or recorded.stat is None or state.state not in {"stale", "record-only"}:
         return False
     return state.data_version in {None, recorded.data_version} and recorded.stat.sizes == stat.sizes
+
+
+def _outdated(states: Mapping[str, AssetState], recorded: Mapping[str, Recorded]) -> frozenset[str]:
+    """See `BagPlan.outdated`. What would be made again with the same bytes is not outdated."""
+    bag = recorded.get("bag")
+    return frozenset(
+        name
+        for name, record in recorded.items()
+        if bag is not None
+        and (name not in states or states[name].data_version != record.data_version)
+        and not (record.content == bag.data_version if record.content else _is_of_bag(name, recorded))
+    )
+
+
+def _is_of_bag(name: str, recorded: Mapping[str, Recorded]) -> bool:
+    """Return whether an asset was made from what else is on record, up to `bag`."""
+    read = {above: version for above, version in recorded[name].inputs.items() if above in recorded}
+    return all(
+        version_as_input(recorded[above].data_version) == version and _is_of_bag(above, recorded)
+        for above, version in read.items()
+    )
 
 
 def plan_recordings(

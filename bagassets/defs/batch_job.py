@@ -8,12 +8,12 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from hashlib import sha256
 
 import dagster as dg
 from dagster import AssetRecordsFilter
 
 from bagassets.build.execute import Skipped
+from bagassets.build.plan import version_as_input
 from bagassets.defs.batches import Batch
 from bagassets.defs.checks import check_groups, run_checks, run_dataset_checks
 from bagassets.defs.dagster_private import (
@@ -333,7 +333,7 @@ class _Recording(_Part):
     def _inputs_of(self, asset: str) -> dict[str, str]:
         """Return upstream asset -> what Dagster compares: a digest over the versions of the partitions read, here one."""
         return {
-            name: sha256(self._latest_of(name).data_version.encode()).hexdigest()
+            name: version_as_input(self._latest_of(name).data_version)
             for name in dependencies(self._workspace.assets, asset)
         }
 

@@ -9,7 +9,7 @@ reported: it happens again in the run, which reports it.
 import gc
 import logging
 import time
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from uuid import uuid4
@@ -71,23 +71,23 @@ def make_inventories(args: JsonObject) -> int:
 @contextmanager
 def making_ahead(
     recipe: Recipe, recipe_file: Path, options: BuildOptions
-) -> Iterator[Callable[[], Collection[str]]]:
+) -> Iterator[Callable[[], Mapping[str, str]]]:
     """Have the server make the inventories that a build is likely to begin with, while the block plans it.
 
     Yields:
-        A function that returns the recordings whose inventories have been made so.
+        A function that returns the recordings whose inventories have been made so -> digest of their content.
     """
-    made: set[str] = set()
+    made: dict[str, str] = {}
     client = None
     # With one processor, or for some assets only, the plan comes first.
     if options.jobs > 1 and not options.select:
         client = _submit(recipe, recipe_file, options)
 
-    def so_far() -> Collection[str]:
+    def so_far() -> Mapping[str, str]:
         with suppress(ServerRefusedError):
             while client is not None and (event := client.wait(0.0)) is not None:
                 if event["event"] == "note":
-                    made.add(event["note"]["inventory"])
+                    made.update(event["note"])
         return made
 
     try:
@@ -110,8 +110,8 @@ def make_first_inventories(args: JsonObject) -> None:
         if time.monotonic() - began_s > _BEGIN_S:
             break
         with suppress(BagAssetsError):
-            if stored_digest(recording, index) is None and _make_inventory(assets, recording):
-                note({"inventory": recording.key})
+            if stored_digest(recording, index) is None and (made := _make_inventory(assets, recording)):
+                note({recording.key: made})
 
 
 def _submit(recipe: Recipe, recipe_file: Path, options: BuildOptions) -> Client | None:
@@ -137,11 +137,12 @@ def _chosen(recipe: Recipe, bags: Collection[str], largest_bytes: int) -> list[R
     return sorted((one for one in found if one.size <= largest_bytes), key=lambda one: -one.size)
 
 
-def _make_inventory(assets: RecordingAssets, recording: RecordingFiles) -> bool:
-    """Make the inventory of a recording; return whether it was not in the store."""
+def _make_inventory(assets: RecordingAssets, recording: RecordingFiles) -> str | None:
+    """Make the inventory of a recording; return the digest of its content, or None if the store had it."""
     recipe, stat = assets.recipe, recording_stat(recording)
     store = Store(recipe.store_path)
     first = first_pass(assets, store, recording, stat, DigestIndex.of(recipe))
     graph = Graph(assets, store, recording, first.digest.digest, stat, wanted={"inventory"})
     is_hit = all(result.cached for result in execute(graph) if not isinstance(result, Skipped))
-    return not is_hit or (first.inventory is not None and not first.inventory.cached)
+    is_made_along = first.inventory is not None and not first.inventory.cached
+    return first.digest.digest if is_made_along or not is_hit else None

@@ -37,6 +37,7 @@ DATA_VERSION = "dagster/data_version"
 CODE_VERSION = "dagster/code_version"
 STAT = "file_stat"
 MADE_ALONG = "inventory_action"
+CONTENT, SEVERAL = "content_digest", "several"
 
 # Records are fetched by storage id; more ids at a time would exceed SQLite's limit of variables.
 _BATCH = 500
@@ -190,6 +191,7 @@ def _recorded(names: Naming, materialization: dg.AssetMaterialization, run_id: s
     cached = materialization.metadata.get("cached")
     action = materialization.metadata.get("action_digest")
     made_along = materialization.metadata.get(MADE_ALONG)
+    content = materialization.metadata.get(CONTENT)
     inputs = {
         names.input_of(name): version for name, version in tags.items() if name.startswith(INPUT_PREFIX)
     }
@@ -202,4 +204,5 @@ def _recorded(names: Naming, materialization: dg.AssetMaterialization, run_id: s
         action=None if action is None else str(action.value),
         run_id=run_id,
         made_along="" if made_along is None else str(made_along.value),
+        content="" if content is None else str(content.value),
     )

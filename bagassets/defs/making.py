@@ -9,7 +9,7 @@ from bagassets.build.execute import Skipped, execute
 from bagassets.build.first_pass import first_pass
 from bagassets.build.graph import SELECTION, Graph
 from bagassets.build.recording_assets import RecordingAssets
-from bagassets.defs.events import MADE_ALONG, recorded_artifact, recorded_partition
+from bagassets.defs.events import CONTENT, MADE_ALONG, SEVERAL, recorded_artifact, recorded_partition
 from bagassets.defs.naming import Naming
 from bagassets.defs.reporting import Metadata, bag_metadata, result_metadata
 from bagassets.defs.run_progress import readings_noted
@@ -121,11 +121,15 @@ def make_assets(
     key, assets, names = source.recording.key, workspace.assets, workspace.names
     # The inventory decides whether the recording takes part, even if the asset (of a package) does not read it.
     upstream = {"inventory", *(name for asset in wanted for name in assets.upstream(asset))} - wanted
+    records = {name: recorded_partition(instance, names, name, key) for name in sorted(upstream)}
     given = {
         name: recorded_artifact(instance, names, workspace.store, name, key)
-        for name in sorted(upstream)
-        if recorded_partition(instance, names, name, key) is not None
+        for name, record in records.items()
+        if record is not None
     }
+    contents = {source.digest, *(record.content for record in records.values() if record is not None)}
+    # Of assets that an older version recorded, it is not known.
+    content = "" if "" in contents else source.digest if len(contents) == 1 else SEVERAL
     graph = Graph(
         assets,
         workspace.store,
@@ -144,4 +148,6 @@ def make_assets(
             cached = result.cached and result.action_digest != source.made_along
             skipped: Metadata = {"skipped": reason} if reason else {}  # first: nothing else follows of it
             metadata = skipped | result_metadata(replace(result, cached=cached))
+            if content:
+                metadata[CONTENT] = content
             yield MadeAsset(result.asset, result.artifact.digest, metadata)

@@ -168,11 +168,11 @@ def build_project_in_worker(args: JsonObject) -> JsonObject:
 
 def _making_ahead(
     instance: dg.DagsterInstance, recipe: Recipe, recipe_file: Path, options: BuildOptions
-) -> AbstractContextManager[Callable[[], Collection[str]]]:
+) -> AbstractContextManager[Callable[[], Mapping[str, str]]]:
     """See `making_ahead`; where other machines execute the runs, they do the reading, too."""
     if isinstance(instance.run_launcher, BagAssetsRunLauncher):
         return making_ahead(recipe, recipe_file, options)
-    return nullcontext(tuple)
+    return nullcontext(dict)
 
 
 def _is_quick(before: PendingWork, batch: Batch, sizes: Mapping[str, int]) -> bool:
@@ -273,9 +273,17 @@ def _add_outcomes(
     instance: dg.DagsterInstance,
     planned: InstancePlan,
     runs: RunPool,
-    made_ahead: Collection[str],
+    made_ahead: Mapping[str, str],
 ) -> None:
-    """Add the outcome of each recording that had a run to the report; of some, the inventory was made ahead of it."""
+    """Add the outcome of each recording that had a run to the report.
+
+    Args:
+        report: what to add to.
+        instance: where the runs recorded what they made.
+        planned: the state after the runs.
+        runs: the runs.
+        made_ahead: recordings whose inventories were made ahead of them -> digest of their content.
+    """
     ended = {key: one for key, one in runs.ended.items() if key != DATASET}
     # A run that made the datasets, too, has planned its recordings since they were recorded.
     unknown = ended.keys() - planned.recorded.keys()
@@ -283,8 +291,10 @@ def _add_outcomes(
         run_id: recordings_made(instance, run_id) for run_id in {ended[key].run_id for key in unknown} - {""}
     }
     for key, one in ended.items():
+        bag = planned.plan.bags.get(key)
+        is_of_ahead = bag is not None and key in made_ahead and bag.recorded.get("bag") == made_ahead[key]
         has_made = (
-            key in made_ahead
+            is_of_ahead
             or key in made_by_run.get(one.run_id, ())
             or any(
                 record.run_id == one.run_id and record.cached is False

@@ -186,7 +186,8 @@ def split_on_disk(recipe: Recipe) -> Mapping[str, str]:
 def select_inputs(plan: Plan, live: frozenset[str]) -> DatasetInputs:
     """Select the current parts of all live recordings that take part.
 
-    A recording whose newest content failed is left out rather than included with old content.
+    A recording whose newest content failed is left out rather than included with old content. So is one of which newer
+    content is on record than its part was made from: some assets were made alone, or a run was interrupted.
     """
     parts: dict[str, list[Part]] = {kind.name: [] for kind in formats()}
     failed: dict[str, dict[str, str]] = {kind.name: {} for kind in formats()}
@@ -207,11 +208,14 @@ def select_inputs(plan: Plan, live: frozenset[str]) -> DatasetInputs:
 
 
 def _failure(bag: BagPlan, part: str) -> str | None:
-    """Return why the part of a recording, or anything upstream of it, failed; None if nothing did."""
+    """Return why the part of a recording cannot be taken: it failed, or anything upstream of it, or is of other content."""
     state = bag.assets[part]
     if state.state == "failed":
         return state.reason
-    return (bag.unusable or bag.failed) if state.state == "unknown" else None
+    failed = (bag.unusable or bag.failed) if state.state == "unknown" else None
+    if failed is None and part in bag.outdated:
+        return f"its content has changed since its {part} was made; build it again."
+    return failed
 
 
 def build_dataset(

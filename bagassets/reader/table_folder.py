@@ -79,7 +79,8 @@ class TableFolder:
     def outdated(self, path: Path) -> DatasetError:
         """Return the error for a file that another build has removed."""
         return DatasetError(
-            f"{self.path}: this dataset was built again since it was opened, and {path.name} is no longer part of it; "
+            f"{self.path}: this dataset was built again since it was opened, and {path.relative_to(self.path.parent)} is no "
+            "longer part of it; "
             "open it again."
         )
 
