@@ -12,6 +12,7 @@ from bagassets_tests.small_drive import write_drive
 
 KEYS = ["a.bag", "b.bag", "c.mcap"]
 LOCK = "v1.0-test/dataset.lock.json"
+OUTDATED = "its content has changed since its nuscenes_tables was made; build it again."
 
 
 @pytest.fixture
@@ -52,13 +53,13 @@ def test_a_recording_of_which_only_some_assets_are_new_is_left_out(project, tmp_
     replace_a_and_another(project, tmp_path, tmp_path / "new.bag")
     assert build(project, monkeypatch, select=("inventory",), bags=("a.bag",))[0].succeeded
     assert contents(project) == before, "the dataset was not asked for"
-    assert build(project, monkeypatch, bags=("c.mcap",))[0].succeeded
+    report = build(project, monkeypatch, bags=("c.mcap",))[0]
+    assert report.succeeded
+    assert report.left_out == {"a.bag": OUTDATED}
     made = contents(project)
     assert made.keys() == {"b.bag", "c.mcap"}
     assert made["b.bag"] == before["b.bag"]
-    assert lock(project)["failed"] == {
-        "a.bag": "its content has changed since its nuscenes_tables was made; build it again."
-    }
+    assert lock(project)["failed"] == {"a.bag": OUTDATED}
     after = settled(project, monkeypatch)
     assert after.keys() == before.keys()
     assert all(new != old for new, old in zip(after["a.bag"], before["a.bag"], strict=True))

@@ -162,6 +162,7 @@ class BuildReport:
         removed: recordings that are gone.
         remarks: problems that checks found in what this build made.
         duplicates: recording -> another one with the same content, which represents it in the dataset.
+        left_out: recording that this build was not about -> why it is not in the dataset.
         moved: recording that this build moved to another split -> the old split and the new one.
         splits: split -> its share of recordings and time (`SplitShare.as_json`), and whether that `is_far` from the
             share in the recipe.
@@ -181,6 +182,7 @@ class BuildReport:
     removed: tuple[str, ...] = ()
     remarks: tuple[Remark, ...] = ()
     duplicates: Mapping[str, str] = field(default_factory=dict)
+    left_out: Mapping[str, str] = field(default_factory=dict)
     moved: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     splits: Mapping[str, JsonMapping] = field(default_factory=dict)
     dataset: str = "fresh"
@@ -225,6 +227,7 @@ class BuildReport:
             "removed": list(self.removed),
             "remarks": [remark.as_json() for remark in self.remarks],
             "duplicates": dict(self.duplicates),
+            "left_out": dict(self.left_out),
             "moved": {key: list(splits) for key, splits in self.moved.items()},
             "splits": {name: dict(share) for name, share in self.splits.items()},
             "dataset": {
@@ -251,6 +254,7 @@ class BuildReport:
             removed=tuple(value["removed"]),
             remarks=tuple(Remark(**remark) for remark in value["remarks"]),
             duplicates=value["duplicates"],
+            left_out=value["left_out"],
             moved={key: (was, now) for key, (was, now) in value["moved"].items()},
             splits=value["splits"],
             dataset=value["dataset"]["state"],

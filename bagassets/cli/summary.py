@@ -58,6 +58,11 @@ def print_summary(
     for relative, reason in report.excluded.items():
         if not reason.startswith("not matched"):
             print_lines(console, f"left out {visible(relative)}: {visible(reason)}")
+    for key, reason in list(report.left_out.items())[:_MOST_REMARKS]:
+        print_lines(console, f"left out {visible(key)}: {visible(reason)}")
+    if len(report.left_out) > _MOST_REMARKS:
+        more = count_text(len(report.left_out) - _MOST_REMARKS, "more recording")
+        console.print(f"{more} left out of the dataset; `bagassets status` lists all.")
     for copy, first in report.duplicates.items():
         print_lines(console, f"copy {copy}: the same content as {first}, which is in the dataset for both")
     for key in report.removed:

@@ -129,6 +129,11 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
             own_work = own.survey(instance, now, options)
         lock = main_lock(recipe)
         report.duplicates = {} if lock is None else lock.value["duplicates"]
+        report.left_out = {
+            key: reason
+            for key, reason in ({} if lock is None else lock.value.get("failed", {})).items()
+            if key not in before.chosen
+        }
         report.splits = {} if lock is None else _shares(lock.value["shares"])
         report.moved = moves(split_before, split_on_disk(recipe))
         if not before.datasets:
