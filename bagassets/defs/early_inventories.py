@@ -116,17 +116,18 @@ def make_first_inventories(args: JsonObject) -> None:
 
 def _submit(recipe: Recipe, recipe_file: Path, options: BuildOptions) -> Client | None:
     """Submit the job to the server of a build, and return its client; None if there is no such server."""
-    spec = server_spec(recipe.state, recipe_file)
-    client = Client.connect(ServerFiles(spec.state_folder, spec.stamp()))
-    if client is None:
-        return None
     args = {"recipe": str(recipe_file), "bags": list(options.bags)}
     try:
-        client.submit(_JOB, args, label=f"ahead-{uuid4()}", grace_s=1.0)
-    except ServerRefusedError:
-        client.close()
-        return None
-    return client
+        spec = server_spec(recipe.state, recipe_file)
+        client = Client.connect(ServerFiles(spec.state_folder, spec.stamp()))
+        if client is not None:
+            with suppress(ServerRefusedError):
+                client.submit(_JOB, args, label=f"ahead-{uuid4()}", grace_s=1.0)
+                return client
+            client.close()
+    except (BagAssetsError, OSError) as err:  # it would only save time
+        _LOG.info("nothing is made ahead: %s", err)
+    return None
 
 
 def _chosen(recipe: Recipe, bags: Collection[str], largest_bytes: int) -> list[RecordingFiles]:
