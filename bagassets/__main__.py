@@ -9,16 +9,15 @@ import sys
 __all__ = ["main"]
 
 
-_INTERRUPTED = 130  # as `ExitStatus.INTERRUPTED`
-
-
 def main() -> int:
     """Run the command line and return its exit status."""
     try:
         return _main()
     except KeyboardInterrupt:  # before the command line is there to say it
+        from bagassets.cli.exit_status import ExitStatus
+
         sys.stderr.write("Interrupted.\n")
-        return _INTERRUPTED
+        return ExitStatus.INTERRUPTED
 
 
 def _main() -> int:

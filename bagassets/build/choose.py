@@ -1,6 +1,6 @@
 """Choosing recordings and assets by what a user types."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from difflib import get_close_matches
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -8,7 +8,7 @@ from pathlib import Path
 from bagassets.errors import BagAssetsError
 from bagassets.recordings.model import RecordingFiles
 
-__all__ = ["SelectionError", "choose_assets", "choose_recordings"]
+__all__ = ["SelectionError", "choose_assets", "choose_recordings", "split_names"]
 
 
 class SelectionError(BagAssetsError):
@@ -48,13 +48,18 @@ def choose_assets(known: Collection[str], wanted: Sequence[str]) -> frozenset[st
     Raises:
         SelectionError: one of them does not exist.
     """
-    names = [name.strip() for text in wanted for name in text.split(",") if name.strip()]
+    names = split_names(wanted)
     for name in names:
         if name not in known:
             near = get_close_matches(name, known, n=1)
             hint = f"did you mean {near[0]}?" if near else f"the assets are {', '.join(known)}."
             raise SelectionError(f"{name}: no such asset; {hint}")
     return frozenset(names) or None
+
+
+def split_names(wanted: Iterable[str]) -> list[str]:
+    """Return the names in comma-separated lists of names."""
+    return [name.strip() for text in wanted for name in text.split(",") if name.strip()]
 
 
 def _by_path(recordings: Mapping[str, RecordingFiles], text: str) -> set[str]:

@@ -104,14 +104,16 @@ def _is_touched(state: AssetState, recorded: Recorded | None, stat: RecordingSta
 
 def _outdated(states: Mapping[str, AssetState], recorded: Mapping[str, Recorded]) -> frozenset[str]:
     """See `BagPlan.outdated`. What would be made again with the same bytes is not outdated."""
-    bag = recorded.get("bag")
-    return frozenset(
-        name
-        for name, record in recorded.items()
-        if bag is not None
-        and (name not in states or states[name].data_version != record.data_version)
-        and not (record.content == bag.data_version if record.content else _is_of_bag(name, recorded))
-    )
+    if "bag" not in recorded:
+        return frozenset()
+    content, outdated = recorded["bag"].data_version, set()
+    for name, record in recorded.items():
+        if name in states and states[name].data_version == record.data_version:
+            continue
+        is_of_bag = record.content == content if record.content else _is_of_bag(name, recorded)
+        if not is_of_bag:
+            outdated.add(name)
+    return frozenset(outdated)
 
 
 def _is_of_bag(name: str, recorded: Mapping[str, Recorded]) -> bool:

@@ -4,7 +4,7 @@ Only the event log says which artifact is current.
 """
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TypeVar
 
@@ -22,6 +22,7 @@ from bagassets.store.store import Store
 __all__ = [
     "all_assets",
     "fetch_recorded",
+    "in_batches",
     "latest_ids",
     "live_partitions",
     "recorded_artifact",
@@ -32,6 +33,7 @@ __all__ = [
 ]
 
 A = TypeVar("A", bound=AssetName)
+T = TypeVar("T")
 
 DATA_VERSION = "dagster/data_version"
 CODE_VERSION = "dagster/code_version"
@@ -145,6 +147,12 @@ def latest_ids(
     return {asset: storage.get_latest_storage_id_by_partition(names.key(asset), kind) for asset in assets}
 
 
+def in_batches(ids: Sequence[T]) -> Iterator[list[T]]:
+    """Yield the ids in lists so short that a query may name all of one."""
+    for start in range(0, len(ids), _BATCH):
+        yield list(ids[start : start + _BATCH])
+
+
 def fetch_recorded(
     instance: dg.DagsterInstance, names: Naming, ids: Mapping[A, Mapping[str, int]], keys: Iterable[str]
 ) -> dict[str, dict[A, Recorded]]:
@@ -153,8 +161,7 @@ def fetch_recorded(
     records: list[tuple[A, dg.EventLogRecord]] = []
     for asset, by_key in ids.items():
         wanted = sorted(by_key[key] for key in found if key in by_key)
-        for start in range(0, len(wanted), _BATCH):
-            batch = wanted[start : start + _BATCH]
+        for batch in in_batches(wanted):
             result = instance.fetch_materializations(
                 AssetRecordsFilter(asset_key=names.key(asset), storage_ids=batch), limit=len(batch)
             )
@@ -175,8 +182,8 @@ def _late(instance: dg.DagsterInstance, records: Sequence[dg.EventLogRecord]) ->
     """
     run_ids = sorted({record.run_id for record in records})
     ends: dict[str, float | None] = {}
-    for start in range(0, len(run_ids), _BATCH):
-        asked = dg.RunsFilter(run_ids=run_ids[start : start + _BATCH], statuses=_NOT_SUCCEEDED)
+    for batch in in_batches(run_ids):
+        asked = dg.RunsFilter(run_ids=batch, statuses=_NOT_SUCCEEDED)
         ends |= {one.dagster_run.run_id: one.end_time for one in instance.get_run_records(asked)}
     return {
         record.storage_id

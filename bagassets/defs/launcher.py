@@ -27,7 +27,6 @@ died with their machine or container::
 """
 
 import logging
-import os
 import signal
 import sys
 import threading
@@ -49,7 +48,7 @@ from bagassets.defs.dagster_private import (
     WorkerStatus,
 )
 from bagassets.defs.ports import ANY_HOST
-from bagassets.defs.projects import recipe_of_location, recipes_of
+from bagassets.defs.projects import configured_recipe, recipe_of_location, recipes_of
 from bagassets.defs.run_worker import end_worker
 from bagassets.defs.runs import mark_canceling, pack_instance
 from bagassets.defs.worker_tag import WORKER_TAG, RunWorker
@@ -208,11 +207,7 @@ class BagAssetsRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
         )
 
     def _recipe_file(self) -> Path | None:
-        named = self._recipe or os.environ.get("BAGASSETS_RECIPE")
-        if named:
-            return Path(named)
-        here = Path("recipe.yaml")
-        return here if here.is_file() else None
+        return configured_recipe(self._recipe)
 
     def _folder(self, recipe: Path | None) -> Path:
         if self._state_folder is not None:

@@ -9,7 +9,7 @@ from bagassets.build.execute import Skipped, execute
 from bagassets.build.first_pass import first_pass
 from bagassets.build.graph import SELECTION, Graph
 from bagassets.build.recording_assets import RecordingAssets
-from bagassets.defs.events import CONTENT, MADE_ALONG, SEVERAL, recorded_artifact, recorded_partition
+from bagassets.defs.events import CONTENT, MADE_ALONG, SEVERAL, recorded_partition
 from bagassets.defs.naming import Naming
 from bagassets.defs.reporting import Metadata, bag_metadata, result_metadata
 from bagassets.defs.run_progress import readings_noted
@@ -122,12 +122,9 @@ def make_assets(
     # The inventory decides whether the recording takes part, even if the asset (of a package) does not read it.
     upstream = {"inventory", *(name for asset in wanted for name in assets.upstream(asset))} - wanted
     records = {name: recorded_partition(instance, names, name, key) for name in sorted(upstream)}
-    given = {
-        name: recorded_artifact(instance, names, workspace.store, name, key)
-        for name, record in records.items()
-        if record is not None
-    }
-    contents = {source.digest, *(record.content for record in records.values() if record is not None)}
+    found = {name: record for name, record in records.items() if record is not None}
+    given = {name: workspace.store.artifact(record.data_version) for name, record in found.items()}
+    contents = {source.digest, *(record.content for record in found.values())}
     # Of assets that an older version recorded, it is not known.
     content = "" if "" in contents else source.digest if len(contents) == 1 else SEVERAL
     graph = Graph(

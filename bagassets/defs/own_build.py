@@ -12,7 +12,7 @@ from pathlib import Path
 import dagster as dg
 
 from bagassets.build.build_report import BuildOptions, Event, OwnOutcome, OwnResult
-from bagassets.build.choose import SelectionError
+from bagassets.build.choose import SelectionError, split_names
 from bagassets.defs.own_assets import OwnAsset, find_own_assets, inputs_tag
 from bagassets.defs.own_location import code_digest, files_of, home_of, load_locations
 from bagassets.defs.own_states import OwnState, OwnStates, states_of_own
@@ -159,9 +159,7 @@ def load_own(workspace: Workspace, options: BuildOptions | None = None) -> OwnPr
             prefix.
         SelectionError: an asset that is selected cannot be made by a build.
     """
-    selected = {name.strip() for text in (options.select if options else ()) for name in text.split(",")} - {
-        ""
-    }
+    selected = set(split_names(options.select if options else ()))
     ours = ("bag", *workspace.assets.names)
     home = dagster_home(Path(workspace.recipe_file), workspace.recipe)
     try:

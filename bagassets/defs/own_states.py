@@ -5,15 +5,14 @@ version than its record says. One for all recordings says what it read in a tag 
 only for few partitions.
 """
 
-import hashlib
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
 import dagster as dg
 
-from bagassets.build.plan import BagPlan, Recorded
-from bagassets.defs.events import fetch_recorded, latest_ids, recorded_whole
+from bagassets.build.plan import BagPlan, Recorded, version_as_input
+from bagassets.defs.events import fetch_recorded, in_batches, latest_ids, recorded_whole
 from bagassets.defs.naming import DATASET_INPUTS, Naming
 from bagassets.defs.own_assets import OwnAsset, Read, Versions, inputs_digest, inputs_tag, told_inputs
 from bagassets.defs.own_location import code_digest
@@ -25,7 +24,6 @@ from bagassets.json_types import JsonObject
 __all__ = ["OwnState", "OwnStates", "states_of_own"]
 
 State = Literal["fresh", "missing", "stale", "unknown", "blocked", "skipped", "failed"]
-_BATCH = 500  # more ids at a time would exceed SQLite's limit of variables
 _TO_COME = frozenset({"missing", "stale", "unknown"})
 
 
@@ -76,6 +74,8 @@ def states_of_own(
         retry_failed: take what failed on the same inputs as to be made.
         is_dataset_current: the datasets on disk are up to date; default: so they are, and stay so in a build.
     """
+    if not own:
+        return {}
     stays = pending.dataset_is_current and not (pending.todo or pending.plan.removed)
     is_current = stays if is_dataset_current is None else is_dataset_current
     survey = _Survey(instance, names, pending, own, frozenset(wanted), is_current, retry_failed)
@@ -130,8 +130,8 @@ class _Survey:
             return {}
         ids = sorted({one.run_id for one in recorded.values()})
         told: dict[str, str] = {}
-        for start in range(0, len(ids), _BATCH):
-            runs = self._instance.get_runs(dg.RunsFilter(run_ids=ids[start : start + _BATCH]))
+        for batch in in_batches(ids):
+            runs = self._instance.get_runs(dg.RunsFilter(run_ids=batch))
             told |= {run.run_id: told_inputs(run, asset.key) for run in runs}
         return told
 
@@ -251,4 +251,4 @@ def _blocked(name: str, state: OwnState) -> tuple[State, str]:
 
 def _spellings(version: str) -> set[str]:
     """Return how a record spells the version of what it has read: Dagster digests that of a partition."""
-    return {version or "INITIAL", version, hashlib.sha256(version.encode()).hexdigest()}
+    return {version or "INITIAL", version, version_as_input(version)}

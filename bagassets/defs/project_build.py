@@ -129,11 +129,8 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
             own_work = own.survey(instance, now, options)
         lock = main_lock(recipe)
         report.duplicates = {} if lock is None else lock.value["duplicates"]
-        report.left_out = {
-            key: reason
-            for key, reason in ({} if lock is None else lock.value.get("failed", {})).items()
-            if key not in before.chosen
-        }
+        failed = {} if lock is None else lock.value.get("failed", {})
+        report.left_out = {key: reason for key, reason in failed.items() if key not in before.chosen}
         report.splits = {} if lock is None else _shares(lock.value["shares"])
         report.moved = moves(split_before, split_on_disk(recipe))
         if not before.datasets:
@@ -297,9 +294,9 @@ def _add_outcomes(
     }
     for key, one in ended.items():
         bag = planned.plan.bags.get(key)
-        is_of_ahead = bag is not None and key in made_ahead and bag.recorded.get("bag") == made_ahead[key]
+        was_made_ahead = bag is not None and made_ahead.get(key) == bag.recorded.get("bag", "")
         has_made = (
-            is_of_ahead
+            was_made_ahead
             or key in made_by_run.get(one.run_id, ())
             or any(
                 record.run_id == one.run_id and record.cached is False

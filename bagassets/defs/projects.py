@@ -6,6 +6,7 @@ the artifacts of a project that is at home in somebody else's Dagster.
 """
 
 import json
+import os
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -19,6 +20,7 @@ from bagassets.errors import RecipeError, StoreError
 from bagassets.store.canonical import digest_json
 
 __all__ = [
+    "configured_recipe",
     "forget_other_prefixes",
     "instances_of",
     "note_instance",
@@ -96,8 +98,17 @@ def recipes_of(instance: dg.DagsterInstance) -> list[Path]:
     return sorted(file for file in files if file.is_file())
 
 
+def configured_recipe(named: str | None) -> Path | None:
+    """Return the recipe that a launcher's configuration or the environment names, or that of this folder, if there is one."""
+    named = named or os.environ.get("BAGASSETS_RECIPE")
+    if named:
+        return Path(named)
+    here = Path("recipe.yaml")
+    return here if here.is_file() else None
+
+
 def recipe_of_location(instance: dg.DagsterInstance, run: dg.DagsterRun) -> Path | None:
-    """Return the recipe that a run's code location is told by its `.env`; None if it is told none."""
+    """Return the recipe that the `.env` of a run's code location names; None if it names none."""
     location = run.remote_job_origin.location_name if run.remote_job_origin is not None else None
     named = location_variables(instance, location).get("BAGASSETS_RECIPE")
     return Path(named).absolute() if named else None

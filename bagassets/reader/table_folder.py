@@ -78,10 +78,9 @@ class TableFolder:
 
     def outdated(self, path: Path) -> DatasetError:
         """Return the error for a file that another build has removed."""
+        name = path.relative_to(self.path.parent)
         return DatasetError(
-            f"{self.path}: this dataset was built again since it was opened, and {path.relative_to(self.path.parent)} is no "
-            "longer part of it; "
-            "open it again."
+            f"{self.path}: this dataset was built again since it was opened, and {name} is no longer part of it; open it again."
         )
 
     def is_current(self) -> bool:

@@ -14,6 +14,7 @@ from pathlib import Path
 import dagster as dg
 
 from bagassets.defs.dagster_private import WorkerStatus
+from bagassets.defs.events import in_batches
 from bagassets.defs.orphaned_runs import report_ended
 from bagassets.defs.slurm.commands import JobState, SlurmError, cancel_job, job_states, submit_job, user_name
 from bagassets.defs.slurm.options import JOB_TAG, LOG_TAG, NODE_TAG, JobOptions
@@ -334,11 +335,11 @@ class Keeper:
                 self._instance.add_run_tags(run.run_id, {WHERE_TAG: str(state), NODE_TAG: state.node})
 
     def _runs(self, run_ids: Iterable[str]) -> list[dg.DagsterRun]:
-        ids = list(run_ids)
-        found: list[dg.DagsterRun] = []
-        for start in range(0, len(ids), 500):
-            found += self._instance.get_runs(dg.RunsFilter(run_ids=ids[start : start + 500]))
-        return found
+        return [
+            run
+            for batch in in_batches(list(run_ids))
+            for run in self._instance.get_runs(dg.RunsFilter(run_ids=batch))
+        ]
 
 
 def _command(spec: JobSpec, options: JobOptions, job: JobFolder) -> str:

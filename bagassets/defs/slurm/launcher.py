@@ -22,7 +22,6 @@ Set in `dagster.yaml`; all of `config` is optional::
 """
 
 import logging
-import os
 import sys
 import threading
 import time
@@ -45,7 +44,7 @@ from bagassets.defs.dagster_private import (
 )
 from bagassets.defs.orphaned_runs import UNTAKEN_S, report_ended
 from bagassets.defs.partitions import DATASET
-from bagassets.defs.projects import recipe_of_assets, recipe_of_location
+from bagassets.defs.projects import configured_recipe, recipe_of_assets, recipe_of_location
 from bagassets.defs.runs import mark_canceling, pack_instance
 from bagassets.defs.slurm.commands import SlurmError
 from bagassets.defs.slurm.keeper import Keeper, Packing
@@ -269,11 +268,8 @@ class SlurmRunLauncher(RunLauncher[T_DagsterInstance], ConfigurableClass):
 
     @property
     def _recipe_file(self) -> Path | None:
-        named = self._recipe_name or os.environ.get("BAGASSETS_RECIPE")
-        if named:
-            return Path(named).absolute()
-        here = Path("recipe.yaml")
-        return here.absolute() if here.is_file() else None
+        found = configured_recipe(self._recipe_name)
+        return None if found is None else found.absolute()
 
     def _read(self, file: Path | None) -> Recipe | None:
         """Return a recipe, read again when it has changed: hundreds of runs may be launched in a row."""
