@@ -12,7 +12,7 @@ import pytest
 
 from bagassets.defs.events import event_database
 from bagassets.defs.runs import open_instance
-from bagassets.freshness import artifacts, fingerprints
+from bagassets.freshness import artifacts, decide, fingerprints
 from bagassets.freshness.artifacts import check_groups, groups_of
 from bagassets.freshness.cache import NAME, Cache, Changes
 from bagassets.freshness.decide import nothing_to_do
@@ -164,6 +164,19 @@ def test_a_file_that_is_missing_from_the_store_is_made_again(fresh, monkeypatch,
     report, _ = build(fresh, monkeypatch)
     assert report.outcomes[KEY].result == "built"
     assert path.is_file()
+
+
+def test_many_artifacts_are_looked_at_beside_the_rest(fresh, monkeypatch):
+    monkeypatch.setattr(decide, "_WORTH_A_FORK", 0)
+    assert is_quick(fresh)
+    file = a_file_of(fresh, "channels.json")
+    file.rename(file.with_name("aside"))
+    assert not is_quick(fresh)
+    file.with_name("aside").rename(file)
+    build(fresh, monkeypatch)
+    assert is_quick(fresh)
+    os.utime(recording(fresh))
+    assert not is_quick(fresh)
 
 
 def test_an_artifact_that_is_missing_from_the_store_is_made_again(fresh, monkeypatch):
