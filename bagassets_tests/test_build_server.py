@@ -17,7 +17,7 @@ from dagster._core.storage.tags import GRPC_INFO_TAG
 
 from bagassets.build.build_report import BagOutcome, BuildOptions, BuildReport, Event
 from bagassets.build.choose import SelectionError
-from bagassets.cli.remote import build_on_server, find_server
+from bagassets.cli.remote import build_on_server
 from bagassets.defs.connections import kept_open
 from bagassets.defs.events import event_database
 from bagassets.defs.exclusive import exclusive
@@ -25,6 +25,7 @@ from bagassets.defs.runs import open_instance
 from bagassets.defs.worker_tag import RunWorker
 from bagassets.forkserver.client import Client
 from bagassets.forkserver.process import ProcessId
+from bagassets.forkserver.tasks import find_server
 from bagassets.recipe import load_recipe
 from bagassets_tests.in_process import make_project
 from bagassets_tests.small_drive import write_drive

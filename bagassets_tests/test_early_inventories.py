@@ -8,12 +8,14 @@ import time
 from contextlib import contextmanager
 
 import pytest
+import yaml
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
 from bagassets.build.build_report import BuildOptions
 from bagassets.defs import early_inventories, project_build
 from bagassets.defs.early_inventories import make_first_inventories, make_inventories, making_ahead
+from bagassets.defs.launcher import BagAssetsRunLauncher
 from bagassets.forkserver.client import Client
 from bagassets.forkserver.server_files import ServerFiles
 from bagassets.recipe import load_recipe
@@ -120,7 +122,7 @@ def test_the_server_makes_inventories_of_what_changed(project):
     pack_again(project.parent / "bags" / "b.mcap")
     before = steps_in_store(project).count("inventory")
     deadline = time.monotonic() + 30
-    with making_ahead(load_recipe(project), project, BuildOptions(jobs=2)) as made:
+    with making_ahead(project, BuildOptions(jobs=2)) as made:
         while not made() and time.monotonic() < deadline:
             time.sleep(0.02)
         assert made().keys() == {"b.mcap"}
@@ -133,13 +135,33 @@ def test_the_server_makes_inventories_of_what_changed(project):
     "options", [BuildOptions(jobs=1), BuildOptions(jobs=2, select=("bag",))], ids=["one job", "assets"]
 )
 def test_nothing_is_made_ahead_where_that_would_delay_or_is_not_asked_for(project, monkeypatch, options):
-    monkeypatch.setattr(Client, "connect", pytest.fail)
-    with making_ahead(load_recipe(project), project, options) as made:
+    monkeypatch.setattr(early_inventories, "find_server", pytest.fail)
+    with making_ahead(project, options) as made:
+        assert made() == {}
+
+
+@pytest.mark.parametrize(
+    "launcher",
+    [
+        {"module": "bagassets.defs.slurm.launcher", "class": "SlurmRunLauncher"},
+        {"module": "dagster", "class": "DefaultRunLauncher"},
+        None,
+    ],
+)
+def test_nothing_is_made_ahead_where_others_execute_the_runs(project, monkeypatch, launcher):
+    file = project.with_name("dagster.yaml")
+    found = yaml.safe_load(file.read_text())
+    assert (BagAssetsRunLauncher.__module__, BagAssetsRunLauncher.__name__) == early_inventories._LAUNCHER
+    assert early_inventories._executes_runs_here(project)
+    file.write_text(yaml.safe_dump(found | {"run_launcher": launcher}))
+    assert not early_inventories._executes_runs_here(project)
+    monkeypatch.setattr(early_inventories, "find_server", pytest.fail)
+    with making_ahead(project, BuildOptions(jobs=2)) as made:
         assert made() == {}
 
 
 def test_without_a_server_nothing_is_made_ahead(project):
-    with making_ahead(load_recipe(project), project, BuildOptions(jobs=2)) as made:
+    with making_ahead(project, BuildOptions(jobs=2)) as made:
         assert made() == {}
 
 
@@ -177,6 +199,6 @@ def test_what_was_made_ahead_counts_as_built(project, monkeypatch):
             yield lambda: made if is_told else {}
 
         pack_again(project.parent / "bags" / "b.mcap", f"for {outcome}")
-        monkeypatch.setattr(project_build, "_making_ahead", ahead)
+        monkeypatch.setattr(project_build, "making_ahead", ahead)
         report, _ = build(project, monkeypatch)
         assert report.outcomes["b.mcap"].result == outcome

@@ -6,6 +6,7 @@ from collections import OrderedDict
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
+from threading import Lock
 
 import pytest
 import zstandard
@@ -20,7 +21,7 @@ from bagassets.defs.pending_work import open_project
 from bagassets.errors import BagAssetsError, ChangedWhileReadError
 from bagassets.formats.catalogue import recording_assets
 from bagassets.recipe import load_recipe
-from bagassets.recordings import decompress, rosbag2
+from bagassets.recordings import decompress, digest, rosbag2
 from bagassets.recordings.digest import DigestIndex, recording_digest, recording_stat
 from bagassets.recordings.discover import discover
 from bagassets.recordings.pack import PackedRecording
@@ -44,7 +45,10 @@ class Disk:
     def __init__(self, monkeypatch, file):
         self.content, self.read_bytes = file.read_bytes(), 0
         self.cache, self.most = OrderedDict(), len(self.content) // PAGE // 4
+        self.lock = Lock()  # a thread hashes
         monkeypatch.setattr(canonical, "_READ_BYTES", 1 << 16)  # the files are small
+        monkeypatch.setattr(digest, "_FOLLOW_BYTES", 1 << 16)
+        monkeypatch.setattr(digest, "_MOST_BEHIND_BYTES", 1 << 17)
         self.watch_hashing(monkeypatch, file)
         self.watch_messages(monkeypatch)
 
@@ -54,13 +58,14 @@ class Disk:
         return self.read_bytes / len(self.content)
 
     def give(self, begin, end):
-        for page in range(begin // PAGE, -(-end // PAGE)):
-            if page not in self.cache:
-                self.read_bytes += PAGE
-            self.cache[page] = True
-            self.cache.move_to_end(page)
-            if len(self.cache) > self.most:
-                self.cache.popitem(last=False)
+        with self.lock:
+            for page in range(begin // PAGE, -(-end // PAGE)):
+                if page not in self.cache:
+                    self.read_bytes += PAGE
+                self.cache[page] = True
+                self.cache.move_to_end(page)
+                if len(self.cache) > self.most:
+                    self.cache.popitem(last=False)
 
     def watch_hashing(self, monkeypatch, file):
         disk, real = self, canonical.FileHasher.step
@@ -179,6 +184,8 @@ def test_a_bag_compressed_as_a_whole_is_hashed_while_it_is_unpacked(tmp_path, mo
     metadata.write_text(text.replace("compression_format: ''", "compression_format: zstd"))
     plain.unlink()
     monkeypatch.setattr(canonical, "_READ_BYTES", 1 << 12)
+    monkeypatch.setattr(digest, "_FOLLOW_BYTES", 1)
+    monkeypatch.setattr(digest, "_MOST_BEHIND_BYTES", 0)
     hashed, step, decompress_file = [0], canonical.FileHasher.step, rosbag2.decompress_file
 
     def count(self):

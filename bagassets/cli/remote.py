@@ -3,7 +3,6 @@
 A new server imports Dagster once, for all builds until it ends; if the build ran in this process, both would import it.
 """
 
-import os
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -14,13 +13,13 @@ from bagassets.build.build_report import BuildOptions, Event
 from bagassets.errors import BagAssetsError
 from bagassets.forkserver.client import Client, ServerRefusedError
 from bagassets.forkserver.server_files import ServerFiles
-from bagassets.forkserver.tasks import server_spec
+from bagassets.forkserver.tasks import find_server, server_spec
 from bagassets.interrupts import deferred_interrupts
 from bagassets.json_types import JsonObject
 from bagassets.lock_files import is_locked
 from bagassets.store.writable import require_writable
 
-__all__ = ["InterruptedBuildError", "build_on_server", "end_servers", "find_server", "server_for"]
+__all__ = ["InterruptedBuildError", "build_on_server", "end_servers", "server_for"]
 
 _JOB = "bagassets.defs.project_build:build_project_in_worker"
 _EARLY_JOB = "bagassets.defs.early_inventories:make_inventories"
@@ -35,23 +34,6 @@ _INTERRUPT_POLL_S = 0.2  # the longest time in which an interrupt goes unnoticed
 
 class InterruptedBuildError(BagAssetsError):
     """A build was interrupted before it could report what it did."""
-
-
-def find_server(recipe: Path) -> Client | None:
-    """Return a client of the server for a recipe, or None if no such server is up.
-
-    The recipe is not read: the stamp of the server covers its text.
-    """
-    from bagassets.freshness.decide import state_folder
-    from bagassets.freshness.fingerprints import PlanNeeded
-
-    try:
-        spec = server_spec(Path(state_folder(str(recipe))), recipe)
-        return Client.connect(
-            ServerFiles(spec.state_folder, spec.stamp()), {"BAGASSETS_RECIPE": os.fspath(recipe)}
-        )
-    except (PlanNeeded, OSError, BagAssetsError):
-        return None
 
 
 def server_for(recipe: Path, bags: Sequence[str]) -> Client:

@@ -14,6 +14,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from uuid import uuid4
 
+import yaml
+
 from bagassets.build.build_report import BuildOptions
 from bagassets.build.choose import choose_recordings
 from bagassets.build.execute import Skipped, execute
@@ -23,9 +25,11 @@ from bagassets.build.recording_assets import RecordingAssets
 from bagassets.errors import BagAssetsError
 from bagassets.forkserver.client import Client, ServerRefusedError
 from bagassets.forkserver.server_files import ServerFiles
-from bagassets.forkserver.tasks import server_spec
+from bagassets.forkserver.tasks import find_server
 from bagassets.forkserver.worker import note
 from bagassets.formats.catalogue import recording_assets
+from bagassets.freshness.decide import state_folder
+from bagassets.freshness.fingerprints import PlanNeeded
 from bagassets.json_types import JsonObject
 from bagassets.recipe import load_recipe
 from bagassets.recipe.model import Recipe
@@ -42,8 +46,11 @@ _LARGEST_BYTES = 4_000_000_000
 # A run that waits for another process says nothing of how far that is; one that reads for ten seconds should.
 _LARGEST_WHILE_PLANNED_BYTES = 1_000_000_000
 _JOB = f"{__name__}:make_first_inventories"
-# So long does a build plan; then its runs begin, and need the processors.
-_BEGIN_S = 0.25
+# So long does a build open Dagster and plan; then its runs begin, and need the processors.
+_BEGIN_S = 0.35
+# Not imported: it would import Dagster.
+_LAUNCHER = ("bagassets.defs.launcher", "BagAssetsRunLauncher")
+_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
 def make_inventories(args: JsonObject) -> int:
@@ -69,10 +76,10 @@ def make_inventories(args: JsonObject) -> int:
 
 
 @contextmanager
-def making_ahead(
-    recipe: Recipe, recipe_file: Path, options: BuildOptions
-) -> Iterator[Callable[[], Mapping[str, str]]]:
+def making_ahead(recipe_file: Path, options: BuildOptions) -> Iterator[Callable[[], Mapping[str, str]]]:
     """Have the server make the inventories that a build is likely to begin with, while the block plans it.
+
+    Begin before Dagster is opened, which takes a tenth of a second. Where other machines execute the runs, they read, too.
 
     Yields:
         A function that returns the recordings whose inventories have been made so -> digest of their content.
@@ -80,8 +87,8 @@ def making_ahead(
     made: dict[str, str] = {}
     client = None
     # With one processor, or for some assets only, the plan comes first.
-    if options.jobs > 1 and not options.select:
-        client = _submit(recipe, recipe_file, options)
+    if options.jobs > 1 and not options.select and _executes_runs_here(recipe_file):
+        client = _submit(recipe_file, options)
 
     def so_far() -> Mapping[str, str]:
         with suppress(ServerRefusedError):
@@ -114,20 +121,34 @@ def make_first_inventories(args: JsonObject) -> None:
                 note({recording.key: made})
 
 
-def _submit(recipe: Recipe, recipe_file: Path, options: BuildOptions) -> Client | None:
-    """Submit the job to the server of a build, and return its client; None if there is no such server."""
-    args = {"recipe": str(recipe_file), "bags": list(options.bags)}
+def _executes_runs_here(recipe_file: Path) -> bool:
+    """Return whether the runs of a project are executed on this machine, as far as its `dagster.yaml` tells."""
     try:
-        spec = server_spec(recipe.state, recipe_file)
-        client = Client.connect(ServerFiles(spec.state_folder, spec.stamp()))
-        if client is not None:
-            with suppress(ServerRefusedError):
-                client.submit(_JOB, args, label=f"ahead-{uuid4()}", grace_s=1.0)
-                return client
-            client.close()
+        # Where `dagster_home` finds it.
+        configs = [
+            recipe_file.parent / "dagster.yaml",
+            Path(state_folder(str(recipe_file))) / "dagster" / "dagster.yaml",
+        ]
+        config = next(path for path in configs if path.is_file())
+        launcher = yaml.load(config.read_bytes(), Loader=_LOADER)["run_launcher"]  # noqa: S506  (a safe loader)
+        return (launcher["module"], launcher["class"]) == _LAUNCHER
+    except (PlanNeeded, OSError, yaml.YAMLError, LookupError, TypeError, StopIteration):
+        return False
+
+
+def _submit(recipe_file: Path, options: BuildOptions) -> Client | None:
+    """Submit the job to the server of a build, and return its client; None if there is no such server."""
+    client = find_server(recipe_file)
+    if client is None:
+        return None
+    try:
+        args = {"recipe": str(recipe_file), "bags": list(options.bags)}
+        client.submit(_JOB, args, label=f"ahead-{uuid4()}", grace_s=1.0)
     except (BagAssetsError, OSError) as err:  # it would only save time
         _LOG.info("nothing is made ahead: %s", err)
-    return None
+        client.close()
+        return None
+    return client
 
 
 def _chosen(recipe: Recipe, bags: Collection[str], largest_bytes: int) -> list[RecordingFiles]:

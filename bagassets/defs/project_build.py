@@ -6,8 +6,8 @@ others, and an interrupt loses nothing that was finished.
 
 import signal
 import time
-from collections.abc import Callable, Collection, Iterable, Mapping
-from contextlib import AbstractContextManager, ExitStack, nullcontext
+from collections.abc import Collection, Iterable, Mapping
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,7 +22,6 @@ from bagassets.defs.dataset import record_inputs
 from bagassets.defs.early_inventories import making_ahead
 from bagassets.defs.events import recordings_made
 from bagassets.defs.instance_plan import InstancePlan
-from bagassets.defs.launcher import BagAssetsRunLauncher
 from bagassets.defs.naming import Naming
 from bagassets.defs.orphaned_runs import end_orphaned_runs
 from bagassets.defs.own_build import OwnBuild, OwnProject, OwnWork, load_own
@@ -55,8 +54,11 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
         BagAssetsError: the recipe, the bag root or the server is not usable.
     """
     started = time.monotonic()
-    with open_project(recipe_file) as (instance, known_as), ExitStack() as stack:
-        made_ahead = stack.enter_context(_making_ahead(instance, known_as.recipe, recipe_file, options))
+    with (
+        making_ahead(recipe_file, options) as made_ahead,
+        open_project(recipe_file) as (instance, known_as),
+        ExitStack() as stack,
+    ):
         own = load_own(known_as, options)  # first, as it knows the prefix
         workspace = own.workspace
         recipe = workspace.recipe
@@ -166,15 +168,6 @@ def build_project_in_worker(args: JsonObject) -> JsonObject:
     report = build_project(recipe_file, BuildOptions.from_json(args["options"]), send)
     rows = summary_rows(report, Store(load_recipe(recipe_file).store_path), most=args["most"])
     return {**report.as_json(), "summary": [row.as_json() for row in rows]}
-
-
-def _making_ahead(
-    instance: dg.DagsterInstance, recipe: Recipe, recipe_file: Path, options: BuildOptions
-) -> AbstractContextManager[Callable[[], Mapping[str, str]]]:
-    """See `making_ahead`; where other machines execute the runs, they do the reading, too."""
-    if isinstance(instance.run_launcher, BagAssetsRunLauncher):
-        return making_ahead(recipe, recipe_file, options)
-    return nullcontext(dict)
 
 
 def _is_quick(before: PendingWork, batch: Batch, sizes: Mapping[str, int]) -> bool:

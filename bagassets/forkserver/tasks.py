@@ -10,10 +10,13 @@ from pathlib import Path
 
 from bagassets.errors import BagAssetsError
 from bagassets.forkserver.client import Client
+from bagassets.forkserver.server_files import ServerFiles
 from bagassets.forkserver.spec import IDLE_TIMEOUT_S, ServerSpec
+from bagassets.freshness.decide import state_folder
+from bagassets.freshness.fingerprints import PlanNeeded
 from bagassets.lock_files import RUN_LOCKS
 
-__all__ = ["DEFINITIONS", "END_WORKER", "connect", "server_spec", "submit_run"]
+__all__ = ["DEFINITIONS", "END_WORKER", "connect", "find_server", "server_spec", "submit_run"]
 
 DEFINITIONS = "bagassets.definitions"
 _WORKER = "bagassets.defs.run_worker"
@@ -53,6 +56,20 @@ def server_spec(
         idle_timeout_s=_idle_timeout_s() if idle_timeout_s is None else idle_timeout_s,
         recipes=recipes,
     )
+
+
+def find_server(recipe: Path) -> Client | None:
+    """Return a client of the server for a recipe, or None if no such server is up.
+
+    The recipe is not read: the stamp of the server covers its text.
+    """
+    try:
+        spec = server_spec(Path(state_folder(str(recipe))), recipe)
+        return Client.connect(
+            ServerFiles(spec.state_folder, spec.stamp()), {"BAGASSETS_RECIPE": os.fspath(recipe)}
+        )
+    except (PlanNeeded, OSError, BagAssetsError):
+        return None
 
 
 def _idle_timeout_s() -> float:

@@ -50,9 +50,10 @@ def json_bytes(value: object) -> bytes:
     return (json.dumps(value, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()
 
 
-def rows_text(path: Path) -> bytes:
+def rows_text(path: Path | str) -> bytes:
     """Return the rows of a JSON list with one row per line, unchanged but without the brackets."""
-    return path.read_bytes().removeprefix(b"[").removesuffix(b"]\n").strip(b"\n")
+    with open(path, "rb", buffering=0) as file:  # noqa: PTH123  (a path as text, of each of many small files)
+        return file.read().removeprefix(b"[").removesuffix(b"]\n").strip(b"\n")
 
 
 def copy_rows(path: Path) -> Iterator[bytes]:

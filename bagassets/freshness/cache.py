@@ -7,7 +7,7 @@ costs time. Nothing is synced to disk, so each entry carries a digest: one torn 
 import os
 import sqlite3
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import closing, suppress
+from contextlib import ExitStack, closing, contextmanager, nullcontext, suppress
 from hashlib import blake2b
 
 from bagassets.freshness.fingerprints import PlanNeeded, open_read_only
@@ -63,6 +63,18 @@ class Cache:
 
     def __init__(self, state: str | os.PathLike[str]) -> None:
         self.path = os.path.join(state, NAME)
+        self._open: sqlite3.Connection | None = None
+
+    @contextmanager
+    def kept_open(self) -> Iterator[None]:
+        """Keep the file open during many calls of `get`: opening it takes longer than finding an entry."""
+        with ExitStack() as stack:
+            with suppress(PlanNeeded):  # `get` meets it again
+                self._open = stack.enter_context(self._reading())
+            try:
+                yield
+            finally:
+                self._open = None
 
     def get(self, kind: str, *keys: str) -> list[bytes]:
         """Return entries.
@@ -130,13 +142,32 @@ class Cache:
         Raises:
             PlanNeeded: the file cannot be read, or was written by another version.
         """
+        reading = nullcontext(self._open) if self._open is not None else self._reading()
         try:
-            with closing(open_read_only(self.path)) as connection:
-                if connection.execute(_VERSION).fetchone() != (_FORMAT,):
-                    raise PlanNeeded(f"{self.path}: written by another version")
+            with reading as connection:
                 return [connection.execute(query, values).fetchall() for query, values in queries]
         except sqlite3.Error as err:
             raise PlanNeeded(f"{self.path}: {err}") from err
+
+    @contextmanager
+    def _reading(self) -> Iterator[sqlite3.Connection]:
+        """Yield a connection to the file.
+
+        Raises:
+            PlanNeeded: the file cannot be read, or was written by another version.
+        """
+        try:
+            connection = open_read_only(self.path)
+        except sqlite3.Error as err:
+            raise PlanNeeded(f"{self.path}: {err}") from err
+        with closing(connection):
+            try:
+                version = connection.execute(_VERSION).fetchone()
+            except sqlite3.Error as err:
+                raise PlanNeeded(f"{self.path}: {err}") from err
+            if version != (_FORMAT,):
+                raise PlanNeeded(f"{self.path}: written by another version")
+            yield connection
 
     def _opened(self) -> sqlite3.Connection:
         """Open the file for writing, and create it if it is missing.

@@ -145,20 +145,23 @@ class Publication:
         lists: dict[str, list[int]] = {}
         folders: set[bytes] = set()
         try:
-            for part, names in links.items():
-                lines = None if suspects is None else self._trusted_lines(part, before.get(part), suspects)
-                if lines is None:
-                    lines = [_line_of(root, name) for name in sorted(names())]
-                    lists[part] = self._put_list(changes, part, lines)
-                    self._drop_pieces(
-                        changes, part, before.get(part, ())[len(lists[part]) :], len(lists[part])
+            with self._cache.kept_open():
+                for part, names in links.items():
+                    lines = (
+                        None if suspects is None else self._trusted_lines(part, before.get(part), suspects)
                     )
-                else:
-                    lists[part] = before[part]
-                folders.update(line.split(b" ", 2)[2].rpartition(b"/")[0] for line in lines)
-                if changes.size > _BATCH_BYTES:
-                    self._cache.write(changes)
-                    changes = Changes()
+                    if lines is None:
+                        lines = [_line_of(root, name) for name in sorted(names())]
+                        lists[part] = self._put_list(changes, part, lines)
+                        self._drop_pieces(
+                            changes, part, before.get(part, ())[len(lists[part]) :], len(lists[part])
+                        )
+                    else:
+                        lists[part] = before[part]
+                    folders.update(line.split(b" ", 2)[2].rpartition(b"/")[0] for line in lines)
+                    if changes.size > _BATCH_BYTES:
+                        self._cache.write(changes)
+                        changes = Changes()
         except OSError:  # somebody is removing files
             return
         for part in before.keys() - lists.keys():

@@ -3,6 +3,7 @@
 import os
 import time
 from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -28,6 +29,9 @@ __all__ = [
     "stored_digest",
 ]
 
+# The thread that hashes along is told of a file's progress so often, and may be so far behind: still in the page cache.
+_FOLLOW_BYTES = 4 << 20
+_MOST_BEHIND_BYTES = 32 << 20
 # Two writes within one tick of the kernel's clock leave the same mtime.
 _TICK_S = 0.02
 
@@ -115,7 +119,7 @@ def recording_digest(
     *,
     rehash: bool = False,
     between: Callable[[int], None] | None = None,
-    begun: Mapping[Path, tuple[os.stat_result, FileHasher]] = MappingProxyType({}),
+    begun: Mapping[Path, tuple[os.stat_result, FileHasher | None]] = MappingProxyType({}),
 ) -> RecordingDigest:
     """Return the digest of a recording, hashing the files that have no valid record.
 
@@ -124,7 +128,7 @@ def recording_digest(
         index: holds digests that cannot be stored as attributes.
         rehash: hash every file, whatever is on record.
         between: see `hash_file`.
-        begun: file -> its status before, and what has begun to hash it.
+        begun: file -> its status before, and what has begun to hash it, if anything has.
 
     Raises:
         RecordingError: a file cannot be read.
@@ -153,7 +157,7 @@ def recording_digest(
 class HashedAlong:
     """Hashes the files of a recording as somebody else reads them, so that the disk gives each byte once for both.
 
-    Close it, or use it as a context manager.
+    A thread hashes what the reader has just read, and is never far behind. Close it, or use it as a context manager.
 
     Args:
         recording: its files; those with a digest on record are not hashed.
@@ -168,19 +172,18 @@ class HashedAlong:
         for stat in self._before.values():
             _wait_a_tick(stat)
         self._hashers: dict[Path, FileHasher] = {}
+        self._asked: dict[Path, int] = dict.fromkeys(self._before, 0)
+        self._thread = ThreadPoolExecutor(1, "hash")
 
     def follow(self, path: Path, position: int) -> None:
         """Hash a file up to where its reader has come; errors are left to `finish`, which meets them again."""
-        if path not in self._before:
+        if path not in self._asked or position < self._asked[path] + _FOLLOW_BYTES:
             return
-        try:
-            if path not in self._hashers:
-                self._hashers[path] = FileHasher(path)
-            self._hashers[path].follow(position)
-        except OSError:
-            del self._before[path]
-            if path in self._hashers:
-                self._hashers.pop(path).close()
+        self._asked[path] = position
+        hashed = self._thread.submit(self._hash, path, position)
+        hasher = self._hashers.get(path)
+        if hasher is not None and position > hasher.position + _MOST_BEHIND_BYTES:
+            hashed.result()
 
     def finish(self) -> RecordingDigest:
         """Hash what is left, and return the digest.
@@ -188,13 +191,27 @@ class HashedAlong:
         Raises:
             BagAssetsError: as `recording_digest`.
         """
-        begun = {path: (self._before[path], hasher) for path, hasher in self._hashers.items()}
+        self._thread.shutdown()
+        begun = {path: (stat, self._hashers.get(path)) for path, stat in self._before.items()}
         return recording_digest(self._recording, self._index, begun=begun)
+
+    def _hash(self, path: Path, position: int) -> None:
+        if path not in self._asked:
+            return
+        try:
+            if path not in self._hashers:
+                self._hashers[path] = FileHasher(path)
+            self._hashers[path].follow(position)
+        except OSError:
+            del self._asked[path]
+            if path in self._hashers:
+                self._hashers.pop(path).close()
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *exc: object) -> None:
+        self._thread.shutdown(cancel_futures=True)
         for hasher in self._hashers.values():
             hasher.close()
 

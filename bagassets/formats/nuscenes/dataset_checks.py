@@ -1,5 +1,6 @@
 """The checks of a finished nuScenes dataset, over all its recordings."""
 
+import os
 from collections.abc import Callable, Mapping
 from collections.abc import Set as AbstractSet
 
@@ -49,7 +50,7 @@ def dataset_files_match(rows: DatasetRows) -> Finding:
     for row in rows.tables["sample_data"]:
         name = str(row["filename"])
         try:
-            size = (rows.dataroot / name).stat().st_size
+            size = os.stat(f"{rows.dataroot}/{name}").st_size
         except FileNotFoundError:
             missing.append(name)
             continue

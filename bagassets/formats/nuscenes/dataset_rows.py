@@ -21,6 +21,7 @@ __all__ = ["DatasetRows", "read_dataset", "repeated_tokens"]
 MOST_BYTES = 128 * 1024 * 1024
 # A row begins with {"token":"; this many hex digits tell 10^8 tokens apart.
 _START, _DIGITS = len(b'{"token":"'), 16
+_PARSED_ROWS = 10_000
 
 
 @dataclass(frozen=True)
@@ -123,8 +124,12 @@ def _tokens(rows: Sequence[Row], column: str) -> set[str]:
 
 
 def _chosen(folder: Path, table: str, column: str, wanted: AbstractSet[str]) -> list[JsonObject]:
+    texts = [text for text in copy_rows(folder / f"{table}.json") if _value(text, column) in wanted]
+    # Rows that are parsed together share the names of their columns, and take a third of the time.
     return [
-        json.loads(text) for text in copy_rows(folder / f"{table}.json") if _value(text, column) in wanted
+        row
+        for start in range(0, len(texts), _PARSED_ROWS)
+        for row in json.loads(b"[%b]" % b",".join(texts[start : start + _PARSED_ROWS]))
     ]
 
 

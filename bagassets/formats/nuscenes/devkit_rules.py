@@ -4,9 +4,11 @@ References and files are checked by `bagassets.formats.nuscenes.table_integrity`
 """
 
 import json
+import os
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from collections.abc import Set as AbstractSet
+from contextlib import suppress
 from pathlib import Path
 
 from bagassets.formats.nuscenes.dataset_rows import DatasetRows
@@ -164,8 +166,10 @@ def _point_files(dataroot: Path, tables: Tables) -> Iterator[str]:
     for row in tables["sample_data"]:
         name = str(row["filename"])
         if name.endswith(".pcd.bin"):
-            path = dataroot / name
-            if path.is_file() and path.stat().st_size % _LIDAR_POINT_BYTES:
+            size = 0
+            with suppress(OSError):  # one that is missing is reported elsewhere
+                size = os.stat(f"{dataroot}/{name}").st_size
+            if size % _LIDAR_POINT_BYTES:
                 odd.append(f"{row['token']} ({name})")
         elif name.endswith(".pcd"):
             radars.setdefault(str(row["calibrated_sensor_token"]), name)

@@ -30,12 +30,11 @@ def join(members: Sequence[Member], settings: NuScenes, shares: Sequence[SplitSh
         out: the folder.
     """
     rows: dict[str, int] = {}
+    folders = [str(member.artifact.files) for member in members]
     digests: dict[str, str] = {}
     for table in RECORDING_TABLES:
         with HashedFile(out / f"{table}.json") as file:
-            rows[table] = write_joined(
-                file, (rows_text(member.artifact.path(f"{table}.json")) for member in members)
-            )
+            rows[table] = write_joined(file, (rows_text(f"{folder}/{table}.json") for folder in folders))
         digests[f"{table}.json"] = file.digest
     for table, shared in _shared(members, settings).items():
         rows[table] = len(shared)
