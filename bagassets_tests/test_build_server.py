@@ -17,6 +17,8 @@ from dagster._core.storage.tags import GRPC_INFO_TAG
 
 from bagassets.build.build_report import BagOutcome, BuildOptions, BuildReport, Event
 from bagassets.build.choose import SelectionError
+from bagassets.cli import early
+from bagassets.cli.early import JOBS_PER_PROCESSOR
 from bagassets.cli.remote import build_on_server
 from bagassets.defs.connections import kept_open
 from bagassets.defs.events import event_database
@@ -26,6 +28,7 @@ from bagassets.defs.worker_tag import RunWorker
 from bagassets.forkserver.client import Client
 from bagassets.forkserver.process import ProcessId
 from bagassets.forkserver.tasks import find_server
+from bagassets.freshness.decide import plain_build
 from bagassets.recipe import load_recipe
 from bagassets_tests.in_process import make_project
 from bagassets_tests.small_drive import write_drive
@@ -117,6 +120,44 @@ def test_the_command_line_imports_no_dagster_when_a_server_is_up(built):
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["counts"]["hit"] == 1
+
+
+def jobs_of(recipe_file):
+    """Logs of builds."""
+    with find_server(recipe_file) as client:
+        return list(client.files.job_log("x").parent.glob("build-*"))
+
+
+def test_the_server_begins_a_plain_build_before_the_command_line_is_imported(built):
+    before = len(jobs_of(built))
+    (built.parent / "bags" / KEYS[1]).touch()
+    code = (
+        f"import sys; sys.argv = {['bagassets', *command(built)[3:]]!r}\n"
+        "from bagassets.cli import early\n"
+        "hand_over = early.hand_over\n"
+        "def seen(*args):\n"
+        "    handed_over = hand_over(*args)\n"
+        "    print('handed over' if handed_over else 'no server', 'click' in sys.modules)\n"
+        "    return handed_over\n"
+        "early.hand_over = seen\n"
+        "from bagassets.__main__ import main\n"
+        "sys.exit(main())"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("handed over False\n")
+    assert "1 hit, 1 fresh" in done.stdout
+    assert len(jobs_of(built)) == before + 1, "it was begun once"
+
+
+def test_what_cannot_be_handed_over(project, built, monkeypatch):
+    monkeypatch.setattr(early, "find_server", pytest.fail)
+    assert early.hand_over(str(built), JOBS_PER_PROCESSOR * (os.cpu_count() or 1) + 1) is None
+    monkeypatch.undo()
+    assert early.hand_over(str(built.with_name("other.yaml")), 1) is None
+    assert plain_build(["build", "--jobs", "0"]) is None
+    assert plain_build(["build", "-j", "3", "--recipe", "x"]) == ("x", 3)
+    assert plain_build(["build"]) == ("recipe.yaml", None)
 
 
 def test_a_wrong_recipe_is_reported_as_ever(built):
@@ -254,6 +295,7 @@ def test_a_build_goes_through_the_launcher_that_dagster_yaml_names(tmp_path):
 def test_reports_events_and_options_survive_the_way():
     options = BuildOptions(3, True, ("a", "b*"), ("frames",))
     assert BuildOptions.from_json(json.loads(json.dumps(options.as_json()))) == options
+    assert BuildOptions.from_json({"jobs": 3}) == BuildOptions(3)
     event = Event("failed", "a", "because", {"a": 1})
     assert Event(**json.loads(json.dumps(event.as_json()))) == event
     report = BuildReport(

@@ -1,7 +1,7 @@
 """Options of a build, events while it works, and its report."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Literal, Self
 
@@ -58,15 +58,8 @@ class BuildOptions:
 
     @classmethod
     def from_json(cls, value: JsonObject) -> Self:
-        """Inverse of `as_json`."""
-        return cls(
-            value["jobs"],
-            value["retry_failed"],
-            tuple(value["bags"]),
-            tuple(value["select"]),
-            value["allow_empty"],
-            value["ignore_disk_space"],
-        )
+        """Inverse of `as_json`; fields that are left out have their defaults."""
+        return replace(cls(**value), bags=tuple(value.get("bags", ())), select=tuple(value.get("select", ())))
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from bagassets.cli.early import JOBS_PER_PROCESSOR, MOST_ROWS, HandedOver
 from bagassets.cli.exit_status import ExitStatus
 from bagassets.cli.options import recipe_option
 from bagassets.cli.progress import progress_for
@@ -22,9 +23,6 @@ if TYPE_CHECKING:
     from bagassets.build.build_report import BuildOptions, Event
 
 __all__ = ["build", "build_with_progress"]
-
-# Twice the processors keeps them busy while some workers wait for the disk; more only costs memory.
-_JOBS_PER_PROCESSOR = 2
 
 
 @click.command(
@@ -99,7 +97,7 @@ def build(
 
 
 def _limited(jobs: int) -> int:
-    most = _JOBS_PER_PROCESSOR * (os.cpu_count() or 1)
+    most = JOBS_PER_PROCESSOR * (os.cpu_count() or 1)
     if jobs > most:
         processors = count_text(os.cpu_count() or 1, "processor")
         echo(f"--jobs {jobs}: this machine has {processors}; using {most}.", err=True)
@@ -108,9 +106,10 @@ def _limited(jobs: int) -> int:
 
 def _build(recipe: Path, options: "BuildOptions", trace: Path | None, *, as_json: bool) -> int:
     from bagassets.build.build_report import BuildReport, SummaryRow
-    from bagassets.cli.summary import MOST_ROWS, print_summary
+    from bagassets.cli.summary import print_summary
 
-    value = build_with_progress(recipe, options, trace, None if as_json else MOST_ROWS)
+    handed_over = click.get_current_context().find_object(HandedOver)
+    value = build_with_progress(recipe, options, trace, None if as_json else MOST_ROWS, handed_over)
     report = BuildReport.from_json(value)
     if as_json:
         echo_lines(json.dumps(value, indent=1))
@@ -122,7 +121,11 @@ def _build(recipe: Path, options: "BuildOptions", trace: Path | None, *, as_json
 
 
 def build_with_progress(
-    recipe: Path, options: "BuildOptions", trace: Path | None, most: int | None
+    recipe: Path,
+    options: "BuildOptions",
+    trace: Path | None,
+    most: int | None,
+    handed_over: HandedOver | None = None,
 ) -> JsonObject:
     """Build on the server and show the progress; return the report, with the rows of its table, as JSON."""
     from bagassets.cli.remote import build_on_server, server_for
@@ -140,13 +143,16 @@ def build_with_progress(
             for listener in listeners:
                 listener(event)
 
+        server, job = handed_over or (None, None)
         while True:
-            with span("find or start the server"):
-                server = server_for(recipe, options.bags)
+            if server is None:
+                with span("find or start the server"):
+                    server = server_for(recipe, options.bags)
             with server:
-                report = build_on_server(server, recipe, options, on_event, most)
+                report = build_on_server(server, recipe, options, on_event, most, job)
             if report is not None:
                 return report
+            server = job = None
 
 
 def _dry_run(recipe: Path, options: "BuildOptions", *, check: bool, as_json: bool) -> int:

@@ -9,6 +9,7 @@ import importlib
 import os
 import sys
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import click
 
@@ -16,6 +17,9 @@ from bagassets import __version__
 from bagassets.cli.exit_status import ExitStatus
 from bagassets.cli.terminal import echo
 from bagassets.errors import BagAssetsError
+
+if TYPE_CHECKING:
+    from bagassets.cli.early import HandedOver
 
 __all__ = ["COMMANDS", "main", "root"]
 
@@ -147,15 +151,15 @@ def root() -> None:
     """Turn robot recordings into machine-learning datasets, built like a program."""
 
 
-def main(args: Sequence[str] | None = None) -> int:
+def main(args: Sequence[str] | None = None, *, handed_over: "HandedOver | None" = None) -> int:
     """Run the command line and return its exit status.
 
-    0 is success, 1 an error that the user can fix, 2 wrong usage, 70 a defect of this program, 130 an interruption.
+    A build may have been handed over to its server (`bagassets.cli.early`). 0 is success, 1 an error that the user can fix, 2 wrong usage, 70 a defect of this program, 130 an interruption.
     """
     arguments = list(sys.argv[1:] if args is None else args)
     gc.set_threshold(_GC_THRESHOLD)
     try:
-        result = root.main(arguments, prog_name="bagassets", standalone_mode=False)
+        result = root.main(arguments, prog_name="bagassets", standalone_mode=False, obj=handed_over)
     except click.exceptions.Abort:
         echo("Interrupted.", err=True)
         return ExitStatus.INTERRUPTED

@@ -7,9 +7,9 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
-from uuid import uuid4
 
 from bagassets.build.build_report import BuildOptions, Event
+from bagassets.cli.early import GRACE_S, submit_build
 from bagassets.errors import BagAssetsError
 from bagassets.forkserver.client import Client, ServerRefusedError
 from bagassets.forkserver.server_files import ServerFiles
@@ -21,10 +21,7 @@ from bagassets.store.writable import require_writable
 
 __all__ = ["InterruptedBuildError", "build_on_server", "end_servers", "server_for"]
 
-_JOB = "bagassets.defs.project_build:build_project_in_worker"
 _EARLY_JOB = "bagassets.defs.early_inventories:make_inventories"
-# A build that is cancelled waits this long for its runs, which have less time to end.
-_GRACE_S = 40.0
 # How long the jobs of a server that is ended have to stop; the server, which may be importing Dagster, has longer.
 _END_GRACE_S = 5.0
 _END_S = 60.0
@@ -85,11 +82,24 @@ def _is_up(files: ServerFiles) -> bool:
 
 
 def build_on_server(
-    client: Client, recipe: Path, options: BuildOptions, on_event: Callable[[Event], None], most: int | None
+    client: Client,
+    recipe: Path,
+    options: BuildOptions,
+    on_event: Callable[[Event], None],
+    most: int | None,
+    job: str | None = None,
 ) -> JsonObject | None:
     """Build on the server; return the report, with the rows of its table, as JSON.
 
     An interrupt (Ctrl-C) stops the build cleanly, and the report says what was done; a second interrupt does not wait.
+
+    Args:
+        client: of the server.
+        recipe: recipe file.
+        options: what to build.
+        on_event: called with each event of the build.
+        most: most rows of the table; None for all.
+        job: the build, if the server has begun it.
 
     Returns:
         The report, or None if the server was shutting down and refused the job.
@@ -97,11 +107,11 @@ def build_on_server(
     Raises:
         BagAssetsError: an error of the build, with its message.
     """
-    args = {"recipe": str(recipe), "options": options.as_json(), "most": most}
-    try:
-        job = client.submit(_JOB, args, label=f"build-{uuid4()}", grace_s=_GRACE_S)
-    except ServerRefusedError:
-        return None
+    if job is None:
+        try:
+            job = submit_build(client, recipe, options.as_json(), most)
+        except ServerRefusedError:
+            return None
     with deferred_interrupts() as interrupt:
         import rich.console
         import rich.table  # noqa: F401
@@ -109,7 +119,7 @@ def build_on_server(
         is_cancelled = False
         while (event := _end_of(client, job, on_event)) is None:
             if interrupt.asked and not is_cancelled:
-                client.cancel(job, grace_s=_GRACE_S)
+                client.cancel(job, grace_s=GRACE_S)
                 is_cancelled = True
     if event["event"] == "killed":
         raise BagAssetsError(*str(event["reason"]).split("\n"))

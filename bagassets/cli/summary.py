@@ -25,8 +25,6 @@ __all__ = [
     "ui_command",
 ]
 
-# Beyond this number, only recordings where something happened are shown.
-MOST_ROWS = 60
 _WIDTH_OF_LOGS = 120
 _COLOURS = {"built": "green", "hit": "cyan", "failed": "bold red", "stopped": "yellow", "skipped": "dim",
             "not made": "yellow", "error": "bold red", "warn": "yellow"}  # fmt: skip

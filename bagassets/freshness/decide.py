@@ -37,6 +37,7 @@ __all__ = [
     "forget_note",
     "note_nothing_to_do",
     "nothing_to_do",
+    "plain_build",
     "state_folder",
 ]
 
@@ -98,18 +99,18 @@ def nothing_to_do(arguments: list[str]) -> list[str] | None:
     Args:
         arguments: arguments of the command line, without the program.
     """
-    recipe = _recipe_of(arguments)
-    if recipe is None:
+    asked = plain_build(arguments)
+    if asked is None:
         return None
     try:
-        return _decide(os.path.abspath(recipe))
+        return _decide(os.path.abspath(asked[0]))
     except (PlanNeeded, OSError):
         return None
 
 
-def _recipe_of(arguments: list[str]) -> str | None:
-    """Return the recipe of a plain `build`; None for another command, or one with more options."""
-    recipe = "recipe.yaml"
+def plain_build(arguments: list[str]) -> tuple[str, int | None] | None:
+    """Return recipe and number of jobs of a plain `build`; None for another command, or one with more options."""
+    recipe, jobs = "recipe.yaml", None
     rest = iter(arguments)
     if next(rest, None) != "build":
         return None
@@ -119,11 +120,13 @@ def _recipe_of(arguments: list[str]) -> str | None:
         elif argument.startswith("--recipe="):
             recipe = argument.removeprefix("--recipe=")
         elif argument in {"--jobs", "-j"}:
-            if not next(rest, "").isdecimal():
+            text = next(rest, "")
+            if not text.isdecimal() or int(text) == 0:
                 return None
+            jobs = int(text)
         else:
             return None
-    return recipe or None
+    return (recipe, jobs) if recipe else None
 
 
 def _decide(recipe: str) -> list[str]:

@@ -1,0 +1,63 @@
+"""Handing a build over to its server before the command line is imported, which takes as long as Dagster takes to open."""
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import NamedTuple
+from uuid import uuid4
+
+from bagassets.forkserver.client import Client, ServerRefusedError
+from bagassets.forkserver.tasks import find_server
+from bagassets.json_types import Json
+
+__all__ = ["GRACE_S", "JOBS_PER_PROCESSOR", "MOST_ROWS", "HandedOver", "hand_over", "submit_build"]
+
+# Twice the processors keeps them busy while some workers wait for the disk; more only costs memory.
+JOBS_PER_PROCESSOR = 2
+# Of the table that a build prints; beyond this number, only recordings where something happened are shown.
+MOST_ROWS = 60
+_JOB = "bagassets.defs.project_build:build_project_in_worker"
+# A build that is cancelled waits this long for its runs, which have less time to end.
+GRACE_S = 40.0
+
+
+class HandedOver(NamedTuple):
+    """A build that a server has begun: its client, and the id of the job."""
+
+    client: Client
+    job: str
+
+
+def hand_over(recipe: str, jobs: int | None) -> HandedOver | None:
+    """Have the server of a recipe begin a build of everything; None if it is not up, or the number of jobs needs a word.
+
+    Args:
+        recipe: recipe file.
+        jobs: as given in the command; None for one per processor.
+    """
+    processors = os.cpu_count() or 1
+    jobs = processors if jobs is None else jobs
+    client = find_server(Path(recipe).absolute()) if 1 <= jobs <= JOBS_PER_PROCESSOR * processors else None
+    if client is None:
+        return None
+    try:
+        return HandedOver(client, submit_build(client, Path(recipe).absolute(), {"jobs": jobs}, MOST_ROWS))
+    except ServerRefusedError:
+        client.close()
+        return None
+
+
+def submit_build(client: Client, recipe: Path, options: Mapping[str, Json], most: int | None) -> str:
+    """Have a server begin a build, and return the id of the job.
+
+    Args:
+        client: of the server.
+        recipe: recipe file.
+        options: fields of `BuildOptions` that differ from the defaults.
+        most: most rows of the table in the report; None for all.
+
+    Raises:
+        ServerRefusedError: it is shutting down.
+    """
+    args = {"recipe": str(recipe), "options": options, "most": most}
+    return client.submit(_JOB, args, label=f"build-{uuid4()}", grace_s=GRACE_S)
