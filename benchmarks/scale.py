@@ -75,7 +75,9 @@ def scale_table(found: dict[str, Any]) -> str:
         growth = ""
         if len(values) > 1 and min(values[-2:]) > 0:
             growth = f"{math.log(values[-1] / values[-2]) / math.log(numbers[-1] / numbers[-2]):.2f}"
-        rows.append([name, *(f"{value:.3g}" for value in values), growth])
+        rows.append(
+            [name, *(f"{value:,.0f}" if value >= 1000 else f"{value:.3g}" for value in values), growth]
+        )
     return markdown(["", *(f"{number:,}" for number in numbers), "growth"], rows)
 
 
