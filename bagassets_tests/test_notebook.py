@@ -8,6 +8,7 @@ import subprocess
 import sys
 import threading
 from dataclasses import FrozenInstanceError
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -137,7 +138,11 @@ def test_an_interrupt_ends_the_runs_and_the_next_build_goes_on(folder):
     log = folder / "log"
     with log.open("w") as file:
         process = subprocess.Popen(
-            [sys.executable, "-u", "-c", CODE, "recipe.yaml"], stdout=file, stderr=file
+            [sys.executable, "-u", "-c", CODE, "recipe.yaml"],
+            stdout=file,
+            stderr=file,
+            # A shell that starts the tests in the background has them ignore it.
+            preexec_fn=partial(signal.signal, signal.SIGINT, signal.SIG_DFL),  # noqa: PLW1509  (no threads here)
         )
     eventually(lambda: "start    long.bag" in log.read_text(), "it is at work", 120)
     process.send_signal(signal.SIGINT)
