@@ -10,6 +10,7 @@ import sys
 import time
 from contextlib import closing
 from functools import partial
+from unittest.mock import Mock
 
 import dagster as dg
 import pytest
@@ -155,6 +156,9 @@ def test_what_cannot_be_handed_over(project, built, monkeypatch):
     assert early.hand_over(str(built), JOBS_PER_PROCESSOR * (os.cpu_count() or 1) + 1) is None
     monkeypatch.undo()
     assert early.hand_over(str(built.with_name("other.yaml")), 1) is None
+    with monkeypatch.context() as patch:
+        patch.setattr(Client, "submit", Mock(side_effect=TimeoutError))
+        assert early.hand_over(str(built), 1) is None, "the command line reports it"
     assert plain_build(["build", "--jobs", "0"]) is None
     assert plain_build(["build", "-j", "3", "--recipe", "x"]) == ("x", 3)
     assert plain_build(["build"]) == ("recipe.yaml", None)

@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import NamedTuple
 from uuid import uuid4
 
-from bagassets.forkserver.client import Client, ServerRefusedError
+from bagassets.errors import BagAssetsError
+from bagassets.forkserver.client import Client
 from bagassets.forkserver.tasks import find_server
 from bagassets.json_types import Json
 
@@ -29,22 +30,26 @@ class HandedOver(NamedTuple):
 
 
 def hand_over(recipe: str, jobs: int | None) -> HandedOver | None:
-    """Have the server of a recipe begin a build of everything; None if it is not up, or the number of jobs needs a word.
+    """Have the server of a recipe begin a build of everything; None if it does not, and the command line has to.
 
     Args:
         recipe: recipe file.
-        jobs: as given in the command; None for one per processor.
+        jobs: as given in the command; None for one per processor. The command line comments on too many.
     """
     processors = os.cpu_count() or 1
     jobs = processors if jobs is None else jobs
-    client = find_server(Path(recipe).absolute()) if 1 <= jobs <= JOBS_PER_PROCESSOR * processors else None
-    if client is None:
+    if jobs > JOBS_PER_PROCESSOR * processors:
         return None
+    client = None
     try:
-        return HandedOver(client, submit_build(client, Path(recipe).absolute(), {"jobs": jobs}, MOST_ROWS))
-    except ServerRefusedError:
-        client.close()
-        return None
+        file = Path(recipe).absolute()
+        client = find_server(file)
+        if client is not None:
+            return HandedOver(client, submit_build(client, file, {"jobs": jobs}, MOST_ROWS))
+    except (BagAssetsError, OSError):  # the command line meets it again, and reports it
+        if client is not None:
+            client.close()
+    return None
 
 
 def submit_build(client: Client, recipe: Path, options: Mapping[str, Json], most: int | None) -> str:

@@ -29,7 +29,7 @@ __all__ = [
     "stored_digest",
 ]
 
-# The thread that hashes along is told of a file's progress so often, and may be so far behind: still in the page cache.
+# The thread that hashes along catches up after so many bytes, and may fall behind by so many: they are still in the page cache.
 _FOLLOW_BYTES = 4 << 20
 _MOST_BEHIND_BYTES = 32 << 20
 # Two writes within one tick of the kernel's clock leave the same mtime.
@@ -202,7 +202,7 @@ class HashedAlong:
             if path not in self._hashers:
                 self._hashers[path] = FileHasher(path)
             self._hashers[path].follow(position)
-        except OSError:
+        except Exception:  # noqa: BLE001  (whatever it is: `finish` hashes the file anew)
             del self._asked[path]
             if path in self._hashers:
                 self._hashers.pop(path).close()
