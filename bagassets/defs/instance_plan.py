@@ -1,8 +1,6 @@
 """The plan of a Dagster instance, from its records, the recordings on disk and the store, all read in bulk."""
 
-import gc
-from collections.abc import Collection, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import dagster as dg
@@ -15,6 +13,7 @@ from bagassets.defs.naming import Naming
 from bagassets.defs.workspace import Workspace
 from bagassets.formats.dataset_build import DatasetInputs, select_inputs
 from bagassets.freshness.fingerprints import PlanNeeded, loaded_code_fingerprint, project_fingerprint
+from bagassets.garbage import uncollected
 from bagassets.recordings.discover import Discovery
 
 __all__ = [
@@ -120,7 +119,7 @@ def _planned(
     def fetch(keys: Iterable[str]) -> dict[str, dict[str, Recorded]]:
         return fetch_recorded(instance, workspace.names, ids, keys)
 
-    with _uncollected():
+    with uncollected():
         plan, recorded = plan_recordings(
             workspace.assets,
             workspace.store,
@@ -133,18 +132,6 @@ def _planned(
             kept=kept,
         )
     return InstancePlan(plan, recorded, select_inputs(plan, live), discovery, live, ids)
-
-
-@contextmanager
-def _uncollected() -> Iterator[None]:
-    """Pause the garbage collector, which would scan the growing plan again and again (a third of the time)."""
-    was_enabled = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if was_enabled:
-            gc.enable()
 
 
 def recorded_assets(instance: dg.DagsterInstance, names: Naming, key: str) -> Mapping[str, Recorded]:

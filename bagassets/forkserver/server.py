@@ -32,8 +32,6 @@ _TICK_S = 0.5
 _AGE_CHECK_S = 5.0
 _END_GRACE_S = 10.0
 _LOST_GRACE_S = 60.0  # time for reporting the loss of a worker
-# Workers read tables of a million rows: with Python's 700, a fifth of their time is spent on looking for garbage.
-_GC_THRESHOLD = 100_000
 
 
 class Server:
@@ -79,7 +77,6 @@ class Server:
             BagAssetsError: a thread was started, which makes forking unsafe.
         """
         gc.disable()  # imports leave nothing to collect, and collecting takes a quarter of their time
-        gc.set_threshold(_GC_THRESHOLD)
         if first_job is not None:
             function, args = first_job
             load_function(function)

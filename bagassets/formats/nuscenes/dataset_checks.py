@@ -12,6 +12,7 @@ from bagassets.formats.nuscenes.table_integrity import (
     check_dataset_files,
     duplicate_tokens,
 )
+from bagassets.garbage import uncollected
 from bagassets.quality.finding import Finding
 from bagassets.recipe.model import NuScenes
 
@@ -104,5 +105,6 @@ def check(settings: NuScenes, names: AbstractSet[str]) -> dict[str, Finding]:
     Raises:
         DatasetError: a table is missing or cannot be read.
     """
-    rows = read_dataset(settings.output, settings.version)
-    return {one.name: rule(rows) for one, rule in _RULES.items() if one.name in names}
+    with uncollected():  # a fifth of the time with a million rows
+        rows = read_dataset(settings.output, settings.version)
+        return {one.name: rule(rows) for one, rule in _RULES.items() if one.name in names}
