@@ -40,6 +40,7 @@ INLINE_WIDTH_PX = 560
 THUMBNAIL_BYTES = 2600
 THUMBNAIL_WIDTH_PX = 200
 _THREADS = 2
+_LONGEST = "contact_sheet"  # decodes two dozen images, so it is begun first
 # The first of these that there is stands for the recording.
 _THUMBNAILS = ("lidar_over_camera", "contact_sheet", "birds_eye", "timeline")
 
@@ -163,8 +164,10 @@ def make(use: Use[PreviewUse], inputs: Inputs, out: ArtifactWriter) -> Summary:
     drawn: dict[str, Image] = {}
     missing: dict[str, str] = {}
     with ThreadPoolExecutor(_THREADS) as pool:  # most of it is OpenCV, which leaves Python to others
-        painted = list(pool.map(paint, TITLES))
-    for name, one in zip(TITLES, painted, strict=True):
+        names = sorted(TITLES, key=lambda name: name != _LONGEST)
+        painted = dict(zip(names, pool.map(paint, names), strict=True))
+    for name in TITLES:
+        one = painted[name]
         if isinstance(one, str):
             missing[name] = one
         else:

@@ -83,7 +83,10 @@ class _Ground:
 
     def pixels(self, points_global: Floats, shift: int = 0) -> np.ndarray:
         """Return (N, 2) whole pixels, times two to the power of `shift`."""
-        points_ego = self.ego_SE3_global.transform_points(points_global)
+        return self.pixels_of(self.ego_SE3_global.transform_points(points_global), shift)
+
+    def pixels_of(self, points_ego: Floats, shift: int = 0) -> np.ndarray:
+        """Return the pixels of points in the ego frame; see `pixels`."""
         u = self.middle_px - points_ego[:, 1] * self.pixels_per_m
         v = self.middle_px - points_ego[:, 0] * self.pixels_per_m
         # Far outside the picture, OpenCV's integers would overflow.
@@ -105,8 +108,8 @@ def _rings(picture: Image, ground: _Ground, range_m: float) -> None:
 def _points(picture: Image, ground: _Ground, points_global: Floats) -> None:
     if not len(points_global):
         return
-    pixels = ground.pixels(points_global)
-    height_m = ground.ego_SE3_global.transform_points(points_global)[:, 2]
+    points_ego = ground.ego_SE3_global.transform_points(points_global)
+    pixels, height_m = ground.pixels_of(points_ego), points_ego[:, 2]
     size = picture.shape[0]
     inside = ((pixels >= 0) & (pixels < size)).all(axis=1)
     order = np.flatnonzero(inside)[np.argsort(height_m[inside], kind="stable")]  # high points cover low ones

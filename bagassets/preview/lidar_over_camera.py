@@ -35,14 +35,25 @@ def lidar_over_camera(
     shown = np.flatnonzero(seen)
     shown = shown[:: 1 + len(shown) // MOST_POINTS]
     shown = shown[np.argsort(-depth[shown], kind="stable")]  # near points cover far ones
-    colours = _colours(_share(depth[shown])).tolist()
     radius = max(1, round(width / (900 if len(shown) > SPARSE_POINTS else 500)))
-    for (u, v), colour in zip(np.rint(pixels[shown]).astype(int).tolist(), colours, strict=True):
-        cv2.circle(picture, (u, v), radius, colour, -1, cv2.LINE_AA)
+    _dots(picture, np.rint(pixels[shown]).astype(np.int32), _colours(_share(depth[shown])), radius)
     _legend(picture)
     if title:
         text(picture, title, 12, 24, size_px=max(11, width / 80), halo=True)
     return picture
+
+
+def _dots(picture: Image, pixels: NDArray[np.int32], colours: NDArray[np.uint8], radius: int) -> None:
+    """Draw dots in order; those of one colour that follow each other together.
+
+    To OpenCV a closed line of a single point is a dot as wide as the line, drawn as `cv2.circle` draws it. Forty thousand
+    circles take three times as long.
+    """
+    begins = np.flatnonzero((np.diff(colours.astype(np.int16), axis=0, prepend=-1) != 0).any(axis=1))
+    for same in np.split(np.arange(len(pixels)), begins[1:]):
+        if len(same):
+            points, colour = pixels[same, None], colours[same[0]].tolist()
+            cv2.polylines(picture, points, True, colour, 2 * radius, cv2.LINE_AA)
 
 
 def _share(depth_m: Floats) -> Floats:

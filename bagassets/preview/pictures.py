@@ -120,7 +120,9 @@ class Pictures:
             raise CannotDrawError(f"{self.clouds.channel} has no revolution near the image")
         return self.clouds, index
 
+    @cached_property
     def _points(self) -> Floats:
+        """The revolution of the single pictures, in the global frame."""
         clouds, revolution = self._revolution()
         points = clouds.points_global(revolution, self.trajectory)
         if points is None:
@@ -129,7 +131,7 @@ class Pictures:
 
     def _lidar_over_camera(self) -> Image:
         camera, image = self._front()
-        points = self._points()
+        points = self._points
         view = camera.view(image, self.trajectory)
         if view is None:
             raise CannotDrawError(
@@ -144,7 +146,7 @@ class Pictures:
         global_SE3_ego = self.trajectory.pose_at(self.moment_ns)
         if global_SE3_ego is None:
             raise CannotDrawError("there is no ego pose at the moment of the picture")
-        points = np.zeros((0, 3)) if self.clouds is None else self._points()
+        points = np.zeros((0, 3)) if self.clouds is None else self._points
         boxes, past = boxes_at(self.boxes, self.moment_ns), self._past(self.moment_ns)
         if not len(points) and not boxes and not len(past):
             raise CannotDrawError("there are no points, no boxes, and the rig stands still")
