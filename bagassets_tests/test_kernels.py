@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from bagassets.geometry.camera import CameraModel
 from bagassets.geometry.undistortion import Undistortion, undistort
-from bagassets.kernels import bilinear, machine_code, markers
+from bagassets.kernels import bilinear, machine_code, markers, moving
 from bagassets.kernels.bilinear import BilinearLookup
 from bagassets.kernels.machine_code import MachineCode
 
@@ -24,6 +24,7 @@ def no_llvmlite(monkeypatch):
     for module, name, build in (
         (bilinear, "_LOOKUP", "_lookup_function"),
         (markers, "_FIND", "_find_function"),
+        (moving, "_MOVE", "_move_function"),
     ):
         known = getattr(module, name)
         monkeypatch.setattr(module, name, MachineCode(known._name, getattr(module, build)))
@@ -118,12 +119,46 @@ def test_without_llvmlite_the_twins_give_the_same(no_llvmlite):
         straight._lookup(bgra)
 
 
+@settings(max_examples=150, deadline=None)
+@given(st.integers(1, 60), st.integers(1, 40), st.integers(3, 6), st.integers(0, 9999))
+def test_points_are_moved_as_numpy_moves_them(groups, knots, columns, seed):
+    rng = np.random.default_rng(seed)
+    begins = np.concatenate([[0], np.cumsum(rng.integers(1, 9, groups))]).astype(np.int64)
+    begins, number = begins[:-1], int(begins[-1])
+    points = rng.normal(0, 50, (number, columns)).astype(np.float32)
+    left, fraction = rng.integers(0, knots, groups), rng.random(groups)
+    transforms = rng.normal(0, 2, (knots + 1, 12))
+    moved, plain = points.copy(), points.copy()
+    moving.move_points(moved, begins, left, fraction, transforms)
+    moving._twin(plain, begins, left, fraction, transforms, np.diff(transforms, axis=0))
+    assert moving._MOVE.function() is not None
+    assert moved.tobytes() == plain.tobytes()
+    assert np.array_equal(moved[:, 3:], points[:, 3:])
+    group = int(rng.integers(groups))
+    matrix = (
+        transforms[left[group]] * (1 - fraction[group]) + transforms[left[group] + 1] * fraction[group]
+    ).reshape(3, 4)
+    truth = matrix[:, :3] @ points[begins[group], :3].astype(float) + matrix[:, 3]
+    assert np.allclose(moved[begins[group], :3], truth, rtol=1e-5, atol=1e-3)
+
+
+def test_without_llvmlite_points_are_moved_all_the_same(no_llvmlite):
+    points = np.array([[1, 2, 3, 9]], dtype=np.float32)
+    shift = np.array([1, 0, 0, 10, 0, 1, 0, 20, 0, 0, 1, 30], dtype=np.float64)
+    moving.move_points(
+        points, np.array([0]), np.array([0]), np.array([0.5]), np.stack([0 * shift, 2 * shift])
+    )
+    assert moving._MOVE.function() is None
+    assert points.tolist() == [[11, 22, 33, 9]]
+
+
 def test_all_are_compiled_before_workers_fork():
     for _ in machine_code.compile_all():
         pass
     assert {code._name for code in machine_code._ALL if code._function is not None} >= {
         "lookup",
         "find_markers",
+        "move_points",
     }
 
 

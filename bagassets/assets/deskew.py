@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from bagassets.geometry.se3 import SE3, Floats, quaternion_multiply, rotate
 from bagassets.geometry.trajectory import Trajectory
+from bagassets.kernels.moving import move_points
 
 __all__ = ["deskewed"]
 
@@ -70,20 +71,11 @@ def _move(
     """
     # Lasers fire in groups: points with one time follow each other, and share a transform.
     begins = np.flatnonzero(np.diff(since_ns, prepend=since_ns[0] - 1))
-    lengths = np.diff(begins, append=len(since_ns))
     times_ns = since_ns[begins]
     left = np.minimum(times_ns // KNOT_NS, len(knots_ns) - 2)
     widths = np.maximum(np.diff(knots_ns), 1)
     fraction = (times_ns - knots_ns[left]) / widths[left]
-    # Entries by rows and points by columns, so that operands are contiguous in memory.
-    at_left, steps = transforms.T, np.diff(transforms, axis=0).T
-    entries = at_left[:, left] + steps[:, left] * fraction
-    if len(begins) < len(since_ns):
-        entries = np.repeat(entries, lengths, axis=1)
-    x, y, z = (points[:, axis].astype(np.float64) for axis in range(3))
-    for axis in range(3):
-        a, b, c, d = entries[4 * axis : 4 * axis + 4]
-        points[:, axis] = a * x + b * y + c * z + d
+    move_points(points, begins, left, fraction, transforms)
 
 
 def _sensor_motion(
