@@ -1,6 +1,6 @@
 """The plan: the state of every asset of every recording."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from hashlib import sha256
 from typing import TYPE_CHECKING, Literal, NamedTuple, Self
@@ -122,12 +122,19 @@ class BagPlan:
         assets = (state.data_version for name, state in self.assets.items() if name != "bag")
         return tuple(digest for digest in (*assets, *self.channels) if digest is not None)
 
-    def to_run(self, *, retry_failed: bool = False, select: Collection[str] | None = None) -> tuple[str, ...]:
+    def to_run(
+        self,
+        reads: Callable[[str], Collection[str]],
+        *,
+        retry_failed: bool = False,
+        select: Collection[str] | None = None,
+    ) -> tuple[str, ...]:
         """Return the assets that a run should materialize, in order; none if everything is up to date.
 
-        A run covers all assets, fresh ones too: those are hits, and Dagster's own markers agree afterwards.
+        What reads one of them is among them, fresh or not: it may be a hit, but Dagster marks it until it is recorded again.
 
         Args:
+            reads: returns what an asset reads, as Dagster knows it (see `RecordingAssets.upstream`).
             retry_failed: retry what failed before on the same input.
             select: assets that matter, with those that they read (see `RecordingAssets.with_upstream`). None = all.
         """
@@ -138,7 +145,11 @@ class BagPlan:
         wanted = tuple(self.assets)
         if select is not None:
             wanted = tuple(name for name in wanted if name in select)
-        return wanted if any(self.assets[name].state not in idle for name in wanted) else ()
+        taken: list[str] = []
+        for name in wanted:
+            if self.assets[name].state not in idle or not set(taken).isdisjoint(reads(name)):
+                taken.append(name)
+        return tuple(taken)
 
     def current_artifact(self, store: "Store", asset: str) -> "Artifact | None":
         """Return the current artifact of an asset, else the last recorded one, if the store still has it."""

@@ -1,5 +1,7 @@
 """Lidar points over a camera image, coloured by distance; wrong calibration is obvious in it."""
 
+from typing import Any
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -52,8 +54,10 @@ def _dots(picture: Image, pixels: NDArray[np.int32], colours: NDArray[np.uint8],
     begins = np.flatnonzero((np.diff(colours.astype(np.int16), axis=0, prepend=-1) != 0).any(axis=1))
     for same in np.split(np.arange(len(pixels)), begins[1:]):
         if len(same):
-            points, colour = pixels[same, None], colours[same[0]].tolist()
-            cv2.polylines(picture, points, True, colour, 2 * radius, cv2.LINE_AA)
+            lines: Any = pixels[
+                same, None
+            ]  # an array of lines; OpenCV's types know only lists, which take longer
+            cv2.polylines(picture, lines, True, colours[same[0]].tolist(), 2 * radius, cv2.LINE_AA)
 
 
 def _share(depth_m: Floats) -> Floats:
