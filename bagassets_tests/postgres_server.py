@@ -46,6 +46,10 @@ class Postgres:
         query = f"SELECT pg_database_size('{name}')"
         return int(_run("psql", *self._client(), "--no-align", "--tuples-only", "--command", query, name))
 
+    def vacuum(self, name: str) -> None:
+        """Give the room of rows that were replaced back to the disk."""
+        _run("psql", *self._client(), "--quiet", "--command", "VACUUM FULL", name)
+
     def start(self) -> None:
         """Start it, and wait until it answers."""
         options = f"-c listen_addresses= -c unix_socket_directories={self.folder} -c fsync=off -p {PORT}"

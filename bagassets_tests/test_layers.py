@@ -23,6 +23,7 @@ LAYERS = [
         "trace",
         "kernels",
         "quantities",
+        "garbage",
         "interrupts",
     ),
     ("errors",),

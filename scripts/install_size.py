@@ -23,7 +23,7 @@ MB = 1e6
 
 # What each large package is for; one that is not listed here is shown without a reason.
 REASONS = {
-    "llvmlite": "compiles two loops over images; optional",
+    "llvmlite": "compiles loops over images and points; optional",
     "pyarrow": "Parquet: poses, boxes, indexes",
     "opencv-python-headless": "decodes, undistorts and encodes images",
     "dagster": "the assets, runs and their records",

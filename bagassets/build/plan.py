@@ -132,6 +132,7 @@ class BagPlan:
         """Return the assets that a run should materialize, in order; none if everything is up to date.
 
         What reads one of them is among them, fresh or not: it may be a hit, but Dagster marks it until it is recorded again.
+        So is what has failed, if there is anything to run: a run reports all failures of its recording.
 
         Args:
             reads: returns what an asset reads, as Dagster knows it (see `RecordingAssets.upstream`).
@@ -145,9 +146,12 @@ class BagPlan:
         wanted = tuple(self.assets)
         if select is not None:
             wanted = tuple(name for name in wanted if name in select)
+        if all(self.assets[name].state in idle for name in wanted):
+            return ()
         taken: list[str] = []
         for name in wanted:
-            if self.assets[name].state not in idle or not set(taken).isdisjoint(reads(name)):
+            is_done = self.assets[name].state in {"fresh", "skipped"}
+            if not is_done or not set(taken).isdisjoint(reads(name)):
                 taken.append(name)
         return tuple(taken)
 
