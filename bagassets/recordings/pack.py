@@ -4,6 +4,7 @@ from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from bagassets.json_types import JsonMapping
@@ -16,6 +17,8 @@ from bagassets.store.artifact import ArtifactWriter
 __all__ = ["PACK_FILE", "PackedRecording", "write_pack"]
 
 PACK_FILE = "messages.parquet"
+
+_BATCH = 4096  # messages in memory at a time
 
 PACK_SCHEMA = pa.schema({"topic": pa.string(), "log_time_ns": pa.int64(), "data": pa.binary()})
 
@@ -56,12 +59,12 @@ class PackedRecording(Recording):
         super().__init__(parquet, inventory["format"], merge_topics(parquet, sources, (), limits or Limits()))
 
     def _read(self, topics: Collection[str]) -> Iterator[RawMessage]:
-        table = pq.read_table(self._parquet, filters=[("topic", "in", sorted(topics))])
-        for batch in table.to_batches(max_chunksize=4096):
-            names, stamps, payloads = (batch.column(name) for name in PACK_SCHEMA.names)
-            for name, log_time_ns, data in zip(names, stamps, payloads, strict=True):
-                topic = name.as_py()
-                yield RawMessage(topic, self.topics[topic].msgtype, log_time_ns.as_py(), data.as_py())
+        wanted = pa.array(sorted(topics), pa.string())
+        for whole in pq.ParquetFile(self._parquet).iter_batches(_BATCH):
+            batch = whole.filter(pc.is_in(whole.column("topic"), wanted))
+            rows = (batch.column(name).to_pylist() for name in PACK_SCHEMA.names)
+            for topic, log_time_ns, data in zip(*rows, strict=True):
+                yield RawMessage(topic, self.topics[topic].msgtype, log_time_ns, data)
 
     def close(self) -> None:
         """Do nothing: the file is open during reads only."""

@@ -93,7 +93,8 @@ class Artifact:
         import pyarrow.parquet as pq  # noqa: PLC0415
 
         try:
-            return pq.read_table(self.path(relative), columns=columns, memory_map=True)
+            # Twice as fast as `read_table`, which is made for data sets of many files.
+            return pq.ParquetFile(self.path(relative), memory_map=True).read(columns)
         except (OSError, pa.ArrowInvalid) as err:
             raise self._damaged(relative, err) from err
 
