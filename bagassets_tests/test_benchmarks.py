@@ -271,11 +271,18 @@ def test_wrong_use_of_peers_is_refused(arguments, error, capsys, monkeypatch):
 def test_rows_without_a_figure_say_what_happens():
     rows = {"cold": {BAGASSETS: [{"seconds": 2.0}, {"seconds": 4.0}], LOOP: [{"seconds": 9.0}]},
             "nothing changed": {BAGASSETS: [{"seconds": 0.1}]}}  # fmt: skip
-    found = {"bazel": "", "rule": "", "rows": rows, "files": {BAGASSETS: 5, LOOP: 6}, "trials": 2}
+    found = {
+        "bazel": "",
+        "rule": "",
+        "rows": rows,
+        "files": {BAGASSETS: 5, LOOP: 6},
+        "trials": 2,
+        "hashing_s": [0.2],
+    }
     assert peers_table(found) == (
         "| | bagassets | Bagzel's converter in a loop |\n|---|--:|--:|\n"
         "| cold | 3.00 s | 9.00 s |\n| nothing changed | 0.10 s | everything again |\n\n"
-        "Medians of 2. Cold, of all recordings: bagassets: 5 files; converter in a loop: 6 files.\n"
+        "Medians of 2. Hashing the touched recordings alone: 0.20 s. Cold, of all recordings: bagassets: 5 files; converter in a loop: 6 files.\n"
     )
 
 
