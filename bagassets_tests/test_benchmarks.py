@@ -24,7 +24,7 @@ from bagassets_tests.small_drive import RECIPE as SMALL
 from benchmarks.cold import cold_table
 from benchmarks.common import Options, Project, converter_command, markdown, project, save, speedup
 from benchmarks.drives import LIDAR_TOPIC, write_jpeg_project, write_tas_drive
-from benchmarks.peers import BAGASSETS, LOOP, BazelWorkspace, Peers, params_of, peers_table
+from benchmarks.peers import BAGASSETS, BAZEL, LOOP, BazelWorkspace, Peers, params_of, peers_table
 from benchmarks.peers import main as peers_main
 from benchmarks.plain import convert_plainly
 from benchmarks.resources import Used, run_watched
@@ -282,8 +282,17 @@ def test_rows_without_a_figure_say_what_happens():
     assert peers_table(found) == (
         "| | bagassets | Bagzel's converter in a loop |\n|---|--:|--:|\n"
         "| cold | 3.00 s | 9.00 s |\n| nothing changed | 0.10 s | everything again |\n\n"
-        "Medians of 2. Hashing the touched recordings alone: 0.20 s. Cold, of all recordings: bagassets: 5 files; converter in a loop: 6 files.\n"
+        "Medians of 2, also of the quotients, each of builds that followed each other. Hashing the touched recordings alone: 0.20 s. Cold, of all recordings: bagassets: 5 files; converter in a loop: 6 files.\n"
     )
+
+
+def test_what_ours_takes_of_bazels_time_is_the_median_over_the_turns():
+    ours, bazels = (
+        [{"seconds": value} for value in values] for values in ((1.0, 9.0, 3.0), (4.0, 12.0, 3.0))
+    )
+    found = {"bazel": "4", "rule": "rule", "rows": {"cold": {BAGASSETS: ours, BAZEL: bazels}}}
+    table = peers_table(found | {"files": {BAGASSETS: 5, BAZEL: 6}, "trials": 3, "hashing_s": [0.2]})
+    assert "| cold | 3.00 s | 4.00 s | 75 % |" in table.splitlines()
 
 
 def test_cold_tells_medians_and_what_builds_take_beyond_conversions(tmp_path, monkeypatch):

@@ -236,9 +236,10 @@ def main() -> None:
 
 
 def peers_table(found: dict[str, Any]) -> str:
-    """Return the table of `peers.json`: medians, seconds."""
+    """Return the table of `peers.json`: medians of seconds, and of what ours took of Bazel's time in each turn."""
     methods = list(found["files"])
-    lines = [f"| | {' | '.join(_titles(found, methods))} |", "|---|" + "--:|" * len(methods)]
+    titles = [*_titles(found, methods), *(["ours of Bazel's"] if BAZEL in methods else [])]
+    lines = [f"| | {' | '.join(titles)} |", "|---|" + "--:|" * len(titles)]
     for row, by_method in found["rows"].items():
         cells = [
             f"{median([one['seconds'] for one in by_method[method]]):.2f} s"
@@ -246,11 +247,17 @@ def peers_table(found: dict[str, Any]) -> str:
             else "everything again"
             for method in methods
         ]
+        if BAZEL in by_method:
+            turns = zip(by_method[BAGASSETS], by_method[BAZEL], strict=True)
+            cells.append(
+                f"{100 * median([ours['seconds'] / other['seconds'] for ours, other in turns]):.0f} %"
+            )
         lines.append(f"| {row} | {' | '.join(cells)} |")
     files = "; ".join(f"{method}: {number} files" for method, number in found["files"].items())
     hashing = f"Hashing the touched recordings alone: {median(found['hashing_s']):.2f} s."
     return (
-        "\n".join(lines) + f"\n\nMedians of {found['trials']}. {hashing} Cold, of all recordings: {files}.\n"
+        "\n".join(lines)
+        + f"\n\nMedians of {found['trials']}, also of the quotients, each of builds that followed each other. {hashing} Cold, of all recordings: {files}.\n"
     )
 
 
