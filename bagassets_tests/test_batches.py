@@ -15,6 +15,9 @@ from bagassets.defs.location import build_definitions
 from bagassets.defs.partitions import DATASET
 from bagassets.defs.runs import failure_of
 from bagassets.errors import DatasetError
+from bagassets.recipe import load_recipe
+from bagassets.recordings.digest import DigestIndex, recording_digest
+from bagassets.recordings.discover import discover
 from bagassets_tests.in_process import build, make_project, states, survey
 from bagassets_tests.small_drive import RECIPE, write_drive
 
@@ -235,6 +238,25 @@ def test_one_failing_recording_fails_alone(project, monkeypatch):
     assert "failed before" in build(project, monkeypatch, jobs=1)[0].outcomes[BROKEN].reason
     (project.parent / "bags" / BROKEN).write_bytes(whole)
     assert outcomes(build(project, monkeypatch, jobs=1)[0])[BROKEN] == "built"
+
+
+def test_nothing_is_failed_for_dagster_once_a_damaged_recording_is_as_before(project, monkeypatch):
+    build(project, monkeypatch, jobs=1)
+    file = project.parent / "bags" / BROKEN
+    whole = file.read_bytes()
+    file.write_bytes(b"no bag at all")
+    assert outcomes(build(project, monkeypatch, jobs=1)[0])[BROKEN] == "failed"
+    with pending_work.open_project(project) as (instance, workspace):
+        names = workspace.assets.names
+        assert partitions(instance, project, "frames", "failed") == {BROKEN}
+    file.write_bytes(whole)
+    recipe = load_recipe(
+        project
+    )  # hashed, as by a server ahead of the build, so that the plan knows all results
+    recording_digest(discover(recipe.bags).recordings[BROKEN], DigestIndex.of(recipe))
+    assert outcomes(build(project, monkeypatch, jobs=1)[0])[BROKEN] == "hit"
+    with pending_work.open_project(project) as (instance, _):
+        assert [name for name in names if partitions(instance, project, name, "failed")] == []
 
 
 @pytest.mark.long

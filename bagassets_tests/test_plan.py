@@ -134,7 +134,7 @@ def test_selected_assets_bring_what_they_read():
 
 def test_a_run_takes_what_is_due_and_what_reads_that_and_leaves_alone_what_is_above():
     assert bag(frames="stale").to_run(UPSTREAM) == ("frames", "nuscenes_tables")
-    assert bag(bag="record-only").to_run(UPSTREAM) == ("bag",)
+    assert bag(bag="record-only").to_run(UPSTREAM) == RECORDING_ASSETS
     # The step of sweeps does not read poses unless it deskews, but Dagster's graph has it read them.
     assert bag(ego_poses="stale", nuscenes_tables="unknown").to_run(UPSTREAM) == (
         "ego_poses",

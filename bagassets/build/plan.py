@@ -132,7 +132,8 @@ class BagPlan:
         """Return the assets that a run should materialize, in order; none if everything is up to date.
 
         What reads one of them is among them, fresh or not: it may be a hit, but Dagster marks it until it is recorded again.
-        So is what has failed, if there is anything to run: a run reports all failures of its recording.
+        So is what has failed, if there is anything to run: a run reports all failures of its recording. Of a recording that
+        changed, it is all: if that was damaged and is as before again, Dagster shows everything as failed until it is recorded.
 
         Args:
             reads: returns what an asset reads, as Dagster knows it (see `RecordingAssets.upstream`).
@@ -148,6 +149,8 @@ class BagPlan:
             wanted = tuple(name for name in wanted if name in select)
         if all(self.assets[name].state in idle for name in wanted):
             return ()
+        if "bag" in wanted and self.assets["bag"].state != "fresh":
+            return wanted
         taken: list[str] = []
         for name in wanted:
             is_done = self.assets[name].state in {"fresh", "skipped"}
