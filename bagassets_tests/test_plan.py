@@ -81,10 +81,6 @@ def test_there_is_a_change_exactly_where_values_differ(before, now):
 # --- what a run takes ---------------------------------------------------------------------
 
 
-ASSETS = recording_assets(Recipe.model_validate(MINIMAL))
-UPSTREAM = ASSETS.upstream
-
-
 def bag(**states):
     assets = {name: AssetState(states.get(name, "fresh"), "why") for name in RECORDING_ASSETS}
     return BagPlan(KEY, assets)
@@ -104,43 +100,28 @@ def bag(**states):
     ],
 )
 def test_a_run_is_needed_when_something_can_come_of_it(states, runs):
-    assert bool(bag(**states).to_run(UPSTREAM)) == runs
+    assert bool(bag(**states).to_run()) == runs
     assert bag(**states).settled == (set(states.values()) <= {"fresh", "skipped"})
 
 
 def test_a_failure_is_tried_again_only_if_asked_for():
     failed = bag(ego_poses="failed", nuscenes_tables="unknown")
-    assert failed.to_run(UPSTREAM) == ()
-    assert failed.to_run(UPSTREAM, retry_failed=True) == (
-        "ego_poses",
-        "annotations",
-        "sweeps",
-        "nuscenes_tables",
-    )
+    assert failed.to_run() == ()
+    assert failed.to_run(retry_failed=True) == RECORDING_ASSETS
     assert failed.failed == failed.unusable == "why"
 
 
 def test_selected_assets_bring_what_they_read():
-    with_upstream = ASSETS.with_upstream
+    with_upstream = recording_assets(Recipe.model_validate(MINIMAL)).with_upstream
     assert with_upstream(["frames"]) == ("bag", "inventory", "calibration", "frames")
     assert with_upstream(["bag", "nuscenes_dataset"]) == ("bag",)
     assert with_upstream(["calibration", "ego_poses"]) == ("bag", "inventory", "calibration", "ego_poses")
-    assert bag(sweeps="stale").to_run(UPSTREAM, select=with_upstream(["frames"])) == ()
-    assert bag(calibration="stale").to_run(UPSTREAM, select=with_upstream(["frames"])) == (
+    assert bag(sweeps="stale").to_run(select=with_upstream(["frames"])) == ()
+    assert bag(calibration="stale").to_run(select=with_upstream(["frames"])) == (
+        "bag",
+        "inventory",
         "calibration",
         "frames",
-    )
-
-
-def test_a_run_takes_what_is_due_and_what_reads_that_and_leaves_alone_what_is_above():
-    assert bag(frames="stale").to_run(UPSTREAM) == ("frames", "nuscenes_tables")
-    assert bag(bag="record-only").to_run(UPSTREAM) == RECORDING_ASSETS
-    # The step of sweeps does not read poses unless it deskews, but Dagster's graph has it read them.
-    assert bag(ego_poses="stale", nuscenes_tables="unknown").to_run(UPSTREAM) == (
-        "ego_poses",
-        "annotations",
-        "sweeps",
-        "nuscenes_tables",
     )
 
 

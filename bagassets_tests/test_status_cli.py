@@ -127,9 +127,9 @@ def test_a_check_looks_only_at_what_is_asked_for(edited):
     assert run("build", "--check", "--bag", BROKEN, "--select", "bag", recipe=edited).exit_code in {0, FAILED}
 
 
-def test_selecting_assets_runs_them_and_what_is_due_of_what_they_read(edited, monkeypatch):
+def test_selecting_assets_runs_them_and_what_they_read(edited, monkeypatch):
     report, runs = build(edited, monkeypatch, bags=(GOOD,), select=("frames",))
-    assert runs == [(GOOD, ("frames",))]
+    assert runs == [(GOOD, ("bag", "inventory", "calibration", "frames"))]
     assert report.outcomes.keys() == {GOOD}
     assert report.outcomes[GOOD].result == "built"
     assert report.dataset == "not selected"

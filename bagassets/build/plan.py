@@ -1,6 +1,6 @@
 """The plan: the state of every asset of every recording."""
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from hashlib import sha256
 from typing import TYPE_CHECKING, Literal, NamedTuple, Self
@@ -122,21 +122,12 @@ class BagPlan:
         assets = (state.data_version for name, state in self.assets.items() if name != "bag")
         return tuple(digest for digest in (*assets, *self.channels) if digest is not None)
 
-    def to_run(
-        self,
-        reads: Callable[[str], Collection[str]],
-        *,
-        retry_failed: bool = False,
-        select: Collection[str] | None = None,
-    ) -> tuple[str, ...]:
+    def to_run(self, *, retry_failed: bool = False, select: Collection[str] | None = None) -> tuple[str, ...]:
         """Return the assets that a run should materialize, in order; none if everything is up to date.
 
-        What reads one of them is among them, fresh or not: it may be a hit, but Dagster marks it until it is recorded again.
-        So is what has failed, if there is anything to run: a run reports all failures of its recording. Of a recording that
-        changed, it is all: if that was damaged and is as before again, Dagster shows everything as failed until it is recorded.
+        A run covers all assets, fresh ones too: those are hits, and Dagster's own markers agree afterwards.
 
         Args:
-            reads: returns what an asset reads, as Dagster knows it (see `RecordingAssets.upstream`).
             retry_failed: retry what failed before on the same input.
             select: assets that matter, with those that they read (see `RecordingAssets.with_upstream`). None = all.
         """
@@ -147,16 +138,7 @@ class BagPlan:
         wanted = tuple(self.assets)
         if select is not None:
             wanted = tuple(name for name in wanted if name in select)
-        if all(self.assets[name].state in idle for name in wanted):
-            return ()
-        if "bag" in wanted and self.assets["bag"].state != "fresh":
-            return wanted
-        taken: list[str] = []
-        for name in wanted:
-            is_done = self.assets[name].state in {"fresh", "skipped"}
-            if not is_done or not set(taken).isdisjoint(reads(name)):
-                taken.append(name)
-        return tuple(taken)
+        return wanted if any(self.assets[name].state not in idle for name in wanted) else ()
 
     def current_artifact(self, store: "Store", asset: str) -> "Artifact | None":
         """Return the current artifact of an asset, else the last recorded one, if the store still has it."""

@@ -87,8 +87,8 @@ class RecordingAssets:
         return {asset.name: _code_version(self.recipe, asset) for asset in self}
 
     def upstream(self, name: str) -> tuple[str, ...]:
-        """Return the names of the assets that an asset reads; `bag` reads none."""
-        return () if name == "bag" else tuple(asset.name for asset in self[name].reads)
+        """Return the names of the assets that an asset reads."""
+        return tuple(asset.name for asset in self[name].reads)
 
     def params(self, asset: AnyAsset, rig: Rig) -> object:
         """Return the parameters of an asset for recordings of a rig."""

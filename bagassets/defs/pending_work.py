@@ -130,9 +130,7 @@ def _pending_work(
     )
     todo = {}
     for key, bag in planned.plan.bags.items():
-        if key in chosen and (
-            assets := bag.to_run(workspace.assets.upstream, retry_failed=options.retry_failed, select=select)
-        ):
+        if key in chosen and (assets := bag.to_run(retry_failed=options.retry_failed, select=select)):
             todo[key] = assets
     is_current = dataset_is_current(instance, workspace, planned.inputs)
     asked = datasets if wanted is None else tuple(name for name in datasets if name in wanted)

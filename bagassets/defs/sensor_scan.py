@@ -173,8 +173,7 @@ class Scan:
         A recording of which only the time changed is read in a run of `bag` alone: a tick must not take so long, and
         most often nothing else is to be done.
         """
-        to_run = bag.to_run(self._workspace.assets.upstream)
-        if not to_run:
+        if not bag.to_run():
             self.cursor.forget([bag.key])
             return None
         stale = {name: asset for name, asset in bag.assets.items() if asset.state not in {"fresh", "skipped"}}
@@ -185,7 +184,7 @@ class Scan:
             return None
         if not self.cursor.may_ask(bag.key, what, now_s):
             return None
-        return _Wanted(("bag",) if bag.touched else to_run, what, _why(list(stale.values())))
+        return _Wanted(("bag",) if bag.touched else tuple(bag.to_run()), what, _why(list(stale.values())))
 
     def _request(self, batch: Mapping[str, _Wanted], now_s: float) -> dg.RunRequest:
         """Return the run for a large recording, or for several small ones."""
