@@ -42,7 +42,6 @@ __all__ = ["BAGASSETS", "BAZEL", "LOOP", "main", "peers_table"]
 
 BAGASSETS, BAZEL, LOOP = "bagassets", "Bazel", "converter in a loop"
 COLD, LARGE = "{number} recordings of {mb:.0f} MB, cold", "one recording of {gb:.2f} GB, cold"
-TOUCHED = "all {number} touched, content the same"
 _NUMBER, _BYTES, _LARGE_BYTES = 8, 246e6, 1.9e9
 _LONGEST_SCENE_S = 20.0
 _BAZELRC = """\
@@ -312,7 +311,7 @@ def _measure(
         f"content of one of {number} changed": made.change_content,
         "one camera of one changed": made.change_camera,
         "metadata of one changed": made.change_metadata,
-        TOUCHED.format(number=number): lambda: [_touch(path) for path in made.bags.iterdir()],
+        f"all {number} touched, content the same": lambda: [_touch(path) for path in made.bags.iterdir()],
     }
     for _ in range(options.trials):
         for row, change in changes.items():

@@ -26,21 +26,18 @@ def move_points(
         fraction: (G,) where between this knot and the next one that time is, 0 to 1.
         transforms: (M, 12) rows of 3x4 matrices at the knots.
     """
-    steps = np.diff(transforms, axis=0)
     function = _MOVE.function()
     if function is None or not points.flags.c_contiguous:
-        _twin(points, begins, left, fraction, transforms, steps)
+        _twin(points, begins, left, fraction, transforms)
         return
-    edges = np.append(begins, np.int64(len(points)))
-    base = np.ascontiguousarray(transforms[:-1])
+    edges, transforms = np.append(begins, np.int64(len(points))), np.ascontiguousarray(transforms)
     function(
         points.ctypes.data,
         points.shape[1],
         edges.ctypes.data,
         left.ctypes.data,
         fraction.ctypes.data,
-        base.ctypes.data,
-        steps.ctypes.data,
+        transforms.ctypes.data,
         len(begins),
     )
 
@@ -51,11 +48,10 @@ def _twin(
     left: NDArray[np.int64],
     fraction: NDArray[np.float64],
     transforms: NDArray[np.float64],
-    steps: NDArray[np.float64],
 ) -> None:
     """Do the same without machine code."""
     # Entries by rows and points by columns, so that operands are contiguous in memory.
-    entries = transforms.T[:, left] + steps.T[:, left] * fraction
+    entries = transforms.T[:, left] + np.diff(transforms, axis=0).T[:, left] * fraction
     if len(begins) < len(points):
         entries = np.repeat(entries, np.diff(begins, append=len(points)), axis=1)
     x, y, z = (points[:, axis].astype(np.float64) for axis in range(3))
@@ -65,20 +61,21 @@ def _twin(
 
 
 def _move_function() -> Ir:
-    """Return the function: points, their columns, begins and end, knots, fractions, matrices, steps, number of groups."""
+    """Return the function: points, their columns, begins and end, knots, fractions, matrices, number of groups."""
     from llvmlite import ir
 
     f32, f64, i64 = ir.FloatType(), ir.DoubleType(), ir.IntType(64)
-    function, b = begin_function("move_points", [f32, None, i64, i64, f64, f64, f64, None])
-    points, columns, edges, left, fraction, base, steps, number = function.args
+    function, b = begin_function("move_points", [f32, None, i64, i64, f64, f64, None])
+    points, columns, edges, left, fraction, transforms, number = function.args
     with counting(b, i64(0), number) as group:
         at = b.mul(b.load(b.gep(left, [group])), i64(_ENTRIES))
         share = b.load(b.gep(fraction, [group]))
         entries = []
         for entry in range(_ENTRIES):
-            place = [b.add(at, i64(entry))]
-            step = b.fmul(b.load(b.gep(steps, place)), share)
-            entries.append(b.fadd(b.load(b.gep(base, place)), step))
+            here, after = (
+                b.load(b.gep(transforms, [b.add(at, i64(more))])) for more in (entry, _ENTRIES + entry)
+            )
+            entries.append(b.fadd(here, b.fmul(b.fsub(after, here), share)))
         begin, end = (b.load(b.gep(edges, [b.add(group, i64(more))])) for more in (0, 1))
         with counting(b, begin, end) as point:
             first = b.mul(point, columns)

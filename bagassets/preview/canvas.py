@@ -1,8 +1,7 @@
 """Drawing for all pictures: colours, text, scaling, and JPEGs below a given size."""
 
 from bisect import bisect_left
-from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, partial
 from pathlib import Path
 
 import cv2
@@ -151,18 +150,6 @@ def jpeg(image: Image, quality: int = 88) -> bytes:
     return data.tobytes()
 
 
-@dataclass(eq=False)
-class _Tried:
-    """A picture as JPEG of a quality, encoded when asked for; files of less quality are not larger."""
-
-    image: Image
-    quality: int
-
-    @cached_property
-    def data(self) -> bytes:
-        return jpeg(self.image, self.quality)
-
-
 def jpeg_within(image: Image, most_bytes: int, width: int) -> bytes:
     """Return a picture as JPEG of at most `most_bytes`: first with less quality, then smaller.
 
@@ -173,9 +160,14 @@ def jpeg_within(image: Image, most_bytes: int, width: int) -> bytes:
     """
     width = min(width, image.shape[1])
     while True:
-        small = scaled_to(image, width)
-        tried = [_Tried(small, quality) for quality in _QUALITIES]
-        best = bisect_left(tried, True, key=lambda one: len(one.data) <= most_bytes)
-        if best < len(tried):
-            return tried[best].data
+        data = _best_within(scaled_to(image, width), most_bytes)
+        if data is not None:
+            return data
         width = max(16, width * 3 // 4)
+
+
+def _best_within(image: Image, most_bytes: int) -> bytes | None:
+    """Return a picture as JPEG of the best quality that fits, None if none does; less quality takes no more bytes."""
+    encoded = cache(partial(jpeg, image))
+    best = bisect_left(_QUALITIES, True, key=lambda quality: len(encoded(quality)) <= most_bytes)
+    return encoded(_QUALITIES[best]) if best < len(_QUALITIES) else None
