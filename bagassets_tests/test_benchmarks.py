@@ -282,7 +282,7 @@ def test_rows_without_a_figure_say_what_happens():
     assert peers_table(found) == (
         "| | bagassets | Bagzel's converter in a loop |\n|---|--:|--:|\n"
         "| cold | 3.00 s | 9.00 s |\n| nothing changed | 0.10 s | everything again |\n\n"
-        "Medians of 2, also of the quotients, each of builds that followed each other. Hashing the touched recordings alone: 0.20 s. Cold, of all recordings: bagassets: 5 files; converter in a loop: 6 files.\n"
+        "Medians of 2; percentages are medians of the ratio within each turn. Hashing the touched recordings alone: 0.20 s. Cold, of all recordings: bagassets: 5 files; converter in a loop: 6 files.\n"
     )
 
 

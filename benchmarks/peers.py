@@ -235,9 +235,9 @@ def main() -> None:
 
 
 def peers_table(found: dict[str, Any]) -> str:
-    """Return the table of `peers.json`: medians of seconds, and of what ours took of Bazel's time in each turn."""
+    """Return the table of `peers.json`: medians of seconds, and of the ratio to Bazel within each turn."""
     methods = list(found["files"])
-    titles = [*_titles(found, methods), *(["ours of Bazel's"] if BAZEL in methods else [])]
+    titles = [*_titles(found, methods), *(["ours / Bazel"] if BAZEL in methods else [])]
     lines = [f"| | {' | '.join(titles)} |", "|---|" + "--:|" * len(titles)]
     for row, by_method in found["rows"].items():
         cells = [
@@ -256,7 +256,7 @@ def peers_table(found: dict[str, Any]) -> str:
     hashing = f"Hashing the touched recordings alone: {median(found['hashing_s']):.2f} s."
     return (
         "\n".join(lines)
-        + f"\n\nMedians of {found['trials']}, also of the quotients, each of builds that followed each other. {hashing} Cold, of all recordings: {files}.\n"
+        + f"\n\nMedians of {found['trials']}; percentages are medians of the ratio within each turn. {hashing} Cold, of all recordings: {files}.\n"
     )
 
 
