@@ -26,6 +26,7 @@ from bagassets.forkserver.client import Client, ServerRefusedError
 from bagassets.forkserver.spec import ServerSpec
 from bagassets_tests.services import (
     BIN,
+    WAIT_S,
     bare_environment,
     eventually,
     free_port,
@@ -308,6 +309,28 @@ def test_it_ends_when_whoever_started_it_is_killed(project):
         process.kill()
         process.wait()
         eventually(lambda: not any(processes_of(pid) for pid in sessions), "all processes are gone")
+
+
+def test_it_ends_even_if_its_interrupt_is_lost(project):
+    # As Python loses it in a finalizer, or while a module is imported.
+    code = (
+        "import signal; from bagassets.defs import dev; "
+        "dev.setup_interrupt_handlers = lambda: signal.signal(signal.SIGINT, lambda *_: None); dev.main()"
+    )
+    command = [
+        BIN / "python",
+        "-c",
+        code,
+        "--host",
+        "127.0.0.1",
+        "--port",
+        free_port(),
+        "--log-level",
+        "warning",
+    ]
+    environment = {"DAGSTER_HOME": str(project), "BAGASSETS_RECIPE": str(project / "recipe.yaml")}
+    with running(command, project, project.parent / "dev.log", environment) as process:
+        assert process.wait(WAIT_S) == 0
 
 
 @pytest.fixture

@@ -12,7 +12,6 @@ import subprocess
 import sys
 import tempfile
 import threading
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -39,6 +38,7 @@ _STDIN = 0
 _OUR_LOCATION = "load_from: [{python_module: bagassets.definitions}]\n"
 _POLL_S = 1.0
 _STOP_S = 60.0
+_PARENT_IS_GONE = threading.Event()
 
 
 def main() -> None:
@@ -90,9 +90,10 @@ def _serve(instance: DagsterInstance, options: argparse.Namespace, workspace: st
                 *("--code-server-log-level", "warning", *common),
             ],
         )
-        while not (ended := [name for name, (process, _) in services.items() if process.poll() is not None]):
-            time.sleep(_POLL_S)
-        _LOG.error("The %s ended unexpectedly.", ended[0])
+        while not _PARENT_IS_GONE.wait(_POLL_S):
+            if ended := [name for name, (process, _) in services.items() if process.poll() is not None]:
+                _LOG.error("The %s ended unexpectedly.", ended[0])
+                break
     finally:
         for _, pipe in services.values():
             with suppress(OSError):  # it has ended
@@ -120,6 +121,8 @@ def _end_with_parent() -> None:
     while os.read(_STDIN, 1):
         pass
     os.kill(os.getpid(), signal.SIGINT)
+    # Python drops an interrupt that arrives in a finalizer or in the middle of an import.
+    _PARENT_IS_GONE.set()
 
 
 if __name__ == "__main__":
