@@ -1,15 +1,23 @@
 """A recording of which only the time changed is read, and recorded without a run."""
 
+import threading
+
 import dagster as dg
 import pytest
 from dagster._core.definitions.data_version import CachingStaleStatusResolver, StaleStatus
 from dagster._core.loader import LoadingContextForTest
 
-from bagassets.defs import pending_work, touched
+from bagassets.build.first_pass import first_pass
+from bagassets.defs import instance_plan, pending_work, touched
 from bagassets.defs.events import MADE_ALONG, STAT
 from bagassets.defs.location import build_definitions
 from bagassets.errors import ChangedWhileReadError
+from bagassets.formats.catalogue import recording_assets
+from bagassets.recipe import load_recipe
 from bagassets.recordings import digest
+from bagassets.recordings.digest import DigestIndex
+from bagassets.recordings.discover import discover
+from bagassets.store.store import Store
 from bagassets_tests.in_process import build, make_project, states, survey
 
 pytestmark = pytest.mark.once
@@ -123,6 +131,53 @@ def test_one_that_changes_while_it_is_read_is_left_to_its_run(built, monkeypatch
     assert [key for key, _ in runs if key] == ["a.bag"]
     assert report.outcomes["a.bag"].result == "hit"
     assert report.outcomes["b.mcap"].result == "hit"
+
+
+def test_one_that_is_hashed_ahead_of_the_build_is_not_hashed_again(built, monkeypatch):
+    touch(built, "a.bag")
+    (file,) = files_of(built, "a.bag")
+    recipe = load_recipe(built)
+    recording = discover(recipe.bags).recordings["a.bag"]
+    hashed, real, begun, waits = [], digest.digest_file, threading.Event(), threading.Event()
+
+    def noted(path, between):
+        hashed.append(path)
+        begun.set()
+        waits.wait(0.5)  # as long as nobody else begins to hash it
+        return real(path, between)
+
+    def begins(path, between):
+        waits.set()
+        return noted(path, between)
+
+    def ahead():
+        stat = digest.recording_stat(recording)
+        first_pass(
+            recording_assets(recipe), Store(recipe.store_path), recording, stat, DigestIndex.of(recipe)
+        )
+
+    monkeypatch.setattr(digest, "digest_file", noted)
+    other = threading.Thread(target=ahead)
+    other.start()
+    assert begun.wait(10)
+    monkeypatch.setattr(digest, "digest_file", begins)
+    _, runs = build(built, monkeypatch)
+    other.join()
+    assert (hashed, runs) == ([file], [])
+
+
+def test_records_that_are_still_the_latest_are_not_fetched_again(built, monkeypatch):
+    touch(built, "a.bag")
+    asked, real = [], instance_plan.fetch_recorded
+
+    def noted(instance, names, ids, keys):
+        keys = list(keys)
+        asked.append({asset for asset, by_key in ids.items() for key in keys if key in by_key})
+        return real(instance, names, ids, keys)
+
+    monkeypatch.setattr(instance_plan, "fetch_recorded", noted)
+    build(built, monkeypatch)
+    assert [len(asked[0]) > 1, *asked[1:]] == [True, {"bag"}]
 
 
 def test_an_interrupt_ends_the_reading(built, monkeypatch):

@@ -4,7 +4,8 @@ Both read all of it. One after the other they would read it from the disk twice,
 on a network. The action of an inventory names the digest, so it is recorded once this is known.
 """
 
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 
 from bagassets.assets import inventory
@@ -27,7 +28,7 @@ from bagassets.store.lease import action_lock, in_use
 from bagassets.store.store import Outcome, Store
 from bagassets.trace import span
 
-__all__ = ["FirstPass", "first_pass"]
+__all__ = ["FirstPass", "first_pass", "only_reader"]
 
 
 @dataclass(frozen=True)
@@ -64,12 +65,19 @@ def first_pass(
         ChangedWhileReadError: a file changed while it was hashed.
         StoreError: the index cannot be written.
     """
-    with in_use(store.root), action_lock(store.root, digest_json([str(recording.path), stat.as_json()])):
+    with only_reader(store, recording, stat):
         if stored_digest(recording, index) is not None or _is_touched(recording, index):
             return FirstPass(recording_digest(recording, index))
         keep_freed_memory()
         with HashedAlong(recording, index) as along:
             return _with_inventory(assets, store, recording, stat, along)
+
+
+@contextmanager
+def only_reader(store: Store, recording: RecordingFiles, stat: RecordingStat) -> Iterator[None]:
+    """Wait until no other process hashes a recording, and keep others from it; afterwards its digest may be on record."""
+    with in_use(store.root), action_lock(store.root, digest_json([str(recording.path), stat.as_json()])):
+        yield
 
 
 def _is_touched(recording: RecordingFiles, index: DigestIndex) -> bool:

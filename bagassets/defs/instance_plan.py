@@ -50,9 +50,25 @@ class InstancePlan:
         """Return values that change with every new record of a recording, and when its partition comes or goes."""
         return [ids.get(key) if key in self.live else None for ids in self.storage_ids.values()]
 
+    def records_still_latest(
+        self, ids: Mapping[str, Mapping[str, int]], keys: Iterable[str]
+    ) -> dict[str, dict[str, Recorded]]:
+        """Return partition key -> asset -> record, where `ids` (see `latest_ids`) names the record that this plan has."""
+        return {
+            key: {
+                asset: record
+                for asset, record in self.recorded.get(key, {}).items()
+                if self.storage_ids[asset].get(key) == ids[asset].get(key)
+            }
+            for key in keys
+        }
+
 
 def plan_instance(
-    instance: dg.DagsterInstance, workspace: Workspace, live: frozenset[str] | None = None
+    instance: dg.DagsterInstance,
+    workspace: Workspace,
+    live: frozenset[str] | None = None,
+    before: InstancePlan | None = None,
 ) -> InstancePlan:
     """Plan everything; nothing is changed but what the next plan remembers.
 
@@ -60,12 +76,13 @@ def plan_instance(
         instance: where materializations are recorded.
         workspace: recipe, store and recordings.
         live: partition keys to take as registered; default: those that are.
+        before: an earlier plan, whose records are not fetched again where they are still the latest.
 
     Raises:
         BagAssetsError: the recipe or the bag root is not usable.
     """
     live = live_partitions(instance, workspace.names) if live is None else live
-    return _planned(instance, workspace, workspace.discover(), live)
+    return _planned(instance, workspace, workspace.discover(), live, before=before)
 
 
 def replan_instance(
@@ -113,11 +130,18 @@ def _planned(
     live: frozenset[str],
     ids: Mapping[str, Mapping[str, int]] | None = None,
     kept: Mapping[str, BagPlan] | None = None,
+    before: InstancePlan | None = None,
 ) -> InstancePlan:
     ids = latest_ids(instance, workspace.names, all_assets()) if ids is None else ids
 
     def fetch(keys: Iterable[str]) -> dict[str, dict[str, Recorded]]:
-        return fetch_recorded(instance, workspace.names, ids, keys)
+        known = {} if before is None else before.records_still_latest(ids, keys := list(keys))
+        missing = {
+            asset: {key: one for key, one in by_key.items() if asset not in known.get(key, {})}
+            for asset, by_key in ids.items()
+        }
+        fetched = fetch_recorded(instance, workspace.names, missing, keys)
+        return {key: {**known.get(key, {}), **records} for key, records in fetched.items()}
 
     with uncollected():
         plan, recorded = plan_recordings(

@@ -80,6 +80,7 @@ def find_pending_work(
     workspace: Workspace,
     options: BuildOptions | None = None,
     own: "OwnProject | None" = None,
+    before: PendingWork | None = None,
 ) -> PendingWork:
     """Plan everything and return what is to be done; nothing is changed.
 
@@ -88,12 +89,13 @@ def find_pending_work(
         workspace: recipe, store and recordings.
         options: what is asked for; default: everything.
         own: the user's assets, which may be selected.
+        before: what was to be done when this was last asked, to save questions to Dagster.
 
     Raises:
         BagAssetsError: the recipe or the bag root is not usable, or there is no such recording.
     """
     with span("plan"):
-        planned = plan_instance(instance, workspace)
+        planned = plan_instance(instance, workspace, before=None if before is None else before.planned)
     return _pending_work(instance, workspace, planned, options or BuildOptions(), own)
 
 

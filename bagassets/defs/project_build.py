@@ -70,13 +70,15 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
         repaired["changed_in_place"] = remove_changed_sources(recipe, workspace.store)
         repaired["installed_packages"] = list(problems_of(recipe))
 
-        def plan_all(asked: BuildOptions | None = None) -> tuple[Snapshot, PendingWork]:
+        def plan_all(
+            asked: BuildOptions | None = None, known: PendingWork | None = None
+        ) -> tuple[Snapshot, PendingWork]:
             snapshot = Snapshot(instance, workspace, own.files)  # of what there is before it is planned
-            return snapshot, find_pending_work(instance, workspace, asked, own)
+            return snapshot, find_pending_work(instance, workspace, asked, own, known)
 
         snapshot, before = plan_all(options)
         if touched := record_touched(instance, workspace, before, options.jobs, on_event):
-            snapshot, before = plan_all(options)
+            snapshot, before = plan_all(options, before)
         now, has_run, is_replanned = before, False, False
         report = BuildReport(before.plan, dataset_path=recipe.nuscenes.output)
         split_before = split_on_disk(recipe)

@@ -14,6 +14,7 @@ from threading import Lock
 import dagster as dg
 
 from bagassets.build.build_report import Event
+from bagassets.build.first_pass import only_reader
 from bagassets.defs.connections import kept_open
 from bagassets.defs.events import CODE_VERSION, DATA_VERSION
 from bagassets.defs.pending_work import PendingWork
@@ -29,6 +30,7 @@ from bagassets.recordings.digest import (
     recording_stat,
 )
 from bagassets.recordings.model import RecordingFiles
+from bagassets.store.store import Store
 from bagassets.trace import span
 
 __all__ = ["record_touched"]
@@ -67,7 +69,8 @@ def record_touched(
     if not touched:
         return {}
     recordings = pending.planned.discovery.recordings
-    reading = _Reading({key: recordings[key] for key in touched}, workspace.index)
+    # The last first: what is made ahead of a build (`early_inventories`) begins with the first.
+    reading = _Reading({key: recordings[key] for key in reversed(touched)}, workspace.index, workspace.store)
     with span("read touched", recordings=len(touched)):
         found = reading.read(jobs, on_event)
     same = {}
@@ -102,9 +105,10 @@ def _record(
 class _Reading:
     """Reads recordings, several at a time, and tells how far it is."""
 
-    def __init__(self, recordings: Mapping[str, RecordingFiles], index: DigestIndex) -> None:
+    def __init__(self, recordings: Mapping[str, RecordingFiles], index: DigestIndex, store: Store) -> None:
         self._recordings = recordings
         self._index = index
+        self._store = store
         self._bytes = sum(recording.size for recording in recordings.values())
         self._read = 0
         self._mutex = Lock()
@@ -133,7 +137,8 @@ class _Reading:
 
     def _digest(self, recording: RecordingFiles) -> tuple[RecordingStat, RecordingDigest, float]:
         began, stat = time.monotonic(), recording_stat(recording)
-        digest = recording_digest(recording, self._index, between=self._note)
+        with only_reader(self._store, recording, stat):
+            digest = recording_digest(recording, self._index, between=self._note)
         return stat, digest, time.monotonic() - began
 
     def _note(self, read: int) -> None:
