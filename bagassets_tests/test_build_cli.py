@@ -116,6 +116,16 @@ def test_the_table_fits_80_columns_and_shows_everything(report):
     assert "bagassets ui --recipe /p/recipe.yaml" in text
 
 
+@pytest.mark.parametrize(("recordings", "is_said"), [(0, True), (1, False)])
+def test_an_empty_dataset_is_called_so(report, recordings, is_said):
+    store, built = report
+    for share in built.splits.values():
+        share["recordings"] = recordings
+    stream = io.StringIO()
+    print_summary(built, summary_rows(built, store), Path("/p/recipe.yaml"), Console(file=stream, width=80))
+    assert ("It is empty: no recording can be part of it" in stream.getvalue()) == is_said
+
+
 @pytest.mark.parametrize(
     ("seconds", "text"),
     [(None, ""), (0.0, "0.0 s"), (59.94, "59.9 s"), (61.0, "1:01 min"), (3723.4, "1:02:03 h")],

@@ -116,7 +116,7 @@ def _dataset(pending: "PendingWork") -> str:
         return "up to date"
     if state == "unknown":
         return "may be updated, once the recordings above are done"
-    return "would be updated: its recordings, the recipe or the version changed"
+    return "would be updated: its recordings, the recipe or the version changed, or its files did"
 
 
 def _dataset_state(pending: "PendingWork") -> str:

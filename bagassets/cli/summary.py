@@ -126,7 +126,10 @@ def _print_dataset(report: BuildReport, console: "Console") -> None:
     print_lines(console, f"dataset: {report.dataset_path} ({state})")
     if report.dataset_problem:
         print_lines(console, f"         {report.dataset_problem}")
-    if any(share["recordings"] for share in report.splits.values()):
+    has_recordings = any(share["recordings"] for share in report.splits.values())
+    if report.splits and report.outcomes and not has_recordings:
+        print_lines(console, "         It is empty: no recording can be part of it, for the reasons above.")
+    if has_recordings:
         print_lines(console, f"splits:  {splits_text(report.splits)}")
 
 
