@@ -1,5 +1,6 @@
 """All checks of nuScenes tables at once, for tests of finished datasets and of parts."""
 
+from bagassets.formats.nuscenes.dataset_rows import file_sizes
 from bagassets.formats.nuscenes.schema import TABLES
 from bagassets.formats.nuscenes.table_file import read_table
 from bagassets.formats.nuscenes.table_integrity import (
@@ -17,4 +18,4 @@ def check_tables(tables):
 def check_dataset(dataroot, version):
     """Return what is wrong with the tables and files of a finished dataset."""
     tables = {name: read_table(dataroot / version, name) for name in TABLES}
-    return [*check_tables(tables), *check_dataset_files(dataroot, version, tables)]
+    return [*check_tables(tables), *check_dataset_files(dataroot, version, tables, file_sizes(dataroot))]

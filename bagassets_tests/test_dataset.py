@@ -16,6 +16,7 @@ from bagassets.formats import linking
 from bagassets.formats.assembly import assemble
 from bagassets.formats.dataset_lock import read_lock
 from bagassets.formats.format import Part
+from bagassets.formats.nuscenes.dataset_rows import file_sizes
 from bagassets.formats.nuscenes.format import NUSCENES
 from bagassets.formats.nuscenes.schema import TABLES
 from bagassets.formats.nuscenes.table_file import read_table
@@ -61,7 +62,7 @@ class TestContent:
     def test_tables_and_files_fit_together(self, store, parts, tmp_path):
         made = assemble(NUSCENES, parts, SETTINGS, store, tmp_path)
         assert check_tables(tables(tmp_path)) == []
-        assert check_files(tmp_path, tables(tmp_path)) == []
+        assert check_files(file_sizes(tmp_path), tables(tmp_path)) == []
         assert check_dataset(tmp_path, VERSION) == []
         assert made.facts["rows"] == {name: len(rows) for name, rows in tables(tmp_path).items()}
         assert made.facts["rows"]["scene"] == 4
@@ -255,7 +256,9 @@ class TestCrashes:
             assemble(NUSCENES, parts[2:], SETTINGS, store, tmp_path)
         assert calls
         assert check_tables(tables(tmp_path)) == []
-        missing = [text for text in check_files(tmp_path, tables(tmp_path)) if "not on disk" in text]
+        missing = [
+            text for text in check_files(file_sizes(tmp_path), tables(tmp_path)) if "not on disk" in text
+        ]
         assert missing == []
         assemble(NUSCENES, parts[1:2], SETTINGS, store, tmp_path)
         assert check_dataset(tmp_path, VERSION) == []
@@ -434,7 +437,7 @@ class TestChecks:
         (tmp_path / named[1]).unlink()
         (tmp_path / named[1]).write_bytes(b"")
         (tmp_path / "samples" / "stray.jpg").write_bytes(b"x")
-        problems = check_files(tmp_path, rows)
+        problems = check_files(file_sizes(tmp_path), rows)
         assert problems == [
             f"1 file of the tables is not on disk: {named[0]}.",
             "1 file on disk belongs to no table: samples/stray.jpg.",

@@ -1,6 +1,5 @@
 """The checks of a finished nuScenes dataset, over all its recordings."""
 
-import os
 from collections.abc import Callable, Mapping
 from collections.abc import Set as AbstractSet
 
@@ -46,16 +45,16 @@ def dataset_files_match(rows: DatasetRows) -> Finding:
     Others are searched for only if the rows of all recordings are read.
     """
     if rows.is_whole:
-        return Finding(check_dataset_files(rows.dataroot, rows.version, rows.tables), _facts(rows))
+        return Finding(
+            check_dataset_files(rows.dataroot, rows.version, rows.tables, rows.sizes), _facts(rows)
+        )
     missing, empty = [], []
     for row in rows.tables["sample_data"]:
         name = str(row["filename"])
-        try:
-            size = os.stat(f"{rows.dataroot}/{name}").st_size
-        except FileNotFoundError:
+        size = rows.sizes.get(name)
+        if size is None:
             missing.append(name)
-            continue
-        if size == 0 and not name.endswith(".pcd.bin"):
+        elif size == 0 and not name.endswith(".pcd.bin"):
             empty.append(name)
     problems = []
     for names, what in ((missing, "not on disk"), (empty, "empty")):

@@ -1,11 +1,15 @@
 """The rows of a finished dataset: all of them or, where they would fill the memory, those of some recordings."""
 
 import json
+import os
 from array import array
 from collections.abc import Iterator, Mapping, Sequence
 from collections.abc import Set as AbstractSet
+from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
+from stat import S_ISREG
 
 import numpy as np
 
@@ -15,7 +19,7 @@ from bagassets.formats.nuscenes.schema import RECORDING_TABLES, SHARED_TABLES, T
 from bagassets.formats.nuscenes.table_file import read_table
 from bagassets.json_types import JsonObject
 
-__all__ = ["DatasetRows", "read_dataset", "repeated_tokens"]
+__all__ = ["DatasetRows", "file_sizes", "read_dataset", "repeated_tokens"]
 
 # Rows take about eight times as much memory as disk space.
 MOST_BYTES = 128 * 1024 * 1024
@@ -55,6 +59,39 @@ class DatasetRows:
     def folder(self) -> Path:
         """The version folder."""
         return self.dataroot / self.version
+
+    @cached_property
+    def sizes(self) -> Mapping[str, int]:
+        """Path below the dataroot -> size in bytes, of all files there, or of those in `sample_data` if that is not whole."""
+        if self.is_whole:
+            return file_sizes(self.dataroot)
+        sizes = {}
+        for row in self.tables["sample_data"]:
+            name = str(row["filename"])
+            with suppress(OSError):
+                sizes[name] = os.stat(f"{self.dataroot}/{name}").st_size
+        return sizes
+
+
+def file_sizes(dataroot: Path) -> dict[str, int]:
+    """Return path below the dataroot -> size in bytes, of the files in `samples`, `sweeps` and `maps`.
+
+    A dataset may have a million files: each is looked at once, and pathlib, which takes ten times as long, is not used.
+    """
+    sizes: dict[str, int] = {}
+    folders = ["samples", "sweeps", "maps"]
+    while folders:
+        below = folders.pop()
+        with suppress(OSError), os.scandir(f"{dataroot}/{below}") as entries:
+            for entry in entries:
+                if entry.is_dir(follow_symlinks=False):
+                    folders.append(f"{below}/{entry.name}")
+                    continue
+                with suppress(OSError):  # a link to nothing
+                    status = entry.stat()
+                    if S_ISREG(status.st_mode):
+                        sizes[f"{below}/{entry.name}"] = status.st_size
+    return sizes
 
 
 def read_dataset(dataroot: Path, version: str, most_bytes: int = MOST_BYTES) -> DatasetRows:

@@ -4,11 +4,9 @@ References and files are checked by `bagassets.formats.nuscenes.table_integrity`
 """
 
 import json
-import os
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from collections.abc import Set as AbstractSet
-from contextlib import suppress
 from pathlib import Path
 
 from bagassets.formats.nuscenes.dataset_rows import DatasetRows
@@ -35,7 +33,7 @@ def devkit_ready(rows: DatasetRows) -> Finding:
     problems = [
         *_map(dataroot, tables),
         *_readings(tables),
-        *_point_files(dataroot, tables),
+        *_point_files(rows),
         *_geometry(tables),
         *_annotations(tables),
         *_splits(rows.folder / SPLITS, rows.scenes),
@@ -159,17 +157,15 @@ def _ends_well(row: Row) -> bool:
     return name.endswith(f".{row['fileformat']}")
 
 
-def _point_files(dataroot: Path, tables: Tables) -> Iterator[str]:
+def _point_files(rows: DatasetRows) -> Iterator[str]:
     """Check sizes of lidar files and the headers of one radar file per channel."""
     odd = []
     radars: dict[str, str] = {}
-    for row in tables["sample_data"]:
+    for row in rows.tables["sample_data"]:
         name = str(row["filename"])
         if name.endswith(".pcd.bin"):
-            size = 0
-            with suppress(OSError):  # one that is missing is reported elsewhere
-                size = os.stat(f"{dataroot}/{name}").st_size
-            if size % _LIDAR_POINT_BYTES:
+            # One that is missing is reported elsewhere.
+            if rows.sizes.get(name, 0) % _LIDAR_POINT_BYTES:
                 odd.append(f"{row['token']} ({name})")
         elif name.endswith(".pcd"):
             radars.setdefault(str(row["calibrated_sensor_token"]), name)
@@ -177,7 +173,7 @@ def _point_files(dataroot: Path, tables: Tables) -> Iterator[str]:
         f"sample_data: lidar file does not hold points of 5 float32 ({_LIDAR_POINT_BYTES} bytes)", odd
     )
     for name in sorted(radars.values()):
-        problem = _radar_problem(dataroot / name)
+        problem = _radar_problem(rows.dataroot / name)
         if problem is not None:
             yield f"{name}: {problem}"
 

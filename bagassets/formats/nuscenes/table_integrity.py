@@ -3,9 +3,8 @@
 A sentence counts the offending rows or files and names the first.
 """
 
-import os
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from pathlib import Path
 from typing import NamedTuple
@@ -55,17 +54,20 @@ def broken_references(tables: Tables) -> list[str]:
     ]
 
 
-def check_files(dataroot: Path, tables: Tables, elsewhere: AbstractSet[str] = frozenset()) -> list[str]:
+def check_files(
+    sizes: Mapping[str, int], tables: Tables, elsewhere: AbstractSet[str] = frozenset()
+) -> list[str]:
     """Check that the files in the tables are on disk and not empty, and that there are no others.
 
     Args:
-        dataroot: folder of samples, sweeps and maps.
+        sizes: path below the dataroot -> size in bytes, of the files on disk.
         tables: table -> rows.
         elsewhere: files in the tables of other versions in this dataroot.
     """
     named = {row["filename"] for name in ("sample_data", "map") for row in tables.get(name, ())}
-    present = set(_files_of(dataroot))
-    empty = [name for name in sorted(named & present) if (dataroot / name).stat().st_size == 0]
+    present = sizes.keys()
+    # An empty lidar file is a revolution without points.
+    empty = [name for name in named & present if sizes[name] == 0 and not name.endswith(".pcd.bin")]
     return [
         *_sentence(
             "{} files of the tables are not on disk, the first is {}",
@@ -77,28 +79,18 @@ def check_files(dataroot: Path, tables: Tables, elsewhere: AbstractSet[str] = fr
             sorted(present - named - elsewhere),
             one="{} file on disk belongs to no table: {}",
         ),
-        # An empty lidar file is a revolution without points.
-        *_sentence(
-            "{} files are empty, the first is {}",
-            [n for n in empty if not n.endswith(".pcd.bin")],
-            one="{} file is empty: {}",
-        ),
+        *_sentence("{} files are empty, the first is {}", sorted(empty), one="{} file is empty: {}"),
     ]
 
 
-def _files_of(dataroot: Path) -> Iterator[str]:
-    """Yield the paths below the dataroot of its files; pathlib takes several times as long."""
-    for top in ("samples", "sweeps", "maps"):
-        root = str(dataroot / top)
-        for folder, _, names in os.walk(root):
-            below = top + folder.removeprefix(root)
-            for name in names:
-                if os.path.isfile(f"{folder}/{name}"):  # noqa: PTH113  (see above)
-                    yield f"{below}/{name}"
-
-
-def check_dataset_files(dataroot: Path, version: str, tables: Tables) -> list[str]:
+def check_dataset_files(dataroot: Path, version: str, tables: Tables, sizes: Mapping[str, int]) -> list[str]:
     """Check the files of one version of a dataset; its dataroot may hold others.
+
+    Args:
+        dataroot: folder of samples, sweeps and maps.
+        version: name of the version folder.
+        tables: table -> rows.
+        sizes: path below the dataroot -> size in bytes, of the files on disk.
 
     Raises:
         DatasetError: a table of another version cannot be read.
@@ -112,7 +104,7 @@ def check_dataset_files(dataroot: Path, version: str, tables: Tables) -> list[st
         for name in ("sample_data", "map")
         for row in read_table(folder, name)
     }
-    return check_files(dataroot, tables, elsewhere)
+    return check_files(sizes, tables, elsewhere)
 
 
 def _sentence(text: str, offenders: Sequence[str], *, one: str | None = None) -> list[str]:
