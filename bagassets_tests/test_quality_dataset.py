@@ -5,6 +5,7 @@ import shutil
 import pytest
 from handmade import Drive, make_tables
 
+from bagassets.errors import DatasetError
 from bagassets.formats.assembly import assemble
 from bagassets.formats.checking import check_dataset, dataset_checks
 from bagassets.formats.dataset_build import datasets_of
@@ -119,6 +120,19 @@ def test_a_broken_link_in_a_recording_that_is_read_is_named(dataset):
     rows = read_dataset(dataset, VERSION, size_of(dataset) // 4)
     (problem,) = dataset_references_intact(rows).problems
     assert token in problem
+
+
+@pytest.mark.parametrize(
+    ("table", "damaged"),
+    [("sample_data", "sample_toke"), ("ego_pose", "toke")],
+)
+def test_a_row_without_its_token_is_reported_where_not_all_rows_are_read(dataset, table, damaged):
+    path = dataset / VERSION / f"{table}.json"
+    lines = path.read_text().splitlines()
+    lines[1] = lines[1].replace(f'"{damaged}n":"', f'"{damaged}":"')
+    path.write_text("\n".join(lines) + "\n")
+    with pytest.raises(DatasetError, match=f"{table}.json: this nuScenes table cannot be read .a row has no"):
+        read_dataset(dataset, VERSION, size_of(dataset) // 4)
 
 
 def make_recipe(output, **fields):

@@ -2,12 +2,23 @@
 
 import json
 from collections.abc import Iterable, Iterator
+from itertools import chain
 from pathlib import Path
 from typing import Protocol, Self
 
 from blake3 import blake3
 
-__all__ = ["HashedFile", "copy_rows", "json_bytes", "rows_text", "write_hashed", "write_joined"]
+__all__ = [
+    "HashedFile",
+    "copy_rows",
+    "json_bytes",
+    "row_blocks",
+    "rows_text",
+    "write_hashed",
+    "write_joined",
+]
+
+_BLOCK_BYTES = 1 << 20
 
 
 class _Writable(Protocol):
@@ -56,13 +67,17 @@ def rows_text(path: Path | str) -> bytes:
         return file.read().removeprefix(b"[").removesuffix(b"]\n").strip(b"\n")
 
 
+def row_blocks(path: Path) -> Iterator[list[bytes]]:
+    """Yield the rows of a JSON list with one row per line, each as its JSON text, a megabyte of them at a time."""
+    with path.open("rb") as file:
+        while lines := file.readlines(_BLOCK_BYTES):
+            # The brackets are at most two bytes, on lines of their own.
+            yield [row for line in lines if len(row := line.strip(b" \t\r\n,")) > len(b"[]")]
+
+
 def copy_rows(path: Path) -> Iterator[bytes]:
     """Yield the rows of a JSON list with one row per line, each as its JSON text."""
-    with path.open("rb") as file:
-        for line in file:
-            text = line.strip().rstrip(b",")
-            if text not in (b"[", b"]", b"[]"):
-                yield text
+    return chain.from_iterable(row_blocks(path))
 
 
 def write_joined(file: _Writable, lists: Iterable[bytes]) -> int:

@@ -2,7 +2,8 @@
 
 import json
 import os
-from array import array
+import re
+from binascii import unhexlify
 from collections.abc import Iterator, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from contextlib import suppress
@@ -14,9 +15,9 @@ from stat import S_ISREG
 import numpy as np
 
 from bagassets.formats.dataset_lock import read_lock
-from bagassets.formats.json_files import copy_rows
+from bagassets.formats.json_files import copy_rows, row_blocks
 from bagassets.formats.nuscenes.schema import RECORDING_TABLES, SHARED_TABLES, TABLES, Row
-from bagassets.formats.nuscenes.table_file import read_table
+from bagassets.formats.nuscenes.table_file import errors_explained, read_table
 from bagassets.json_types import JsonObject
 
 __all__ = ["DatasetRows", "file_sizes", "read_dataset", "repeated_tokens"]
@@ -138,17 +139,23 @@ def repeated_tokens(folder: Path) -> Iterator[tuple[str, list[str]]]:
     """Yield each table of recordings with repeated tokens, and these in order of appearance.
 
     Only eight bytes per row are kept in memory.
+
+    Raises:
+        DatasetError: a table cannot be read.
     """
     for table in RECORDING_TABLES:
         path = folder / f"{table}.json"
-        starts = array("Q", (int(text[_START : _START + _DIGITS], 16) for text in copy_rows(path)))
-        ordered = np.sort(np.frombuffer(starts, dtype=np.uint64)) if starts else np.zeros(0, np.uint64)
+        starts = bytearray()
+        with errors_explained(path):
+            for rows in row_blocks(path):
+                starts += unhexlify(b"".join([row[_START : _START + _DIGITS] for row in rows]))
+        ordered = np.sort(np.frombuffer(starts, dtype=">u8").astype(np.uint64))
         suspects = set(ordered[1:][ordered[1:] == ordered[:-1]].tolist())
         seen: set[str] = set()
         repeated: dict[str, None] = {}
         for text in copy_rows(path) if suspects else ():
             if int(text[_START : _START + _DIGITS], 16) in suspects:
-                token = _value(text, "token")
+                (token,) = _values([text], "token")
                 if token in seen:
                     repeated[token] = None
                 seen.add(token)
@@ -161,17 +168,29 @@ def _tokens(rows: Sequence[Row], column: str) -> set[str]:
 
 
 def _chosen(folder: Path, table: str, column: str, wanted: AbstractSet[str]) -> list[JsonObject]:
-    texts = [text for text in copy_rows(folder / f"{table}.json") if _value(text, column) in wanted]
-    # Rows that are parsed together share the names of their columns, and take a third of the time.
-    return [
-        row
-        for start in range(0, len(texts), _PARSED_ROWS)
-        for row in json.loads(b"[%b]" % b",".join(texts[start : start + _PARSED_ROWS]))
-    ]
+    path = folder / f"{table}.json"
+    with errors_explained(path):
+        texts = [
+            text
+            for rows in row_blocks(path)
+            for text, value in zip(rows, _values(rows, column), strict=True)
+            if value in wanted
+        ]
+        # Rows that are parsed together share the names of their columns, and take a third of the time.
+        return [
+            row
+            for start in range(0, len(texts), _PARSED_ROWS)
+            for row in json.loads(b"[%b]" % b",".join(texts[start : start + _PARSED_ROWS]))
+        ]
 
 
-def _value(text: bytes, column: str) -> str:
-    """Return the text of a column without parsing the row."""
-    key = f'"{column}":"'.encode()
-    start = text.find(key) + len(key)
-    return text[start : text.find(b'"', start)].decode()
+def _values(rows: Sequence[bytes], column: str) -> list[str]:
+    """Return the text of a column in each row, without parsing the rows.
+
+    Raises:
+        ValueError: a row has no such column, or more than one.
+    """
+    values = re.findall(f'"{column}":"([^"]*)"', b"\n".join(rows).decode())
+    if len(values) != len(rows):
+        raise ValueError(f"a row has no {column}, or more than one")
+    return values

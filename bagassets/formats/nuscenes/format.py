@@ -4,12 +4,13 @@ Tables are in the version folder, which is swapped as a whole; files of recordin
 versions in the dataroot share.
 """
 
+import re
 from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
 
 from bagassets.formats.format import Entry, Format, Link, LooseFiles, Samples
-from bagassets.formats.json_files import copy_rows
+from bagassets.formats.json_files import row_blocks
 from bagassets.formats.nuscenes.dataset_checks import CHECKS, check
 from bagassets.formats.nuscenes.filenames import recording_of
 from bagassets.formats.nuscenes.join import join
@@ -22,7 +23,7 @@ from bagassets.store.canonical import digest_json
 
 __all__ = ["NUSCENES"]
 
-_FIELD = b'"filename":"'
+_FILENAME = re.compile(r'"filename":"([^"]*)"')
 
 
 def _links(entry: Entry) -> Iterator[Link]:
@@ -40,10 +41,8 @@ def _named_in(folder: Path) -> Iterator[str]:
     Each row is a line and file names need no escapes, so nothing is parsed: a dataset may have millions of rows.
     """
     path = folder / "sample_data.json"
-    for row in copy_rows(path) if path.is_file() else ():
-        _, field, rest = row.partition(_FIELD)
-        if field:
-            yield rest.partition(b'"')[0].decode()
+    for rows in row_blocks(path) if path.is_file() else ():
+        yield from _FILENAME.findall(b"\n".join(rows).decode())
 
 
 def _samples(tables: Artifact) -> Samples:

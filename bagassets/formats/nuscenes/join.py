@@ -1,5 +1,6 @@
 """The version folder of a dataset: tables joined from recordings, shared tables, splits."""
 
+import json
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
@@ -32,17 +33,21 @@ def join(members: Sequence[Member], settings: NuScenes, shares: Sequence[SplitSh
     rows: dict[str, int] = {}
     folders = [str(member.artifact.files) for member in members]
     digests: dict[str, str] = {}
+    kept: dict[str, list[bytes]] = {"scene": [], "log": []}
     for table in RECORDING_TABLES:
+        texts: Iterable[bytes] = (rows_text(f"{folder}/{table}.json") for folder in folders)
+        if table in kept:
+            texts = kept[table] = list(texts)
         with HashedFile(out / f"{table}.json") as file:
-            rows[table] = write_joined(file, (rows_text(f"{folder}/{table}.json") for folder in folders))
+            rows[table] = write_joined(file, texts)
         digests[f"{table}.json"] = file.digest
-    for table, shared in _shared(members, settings).items():
+    logs = [row["token"] for text in kept["log"] for row in _parsed(text)]
+    for table, shared in _shared(members, logs, settings).items():
         rows[table] = len(shared)
         digests[f"{table}.json"] = write_hashed(out / f"{table}.json", table_bytes(table, shared))
     splits: dict[str, list[str]] = {devkit_split_name(share.name): [] for share in shares}
-    for member in members:
-        names = [row["name"] for row in member.artifact.read_json("scene.json")]
-        splits[devkit_split_name(member.split)] += names
+    for member, text in zip(members, kept["scene"], strict=True):
+        splits[devkit_split_name(member.split)] += [row["name"] for row in _parsed(text)]
     digests[SPLITS] = write_hashed(out / SPLITS, json_bytes(splits))
     facts = {
         "version": settings.version,
@@ -55,10 +60,17 @@ def join(members: Sequence[Member], settings: NuScenes, shares: Sequence[SplitSh
     return Joined(dict(sorted(digests.items())), facts, picture)
 
 
-def _shared(members: Sequence[Member], settings: NuScenes) -> Mapping[str, list[JsonObject]]:
+def _parsed(text: bytes) -> list[JsonObject]:
+    """Return the rows in a `rows_text`."""
+    rows: list[JsonObject] = json.loads(b"[%b]" % text)
+    return rows
+
+
+def _shared(
+    members: Sequence[Member], logs: Sequence[str], settings: NuScenes
+) -> Mapping[str, list[JsonObject]]:
     facts = [member.facts for member in members]
     sensors = {pair for fact in facts for pair in fact["channels"].items()}
-    logs = [row["token"] for member in members for row in member.artifact.read_json("log.json")]
     return {
         "category": shared_rows.category_rows(settings.categories, _recorded(facts, "categories")),
         "attribute": shared_rows.attribute_rows(settings.attributes, _recorded(facts, "attributes")),

@@ -8,7 +8,8 @@ sensor, keeps files small, and hides differences in the last bit between process
 """
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 from bagassets.errors import DatasetError
@@ -16,6 +17,7 @@ from bagassets.formats.nuscenes.schema import TABLES, Row
 from bagassets.json_types import JsonObject
 
 __all__ = [
+    "errors_explained",
     "quaternion",
     "read_table",
     "rounded",
@@ -55,15 +57,26 @@ def read_table(folder: Path, name: str) -> list[JsonObject]:
         DatasetError: the file is missing or not a table.
     """
     path = folder / f"{name}.json"
-    try:
+    with errors_explained(path):
         rows = json.loads(path.read_bytes())
+    if not isinstance(rows, list):
+        raise DatasetError(f"{path}: a nuScenes table must be a list of rows; build the dataset again.")
+    return rows
+
+
+@contextmanager
+def errors_explained(path: Path) -> Iterator[None]:
+    """Turn errors of a file or its content into ours.
+
+    Raises:
+        DatasetError: the block raised OSError or ValueError.
+    """
+    try:
+        yield
     except (OSError, ValueError) as err:
         raise DatasetError(
             f"{path}: this nuScenes table cannot be read ({err}); build the dataset again."
         ) from err
-    if not isinstance(rows, list):
-        raise DatasetError(f"{path}: a nuScenes table must be a list of rows; build the dataset again.")
-    return rows
 
 
 def _line(row: Row) -> bytes:
