@@ -22,6 +22,7 @@ from bagassets.forkserver.process import ProcessId
 from bagassets.forkserver.server_files import ServerFiles
 from bagassets.forkserver.spec import ServerSpec
 from bagassets.forkserver.tasks import server_spec
+from bagassets.lock_files import is_locked
 
 pytestmark = pytest.mark.once
 
@@ -329,6 +330,20 @@ def test_a_server_serves_though_its_first_job_failed(tmp_path):
     with Client.ensure(spec_in(tmp_path / "state"), first_job=(f"{JOBS}:fail", {})) as client:
         assert end_of(client, client.submit(f"{JOBS}:add", {"x": 1, "y": 2}, label="sum"))["result"] == 3
         client.shutdown(grace_s=0.0)
+
+
+def test_a_server_that_nobody_wants_any_more_ends_while_it_starts(tmp_path):
+    slow = write_module(tmp_path / "code", "slow_module", "import time\ntime.sleep(60)\n")
+    spec = spec_in(tmp_path / "state", **slow)
+    files = ServerFiles(spec.state_folder, spec.stamp())
+
+    def refuse():
+        eventually(lambda: files.lock.exists() and is_locked(files.lock))
+        raise BagAssetsError("not this recipe")
+
+    with pytest.raises(BagAssetsError, match="not this recipe"):
+        Client.ensure(spec, meanwhile=refuse)
+    eventually(lambda: not is_locked(files.lock))
 
 
 def test_a_server_that_cannot_start_shows_the_end_of_its_log(tmp_path):

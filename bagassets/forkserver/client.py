@@ -3,12 +3,13 @@
 import json
 import os
 import select
+import signal
 import socket
 import subprocess
 import sys
 import time
 from collections import deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Self
@@ -55,7 +56,14 @@ class Client:
     # --- finding a server ------------------------------------------------------------
 
     @classmethod
-    def ensure(cls, spec: ServerSpec, *, timeout_s: float = 60.0, first_job: FirstJob | None = None) -> Self:
+    def ensure(
+        cls,
+        spec: ServerSpec,
+        *,
+        timeout_s: float = 60.0,
+        first_job: FirstJob | None = None,
+        meanwhile: Callable[[], object] | None = None,
+    ) -> Self:
         """Return a client of a server for `spec`, which is started if there is none.
 
         Args:
@@ -63,6 +71,7 @@ class Client:
             timeout_s: how long it may take to start.
             first_job: `module:function` and its arguments; a server that is started here runs it while it imports
                 what other jobs need. Its result is not reported.
+            meanwhile: called while a server starts here; if it raises, the server is ended.
 
         Raises:
             BagAssetsError: the server cannot start; the message ends with the last lines of its log.
@@ -75,7 +84,7 @@ class Client:
                 return client
             if time.monotonic() > deadline:
                 raise BagAssetsError(*_cannot_start(files, f"it did not answer within {timeout_s:.0f} s"))
-            _start(spec, files, max(1.0, deadline - time.monotonic()), first_job)
+            _start(spec, files, max(1.0, deadline - time.monotonic()), first_job, meanwhile)
             time.sleep(_RETRY_S)
 
     @classmethod
@@ -227,9 +236,21 @@ def _recipe_variable(spec: ServerSpec) -> dict[str, str]:
     return {} if spec.recipe is None else {"BAGASSETS_RECIPE": str(spec.recipe)}
 
 
-def _start(spec: ServerSpec, files: ServerFiles, timeout_s: float, first_job: FirstJob | None) -> None:
+def _start(
+    spec: ServerSpec,
+    files: ServerFiles,
+    timeout_s: float,
+    first_job: FirstJob | None,
+    meanwhile: Callable[[], object] | None,
+) -> None:
     """Start a server; return when it, or another one with its stamp, answers."""
     with _starter(spec, files, timeout_s, first_job) as starter:
+        try:
+            if meanwhile is not None:
+                meanwhile()
+        except BaseException:
+            os.killpg(starter.pid, signal.SIGKILL)  # its server, too
+            raise
         try:
             code = starter.wait(timeout_s)
         except subprocess.TimeoutExpired as err:
