@@ -135,13 +135,15 @@ def _planned(
     ids = latest_ids(instance, workspace.names, all_assets()) if ids is None else ids
 
     def fetch(keys: Iterable[str]) -> dict[str, dict[str, Recorded]]:
-        known = {} if before is None else before.records_still_latest(ids, keys := list(keys))
+        if before is None:
+            return fetch_recorded(instance, workspace.names, ids, keys)
+        known = before.records_still_latest(ids, keys)
         missing = {
-            asset: {key: one for key, one in by_key.items() if asset not in known.get(key, {})}
+            asset: {key: by_key[key] for key in known if key in by_key and asset not in known[key]}
             for asset, by_key in ids.items()
         }
-        fetched = fetch_recorded(instance, workspace.names, missing, keys)
-        return {key: {**known.get(key, {}), **records} for key, records in fetched.items()}
+        fetched = fetch_recorded(instance, workspace.names, missing, known)
+        return {key: {**known[key], **records} for key, records in fetched.items()}
 
     with uncollected():
         plan, recorded = plan_recordings(

@@ -2,7 +2,6 @@
 
 import json
 import os
-import re
 from binascii import unhexlify
 from collections.abc import Iterator, Mapping, Sequence
 from collections.abc import Set as AbstractSet
@@ -15,7 +14,7 @@ from stat import S_ISREG
 import numpy as np
 
 from bagassets.formats.dataset_lock import read_lock
-from bagassets.formats.json_files import copy_rows, row_blocks
+from bagassets.formats.json_files import column_texts, copy_rows, row_blocks
 from bagassets.formats.nuscenes.schema import RECORDING_TABLES, SHARED_TABLES, TABLES, Row
 from bagassets.formats.nuscenes.table_file import errors_explained, read_table
 from bagassets.json_types import JsonObject
@@ -190,7 +189,7 @@ def _values(rows: Sequence[bytes], column: str) -> list[str]:
     Raises:
         ValueError: a row has no such column, or more than one.
     """
-    values = re.findall(f'"{column}":"([^"]*)"', b"\n".join(rows).decode())
+    values = column_texts(rows, column)
     if len(values) != len(rows):
         raise ValueError(f"a row has no {column}, or more than one")
     return values

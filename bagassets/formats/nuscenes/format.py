@@ -4,13 +4,12 @@ Tables are in the version folder, which is swapped as a whole; files of recordin
 versions in the dataroot share.
 """
 
-import re
 from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
 
 from bagassets.formats.format import Entry, Format, Link, LooseFiles, Samples
-from bagassets.formats.json_files import row_blocks
+from bagassets.formats.json_files import column_texts, row_blocks
 from bagassets.formats.nuscenes.dataset_checks import CHECKS, check
 from bagassets.formats.nuscenes.filenames import recording_of
 from bagassets.formats.nuscenes.join import join
@@ -22,8 +21,6 @@ from bagassets.store.artifact import Artifact
 from bagassets.store.canonical import digest_json
 
 __all__ = ["NUSCENES"]
-
-_FILENAME = re.compile(r'"filename":"([^"]*)"')
 
 
 def _links(entry: Entry) -> Iterator[Link]:
@@ -42,7 +39,7 @@ def _named_in(folder: Path) -> Iterator[str]:
     """
     path = folder / "sample_data.json"
     for rows in row_blocks(path) if path.is_file() else ():
-        yield from _FILENAME.findall(b"\n".join(rows).decode())
+        yield from column_texts(rows, "filename")
 
 
 def _samples(tables: Artifact) -> Samples:
