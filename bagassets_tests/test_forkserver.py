@@ -53,7 +53,7 @@ def client(tmp_path):
 
 
 def end_of(client, job):
-    """The event that tells of a job's end."""
+    """The event that reports the end of a job."""
     while True:
         event = client.wait(WAIT_S)
         assert event is not None, "the job ends"

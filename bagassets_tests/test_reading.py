@@ -31,7 +31,7 @@ def project(tmp_path):
 
 @pytest.fixture
 def at_once(monkeypatch):
-    """Each read is told of, however fast."""
+    """Each read is reported, however fast."""
     monkeypatch.setattr(reading, "EVERY_S", 0.0)
     monkeypatch.setattr(run_pool, "_LOG_S", -1.0)
 

@@ -143,7 +143,7 @@ class Project(Bench):
     def convert_with(self, converter: str) -> Converted:
         """Run another converter on one recording after the other, and count what it leaves.
 
-        Many converters tell of errors and end with 0 all the same: one that leaves no file has failed.
+        Many converters report errors and end with 0 all the same: one that leaves no file has failed.
         """
         out = self._empty_output()
         self.settle()

@@ -13,7 +13,7 @@ from bagassets.recordings.model import OnRead, RecordingFiles
 __all__ = ["Reading", "Tell", "followed", "readings_told"]
 
 EVERY_S = 10.0
-"""Time before the first telling and between two; what takes less is not told of at all."""
+"""Time before the first report and between two; a read that takes less is not reported."""
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ __all__ = ["WHERE_TAG", "WORKER_TAG", "RunWorker"]
 # Dagster hides tags with this prefix in its list of runs, where nobody wants to read JSON.
 WORKER_TAG = ".dagster/bagassets_worker"
 WHERE_TAG = "bagassets/where"
-"""Where a run waits or is executed, in words for people; only some launchers say so."""
+"""Where a run waits or is executed, as text to show; only some launchers set it."""
 
 
 @dataclass(frozen=True)

@@ -146,7 +146,7 @@ class Keeper:
         return self._pace[1]
 
     def health(self, job: JobFolder, submitted: JsonObject) -> tuple[WorkerStatus, str]:
-        """Return whether a job is alive, in words for people as well.
+        """Return whether a job is alive, and a description of its state.
 
         Raises:
             SlurmError: Slurm does not answer.
