@@ -4,7 +4,6 @@ import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
-from uuid import uuid4
 
 from bagassets.errors import BagAssetsError
 from bagassets.forkserver.client import Client
@@ -65,4 +64,4 @@ def submit_build(client: Client, recipe: Path, options: Mapping[str, Json], most
         ServerRefusedError: it is shutting down.
     """
     args = {"recipe": str(recipe), "options": options, "most": most}
-    return client.submit(_JOB, args, label=f"build-{uuid4()}", grace_s=GRACE_S)
+    return client.submit(_JOB, args, label=f"build-{os.urandom(16).hex()}", grace_s=GRACE_S)

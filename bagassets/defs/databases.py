@@ -41,6 +41,7 @@ _DATABASES: dict[str, MetaData] = {
 _VERSION, _INDEXES = "alembic_version", "secondary_indexes"
 _REPLACEABLE = frozenset({_VERSION, _INDEXES, "instance_info", "daemon_heartbeats"})
 _BUSY_S = 5.0
+_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _OUR_STORAGE = "bagassets.defs.sqlite_storage"
 # Events are of one to three kB each: with pages of 4 kB, a quarter of the file stays empty.
 _PAGE_BYTES = 8192
@@ -204,7 +205,7 @@ def _damaged(path: Path, reason: str) -> StoreError:
 
 def _storage(home: Path) -> Path | None:
     try:
-        storage = yaml.safe_load((home / "dagster.yaml").read_text("utf-8"))["storage"]
+        storage = yaml.load((home / "dagster.yaml").read_text("utf-8"), Loader=_LOADER)["storage"]
         if "sqlite" in storage:
             return Path(storage["sqlite"]["base_dir"])
         is_ours = storage["custom"]["module"] == _OUR_STORAGE

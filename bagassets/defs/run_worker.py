@@ -9,7 +9,7 @@ import signal
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from functools import partial
 from importlib import import_module
 from itertools import chain
@@ -32,6 +32,7 @@ from bagassets.defs.runs import (
     is_interrupted,
     open_instance,
     preload_definitions,
+    read_settings,
 )
 from bagassets.defs.worker_tag import RunWorker
 from bagassets.errors import BagAssetsError
@@ -52,7 +53,9 @@ _POLL_S = 0.5
 _AHEAD = (
     "alembic.command",
     "alembic.runtime.migration",
+    "bagassets.defs.launcher",
     "bagassets.defs.project_build",
+    "bagassets.defs.sqlite_storage",
     *RUN_MODULES,
     "dateutil.relativedelta",
     "numpy.ma",
@@ -80,7 +83,15 @@ def preload(modules: list[str]) -> Iterator[None]:
         preload_definitions(module)
     load_built_in()
     load_standard_types()
-    return chain(compile_all(), compile_common_types())
+    return chain(_read_settings(), compile_all(), compile_common_types())
+
+
+def _read_settings() -> Iterator[None]:
+    recipe = os.environ.get("BAGASSETS_RECIPE")
+    if recipe is not None:
+        with suppress(Exception):  # whoever opens the instance meets it again, and reports it
+            read_settings(Path(recipe).parent)
+    yield
 
 
 def execute(args: JsonObject) -> JsonObject:

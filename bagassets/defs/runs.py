@@ -11,6 +11,7 @@ import sys
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
+from functools import lru_cache
 from importlib import import_module
 from pathlib import Path
 
@@ -59,6 +60,7 @@ __all__ = [
     "open_instance",
     "pack_instance",
     "preload_definitions",
+    "read_settings",
 ]
 
 _TAIL = "tail_to_stream"  # what `compute_logs` starts the processes with
@@ -149,9 +151,20 @@ def open_instance(place: str) -> dg.DagsterInstance:
         instance = dg.DagsterInstance.from_ref(dg.deserialize_value(place, InstanceRef))
     else:
         with ready_to_open(Path(place)):
-            instance = dg.DagsterInstance.from_config(place)
+            instance = dg.DagsterInstance.from_ref(read_settings(Path(place)))
     pool_connections(instance)
     return instance
+
+
+def read_settings(home: Path) -> InstanceRef:
+    """Return the settings in a Dagster home folder; once read, only their text is read again, here and in forked processes."""
+    config = home / "dagster.yaml"
+    return _settings(str(home), config.read_bytes() if config.is_file() else b"")
+
+
+@lru_cache(maxsize=8)
+def _settings(home: str, _text: bytes) -> InstanceRef:
+    return InstanceRef.from_dir(home)
 
 
 def failure_of(instance: dg.DagsterInstance, run: dg.DagsterRun) -> str | None:

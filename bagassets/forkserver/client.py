@@ -5,14 +5,13 @@ import os
 import select
 import signal
 import socket
-import subprocess
 import sys
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 from bagassets.errors import BagAssetsError
 from bagassets.forkserver.process import ProcessId
@@ -20,6 +19,9 @@ from bagassets.forkserver.protocol import FirstJob, Lines, Message, encode
 from bagassets.forkserver.server_files import ServerFiles, last_lines
 from bagassets.forkserver.spec import SOURCE_CHANGED, ServerSpec
 from bagassets.json_types import JsonMapping
+
+if TYPE_CHECKING:
+    import subprocess
 
 __all__ = ["Client", "ServerRefusedError"]
 
@@ -244,6 +246,8 @@ def _start(
     meanwhile: Callable[[], object] | None,
 ) -> None:
     """Start a server; return when it, or another one with its stamp, answers."""
+    import subprocess
+
     with _starter(spec, files, timeout_s, first_job) as starter:
         try:
             if meanwhile is not None:
@@ -267,6 +271,8 @@ def _starter(
     spec: ServerSpec, files: ServerFiles, timeout_s: float, first_job: FirstJob | None
 ) -> "subprocess.Popen[bytes]":
     """Return a process that starts a server and ends when one with its stamp answers."""
+    import subprocess
+
     files.make()
     search = [*spec.paths, *filter(None, [os.environ.get("PYTHONPATH")])]
     environment = dict(os.environ) | _recipe_variable(spec) | {"PYTHONPATH": os.pathsep.join(search)}

@@ -4,10 +4,9 @@ import hashlib
 import os
 import re
 import stat
-import tempfile
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from bagassets.errors import BagAssetsError
 
@@ -17,8 +16,7 @@ _SHORT_FOLDER = Path("/tmp")  # noqa: S108  (the folder below it is checked to b
 _SOCKET_PATH_LIMIT = 100  # bytes; the system's limit is 108 on Linux and 104 elsewhere, with the final zero
 
 
-@dataclass(frozen=True)
-class ServerFiles:
+class ServerFiles(NamedTuple):
     """Files of one server.
 
     Attributes:
@@ -126,6 +124,8 @@ def last_lines(log: Path, most: int = 15) -> list[str]:
 
 def _runtime_folder() -> Path:
     """Return a short folder that only this user may enter."""
+    import tempfile
+
     try:
         base = Path(os.environ.get("XDG_RUNTIME_DIR") or tempfile.gettempdir())
     except OSError:  # it tests whether files can be written; even a full disk has room for a socket

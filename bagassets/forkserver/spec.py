@@ -9,11 +9,11 @@ anything heavy, and the server computes it again to notice that it is outdated.
 import os
 import sys
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
 from functools import cache
 from importlib.machinery import PathFinder
 from pathlib import Path
-from typing import Self
+from types import MappingProxyType
+from typing import NamedTuple, Self
 
 import bagassets
 from bagassets.errors import BagAssetsError
@@ -31,8 +31,7 @@ _STARTUP_VARIABLES = ("PYTHONHASHSEED", "PYTHONHOME", "PYTHONOPTIMIZE", "PYTHONP
 _STARTUP_PREFIXES = ("BLIS_", "MALLOC_", "MKL_", "OMP_", "OPENBLAS_", "OPENCV_")
 
 
-@dataclass(frozen=True)
-class ServerSpec:
+class ServerSpec(NamedTuple):
     """The spec of a server.
 
     Attributes:
@@ -53,7 +52,7 @@ class ServerSpec:
     modules: tuple[str, ...] = ()
     paths: tuple[str, ...] = ()
     preload: str = ""
-    environment: Mapping[str, str] = field(default_factory=dict)
+    environment: Mapping[str, str] = MappingProxyType({})
     sources: tuple[str, ...] = ()
     idle_timeout_s: float = IDLE_TIMEOUT_S
     recipes: tuple[Path, ...] = ()
@@ -107,12 +106,12 @@ class ServerSpec:
 
     def as_json(self) -> JsonObject:
         """Return the spec as JSON."""
-        paths = {
+        return self._asdict() | {
             "state_folder": str(self.state_folder),
             "recipe": self.recipe and str(self.recipe),
+            "environment": dict(self.environment),
             "recipes": [str(path) for path in self.recipes],
         }
-        return asdict(self) | paths
 
     def stamp(self) -> str:
         """Return the digest of everything that determines what a worker of this server does."""
