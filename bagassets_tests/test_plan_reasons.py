@@ -111,6 +111,28 @@ def test_a_record_that_is_gone_from_the_store(recipe):
     assert states["calibration"] == ("stale", "the record of the action that made it is gone")
 
 
+def test_what_can_be_told_without_a_run_did_not_fail_before(recipe, monkeypatch):
+    edit(recipe, "topic: /odom}", "topic: /nowhere}")
+    state, reason = output(recipe)["ego_poses"]
+    report, _ = build(recipe, monkeypatch)
+    assert state == report.outcomes[KEY].result == "failed"
+    assert report.outcomes[KEY].reason == reason
+    assert "/nowhere" in reason
+
+
+def test_another_input_and_the_same_result(recipe, monkeypatch):
+    """Where annotations have no boxes, they are the same whatever the calibration."""
+    before = recipe.read_text()
+    edit(recipe, "translation: [0, 0, 1]", "translation: [0, 0, 2]")
+    assert build(recipe, monkeypatch)[0].succeeded
+    recipe.write_text(before)
+    states = output(recipe)
+    assert build(recipe, monkeypatch)[0].succeeded
+    why = "the store has the result for the new inputs"
+    assert states["calibration"] == ("record-only", why)
+    assert states["annotations"] == ("record-only", f"calibration changed ({why}), the result did not")
+
+
 def test_a_new_recording_was_never_made(recipe):
     other = recipe.parent / "bags" / "b.bag"
     shutil.copy(recipe.parent / "bags" / KEY, other)

@@ -286,6 +286,10 @@ class Graph:
             return None
         return self.store.failure(node.action.digest, self.recording.path)
 
+    def _is_wrong(self, node: Node) -> bool:
+        """Return whether a node cannot be made, which can be told without running its action."""
+        return node.error is not None or any(self._is_wrong(part) for part in node.parts)
+
     def _state(self, node: Node, current: Mapping[str, str], states: Mapping[str, AssetState]) -> AssetState:
         recorded = self.recorded.get(node.name)
         if node.artifact is not None:
@@ -301,7 +305,7 @@ class Graph:
             return AssetState("missing" if is_new else "unknown", reason)
         failure = self.failure(node)
         if failure is not None:
-            return AssetState("failed", failure)
+            return AssetState("failed", failure, is_final=self._is_wrong(node))
         if recorded is None:
             return AssetState("missing", "never made")
         return AssetState("stale", self._what_changed(node, recorded))
@@ -320,7 +324,7 @@ class Graph:
             if above in current and version_as_input(current[above]) != data_version:
                 state = states.get(above)
                 why = "made again" if state is None or state.state == "fresh" else state.reason
-                return AssetState("record-only", f"the result did not change, but {above} did: {why}", digest)
+                return AssetState("record-only", f"{above} changed ({why}), the result did not", digest)
         return AssetState("fresh", "up to date", digest)
 
     def _what_changed(self, node: Node, recorded: Recorded) -> str:

@@ -53,11 +53,13 @@ class AssetState(NamedTuple):
         state: see `docs/how-it-decides.md`.
         reason: a text that says why, back to the first cause.
         data_version: digest of the artifact that is or would be current, if known.
+        is_final: it failed, and to try again would not help: what is wrong can be told without running anything.
     """
 
     state: State
     reason: str
     data_version: str | None = None
+    is_final: bool = False
 
     def as_json(self) -> JsonObject:
         """Return the state as JSON."""
@@ -100,6 +102,11 @@ class BagPlan:
     def failed(self) -> str | None:
         """Why the first failed asset failed, or None."""
         return next((state.reason for state in self.assets.values() if state.state == "failed"), None)
+
+    @property
+    def can_be_retried(self) -> bool:
+        """True if what failed may succeed when it is tried again, as it failed when it ran."""
+        return any(state.state == "failed" and not state.is_final for state in self.assets.values())
 
     @property
     def unusable(self) -> str | None:

@@ -42,7 +42,9 @@ def dry_run_lines(pending: "PendingWork", own: "OwnWork") -> Iterator[str]:
                 yield f"  {_VERBS[state.state]:<8} {name:<17} {visible(state.reason)}"
     for key, reason in pending.failed.items():
         if key not in pending.todo:
-            yield f"{key}\n  failed before and is not retried without --retry-failed: {reason}"
+            can_be_retried = pending.plan.bags[key].can_be_retried
+            said = "failed before and is not retried without --retry-failed" if can_be_retried else "fails"
+            yield f"{key}\n  {said}: {reason}"
     for key in pending.plan.removed:
         yield f"{key}\n  is gone: its partition and scenes would be removed"
     if pending.datasets:
@@ -68,7 +70,7 @@ def verdict(pending: "PendingWork", own: "OwnWork") -> str:
     to_make = [name for name in own.project.wanted if any(name == one[0] for one in own.having(*_OWN_TO_DO))]
     if pending.is_settled and not to_make:
         fresh = len(pending.chosen) - len(pending.failed)
-        failed = f", {len(pending.failed)} failed before" if pending.failed else ""
+        failed = f", {len(pending.failed)} failed" if pending.failed else ""
         return f"nothing to do: {count_text(fresh, 'recording')} up to date{failed}."
     parts = [f"build {count_text(len(pending.todo), 'recording')}"] if pending.todo else []
     parts += [f"remove {count_text(len(pending.plan.removed), 'recording')}"] if pending.plan.removed else []

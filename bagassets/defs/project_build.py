@@ -345,9 +345,8 @@ def _add_idle(report: BuildReport, plan: Plan, chosen: frozenset[str], *, is_who
         if bag.skipped is not None and (ran is None or ran.result in {"built", "hit"}):
             report.outcomes[key] = BagOutcome("skipped", bag.skipped, ran.seconds if ran else 0.0)
         elif ran is None and bag.failed is not None:
-            report.outcomes[key] = BagOutcome(
-                "failed", f"{bag.failed} (failed before; --retry-failed tries again)"
-            )
+            hint = " (failed before; --retry-failed tries again)" if bag.can_be_retried else ""
+            report.outcomes[key] = BagOutcome("failed", bag.failed + hint)
         elif ran is None and (bag.settled or not is_whole):
             report.outcomes[key] = BagOutcome("fresh")
         elif ran is None:
