@@ -76,6 +76,16 @@ def test_the_command_imports_nothing_that_takes_time(fresh):
     assert "nothing to do" in done.stdout
 
 
+def test_handing_a_build_over_imports_nothing_that_takes_time():
+    code = (
+        "import sys; import bagassets.freshness.decide, bagassets.cli.early; "
+        "heavy = {'click', 'yaml', 'dataclasses', 'inspect', 'subprocess', 'tempfile', 'uuid'} & set(sys.modules); "
+        "sys.exit(f'imported {heavy}' if heavy else 0)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
 @pytest.mark.parametrize(
     "arguments",
     [

@@ -205,7 +205,7 @@ def _damaged(path: Path, reason: str) -> StoreError:
 
 def _storage(home: Path) -> Path | None:
     try:
-        storage = yaml.load((home / "dagster.yaml").read_text("utf-8"), Loader=_LOADER)["storage"]
+        storage = yaml.load((home / "dagster.yaml").read_text("utf-8"), Loader=_LOADER)["storage"]  # noqa: S506  (a safe loader)
         if "sqlite" in storage:
             return Path(storage["sqlite"]["base_dir"])
         is_ours = storage["custom"]["module"] == _OUR_STORAGE

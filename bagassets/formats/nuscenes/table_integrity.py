@@ -4,8 +4,9 @@ A sentence counts the offending rows or files and names the first.
 """
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from collections.abc import Set as AbstractSet
+from operator import itemgetter
 from pathlib import Path
 from typing import NamedTuple
 
@@ -141,18 +142,28 @@ def _references(tables: Tables, index: Mapping[str, Mapping[str, Row]]) -> Itera
         for column, target in TABLES[name].references.items():
             if target not in tables:
                 continue
-            optional = column in TABLES[name].optional
+            known = {*index[target], ""} if column in TABLES[name].optional else index[target]
+            if _all_known(rows, column, known):
+                continue
             loose = [
                 f"{token!r} of row {row['token']}"
                 for row in rows
                 for token in (row[column] if isinstance(row[column], list) else [row[column]])
-                if token not in index[target] and not (optional and token == "")
+                if token not in known
             ]
             yield from _sentence(
                 f"{name}: {{}} values of {column} are in no row of {target}, the first is {{}}",
                 loose,
                 one=f"{name}: {{}} value of {column} is in no row of {target}: {{}}",
             )
+
+
+def _all_known(rows: Sequence[Row], column: str, known: Container[str]) -> bool:
+    """Return whether all rows have known tokens in a column; False if some have lists of them."""
+    try:
+        return all(map(known.__contains__, map(itemgetter(column), rows)))  # three times as fast as a loop
+    except TypeError:
+        return False
 
 
 def _chains(index: Mapping[str, Mapping[str, Row]]) -> Iterable[str]:
