@@ -1,13 +1,15 @@
 """The command `bagassets`, and `python -m bagassets`.
 
 A build with nothing to do is decided here, before anything is imported that takes time, and any other is begun by its
-server meanwhile.
+server meanwhile. A command that only reads is carried out by that server, if it is up.
 """
 
 import os
 import sys
 
 __all__ = ["main"]
+
+_MAY_READ_ONLY = ("build", "check", "explain", "status")
 
 
 def main() -> int:
@@ -25,18 +27,25 @@ def _main() -> int:
     if sys.getfilesystemencoding() != "utf-8" and os.environ.get("PYTHONUTF8") != "1":
         # Names of recordings are UTF-8, whatever the locale; Python can only be started with that.
         os.execve(sys.executable, sys.orig_argv, os.environ | {"PYTHONUTF8": "1"})  # noqa: S606  (no shell)
+    arguments = sys.argv[1:]
     handed_over = None
-    if sys.argv[1:2] == ["build"]:
+    if arguments[:1] == ["build"]:
         from bagassets.freshness.decide import nothing_to_do, plain_build
 
-        lines = nothing_to_do(sys.argv[1:])
+        lines = nothing_to_do(arguments)
         if lines is not None:
             sys.stdout.write("".join(f"{line}\n" for line in lines))
             return 0
-        if asked := plain_build(sys.argv[1:]):
+        if asked := plain_build(arguments):
             from bagassets.cli.early import hand_over
 
             handed_over = hand_over(*asked)
+    if handed_over is None and arguments[:1] and arguments[0] in _MAY_READ_ONLY:
+        from bagassets.cli.on_server import run_on_server
+
+        status = run_on_server(arguments)
+        if status is not None:
+            return status
     from bagassets.cli.main import main as run
 
     return run(handed_over=handed_over)

@@ -25,11 +25,13 @@ from bagassets.defs.sensor import KEY_PREFIX, RECIPE
 from bagassets.errors import RecipeError
 from bagassets.freshness.fingerprints import contents_fingerprint, site_folders
 
-__all__ = ["OwnLocation", "code_digest", "files_of", "home_of", "load_locations"]
+__all__ = ["OwnLocation", "code_digest", "files_of", "home_of", "know_installed_modules", "load_locations"]
 
 _OURS = CodeLocation().module
 _WORKSPACE = "workspace.yaml"
 _PACKAGE = str(Path(__file__).resolve().parent.parent)
+# Names of imported modules that are ours, Python's, or those of an installed package.
+_INSTALLED: set[str] = set()
 
 
 @dataclass(frozen=True)
@@ -155,12 +157,22 @@ def _modules() -> list[str]:
         f"{folder}/"
         for folder in (_PACKAGE, *site_folders(), *map(sysconfig.get_path, ("stdlib", "platstdlib")))
     )
-    named = {getattr(module, "__file__", None) or "" for module in list(sys.modules.values())}
-    # There are thousands, and to resolve a path takes as long as reading a small file.
-    own = {name for name in named if name.endswith(".py") and not name.startswith(foreign)}
-    return sorted(
-        str(Path(name).absolute()) for name in own if not str(Path(name).resolve()).startswith(foreign)
-    )
+    own = set()
+    for name in sys.modules.keys() - _INSTALLED:
+        file = getattr(sys.modules.get(name), "__file__", None) or ""
+        # There are thousands, and to resolve a path takes as long as reading a small file.
+        if file.endswith(".py") and not file.startswith(foreign):
+            path = Path(file)
+            if not str(path.resolve()).startswith(foreign):
+                own.add(str(path.absolute()))
+                continue
+        _INSTALLED.add(name)
+    return sorted(own)
+
+
+def know_installed_modules() -> None:
+    """Look at the imported modules now; in a forked process, to look at one again means to copy its page of memory."""
+    _modules()
 
 
 def code_digest() -> str:

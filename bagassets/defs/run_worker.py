@@ -25,6 +25,7 @@ from bagassets.defs.databases import database_errors_explained
 from bagassets.defs.exclusive import ASKS_PER_LOOK, exclusive, holder_has_ended
 from bagassets.defs.fence import run_has_ended
 from bagassets.defs.orphaned_runs import end_orphaned_runs, report_ended
+from bagassets.defs.own_location import know_installed_modules
 from bagassets.defs.runs import (
     capture_interrupts,
     dotenv_variables,
@@ -83,10 +84,13 @@ def preload(modules: list[str]) -> Iterator[None]:
         preload_definitions(module)
     load_built_in()
     load_standard_types()
-    return chain(_read_settings(), compile_all(), compile_common_types())
+    return chain(_look_ahead(), compile_all(), compile_common_types())
 
 
-def _read_settings() -> Iterator[None]:
+def _look_ahead() -> Iterator[None]:
+    """Read what each build reads first, which it then finds in memory."""
+    know_installed_modules()
+    yield
     recipe = os.environ.get("BAGASSETS_RECIPE")
     if recipe is not None:
         with suppress(Exception):  # whoever opens the instance meets it again, and reports it

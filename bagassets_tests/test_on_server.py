@@ -1,0 +1,159 @@
+"""Commands that read Dagster's records, carried out by the server of their project."""
+
+import os
+import pty
+import re
+import subprocess
+import sys
+
+import pytest
+
+from bagassets.cli import on_server
+from bagassets.forkserver.client import Client
+from bagassets.forkserver.tasks import find_server
+from bagassets.recipe import load_recipe
+from bagassets_tests.in_process import make_project
+
+pytestmark = pytest.mark.xdist_group("on_server")
+KEYS = ["a.bag", "b.mcap"]
+COMMANDS = [
+    ["status"],
+    ["status", "--json", "--recipe=recipe.yaml"],
+    ["status", "--bag", "nowhere"],
+    ["explain", KEYS[0], "frames", "--recipe", "recipe.yaml"],
+    ["explain", KEYS[0], "nothing"],
+    ["check"],
+    ["build", "-n"],
+    ["build", "--check"],
+    ["build", "--dry-run", "--json"],
+]
+# Says, too, which of some modules the command imported.
+CODE = """
+import os, sys
+from bagassets.__main__ import main
+try:
+    sys.exit(main())
+finally:
+    found = {'click', 'dagster', 'rich'} & set(sys.modules)
+    os.write(int(sys.stdin.readline()), ' '.join(sorted(found)).encode())
+"""
+
+
+@pytest.fixture(scope="module")
+def recipe(tmp_path_factory):
+    """A project with something to do: one of its recordings was touched."""
+    recipe = make_project(tmp_path_factory.mktemp("on_server"), KEYS, duration_s=2.0)
+    yield recipe
+    stop(recipe)
+
+
+@pytest.fixture
+def served(recipe):
+    """The project with its server up."""
+    if not is_up(recipe):
+        build = [sys.executable, "-m", "bagassets", "build", "--recipe", str(recipe)]
+        subprocess.run(build, check=True, capture_output=True)
+    (recipe.parent / "bags" / KEYS[1]).touch()
+    return recipe
+
+
+def stop(recipe):
+    for client in Client.all_of(load_recipe(recipe).state):
+        client.shutdown(grace_s=1.0)
+    while is_up(recipe):
+        pass
+
+
+def is_up(recipe):
+    client = find_server(recipe)
+    if client is not None:
+        client.close()
+    return client is not None
+
+
+def run(recipe, *arguments):
+    """Exit status, stdout and stderr of a command, and what it imported."""
+    reading, writing = os.pipe()
+    command = [sys.executable, "-c", CODE, *arguments]
+    done = subprocess.run(
+        command,
+        cwd=recipe.parent,
+        input=f"{writing}\n",
+        capture_output=True,
+        text=True,
+        check=False,
+        pass_fds=[writing],
+    )
+    os.close(writing)
+    with os.fdopen(reading) as stream:
+        return (done.returncode, done.stdout, done.stderr), stream.read().split()
+
+
+def test_a_server_that_is_up_carries_them_out_just_as_the_command_does(served):
+    there = [run(served, *command) for command in COMMANDS]
+    stop(served)
+    here = [run(served, *command) for command in COMMANDS]
+    assert [said for said, _ in there] == [said for said, _ in here]
+    assert {status for (status, _, _), _ in here} == {0, 2, 3}
+    assert [imported for _, imported in there] == [[]] * len(COMMANDS)
+    assert all("dagster" in imported for _, imported in here)
+
+
+def test_other_commands_are_left_alone(served):
+    for arguments in (
+        [],
+        ["build"],
+        ["build", "--jobs", "1"],
+        ["status", "--help"],
+        ["explain", "-h"],
+        ["gc", "-n"],
+    ):
+        assert on_server.run_on_server(arguments) is None
+
+
+def test_on_a_terminal_it_has_the_width_and_colours_of_the_terminal(served):
+    read, write = pty.openpty()
+    command = [sys.executable, "-m", "bagassets", "status"]
+    environment = {**os.environ, "TERM": "xterm-256color", "COLUMNS": "90"}
+    environment.pop("NO_COLOR", None)
+    with subprocess.Popen(command, cwd=served.parent, stdout=write, stderr=write, env=environment) as process:
+        os.close(write)
+        said = b""
+        try:
+            while piece := os.read(read, 1 << 16):
+                said += piece
+        except OSError:  # how a terminal ends
+            pass
+    os.close(read)
+    assert process.returncode == 3
+    assert b"\x1b[32mfresh" in said
+    plain = re.sub(r"\x1b\[[0-9;]*m", "", said.decode()).splitlines()
+    assert max(len(line) for line in plain if "─" in line) <= 90
+
+
+def test_whoever_reads_it_may_stop(served):
+    reading, writing = os.pipe()
+    os.close(reading)
+    done = subprocess.run(
+        [sys.executable, "-m", "bagassets", "status", "--json"],
+        cwd=served.parent,
+        stdout=writing,
+        stderr=subprocess.PIPE,
+        check=False,
+    )
+    os.close(writing)
+    assert done.stderr == b""
+
+
+def test_what_goes_wrong_there_is_tried_here(served, monkeypatch):
+    monkeypatch.setattr(on_server, "_JOB", "bagassets.cli.on_server:no_such_function")
+    assert on_server.run_on_server(["status", "--recipe", str(served)]) is None
+
+
+def test_no_files_are_left(served, capfdbinary):
+    with find_server(served) as client:
+        folder = client.files.folder / "logs"
+    before = set(folder.iterdir())
+    assert on_server.run_on_server(["status", "--recipe", str(served)]) == 3
+    assert b"a.bag" in capfdbinary.readouterr().out
+    assert set(folder.iterdir()) == before
