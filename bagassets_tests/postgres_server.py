@@ -47,8 +47,8 @@ class Postgres:
         return int(_run("psql", *self._client(), "--no-align", "--tuples-only", "--command", query, name))
 
     def vacuum(self, name: str) -> None:
-        """Give the room of rows that were replaced back to the disk."""
-        _run("psql", *self._client(), "--quiet", "--command", "VACUUM FULL", name)
+        """Let the room of rows that were replaced be used again, as autovacuum does before long."""
+        _run("psql", *self._client(), "--quiet", "--command", "VACUUM", name)
 
     def start(self) -> None:
         """Start it, and wait until it answers."""
