@@ -9,7 +9,8 @@ import sys
 
 __all__ = ["main"]
 
-_MAY_READ_ONLY = ("build", "check", "explain", "status")
+# Commands that only read, or may (`build --check`).
+_READING = ("build", "check", "explain", "status")
 
 
 def main() -> int:
@@ -40,7 +41,7 @@ def _main() -> int:
             from bagassets.cli.early import hand_over
 
             handed_over = hand_over(*asked)
-    if handed_over is None and arguments[:1] and arguments[0] in _MAY_READ_ONLY:
+    if handed_over is None and arguments[:1] and arguments[0] in _READING:
         from bagassets.cli.on_server import run_on_server
 
         status = run_on_server(arguments)

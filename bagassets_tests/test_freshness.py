@@ -380,12 +380,28 @@ class TestStateFolder:
             ("{name: x, state: /there/state}\n", "/there/state"),
             ("note: |\n  state: no\nstate: 2024-05-01\n", "2024-05-01"),
             ("rigs: [{state: no}]\n", ".bagassets"),
+            ("rigs: {state: no}\nstate: yes\n", "yes"),
+            ("a: b\nc: [d, {e: f}]\nstate: g\nstate: h\n", "g"),
         ],
     )
     def test_it_is_what_the_recipe_says(self, tmp_path, text, state):
         assert state_folder(self.recipe(tmp_path, text)) == os.path.join(tmp_path, state)  # noqa: PTH118
 
-    @pytest.mark.parametrize("text", ["- a\n", "state: [a]\n", "state: {a: b}\n", "a: [\n", "\0", ""])
+    @pytest.mark.parametrize(
+        "text",
+        [
+            "- a\n",
+            "state: [a]\n",
+            "state: {a: b}\n",
+            "a: [\n",
+            "\0",
+            "",
+            'state: "a\\0b"\n',
+            "? [d]\n: e\n",
+            "a: &b c\nstate: *b\n",
+            f"a: {'[' * 100_000}\n",
+        ],
+    )
     def test_what_the_recipe_does_not_say_needs_a_plan(self, tmp_path, text):
         with pytest.raises(PlanNeeded):
             state_folder(self.recipe(tmp_path, text))

@@ -6,9 +6,11 @@ import re
 import subprocess
 import sys
 
+import click
 import pytest
 
 from bagassets.cli import on_server
+from bagassets.cli.main import root
 from bagassets.forkserver.client import Client
 from bagassets.forkserver.tasks import find_server
 from bagassets.recipe import load_recipe
@@ -100,15 +102,32 @@ def test_a_server_that_is_up_carries_them_out_just_as_the_command_does(served):
 
 
 def test_other_commands_are_left_alone(served):
-    for arguments in (
+    others = (
         [],
         ["build"],
         ["build", "--jobs", "1"],
+        ["build", "--trace", "-n"],
+        ["build", "--bag", "-n"],
         ["status", "--help"],
+        ["status", "--recipe", "--bag"],
         ["explain", "-h"],
         ["gc", "-n"],
-    ):
+    )
+    for arguments in others:
         assert on_server.run_on_server(arguments) is None
+
+
+@pytest.mark.parametrize("command", sorted(on_server.COMMANDS))
+def test_it_knows_which_options_have_a_value(command):
+    is_flag = {
+        name: option.is_flag
+        for option in root.get_command(None, command).params
+        if isinstance(option, click.Option)
+        for name in option.opts
+    }
+    flags, with_value = on_server.COMMANDS[command]
+    assert all(is_flag[name] for name in flags)
+    assert not any(is_flag[name] for name in with_value)
 
 
 def test_on_a_terminal_it_has_the_width_and_colours_of_the_terminal(served):
@@ -131,18 +150,54 @@ def test_on_a_terminal_it_has_the_width_and_colours_of_the_terminal(served):
     assert max(len(line) for line in plain if "─" in line) <= 90
 
 
-def test_whoever_reads_it_may_stop(served):
-    reading, writing = os.pipe()
-    os.close(reading)
+SHELLS = [
+    "{} status --json | head -1",
+    "set -o pipefail; {} status --json | true",
+    "{{ {} status; echo after; }} > out; cat out",
+    "echo before > out; {} build -n -j 99 >> out 2>&1; cat out",
+    "{} build -n -j 99 1<> out",
+    "{} build -n -j 99 2>&1 | cat",
+    "{} build --check 2>&-",
+    "{} check >&-",
+    "{} status --bag nope 2> /dev/full",
+    "mkdir gone; cd gone; rmdir ../gone; {} status",
+    "PYTHONIOENCODING=latin-1 {} status --bag 'mön*' 2>&1 | cat",
+    "env -u COLUMNS script -qec '{} status' /dev/null < /dev/null",
+]
+
+
+@pytest.mark.parametrize("shell", SHELLS)
+def test_whatever_it_writes_to_gets_the_same(served, shell):
+    """The variable gives the command another stamp, so that it finds no server."""
+
+    def said(command):
+        done = subprocess.run(
+            ["bash", "-c", shell.format(command)], cwd=served.parent, capture_output=True, check=False
+        )
+        (served.parent / "out").unlink(missing_ok=True)
+        return done.returncode, done.stdout, re.sub(rb"/tmp/bagassets-\S+", b"", done.stderr)
+
+    assert said(f"{sys.executable} -m bagassets") == said(
+        f"env PYTHONHASHSEED=0 {sys.executable} -m bagassets"
+    )
+
+
+def test_a_full_disk_costs_the_command_and_not_the_server(served):
+    with find_server(served) as client:
+        server = client.process
     done = subprocess.run(
-        [sys.executable, "-m", "bagassets", "status", "--json"],
+        ["bash", "-c", f"{sys.executable} -m bagassets status > /dev/full"],
         cwd=served.parent,
-        stdout=writing,
-        stderr=subprocess.PIPE,
+        capture_output=True,
+        text=True,
         check=False,
     )
-    os.close(writing)
-    assert done.stderr == b""
+    assert done.returncode != 0
+    assert "No space left on device" in done.stderr
+    assert "Traceback" not in done.stderr
+    with find_server(served) as client:
+        assert client.process == server
+        assert client.status()["jobs"] == []
 
 
 def test_what_goes_wrong_there_is_tried_here(served, monkeypatch):

@@ -285,3 +285,10 @@ def test_a_plan_of_dagsters_empty_log_is_all_records(built, monkeypatch):
     assert states == {"record-only"}
     assert json.dumps(survey(built).plan.bags[KEY].as_json())
     assert Path(built).is_file()
+
+
+def test_whether_to_try_again_goes_by_the_failure_that_is_told():
+    wrong, lost = AssetState("failed", "no topic", is_final=True), AssetState("failed", "killed")
+    for first, second in ((wrong, lost), (lost, wrong)):
+        plan = BagPlan(KEY, {"ego_poses": first, "preview": second})
+        assert (plan.failed, plan.can_be_retried) == (first.reason, first is lost)

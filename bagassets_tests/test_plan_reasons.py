@@ -130,7 +130,7 @@ def test_another_input_and_the_same_result(recipe, monkeypatch):
     assert build(recipe, monkeypatch)[0].succeeded
     why = "the store has the result for the new inputs"
     assert states["calibration"] == ("record-only", why)
-    assert states["annotations"] == ("record-only", f"calibration changed ({why}), the result did not")
+    assert states["annotations"] == ("record-only", f"calibration changed ({why}), but the result did not")
 
 
 def test_a_new_recording_was_never_made(recipe):

@@ -276,19 +276,16 @@ class Graph:
             states[name] = self._state(node, current, states)
         return states
 
-    def failure(self, node: Node) -> str | None:
-        """Return why a node failed, now or when its action ran last, or None if it did not."""
+    def _failure(self, node: Node) -> AssetState | None:
+        """Return the state of a node that cannot be made, or whose action failed when it ran last; None if it did not."""
         if node.error is not None:
-            return str(node.error)
+            return AssetState("failed", str(node.error), is_final=True)
         if node.parts:
-            return next((why for part in node.parts if (why := self.failure(part)) is not None), None)
+            return next((one for part in node.parts if (one := self._failure(part)) is not None), None)
         if node.action is None or not node.is_open:
             return None
-        return self.store.failure(node.action.digest, self.recording.path)
-
-    def _is_wrong(self, node: Node) -> bool:
-        """Return whether a node cannot be made, which can be told without running its action."""
-        return node.error is not None or any(self._is_wrong(part) for part in node.parts)
+        why = self.store.failure(node.action.digest, self.recording.path)
+        return None if why is None else AssetState("failed", why)
 
     def _state(self, node: Node, current: Mapping[str, str], states: Mapping[str, AssetState]) -> AssetState:
         recorded = self.recorded.get(node.name)
@@ -303,9 +300,9 @@ class Graph:
                 reason = f"waits for {node.waits_for}: {reason}"
             is_new = self.digest is None and recorded is None
             return AssetState("missing" if is_new else "unknown", reason)
-        failure = self.failure(node)
+        failure = self._failure(node)
         if failure is not None:
-            return AssetState("failed", failure, is_final=self._is_wrong(node))
+            return failure
         if recorded is None:
             return AssetState("missing", "never made")
         return AssetState("stale", self._what_changed(node, recorded))
@@ -324,7 +321,7 @@ class Graph:
             if above in current and version_as_input(current[above]) != data_version:
                 state = states.get(above)
                 why = "made again" if state is None or state.state == "fresh" else state.reason
-                return AssetState("record-only", f"{above} changed ({why}), the result did not", digest)
+                return AssetState("record-only", f"{above} changed ({why}), but the result did not", digest)
         return AssetState("fresh", "up to date", digest)
 
     def _what_changed(self, node: Node, recorded: Recorded) -> str:

@@ -53,7 +53,7 @@ class AssetState(NamedTuple):
         state: see `docs/how-it-decides.md`.
         reason: a text that says why, back to the first cause.
         data_version: digest of the artifact that is or would be current, if known.
-        is_final: it failed, and to try again would not help: what is wrong can be told without running anything.
+        is_final: it failed for a reason that is known without running it, so trying again would not help.
     """
 
     state: State
@@ -101,12 +101,18 @@ class BagPlan:
     @property
     def failed(self) -> str | None:
         """Why the first failed asset failed, or None."""
-        return next((state.reason for state in self.assets.values() if state.state == "failed"), None)
+        first = self._first_failed
+        return None if first is None else first.reason
 
     @property
     def can_be_retried(self) -> bool:
-        """True if what failed may succeed when it is tried again, as it failed when it ran."""
-        return any(state.state == "failed" and not state.is_final for state in self.assets.values())
+        """True if the first failed asset failed when it ran, so that it may succeed another time."""
+        first = self._first_failed
+        return first is not None and not first.is_final
+
+    @property
+    def _first_failed(self) -> AssetState | None:
+        return next((state for state in self.assets.values() if state.state == "failed"), None)
 
     @property
     def unusable(self) -> str | None:

@@ -1,27 +1,40 @@
 """Commands that read Dagster's records, carried out by the server of their project if it is up.
 
-To import Dagster takes two seconds, which the server has spent already; to read the records of some recordings takes a
-tenth of one. What a worker writes goes through files, as it may be long.
+To import Dagster takes two seconds, which the server has spent already. Its worker writes to the standard output of the
+command itself, so terminals, pipes and files get what they would get from the command, in the same order.
 """
 
-import io
+import fcntl
+import logging
 import os
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
+from stat import S_ISREG
 
+from bagassets.errors import BagAssetsError
 from bagassets.forkserver.client import Client, ServerRefusedError
+from bagassets.forkserver.process import ProcessId
 from bagassets.forkserver.tasks import find_server
 from bagassets.json_types import JsonObject
 
-__all__ = ["answer", "run_on_server"]
+__all__ = ["COMMANDS", "answer", "run_on_server"]
 
-_COMMANDS = frozenset({"status", "explain", "check"})
-_OF_BUILD = frozenset({"--check", "--dry-run", "-n"})
+# Command -> its options without a value, and those with one.
+COMMANDS: dict[str, tuple[frozenset[str], frozenset[str]]] = {
+    "build": (
+        frozenset({"--check", "--dry-run", "-n", "--json", "--retry-failed", "--allow-empty"}),
+        frozenset({"--recipe", "--bag", "--select", "--jobs", "-j"}),
+    ),
+    "check": (frozenset({"--json"}), frozenset({"--recipe", "--bag"})),
+    "explain": (frozenset({"--json"}), frozenset({"--recipe"})),
+    "status": (frozenset({"--all", "--json"}), frozenset({"--recipe", "--bag"})),
+}
+_READING = frozenset({"--check", "--dry-run", "-n"})  # with one of these, a build only reads
 _JOB = "bagassets.cli.on_server:answer"
-_STREAMS = ("stdout", "stderr")
-_PIECE_BYTES = 1 << 20
+_DESCRIPTORS = {"stdout": 1, "stderr": 2}
+_FILES = tuple(_DESCRIPTORS.values())
 
 
 def run_on_server(arguments: Sequence[str]) -> int | None:
@@ -31,70 +44,84 @@ def run_on_server(arguments: Sequence[str]) -> int | None:
         arguments: arguments of the command line, without the program.
     """
     recipe = _recipe_of(arguments)
-    if recipe is None:
+    if recipe is None or sys.stdout is None or sys.stderr is None or not all(map(_can_be_shared, _FILES)):
         return None
-    client = find_server(Path(recipe).absolute())
-    if client is None:
-        return None
-    label = f"{arguments[0]}-{os.urandom(16).hex()}"
-    log = client.files.job_log(label)
-    files = {name: log.with_suffix(f".{name}") for name in _STREAMS}
-    status = None
-    try:
-        with client, suppress(ServerRefusedError, OSError):  # the command line does without it
-            status = _wait_for(client, label, arguments, files)
-        for name, file in files.items() if status is not None else ():
-            _copy(file, name)
-    finally:
-        with suppress(OSError):
-            for file in files.values():
-                file.unlink(missing_ok=True)
-            if log.stat().st_size == 0:
-                log.unlink()
-    return status
+    with suppress(ServerRefusedError, OSError):  # the command line does without it
+        client = find_server(Path(recipe).absolute())
+        if client is not None:
+            with client:
+                status = _status_of(client, arguments)
+            for descriptor in filter(_is_file, _FILES):
+                os.lseek(
+                    descriptor, 0, os.SEEK_END
+                )  # whoever writes next, goes on after what the worker wrote
+            return status
+    return None
 
 
 def answer(args: JsonObject) -> int:
     """Carry out a command in a worker of the server; return its exit status.
 
     Args:
-        args: `arguments`, `columns` of the terminal ("" if there is none), `files` (stream -> file to write into), and
-            `terminals` (names of those streams that end in one).
+        args: `arguments`; `process`, whose output this is; `streams` (name -> encoding and how errors in it are handled);
+            `log`, the file of the worker, which stays empty.
+
+    Raises:
+        BagAssetsError: that process cannot be written to from here.
     """
     from bagassets.cli.main import main
 
-    if args["columns"]:
-        os.environ["COLUMNS"] = args["columns"]
-    with _written_to(args["files"], args["terminals"]):
-        try:
-            return main(args["arguments"])
-        except SystemExit as end:
-            return end.code if isinstance(end.code, int) else int(end.code is not None)
+    _write_to(ProcessId.from_json(args["process"]), args["streams"])
+    with suppress(OSError):
+        Path(args["log"]).unlink()
+    logging.getLogger().handlers.clear()  # those of the server
+    try:
+        return main(args["arguments"])
+    except SystemExit as end:
+        return end.code if isinstance(end.code, int) else int(end.code is not None)
 
 
 def _recipe_of(arguments: Sequence[str]) -> str | None:
-    """Return the recipe file that a command reads, if it is one that a server can carry out."""
+    """Return the recipe that a command reads; None if it does more than that, or may be wrong."""
     command, *options = arguments or [""]
-    if command not in _COMMANDS and not (command == "build" and _OF_BUILD.intersection(options)):
+    if command not in COMMANDS:
         return None
-    if {"--help", "-h"}.intersection(options):
-        return None
-    recipe = "recipe.yaml"
+    flags, with_value = COMMANDS[command]
+    recipe, seen = "recipe.yaml", set()
     rest = iter(options)
     for option in rest:
-        if option == "--recipe":
-            recipe = next(rest, "")
-        elif option.startswith("--recipe="):
-            recipe = option.removeprefix("--recipe=")
-    return recipe or None
+        name, equals, value = option.partition("=")
+        if name in with_value:
+            value = value if equals else next(rest, "")
+            recipe = value if name == "--recipe" else recipe
+        elif option.startswith("-") and option not in flags:
+            return None
+        seen.add(name)
+    return None if command == "build" and not _READING & seen else recipe or None
 
 
-def _wait_for(client: Client, label: str, arguments: Sequence[str], files: dict[str, Path]) -> int | None:
+def _is_file(descriptor: int) -> bool:
+    return S_ISREG(os.fstat(descriptor).st_mode)
+
+
+def _can_be_shared(descriptor: int) -> bool:
+    """Return whether another process, which can only append to a file, would write where this one does."""
+    try:
+        return (
+            not _is_file(descriptor) or os.lseek(descriptor, 0, os.SEEK_CUR) == os.fstat(descriptor).st_size
+        )
+    except OSError:
+        return False
+
+
+def _status_of(client: Client, arguments: Sequence[str]) -> int | None:
+    """Return the exit status of a command on the server, None if it failed to carry it out."""
+    label = f"{arguments[0]}-{os.urandom(16).hex()}"
     args = {
         "arguments": list(arguments),
-        "columns": _columns(),
-        "files": {name: str(file) for name, file in files.items()},
-        "terminals": [name for name in _STREAMS if getattr(sys, name).isatty()],
+        "process": ProcessId.current().as_json(),
+        "streams": {name: [getattr(sys, name).encoding, getattr(sys, name).errors] for name in _DESCRIPTORS},
+        "log": str(client.files.job_log(label)),
     }
     job = client.submit(_JOB, args, label=label)
     while True:
@@ -103,44 +130,26 @@ def _wait_for(client: Client, label: str, arguments: Sequence[str], files: dict[
             return int(event["result"]) if event.get("exit") == 0 else None
 
 
-def _columns() -> str:
-    """Return the width of the terminal, as libraries for terminals find it; "" if there is none."""
-    with suppress(OSError, ValueError):
-        return os.environ.get("COLUMNS") or str(os.get_terminal_size(sys.stdout.fileno()).columns)
-    return ""
+def _write_to(process: ProcessId, streams: JsonObject) -> None:
+    """Have this process write to the standard output and error of another one.
 
-
-def _copy(file: Path, name: str) -> None:
-    stream = getattr(sys, name)
-    try:
-        with file.open("rb") as written:
-            while piece := written.read(_PIECE_BYTES):
-                stream.buffer.write(piece)
-        stream.flush()
-    except BrokenPipeError:  # whoever reads it has read enough
-        nowhere = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(nowhere, stream.fileno())
-        os.close(nowhere)
-
-
-class _Stream(io.TextIOWrapper):
-    """A file that says whether what it is copied to is a terminal."""
-
-    is_terminal = False
-
-    def isatty(self) -> bool:
-        """Tell what the stream was told."""
-        return self.is_terminal
-
-
-@contextmanager
-def _written_to(files: dict[str, str], terminals: Sequence[str]) -> Iterator[None]:
-    """Have this process write its output into files."""
-    with ExitStack() as stack:
-        for name, file in files.items():
-            written = stack.enter_context(Path(file).open("wb"))
-            stream = stack.enter_context(_Stream(written, encoding="utf-8", errors="surrogateescape"))
-            stream.is_terminal = name in terminals
-            stack.callback(setattr, sys, name, getattr(sys, name))
-            setattr(sys, name, stream)
-        yield
+    Raises:
+        BagAssetsError: it is of another machine or container, or has ended, or its output is of a kind that only it can use.
+    """
+    if not process.is_alive():
+        raise BagAssetsError(f"{process}: it cannot be written to from here.")
+    opened = {}
+    for name, descriptor in _DESCRIPTORS.items():
+        try:
+            # Opening a pipe that nobody reads would wait; files are shared with whoever else writes to them.
+            flags = os.O_WRONLY | os.O_APPEND | os.O_NONBLOCK | os.O_NOCTTY
+            opened[name] = os.open(f"/proc/{process.pid}/fd/{descriptor}", flags)
+        except OSError as err:
+            raise BagAssetsError(f"{process}: its {name} cannot be opened ({err.strerror}).") from err
+    for name, descriptor in _DESCRIPTORS.items():
+        flags = fcntl.fcntl(opened[name], fcntl.F_GETFL)
+        fcntl.fcntl(opened[name], fcntl.F_SETFL, flags & ~os.O_NONBLOCK)
+        os.dup2(opened[name], descriptor)
+        os.close(opened[name])
+        encoding, errors = streams[name]
+        setattr(sys, name, open(descriptor, "w", encoding=encoding, errors=errors, closefd=False))  # noqa: SIM115  (as long as the process lives)

@@ -171,7 +171,7 @@ def _modules() -> list[str]:
 
 
 def know_installed_modules() -> None:
-    """Look at the imported modules now; in a forked process, to look at one again means to copy its page of memory."""
+    """Look at the imported modules once, before the process is forked: each look copies memory that is shared until then."""
     _modules()
 
 

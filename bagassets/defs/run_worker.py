@@ -88,7 +88,7 @@ def preload(modules: list[str]) -> Iterator[None]:
 
 
 def _look_ahead() -> Iterator[None]:
-    """Read what each build reads first, which it then finds in memory."""
+    """Prepare in memory what every build would otherwise read first."""
     know_installed_modules()
     yield
     recipe = os.environ.get("BAGASSETS_RECIPE")

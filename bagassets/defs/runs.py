@@ -157,7 +157,7 @@ def open_instance(place: str) -> dg.DagsterInstance:
 
 
 def read_settings(home: Path) -> InstanceRef:
-    """Return the settings in a Dagster home folder; once read, only their text is read again, here and in forked processes."""
+    """Return the settings in a Dagster home folder; they are parsed again only if the text of the file has changed."""
     config = home / "dagster.yaml"
     return _settings(str(home), config.read_bytes() if config.is_file() else b"")
 

@@ -18,7 +18,7 @@ __all__ = ["ProcessId"]
 _PROC = Path("/proc")
 
 
-class ProcessId(NamedTuple):  # a client must be up in no time: dataclasses take 10 ms to import
+class ProcessId(NamedTuple):  # importing dataclasses would take a client 10 ms
     """The id of one process.
 
     Attributes:

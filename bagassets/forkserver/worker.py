@@ -14,6 +14,7 @@ import socket
 import sys
 import time
 import traceback
+from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
 from typing import Any, NoReturn
@@ -93,7 +94,10 @@ def run_job(connection: socket.socket, job: Message, log: Path) -> NoReturn:
     finally:
         # Exit handlers inherited from the server must not run here.
         for stream in (sys.stdout, sys.stderr):
-            stream.flush()
+            with suppress(
+                Exception
+            ):  # of whatever stream, on a full disk: on no account does it go on as the server
+                stream.flush()
         os._exit(code)
 
 

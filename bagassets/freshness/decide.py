@@ -340,17 +340,38 @@ def state_folder(recipe: str) -> str:
 
 
 def _named_state(recipe: str) -> str:
-    """Return the field `state` of a recipe."""
+    """Return the field `state` of a recipe.
+
+    Only its outermost level is looked at: what is nested too deeply would overflow the stack of the parser.
+    """
     import yaml
 
+    depth, key, is_mapping = 0, None, False
     with open(recipe, "rb") as stream:
         try:
-            root = yaml.compose(stream, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+            for event in yaml.parse(stream, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader)):
+                is_key = depth == 1 and key is None
+                if isinstance(event, yaml.ScalarEvent) and depth == 1:
+                    if key == "state":
+                        if "\0" in event.value:
+                            raise PlanNeeded(f"{recipe}: state is not a path")
+                        return str(event.value)
+                    key = event.value if is_key else None
+                elif isinstance(event, yaml.CollectionStartEvent):
+                    if (
+                        (depth == 0 and not isinstance(event, yaml.MappingStartEvent))
+                        or is_key
+                        or key == "state"
+                    ):
+                        raise PlanNeeded(f"{recipe}: not a mapping, or state is not text")
+                    depth, is_mapping = depth + 1, True
+                elif isinstance(event, yaml.CollectionEndEvent):
+                    depth -= 1
+                    key = None if depth == 1 else key
+                elif isinstance(event, yaml.AliasEvent) and depth == 1:
+                    raise PlanNeeded(f"{recipe}: an alias, which a recipe does not have")
         except (yaml.YAMLError, ValueError) as err:
             raise PlanNeeded(f"{recipe}: {err}") from err
-    if not isinstance(root, yaml.MappingNode):
+    if not is_mapping:
         raise PlanNeeded(f"{recipe}: not a mapping")
-    values = [value for key, value in root.value if key.value == "state"]
-    if not all(isinstance(value, yaml.ScalarNode) for value in values):
-        raise PlanNeeded(f"{recipe}: state is not text")
-    return str(values[0].value) if values else _STATE
+    return _STATE
