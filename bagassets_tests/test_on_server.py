@@ -9,6 +9,7 @@ import sys
 import click
 import pytest
 
+from bagassets import __main__
 from bagassets.cli import on_server
 from bagassets.cli.main import root
 from bagassets.forkserver.client import Client
@@ -115,6 +116,10 @@ def test_other_commands_are_left_alone(served):
     )
     for arguments in others:
         assert on_server.run_on_server(arguments) is None
+
+
+def test_all_its_commands_are_given_to_it():
+    assert sorted(__main__._READING) == sorted(on_server.COMMANDS)
 
 
 @pytest.mark.parametrize("command", sorted(on_server.COMMANDS))

@@ -1,6 +1,6 @@
 """Commands that read Dagster's records, carried out by the server of their project if it is up.
 
-To import Dagster takes two seconds, which the server has spent already. Its worker writes to the standard output of the
+Importing Dagster takes two seconds, which the server has spent already. Its worker writes to the standard output of the
 command itself, so terminals, pipes and files get what they would get from the command, in the same order.
 """
 
@@ -51,10 +51,9 @@ def run_on_server(arguments: Sequence[str]) -> int | None:
         if client is not None:
             with client:
                 status = _status_of(client, arguments)
+            # Whoever writes next goes on after what the worker wrote.
             for descriptor in filter(_is_file, _FILES):
-                os.lseek(
-                    descriptor, 0, os.SEEK_END
-                )  # whoever writes next, goes on after what the worker wrote
+                os.lseek(descriptor, 0, os.SEEK_END)
             return status
     return None
 
@@ -123,11 +122,10 @@ def _status_of(client: Client, arguments: Sequence[str]) -> int | None:
         "streams": {name: [getattr(sys, name).encoding, getattr(sys, name).errors] for name in _DESCRIPTORS},
         "log": str(client.files.job_log(label)),
     }
-    job = client.submit(_JOB, args, label=label)
-    while True:
-        event = client.wait()
-        if event is not None and event["job"] == job and event["event"] in {"finished", "killed"}:
-            return int(event["result"]) if event.get("exit") == 0 else None
+    client.submit(_JOB, args, label=label)
+    while (event := client.wait()) is None or event["event"] == "note":
+        pass
+    return int(event["result"]) if event.get("exit") == 0 else None
 
 
 def _write_to(process: ProcessId, streams: JsonObject) -> None:
@@ -152,4 +150,5 @@ def _write_to(process: ProcessId, streams: JsonObject) -> None:
         os.dup2(opened[name], descriptor)
         os.close(opened[name])
         encoding, errors = streams[name]
-        setattr(sys, name, open(descriptor, "w", encoding=encoding, errors=errors, closefd=False))  # noqa: SIM115  (as long as the process lives)
+        stream = open(descriptor, "w", encoding=encoding, errors=errors, closefd=False)  # noqa: SIM115  (to the end of the process)
+        setattr(sys, name, stream)

@@ -94,9 +94,8 @@ def run_job(connection: socket.socket, job: Message, log: Path) -> NoReturn:
     finally:
         # Exit handlers inherited from the server must not run here.
         for stream in (sys.stdout, sys.stderr):
-            with suppress(
-                Exception
-            ):  # of whatever stream, on a full disk: on no account does it go on as the server
+            # Whatever happens, such as a full disk, this process must not go on as the server.
+            with suppress(Exception):
                 stream.flush()
         os._exit(code)
 

@@ -342,36 +342,28 @@ def state_folder(recipe: str) -> str:
 def _named_state(recipe: str) -> str:
     """Return the field `state` of a recipe.
 
-    Only its outermost level is looked at: what is nested too deeply would overflow the stack of the parser.
+    Nodes are not composed: what is nested too deeply would overflow the stack of the parser.
     """
     import yaml
 
-    depth, key, is_mapping = 0, None, False
-    with open(recipe, "rb") as stream:
-        try:
+    depth, nodes = 0, []  # the root, then keys and values by turns
+    try:
+        with open(recipe, "rb") as stream:
             for event in yaml.parse(stream, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader)):
-                is_key = depth == 1 and key is None
-                if isinstance(event, yaml.ScalarEvent) and depth == 1:
-                    if key == "state":
-                        if "\0" in event.value:
-                            raise PlanNeeded(f"{recipe}: state is not a path")
-                        return str(event.value)
-                    key = event.value if is_key else None
-                elif isinstance(event, yaml.CollectionStartEvent):
-                    if (
-                        (depth == 0 and not isinstance(event, yaml.MappingStartEvent))
-                        or is_key
-                        or key == "state"
-                    ):
-                        raise PlanNeeded(f"{recipe}: not a mapping, or state is not text")
-                    depth, is_mapping = depth + 1, True
-                elif isinstance(event, yaml.CollectionEndEvent):
+                if isinstance(event, yaml.CollectionEndEvent):
                     depth -= 1
-                    key = None if depth == 1 else key
-                elif isinstance(event, yaml.AliasEvent) and depth == 1:
-                    raise PlanNeeded(f"{recipe}: an alias, which a recipe does not have")
-        except (yaml.YAMLError, ValueError) as err:
-            raise PlanNeeded(f"{recipe}: {err}") from err
-    if not is_mapping:
+                elif isinstance(event, yaml.NodeEvent):
+                    nodes += [event] if depth < 2 else []
+                    depth += isinstance(event, yaml.CollectionStartEvent)
+        entries = list(zip(nodes[1::2], nodes[2::2], strict=True))
+    except (yaml.YAMLError, ValueError) as err:
+        raise PlanNeeded(f"{recipe}: {err}") from err
+    if not isinstance(next(iter(nodes), None), yaml.MappingStartEvent):
         raise PlanNeeded(f"{recipe}: not a mapping")
-    return _STATE
+    if not all(isinstance(key, yaml.ScalarEvent) for key, _ in entries):
+        raise PlanNeeded(f"{recipe}: a key is not text")
+    values = [value for key, value in entries if isinstance(key, yaml.ScalarEvent) and key.value == "state"]
+    paths = [one.value for one in values if isinstance(one, yaml.ScalarEvent) and "\0" not in one.value]
+    if len(paths) < len(values):
+        raise PlanNeeded(f"{recipe}: state is not a path")
+    return str(paths[0]) if paths else _STATE
