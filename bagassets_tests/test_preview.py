@@ -26,6 +26,7 @@ from bagassets.preview.canvas import (
     colour_of,
     jpeg_within,
     read_image,
+    scaled_to,
     text,
     turbo,
 )
@@ -88,8 +89,19 @@ class TestLidarOverCamera:
         black = np.zeros((100, 200, 3), np.uint8)
         line = np.array([[4.0, 0.0, 0.0], [50.0, 0.0, 0.0]])
         picture = lidar_over_camera(black, line, View(CAMERA, FORWARD), width=600)
-        centre = picture[149:151, 299:301].reshape(-1, 3)
-        assert (centre[:, 2] > centre[:, 0]).all(), "the red one is in front"
+        pixels = drawn_at(picture[:200, :400], (0, 0, 0))
+        assert pixels.mean(axis=0) == pytest.approx([149.5, 299.5], abs=0.6)
+        colours = picture[pixels[:, 0], pixels[:, 1]]
+        assert (colours[:, 2] > colours[:, 0]).all(), "the red one is in front"
+
+    @pytest.mark.parametrize("number", [3, 9000])
+    def test_a_dot_at_the_edge_is_drawn_as_far_as_it_is_inside(self, number):
+        black = np.zeros((100, 200, 3), np.uint8)
+        corner = np.array([[10.0, 9.95, 4.95]] * number)  # the pixel (0, 0)
+        picture = lidar_over_camera(black, corner, View(CAMERA, FORWARD), width=200)
+        pixels = drawn_at(picture[:60], (0, 0, 0))
+        assert len(pixels)
+        assert pixels.max() <= 1
 
     def test_a_wide_lens_does_not_fold_back_into_its_image(self):
         lens = CameraModel("plumb_bob", 200, 100, 100.0, 100.0, 99.5, 49.5, (-0.3, 0.0, 0.0, 0.0, 0.0))
@@ -301,10 +313,24 @@ class TestCanvas:
 
     def test_large_jpegs_are_decoded_small(self, tmp_path):
         cv2.imwrite(str(tmp_path / "a.jpg"), np.full((800, 1600, 3), 77, np.uint8))
-        assert read_image(tmp_path / "a.jpg", 200).shape == (100, 200, 3)
-        assert read_image(tmp_path / "a.jpg", 300).shape == (200, 400, 3)
-        assert read_image(tmp_path / "a.jpg", 900).shape == (800, 1600, 3)
-        assert read_image(tmp_path / "a.jpg").shape == (800, 1600, 3)
+        assert read_image(tmp_path / "a.jpg", 1600, 200).shape == (100, 200, 3)
+        assert read_image(tmp_path / "a.jpg", 1600, 300).shape == (200, 400, 3)
+        assert read_image(tmp_path / "a.jpg", 1600, 900).shape == (800, 1600, 3)
+        assert read_image(tmp_path / "a.jpg", 1600).shape == (800, 1600, 3)
+
+    @pytest.mark.parametrize("size", [(900, 1400), (401, 640), (333, 512), (300, 480), (77, 120), (1, 900)])
+    def test_scaling_moves_nothing(self, size):
+        rows, columns = size
+        width = 320
+        slope = np.linspace(0, 255, columns, dtype=np.float64)
+        image = np.repeat(np.broadcast_to(slope.round().astype(np.uint8), size)[:, :, None], 3, axis=2)
+        scaled = scaled_to(image, width)
+        assert scaled.shape == (max(1, round(rows * width / columns)), width, 3)
+        wanted = np.interp((np.arange(width) + 0.5) * columns / width - 0.5, np.arange(columns), slope)
+        # The last pixels that fill no square are left out, and the others are stretched by at most that.
+        assert (
+            np.abs(scaled[:, :, 1] - wanted).max() <= 2 + 255 * (columns % max(1, columns // width)) / columns
+        )
 
     def test_colours_go_from_blue_to_red(self):
         low, high = turbo(np.array([0.1, 0.9]))

@@ -122,7 +122,7 @@ def _build(folder: Path, recordings: Path) -> dict[str, float]:
 
 def _run_build(recipe_file: Path) -> Used:
     command = [sys.executable, "-m", "bagassets", "build", "--recipe", str(recipe_file)]
-    used = run_watched(command, cwd=recipe_file.parent)
+    used = run_watched(command, cwd=recipe_file.parent, memory=False)
     if used.code:
         raise SystemExit(f"the build ended with status {used.code}")
     for client in Client.all_of(load_recipe(recipe_file).state):

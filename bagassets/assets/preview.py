@@ -183,7 +183,7 @@ def make(use: Use[PreviewUse], inputs: Inputs, out: ArtifactWriter) -> Summary:
 
 PREVIEW = Asset(
     name="preview",
-    version=8,
+    version=9,
     libraries=("opencv-python-headless",),
     title="Pictures of the recording for people; the small ones are shown with each materialization.",
     kinds=frozenset({"image"}),

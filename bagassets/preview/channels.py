@@ -11,6 +11,7 @@ from bagassets.geometry.calibration import CameraLens
 from bagassets.geometry.camera import CameraModel
 from bagassets.geometry.se3 import SE3, Floats
 from bagassets.geometry.trajectory import Trajectory
+from bagassets.preview.canvas import Image, read_image
 from bagassets.preview.lens import View
 from bagassets.store.artifact import Artifact
 
@@ -26,6 +27,7 @@ class CameraImages:
         artifact: artifact with the files.
         stamps_ns: (N,) increasing.
         files: names in the artifact.
+        widths: (N,) of the images, in pixels.
         camera: model of the images as written; None if unknown.
         ego_SE3_cam: extrinsics.
     """
@@ -34,6 +36,7 @@ class CameraImages:
     artifact: Artifact
     stamps_ns: NDArray[np.int64]
     files: Sequence[str]
+    widths: NDArray[np.int64]
     camera: CameraModel | None
     ego_SE3_cam: SE3
 
@@ -63,13 +66,14 @@ class CameraImages:
             artifact,
             index.column("stamp_ns").to_numpy(),
             index.column("file").to_pylist(),
+            index.column("width").to_numpy(),
             camera,
             ego_SE3_cam.normalised(),
         )
 
-    def path(self, image: int) -> Path:
-        """Return the path of an image."""
-        return self.artifact.path(self.files[image])
+    def read(self, image: int, least_width: int | None = None) -> Image:
+        """Return an image; see `read_image`."""
+        return read_image(self.artifact.path(self.files[image]), int(self.widths[image]), least_width)
 
     def view(self, image: int, trajectory: Trajectory) -> View | None:
         """Return the camera at the time of an image; None without intrinsics, or without an ego pose at that time."""

@@ -14,7 +14,7 @@ from bagassets.geometry.se3 import SE3, Floats
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.json_types import JsonMapping
 from bagassets.preview.birds_eye import BoxAt, birds_eye
-from bagassets.preview.canvas import Image, read_image
+from bagassets.preview.canvas import Image
 from bagassets.preview.channels import CameraImages, Clouds
 from bagassets.preview.contact_sheet import contact_sheet
 from bagassets.preview.future import future_trajectory
@@ -138,7 +138,7 @@ class Pictures:
                 f"{camera.channel} has no intrinsics, or no ego pose at the time of the image"
             )
         title = f"{self.clouds.channel if self.clouds else ''} over {camera.channel}"
-        return lidar_over_camera(read_image(camera.path(image)), points, view, width=self.width, title=title)
+        return lidar_over_camera(camera.read(image), points, view, width=self.width, title=title)
 
     def _birds_eye(self) -> Image:
         if self.moment_ns is None:
@@ -183,7 +183,7 @@ class Pictures:
         # Only up to the first moment without a pose, so that the trajectory has no gap.
         known = len(valid) if valid.all() else int(np.argmin(valid))
         return future_trajectory(
-            read_image(camera.path(image)),
+            camera.read(image),
             positions[:known],
             rotations[:known],
             (stamps_ns[:known] - start_ns) / 1e9,
@@ -207,10 +207,7 @@ class Pictures:
         tiles: dict[str, list[Image | None]] = {}
         for name, camera in self.cameras.items():
             found = [reading_at(camera.stamps_ns, moment, tolerance_ns) for moment in moments]
-            tiles[name] = [
-                None if image is None else read_image(camera.path(image), most_width=tile_width)
-                for image in found
-            ]
+            tiles[name] = [None if image is None else camera.read(image, tile_width) for image in found]
         start_ns = self.timeline_facts["start_ns"] or first_ns
         return contact_sheet(tiles, [(moment - start_ns) / 1e9 for moment in moments], self.width)
 
