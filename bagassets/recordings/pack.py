@@ -60,7 +60,7 @@ class PackedRecording(Recording):
 
     def _read(self, topics: Collection[str]) -> Iterator[RawMessage]:
         wanted = pa.array(sorted(topics), pa.string())
-        for whole in pq.ParquetFile(self._parquet).iter_batches(_BATCH):
+        for whole in pq.ParquetFile(self._parquet).iter_batches(_BATCH, use_threads=False):
             batch = whole.filter(pc.is_in(whole.column("topic"), wanted))
             rows = (batch.column(name).to_pylist() for name in PACK_SCHEMA.names)
             for topic, log_time_ns, data in zip(*rows, strict=True):
