@@ -167,7 +167,7 @@ def _packets(recorder: Recorder, scan: Event) -> Iterator[tuple[int, Any]]:
 
 def _with_region(recorder: Recorder, event: Event) -> Any:
     """Return a CameraInfo that says "the whole image" in numbers: converters take zeros for its size."""
-    make, data = recorder.messages, event.payload(recorder)
+    make, data = recorder.messages, bytes(event.payload(recorder))
     read = make.store.deserialize_ros1 if make.ros1 else make.store.deserialize_cdr
     info: Any = read(data, _INFO)
     info.roi.width, info.roi.height = info.width, info.height

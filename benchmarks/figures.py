@@ -46,8 +46,8 @@ def _whiskers(taken: Sequence[Sequence[float]], middle: Sequence[float]) -> list
 
 
 def _finish(
-    figure,  # noqa: ANN001  (matplotlib's)
-    axes,  # noqa: ANN001
+    figure: Any,  # matplotlib's
+    axes: Any,
     file: Path,
     times: Mapping[str, Mapping[Any, Sequence[float]]],
     title: str,

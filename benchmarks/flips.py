@@ -204,7 +204,7 @@ def _without_crc(path: Path, compression: Compression) -> None:
                     channel.topic, channel.message_encoding, schemas[schema.id]
                 )
             writer.add_message(channels[channel.id], message.log_time, message.data, message.publish_time)
-        writer.finish()
+        writer.finish()  # type: ignore[no-untyped-call]
 
 
 def _messages(data: bytes) -> Iterator[tuple[Any, Any, Any]]:
@@ -221,7 +221,7 @@ def flipped_images(seed: int) -> Iterator[tuple[str, Counter[str]]]:
     image = np.clip(smooth.astype(int) + rng.integers(-4, 5, smooth.shape), 0, 255).astype(np.uint8)
     for name, extension, kind in (("a JPEG alone", ".jpg", "jpeg"), ("a PNG alone", ".png", "png")):
         encoded = cv2.imencode(extension, image)[1].tobytes()
-        pixels = cv2.imdecode(np.frombuffer(encoded, np.uint8), cv2.IMREAD_UNCHANGED)
+        pixels = np.asarray(cv2.imdecode(np.frombuffer(encoded, np.uint8), cv2.IMREAD_UNCHANGED))
         counts = Counter[str]()
         for _ in range(IMAGE_FLIPS):
             data = bytearray(encoded)

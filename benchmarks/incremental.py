@@ -284,7 +284,8 @@ def digests(bench: Bench) -> None:
         folder = bench.recipe.parent / f"split{number}"
         folder.mkdir()
         recordings = [find_one(path) for path in split(data, number, folder)]
-        hashed, stored = [], []
+        hashed: list[float] = []
+        stored: list[float] = []
         for _ in range(bench.times):
             for recording in recordings:
                 os.removexattr(recording.files[0], ATTRIBUTE) if has_attribute(recording.files[0]) else None

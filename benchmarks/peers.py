@@ -311,7 +311,7 @@ def _measure(
         f"content of one of {number} changed": made.change_content,
         "one camera of one changed": made.change_camera,
         "metadata of one changed": made.change_metadata,
-        f"all {number} touched, content the same": lambda: [_touch(path) for path in made.bags.iterdir()],
+        f"all {number} touched, content the same": lambda: _touch(made.bags),
     }
     for _ in range(options.trials):
         for row, change in changes.items():
@@ -395,8 +395,9 @@ def _empty(folder: Path) -> None:
     folder.mkdir(parents=True)
 
 
-def _touch(path: Path) -> None:
-    os.utime(path, ns=(time.time_ns(), time.time_ns()))
+def _touch(folder: Path) -> None:
+    for path in folder.iterdir():
+        os.utime(path, ns=(time.time_ns(), time.time_ns()))
 
 
 def _absolute(command: str) -> str:

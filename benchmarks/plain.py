@@ -79,7 +79,7 @@ def convert_plainly(recipe_file: Path, bags: Path, out: Path) -> None:
     import bagassets.assets.topic_log
     import bagassets.formats.json_files
     import bagassets.store.artifact
-    from bagassets.build.execute import execute
+    from bagassets.build.execute import Skipped, execute
     from bagassets.build.graph import Graph
     from bagassets.formats.assembly import assemble
     from bagassets.formats.catalogue import recording_assets
@@ -88,9 +88,9 @@ def convert_plainly(recipe_file: Path, bags: Path, out: Path) -> None:
     from bagassets.recordings.digest import recording_stat
     from bagassets.recordings.discover import discover
 
-    bagassets.assets.topic_log.blake3 = Unhashed  # type: ignore[assignment,misc]
-    bagassets.formats.json_files.blake3 = Unhashed  # type: ignore[assignment,misc]
-    bagassets.store.artifact.digest_bytes = lambda _data: Unhashed().hexdigest()
+    bagassets.assets.topic_log.blake3 = Unhashed  # type: ignore[assignment,attr-defined]
+    bagassets.formats.json_files.blake3 = Unhashed  # type: ignore[assignment,attr-defined]
+    bagassets.store.artifact.digest_bytes = lambda _data: Unhashed().hexdigest()  # type: ignore[assignment,attr-defined]
     recipe = load_recipe(recipe_file)
     assets, parts = recording_assets(recipe), []
     wanted = frozenset(assets.names) - {"preview"}
@@ -99,7 +99,7 @@ def convert_plainly(recipe_file: Path, bags: Path, out: Path) -> None:
         recordings = discover(recipe.bags.model_copy(update={"root": bags})).recordings
         for key, recording in recordings.items():
             graph = Graph(assets, store, recording, key, recording_stat(recording), wanted=wanted)
-            made = {result.asset: result for result in execute(graph)}
+            made = {result.asset: result for result in execute(graph) if not isinstance(result, Skipped)}
             parts.append(Part(key, key, made["nuscenes_tables"].artifact.digest))
         assemble(NUSCENES, parts, recipe.nuscenes, store, out, splits=recipe.splits)
 

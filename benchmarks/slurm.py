@@ -161,7 +161,7 @@ def launches(work: Path, number: int, postgres: Postgres) -> dict[str, Any]:
     keys = [f"r{index:04}.bag" for index in range(number)]
     held: list[float] = []
     with open_instance(str(recipe_file.parent)) as instance:
-        instance.add_dynamic_partitions(small_definitions.recordings.name, keys)
+        instance.add_dynamic_partitions(str(small_definitions.recordings.name), keys)
         workspace = LaunchWorkspace(instance, location, work / "log")
         for key in keys:
             run_id = create_run(instance, ["first"], partition_key=key, location=location)

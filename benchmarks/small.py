@@ -90,12 +90,8 @@ def measure(folder: Path, fewer: int, more: int, times: int) -> dict[str, Any]:
         each["work_cpu_s"].append(_work_cpu_s(folder / "project", recordings[fewer]))
     size = next(recordings[more].iterdir()).stat().st_size
     with running_postgres() as server:
-        few, many = (
-            _postgres_bytes(folder / "project", recordings[number], server) for number in (fewer, more)
-        )
-    postgres_bytes, further_bytes = (
-        (end - begin) / (more - fewer) for begin, end in zip(few, many, strict=True)
-    )
+        kept = [_postgres_bytes(folder / "project", recordings[number], server) for number in (fewer, more)]
+    postgres_bytes, further_bytes = ((end - begin) / (more - fewer) for begin, end in zip(*kept, strict=True))
     return {
         "recordings": [fewer, more],
         "recording_bytes": size,

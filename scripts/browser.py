@@ -75,7 +75,8 @@ class Browser:
             time.sleep(0.1)
         with urlopen(f"http://127.0.0.1:{lines[0]}/json/list") as answer:
             pages = json.load(answer)
-        return next(page["webSocketDebuggerUrl"] for page in pages if page["type"] == "page")
+        url: str = next(page["webSocketDebuggerUrl"] for page in pages if page["type"] == "page")
+        return url
 
     def call(self, method: str, **params: Any) -> dict[str, Any]:
         """Send one DevTools command and return its result."""

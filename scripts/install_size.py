@@ -62,7 +62,7 @@ def measure() -> dict[str, Any]:
     with TemporaryDirectory() as folder:
         subprocess.run([sys.executable, "-m", "venv", folder], check=True)
         python = Path(folder) / "bin" / "python"
-        install = [python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
+        install: list[str | Path] = [python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
         subprocess.run([*install, "--constraint", ROOT / "requirements.lock", ROOT], check=True)
         found = subprocess.run([python, "-c", _SIZES], check=True, capture_output=True, text=True, cwd=folder)
         packages = {

@@ -9,6 +9,7 @@ from the finished nuScenes dataset by nothing but its tables.
 import argparse
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -32,7 +33,7 @@ class Dataset:
         self.rows = {name: read_table(dataroot / version, name) for name in tables}
         self.by_token = {row["token"]: row for rows in self.rows.values() for row in rows}
 
-    def keyframes(self, channel: str) -> dict[str, dict]:
+    def keyframes(self, channel: str) -> dict[str, dict[str, Any]]:
         """Return sample token -> the channel's reading of that sample."""
         found = {}
         for row in self.rows["sample_data"]:
@@ -41,7 +42,7 @@ class Dataset:
                 found[row["sample_token"]] = row
         return found
 
-    def global_SE3_sensor(self, reading: dict) -> SE3:
+    def global_SE3_sensor(self, reading: dict[str, Any]) -> SE3:
         """Return where the sensor was at a reading."""
         pose, calibrated = (
             self.by_token[reading[f"{name}_token"]] for name in ("ego_pose", "calibrated_sensor")
@@ -66,7 +67,7 @@ def draw_lidar_over_camera(dataset: Dataset, camera: str, lidar: str, width: int
     model = CameraModel("none", image["width"], image["height"], fx, fy, cx, cy)
     points = np.asarray(read_lidar_file(dataset.dataroot / cloud["filename"])[:, :3], dtype=np.float64)
     picture = lidar_over_camera(
-        read_image(dataset.dataroot / image["filename"]),
+        read_image(dataset.dataroot / image["filename"], image["width"]),
         dataset.global_SE3_sensor(cloud).transform_points(points),
         View(model, dataset.global_SE3_sensor(image)),
         width=width,

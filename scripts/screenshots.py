@@ -20,6 +20,7 @@ from typing import Any
 from urllib.request import Request, urlopen
 
 import cv2
+import numpy as np
 from browser import Browser
 
 from bagassets.defs.ports import free_port
@@ -260,7 +261,7 @@ FAILURES: dict[str, Callable[[Browser, str, Path], None]] = {
 
 def squeeze(file: Path) -> None:
     """Write a PNG anew, as small as it gets."""
-    cv2.imwrite(str(file), cv2.imread(str(file)), [cv2.IMWRITE_PNG_COMPRESSION, 9])
+    cv2.imwrite(str(file), np.asarray(cv2.imread(str(file))), [cv2.IMWRITE_PNG_COMPRESSION, 9])
 
 
 if __name__ == "__main__":
