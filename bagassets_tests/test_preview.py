@@ -2,6 +2,7 @@
 
 import dataclasses
 import re
+import struct
 from types import SimpleNamespace
 
 import cv2
@@ -331,6 +332,21 @@ class TestCanvas:
         assert (
             np.abs(scaled[:, :, 1] - wanted).max() <= 2 + 255 * (columns % max(1, columns // width)) / columns
         )
+
+    def test_a_flat_image_keeps_its_lower_edge(self):
+        image = np.zeros((13, 9000, 3), np.uint8)
+        image[7:] = 255
+        assert scaled_to(image, 1280)[-1].min() > 200
+
+    def test_a_jpeg_that_its_exif_turns_upright_is_not_decoded_too_small(self, tmp_path):
+        data = cv2.imencode(".jpg", np.full((1080, 1920, 3), 77, np.uint8))[1].tobytes()
+        turned = b"MM\0*" + struct.pack(">IHHHIHHI", 8, 1, 0x0112, 3, 1, 6, 0, 0)
+        exif = b"Exif\0\0" + turned
+        (tmp_path / "a.jpg").write_bytes(
+            data[:2] + b"\xff\xe1" + struct.pack(">H", len(exif) + 2) + exif + data[2:]
+        )
+        rows, columns, _ = read_image(tmp_path / "a.jpg", 1920, 213).shape
+        assert rows > columns >= 213
 
     def test_colours_go_from_blue_to_red(self):
         low, high = turbo(np.array([0.1, 0.9]))

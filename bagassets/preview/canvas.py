@@ -48,7 +48,8 @@ _PALETTE: tuple[Colour, ...] = (
 _FONT = cv2.FONT_HERSHEY_SIMPLEX
 _FONT_HEIGHT_PX = 22.0  # of a capital at scale 1
 _REDUCED = ((8, cv2.IMREAD_REDUCED_COLOR_8), (4, cv2.IMREAD_REDUCED_COLOR_4), (2, cv2.IMREAD_REDUCED_COLOR_2))
-_SLIGHT = 1.5
+_SLIGHT = 1.5  # times as wide
+_LEAST_SQUARES = 32  # one above the other; of fewer, what fills no square would be missed
 _QUALITIES = (85, 75, 65, 55, 45, 35, 25, 15)
 
 
@@ -65,9 +66,9 @@ def read_image(path: Path, width: int, least_width: int | None = None) -> Image:
 
     Args:
         path: the file.
-        width: of the image in pixels.
-        least_width: a JPEG of at least twice this width is decoded at a half, quarter or eighth of its size, which is several
-            times faster.
+        width: in its header, in pixels.
+        least_width: a JPEG of at least twice this width is decoded at half, a quarter or an eighth of its size, which is
+            several times faster.
 
     Raises:
         DatasetError: it cannot be read.
@@ -76,6 +77,8 @@ def read_image(path: Path, width: int, least_width: int | None = None) -> Image:
     if least_width is not None and path.suffix == ".jpg":
         flags = next((flag for factor, flag in _REDUCED if width // factor >= least_width), flags)
     image = cv2.imread(str(path), flags)
+    if image is not None and least_width is not None and image.shape[1] < least_width:
+        image = cv2.imread(str(path), cv2.IMREAD_COLOR)  # turned upright, as its EXIF says, it is less wide
     if image is None:
         raise DatasetError(f"{path}: this image cannot be read; build again to replace it.")
     return np.asarray(image)
@@ -85,12 +88,12 @@ def scaled_to(image: Image, width: int) -> Image:
     """Return a picture scaled to a width, its sides in proportion.
 
     `cv2.INTER_AREA` is slow where it has to average over parts of pixels. So a picture at least twice as wide is first averaged
-    over squares of whole pixels, and what a slight reduction loses to interpolation cannot be seen. The last pixels that
-    fill no square are left out.
+    over squares of whole pixels; pixels at the right and lower edge that fill no square are left out. A slight reduction is
+    interpolated, which loses next to nothing.
     """
     height = max(1, round(image.shape[0] * width / image.shape[1]))
     factor = image.shape[1] // width
-    if factor > 1 and image.shape[0] >= factor:
+    if factor > 1 and image.shape[0] >= _LEAST_SQUARES * factor:
         rows, columns = image.shape[0] // factor, image.shape[1] // factor
         whole = image[: rows * factor, : columns * factor]
         image = np.asarray(cv2.resize(whole, (columns, rows), interpolation=cv2.INTER_AREA))

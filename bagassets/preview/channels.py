@@ -36,7 +36,7 @@ class CameraImages:
     artifact: Artifact
     stamps_ns: NDArray[np.int64]
     files: Sequence[str]
-    widths: NDArray[np.int64]
+    widths: NDArray[np.int32]
     camera: CameraModel | None
     ego_SE3_cam: SE3
 

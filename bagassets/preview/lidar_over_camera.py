@@ -1,5 +1,7 @@
 """Lidar points over a camera image, coloured by distance; wrong calibration is obvious in it."""
 
+from typing import Any
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -44,17 +46,18 @@ def lidar_over_camera(
 
 
 def _dots(picture: Image, pixels: NDArray[np.int32], colours: NDArray[np.uint8], radius: int) -> None:
-    """Draw discs in order: where several cover a pixel, it gets the colour of the last one.
+    """Draw dots in order; those of one colour that follow each other together.
 
-    Without smooth edges, which would take OpenCV several times as long for forty thousand of them.
+    To OpenCV a closed line of a single point is a dot as wide as the line. Forty thousand circles take three times as long, and
+    so do dots with smooth edges.
     """
-    height, width = picture.shape[:2]
-    down, across = np.mgrid[-radius : radius + 1, -radius : radius + 1]
-    disc = down**2 + across**2 <= radius * (radius + 0.5)
-    u, v = pixels[:, :1] + across[disc], pixels[:, 1:] + down[disc]
-    inside = (u >= 0) & (u < width) & (v >= 0) & (v < height)
-    dot = np.broadcast_to(np.arange(len(pixels))[:, None], inside.shape)
-    picture[v[inside], u[inside]] = colours[dot[inside]]
+    begins = np.flatnonzero((np.diff(colours.astype(np.int16), axis=0, prepend=-1) != 0).any(axis=1))
+    for same in np.split(np.arange(len(pixels)), begins[1:]):
+        if len(same):
+            lines: Any = pixels[
+                same, None
+            ]  # an array of lines; OpenCV's types know only lists, which take longer
+            cv2.polylines(picture, lines, True, colours[same[0]].tolist(), 2 * radius, cv2.LINE_8)
 
 
 def _share(depth_m: Floats) -> Floats:
