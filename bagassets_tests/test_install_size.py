@@ -1,7 +1,8 @@
-"""The size of an installation, as the docs have it, is what its script measured."""
+"""What an installation holds, and that its size, as the docs have it, is what its script measured."""
 
 import json
 import re
+import tomllib
 from pathlib import Path
 
 from scripts.install_size import REASONS, RESULT, SHOWN, size_of, table
@@ -37,3 +38,8 @@ def test_links_and_folders_count_nothing(tmp_path):
     (tmp_path / "link").symlink_to("file")
     assert [size_of(str(path)) for path in (tmp_path / "file", tmp_path / "link", tmp_path)] == [7, 0, 0]
     assert size_of(str(tmp_path / "gone")) == 0
+
+
+def test_only_the_package_is_installed():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
+    assert project["tool"]["hatch"]["build"]["targets"]["wheel"]["packages"] == ["bagassets"]
