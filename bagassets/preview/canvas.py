@@ -73,12 +73,13 @@ def read_image(path: Path, width: int, least_width: int | None = None) -> Image:
     Raises:
         DatasetError: it cannot be read.
     """
-    flags = cv2.IMREAD_COLOR
     if least_width is not None and path.suffix == ".jpg":
-        flags = next((flag for factor, flag in _REDUCED if width // factor >= least_width), flags)
-    image = cv2.imread(str(path), flags)
-    if image is not None and least_width is not None and image.shape[1] < least_width:
-        image = cv2.imread(str(path), cv2.IMREAD_COLOR)  # turned upright, as its EXIF says, it is less wide
+        flag = next((flag for factor, flag in _REDUCED if width // factor >= least_width), None)
+        small = None if flag is None else cv2.imread(str(path), flag)
+        # An image that its EXIF turns upright may be less wide than its header says.
+        if small is not None and small.shape[1] >= least_width:
+            return np.asarray(small)
+    image = cv2.imread(str(path), cv2.IMREAD_COLOR)
     if image is None:
         raise DatasetError(f"{path}: this image cannot be read; build again to replace it.")
     return np.asarray(image)
