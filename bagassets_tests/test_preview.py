@@ -27,6 +27,7 @@ from bagassets.preview.canvas import (
     colour_of,
     jpeg_within,
     read_image,
+    read_reduced,
     scaled_to,
     text,
     turbo,
@@ -314,10 +315,10 @@ class TestCanvas:
 
     def test_large_jpegs_are_decoded_small(self, tmp_path):
         cv2.imwrite(str(tmp_path / "a.jpg"), np.full((800, 1600, 3), 77, np.uint8))
-        assert read_image(tmp_path / "a.jpg", 1600, 200).shape == (100, 200, 3)
-        assert read_image(tmp_path / "a.jpg", 1600, 300).shape == (200, 400, 3)
-        assert read_image(tmp_path / "a.jpg", 1600, 900).shape == (800, 1600, 3)
-        assert read_image(tmp_path / "a.jpg", 1600).shape == (800, 1600, 3)
+        assert read_reduced(tmp_path / "a.jpg", 1600, 200).shape == (100, 200, 3)
+        assert read_reduced(tmp_path / "a.jpg", 1600, 300).shape == (200, 400, 3)
+        assert read_reduced(tmp_path / "a.jpg", 1600, 900).shape == (800, 1600, 3)
+        assert read_image(tmp_path / "a.jpg").shape == (800, 1600, 3)
 
     @pytest.mark.parametrize("size", [(900, 1400), (401, 640), (333, 512), (300, 480), (77, 120), (1, 900)])
     def test_scaling_moves_nothing(self, size):
@@ -345,7 +346,7 @@ class TestCanvas:
         (tmp_path / "a.jpg").write_bytes(
             data[:2] + b"\xff\xe1" + struct.pack(">H", len(exif) + 2) + exif + data[2:]
         )
-        rows, columns, _ = read_image(tmp_path / "a.jpg", 1920, 213).shape
+        rows, columns, _ = read_reduced(tmp_path / "a.jpg", 1920, 213).shape
         assert rows > columns >= 213
 
     def test_colours_go_from_blue_to_red(self):

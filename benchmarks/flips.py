@@ -204,7 +204,7 @@ def _without_crc(path: Path, compression: Compression) -> None:
                     channel.topic, channel.message_encoding, schemas[schema.id]
                 )
             writer.add_message(channels[channel.id], message.log_time, message.data, message.publish_time)
-        writer.finish()  # type: ignore[no-untyped-call]
+        writer.finish()  # type: ignore[no-untyped-call]  # mcap's has no annotations
 
 
 def _messages(data: bytes) -> Iterator[tuple[Any, Any, Any]]:

@@ -277,7 +277,7 @@ class _Part(ABC):
             outcome = "passed" if evaluation.passed else f"did not pass: {evaluation.description}"
             self._log(kind, evaluation, f"{what} {outcome}.")
             return
-        entry = dg.EventLogEntry(  # type: ignore[no-untyped-call]
+        entry = dg.EventLogEntry(  # type: ignore[no-untyped-call]  # Dagster's class has no annotations
             error_info=None,
             level=logging.DEBUG,
             user_message="",

@@ -24,6 +24,7 @@ __all__ = [
     "jpeg",
     "jpeg_within",
     "read_image",
+    "read_reduced",
     "scaled_to",
     "text",
     "text_width",
@@ -61,28 +62,35 @@ def blank(width: int, height: int) -> Image:
     ).copy()  # by whole rows, several times faster than by pixels
 
 
-def read_image(path: Path, width: int, least_width: int | None = None) -> Image:
+def read_image(path: Path) -> Image:
     """Return an image file as (H, W, 3) BGR; grey ones and 16 bit become 8-bit BGR.
-
-    Args:
-        path: the file.
-        width: in its header, in pixels.
-        least_width: a JPEG of at least twice this width is decoded at half, a quarter or an eighth of its size, which is
-            several times faster.
 
     Raises:
         DatasetError: it cannot be read.
     """
-    if least_width is not None and path.suffix == ".jpg":
-        flag = next((flag for factor, flag in _REDUCED if width // factor >= least_width), None)
-        small = None if flag is None else cv2.imread(str(path), flag)
-        # An image that its EXIF turns upright may be less wide than its header says.
-        if small is not None and small.shape[1] >= least_width:
-            return np.asarray(small)
     image = cv2.imread(str(path), cv2.IMREAD_COLOR)
     if image is None:
         raise DatasetError(f"{path}: this image cannot be read; build again to replace it.")
     return np.asarray(image)
+
+
+def read_reduced(path: Path, width: int, least_width: int) -> Image:
+    """Return an image file as `read_image` does; a JPEG of at least twice `least_width` at half, a quarter or an eighth of its size.
+
+    That is several times faster.
+
+    Args:
+        path: the file.
+        width: in its header, in pixels.
+        least_width: in pixels.
+
+    Raises:
+        DatasetError: it cannot be read.
+    """
+    flag = next((flag for factor, flag in _REDUCED if width // factor >= least_width), None)
+    small = cv2.imread(str(path), flag) if flag is not None and path.suffix == ".jpg" else None
+    # An image that its EXIF turns upright may be less wide than its header says.
+    return np.asarray(small) if small is not None and small.shape[1] >= least_width else read_image(path)
 
 
 def scaled_to(image: Image, width: int) -> Image:

@@ -11,7 +11,7 @@ from bagassets.geometry.calibration import CameraLens
 from bagassets.geometry.camera import CameraModel
 from bagassets.geometry.se3 import SE3, Floats
 from bagassets.geometry.trajectory import Trajectory
-from bagassets.preview.canvas import Image, read_image
+from bagassets.preview.canvas import Image, read_image, read_reduced
 from bagassets.preview.lens import View
 from bagassets.store.artifact import Artifact
 
@@ -71,9 +71,13 @@ class CameraImages:
             ego_SE3_cam.normalised(),
         )
 
-    def read(self, image: int, least_width: int | None = None) -> Image:
+    def read(self, image: int) -> Image:
         """Return an image; see `read_image`."""
-        return read_image(self.artifact.path(self.files[image]), int(self.widths[image]), least_width)
+        return read_image(self.artifact.path(self.files[image]))
+
+    def read_reduced(self, image: int, least_width: int) -> Image:
+        """Return an image, smaller if it is much wider than `least_width`; see `read_reduced`."""
+        return read_reduced(self.artifact.path(self.files[image]), int(self.widths[image]), least_width)
 
     def view(self, image: int, trajectory: Trajectory) -> View | None:
         """Return the camera at the time of an image; None without intrinsics, or without an ego pose at that time."""

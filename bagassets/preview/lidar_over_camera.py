@@ -54,9 +54,8 @@ def _dots(picture: Image, pixels: NDArray[np.int32], colours: NDArray[np.uint8],
     begins = np.flatnonzero((np.diff(colours.astype(np.int16), axis=0, prepend=-1) != 0).any(axis=1))
     for same in np.split(np.arange(len(pixels)), begins[1:]):
         if len(same):
-            lines: Any = pixels[
-                same, None
-            ]  # an array of lines; OpenCV's types know only lists, which take longer
+            # An array of lines; OpenCV's types know only lists, which take longer.
+            lines: Any = pixels[same, None]
             cv2.polylines(picture, lines, True, colours[same[0]].tolist(), 2 * radius, cv2.LINE_8)
 
 

@@ -207,7 +207,9 @@ class Pictures:
         tiles: dict[str, list[Image | None]] = {}
         for name, camera in self.cameras.items():
             found = [reading_at(camera.stamps_ns, moment, tolerance_ns) for moment in moments]
-            tiles[name] = [None if image is None else camera.read(image, tile_width) for image in found]
+            tiles[name] = [
+                None if image is None else camera.read_reduced(image, tile_width) for image in found
+            ]
         start_ns = self.timeline_facts["start_ns"] or first_ns
         return contact_sheet(tiles, [(moment - start_ns) / 1e9 for moment in moments], self.width)
 

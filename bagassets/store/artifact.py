@@ -94,7 +94,7 @@ class Artifact:
 
         try:
             # Twice as fast as `read_table`, which is made for data sets of many files. Most tables are so small that threads and
-            # reading ahead take longer than they save.
+            # reading ahead cost more time than they save.
             file = pq.ParquetFile(self.path(relative), memory_map=True, pre_buffer=False)
             return file.read(columns, use_threads=False)
         except (OSError, pa.ArrowInvalid) as err:
