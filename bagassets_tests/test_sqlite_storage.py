@@ -4,7 +4,7 @@ import re
 import subprocess
 import sys
 import threading
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from multiprocessing import get_context
 
 import dagster as dg
@@ -133,6 +133,30 @@ def test_who_watches_a_run_hears_what_others_write(project):
         assert enough.wait(WAIT_S)
         instance.end_watch_event_logs(run.run_id, hear)
     assert heard == ["first", "second"]
+
+
+def test_an_asset_is_recorded_with_what_finds_it_or_not_at_all(project, monkeypatch):
+    tagged = dg.AssetMaterialization("frames", partition="a.bag", tags={"dagster/data_version": "1"})
+    with open_instance(str(project.parent)) as instance:
+        storage = instance.event_log_storage
+        run = instance.create_run_for_job(_job)
+        with monkeypatch.context() as patch:
+            patch.setattr(storage, "_store_asset_event", _fail)
+            with pytest.raises(OSError, match="full"):
+                instance.report_dagster_event(_materialization(run, tagged), run.run_id)
+        assert storage.last_id is None
+        assert instance.all_logs(run.run_id) == []
+        instance.report_dagster_event(_materialization(run, tagged), run.run_id)
+        (record,) = instance.fetch_materializations(tagged.asset_key, limit=5).records
+        assert storage.last_id == record.storage_id
+        with ThreadPoolExecutor() as pool:
+            assert pool.submit(lambda: storage.last_id).result() is None
+        instance.report_engine_event("then", run)
+        assert storage.last_id is None
+
+
+def _fail(*_arguments):
+    raise OSError("the disk is full")
 
 
 @pytest.mark.long

@@ -6,8 +6,9 @@ Each recording is recorded as its own partition, as a run of its own would.
 import logging
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 import dagster as dg
 from dagster import AssetRecordsFilter
@@ -15,6 +16,7 @@ from dagster import AssetRecordsFilter
 from bagassets.build.execute import Skipped
 from bagassets.build.plan import version_as_input
 from bagassets.defs.batches import Batch
+from bagassets.defs.check_records import record_passed
 from bagassets.defs.checks import check_groups, run_checks, run_dataset_checks
 from bagassets.defs.dagster_private import (
     AssetCheckEvaluationTargetMaterializationData,
@@ -190,13 +192,14 @@ class _Part(ABC):
             )
             self._log(dg.DagsterEventType.ASSET_OBSERVATION, AssetObservationData(observed), message)
 
-    def _log(self, kind: dg.DagsterEventType, data: object, message: str) -> None:
-        """Record an event of the run."""
-        self._instance.report_dagster_event(
-            self._event(kind, data, message), self._context.run_id, logging.DEBUG
-        )
+    def _log(
+        self, kind: dg.DagsterEventType, data: object, message: str, timestamp_s: float | None = None
+    ) -> None:
+        """Record an event of the run, which happened now if nothing else is said."""
+        event = self._event(kind, data, message)
+        self._instance.report_dagster_event(event, self._context.run_id, logging.DEBUG, timestamp=timestamp_s)
 
-    def _event(self, kind: dg.DagsterEventType, data: object, message: str) -> dg.DagsterEvent:
+    def _event(self, kind: dg.DagsterEventType, data: object, message: str | None = None) -> dg.DagsterEvent:
         """Return an event of the run.
 
         Not through the step, which would add to each what it is and where it stands: a third of the event.
@@ -225,13 +228,18 @@ class _Part(ABC):
         for name, version in inputs.items():
             tags[self._names.input_tag(name)] = version
             tags[self._names.pointer_tag(name)] = str(self._latest_of(name).storage_id)
-        self._latest.pop(made.asset, None)
         recorded = dg.AssetMaterialization(
             self._names.key(made.asset), partition=self.key or None, metadata=made.metadata, tags=tags
         )
         kind = dg.DagsterEventType.ASSET_MATERIALIZATION
-        self._log(kind, StepMaterializationData(recorded), f"Materialized {made.asset}{self._of_key}.")
+        now_s = time.time()
+        message = f"Materialized {made.asset}{self._of_key}."
+        self._log(kind, StepMaterializationData(recorded), message, now_s)
         self._made.add(made.asset)
+        self._latest.pop(made.asset, None)
+        storage_id = getattr(self._instance.event_log_storage, "last_id", None)
+        if storage_id is not None:
+            self._latest[made.asset] = _Latest(storage_id, self._context.run_id, now_s, made.data_version)
 
     def _latest_of(self, asset: str) -> _Latest:
         if asset not in self._latest:
@@ -250,15 +258,31 @@ class _Part(ABC):
             )
         return self._latest[asset]
 
-    def _record_check(self, result: dg.AssetCheckResult) -> None:
-        """Record a check; one that passed where Dagster looks checks up, and not in the run's log, too.
+    def _record_checks(self, results: Iterable[dg.AssetCheckResult]) -> None:
+        """Record checks: in the log of the run the ones that did not pass, the others together, once all were made."""
+        kind = dg.DagsterEventType.ASSET_CHECK_EVALUATION
+        storage = self._instance.event_log_storage
+        passed = []
+        try:
+            for result in results:
+                evaluation = self._evaluation(result)
+                if evaluation.passed and isinstance(storage, SqlEventLogStorage):
+                    passed.append(self._entry(self._event(kind, evaluation)))
+                    continue
+                outcome = "passed" if evaluation.passed else f"did not pass: {evaluation.description}"
+                asset = self._names.asset_of(evaluation.asset_key)
+                message = f"Check {evaluation.check_name} of {asset}{self._of_key} {outcome}."
+                self._log(kind, evaluation, message)
+        finally:
+            if isinstance(storage, SqlEventLogStorage):
+                record_passed(storage, passed)
 
-        There are a dozen of each recording, and each takes as much room in either place.
-        """
+    def _evaluation(self, result: dg.AssetCheckResult) -> dg.AssetCheckEvaluation:
+        """Return a check as Dagster records it, with the materialization that it is about."""
         if result.asset_key is None or (asset := self._names.asset_of(result.asset_key)) is None:
             raise UnexpectedError(f"check {result.check_name}: of no asset of this project")
         target = self._latest_of(asset)
-        evaluation = dg.AssetCheckEvaluation(
+        return dg.AssetCheckEvaluation(
             asset_key=result.asset_key,
             check_name=str(result.check_name),
             passed=result.passed,
@@ -270,14 +294,9 @@ class _Part(ABC):
                 storage_id=target.storage_id, run_id=target.run_id, timestamp=target.timestamp
             ),
         )
-        what = f"Check {evaluation.check_name} of {asset}{self._of_key}"
-        kind = dg.DagsterEventType.ASSET_CHECK_EVALUATION
-        storage = self._instance.event_log_storage
-        if not evaluation.passed or not isinstance(storage, SqlEventLogStorage):
-            outcome = "passed" if evaluation.passed else f"did not pass: {evaluation.description}"
-            self._log(kind, evaluation, f"{what} {outcome}.")
-            return
-        entry = dg.EventLogEntry(  # type: ignore[no-untyped-call]  # Dagster's class has no annotations
+
+    def _entry(self, event: dg.DagsterEvent) -> dg.EventLogEntry:
+        return dg.EventLogEntry(  # type: ignore[no-untyped-call]  # Dagster's class has no annotations
             error_info=None,
             level=logging.DEBUG,
             user_message="",
@@ -285,9 +304,8 @@ class _Part(ABC):
             timestamp=time.time(),
             step_key=self._names.batch_op,
             job_name=self._names.batch_job,
-            dagster_event=self._event(kind, evaluation, f"{what} passed."),
+            dagster_event=event,
         )
-        storage.store_asset_check_event(entry, None)
 
 
 class _Recording(_Part):
@@ -339,15 +357,18 @@ class _Recording(_Part):
 
     def _check(self, recording: RecordingFiles) -> None:
         store = self._workspace.store
+        results = []
         for group in check_groups(self._workspace.recipe).values():
             chosen = {asset: checks for asset, checks in group.items() if asset in self._made}
-            for result in run_checks(
-                self._workspace,
-                recording,
-                chosen,
-                lambda name: store.artifact(self._latest_of(name).data_version),
-            ):
-                self._record_check(result)
+            results.append(
+                run_checks(
+                    self._workspace,
+                    recording,
+                    chosen,
+                    lambda name: store.artifact(self._latest_of(name).data_version),
+                )
+            )
+        self._record_checks(chain.from_iterable(results))
 
 
 class _Datasets(_Part):
@@ -370,8 +391,7 @@ class _Datasets(_Part):
                 made = make_dataset(self._instance, self._workspace, planned, asset, self._context.run_id)
                 self._record(made, version, {DATASET_INPUTS: planned.inputs.digest})
                 if asset in datasets_of(recipe):
-                    for result in run_dataset_checks(self._workspace, asset):
-                        self._record_check(result)
+                    self._record_checks(run_dataset_checks(self._workspace, asset))
             except RunEndedError:
                 raise
             except BagAssetsError as err:  # the others may well succeed

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from dagster._core.definitions.partitions.context import PartitionLoadingContext
     from dagster._core.errors import DagsterUserCodeUnreachableError
     from dagster._core.events import (
+        ASSET_EVENTS,
         AssetMaterializationPlannedData,
         AssetObservationData,
         EngineEventData,
@@ -83,6 +84,7 @@ if TYPE_CHECKING:
     from dagster_webserver.app import create_app_from_workspace_process_context
 
 __all__ = [
+    "ASSET_EVENTS",
     "DEFAULT_DAGSTER_ENTRY_POINT",
     "GRPC_INFO_TAG",
     "RUN_MODULES",
@@ -201,7 +203,8 @@ _PLACES = {
     "get_alembic_config": "dagster._core.storage.sql",  # 1.7
     "sqlite_event_log": "dagster._core.storage.event_log.sqlite",  # 1.7
     "sqlite_run_storage": "dagster._core.storage.runs.sqlite",  # 1.7
-    # One database for the events of all runs: `sqlite_storage`; checks in it: `batch_job`, `old_runs`.
+    # One database for the events of all runs: `sqlite_storage`; checks in it: `check_records`, `old_runs`.
+    "ASSET_EVENTS": "dagster._core.events",  # 1.7
     "AssetCheckExecutionsTable": "dagster._core.storage.event_log.schema",  # 1.7
     "SqlEventLogStorage": "dagster._core.storage.event_log.sql_event_log",  # 1.7
     "SqliteEventLogStorage": "dagster._core.storage.event_log.sqlite.sqlite_event_log",  # 1.7

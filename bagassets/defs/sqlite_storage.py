@@ -6,6 +6,7 @@ PostgreSQL. Runs that have a database of their own keep it, so a project of befo
 when its `dagster.yaml` names this storage.
 """
 
+import threading
 from collections.abc import Callable, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -14,6 +15,7 @@ from typing import Any, Self
 import dagster as dg
 
 from bagassets.defs.dagster_private import (
+    ASSET_EVENTS,
     ConfigurableClassData,
     DagsterSqliteStorage,
     SqlEventLogStorage,
@@ -34,11 +36,25 @@ class ProjectEventLogStorage(SqliteEventLogStorage):
         return self._connect(run_id if run_id is not None and self._has_own(run_id) else _COMMON)
 
     def store_event(self, event: dg.EventLogEntry) -> None:
-        """Record an event, once."""
+        """Record an event, once; of an asset, with what is kept to look it up in the same transaction."""
+        self._last.id = None
         if self._has_own(event.run_id):
             super().store_event(event)  # a run that was begun before the change
-        else:
+        elif event.dagster_event is None or event.dagster_event.event_type not in ASSET_EVENTS:
             SqlEventLogStorage.store_event(self, event)
+        else:
+            with self._connect(_COMMON) as connection:
+                stored = connection.execute(self.prepare_insert_event(event))
+                event_id = stored.inserted_primary_key[0]  # type: ignore[index]  # of an insert never None
+                if event.dagster_event.asset_key is not None:
+                    self._store_asset_event_tags(connection, [event], [event_id])
+                    self._store_asset_event(connection, event, event_id)
+            self._last.id = event_id
+
+    @property
+    def last_id(self) -> int | None:
+        """The id of the event of an asset that this thread has just recorded; None if it was another event."""
+        return getattr(self._last, "id", None)
 
     def get_event_records(
         self, event_records_filter: dg.EventRecordsFilter, limit: int | None = None, ascending: bool = False
@@ -66,6 +82,10 @@ class ProjectEventLogStorage(SqliteEventLogStorage):
     def is_run_sharded(self) -> bool:
         """Ids of events grow from run to run."""
         return False
+
+    @cached_property
+    def _last(self) -> threading.local:
+        return threading.local()
 
     @cached_property
     def _watcher(self) -> SqlPollingEventWatcher:
