@@ -25,6 +25,7 @@ def main() -> int:
 
 
 def _main() -> int:
+    _replace_closed_streams()
     if sys.getfilesystemencoding() != "utf-8" and os.environ.get("PYTHONUTF8") != "1":
         # Names of recordings are UTF-8, whatever the locale; Python can only be started with that.
         os.execve(sys.executable, sys.orig_argv, os.environ | {"PYTHONUTF8": "1"})  # noqa: S606  (no shell)
@@ -50,6 +51,18 @@ def _main() -> int:
     from bagassets.cli.main import main as run
 
     return run(handed_over=handed_over)
+
+
+def _replace_closed_streams() -> None:
+    """Have something to read from and write to where a caller has closed a stream, as in `>&-`.
+
+    Otherwise the next file that is opened would take its place, and get what others write to standard output.
+    """
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            stream = open(os.devnull, mode, encoding="utf-8")  # noqa: SIM115, PTH123  (to the end of the process; Path takes long to import)
+            os.set_inheritable(stream.fileno(), True)
+            setattr(sys, name, stream)
 
 
 if __name__ == "__main__":

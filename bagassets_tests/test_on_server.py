@@ -164,6 +164,8 @@ SHELLS = [
     "{} build -n -j 99 2>&1 | cat",
     "{} build --check 2>&-",
     "{} check >&-",
+    "{} status >&-",
+    "{} build -n <&- >&- 2>&-",
     "{} status --bag nope 2> /dev/full",
     "mkdir gone; cd gone; rmdir ../gone; {} status",
     "PYTHONIOENCODING=latin-1 {} status --bag 'mön*' 2>&1 | cat",

@@ -2,6 +2,8 @@
 
 import json
 import re
+import subprocess
+import sys
 
 import pytest
 from click.testing import CliRunner
@@ -79,6 +81,18 @@ def test_after_a_build_every_state_has_its_reason(built):
     assert broken["nuscenes_tables"]["state"] == "unknown"
     assert broken["nuscenes_tables"]["reason"].startswith("waits for inventory: ")
     assert value["datasets"] == {"nuscenes_dataset": "fresh"}
+
+
+@pytest.mark.parametrize("closed", [">&-", "2>&-", "<&- >&- 2>&-"])
+def test_a_closed_stream_is_no_defect(built, closed):
+    """The shell closes it; whatever is opened next would have its number."""
+    command = [sys.executable, "-m", "bagassets", "status", "--recipe", str(built)]
+    shell = ["sh", "-c", f'exec "$@" {closed}', "sh"]
+    whole = subprocess.run(command, capture_output=True, text=True, check=False)
+    done = subprocess.run([*shell, *command], capture_output=True, text=True, check=False)
+    assert done.returncode == whole.returncode == FAILED
+    assert done.stdout == (whole.stdout if ">&-" not in closed.split() else "")
+    assert done.stderr == ""
 
 
 def test_the_table_names_reasons_once(built):

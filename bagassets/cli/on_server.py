@@ -44,7 +44,7 @@ def run_on_server(arguments: Sequence[str]) -> int | None:
         arguments: arguments of the command line, without the program.
     """
     recipe = _recipe_of(arguments)
-    if recipe is None or sys.stdout is None or sys.stderr is None or not all(map(_can_be_shared, _FILES)):
+    if recipe is None or not all(map(_can_be_shared, _FILES)):
         return None
     with suppress(ServerRefusedError, OSError):  # the command line does without it
         client = find_server(Path(recipe).absolute())
