@@ -267,6 +267,7 @@ class _Part(ABC):
             for result in results:
                 evaluation = self._evaluation(result)
                 if evaluation.passed and isinstance(storage, SqlEventLogStorage):
+                    # Without a message: it is in no log.
                     passed.append(self._entry(self._event(kind, evaluation)))
                     continue
                 outcome = "passed" if evaluation.passed else f"did not pass: {evaluation.description}"

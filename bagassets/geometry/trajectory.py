@@ -96,11 +96,14 @@ class Trajectory:
         """
         last = len(self.stamps_ns) - 1
         first_ns, last_ns, reach_ns = self.stamps_ns[0], self.stamps_ns[last], self.extrapolate_ns
+        before, after = stamps < first_ns, stamps > last_ns
+        if not (before.any() or after.any()):
+            return
         after_first = int(np.searchsorted(self.stamps_ns, first_ns + reach_ns))
         before_last = int(np.searchsorted(self.stamps_ns, last_ns - reach_ns, side="right")) - 1
         for beyond, end, inner in (
-            (stamps < first_ns, 0, max(after_first, 1)),
-            (stamps > last_ns, last, min(before_last, last - 1)),
+            (before, 0, max(after_first, 1)),
+            (after, last, min(before_last, last - 1)),
         ):
             if not (beyond.any() and 0 <= inner <= last):
                 continue
