@@ -60,7 +60,7 @@ def _replace_closed_streams() -> None:
     """
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
-            stream = open(os.devnull, mode, encoding="utf-8")  # noqa: SIM115, PTH123  (to the end of the process; Path takes long to import)
+            stream = open(os.devnull, mode, encoding="utf-8", errors="backslashreplace")  # noqa: SIM115, PTH123  (to the end of the process; Path takes long to import)
             os.set_inheritable(stream.fileno(), True)
             setattr(sys, name, stream)
 

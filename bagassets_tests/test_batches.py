@@ -162,14 +162,19 @@ def tags(made):
 def checks(instance, recipe_file):
     """Return the latest result of each check of each recording, as the web UI looks it up."""
     keys = build_definitions(recipe_file).get_repository_def().asset_graph.asset_check_keys
+    storage = instance.event_log_storage
+    counted = {
+        (info.check_key, info.partition_key) for info in storage.get_asset_check_partition_info(list(keys))
+    }
     found = {}
     for partition in KEYS:
-        latest = instance.event_log_storage.get_latest_asset_check_execution_by_key(
+        latest = storage.get_latest_asset_check_execution_by_key(
             list(keys), PartitionKeyFilter(key=partition)
         )
         for key, record in latest.items():
             target = record.evaluation.target_materialization_data
             assert target.run_id == record.run_id
+            assert (key, partition) in counted
             found[key, partition] = record.status, record.evaluation.passed, record.evaluation.severity
     return found
 

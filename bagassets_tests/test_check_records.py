@@ -17,6 +17,7 @@ from bagassets_tests.postgres_server import PROGRAMS, running_postgres, use_post
 KEY = dg.AssetKey(["robot", "inventory"])
 NAMES = ["stamps_monotonic", "topic_rates", "välid"]
 OURS, THEIRS = "0b8f9f4e-5f0a-4f5c-9a53-3d7c5f1d2a11", "5d0e8a7c-1d9b-4f7e-8c83-6a2f0d4b7e22"
+PARTITION = "tour/ä.bag"
 NOW_S = time.time()
 
 
@@ -32,7 +33,7 @@ def storage(request, tmp_path):
             yield instance.event_log_storage
 
 
-def entry(run_id, name, partition="tour/ä.bag", facts=0.5):
+def entry(run_id, name, partition=PARTITION, facts=0.5):
     evaluation = dg.AssetCheckEvaluation(
         asset_key=KEY,
         check_name=name,
@@ -60,13 +61,13 @@ def history(storage, name):
     return {record.run_id: record for record in found}
 
 
-@pytest.mark.parametrize("partition", ["tour/ä.bag", None], ids=["of a recording", "of a dataset"])
+@pytest.mark.parametrize("partition", [PARTITION, None], ids=["of a recording", "of a dataset"])
 def test_dagster_reads_what_it_would_have_recorded(storage, partition):
     ours = [entry(OURS, name, partition) for name in NAMES]
     theirs = [entry(THEIRS, name, partition) for name in NAMES]
     record_passed(storage, ours)
     for each in theirs:
-        storage.store_asset_check_event(each, None)
+        storage.store_event(each)
     for name, expected, stored in zip(NAMES, ours, theirs, strict=True):
         found = history(storage, name)
         assert found[OURS].event == expected
@@ -78,9 +79,28 @@ def test_dagster_reads_what_it_would_have_recorded(storage, partition):
     assert _columns(storage, OURS) == _columns(storage, THEIRS)
 
 
-def test_a_run_that_records_a_check_again_corrects_it(storage):
+def test_dagster_finds_the_partitions_of_which_they_passed(storage):
+    storage.store_event(entry(THEIRS, NAMES[0], "other.bag"))
+    after = storage.get_maximum_record_id()
+    storage.store_event(entry(THEIRS, NAMES[1], "other.bag"))
     record_passed(storage, [entry(OURS, NAMES[0])])
-    record_passed(storage, [entry(OURS, NAMES[1], facts=1.0), entry(OURS, NAMES[0], facts=2.0)])
+    keys = [dg.AssetCheckKey(KEY, NAMES[0])]
+    every, new = (
+        {info.partition_key: info for info in storage.get_asset_check_partition_info(keys, since)}
+        for since in (None, after)
+    )
+    assert every.keys() == {"other.bag", PARTITION}
+    assert new.keys() == {PARTITION}
+    assert len({info.latest_execution_status for info in every.values()}) == 1
+    assert {info.latest_target_materialization_storage_id for info in every.values()} == {7}
+
+
+@pytest.mark.parametrize("partition", [PARTITION, None], ids=["of a recording", "of a dataset"])
+def test_a_run_that_records_a_check_again_corrects_it(storage, partition):
+    record_passed(storage, [entry(OURS, NAMES[0], partition)])
+    record_passed(
+        storage, [entry(OURS, NAMES[1], partition, facts=1.0), entry(OURS, NAMES[0], partition, facts=2.0)]
+    )
     for name, rate_hz in ((NAMES[0], 2.0), (NAMES[1], 1.0)):
         (record,) = history(storage, name).values()
         assert record.evaluation.metadata["facts"].value["rate_hz"] == rate_hz
@@ -91,13 +111,14 @@ def test_no_checks_are_no_statement(storage):
 
 
 def _columns(storage, run_id):
-    """Return what is in the table about a run, but for ids, the time of recording, and the event."""
+    """Return what is in the table about a run, but for ids of rows and events, the time of recording, and the event."""
     from dagster._core.storage.event_log.schema import AssetCheckExecutionsTable as Table
 
     columns = [
         column
         for column in Table.c
-        if column.name not in {"id", "run_id", "create_timestamp", "evaluation_event"}
+        if column.name
+        not in {"id", "run_id", "create_timestamp", "evaluation_event", "evaluation_event_storage_id"}
     ]
     with storage.index_connection() as connection:
         found = connection.execute(

@@ -144,15 +144,15 @@ def test_an_asset_is_recorded_with_what_finds_it_or_not_at_all(project, monkeypa
             patch.setattr(storage, "_store_asset_event", _fail)
             with pytest.raises(OSError, match="full"):
                 instance.report_dagster_event(_materialization(run, tagged), run.run_id)
-        assert storage.last_id is None
+        assert storage.last_asset_event_id is None
         assert instance.all_logs(run.run_id) == []
         instance.report_dagster_event(_materialization(run, tagged), run.run_id)
         (record,) = instance.fetch_materializations(tagged.asset_key, limit=5).records
-        assert storage.last_id == record.storage_id
+        assert storage.last_asset_event_id == record.storage_id
         with ThreadPoolExecutor() as pool:
-            assert pool.submit(lambda: storage.last_id).result() is None
+            assert pool.submit(lambda: storage.last_asset_event_id).result() is None
         instance.report_engine_event("then", run)
-        assert storage.last_id is None
+        assert storage.last_asset_event_id is None
 
 
 def _fail(*_arguments):

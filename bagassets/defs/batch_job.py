@@ -6,9 +6,8 @@ Each recording is recorded as its own partition, as a run of its own would.
 import logging
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import chain
 
 import dagster as dg
 from dagster import AssetRecordsFilter
@@ -237,8 +236,8 @@ class _Part(ABC):
         self._log(kind, StepMaterializationData(recorded), message, now_s)
         self._made.add(made.asset)
         self._latest.pop(made.asset, None)
-        storage_id = getattr(self._instance.event_log_storage, "last_id", None)
-        if storage_id is not None:
+        storage_id = getattr(self._instance.event_log_storage, "last_asset_event_id", None)
+        if storage_id is not None:  # other storages do not say it, and are asked
             self._latest[made.asset] = _Latest(storage_id, self._context.run_id, now_s, made.data_version)
 
     def _latest_of(self, asset: str) -> _Latest:
@@ -274,7 +273,7 @@ class _Part(ABC):
                 asset = self._names.asset_of(evaluation.asset_key)
                 message = f"Check {evaluation.check_name} of {asset}{self._of_key} {outcome}."
                 self._log(kind, evaluation, message)
-        finally:
+        finally:  # also those before one that cannot be made
             if isinstance(storage, SqlEventLogStorage):
                 record_passed(storage, passed)
 
@@ -347,7 +346,7 @@ class _Recording(_Part):
                 self._lock.check()
                 version = self._workspace.assets.versions[result.asset]
                 self._record(result, version, self._inputs_of(result.asset))
-            self._check(recording)
+            self._record_checks(self._run_checks(recording))
 
     def _inputs_of(self, asset: str) -> dict[str, str]:
         """Return upstream asset -> what Dagster compares: a digest over the versions of the partitions read, here one."""
@@ -356,20 +355,16 @@ class _Recording(_Part):
             for name in dependencies(self._workspace.assets, asset)
         }
 
-    def _check(self, recording: RecordingFiles) -> None:
+    def _run_checks(self, recording: RecordingFiles) -> Iterator[dg.AssetCheckResult]:
         store = self._workspace.store
-        results = []
         for group in check_groups(self._workspace.recipe).values():
             chosen = {asset: checks for asset, checks in group.items() if asset in self._made}
-            results.append(
-                run_checks(
-                    self._workspace,
-                    recording,
-                    chosen,
-                    lambda name: store.artifact(self._latest_of(name).data_version),
-                )
+            yield from run_checks(
+                self._workspace,
+                recording,
+                chosen,
+                lambda name: store.artifact(self._latest_of(name).data_version),
             )
-        self._record_checks(chain.from_iterable(results))
 
 
 class _Datasets(_Part):

@@ -1,7 +1,7 @@
 """Checks that passed, recorded where Dagster looks checks up, and not in the log of their run, too.
 
-There are a dozen of each recording. Dagster would update and insert one at a time, and spell out what is empty or the same
-in each: here they are one statement, and take two thirds of the room.
+There are a dozen of each recording. Dagster would update and insert one at a time, and spell out what is empty: here they
+are one statement, and take a quarter less room.
 """
 
 import json
@@ -29,17 +29,27 @@ def record_passed(storage: SqlEventLogStorage, entries: Sequence[dg.EventLogEntr
     """
     if not entries:
         return
-    rows = [_row(entry) for entry in entries]
+    # Dagster finds by the id of its event what is new, and ignores a check that has none; these have the latest one.
+    latest_id = storage.get_maximum_record_id()
+    # For the database, no partition differs from no partition, so it would not refuse the same check twice.
+    one_by_one = [entry for entry in entries if _evaluation(entry).partition is None]
+    together = [_row(entry, latest_id) for entry in entries if _evaluation(entry).partition is not None]
     try:
-        with storage.index_connection() as connection:
-            connection.execute(AssetCheckExecutionsTable.insert(), rows)
+        if together:
+            with storage.index_connection() as connection:
+                connection.execute(AssetCheckExecutionsTable.insert(), together)
     except IntegrityError:  # the run has recorded one of them before
-        for entry in entries:
-            storage.store_asset_check_event(entry, None)
+        one_by_one = [*entries]
+    for entry in one_by_one:
+        storage.store_asset_check_event(entry, latest_id)
 
 
-def _row(entry: dg.EventLogEntry) -> dict[str, Any]:
-    evaluation: Any = entry.get_dagster_event().event_specific_data
+def _evaluation(entry: dg.EventLogEntry) -> Any:
+    return entry.get_dagster_event().event_specific_data
+
+
+def _row(entry: dg.EventLogEntry, latest_id: int | None) -> dict[str, Any]:
+    evaluation = _evaluation(entry)
     target = evaluation.target_materialization_data
     return {
         "asset_key": evaluation.asset_key.to_string(),
@@ -50,7 +60,7 @@ def _row(entry: dg.EventLogEntry) -> dict[str, Any]:
         "evaluation_event": _compact(dg.serialize_value(entry)),
         # Dagster has times in UTC without saying so, as PostgreSQL wants them.
         "evaluation_event_timestamp": datetime.fromtimestamp(entry.timestamp, UTC).replace(tzinfo=None),
-        "evaluation_event_storage_id": None,
+        "evaluation_event_storage_id": latest_id,
         "materialization_event_storage_id": None if target is None else target.storage_id,
     }
 

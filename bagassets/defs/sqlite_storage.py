@@ -52,8 +52,8 @@ class ProjectEventLogStorage(SqliteEventLogStorage):
             self._last.id = event_id
 
     @property
-    def last_id(self) -> int | None:
-        """The id of the event of an asset that this thread has just recorded; None if it was another event."""
+    def last_asset_event_id(self) -> int | None:
+        """The id of the event of an asset that this thread has just recorded; None if it was another event, or is in a file of its run."""
         return getattr(self._last, "id", None)
 
     def get_event_records(
