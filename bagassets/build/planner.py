@@ -6,12 +6,13 @@ thousands of them can be planned.
 """
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from bagassets.build.graph import Graph
 from bagassets.build.named_files import files_beside
 from bagassets.build.plan import AssetState, BagPlan, Plan, Recorded, version_as_input
 from bagassets.build.recording_assets import RecordingAssets
+from bagassets.build.unsettled import Unsettled
 from bagassets.freshness.plan_cache import PlanCache, recording_fingerprint
 from bagassets.recordings.digest import DigestIndex, RecordingStat, stat_files, stored_digest
 from bagassets.recordings.discover import Discovery
@@ -155,6 +156,7 @@ def plan_recordings(
     """
     cache = PlanCache(assets.recipe.state, store.root / "artifacts")
     before = cache.load()
+    unsettled = Unsettled(assets.recipe.state).keys()
     fingerprints: dict[str, str] = {}
     bags: dict[str, BagPlan] = dict(kept or {})
     for key, recording in discovery.recordings.items():
@@ -170,7 +172,7 @@ def plan_recordings(
             files_beside(assets.recipe, recording),
             ids if key in registered else {},
         )
-        entry = before.get(key)
+        entry = None if key in unsettled else before.get(key)
         if entry is not None and entry.recording_fingerprint == fingerprints[key]:
             plan = BagPlan.from_row(key, entry.plan)
             if cache.holds(entry, plan.artifacts):
@@ -181,7 +183,9 @@ def plan_recordings(
     others = [key for key in discovery.recordings if key not in bags]
     recorded = fetch(key for key in others if key in registered)
     planner = Planner(assets, store, index)
-    bags |= {key: planner.plan(discovery.recordings[key], recorded.get(key, {})) for key in others}
+    for key in others:
+        bag = planner.plan(discovery.recordings[key], recorded.get(key, {}))
+        bags[key] = _once_more(bag) if key in unsettled else bag
     settled = {key: bags[key] for key in others if key in fingerprints and bags[key].settled}
     cache.save(
         {key: (fingerprints[key], plan.as_row(), plan.artifacts) for key, plan in settled.items()},
@@ -189,6 +193,22 @@ def plan_recordings(
     )
     ordered = {key: bags[key] for key in discovery.recordings}
     return Plan(ordered, dict(discovery.excluded), discovery.removed(registered)), dict(recorded)
+
+
+def _once_more(bag: BagPlan) -> BagPlan:
+    """Return the plan of a recording whose last run did not end well: what is up to date is recorded again.
+
+    Not where anything failed: until that changes, a run would end no better.
+    """
+    if bag.failed is not None:
+        return bag
+    states = {
+        name: AssetState("record-only", "up to date, but its last run did not end well", state.data_version)
+        if state.state == "fresh" and name != "bag"
+        else state
+        for name, state in bag.assets.items()
+    }
+    return replace(bag, assets=states)
 
 
 def _remove_incomplete(store: Store, plan: BagPlan) -> None:

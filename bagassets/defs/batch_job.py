@@ -14,6 +14,7 @@ from dagster import AssetRecordsFilter
 
 from bagassets.build.execute import Skipped
 from bagassets.build.plan import version_as_input
+from bagassets.build.unsettled import Unsettled
 from bagassets.defs.batches import Batch
 from bagassets.defs.check_records import record_passed
 from bagassets.defs.checks import check_groups, run_checks, run_dataset_checks
@@ -323,6 +324,15 @@ class _Recording(_Part):
         super().__init__(context, workspace, key, assets)
         self._lock = lock
         self._recording = recording
+
+    def build(self) -> str | None:
+        """Make and record everything, as `_Part.build` does; if that does not end well, the next build knows."""
+        unsettled = Unsettled(self._workspace.recipe.state)
+        unsettled.add(self.key)
+        problem = super().build()
+        if problem is None:
+            unsettled.discard(self.key)
+        return problem
 
     def _make(self) -> None:
         with self._lock.hold(self._context, self.key):

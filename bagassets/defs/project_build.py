@@ -17,6 +17,7 @@ from bagassets.build.build_report import BagOutcome, BuildOptions, BuildReport, 
 from bagassets.build.disk_space import folders_written, require_disk_space, space_needed
 from bagassets.build.plan import Plan
 from bagassets.build.summary_rows import summary_rows
+from bagassets.build.unsettled import Unsettled
 from bagassets.defs.batches import SMALL_BYTES, Batch
 from bagassets.defs.dataset import record_inputs
 from bagassets.defs.early_inventories import making_ahead
@@ -105,6 +106,7 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
             if one_run:
                 batches = [{**batches[0], DATASET: before.datasets}]
             runs.work(batches, following=going_on)
+            _note_unsettled(recipe, runs.ended)
             if one_run:  # which is likely to have left nothing to do, as only a whole plan can tell
                 snapshot, now = plan_all()
                 is_replanned = True
@@ -114,6 +116,7 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
             again = {key: now.todo[key] for key in followed & now.todo.keys() & before.chosen}
             if again and not runs.interrupted:
                 runs.work([{key: assets} for key, assets in again.items()])
+                _note_unsettled(recipe, runs.ended)
                 now = update_pending_work(instance, workspace, now, runs.ended.keys())
             _add_outcomes(report, instance, now.planned, runs, made_ahead())
             was_tried = one_run and DATASET in runs.ended
@@ -145,6 +148,7 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
             report.dataset = "stopped"
         report.plan, report.excluded = now.plan, now.plan.excluded
         _add_idle(report, now.plan, before.chosen, is_whole=options.is_whole)
+        _forget_unsettled(recipe, now.plan)
         if options.is_whole and now.is_settled and own_work.is_up_to_date:
             snapshot.save(now.plan, own.wanted)
     report.seconds = time.monotonic() - started
@@ -263,6 +267,26 @@ def _register(instance: dg.DagsterInstance, workspace: Workspace, planned: Insta
         remove_partition(instance, workspace.names, key)
     add_partitions(instance, workspace.names, sorted(planned.discovery.recordings.keys() - planned.live))
     return planned.plan.removed
+
+
+def _note_unsettled(recipe: Recipe, ended: Mapping[str, EndedRun]) -> None:
+    """Note the recordings whose runs did not end well, also those of a worker that was killed."""
+    unsettled = Unsettled(recipe.state)
+    for key, one in ended.items():
+        if key == DATASET or not one.run_id:
+            continue
+        if one.problem is not None or one.stopped:
+            unsettled.add(key)
+        else:
+            unsettled.discard(key)
+
+
+def _forget_unsettled(recipe: Recipe, plan: Plan) -> None:
+    """Forget the recordings that are gone, or take no part any more: they have no run that could end well."""
+    unsettled = Unsettled(recipe.state)
+    for key in unsettled.keys():
+        if key not in plan.bags or plan.bags[key].settled:
+            unsettled.discard(key)
 
 
 def _add_outcomes(

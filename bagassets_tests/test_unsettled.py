@@ -1,0 +1,125 @@
+"""A run that did not end well leaves nothing behind, once all is as it was: no red partition, and no check that is missing."""
+
+import pytest
+
+from bagassets.assets.frames import FrameExtractor
+from bagassets.build.unsettled import Unsettled
+from bagassets.defs import batch_job, pending_work
+from bagassets.errors import DecodeError
+from bagassets.recipe import load_recipe
+from bagassets_tests.in_process import build, make_project, survey
+from bagassets_tests.small_drive import write_drive
+from bagassets_tests.test_batches import checks, outcomes, partitions
+
+SHARED = tuple(f"d{number}.bag" for number in range(4))
+BROKEN = "d1.bag"
+
+
+def make(folder, keys):
+    recipe_file = make_project(folder, ())
+    for number, key in enumerate(keys):
+        write_drive(folder / "bags" / key, "ros1", duration_s=1.0 + number / 10)
+    return recipe_file
+
+
+def edit(recipe_file, old, new):
+    recipe_file.write_text(recipe_file.read_text().replace(old, new))
+
+
+def test_recordings_are_noted_whatever_their_names(tmp_path):
+    unsettled, keys = Unsettled(tmp_path), {"a.bag", "tour/ä b.bag", "x" * 400}
+    assert unsettled.keys() == frozenset()
+    for key in keys:
+        unsettled.add(key)
+        unsettled.add(key)
+    assert Unsettled(tmp_path).keys() == keys
+    (tmp_path / "unsettled" / ".half").write_text("a.b")
+    unsettled.discard("a.bag")
+    unsettled.discard("never.bag")
+    assert unsettled.keys() == keys - {"a.bag"}
+
+
+def test_a_folder_that_cannot_be_written_does_not_matter(tmp_path):
+    unsettled = Unsettled(tmp_path / "gone")
+    unsettled.add("a.bag")
+    unsettled.discard("a.bag")
+    assert unsettled.keys() == frozenset()
+
+
+def test_checks_that_a_worker_did_not_come_to_are_made_up_for(tmp_path, monkeypatch):
+    recipe_file = make(tmp_path, SHARED)
+
+    def killed(workspace, recording, *arguments):
+        results = run_checks(workspace, recording, *arguments)
+        yield next(results)
+        if recording.key == BROKEN:
+            raise SystemExit("killed")
+        yield from results
+
+    run_checks = batch_job.run_checks
+    with monkeypatch.context() as patch:
+        patch.setattr(batch_job, "run_checks", killed)
+        report, _ = build(recipe_file, monkeypatch, jobs=1)
+    assert outcomes(report) == {key: "failed" if key == BROKEN else "built" for key in SHARED}
+    assert states(recipe_file, BROKEN) == {"fresh", "record-only"}
+    assert survey(recipe_file).todo.keys() == {BROKEN}
+    report, _ = build(recipe_file, monkeypatch, jobs=1)
+    assert outcomes(report) == {key: "hit" if key == BROKEN else "fresh" for key in SHARED}
+    with pending_work.open_project(recipe_file) as (instance, _):
+        recorded = checks(instance, recipe_file)
+    assert {name for name, key in recorded if key == BROKEN} == {
+        name for name, key in recorded if key != BROKEN
+    }
+    assert_nothing_is_left(recipe_file, monkeypatch)
+
+
+@pytest.mark.parametrize("keys", [SHARED[:2], SHARED], ids=["a run each", "a shared run"])
+def test_a_recipe_that_was_wrong_for_a_while_leaves_no_failed_partition(tmp_path, monkeypatch, keys):
+    recipe_file = make(tmp_path, keys)
+    build(recipe_file, monkeypatch, jobs=1)
+    edit(recipe_file, "/cam/image_raw", "/cam/image_raw, quality: 33")
+    with monkeypatch.context() as patch:
+        patch.setattr(FrameExtractor, "add", _refuse)
+        report, _ = build(recipe_file, monkeypatch, jobs=1)
+    assert set(outcomes(report).values()) == {"failed"}
+    assert survey(recipe_file).todo == {}  # what failed is left alone
+    edit(recipe_file, ", quality: 33", "")
+    assert failed(recipe_file) == set(keys)
+    assert outcomes(build(recipe_file, monkeypatch, jobs=1)[0]) == dict.fromkeys(keys, "hit")
+    assert failed(recipe_file) == set()
+    assert_nothing_is_left(recipe_file, monkeypatch)
+
+
+def test_a_recording_that_takes_no_part_any_more_is_forgotten(tmp_path, monkeypatch):
+    recipe_file = make(tmp_path, SHARED)
+    with monkeypatch.context() as patch:
+        patch.setattr(FrameExtractor, "add", _refuse)
+        build(recipe_file, monkeypatch, jobs=1)
+    (tmp_path / "bags" / SHARED[0]).unlink()
+    edit(recipe_file, "settle_s: 0", "settle_s: 0, min_duration_s: 1.25")
+    build(recipe_file, monkeypatch, jobs=1)
+    unsettled = Unsettled(load_recipe(recipe_file).state)
+    assert survey(recipe_file).plan.bags[SHARED[1]].skipped
+    assert not unsettled.keys() & {*SHARED[:3]}
+
+
+def states(recipe_file, key):
+    return {state.state for state in survey(recipe_file).plan.bags[key].assets.values()}
+
+
+def failed(recipe_file):
+    """Return the recordings that the web UI shows as failed."""
+    with pending_work.open_project(recipe_file) as (instance, workspace):
+        names = workspace.assets.names
+        return set().union(*(partitions(instance, recipe_file, name, "failed") for name in names))
+
+
+def assert_nothing_is_left(recipe_file, monkeypatch):
+    assert Unsettled(load_recipe(recipe_file).state).keys() == frozenset()
+    report, runs = build(recipe_file, monkeypatch, jobs=1)
+    assert runs == []
+    assert set(outcomes(report).values()) == {"fresh"}
+
+
+def _refuse(*_arguments):
+    raise DecodeError("as it was told to")
