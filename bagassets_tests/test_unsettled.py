@@ -28,22 +28,22 @@ def edit(recipe_file, old, new):
 
 def test_recordings_are_noted_whatever_their_names(tmp_path):
     unsettled, keys = Unsettled(tmp_path), {"a.bag", "tour/ä b.bag", "x" * 400}
-    assert unsettled.keys() == frozenset()
+    assert unsettled.noted() == frozenset()
     for key in keys:
         unsettled.add(key)
         unsettled.add(key)
-    assert Unsettled(tmp_path).keys() == keys
+    assert Unsettled(tmp_path).noted() == keys
     (tmp_path / "unsettled" / ".half").write_text("a.b")
     unsettled.discard("a.bag")
     unsettled.discard("never.bag")
-    assert unsettled.keys() == keys - {"a.bag"}
+    assert unsettled.noted() == keys - {"a.bag"}
 
 
 def test_a_folder_that_cannot_be_written_does_not_matter(tmp_path):
     unsettled = Unsettled(tmp_path / "gone")
     unsettled.add("a.bag")
     unsettled.discard("a.bag")
-    assert unsettled.keys() == frozenset()
+    assert unsettled.noted() == frozenset()
 
 
 def test_checks_that_a_worker_did_not_come_to_are_made_up_for(tmp_path, monkeypatch):
@@ -100,7 +100,7 @@ def test_a_recording_that_takes_no_part_any_more_is_forgotten(tmp_path, monkeypa
     build(recipe_file, monkeypatch, jobs=1)
     unsettled = Unsettled(load_recipe(recipe_file).state)
     assert survey(recipe_file).plan.bags[SHARED[1]].skipped
-    assert not unsettled.keys() & {*SHARED[:3]}
+    assert not unsettled.noted() & {*SHARED[:3]}
 
 
 def states(recipe_file, key):
@@ -115,7 +115,7 @@ def failed(recipe_file):
 
 
 def assert_nothing_is_left(recipe_file, monkeypatch):
-    assert Unsettled(load_recipe(recipe_file).state).keys() == frozenset()
+    assert Unsettled(load_recipe(recipe_file).state).noted() == frozenset()
     report, runs = build(recipe_file, monkeypatch, jobs=1)
     assert runs == []
     assert set(outcomes(report).values()) == {"fresh"}

@@ -156,7 +156,7 @@ def plan_recordings(
     """
     cache = PlanCache(assets.recipe.state, store.root / "artifacts")
     before = cache.load()
-    unsettled = Unsettled(assets.recipe.state).keys()
+    unsettled = Unsettled(assets.recipe.state).noted()
     fingerprints: dict[str, str] = {}
     bags: dict[str, BagPlan] = dict(kept or {})
     for key, recording in discovery.recordings.items():

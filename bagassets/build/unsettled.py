@@ -26,7 +26,7 @@ class Unsettled:
     def __init__(self, state: Path) -> None:
         self._folder = state / _FOLDER
 
-    def keys(self) -> frozenset[str]:
+    def noted(self) -> frozenset[str]:
         """Return the partition keys."""
         found = set()
         with suppress(FileNotFoundError):

@@ -284,7 +284,7 @@ def _note_unsettled(recipe: Recipe, ended: Mapping[str, EndedRun]) -> None:
 def _forget_unsettled(recipe: Recipe, plan: Plan) -> None:
     """Forget the recordings that are gone, or take no part any more: they have no run that could end well."""
     unsettled = Unsettled(recipe.state)
-    for key in unsettled.keys():
+    for key in unsettled.noted():
         if key not in plan.bags or plan.bags[key].settled:
             unsettled.discard(key)
 
