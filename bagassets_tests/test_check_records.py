@@ -1,7 +1,7 @@
 """Checks that passed, recorded together: Dagster reads from them what it reads from its own records."""
 
 import time
-from contextlib import nullcontext
+from uuid import uuid4
 
 import dagster as dg
 import pytest
@@ -21,16 +21,23 @@ PARTITION = "tour/ä.bag"
 NOW_S = time.time()
 
 
+@pytest.fixture(scope="module")
+def server():
+    if PROGRAMS is None:
+        pytest.skip("PostgreSQL is not installed")
+    with running_postgres() as server:
+        yield server
+
+
 @pytest.fixture(params=["sqlite", "postgres"])
 def storage(request, tmp_path):
     recipe_file = make_project(tmp_path / "p", ())
-    if request.param == "postgres" and PROGRAMS is None:
-        pytest.skip("PostgreSQL is not installed")
-    with running_postgres() if request.param == "postgres" else nullcontext() as server:
-        if server is not None:
-            use_postgres(recipe_file, server.url)
-        with open_instance(str(recipe_file.parent)) as instance:
-            yield instance.event_log_storage
+    if request.param == "postgres":
+        server, name = request.getfixturevalue("server"), f"t{uuid4().hex}"
+        server.create_database(name)
+        use_postgres(recipe_file, server.url_of(name))
+    with open_instance(str(recipe_file.parent)) as instance:
+        yield instance.event_log_storage
 
 
 def entry(run_id, name, partition=PARTITION, facts=0.5):

@@ -11,6 +11,8 @@ from bagassets_tests.in_process import build, make_project, survey
 from bagassets_tests.small_drive import write_drive
 from bagassets_tests.test_batches import checks, outcomes, partitions
 
+pytestmark = pytest.mark.once
+
 SHARED = tuple(f"d{number}.bag" for number in range(4))
 BROKEN = "d1.bag"
 
