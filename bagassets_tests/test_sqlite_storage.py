@@ -141,7 +141,7 @@ def test_an_asset_is_recorded_with_what_finds_it_or_not_at_all(project, monkeypa
         storage = instance.event_log_storage
         run = instance.create_run_for_job(_job)
         with monkeypatch.context() as patch:
-            patch.setattr(storage, "_store_asset_event", _fail)
+            patch.setattr(storage, "store_asset_event_tags", _fail)
             with pytest.raises(OSError, match="full"):
                 instance.report_dagster_event(_materialization(run, tagged), run.run_id)
         assert storage.last_asset_event_id is None

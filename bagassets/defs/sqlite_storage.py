@@ -7,12 +7,14 @@ when its `dagster.yaml` names this storage.
 """
 
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
 
 import dagster as dg
+from sqlalchemy.engine import Connection
 
 from bagassets.defs.dagster_private import (
     ASSET_EVENTS,
@@ -35,9 +37,14 @@ class ProjectEventLogStorage(SqliteEventLogStorage):
         """Return a connection to the events of a run."""
         return self._connect(run_id if run_id is not None and self._has_own(run_id) else _COMMON)
 
+    def index_connection(self) -> Any:
+        """Return a connection to the events of all runs: in `store_event`, the one that it has."""
+        held = getattr(self._thread, "connection", None)
+        return super().index_connection() if held is None else nullcontext(held)
+
     def store_event(self, event: dg.EventLogEntry) -> None:
         """Record an event, once; of an asset, with what is kept to look it up in the same transaction."""
-        self._last.id = None
+        self._thread.event_id = None
         if self._has_own(event.run_id):
             super().store_event(event)  # a run that was begun before the change
         elif event.dagster_event is None or event.dagster_event.event_type not in ASSET_EVENTS:
@@ -47,14 +54,15 @@ class ProjectEventLogStorage(SqliteEventLogStorage):
                 stored = connection.execute(self.prepare_insert_event(event))
                 event_id = stored.inserted_primary_key[0]  # type: ignore[index]  # of an insert never None
                 if event.dagster_event.asset_key is not None:
-                    self._store_asset_event_tags(connection, [event], [event_id])
-                    self._store_asset_event(connection, event, event_id)
-            self._last.id = event_id
+                    with self._holding(connection):
+                        self.store_asset_event(event, event_id)
+                        self.store_asset_event_tags([event], [event_id])
+            self._thread.event_id = event_id
 
     @property
     def last_asset_event_id(self) -> int | None:
         """The id of the event of an asset that this thread has just recorded; None if it was another event, or is in a file of its run."""
-        return getattr(self._last, "id", None)
+        return getattr(self._thread, "event_id", None)
 
     def get_event_records(
         self, event_records_filter: dg.EventRecordsFilter, limit: int | None = None, ascending: bool = False
@@ -83,8 +91,16 @@ class ProjectEventLogStorage(SqliteEventLogStorage):
         """Ids of events grow from run to run."""
         return False
 
+    @contextmanager
+    def _holding(self, connection: Connection) -> Iterator[None]:
+        self._thread.connection = connection
+        try:
+            yield
+        finally:
+            self._thread.connection = None
+
     @cached_property
-    def _last(self) -> threading.local:
+    def _thread(self) -> threading.local:
         return threading.local()
 
     @cached_property
