@@ -399,7 +399,7 @@ class TestStateFolder:
             'state: "a\\0b"\n',
             "? [d]\n: e\n",
             "a: &b c\nstate: *b\n",
-            f"a: {'[' * 100_000}\n",
+            f"a: {'[' * 40_000}\n",
         ],
     )
     def test_what_the_recipe_does_not_say_needs_a_plan(self, tmp_path, text):
