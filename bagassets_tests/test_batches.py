@@ -29,9 +29,14 @@ NUSCENES = "nuscenes_dataset"
 
 @pytest.fixture
 def project(tmp_path):
-    recipe_file = make_project(tmp_path, ())
-    for number, key in enumerate(KEYS):
-        write_drive(tmp_path / "bags" / key, "ros1", duration_s=1.0 + number / 10)
+    return make(tmp_path, KEYS)
+
+
+def make(folder, keys):
+    """Write a project of small recordings that differ in their duration; return its recipe file."""
+    recipe_file = make_project(folder, ())
+    for number, key in enumerate(keys):
+        write_drive(folder / "bags" / key, "ros1", duration_s=1.0 + number / 10)
     return recipe_file
 
 

@@ -7,21 +7,12 @@ from bagassets.build.unsettled import Unsettled
 from bagassets.defs import batch_job, pending_work
 from bagassets.errors import DecodeError
 from bagassets.recipe import load_recipe
-from bagassets_tests.in_process import build, make_project, survey
-from bagassets_tests.small_drive import write_drive
-from bagassets_tests.test_batches import checks, outcomes, partitions
+from bagassets_tests.in_process import build, survey
+from bagassets_tests.test_batches import KEYS, checks, make, outcomes, partitions
 
 pytestmark = pytest.mark.once
 
-SHARED = tuple(f"d{number}.bag" for number in range(4))
 BROKEN = "d1.bag"
-
-
-def make(folder, keys):
-    recipe_file = make_project(folder, ())
-    for number, key in enumerate(keys):
-        write_drive(folder / "bags" / key, "ros1", duration_s=1.0 + number / 10)
-    return recipe_file
 
 
 def edit(recipe_file, old, new):
@@ -49,7 +40,7 @@ def test_a_folder_that_cannot_be_written_does_not_matter(tmp_path):
 
 
 def test_checks_that_a_worker_did_not_come_to_are_made_up_for(tmp_path, monkeypatch):
-    recipe_file = make(tmp_path, SHARED)
+    recipe_file = make(tmp_path, KEYS)
 
     def killed(workspace, recording, *arguments):
         results = run_checks(workspace, recording, *arguments)
@@ -62,11 +53,11 @@ def test_checks_that_a_worker_did_not_come_to_are_made_up_for(tmp_path, monkeypa
     with monkeypatch.context() as patch:
         patch.setattr(batch_job, "run_checks", killed)
         report, _ = build(recipe_file, monkeypatch, jobs=1)
-    assert outcomes(report) == {key: "failed" if key == BROKEN else "built" for key in SHARED}
+    assert outcomes(report) == {key: "failed" if key == BROKEN else "built" for key in KEYS}
     assert states(recipe_file, BROKEN) == {"fresh", "record-only"}
     assert survey(recipe_file).todo.keys() == {BROKEN}
     report, _ = build(recipe_file, monkeypatch, jobs=1)
-    assert outcomes(report) == {key: "hit" if key == BROKEN else "fresh" for key in SHARED}
+    assert outcomes(report) == {key: "hit" if key == BROKEN else "fresh" for key in KEYS}
     with pending_work.open_project(recipe_file) as (instance, _):
         recorded = checks(instance, recipe_file)
     assert {name for name, key in recorded if key == BROKEN} == {
@@ -75,7 +66,7 @@ def test_checks_that_a_worker_did_not_come_to_are_made_up_for(tmp_path, monkeypa
     assert_nothing_is_left(recipe_file, monkeypatch)
 
 
-@pytest.mark.parametrize("keys", [SHARED[:2], SHARED], ids=["a run each", "a shared run"])
+@pytest.mark.parametrize("keys", [KEYS[:2], KEYS], ids=["a run each", "a shared run"])
 def test_a_recipe_that_was_wrong_for_a_while_leaves_no_failed_partition(tmp_path, monkeypatch, keys):
     recipe_file = make(tmp_path, keys)
     build(recipe_file, monkeypatch, jobs=1)
@@ -93,16 +84,16 @@ def test_a_recipe_that_was_wrong_for_a_while_leaves_no_failed_partition(tmp_path
 
 
 def test_a_recording_that_takes_no_part_any_more_is_forgotten(tmp_path, monkeypatch):
-    recipe_file = make(tmp_path, SHARED)
+    recipe_file = make(tmp_path, KEYS)
     with monkeypatch.context() as patch:
         patch.setattr(FrameExtractor, "add", _refuse)
         build(recipe_file, monkeypatch, jobs=1)
-    (tmp_path / "bags" / SHARED[0]).unlink()
+    (tmp_path / "bags" / KEYS[0]).unlink()
     edit(recipe_file, "settle_s: 0", "settle_s: 0, min_duration_s: 1.25")
     build(recipe_file, monkeypatch, jobs=1)
     unsettled = Unsettled(load_recipe(recipe_file).state)
-    assert survey(recipe_file).plan.bags[SHARED[1]].skipped
-    assert not unsettled.noted() & {*SHARED[:3]}
+    assert survey(recipe_file).plan.bags[KEYS[1]].skipped
+    assert not unsettled.noted() & {*KEYS[:3]}
 
 
 def states(recipe_file, key):

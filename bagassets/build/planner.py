@@ -198,7 +198,7 @@ def plan_recordings(
 def _once_more(bag: BagPlan) -> BagPlan:
     """Return the plan of a recording whose last run did not end well: what is up to date is recorded again.
 
-    Not where anything failed: until that changes, a run would end no better.
+    Not where anything failed: until that changes, a run would end no better. `bag` stays fresh, as its content is known.
     """
     if bag.failed is not None:
         return bag

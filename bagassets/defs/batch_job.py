@@ -192,24 +192,33 @@ class _Part(ABC):
             )
             self._log(dg.DagsterEventType.ASSET_OBSERVATION, AssetObservationData(observed), message)
 
-    def _log(
-        self, kind: dg.DagsterEventType, data: object, message: str, timestamp_s: float | None = None
-    ) -> None:
-        """Record an event of the run, which happened now if nothing else is said."""
-        event = self._event(kind, data, message)
-        self._instance.report_dagster_event(event, self._context.run_id, logging.DEBUG, timestamp=timestamp_s)
+    def _log(self, kind: dg.DagsterEventType, data: object, message: str) -> float:
+        """Record an event of the run; return when it happened, in seconds since the epoch."""
+        entry = self._entry(kind, data, message)
+        self._instance.handle_new_event(entry)
+        return entry.timestamp
 
-    def _event(self, kind: dg.DagsterEventType, data: object, message: str | None = None) -> dg.DagsterEvent:
-        """Return an event of the run.
+    def _entry(self, kind: dg.DagsterEventType, data: object, message: str | None = None) -> dg.EventLogEntry:
+        """Return an event of the run, as its log has it.
 
         Not through the step, which would add to each what it is and where it stands: a third of the event.
         """
-        return dg.DagsterEvent(
+        event = dg.DagsterEvent(
             event_type_value=kind.value,
             job_name=self._names.batch_job,
             step_key=self._names.batch_op,
             event_specific_data=data,  # type: ignore[arg-type]  # a union of all kinds
             message=message,
+        )
+        return dg.EventLogEntry(  # type: ignore[no-untyped-call]  # Dagster's class has no annotations
+            error_info=None,
+            level=logging.DEBUG,
+            user_message="",
+            run_id=self._context.run_id,
+            timestamp=time.time(),
+            step_key=self._names.batch_op,
+            job_name=self._names.batch_job,
+            dagster_event=event,
         )
 
     def _record(self, made: MadeAsset, code_version: str, inputs: Mapping[str, str]) -> None:
@@ -232,14 +241,13 @@ class _Part(ABC):
             self._names.key(made.asset), partition=self.key or None, metadata=made.metadata, tags=tags
         )
         kind = dg.DagsterEventType.ASSET_MATERIALIZATION
-        now_s = time.time()
         message = f"Materialized {made.asset}{self._of_key}."
-        self._log(kind, StepMaterializationData(recorded), message, now_s)
+        timestamp = self._log(kind, StepMaterializationData(recorded), message)
         self._made.add(made.asset)
         self._latest.pop(made.asset, None)
         storage_id = getattr(self._instance.event_log_storage, "last_asset_event_id", None)
         if storage_id is not None:  # other storages do not say it, and are asked
-            self._latest[made.asset] = _Latest(storage_id, self._context.run_id, now_s, made.data_version)
+            self._latest[made.asset] = _Latest(storage_id, self._context.run_id, timestamp, made.data_version)
 
     def _latest_of(self, asset: str) -> _Latest:
         if asset not in self._latest:
@@ -259,7 +267,7 @@ class _Part(ABC):
         return self._latest[asset]
 
     def _record_checks(self, results: Iterable[dg.AssetCheckResult]) -> None:
-        """Record checks: in the log of the run the ones that did not pass, the others together, once all were made."""
+        """Record checks: those that did not pass in the log of the run, and the others together at the end."""
         kind = dg.DagsterEventType.ASSET_CHECK_EVALUATION
         storage = self._instance.event_log_storage
         passed = []
@@ -268,7 +276,7 @@ class _Part(ABC):
                 evaluation = self._evaluation(result)
                 if evaluation.passed and isinstance(storage, SqlEventLogStorage):
                     # Without a message: it is in no log.
-                    passed.append(self._entry(self._event(kind, evaluation)))
+                    passed.append(self._entry(kind, evaluation))
                     continue
                 outcome = "passed" if evaluation.passed else f"did not pass: {evaluation.description}"
                 asset = self._names.asset_of(evaluation.asset_key)
@@ -294,18 +302,6 @@ class _Part(ABC):
             target_materialization_data=AssetCheckEvaluationTargetMaterializationData(
                 storage_id=target.storage_id, run_id=target.run_id, timestamp=target.timestamp
             ),
-        )
-
-    def _entry(self, event: dg.DagsterEvent) -> dg.EventLogEntry:
-        return dg.EventLogEntry(  # type: ignore[no-untyped-call]  # Dagster's class has no annotations
-            error_info=None,
-            level=logging.DEBUG,
-            user_message="",
-            run_id=self._context.run_id,
-            timestamp=time.time(),
-            step_key=self._names.batch_op,
-            job_name=self._names.batch_job,
-            dagster_event=event,
         )
 
 

@@ -272,12 +272,13 @@ def _register(instance: dg.DagsterInstance, workspace: Workspace, planned: Insta
 def _note_unsettled(recipe: Recipe, ended: Mapping[str, EndedRun]) -> None:
     """Note the recordings whose runs did not end well, also those of a worker that was killed."""
     unsettled = Unsettled(recipe.state)
+    noted = unsettled.noted()  # of most recordings nothing is: their worker has seen to it
     for key, one in ended.items():
         if key == DATASET or not one.run_id:
             continue
         if one.problem is not None or one.stopped:
             unsettled.add(key)
-        else:
+        elif key in noted:
             unsettled.discard(key)
 
 

@@ -38,12 +38,12 @@ class ProjectEventLogStorage(SqliteEventLogStorage):
         return self._connect(run_id if run_id is not None and self._has_own(run_id) else _COMMON)
 
     def index_connection(self) -> Any:
-        """Return a connection to the events of all runs: in `store_event`, the one that it has."""
+        """Return a connection to the events of all runs; within `store_event`, the one it already holds."""
         held = getattr(self._thread, "connection", None)
         return super().index_connection() if held is None else nullcontext(held)
 
     def store_event(self, event: dg.EventLogEntry) -> None:
-        """Record an event, once; of an asset, with what is kept to look it up in the same transaction."""
+        """Record an event once; that of an asset in one transaction with what finds it."""
         self._thread.event_id = None
         if self._has_own(event.run_id):
             super().store_event(event)  # a run that was begun before the change
