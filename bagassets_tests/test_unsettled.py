@@ -5,6 +5,10 @@ import pytest
 from bagassets.assets.frames import FrameExtractor
 from bagassets.build.unsettled import Unsettled
 from bagassets.defs import batch_job, pending_work
+from bagassets.defs.batches import batch_config
+from bagassets.defs.location import build_definitions
+from bagassets.defs.naming import Naming
+from bagassets.defs.runs import failure_of, open_instance
 from bagassets.errors import DecodeError
 from bagassets.recipe import load_recipe
 from bagassets_tests.in_process import build, survey
@@ -63,6 +67,23 @@ def test_checks_that_a_worker_did_not_come_to_are_made_up_for(tmp_path, monkeypa
     assert {name for name, key in recorded if key == BROKEN} == {
         name for name, key in recorded if key != BROKEN
     }
+    assert_nothing_is_left(recipe_file, monkeypatch)
+
+
+def test_a_worker_whose_run_was_given_up_leaves_no_note(tmp_path, monkeypatch):
+    recipe_file = make(tmp_path, KEYS[:1])
+    build(recipe_file, monkeypatch, jobs=1)
+
+    def given_up(instance, run_id, *_):
+        instance.report_run_failed(instance.get_run_by_id(run_id), "Its node failed.")
+
+    monkeypatch.setattr(batch_job, "note_begun", given_up)
+    names = Naming(load_recipe(recipe_file).name)
+    with open_instance(str(tmp_path)) as instance:
+        job = build_definitions(recipe_file).resolve_job_def(names.batch_job)
+        config = batch_config({KEYS[0]: ("frames",)}, names)
+        result = job.execute_in_process(run_config=config, instance=instance, raise_on_error=False)
+        assert "was still at work" in str(failure_of(instance, instance.get_run_by_id(result.run_id)))
     assert_nothing_is_left(recipe_file, monkeypatch)
 
 

@@ -321,38 +321,36 @@ class _Recording(_Part):
         self._lock = lock
         self._recording = recording
 
-    def build(self) -> str | None:
-        """Make and record everything, as `_Part.build` does; if that does not end well, the next build knows."""
-        unsettled = Unsettled(self._workspace.recipe.state)
-        unsettled.add(self.key)
-        problem = super().build()
-        if problem is None:
-            unsettled.discard(self.key)
-        return problem
-
     def _make(self) -> None:
+        unsettled = Unsettled(self._workspace.recipe.state)
+        # Not before it is held: a worker whose run was given up meanwhile has nothing to do with what its successor made.
         with self._lock.hold(self._context, self.key):
-            # Asked for once more, a recording that is gone says what to do.
-            recording = self._recording or self._workspace.recording(self.key)
-            rest = {*self._wanted} - {"bag"}
-            run_id = self._context.run_id
-            if "bag" in self._wanted:
-                source, bag = read_bag(
-                    self._instance, self._workspace, recording, run_id, makes_inventory="inventory" in rest
-                )
-                self._lock.check()
-                self._record(bag, BAG_CODE_VERSION, {})
-            else:
-                source = recorded_bag(self._instance, self._names, recording, run_id)
-            results = make_assets(self._instance, self._workspace, source, rest, run_id) if rest else ()
-            for result in results:
-                if isinstance(result, Skipped):
-                    self._context.log.info("%s is skipped: %s.", self.key, visible(result.reason))
-                    return
-                self._lock.check()
-                version = self._workspace.assets.versions[result.asset]
-                self._record(result, version, self._inputs_of(result.asset))
-            self._record_checks(self._run_checks(recording))
+            unsettled.add(self.key)
+            self._make_held()
+            unsettled.discard(self.key)
+
+    def _make_held(self) -> None:
+        # Asked for once more, a recording that is gone says what to do.
+        recording = self._recording or self._workspace.recording(self.key)
+        rest = {*self._wanted} - {"bag"}
+        run_id = self._context.run_id
+        if "bag" in self._wanted:
+            source, bag = read_bag(
+                self._instance, self._workspace, recording, run_id, makes_inventory="inventory" in rest
+            )
+            self._lock.check()
+            self._record(bag, BAG_CODE_VERSION, {})
+        else:
+            source = recorded_bag(self._instance, self._names, recording, run_id)
+        results = make_assets(self._instance, self._workspace, source, rest, run_id) if rest else ()
+        for result in results:
+            if isinstance(result, Skipped):
+                self._context.log.info("%s is skipped: %s.", self.key, visible(result.reason))
+                return
+            self._lock.check()
+            version = self._workspace.assets.versions[result.asset]
+            self._record(result, version, self._inputs_of(result.asset))
+        self._record_checks(self._run_checks(recording))
 
     def _inputs_of(self, asset: str) -> dict[str, str]:
         """Return upstream asset -> what Dagster compares: a digest over the versions of the partitions read, here one."""
