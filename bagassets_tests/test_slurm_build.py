@@ -174,7 +174,7 @@ def test_jobs_survive_the_build_and_the_next_one_follows_them(project, slurm):
 
 
 def test_a_worker_that_was_declared_dead_and_goes_on_records_nothing(tmp_path, slurm, projects):
-    project = make_project(tmp_path / "p", ("a.bag",), duration_s=4.0)
+    project = make_project(tmp_path / "p", ("a.bag",), duration_s=15.0)
     use_slurm(project)
     projects.append(project)
     process = start(project)
@@ -185,14 +185,19 @@ def test_a_worker_that_was_declared_dead_and_goes_on_records_nothing(tmp_path, s
     slurm.stop(run.tags["slurm/node"], signal.SIGKILL)
     out, err = process.communicate(timeout=WAIT_S)
     assert "NODE_FAIL: its node failed" in out + err
-    assert "1 built" in build(project).stdout
-    assert run.run_id not in records(project).values()
+    # A hit, if it was frozen when nearly all was made; what it had recorded before its end counts.
+    assert re.search("1 (built|hit)", build(project).stdout)
+    before = records(project)
+
+    def recorded_late():
+        return {name for name, run_id in records(project).items() if run_id == run.run_id != before.get(name)}
+
     os.kill(stopped[0], signal.SIGCONT)
     wait(lambda: has_ended(stopped[0]), "the worker ends")
     os.kill(stopped[1], signal.SIGCONT)
     wait(lambda: has_ended(stopped[1]), "its job ends")
     # Checking and writing are two moments: what the worker was just about to write counts as not recorded.
-    late = {name for name, run_id in records(project).items() if run_id == run.run_id}
+    late = recorded_late()
     assert len(late) <= 1
     with open_instance(home(project)) as instance:
         assert instance.get_run_by_id(run.run_id).status == dg.DagsterRunStatus.FAILURE
@@ -202,7 +207,7 @@ def test_a_worker_that_was_declared_dead_and_goes_on_records_nothing(tmp_path, s
     build(project)
     # What was recorded late has the version that the other run gave it, so it may stay and need no run.
     assert len({one.run_id for one in runs(project)} - launched) <= len(late), "there is nothing else to do"
-    assert {name for name, run_id in records(project).items() if run_id == run.run_id} <= late
+    assert recorded_late() <= late
     assert "nothing to do" in build(project).stdout
     verified = subprocess.run(
         [sys.executable, "-m", "bagassets", "verify", "--recipe", str(project)],
