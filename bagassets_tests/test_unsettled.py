@@ -1,5 +1,8 @@
 """A run that did not end well leaves nothing behind, once all is as it was: no red partition, and no check that is missing."""
 
+import time
+
+import dagster as dg
 import pytest
 
 from bagassets.assets.frames import FrameExtractor
@@ -13,6 +16,7 @@ from bagassets.errors import DecodeError
 from bagassets.recipe import load_recipe
 from bagassets_tests.in_process import build, survey
 from bagassets_tests.test_batches import KEYS, checks, make, outcomes, partitions
+from bagassets_tests.test_sensor import Project, make_run
 
 pytestmark = pytest.mark.once
 
@@ -115,6 +119,50 @@ def test_a_recording_that_takes_no_part_any_more_is_forgotten(tmp_path, monkeypa
     unsettled = Unsettled(load_recipe(recipe_file).state)
     assert survey(recipe_file).plan.bags[KEYS[1]].skipped
     assert not unsettled.noted() & {*KEYS[:3]}
+
+
+@pytest.fixture
+def watched(tmp_path):
+    """A project of one recording that is up to date, and its sensor."""
+    recipe_file = make(tmp_path, KEYS[:1])
+    with open_instance(str(tmp_path)) as instance:
+        project = Project(recipe_file, instance)
+        project.now_s = time.time()  # runs that have ended are found by the time of the database
+        project.build_project()
+        yield project
+
+
+def test_a_run_of_the_sensor_that_failed_leaves_no_failed_partition(watched, monkeypatch):
+    edit(watched.recipe_file, "/cam/image_raw", "/cam/image_raw, quality: 33")
+    with monkeypatch.context() as patch:
+        patch.setattr(FrameExtractor, "add", _refuse)
+        assert not watched.execute(watched.scan()[KEYS[0]]).success
+    assert KEYS[0] not in watched.scan()
+    edit(watched.recipe_file, ", quality: 33", "")
+    assert failed(watched.recipe_file) == {KEYS[0]}
+    watched.build_project()
+    assert failed(watched.recipe_file) == set()
+    assert_nothing_is_left(watched.recipe_file, monkeypatch)
+
+
+def test_a_run_that_failed_is_made_up_for_whoever_launched_it(watched):
+    make_run(watched, KEYS[0], dg.DagsterRunStatus.FAILURE)
+    request = watched.scan()[KEYS[0]]
+    assert "did not end well" in request.tags["why"]
+    assert watched.scan() == {}
+    assert watched.execute(request).success
+    assert [watched.scan(after_s) for after_s in (1, 1, 600)] == [{}, {}, {}]
+    assert Unsettled(watched.recipe.state).noted() == frozenset()
+
+
+def test_a_shared_run_after_one_that_failed_is_enough(watched):
+    make_run(watched, KEYS[0], dg.DagsterRunStatus.FAILURE)
+    names = Naming(watched.recipe.name)
+    job = build_definitions(watched.recipe_file).resolve_job_def(names.batch_job)
+    config = batch_config({KEYS[0]: ("inventory", "frames")}, names)
+    assert job.execute_in_process(run_config=config, instance=watched.instance).success
+    assert KEYS[0] not in watched.scan()
+    assert Unsettled(watched.recipe.state).noted() == frozenset()
 
 
 def states(recipe_file, key):

@@ -9,6 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from bagassets.atomic import write_atomically
+from bagassets.build.plan import Plan
 from bagassets.store.canonical import digest_bytes
 
 __all__ = ["Unsettled"]
@@ -47,6 +48,12 @@ class Unsettled:
         """Forget a recording, if it was noted."""
         with suppress(OSError):  # then it is recorded once more
             self._file(key).unlink(missing_ok=True)
+
+    def forget_settled(self, plan: Plan) -> None:
+        """Forget the recordings that are gone, or take no part any more: they have no run that could end well."""
+        for key in self.noted():
+            if key not in plan.bags or plan.bags[key].settled:
+                self.discard(key)
 
     def _file(self, key: str) -> Path:
         """Keys may be too long for the name of a file, and have folders."""

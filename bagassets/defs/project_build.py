@@ -148,7 +148,7 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
             report.dataset = "stopped"
         report.plan, report.excluded = now.plan, now.plan.excluded
         _add_idle(report, now.plan, before.chosen, is_whole=options.is_whole)
-        _forget_unsettled(recipe, now.plan)
+        Unsettled(recipe.state).forget_settled(now.plan)
         if options.is_whole and now.is_settled and own_work.is_up_to_date:
             snapshot.save(now.plan, own.wanted)
     report.seconds = time.monotonic() - started
@@ -279,14 +279,6 @@ def _note_unsettled(recipe: Recipe, ended: Mapping[str, EndedRun]) -> None:
         if one.problem is not None or one.stopped:
             unsettled.add(key)
         elif key in noted:
-            unsettled.discard(key)
-
-
-def _forget_unsettled(recipe: Recipe, plan: Plan) -> None:
-    """Forget the recordings that are gone, or take no part any more: they have no run that could end well."""
-    unsettled = Unsettled(recipe.state)
-    for key in unsettled.noted():
-        if key not in plan.bags or plan.bags[key].settled:
             unsettled.discard(key)
 
 

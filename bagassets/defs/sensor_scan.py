@@ -1,5 +1,6 @@
 """A scan by the sensor: compares the recordings on disk with Dagster's records and requests runs."""
 
+import datetime as dt
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
@@ -7,12 +8,13 @@ import dagster as dg
 
 from bagassets.build.named_files import files_beside
 from bagassets.build.plan import AssetState, BagPlan, Plan
+from bagassets.build.unsettled import Unsettled
 from bagassets.defs.batches import batch_config, batch_of, batches
 from bagassets.defs.dataset import dataset_is_current, record_inputs
 from bagassets.defs.events import all_assets, live_partitions
 from bagassets.defs.instance_plan import InstancePlan, plan_instance, workspace_fingerprint
 from bagassets.defs.orphaned_runs import end_orphaned_runs
-from bagassets.defs.partitions import DATASET, active_runs, add_partitions, remove_partition
+from bagassets.defs.partitions import DATASET, PARTITION_TAG, active_runs, add_partitions, remove_partition
 from bagassets.defs.sensor_cursor import Cursor
 from bagassets.defs.workspace import Workspace
 from bagassets.errors import RecordingError
@@ -36,6 +38,9 @@ MOST_RUNS = 50
 PATIENCE_S = 60.0
 _LONGEST_REASON = 80
 _LATEST = 50
+# Runs that ended so long before the last scan are looked at again: the clock of a database may be behind ours.
+_CLOCKS_DIFFER_S = 60.0
+_ENDED = [dg.DagsterRunStatus.SUCCESS, dg.DagsterRunStatus.FAILURE, dg.DagsterRunStatus.CANCELED]
 
 
 @dataclass(frozen=True)
@@ -59,6 +64,9 @@ class Scan:
         self._next_settled_s: float | None = None
         self._active: set[str] = set()
         self._runs = 0
+        self._unsettled = Unsettled(workspace.recipe.state)
+        self._ended: dict[str, dg.DagsterRun] = {}
+        self._noted: frozenset[str] = frozenset()
 
     def is_worth_waiting(self, until_s: float) -> bool:
         """Return whether a run is active, or a recording may settle before `until_s`."""
@@ -80,6 +88,7 @@ class Scan:
         if active and end_orphaned_runs(self._instance)[0]:
             active = active_runs(self._instance, self._names, self._datasets)
         self._active, self._runs = {key for keys in active.values() for key in keys}, len(active)
+        self._note_unsettled()
         records, project = self._state_of_records(), workspace_fingerprint(self._workspace)
         quiet = digest_json(
             [
@@ -89,6 +98,7 @@ class Scan:
                 discovery.unreadable,
                 sorted(live),
                 sorted(active),
+                sorted(self._noted),
             ]
         )
         if cursor.quiet == quiet and project is not None:
@@ -96,6 +106,7 @@ class Scan:
             self._next_settled_s = None
             return []
         planned = plan_instance(self._instance, self._workspace, live)
+        self._unsettled.forget_settled(planned.plan)
         known = {key for key, bag in planned.plan.bags.items() if bag.assets["bag"].state == "fresh"}
         finished = cursor.settle(stats, known, recipe.bags.settle_s, now_s)
         self._next_settled_s = cursor.next_settled_s(recipe.bags.settle_s, finished)
@@ -141,6 +152,43 @@ class Scan:
             sorted([e.asset_key.to_user_string(), e.last_materialization_storage_id] for e in entries)
         )
 
+    # --- runs that ended -----------------------------------------------------------------
+
+    def _ended_runs(self) -> dict[str, dg.DagsterRun]:
+        """Return the last run of each recording that ended since the last scan, whoever launched it.
+
+        None where it was a shared one: its worker sees to it how each recording ends.
+        """
+        if self.cursor.looked_s is None:
+            return {}
+        since = dt.datetime.fromtimestamp(self.cursor.looked_s - _CLOCKS_DIFFER_S, dt.UTC)
+        filters = dg.RunsFilter(statuses=_ENDED, updated_after=since)
+        assets = frozenset(all_assets())
+        ended: dict[str, dg.DagsterRun] = {}
+        for record in self._instance.get_run_records(filters, order_by="update_timestamp", ascending=True):
+            run = record.dagster_run
+            if PARTITION_TAG in run.tags and self._names.is_about(run, assets):
+                ended[run.tags[PARTITION_TAG]] = run
+            for key in batch_of(run, self._names):
+                ended.pop(key, None)
+        return ended
+
+    def _note_unsettled(self) -> None:
+        """Note the recordings whose run failed: all they have may be up to date, and yet Dagster shows them as failed."""
+        self._ended = self._ended_runs()
+        for key, run in self._ended.items():
+            if run.status == dg.DagsterRunStatus.FAILURE:
+                self._unsettled.add(key)
+        self._noted = self._unsettled.noted()
+
+    def _is_settled(self, bag: BagPlan) -> bool:
+        """Return whether a recording was noted, and a run that ended well has recorded all of it since."""
+        run = self._ended.get(bag.key)
+        if run is None or run.status != dg.DagsterRunStatus.SUCCESS or bag.key not in self._noted:
+            return False
+        made = {self._names.asset_of(key) for key in run.asset_selection or ()}
+        return made.issuperset(bag.to_run())
+
     # --- requests ------------------------------------------------------------------------
 
     def _requests(
@@ -173,6 +221,10 @@ class Scan:
         A recording of which only the time changed is read in a run of `bag` alone: a tick must not take so long, and
         most often nothing else is to be done.
         """
+        if self._is_settled(bag):
+            self._unsettled.discard(bag.key)
+            self.cursor.forget([bag.key])
+            return None
         if not bag.to_run():
             self.cursor.forget([bag.key])
             return None
