@@ -295,10 +295,10 @@ MOMENTS = {
 @pytest.mark.parametrize(
     ("moment", "delay_s"),
     [
-        ("the server serves", 0.0),
+        pytest.param("the server serves", 0.0, marks=pytest.mark.long),
         ("databases are begun", 0.0),
-        ("databases are begun", 0.05),
-        ("the index is there", 0.01),
+        pytest.param("databases are begun", 0.05, marks=pytest.mark.long),
+        pytest.param("the index is there", 0.01, marks=pytest.mark.long),
         ("an artifact is there", 0.0),
     ],
 )

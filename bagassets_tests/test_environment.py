@@ -67,6 +67,7 @@ def built(folder, drive, environment):
     return {str(path.relative_to(root)): path.read_bytes() for path in root.rglob("*") if path.is_file()}
 
 
+@pytest.mark.long
 def test_a_dataset_has_the_same_bytes_in_a_hostile_environment(tmp_path, drive):
     ours = built(tmp_path / "ours", drive, {})
     theirs = built(tmp_path / "their drives ü", drive, HOSTILE)

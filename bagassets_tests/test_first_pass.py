@@ -134,7 +134,7 @@ def passed(recipe_file):
 
 
 @pytest.mark.parametrize("name", TARGETS)
-@pytest.mark.parametrize("digests", ["no", "stored"])
+@pytest.mark.parametrize("digests", ["no", pytest.param("stored", marks=pytest.mark.long)])
 def test_a_cold_build_reads_a_recording_twice(tmp_path, monkeypatch, name, digests):
     recipe, file = project_of(tmp_path, name)
     if digests == "stored":
@@ -153,10 +153,10 @@ def test_a_cold_build_reads_a_recording_twice(tmp_path, monkeypatch, name, diges
     ("name", "compression"),
     [
         *((name, "none") for name in TARGETS),
-        ("drive", "zstd"),
+        pytest.param("drive", "zstd", marks=pytest.mark.long),
         ("drive.bag", "lz4"),
-        ("drive.bag", "bz2"),
-        ("drive.mcap", "lz4"),
+        pytest.param("drive.bag", "bz2", marks=pytest.mark.long),
+        pytest.param("drive.mcap", "lz4", marks=pytest.mark.long),
         ("drive.mcap", "zstd"),
     ],
 )

@@ -386,6 +386,7 @@ def chunks_in(path):
         return make_reader(stream).get_summary().chunk_indexes
 
 
+@pytest.mark.long
 def test_building_hostile_recordings_takes_little_memory_and_others_go_on(tmp_path):
     """With real images as large as they may be, and a good recording beside."""
 

@@ -17,7 +17,7 @@ from bagassets.forkserver.tasks import find_server
 from bagassets.recipe import load_recipe
 from bagassets_tests.in_process import make_project
 
-pytestmark = pytest.mark.xdist_group("on_server")
+pytestmark = [pytest.mark.xdist_group("on_server"), pytest.mark.once]
 KEYS = ["a.bag", "b.mcap"]
 COMMANDS = [
     ["status"],
@@ -157,23 +157,27 @@ def test_on_a_terminal_it_has_the_width_and_colours_of_the_terminal(served):
 
 SHELLS = [
     "{} status --json | head -1",
+    "echo before > out; {} build -n -j 99 >> out 2>&1; cat out",
+    "{} status >&-",
+    "{} status --bag nope 2> /dev/full",
+    "env -u COLUMNS script -qec '{} status' /dev/null < /dev/null",
+]
+MORE_SHELLS = [
     "set -o pipefail; {} status --json | true",
     "{{ {} status; echo after; }} > out; cat out",
-    "echo before > out; {} build -n -j 99 >> out 2>&1; cat out",
     "{} build -n -j 99 1<> out",
     "{} build -n -j 99 2>&1 | cat",
     "{} build --check 2>&-",
     "{} check >&-",
-    "{} status >&-",
     "{} build -n <&- >&- 2>&-",
-    "{} status --bag nope 2> /dev/full",
     "mkdir gone; cd gone; rmdir ../gone; {} status",
     "PYTHONIOENCODING=latin-1 {} status --bag 'mön*' 2>&1 | cat",
-    "env -u COLUMNS script -qec '{} status' /dev/null < /dev/null",
 ]
 
 
-@pytest.mark.parametrize("shell", SHELLS)
+@pytest.mark.parametrize(
+    "shell", [*SHELLS, *(pytest.param(shell, marks=pytest.mark.long) for shell in MORE_SHELLS)]
+)
 def test_whatever_it_writes_to_gets_the_same(served, shell):
     """The variable gives the command another stamp, so that it finds no server."""
 

@@ -65,7 +65,11 @@ def make_home(folder, launcher):
 
 
 @pytest.fixture(
-    scope="module", params=["bagassets.defs.launcher.BagAssetsRunLauncher", "dagster.DefaultRunLauncher"]
+    scope="module",
+    params=[
+        "bagassets.defs.launcher.BagAssetsRunLauncher",
+        pytest.param("dagster.DefaultRunLauncher", marks=pytest.mark.long),
+    ],
 )
 def home(request, tmp_path_factory):
     folder = tmp_path_factory.mktemp("follow")

@@ -83,7 +83,7 @@ def test_after_a_build_every_state_has_its_reason(built):
     assert value["datasets"] == {"nuscenes_dataset": "fresh"}
 
 
-@pytest.mark.parametrize("closed", [">&-", "2>&-", "<&- >&- 2>&-"])
+@pytest.mark.parametrize("closed", [">&-", "<&- >&- 2>&-", pytest.param("2>&-", marks=pytest.mark.long)])
 def test_a_closed_stream_is_no_defect(built, closed):
     """The shell closes it; whatever is opened next would have its number."""
     command = [sys.executable, "-m", "bagassets", "status", "--recipe", str(built)]

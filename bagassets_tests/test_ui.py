@@ -311,6 +311,7 @@ def test_it_ends_when_whoever_started_it_is_killed(project):
         eventually(lambda: not any(processes_of(pid) for pid in sessions), "all processes are gone")
 
 
+@pytest.mark.long
 def test_it_ends_even_if_its_interrupt_is_lost(project):
     # As Python loses it in a finalizer, or while a module is imported.
     code = (

@@ -4,7 +4,8 @@ Recordings of half a second, from nothing. Projects of two sizes are built by tu
 larger one took is a recording's share, free of the start of the server and of the dataset. The work alone is the same
 assets of the same recordings, made in one process that has everything imported, without Dagster. What is kept of each in
 PostgreSQL is measured once: after the first build, and how much another one adds once all recordings have changed. That is
-less, as it uses the room of rows that the first one replaced.
+less, as it uses the room of rows that the first one replaced. In a long build PostgreSQL itself sees to that every minute;
+`--many 1200` measures one (a quarter of an hour).
 """
 
 import argparse
@@ -14,6 +15,7 @@ import statistics
 import sys
 import tempfile
 import time
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +40,7 @@ __all__ = ["small_table"]
 _DURATION_S = 0.5
 _WARM = 2  # recordings made before the clock is looked at
 _OTHER_SEEDS = 1000  # of recordings that have changed
+_LONG_FEWER = 200  # recordings of the smaller project that a long build is compared with
 
 
 def main() -> None:
@@ -46,11 +49,17 @@ def main() -> None:
     parser.add_argument("--fewer", type=int, default=10, help="recordings of the smaller project")
     parser.add_argument("--more", type=int, default=50, help="recordings of the larger project")
     parser.add_argument("--times", type=int, default=3)
+    parser.add_argument("--many", type=int, help="also build so many with PostgreSQL")
     arguments = parser.parse_args()
     if not _WARM < arguments.fewer < arguments.more:
         parser.error(f"--fewer must be more than {_WARM}, and less than --more")
+    if arguments.many is not None and arguments.many <= _LONG_FEWER:
+        parser.error(f"--many must be more than {_LONG_FEWER}")
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
         figures = measure(Path(folder), arguments.fewer, arguments.more, arguments.times)
+    if arguments.many is not None:
+        with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
+            figures["postgres_long"] = measure_long(Path(folder), arguments.many)
     print(small_table(figures), flush=True)
     if arguments.json:
         arguments.json.write_text(json.dumps({"machine": machine(), **figures}, indent=1) + "\n", "utf-8")
@@ -59,15 +68,20 @@ def main() -> None:
 def small_table(figures: dict[str, Any]) -> str:
     """Return the table of `small.json`; medians."""
     middle = {name: statistics.median(values) for name, values in figures["each"].items()}
+    fewer, more = figures["recordings"]
     rows = [
         ("recording", f"{figures['recording_bytes'] / 1e6:.1f} MB"),
         ("time", f"{middle['seconds']:.2f} s"),
         ("processor time", f"{middle['cpu_s']:.2f} s"),
         ("processor time of the work alone", f"{middle['work_cpu_s']:.2f} s"),
         ("Dagster's records in SQLite", f"{middle['record_bytes'] / 1e3:.0f} kB"),
-        ("Dagster's records in PostgreSQL", f"{figures['postgres_bytes'] / 1e3:.0f} kB"),
+        (f"Dagster's records in PostgreSQL, {fewer} to {more}", f"{figures['postgres_bytes'] / 1e3:.0f} kB"),
         ("what each further build adds there", f"{figures['postgres_further_bytes'] / 1e3:.0f} kB"),
     ]
+    if "postgres_long" in figures:
+        fewer, more = figures["postgres_long"]["recordings"]
+        kept = f"{figures['postgres_long']['bytes'] / 1e3:.0f} kB"
+        rows.insert(-1, (f"likewise, {fewer:,} to {more:,}", kept))
     return (
         "\n".join(["| each recording | |", "|---|--:|", *(f"| {name} | {value} |" for name, value in rows)])
         + "\n"
@@ -76,12 +90,7 @@ def small_table(figures: dict[str, Any]) -> str:
 
 def measure(folder: Path, fewer: int, more: int, times: int) -> dict[str, Any]:
     """Return what each recording costs, for each time that it was measured."""
-    recordings = {size: folder / f"recordings-{size}" for size in (fewer, more)}
-    for seed in range(more):
-        write_recordings([Target(recordings[more] / f"d{seed:03}.bag", "ros1")], seed, "small", _DURATION_S)
-    recordings[fewer].mkdir()
-    for path in sorted(recordings[more].iterdir())[:fewer]:
-        (recordings[fewer] / path.name).hardlink_to(path)
+    recordings = _recordings(folder, fewer, more)
     each: dict[str, list[float]] = {"seconds": [], "cpu_s": [], "record_bytes": [], "work_cpu_s": []}
     for _ in range(times):
         few, many = (_build(folder / "project", recordings[size]) for size in (fewer, more))
@@ -99,6 +108,35 @@ def measure(folder: Path, fewer: int, more: int, times: int) -> dict[str, Any]:
         "postgres_further_bytes": further_bytes,
         "each": each,
     }
+
+
+def measure_long(folder: Path, many: int) -> dict[str, Any]:
+    """Return what PostgreSQL keeps of each recording of a first build that takes minutes, beyond a shorter one."""
+    recordings = _recordings(folder, _LONG_FEWER, many)
+    sizes = []
+    with running_postgres() as server:
+        for number, found in recordings.items():
+            recipe_file, name = _postgres_project(folder / f"project-{number}", found, server)
+            _run_build(recipe_file)
+            sizes.append(server.database_bytes(name))
+            shutil.rmtree(recipe_file.parent)
+    return {"recordings": [_LONG_FEWER, many], "bytes": (sizes[1] - sizes[0]) / (many - _LONG_FEWER)}
+
+
+def _recordings(folder: Path, fewer: int, more: int) -> dict[int, Path]:
+    """Write recordings, and return how many -> folder; the smaller one has the same files as the larger one."""
+    recordings = {size: folder / f"recordings-{size}" for size in (fewer, more)}
+    targets = [recordings[more] / f"d{seed:04}.bag" for seed in range(more)]
+    with ProcessPoolExecutor() as pool:
+        list(pool.map(_write_recording, targets, range(more)))
+    recordings[fewer].mkdir()
+    for path in targets[:fewer]:
+        (recordings[fewer] / path.name).hardlink_to(path)
+    return recordings
+
+
+def _write_recording(path: Path, seed: int) -> None:
+    write_recordings([Target(path, "ros1")], seed, "small", _DURATION_S)
 
 
 def _project(folder: Path, recordings: Path) -> Path:
@@ -132,18 +170,24 @@ def _postgres_bytes(folder: Path, recordings: Path, server: Postgres) -> tuple[i
     Returns:
         Bytes of its database after the first build, and by how many the second one let it grow.
     """
-    name = recordings.name.replace("-", "_")
-    server.create_database(name)
-    recipe_file = _project(folder, recordings)
-    use_postgres(recipe_file, server.url_of(name))
+    recipe_file, name = _postgres_project(folder, recordings, server)
     _run_build(recipe_file)
     built_bytes = server.database_bytes(name)
     server.vacuum(name)
     for seed, path in enumerate(sorted(recordings.iterdir())):
         path.unlink()
-        write_recordings([Target(path, "ros1")], _OTHER_SEEDS + seed, "small", _DURATION_S)
+        _write_recording(path, _OTHER_SEEDS + seed)
     _run_build(recipe_file)
     return built_bytes, server.database_bytes(name) - built_bytes
+
+
+def _postgres_project(folder: Path, recordings: Path, server: Postgres) -> tuple[Path, str]:
+    """Write a project that keeps its records in PostgreSQL; return its recipe and the name of its database."""
+    name = recordings.name.replace("-", "_")
+    server.create_database(name)
+    recipe_file = _project(folder, recordings)
+    use_postgres(recipe_file, server.url_of(name))
+    return recipe_file, name
 
 
 def _work_cpu_s(folder: Path, recordings: Path) -> float:

@@ -107,7 +107,9 @@ def _newest() -> None:
 
 
 PARTS = {
-    "long": Part("tests that take minutes: the wheel, installed outside of the checkout", _long),
+    "long": Part(
+        "tests that take long, or are some of many alike: the wheel, installed outside of the checkout", _long
+    ),
     "lowest": Part("what depends on libraries, with the lowest versions that pyproject.toml allows", _lowest),
     "newest": Part(
         "what depends on libraries, with the newest Python here, and the newest versions", _newest
