@@ -1,7 +1,8 @@
 """Bilinear look-up of 8-bit colour images through fixed-point maps, like `cv2.remap`.
 
-Twice as fast as OpenCV, which waits for memory: a lens bends rows, and the processor cannot predict
-which part of the image is next. Here each pixel is prefetched some time before it is needed.
+Faster than OpenCV, which waits for memory: a lens bends rows, and the processor cannot predict which part of the image is
+next. Here each pixel is prefetched some time before it is needed; so are the maps, since a processor that foresees their
+next line does not foresee their next page.
 """
 
 import cv2
@@ -14,6 +15,7 @@ __all__ = ["BilinearLookup"]
 
 _LANES = 16  # pixels that are computed together
 _AHEAD = 8  # groups of pixels between the prefetch of a pixel and its use
+_FAR_AHEAD = 64  # likewise for the maps: a page of one of them
 _BITS = 5  # OpenCV's maps count 32nds of a pixel (INTER_BITS)
 _MOST_AT_ONCE = 32_000  # OpenCV's maps are no wider
 
@@ -145,6 +147,9 @@ def _lookup_function() -> Ir:
             [asked] = lanes_in(offsets(load(xy, b.mul(later, i64(_LANES)), ir.VectorType(i32, 1), 4)))
             below = b.gep(source, [b.add(b.zext(asked, i64), stride)])
             b.call(prefetch, [below, i32(0), i32(3), i32(1)])  # to be read, often, as data
+            for maps in (xy, fraction):
+                far = b.gep(maps, [b.mul(b.add(group, i64(_FAR_AHEAD)), i64(_LANES))])
+                b.call(prefetch, [b.bitcast(far, i8.as_pointer()), i32(0), i32(3), i32(1)])
 
             first = b.mul(group, i64(_LANES))
             upper = lower = ir.Constant(ir.VectorType(i64, _LANES), ir.Undefined)
