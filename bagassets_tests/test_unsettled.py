@@ -145,8 +145,14 @@ def test_a_run_of_the_sensor_that_failed_leaves_no_failed_partition(watched, mon
     assert_nothing_is_left(watched.recipe_file, monkeypatch)
 
 
+def fail_a_run(project):
+    """Report a run of the recording as failed, which notes the time; that of a new run is in whole seconds."""
+    run = make_run(project, KEYS[0], dg.DagsterRunStatus.STARTED)
+    project.instance.report_run_failed(run)
+
+
 def test_a_run_that_failed_is_made_up_for_whoever_launched_it(watched):
-    make_run(watched, KEYS[0], dg.DagsterRunStatus.FAILURE)
+    fail_a_run(watched)
     request = watched.scan()[KEYS[0]]
     assert "did not end well" in request.tags["why"]
     assert watched.scan() == {}
@@ -156,7 +162,7 @@ def test_a_run_that_failed_is_made_up_for_whoever_launched_it(watched):
 
 
 def test_a_shared_run_after_one_that_failed_is_enough(watched):
-    make_run(watched, KEYS[0], dg.DagsterRunStatus.FAILURE)
+    fail_a_run(watched)
     names = Naming(watched.recipe.name)
     job = build_definitions(watched.recipe_file).resolve_job_def(names.batch_job)
     config = batch_config({KEYS[0]: ("inventory", "frames")}, names)
