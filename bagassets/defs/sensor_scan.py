@@ -265,7 +265,7 @@ class Scan:
         if asked is None or asked.what != what:
             return False
         assets, names = frozenset(all_assets()), self._names
-        alone = self._instance.get_run_records(dg.RunsFilter(tags={"dagster/partition": key}), limit=_LATEST)
+        alone = self._instance.get_run_records(dg.RunsFilter(tags={PARTITION_TAG: key}), limit=_LATEST)
         shared = self._instance.get_run_records(dg.RunsFilter(job_name=names.batch_job), limit=_LATEST)
         records = [record for record in alone if names.is_about(record.dagster_run, assets)]
         records += [record for record in shared if key in batch_of(record.dagster_run, names)]
