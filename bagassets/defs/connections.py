@@ -17,7 +17,8 @@ from collections import Counter
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from functools import cache, lru_cache
-from typing import Any
+from pathlib import Path
+from typing import Any, Self
 
 import dagster as dg
 from alembic.config import Config
@@ -30,7 +31,7 @@ from sqlalchemy.pool import NullPool, Pool, QueuePool
 from bagassets.defs.dagster_private import get_alembic_config, sqlite_event_log, sqlite_run_storage
 from bagassets.defs.events import event_database
 
-__all__ = ["kept_open", "pool_connections", "share_migrations"]
+__all__ = ["Commits", "kept_open", "pool_connections", "share_migrations"]
 
 _FROM_CONFIG = "from_config"
 _CREATE_ENGINE = "create_engine"  # the name under which both storages import it
@@ -68,7 +69,7 @@ def kept_open(instance: dg.DagsterInstance, *run_ids: str) -> Iterator[None]:
         return
     _relax_commits()
     _share_engines()
-    files = [index, index.parent.parent / "runs.db", *(index.with_name(f"{run_id}.db") for run_id in run_ids)]
+    files = [index, _runs_database(index), *(index.with_name(f"{run_id}.db") for run_id in run_ids)]
     paths = [str(path) for path in files]
     _KEPT.update(paths)
     try:
@@ -78,6 +79,55 @@ def kept_open(instance: dg.DagsterInstance, *run_ids: str) -> Iterator[None]:
         for (path, _), engine in list(_POOLED.items()):
             if _KEPT[path] <= 0:
                 Engine.dispose(engine)
+
+
+class Commits:
+    """Tells in microseconds whether others may have committed to Dagster's databases, which takes milliseconds to read.
+
+    SQLite counts the commits of other connections (https://sqlite.org/pragma.html#pragma_data_version). With other
+    databases, and with one for each run, the answer is always yes. A context manager, for one thread.
+
+    Args:
+        instance: whose runs and events are in these databases.
+    """
+
+    def __init__(self, instance: dg.DagsterInstance) -> None:
+        index = None if instance.event_log_storage.is_run_sharded else event_database(instance)
+        self._files = [] if index is None else [index, _runs_database(index)]
+        self._connections: list[sqlite3.Connection] = []
+        self._seen: list[int] = []
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._close()
+
+    def any_since(self) -> bool:
+        """Return whether there may have been any since the last call; yes at the first one."""
+        try:
+            self._connections = self._connections or [_connected(file) for file in self._files]
+            versions = [
+                connection.execute("PRAGMA data_version").fetchone()[0] for connection in self._connections
+            ]
+        except sqlite3.Error:  # busy, or being moved: reading them will say what is wrong
+            self._close()
+            versions = []
+        before, self._seen = self._seen, versions
+        return not versions or versions != before
+
+    def _close(self) -> None:
+        for connection in self._connections:
+            connection.close()
+        self._connections = []
+
+
+def _runs_database(index: Path) -> Path:
+    return index.parent.parent / "runs.db"
+
+
+def _connected(file: Path) -> sqlite3.Connection:
+    return sqlite3.connect(f"{file.resolve().as_uri()}?mode=rw", uri=True)
 
 
 def pool_connections(instance: dg.DagsterInstance) -> None:

@@ -18,7 +18,7 @@ import dagster as dg
 from bagassets.build.build_report import Event
 from bagassets.defs.batches import Batch, batch_config, batches, without_steps
 from bagassets.defs.code_server import LaunchWorkspace
-from bagassets.defs.connections import kept_open
+from bagassets.defs.connections import Commits, kept_open
 from bagassets.defs.naming import Naming
 from bagassets.defs.partitions import DATASET
 from bagassets.defs.run_progress import RunProgress
@@ -32,9 +32,10 @@ __all__ = ["EndedRun", "Listener", "RunPool"]
 
 _CANCEL_GRACE_S = 35.0  # our own launcher kills after 30 s, and the command waits for 40 s
 _HEALTH_S = 5.0
-# Polling the records costs 1 to 2 ms. The end of a run is noticed late by at most 2 % of its duration.
+# Reading the records costs some milliseconds. The end of a run is noticed late by at most 2 % of its duration.
 _QUICKEST_S, _SLOWEST_S = 0.02, 0.5
 _POLL_SHARE = 0.02
+_UNREAD_S = 1.0  # at most, though nothing seems to have been committed
 _LOG_S = 2.0
 _FEW = 20  # active runs that are all read each time
 _MOST_THREADS = 32
@@ -111,6 +112,8 @@ class RunPool:
     _waiting: list[Batch] = field(default_factory=list)
     _active: dict[str, _Active] = field(default_factory=dict)
     _looked_at: float = 0.0
+    _read_at: float = 0.0
+    _launched: frozenset[str] = frozenset()  # when last read
 
     def __post_init__(self) -> None:
         launcher = self.instance.run_launcher
@@ -121,6 +124,7 @@ class RunPool:
         self._most_per_run: int | None = getattr(launcher, "recordings_per_run", None)
         # One for all runs: a code server takes seconds to start.
         self._workspace = LaunchWorkspace(self.instance, self.location, self.log)
+        self._commits = Commits(self.instance)
 
     def __enter__(self) -> Self:
         return self
@@ -146,7 +150,11 @@ class RunPool:
             self._take_over(run_id, keys)
         self._waiting = list(batches)[::-1]
         # Some launchers take most of a second for each run.
-        with ThreadPoolExecutor(min(self.jobs, _MOST_THREADS)) as pool, deferred_interrupts() as interrupt:
+        with (
+            self._commits,
+            ThreadPoolExecutor(min(self.jobs, _MOST_THREADS)) as pool,
+            deferred_interrupts() as interrupt,
+        ):
             while (self._waiting or self._active) and not interrupt.asked:
                 polled_at = time.monotonic()
                 while self._waiting and len(self._active) < self.jobs and not interrupt.asked:
@@ -212,6 +220,8 @@ class RunPool:
         now = time.monotonic()
         youngest = min(now - active.since for active in self._active.values())
         time.sleep(min(_SLOWEST_S, max(_QUICKEST_S, _POLL_SHARE * youngest)))
+        if not self._may_have_changed():
+            return
         is_whole = len(self._active) <= _FEW or time.monotonic() - self._looked_at > _HEALTH_S
         wanted = dg.RunsFilter(run_ids=list(self._active), statuses=None if is_whole else _ENDED)
         records = {run.run_id: run for run in self.instance.get_runs(wanted)}
@@ -232,6 +242,16 @@ class RunPool:
                 self._drop(run_id, self._problem(run, active))
             else:
                 self._look_at(run, active)
+
+    def _may_have_changed(self) -> bool:
+        """Return whether the records may say more of the active runs than when they were last read."""
+        launched = frozenset(run_id for run_id, active in self._active.items() if active.launch.done())
+        # Asked in any case, since what was committed until now is about to be read.
+        committed = self._commits.any_since()
+        if not committed and launched == self._launched and time.monotonic() - self._read_at < _UNREAD_S:
+            return False
+        self._launched, self._read_at = launched, time.monotonic()
+        return True
 
     def _look_at(self, run: dg.DagsterRun, active: _Active) -> None:
         """Tell where a run is, and now and then check whether its worker is alive."""
