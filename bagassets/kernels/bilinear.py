@@ -34,14 +34,15 @@ class BilinearLookup:
         self._xy = np.ascontiguousarray(xy)
         self._fraction = np.ascontiguousarray(fraction)
         self._size = (height, width)
-        # Unsigned, what is left of the image or above it is far to the right or below.
-        x, y = (np.ascontiguousarray(self._xy[..., axis]).view(np.uint16).ravel() for axis in range(2))
-        inside = (x < width - 1) & (y < height - 1)  # all four pixels lie in the image
+        # All four pixels lie in the image.
+        inside = cv2.inRange(self._xy, (0, 0, 0, 0), (width - 2, height - 2, 0, 0)).ravel() != 0
         self._some_black = False
         if inside.all() and len(inside) % _LANES == 0:
             self._runs = np.array([0, len(inside) // _LANES], dtype=np.int64)
             self._others = np.empty(0, dtype=np.int64)
             return
+        # Unsigned, what is left of the image or above it is far to the right or below.
+        x, y = (np.ascontiguousarray(self._xy[..., axis]).view(np.uint16).ravel() for axis in range(2))
         whole = inside[: len(inside) // _LANES * _LANES].reshape(-1, _LANES)
         groups: NDArray[np.bool_] = np.logical_and.reduce(whole, axis=1)
         edges = np.flatnonzero(np.diff(groups, prepend=False, append=False))
