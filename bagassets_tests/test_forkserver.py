@@ -4,6 +4,7 @@ import json
 import os
 import re
 import resource
+import shutil
 import signal
 import socket
 import subprocess
@@ -421,6 +422,21 @@ def eventually_within(seconds, condition):
             return True
         time.sleep(0.05)
     return False
+
+
+def test_a_server_whose_state_folder_was_removed_ends_and_spares_its_successor(tmp_path):
+    spec = spec_in(tmp_path / "state")
+    with Client.ensure(spec) as old:
+        shutil.rmtree(tmp_path / "state")
+        with Client.ensure(spec) as new:
+            assert new.process != old.process
+            old.close()
+            eventually(lambda: not old.process.is_alive(), "the old one sees that its folder is gone")
+            assert new.files.socket.is_socket()
+            assert is_locked(new.files.lock)
+            with Client.connect(new.files) as third:
+                assert third.process == new.process
+            new.shutdown(grace_s=0.0)
 
 
 def test_a_killed_server_has_a_successor_and_its_workers_finish(tmp_path):

@@ -175,8 +175,19 @@ class Server:
             self._selector.unregister(self._listener)
             self._listener.close()
             self._listener = None
-            self._files.remove_socket()
-            self._lock.remove()
+            if self._is_displaced:
+                self._lock.close()  # whatever is there now belongs to another server
+            else:
+                self._files.remove_socket()
+                self._lock.remove()
+
+    @property
+    def _is_displaced(self) -> bool:
+        """True if somebody removed the state folder, so that nobody can find this server."""
+        try:
+            return not self._lock.is_in_place
+        except OSError:
+            return False  # a file server that does not answer for a while
 
     def _is_done(self) -> bool:
         return self._listener is None and not self._jobs
@@ -205,9 +216,13 @@ class Server:
             self._drain_if_old()
 
     def _drain_if_old(self) -> bool:
-        """Stop taking jobs if code, recipe or environment changed since they were imported; return whether."""
+        """Stop taking jobs if code, recipe or environment changed since they were imported, or the state folder was removed; return whether."""
         self._last_age_check = time.monotonic()
         if self._listener is None:
+            return True
+        if self._is_displaced:
+            _LOG.info("its state folder was removed; draining")
+            self._stop_listening()
             return True
         changed = self._loaded.changed() if self._loaded is not None else []
         if changed or self._spec.stamp() != self._files.stamp:
