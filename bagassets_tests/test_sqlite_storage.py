@@ -153,6 +153,17 @@ def test_whether_others_committed_is_known_without_reading(project):
             assert not commits.any_since()
 
 
+def test_commits_between_two_blocks_are_not_missed(project):
+    home = str(project.parent)
+    with open_instance(home) as instance, open_instance(home) as other:
+        run, commits = instance.create_run_for_job(_job), Commits(instance)
+        with commits:
+            commits.any_since()
+        other.report_engine_event("an event", run)
+        with commits:  # whose connections count anew
+            assert commits.any_since()
+
+
 def test_with_a_database_for_each_run_there_may_always_be_commits(old_project):
     with open_instance(str(old_project.parent)) as instance, Commits(instance) as commits:
         assert [commits.any_since() for _ in range(3)] == [True] * 3

@@ -104,7 +104,7 @@ class Commits:
         self._close()
 
     def any_since(self) -> bool:
-        """Return whether there may have been any since the last call; yes at the first one."""
+        """Return whether there may have been any since the last call; yes at the first one in a block."""
         try:
             self._connections = self._connections or [_connected(file) for file in self._files]
             versions = [
@@ -112,14 +112,14 @@ class Commits:
             ]
         except sqlite3.Error:  # busy, or being moved: reading them will say what is wrong
             self._close()
-            versions = []
+            return True
         before, self._seen = self._seen, versions
         return not versions or versions != before
 
     def _close(self) -> None:
         for connection in self._connections:
             connection.close()
-        self._connections = []
+        self._connections, self._seen = [], []  # the counts of two connections cannot be compared
 
 
 def _runs_database(index: Path) -> Path:
