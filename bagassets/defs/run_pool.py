@@ -35,7 +35,7 @@ _HEALTH_S = 5.0
 # Reading the records costs some milliseconds. The end of a run is noticed late by at most 2 % of its duration.
 _QUICKEST_S, _SLOWEST_S = 0.02, 0.5
 _POLL_SHARE = 0.02
-_UNREAD_S = 1.0  # at most, though nothing seems to have been committed
+_UNREAD_S = 1.0  # they are read this often even if nothing seems to have been committed
 _LOG_S = 2.0
 _FEW = 20  # active runs that are all read each time
 _MOST_THREADS = 32

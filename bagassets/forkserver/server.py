@@ -216,20 +216,25 @@ class Server:
             self._drain_if_old()
 
     def _drain_if_old(self) -> bool:
-        """Stop taking jobs if code, recipe or environment changed since they were imported, or the state folder was removed; return whether."""
+        """Stop taking jobs if this server is outdated; return whether."""
         self._last_age_check = time.monotonic()
         if self._listener is None:
             return True
+        reason = self._why_outdated()
+        if reason is None:
+            return False
+        _LOG.info("outdated (%s); draining", reason)
+        self._stop_listening()
+        return True
+
+    def _why_outdated(self) -> str | None:
+        """Return why nobody should use this server any more: code, recipe or environment changed since they were imported."""
         if self._is_displaced:
-            _LOG.info("its state folder was removed; draining")
-            self._stop_listening()
-            return True
+            return "its state folder was removed"
         changed = self._loaded.changed() if self._loaded is not None else []
-        if changed or self._spec.stamp() != self._files.stamp:
-            _LOG.info("outdated (%s); draining", changed[0] if changed else "another stamp")
-            self._stop_listening()
-            return True
-        return False
+        if changed:
+            return str(changed[0])
+        return None if self._spec.stamp() == self._files.stamp else "another stamp"
 
     # --- clients ---------------------------------------------------------------------
 

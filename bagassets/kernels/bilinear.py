@@ -2,9 +2,9 @@
 
 Faster than OpenCV, which waits for memory: a lens bends rows, and the processor cannot predict which part of the image is
 next. Here each pixel is prefetched some time before it is needed; so are the maps, since a processor that foresees their
-next line does not foresee their next page. What is left is computation. Where pixels lie is computed in scalars, because
-vector units have enough to do with bringing together eight bytes from above and eight from below for each pixel, which
-are two neighbours of four channels each; they stay where they are while they are mixed.
+next line does not foresee their next page. What is left is computation. Scalar units compute where pixels lie, because
+vector units have enough to do: for each pixel they gather eight bytes of the row above and eight of the row below, each two
+neighbours with four channels, and mix them in place.
 """
 
 import sys
@@ -109,10 +109,10 @@ def _lookup_function() -> Ir:
 
         ((a (32 - y) + c y) (32 - x) + (b (32 - y) + d y) x + 512) / 1024
 
-    exactly, as in OpenCV. Channels 0 and 2 are computed together, and so are 1 and 3, in 16 bits each.
+    rounded down, as in OpenCV. Channels 0 and 2 are computed together, and so are 1 and 3, in 16 bits each.
     """
     if sys.byteorder != "little":
-        raise NotImplementedError("bytes are taken out of larger numbers")
+        raise NotImplementedError("it takes the lowest byte of a number for the first")  # OpenCV does it then
     from llvmlite import ir
 
     i8, i16, i32, i64 = (ir.IntType(bits) for bits in (8, 16, 32, 64))
