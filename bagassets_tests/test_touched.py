@@ -60,7 +60,7 @@ def records(recipe_file, key):
     """Return the records of `bag`, latest first."""
     with pending_work.open_project(recipe_file) as (instance, _):
         wanted = dg.AssetRecordsFilter(asset_key=dg.AssetKey("bag"), asset_partitions=[key])
-        return instance.fetch_materializations(wanted, limit=5).records
+        return instance.fetch_materializations(wanted, limit=100).records
 
 
 def test_touched_recordings_have_no_run(built, monkeypatch):
@@ -180,25 +180,39 @@ def test_records_that_are_still_the_latest_are_not_fetched_again(built, monkeypa
     assert [len(asked[0]) > 1, *asked[1:]] == [True, {"bag"}]
 
 
-def test_an_interrupt_ends_the_reading(built, monkeypatch):
+def test_an_interrupt_ends_the_reading_and_what_had_been_read_is_on_record(built, monkeypatch):
     touch(built, "a.bag")
-    real, asked = digest.digest_file, []
+    touch(built, "b.mcap")
+    real, real_digest, asked = digest.digest_file, touched.recording_digest, []
 
-    def slow(path, between):
-        while True:
+    def slow_for_one(path, between):
+        while path.name == "a.bag":
             between(1)
+        return real(path, between)
 
     def listener(event):
         asked.append(event)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(digest, "digest_file", slow)
+    monkeypatch.setattr(digest, "digest_file", slow_for_one)
+    before = {key: len(records(built, key)) for key in ("a.bag", "b.mcap")}
     with pending_work.open_project(built) as (instance, workspace):
         pending = pending_work.find_pending_work(instance, workspace)
         with pytest.raises(KeyboardInterrupt):
             touched.record_touched(instance, workspace, pending, 2, listener)
     (event,) = asked
     assert event.kind == "reading"
-    assert event.message.startswith("Reading 1 recording whose time changed, ")
+    assert event.message.startswith("Reading 2 recordings whose time changed, ")
+    assert {key: len(records(built, key)) for key in before} == {
+        "a.bag": before["a.bag"],
+        "b.mcap": before["b.mcap"] + 1,
+    }
     monkeypatch.setattr(digest, "digest_file", real)
+    hashed = []
+    monkeypatch.setattr(
+        touched,
+        "recording_digest",
+        lambda one, *args, **options: hashed.append(one.key) or real_digest(one, *args, **options),
+    )
     assert build(built, monkeypatch)[1] == []
+    assert hashed == ["a.bag"]

@@ -5,9 +5,10 @@ read it is cheap beside a run.
 """
 
 import time
-from collections.abc import Callable, Mapping
-from concurrent.futures import CancelledError, ThreadPoolExecutor, wait
-from contextlib import suppress
+from collections.abc import Callable, Generator, Mapping
+from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
+from contextlib import closing, suppress
+from queue import Empty, SimpleQueue
 from threading import Event as Flag
 from threading import Lock
 
@@ -38,6 +39,8 @@ __all__ = ["record_touched"]
 _NO_RUN = ""  # the run of Dagster's events that belong to none
 _SHOW_EVERY_S = 0.5
 
+_Read = tuple[RecordingStat, RecordingDigest, float]  # status before, digest, seconds
+
 
 def record_touched(
     instance: dg.DagsterInstance,
@@ -61,7 +64,7 @@ def record_touched(
         The recordings whose content is the same -> seconds to read it. Plan again if there are any.
 
     Raises:
-        KeyboardInterrupt: the user pressed Ctrl-C; nothing was recorded that was not read.
+        KeyboardInterrupt: the user pressed Ctrl-C; what had been read is recorded.
     """
     touched = {
         key: pending.planned.recorded[key]["bag"] for key in pending.todo if pending.plan.bags[key].touched
@@ -69,13 +72,15 @@ def record_touched(
     if not touched:
         return {}
     recordings = pending.planned.discovery.recordings
-    # The last first: what is made ahead of a build (`early_inventories`) begins with the first.
+    # The last first: what is made ahead of a build (`made_ahead`) begins with the first.
     reading = _Reading({key: recordings[key] for key in reversed(touched)}, workspace.index, workspace.store)
-    with span("read touched", recordings=len(touched)):
-        found = reading.read(jobs, on_event)
     same = {}
-    with span("record touched"), kept_open(instance, _NO_RUN):
-        for key, (stat, digest, seconds) in found.items():
+    with (
+        span("read touched", recordings=len(touched)),
+        kept_open(instance, _NO_RUN),
+        closing(reading.read(jobs, on_event)) as found,
+    ):
+        for key, stat, digest, seconds in found:
             if digest.digest != touched[key].data_version:
                 continue
             if stat != touched[key].stat:
@@ -113,29 +118,38 @@ class _Reading:
         self._read = 0
         self._mutex = Lock()
         self._stopped = Flag()
+        self._show_s = time.monotonic() + _SHOW_EVERY_S
 
     def read(
         self, jobs: int, on_event: Callable[[Event], None]
-    ) -> dict[str, tuple[RecordingStat, RecordingDigest, float]]:
-        """Return the status before, the digest and the seconds of each recording that could be read."""
+    ) -> Generator[tuple[str, RecordingStat, RecordingDigest, float], None, None]:
+        """Yield key, status before, digest and seconds of each recording that could be read, as soon as it has been."""
+        ended: SimpleQueue[Future[_Read]] = SimpleQueue()
         with ThreadPoolExecutor(max(1, jobs)) as pool:
-            futures = {
-                key: pool.submit(self._digest, recording) for key, recording in self._recordings.items()
-            }
+            keys = {pool.submit(self._digest, recording): key for key, recording in self._recordings.items()}
+            for future in keys:
+                future.add_done_callback(ended.put)
             try:
-                while wait(futures.values(), _SHOW_EVERY_S).not_done:
-                    on_event(Event("reading", message=self._told()))
+                for _ in keys:
+                    future = self._next(ended, on_event)
+                    with suppress(BagAssetsError):
+                        yield keys[future], *future.result()
             except BaseException:
                 self._stopped.set()
                 pool.shutdown(wait=False, cancel_futures=True)
                 raise
-        found = {}
-        for key, future in futures.items():
-            with suppress(BagAssetsError):
-                found[key] = future.result()
-        return found
 
-    def _digest(self, recording: RecordingFiles) -> tuple[RecordingStat, RecordingDigest, float]:
+    def _next(self, ended: SimpleQueue[Future[_Read]], on_event: Callable[[Event], None]) -> Future[_Read]:
+        """Return the next future that has ended; tell now and then how far all are."""
+        while True:
+            now_s = time.monotonic()
+            if now_s >= self._show_s:
+                on_event(Event("reading", message=self._told()))
+                self._show_s = now_s + _SHOW_EVERY_S
+            with suppress(Empty):
+                return ended.get(timeout=self._show_s - now_s)
+
+    def _digest(self, recording: RecordingFiles) -> _Read:
         began, stat = time.monotonic(), recording_stat(recording)
         with only_reader(self._store, recording, stat):
             digest = recording_digest(recording, self._index, between=self._note)
