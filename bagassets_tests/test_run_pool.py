@@ -234,3 +234,20 @@ def test_what_a_launcher_has_to_say_is_the_reason_of_the_failure(tmp_path):
         assert runs.ended["walk"].problem == "The node that was to execute it is down."
         assert ("failed", "drive") in events
         assert {status_of(instance, ended.run_id) for ended in runs.ended.values()} == {"FAILURE"}
+
+
+@pytest.mark.parametrize("can_tell", [True, False])
+def test_the_end_of_a_long_run_is_noticed_soon_where_asking_costs_nothing(tmp_path, monkeypatch, can_tell):
+    make_home(tmp_path, "dagster.DefaultRunLauncher")
+    slept, now = [], time.monotonic()
+    with open_instance(str(tmp_path)) as instance:
+        pool = RunPool(instance, Naming(""), 1, lambda _: None, tmp_path / "log", LOCATION)
+        monkeypatch.setattr(type(pool._commits), "can_tell", can_tell)
+        monkeypatch.setattr(pool._commits, "any_since", lambda: False)
+        pool._read_at = now
+        pool._take_over("run", ["drive"])
+        pool._active["run"].since = now - 3600
+        pool._launched = frozenset(["run"])
+        monkeypatch.setattr(time, "sleep", slept.append)
+        pool._poll()
+    assert slept == [0.05 if can_tell else 0.5]

@@ -103,6 +103,11 @@ class Commits:
     def __exit__(self, *_: object) -> None:
         self._close()
 
+    @property
+    def can_tell(self) -> bool:
+        """True where the answer may be no."""
+        return bool(self._files)
+
     def any_since(self) -> bool:
         """Return whether there may have been any since the last call; yes at the first one in a block."""
         try:
