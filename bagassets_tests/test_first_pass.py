@@ -14,8 +14,8 @@ import zstandard
 from bagassets.build.execute import execute
 from bagassets.build.first_pass import first_pass
 from bagassets.build.graph import Graph
-from bagassets.defs.early_inventories import make_inventories
 from bagassets.defs.events import recorded_partition
+from bagassets.defs.made_ahead import make_inventories
 from bagassets.defs.naming import Naming
 from bagassets.defs.pending_work import open_project
 from bagassets.errors import BagAssetsError, ChangedWhileReadError

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 __all__ = ["InterruptedBuildError", "build_on_server", "end_servers", "server_for"]
 
-_EARLY_JOB = "bagassets.defs.early_inventories:make_inventories"
+_EARLY_JOB = "bagassets.defs.made_ahead:make_inventories"
 # How long the jobs of a server that is ended have to stop; the server, which may be importing Dagster, has longer.
 _END_GRACE_S = 5.0
 _END_S = 60.0

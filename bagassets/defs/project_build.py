@@ -20,9 +20,9 @@ from bagassets.build.summary_rows import summary_rows
 from bagassets.build.unsettled import Unsettled
 from bagassets.defs.batches import SMALL_BYTES, Batch
 from bagassets.defs.dataset import record_inputs
-from bagassets.defs.early_inventories import making_ahead
 from bagassets.defs.events import recordings_made
 from bagassets.defs.instance_plan import InstancePlan
+from bagassets.defs.made_ahead import making_ahead
 from bagassets.defs.naming import Naming
 from bagassets.defs.orphaned_runs import end_orphaned_runs
 from bagassets.defs.own_build import OwnBuild, OwnProject, OwnWork, load_own

@@ -1,13 +1,15 @@
-"""Inventories made ahead of the runs: while the server of a build still imports Dagster, and while a build plans.
+"""What is made ahead of the runs that need it: inventories, and the page of the map.
 
-Starting the server keeps one processor busy for a second or two; opening Dagster's records, planning and starting a run
-take a third of a second. Meanwhile another processor reads the recordings that the build will begin with; the runs then
-find these inventories in the store, or wait for the one that is being made. No Dagster is needed here, and no failure is
-reported: it happens again in the run, which reports it.
+Starting the server of a build keeps one processor busy for a second or two; opening Dagster's records, planning and starting
+a run take a third of a second. Meanwhile another processor reads the recordings that the build will begin with. The page of
+the map, which is the same for all recordings, is made when a processor has nothing else to do: the run of the datasets comes
+last, alone. The runs find all this in the store, or wait for what is being made. No Dagster is needed here, and no failure
+is reported: it happens again in the run, which reports it.
 """
 
 import gc
 import logging
+import os
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -38,18 +40,19 @@ from bagassets.recordings.discover import discover
 from bagassets.recordings.model import RecordingFiles
 from bagassets.store.store import Store
 
-__all__ = ["make_first_inventories", "make_inventories", "making_ahead"]
+__all__ = ["make_ahead", "make_first_inventories", "make_inventories", "making_ahead"]
 
 _LOG = logging.getLogger(__name__)
 # For a larger recording the second saved is nothing, and an interrupted build must not leave a reader running for long.
 _LARGEST_BYTES = 4_000_000_000
 # A run that waits for another process says nothing of how far that is; one that reads for ten seconds should.
 _LARGEST_WHILE_PLANNED_BYTES = 1_000_000_000
-_JOB = f"{__name__}:make_first_inventories"
+_JOB = f"{__name__}:make_ahead"
 # So long does a build open Dagster and plan; then its runs begin, and need the processors.
 _BEGIN_S = 0.35
 # Not imported: it would import Dagster.
 _LAUNCHER = ("bagassets.defs.launcher", "BagAssetsRunLauncher")
+_LEAST_URGENT = 19
 _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
@@ -77,7 +80,7 @@ def make_inventories(args: JsonObject) -> int:
 
 @contextmanager
 def making_ahead(recipe_file: Path, options: BuildOptions) -> Iterator[Callable[[], Mapping[str, str]]]:
-    """Have the server make the inventories that a build is likely to begin with, while the block plans it.
+    """Have the server make what a build is likely to need, while the block plans and does the rest.
 
     Begin before Dagster is opened, which takes a tenth of a second. Where other machines execute the runs, they read, too.
 
@@ -104,16 +107,32 @@ def making_ahead(recipe_file: Path, options: BuildOptions) -> Iterator[Callable[
             client.close()
 
 
-def make_first_inventories(args: JsonObject) -> None:
-    """Make the inventories of recordings that have not been hashed as they are, the largest first, while a build plans.
+def make_ahead(args: JsonObject) -> None:
+    """Make inventories while a build plans (see `make_first_inventories`), and then the page of the map, if it has one.
 
     Args:
         args: `recipe` (file) and `bags` (of `BuildOptions`).
     """
-    began_s = time.monotonic()
     recipe = load_recipe(Path(args["recipe"]))
+    make_first_inventories(recipe, args["bags"])
+    os.nice(_LEAST_URGENT)  # the runs have begun
+    if recipe.preview.enabled and recipe.preview.trajectory_map:
+        from bagassets.formats.report_data import make_map_shell  # noqa: PLC0415  (`make_inventories` must begin at once)
+
+        with suppress(BagAssetsError, OSError):
+            make_map_shell(Store(recipe.store_path))
+
+
+def make_first_inventories(recipe: Recipe, bags: Collection[str]) -> None:
+    """Make the inventories of recordings that have not been hashed as they are, the largest first, while a build plans.
+
+    Args:
+        recipe: the recipe.
+        bags: of `BuildOptions`.
+    """
+    began_s = time.monotonic()
     assets, index = recording_assets(recipe), DigestIndex.of(recipe)
-    for recording in _chosen(recipe, args["bags"], _LARGEST_WHILE_PLANNED_BYTES):
+    for recording in _chosen(recipe, bags, _LARGEST_WHILE_PLANNED_BYTES):
         if time.monotonic() - began_s > _BEGIN_S:
             break
         with suppress(BagAssetsError):

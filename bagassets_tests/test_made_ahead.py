@@ -13,9 +13,9 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
 from bagassets.build.build_report import BuildOptions
-from bagassets.defs import early_inventories, project_build
-from bagassets.defs.early_inventories import make_first_inventories, make_inventories, making_ahead
+from bagassets.defs import made_ahead, project_build
 from bagassets.defs.launcher import BagAssetsRunLauncher
+from bagassets.defs.made_ahead import make_ahead, make_first_inventories, make_inventories, making_ahead
 from bagassets.forkserver.client import Client
 from bagassets.forkserver.server_files import ServerFiles
 from bagassets.recipe import load_recipe
@@ -86,7 +86,7 @@ def test_a_cold_build_counts_what_was_made_ahead_as_built(project):
     [client] = Client.all_of(load_recipe(project).state)
     log = client.files.log.read_text()
     assert "job make_inventories: exit code 0" in log
-    assert "bagassets.defs.early_inventories:make_inventories" in log
+    assert "bagassets.defs.made_ahead:make_inventories" in log
 
 
 # --- while a build plans ------------------------------------------------------------------
@@ -135,7 +135,7 @@ def test_the_server_makes_inventories_of_what_changed(project):
     "options", [BuildOptions(jobs=1), BuildOptions(jobs=2, select=("bag",))], ids=["one job", "assets"]
 )
 def test_nothing_is_made_ahead_where_that_would_delay_or_is_not_asked_for(project, monkeypatch, options):
-    monkeypatch.setattr(early_inventories, "find_server", pytest.fail)
+    monkeypatch.setattr(made_ahead, "find_server", pytest.fail)
     with making_ahead(project, options) as made:
         assert made() == {}
 
@@ -151,11 +151,11 @@ def test_nothing_is_made_ahead_where_that_would_delay_or_is_not_asked_for(projec
 def test_nothing_is_made_ahead_where_others_execute_the_runs(project, monkeypatch, launcher):
     file = project.with_name("dagster.yaml")
     found = yaml.safe_load(file.read_text())
-    assert (BagAssetsRunLauncher.__module__, BagAssetsRunLauncher.__name__) == early_inventories._LAUNCHER
-    assert early_inventories._executes_runs_here(project)
+    assert (BagAssetsRunLauncher.__module__, BagAssetsRunLauncher.__name__) == made_ahead._LAUNCHER
+    assert made_ahead._executes_runs_here(project)
     file.write_text(yaml.safe_dump(found | {"run_launcher": launcher}))
-    assert not early_inventories._executes_runs_here(project)
-    monkeypatch.setattr(early_inventories, "find_server", pytest.fail)
+    assert not made_ahead._executes_runs_here(project)
+    monkeypatch.setattr(made_ahead, "find_server", pytest.fail)
     with making_ahead(project, BuildOptions(jobs=2)) as made:
         assert made() == {}
 
@@ -169,18 +169,34 @@ def test_what_has_been_hashed_or_is_large_is_left_alone(project, monkeypatch):
     make_inventories(asked(project, "a.bag"))
     recordings = discover(load_recipe(project).bags).recordings
     small, large = sorted(("b.mcap", "c"), key=lambda key: recordings[key].size)
-    monkeypatch.setattr(early_inventories, "_LARGEST_WHILE_PLANNED_BYTES", recordings[large].size - 1)
+    monkeypatch.setattr(made_ahead, "_LARGEST_WHILE_PLANNED_BYTES", recordings[large].size - 1)
     made = []
-    monkeypatch.setattr(early_inventories, "note", made.append)
-    make_first_inventories({"recipe": str(project), "bags": []})
+    monkeypatch.setattr(made_ahead, "note", made.append)
+    make_first_inventories(load_recipe(project), [])
     assert [one.keys() for one in made] == [{small}]
     assert steps_in_store(project) == ["inventory"] * 2
 
 
 def test_none_is_begun_once_the_runs_begin(project, monkeypatch):
-    monkeypatch.setattr(early_inventories, "_BEGIN_S", -1.0)
-    make_first_inventories({"recipe": str(project), "bags": []})
+    monkeypatch.setattr(made_ahead, "_BEGIN_S", -1.0)
+    make_first_inventories(load_recipe(project), [])
     assert steps_in_store(project) == []
+
+
+@pytest.mark.parametrize(
+    ("preview", "has_map"),
+    [("{}", True), ("{enabled: false}", False), ("{trajectory_map: false}", False)],
+)
+def test_the_page_of_the_map_is_made_when_a_processor_is_idle(project, monkeypatch, preview, has_map):
+    project.write_text(project.read_text().replace("preview: {enabled: false}", f"preview: {preview}"))
+    niceness = []
+    monkeypatch.setattr(os, "nice", niceness.append)
+    make_ahead({"recipe": str(project), "bags": ["a.bag"]})
+    assert niceness == [19]
+    made = ["inventory", *(["map_shell"] if has_map else [])]
+    assert sorted(steps_in_store(project)) == made
+    make_ahead({"recipe": str(project), "bags": ["a.bag"]})
+    assert sorted(steps_in_store(project)) == made
 
 
 def test_what_was_made_ahead_counts_as_built(project, monkeypatch):
@@ -193,8 +209,8 @@ def test_what_was_made_ahead_counts_as_built(project, monkeypatch):
         def ahead(*_, is_told=is_told):
             made = {}
             with monkeypatch.context() as patch:
-                patch.setattr(early_inventories, "note", made.update)
-                make_first_inventories({"recipe": str(project), "bags": []})
+                patch.setattr(made_ahead, "note", made.update)
+                make_first_inventories(load_recipe(project), [])
             assert made.keys() == {"b.mcap"}
             yield lambda: made if is_told else {}
 
