@@ -116,7 +116,7 @@ def make_ahead(args: JsonObject) -> None:
     recipe = load_recipe(Path(args["recipe"]))
     make_first_inventories(recipe, args["bags"])
     os.nice(_LEAST_URGENT)  # the runs have begun
-    if recipe.preview.enabled and recipe.preview.trajectory_map:
+    if recipe.preview.has_map:
         from bagassets.formats.report_data import make_map_shell  # noqa: PLC0415  (`make_inventories` must begin at once)
 
         with suppress(BagAssetsError, OSError):

@@ -32,8 +32,9 @@ __all__ = ["EndedRun", "Listener", "RunPool"]
 
 _CANCEL_GRACE_S = 35.0  # our own launcher kills after 30 s, and the command waits for 40 s
 _HEALTH_S = 5.0
-# The end of a run is noticed late by at most 2 % of its duration, and where it costs nothing to ask whether anything was
-# committed, sooner. Then reading the records, some milliseconds each time, takes at most a twentieth of a processor.
+# The end of a run is noticed late by at most 2 % of its duration, and of a long one sooner where it costs nothing to ask
+# whether anything was committed. To read the records takes some milliseconds; while runs are long, no more than a twentieth
+# of a processor goes into that.
 _QUICKEST_S, _SLOWEST_S, _SLOWEST_ASKED_S = 0.02, 0.5, 0.05
 _POLL_SHARE = 0.02
 _READ_SHARE = 0.05
@@ -115,7 +116,7 @@ class RunPool:
     _active: dict[str, _Active] = field(default_factory=dict)
     _looked_at: float = 0.0
     _read_at: float = 0.0
-    _unread_until: float = 0.0  # with whatever is committed
+    _unread_until: float = 0.0  # whatever is committed
     _launched: frozenset[str] = frozenset()  # when last read
 
     def __post_init__(self) -> None:

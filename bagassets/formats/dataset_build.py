@@ -278,7 +278,7 @@ def dataset_code_versions(recipe: Recipe) -> dict[str, str]:
         for asset, dataset in datasets.items()
         if dataset.selection is None
     }
-    if recipe.preview.enabled and recipe.preview.trajectory_map:
+    if recipe.preview.has_map:
         fields = [recipe.splits.model_dump(mode="json")]
         versions["trajectory_map"] = f"{trajectory_map.STEP.version}-{digest_json(fields)[:12]}"
     for asset, dataset in datasets.items():

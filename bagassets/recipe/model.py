@@ -340,6 +340,11 @@ class Preview(Model):
     )
     trajectory_map: bool = Field(True, description="Make the map of all recordings (`trajectory_map`).")
 
+    @property
+    def has_map(self) -> bool:
+        """True if the map of all recordings is made."""
+        return self.enabled and self.trajectory_map
+
 
 class Limits(Model):
     """How much may be lost before a recording fails, and how large things in a recording may be.
