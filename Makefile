@@ -33,6 +33,9 @@ $(VENV)/.made: pyproject.toml requirements.lock
 	@touch $(VENV)/.by-make
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements.lock
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --editable .
+	@# pip does not compile what it only links to, nor does Python later where PYTHONDONTWRITEBYTECODE is set, as in many
+	@# images of Docker: each command and server would compile it again.
+	$(BIN)/python -m compileall -q bagassets
 	touch $@
 
 # The nuscenes-devkit asks for numpy < 2, so it lives in an environment of its own. Its lock is complete; without
