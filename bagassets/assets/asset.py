@@ -10,7 +10,8 @@ does; it may also differ when no action does, for example for a rig that made no
 from collections.abc import Callable, Collection, Iterable, Mapping
 from concurrent.futures import Executor
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, field, fields, is_dataclass
+from dataclasses import Field, dataclass, field, fields, is_dataclass
+from functools import cache
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
@@ -120,16 +121,22 @@ def as_json(value: object) -> Json:
 
 def _object(value: "DataclassInstance") -> JsonObject:
     entries: JsonObject = {}
-    for own in fields(value):
+    for own in _shown_fields(type(value)):
         item = getattr(value, own.name)
-        if own.metadata.get(_BY_DIGEST):
-            continue
-        if own.metadata.get(_INLINED):
+        if not own.metadata:
+            entries[own.name] = as_json(item)
+        elif own.metadata.get(_INLINED):
             inner = {} if item is None else as_json(item)
             entries |= {name: value for name, value in inner.items() if name not in own.metadata[_WITHOUT]}
         elif not (own.metadata.get(_OMITTED) and item == own.default):
             entries[own.name] = as_json(item)
     return entries
+
+
+@cache
+def _shown_fields(kind: "type[DataclassInstance]") -> "tuple[Field[Any], ...]":
+    """Return the fields that JSON may show; every plan asks for them thousands of times."""
+    return tuple(own for own in fields(kind) if not own.metadata.get(_BY_DIGEST))
 
 
 @dataclass(frozen=True)

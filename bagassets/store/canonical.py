@@ -11,6 +11,8 @@ __all__ = ["FileHasher", "canonical_json", "digest_bytes", "digest_file", "diges
 
 # Larger blocks do not fit the processor's cache, smaller ones keep fewer cores busy: 4 GB/s on two of them.
 _READ_BYTES = 4 << 20
+# `json.dumps` makes one for each call that has options.
+_ENCODER = json.JSONEncoder(sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
 
 
 def canonical_json(value: object) -> bytes:
@@ -20,9 +22,7 @@ def canonical_json(value: object) -> bytes:
         ValueError: a number is not finite.
         TypeError: a value is not JSON.
     """
-    return json.dumps(
-        value, sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False
-    ).encode()
+    return _ENCODER.encode(value).encode()
 
 
 def digest_bytes(data: bytes | memoryview) -> str:
