@@ -116,6 +116,21 @@ def test_the_table_fits_80_columns_and_shows_everything(report):
     assert "bagassets ui --recipe /p/recipe.yaml" in text
 
 
+def test_recordings_that_are_not_listed_are_counted_beside_those_that_are(report):
+    store, built = report
+
+    def lines(rows):
+        stream = io.StringIO()
+        print_summary(built, rows, Path("/p/recipe.yaml"), Console(file=stream, width=80))
+        return stream.getvalue()
+
+    rows = summary_rows(built, store)
+    assert len(rows) == 2
+    assert "1 more recording; `bagassets status` lists all." in lines(rows[:1])
+    assert "lists all" not in lines(rows)
+    assert "lists all" not in lines([]), "more than none"
+
+
 @pytest.mark.parametrize(("recordings", "is_said"), [(0, True), (1, False)])
 def test_an_empty_dataset_is_called_so(report, recordings, is_said):
     store, built = report
@@ -173,6 +188,21 @@ def test_without_a_terminal_progress_is_plain_lines(capsys):
     assert lines[4].startswith("done     dataset")
 
 
+def test_a_log_says_once_that_it_takes_long_to_plan_and_to_read(capsys):
+    show = progress.LinesProgress()
+    for event in (
+        Event("planning", message="Planned 200 of 401 recordings"),
+        Event("planning", message="Planned 400 of 401 recordings"),
+        Event("reading", message="Reading 2 recordings, 1 %"),
+        Event("reading", message="Reading 2 recordings, 2 %"),
+    ):
+        show(event)
+    assert capsys.readouterr().err.splitlines() == [
+        "Planned 200 of 401 recordings",
+        "Reading 2 recordings, 1 %",
+    ]
+
+
 def drawn(show):
     stream = io.StringIO()
     Console(file=stream, width=100).print(show.render())
@@ -184,6 +214,8 @@ def test_on_a_terminal_it_shows_what_is_in_progress_done_and_left(monkeypatch):
     monkeypatch.setattr(progress.time, "monotonic", lambda: now[0])
     show = progress.LiveProgress()
     assert "scanning" in drawn(show)
+    show(Event("planning", message="Planned 200 of 401 recordings"))
+    assert drawn(show) == "Planned 200 of 401 recordings\n"
     show(Event("planned", sizes={"small": 0, "big": 3_000_000}))
     show(Event("started", "small"))
     show(Event("started", "big"))
@@ -198,6 +230,11 @@ def test_on_a_terminal_it_shows_what_is_in_progress_done_and_left(monkeypatch):
     assert "small" not in text
     show(Event("failed", "big", "no"))
     assert "2/2 recordings, 0:10, 1 failed" in drawn(show)
+    show(Event("planning", message="Planned 200 of 401 recordings"))
+    assert "2/2 recordings, 0:10, 1 failed" in drawn(show)
+    assert "Planned 200 of 401 recordings" in drawn(show)
+    show(Event("started"))
+    assert "Planned" not in drawn(show), "it has come to the dataset"
 
 
 def test_on_a_terminal_a_failure_is_named_and_left_to_the_summary_to_explain(capsys):

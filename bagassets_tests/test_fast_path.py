@@ -176,15 +176,19 @@ def test_a_file_that_is_missing_from_the_store_is_made_again(fresh, monkeypatch,
     assert path.is_file()
 
 
-def test_many_artifacts_are_looked_at_beside_the_rest(fresh, monkeypatch):
+def test_many_artifacts_and_the_datasets_are_looked_at_beside_the_rest(fresh, monkeypatch):
     monkeypatch.setattr(decide, "_WORTH_A_FORK", 0)
     assert is_quick(fresh)
-    file = a_file_of(fresh, "channels.json")
-    file.rename(file.with_name("aside"))
-    assert not is_quick(fresh)
-    file.with_name("aside").rename(file)
-    build(fresh, monkeypatch)
-    assert is_quick(fresh)
+    recipe = load_recipe(fresh)
+    for file in (
+        a_file_of(fresh, "channels.json"),
+        recipe.nuscenes.output / recipe.nuscenes.version / "sample.json",
+    ):
+        file.rename(file.with_name("aside"))
+        assert not is_quick(fresh)
+        file.with_name("aside").rename(file)
+        build(fresh, monkeypatch)
+        assert is_quick(fresh)
     os.utime(recording(fresh))
     assert not is_quick(fresh)
 

@@ -6,6 +6,7 @@ import dagster as dg
 import pytest
 from click.testing import CliRunner
 
+from bagassets.build import planner
 from bagassets.build.planner import Planner
 from bagassets.cli.main import root
 from bagassets.defs import batch_job, instance_plan, pending_work
@@ -51,6 +52,40 @@ def test_a_build_plans_once_and_again_what_its_runs_have_changed(tmp_path, monke
     # What both recordings have alike was made once more, and nobody looks at the other one because of that.
     assert (keys, whole) == ({"b.mcap": 2}, 3)
     assert planned(recipe, monkeypatch)[1:] == ({}, 1)
+
+
+def test_many_recordings_are_planned_some_at_a_time_and_the_build_says_how_many_have_been(
+    tmp_path, monkeypatch
+):
+    recipe = make_project(tmp_path, [KEY, "b.mcap", "c.bag"])
+    assert build(recipe, monkeypatch)[0].succeeded
+    with pending_work.open_project(recipe) as (instance, workspace):
+        whole = instance_plan.plan_instance(instance, workspace)
+        fetched, fetch = [], instance_plan.fetch_recorded
+
+        def note(instance, names, ids, keys):
+            fetched.append(list(keys))
+            return fetch(instance, names, ids, fetched[-1])
+
+        monkeypatch.setattr(instance_plan, "fetch_recorded", note)
+        monkeypatch.setattr(planner, "AT_A_TIME", 2)
+        told = []
+        for fingerprint in ("other code", None):
+            monkeypatch.setattr(instance_plan, "workspace_fingerprint", lambda _, it=fingerprint: it)
+            now = instance_plan.plan_instance(
+                instance, workspace, on_planned=lambda done, total: told.append((done, total))
+            )
+            assert now.plan == whole.plan
+            assert now.recorded.keys() == whole.plan.bags.keys()
+    assert fetched == [[KEY, "b.mcap"], ["c.bag"]] * 2
+    assert told == [(2, 3), (3, 3)] * 2
+    monkeypatch.undo()
+    monkeypatch.setattr(planner, "AT_A_TIME", 2)
+    recipe.write_text(recipe.read_text() + "# another text\n")
+    events = []
+    build(recipe, monkeypatch, on_event=events.append)
+    messages = [event.message for event in events if event.kind == "planning"]
+    assert messages == ["Planned 2 of 3 recordings", "Planned 3 of 3 recordings"]
 
 
 def test_all_datasets_of_a_run_are_made_from_one_plan(tmp_path, monkeypatch):

@@ -23,6 +23,9 @@ __all__ = ["Planner", "plan_recordings"]
 
 Fetch = Callable[[Iterable[str]], Mapping[str, Mapping[str, Recorded]]]
 
+# Records of so many recordings are fetched at a time: those of ten thousand, as Dagster makes them, need a gigabyte.
+AT_A_TIME = 200
+
 
 @dataclass
 class Planner:
@@ -137,6 +140,7 @@ def plan_recordings(
     storage_ids: Mapping[str, Mapping[str, int]],
     fetch: Fetch,
     kept: Mapping[str, BagPlan] | None = None,
+    on_planned: Callable[[int, int], None] | None = None,
 ) -> tuple[Plan, dict[str, Mapping[str, Recorded]]]:
     """Plan all recordings.
 
@@ -150,6 +154,7 @@ def plan_recordings(
         storage_ids: asset -> partition key -> id of Dagster's latest record.
         fetch: returns partition key -> asset -> what Dagster recorded last.
         kept: states of recordings that are not planned again.
+        on_planned: called, where it takes long, with how many recordings have been examined, and how many will be.
 
     Returns:
         The plan, and Dagster's records of the recordings that were examined.
@@ -181,18 +186,23 @@ def plan_recordings(
                 _remove_incomplete(store, plan)
     unchanged = frozenset(bags)
     others = [key for key in discovery.recordings if key not in bags]
-    recorded = fetch(key for key in others if key in registered)
+    recorded: dict[str, Mapping[str, Recorded]] = {}
     planner = Planner(assets, store, index)
-    for key in others:
-        bag = planner.plan(discovery.recordings[key], recorded.get(key, {}))
-        bags[key] = _once_more(bag) if key in unsettled else bag
+    for start in range(0, len(others), AT_A_TIME):
+        some = others[start : start + AT_A_TIME]
+        recorded |= fetch(key for key in some if key in registered)
+        for key in some:
+            bag = planner.plan(discovery.recordings[key], recorded.get(key, {}))
+            bags[key] = _once_more(bag) if key in unsettled else bag
+        if on_planned is not None and len(others) > AT_A_TIME:
+            on_planned(start + len(some), len(others))
     settled = {key: bags[key] for key in others if key in fingerprints and bags[key].settled}
     cache.save(
         {key: (fingerprints[key], plan.as_row(), plan.artifacts) for key, plan in settled.items()},
         before.keys() - unchanged - settled.keys(),
     )
     ordered = {key: bags[key] for key in discovery.recordings}
-    return Plan(ordered, dict(discovery.excluded), discovery.removed(registered)), dict(recorded)
+    return Plan(ordered, dict(discovery.excluded), discovery.removed(registered)), recorded
 
 
 def _once_more(bag: BagPlan) -> BagPlan:

@@ -52,16 +52,16 @@ class LinesProgress(SilentProgress):
     def __init__(self, *, err: bool = True) -> None:
         self._err = err
         self._total = self._ended = 0
-        self._is_reading = False
+        self._announced: set[str] = set()
         self._since: dict[str, float] = {}
 
     def __call__(self, event: Event) -> None:
         """Print an event."""
         now = time.monotonic()
-        if event.kind == "reading":
-            if not self._is_reading:
+        if event.kind in {"planning", "reading"}:
+            if event.kind not in self._announced:
                 echo(event.message, err=self._err)
-            self._is_reading = True
+            self._announced.add(event.kind)
         elif event.kind == "planned":
             self._total = len(event.sizes)
             if self._total:
@@ -106,9 +106,8 @@ class LiveProgress(SilentProgress):
     def __call__(self, event: Event) -> None:
         """Note an event and redraw."""
         now = time.monotonic()
-        if event.kind == "reading":
-            self._preparing = event.message
-        elif event.kind == "planned":
+        self._preparing = event.message if event.kind in {"planning", "reading"} else ""
+        if event.kind == "planned":
             self._sizes = dict(event.sizes)
             self._began = now
             if event.message and self._live is not None:
@@ -122,7 +121,7 @@ class LiveProgress(SilentProgress):
             self._since[event.key] = now
         elif event.kind == "where":
             self._where[event.key] = event
-        else:
+        elif event.kind not in {"planning", "reading"}:
             self._since.pop(event.key, None)
             self._where.pop(event.key, None)
             self._done.add(event.key)
@@ -179,7 +178,8 @@ class LiveProgress(SilentProgress):
                 "" if share is None else ProgressBar(total=1.0, completed=share, width=_SMALL_BAR_WIDTH),
                 Text("" if where is None else where.message, style="cyan", no_wrap=True, overflow="ellipsis"),
             )
-        return Group(row, in_work)
+        # After the runs what they may have changed is planned again.
+        return Group(row, in_work, *([Text(self._preparing, style="dim")] if self._preparing else []))
 
 
 def clock(seconds: float) -> str:

@@ -49,7 +49,7 @@ def print_summary(
             print_lines(
                 console, f"{row.recording}: {row.reason if row.result == 'failed' else visible(row.reason)}"
             )
-    if len(rows) < len(report.outcomes):
+    if 0 < len(rows) < len(report.outcomes):
         console.print(
             f"{count_text(len(report.outcomes) - len(rows), 'more recording')}; `bagassets status` lists all."
         )

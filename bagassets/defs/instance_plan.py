@@ -1,6 +1,6 @@
 """The plan of a Dagster instance, from its records, the recordings on disk and the store, all read in bulk."""
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import dagster as dg
@@ -69,6 +69,7 @@ def plan_instance(
     workspace: Workspace,
     live: frozenset[str] | None = None,
     before: InstancePlan | None = None,
+    on_planned: Callable[[int, int], None] | None = None,
 ) -> InstancePlan:
     """Plan everything; nothing is changed but what the next plan remembers.
 
@@ -77,16 +78,21 @@ def plan_instance(
         workspace: recipe, store and recordings.
         live: partition keys to take as registered; default: those that are.
         before: an earlier plan, whose records are not fetched again where they are still the latest.
+        on_planned: see `plan_recordings`.
 
     Raises:
         BagAssetsError: the recipe or the bag root is not usable.
     """
     live = live_partitions(instance, workspace.names) if live is None else live
-    return _planned(instance, workspace, workspace.discover(), live, before=before)
+    return _planned(instance, workspace, workspace.discover(), live, before=before, on_planned=on_planned)
 
 
 def replan_instance(
-    instance: dg.DagsterInstance, workspace: Workspace, before: InstancePlan, worked_on: Collection[str]
+    instance: dg.DagsterInstance,
+    workspace: Workspace,
+    before: InstancePlan,
+    worked_on: Collection[str],
+    on_planned: Callable[[int, int], None] | None = None,
 ) -> InstancePlan:
     """Plan again the recordings that runs may have changed; the others keep their plan.
 
@@ -99,6 +105,7 @@ def replan_instance(
         before: the plan that the runs were made from.
         worked_on: recordings that had a run; others with new records, whoever wrote them, are found by these
             records.
+        on_planned: see `plan_recordings`.
     """
     live = live_partitions(instance, workspace.names)
     ids = latest_ids(instance, workspace.names, all_assets())
@@ -113,7 +120,15 @@ def replan_instance(
         for key, recording in before.discovery.recordings.items()
         if key in kept or all(path.exists() for path in recording.files)
     }
-    planned = _planned(instance, workspace, replace(before.discovery, recordings=there), live, ids, kept)
+    planned = _planned(
+        instance,
+        workspace,
+        replace(before.discovery, recordings=there),
+        live,
+        ids,
+        kept,
+        on_planned=on_planned,
+    )
     same = {key: recorded for key, recorded in before.recorded.items() if key in kept}
     return replace(planned, recorded={**same, **planned.recorded})
 
@@ -131,6 +146,7 @@ def _planned(
     ids: Mapping[str, Mapping[str, int]] | None = None,
     kept: Mapping[str, BagPlan] | None = None,
     before: InstancePlan | None = None,
+    on_planned: Callable[[int, int], None] | None = None,
 ) -> InstancePlan:
     ids = latest_ids(instance, workspace.names, all_assets()) if ids is None else ids
 
@@ -156,6 +172,7 @@ def _planned(
             storage_ids=ids,
             fetch=fetch,
             kept=kept,
+            on_planned=on_planned,
         )
     return InstancePlan(plan, recorded, select_inputs(plan, live), discovery, live, ids)
 

@@ -1,7 +1,7 @@
 """What a build has to do, as the plan of the instance says; the commands of a project start here."""
 
 import os
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -81,6 +81,7 @@ def find_pending_work(
     options: BuildOptions | None = None,
     own: "OwnProject | None" = None,
     before: PendingWork | None = None,
+    on_planned: Callable[[int, int], None] | None = None,
 ) -> PendingWork:
     """Plan everything and return what is to be done; nothing is changed.
 
@@ -90,21 +91,27 @@ def find_pending_work(
         options: what is asked for; default: everything.
         own: the user's assets, which may be selected.
         before: what was to be done when this was last asked, to save questions to Dagster.
+        on_planned: see `plan_recordings`.
 
     Raises:
         BagAssetsError: the recipe or the bag root is not usable, or there is no such recording.
     """
     with span("plan"):
-        planned = plan_instance(instance, workspace, before=None if before is None else before.planned)
+        known = None if before is None else before.planned
+        planned = plan_instance(instance, workspace, before=known, on_planned=on_planned)
     return _pending_work(instance, workspace, planned, options or BuildOptions(), own)
 
 
 def update_pending_work(
-    instance: dg.DagsterInstance, workspace: Workspace, before: PendingWork, worked_on: Collection[str]
+    instance: dg.DagsterInstance,
+    workspace: Workspace,
+    before: PendingWork,
+    worked_on: Collection[str],
+    on_planned: Callable[[int, int], None] | None = None,
 ) -> PendingWork:
     """Plan again what runs may have changed (see `replan_instance`), for a build of everything."""
     with span("plan"):
-        planned = replan_instance(instance, workspace, before.planned, worked_on)
+        planned = replan_instance(instance, workspace, before.planned, worked_on, on_planned)
     return _pending_work(instance, workspace, planned, BuildOptions())
 
 

@@ -40,6 +40,7 @@ from bagassets.formats.catalogue import problems_of
 from bagassets.formats.dataset_build import main_lock, split_on_disk
 from bagassets.formats.dataset_integrity import remove_changed_sources
 from bagassets.json_types import JsonMapping, JsonObject
+from bagassets.quantities import count_text
 from bagassets.recipe import load_recipe
 from bagassets.recipe.model import Recipe
 from bagassets.splits import SplitShare, moves
@@ -71,11 +72,14 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
         repaired["changed_in_place"] = remove_changed_sources(recipe, workspace.store)
         repaired["installed_packages"] = list(problems_of(recipe))
 
+        def on_planned(done: int, total: int) -> None:
+            on_event(Event("planning", message=f"Planned {done} of {count_text(total, 'recording')}"))
+
         def plan_all(
             asked: BuildOptions | None = None, known: PendingWork | None = None
         ) -> tuple[Snapshot, PendingWork]:
             snapshot = Snapshot(instance, workspace, own.files)  # of what there is before it is planned
-            return snapshot, find_pending_work(instance, workspace, asked, own, known)
+            return snapshot, find_pending_work(instance, workspace, asked, own, known, on_planned)
 
         snapshot, before = plan_all(options)
         if touched := record_touched(instance, workspace, before, options.jobs, on_event):
@@ -111,13 +115,13 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
                 snapshot, now = plan_all()
                 is_replanned = True
             else:
-                now = update_pending_work(instance, workspace, before, runs.ended.keys())
+                now = update_pending_work(instance, workspace, before, runs.ended.keys(), on_planned)
             # Runs of an earlier build may have begun before the recipe or the recording changed.
             again = {key: now.todo[key] for key in followed & now.todo.keys() & before.chosen}
             if again and not runs.interrupted:
                 runs.work([{key: assets} for key, assets in again.items()])
                 _note_unsettled(recipe, runs.ended)
-                now = update_pending_work(instance, workspace, now, runs.ended.keys())
+                now = update_pending_work(instance, workspace, now, runs.ended.keys(), on_planned)
             _add_outcomes(report, instance, now.planned, runs, made_ahead())
             was_tried = one_run and DATASET in runs.ended
             if before.datasets and not now.dataset_is_current and not was_tried and not runs.interrupted:

@@ -3,14 +3,14 @@
 A build that finds nothing to do notes the fingerprints taken before it planned, the artifacts and datasets that it
 rests on, and what to print. The next one checks, in this order: the last build ran to its end, in this boot of the
 machine; code, recipe and the files that it names; what its paths resolve to; other files; Dagster's records; everything
-below the bag root; the datasets; the artifacts. If anything differs, the build plans in full. So this can be slow,
-but not wrong.
+below the bag root; the artifacts; the datasets. Where there are many artifacts, a second process checks the last two
+meanwhile. If anything differs, the build plans in full. So this can be slow, but not wrong.
 """
 
 import json
 import os
 import signal
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import TypedDict
 
@@ -143,30 +143,34 @@ def _decide(recipe: str) -> list[str]:
         code_fingerprint(), recipe_fingerprint(recipe), places["files"], places["folders"]
     )
     artifacts = cache.get(_ARTIFACTS, "")[0]
-    with _checked_beside(places["artifacts"], artifacts, settled["groups"]):
+
+    def check_made() -> None:
+        check_groups(places["artifacts"], artifacts, settled["groups"])
+        for dataset in settled["published"]:
+            Publication(state, dataset).check()
+
+    with _checked_beside(check_made, is_long=len(artifacts) >= _WORTH_A_FORK):
         for before, (name, now) in zip(settled["marks"], _fingerprints(places, project), strict=True):
             if before != now:
                 raise PlanNeeded(f"{name} changed")
-        for dataset in settled["published"]:
-            Publication(state, dataset).check()
     return settled["lines"]
 
 
 @contextmanager
-def _checked_beside(root: str, artifacts: bytes, groups: list[Group]) -> Iterator[None]:
-    """Check the artifacts while the body runs: many in a child process, few afterwards, in less time than a fork takes.
+def _checked_beside(check: Callable[[], None], *, is_long: bool) -> Iterator[None]:
+    """Check while the body runs, in a child process; afterwards if it takes less time than a fork.
 
     Raises:
-        PlanNeeded: one has changed.
+        PlanNeeded: see `check`, or something has changed.
     """
-    if len(artifacts) < _WORTH_A_FORK:
+    if not is_long:
         yield
-        check_groups(root, artifacts, groups)
+        check()
         return
     child = os.fork()
     if child == 0:
         try:
-            check_groups(root, artifacts, groups)
+            check()
             os._exit(0)
         finally:
             os._exit(1)
@@ -177,7 +181,7 @@ def _checked_beside(root: str, artifacts: bytes, groups: list[Group]) -> Iterato
         os.waitpid(child, 0)
         raise
     if os.waitpid(child, 0)[1]:
-        raise PlanNeeded(f"{root}: an artifact has changed")
+        raise PlanNeeded("an artifact or a dataset has changed")
 
 
 def _fingerprints(places: Places, project: str) -> Iterator[tuple[str, str]]:
