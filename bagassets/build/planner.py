@@ -23,7 +23,7 @@ __all__ = ["Planner", "plan_recordings"]
 
 Fetch = Callable[[Iterable[str]], Mapping[str, Mapping[str, Recorded]]]
 
-# Records of so many recordings are fetched at a time: those of ten thousand, as Dagster makes them, need a gigabyte.
+# Records of so many recordings are fetched at a time: as Dagster makes them, those of a thousand need 40 MB.
 AT_A_TIME = 200
 
 
