@@ -123,9 +123,7 @@ def _object(value: "DataclassInstance") -> JsonObject:
     entries: JsonObject = {}
     for own in _shown_fields(type(value)):
         item = getattr(value, own.name)
-        if not own.metadata:
-            entries[own.name] = as_json(item)
-        elif own.metadata.get(_INLINED):
+        if own.metadata.get(_INLINED):
             inner = {} if item is None else as_json(item)
             entries |= {name: value for name, value in inner.items() if name not in own.metadata[_WITHOUT]}
         elif not (own.metadata.get(_OMITTED) and item == own.default):

@@ -68,13 +68,11 @@ class Event:
 
     Attributes:
         kind: `planning` now and then while many recordings are planned, `reading` while recordings are read whose
-            time changed, `planned` once, then `started`, `done`,
-            `failed` or `stopped` for a recording, or for the dataset (with an empty key); in between `where`, when
-            its launcher says where it waits or is executed, or its run how far it has come. `own` before runs of the
-            user's own assets, whose keys then say what is made.
+            time changed, `planned` once, then `started`, `done`, `failed` or `stopped` for a recording, or for the
+            dataset (with an empty key); in between `where`, when its launcher says where it waits or is executed, or
+            its run how far it has come. `own` before runs of the user's own assets, whose keys then say what is made.
         key: partition key.
-        message: why it failed, where it is, what is planned, or how far planning or reading
-            is.
+        message: why it failed, where it is, what is planned, or how far planning or reading is.
         sizes: for `planned`, recording that needs a run -> bytes; for `own`, one entry for each run.
         share: for `where`, how much of the recording the present pass has read, 0 to 1, if its run says so.
     """
@@ -84,6 +82,11 @@ class Event:
     message: str = ""
     sizes: Mapping[str, int] = field(default_factory=dict)
     share: float | None = None
+
+    @property
+    def is_preparation(self) -> bool:
+        """True if it says how far the work is that comes before (and between) the runs."""
+        return self.kind in {"planning", "reading"}
 
     def as_json(self) -> JsonObject:
         """Return the event as JSON."""

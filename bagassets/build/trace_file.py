@@ -72,7 +72,7 @@ def recorded_trace(file: Path, state: Path) -> Iterator[None]:
 
 def trace_recordings(progress: Event) -> None:
     """Record when the run of a recording was requested and when it ended; a listener of builds."""
-    if progress.kind in {"planning", "reading", "planned", "own", "where"}:
+    if progress.is_preparation or progress.kind in {"planned", "own", "where"}:
         return
     phase = "b" if progress.kind == "started" else "e"
     facts = {} if progress.kind == "started" else {"result": progress.kind}

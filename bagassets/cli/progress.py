@@ -58,7 +58,7 @@ class LinesProgress(SilentProgress):
     def __call__(self, event: Event) -> None:
         """Print an event."""
         now = time.monotonic()
-        if event.kind in {"planning", "reading"}:
+        if event.is_preparation:
             if event.kind not in self._announced:
                 echo(event.message, err=self._err)
             self._announced.add(event.kind)
@@ -106,7 +106,7 @@ class LiveProgress(SilentProgress):
     def __call__(self, event: Event) -> None:
         """Note an event and redraw."""
         now = time.monotonic()
-        self._preparing = event.message if event.kind in {"planning", "reading"} else ""
+        self._preparing = event.message if event.is_preparation else ""
         if event.kind == "planned":
             self._sizes = dict(event.sizes)
             self._began = now
@@ -121,7 +121,7 @@ class LiveProgress(SilentProgress):
             self._since[event.key] = now
         elif event.kind == "where":
             self._where[event.key] = event
-        elif event.kind not in {"planning", "reading"}:
+        elif not event.is_preparation:
             self._since.pop(event.key, None)
             self._where.pop(event.key, None)
             self._done.add(event.key)
