@@ -1,5 +1,8 @@
 import struct
+import subprocess
+import sys
 
+import pyarrow as pa
 import pytest
 from blake3 import blake3
 
@@ -7,9 +10,9 @@ from bagassets.assets.inventory import make_inventory
 from bagassets.geometry.sun import sun_elevation_deg
 from bagassets.recordings.inventory import Inventory
 from bagassets.recordings.layouts import choice_of
-from bagassets.recordings.model import Definition
+from bagassets.recordings.model import Definition, RawMessage
 from bagassets.recordings.open import open_recording
-from bagassets.recordings.pack import PackedRecording
+from bagassets.recordings.pack import PACK_FILE, PACK_SCHEMA, PackedRecording, write_pack
 from bagassets.store.artifact import Artifact, ArtifactWriter
 from bagassets_tests.recorded_bags import (
     NOON_NS,
@@ -290,3 +293,32 @@ def test_the_inventory_is_the_same_every_time(tmp_path, inventory_of):
     one, two = inventory_of(path), inventory_of(path)
     assert one[0] == two[0]
     assert one[1].read_bytes() == two[1].read_bytes()
+
+
+@pytest.mark.parametrize("number", [0, 9])
+def test_a_pack_is_the_table_that_pyarrow_makes(tmp_path, number):
+    messages = [RawMessage(f"/ä{'ö' * n}", "x", (n - 4) * 10**18, bytes(range(n))) for n in range(number)]
+    rows = [{"topic": m.topic, "log_time_ns": m.log_time_ns, "data": m.data} for m in messages]
+    out = ArtifactWriter(tmp_path)
+    write_pack(out, messages)
+    out.write_table("plain.parquet", pa.Table.from_pylist(rows, PACK_SCHEMA))
+    packed, plain = (tmp_path / "files" / name for name in (PACK_FILE, "plain.parquet"))
+    assert packed.read_bytes() == plain.read_bytes()
+
+
+def test_pandas_is_not_imported_for_a_pack(tmp_path):
+    pytest.importorskip("pandas")
+    script = """
+import sys
+from pathlib import Path
+from bagassets.recordings.model import RawMessage
+from bagassets.recordings.pack import write_pack
+from bagassets.store.artifact import ArtifactWriter
+
+write_pack(ArtifactWriter(Path(sys.argv[1])), [RawMessage("/topic", "x", 1, b"data")])
+print("pandas" in sys.modules)
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", script, tmp_path], capture_output=True, text=True, check=True
+    )
+    assert done.stdout == "False\n"

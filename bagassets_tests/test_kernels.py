@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from bagassets.geometry.camera import CameraModel
 from bagassets.geometry.undistortion import Undistortion, undistort
-from bagassets.kernels import bilinear, machine_code, markers, moving
+from bagassets.kernels import bilinear, machine_code, markers, moving, returns
 from bagassets.kernels.bilinear import BilinearLookup
 from bagassets.kernels.machine_code import MachineCode
 
@@ -25,6 +25,7 @@ def no_llvmlite(monkeypatch):
         (bilinear, "_LOOKUP", "_lookup_function"),
         (markers, "_FIND", "_find_function"),
         (moving, "_MOVE", "_move_function"),
+        (returns, "_TAKE", "_take_function"),
     ):
         known = getattr(module, name)
         monkeypatch.setattr(module, name, MachineCode(known._name, getattr(module, build)))
@@ -120,36 +121,91 @@ def test_without_llvmlite_the_twins_give_the_same(no_llvmlite):
 
 
 @settings(max_examples=150, deadline=None)
-@given(st.integers(1, 60), st.integers(1, 40), st.integers(3, 6), st.integers(0, 9999))
-def test_points_are_moved_as_numpy_moves_them(groups, knots, columns, seed):
+@given(st.integers(1, 60), st.integers(1, 40), st.integers(3, 6), st.booleans(), st.integers(0, 9999))
+def test_points_are_moved_as_numpy_moves_them(groups, knots, columns, ordered, seed):
     rng = np.random.default_rng(seed)
-    begins = np.concatenate([[0], np.cumsum(rng.integers(1, 9, groups))]).astype(np.int64)
-    begins, number = begins[:-1], int(begins[-1])
-    points = rng.normal(0, 50, (number, columns)).astype(np.float32)
-    left, fraction = rng.integers(0, knots, groups), rng.random(groups)
+    first_ns, last_ns = 1_700_000_000_000_000_000, 1_700_000_000_000_000_000 + knots * moving.KNOT_NS
+    knots_ns = np.arange(knots + 1) * moving.KNOT_NS + first_ns
+    knots_ns[-1] = last_ns = last_ns - int(rng.choice([0, 1, 400_000, moving.KNOT_NS]))
+    times_ns = rng.integers(first_ns, last_ns + 1, groups)
+    times_ns[0], times_ns[-1] = first_ns, last_ns
+    times_ns = np.repeat(np.sort(times_ns) if ordered else times_ns, rng.integers(1, 9, groups))
+    points = rng.normal(0, 50, (len(times_ns), columns)).astype(np.float32)
     transforms = rng.normal(0, 2, (knots + 1, 12))
     moved, plain = points.copy(), points.copy()
-    moving.move_points(moved, begins, left, fraction, transforms)
-    moving._twin(plain, begins, left, fraction, transforms)
+    moving.move_points(moved, times_ns, knots_ns, transforms)
+    moving._twin(plain, times_ns, knots_ns, transforms)
     assert moving._MOVE.function() is not None
     assert moved.tobytes() == plain.tobytes()
     assert np.array_equal(moved[:, 3:], points[:, 3:])
-    group = int(rng.integers(groups))
-    matrix = (
-        transforms[left[group]] * (1 - fraction[group]) + transforms[left[group] + 1] * fraction[group]
-    ).reshape(3, 4)
-    truth = matrix[:, :3] @ points[begins[group], :3].astype(float) + matrix[:, 3]
-    assert np.allclose(moved[begins[group], :3], truth, rtol=1e-5, atol=1e-3)
+    at = int(rng.integers(len(points)))
+    matrix = np.array([np.interp(times_ns[at] - first_ns, knots_ns - first_ns, e) for e in transforms.T])
+    if knots_ns[-1] > knots_ns[-2] or times_ns[at] < knots_ns[-2]:
+        matrix = matrix.reshape(3, 4)
+        truth = matrix[:, :3] @ points[at, :3].astype(float) + matrix[:, 3]
+        assert np.allclose(moved[at, :3], truth, rtol=1e-5, atol=1e-3)
 
 
 def test_without_llvmlite_points_are_moved_all_the_same(no_llvmlite):
-    points = np.array([[1, 2, 3, 9]], dtype=np.float32)
+    points = np.tile(np.array([1, 2, 3, 9], np.float32), (moving._CHUNK + 1, 1))
     shift = np.array([1, 0, 0, 10, 0, 1, 0, 20, 0, 0, 1, 30], dtype=np.float64)
-    moving.move_points(
-        points, np.array([0]), np.array([0]), np.array([0.5]), np.stack([0 * shift, 2 * shift])
-    )
+    times_ns = np.full(len(points), moving.KNOT_NS // 2)
+    moving.move_points(points, times_ns, np.array([0, moving.KNOT_NS]), np.stack([0 * shift, 2 * shift]))
     assert moving._MOVE.function() is None
-    assert points.tolist() == [[11, 22, 33, 9]]
+    assert (points == [11, 22, 33, 9]).all()
+
+
+LAYOUT = np.dtype(
+    {
+        "names": list(returns._FIELDS),
+        "formats": [kind for kind, _ in returns._FIELDS.values()],
+        "offsets": [offset for _, offset in returns._FIELDS.values()],
+        "itemsize": returns._SIZE,
+    }
+)
+
+
+def returns_of(number, seed, dtype=LAYOUT):
+    rng = np.random.default_rng(seed)
+    found = np.frombuffer(rng.bytes(number * dtype.itemsize), dtype).copy()
+    for name in ("x", "y", "z", "intensity"):
+        found[name] = rng.normal(0, 90, number)
+    found["time"] = rng.uniform(-0.01, 0.11, number)
+    return found
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.integers(0, 300), st.integers(0, 9999))
+def test_returns_are_taken_as_numpy_takes_them(number, seed):
+    found = returns_of(number, seed)
+    taken = []
+    for take in (returns.take_returns, returns._twin):
+        points, times_ns = np.full((number, 5), np.nan, np.float32), np.full(number, -1)
+        take(found, 1_700_000_000_123_456_789, points, times_ns)
+        taken.append((points.tobytes(), times_ns.tobytes()))
+    assert returns._TAKE.function() is not None
+    assert taken[0] == taken[1]
+    assert np.array_equal(points[:, 4], found["ring"])
+    assert np.abs(times_ns - 1_700_000_000_123_456_789 - found["time"] * 1e9).max(initial=0.0) < 20
+
+
+@pytest.mark.parametrize(("itemsize", "ring"), [(40, "u1"), (32, "<u2")])
+def test_returns_in_another_layout_are_taken_all_the_same(itemsize, ring):
+    names = list(returns._FIELDS)
+    formats = [ring if name == "ring" else "<f4" for name in names]
+    layout = {"names": names, "formats": formats, "offsets": [0, 4, 8, 12, 20, 16], "itemsize": itemsize}
+    found = returns_of(50, 1, np.dtype(layout))
+    points, times_ns = np.empty((50, 5), np.float32), np.empty(50, np.int64)
+    returns.take_returns(found, 0, points, times_ns)
+    assert points.T.tolist() == [found[name].tolist() for name in ("x", "y", "z", "intensity", "ring")]
+    assert times_ns.tolist() == np.rint(found["time"].astype(float) * 1e9).tolist()
+
+
+def test_without_llvmlite_returns_are_taken_all_the_same(no_llvmlite):
+    points, times_ns = np.empty((9, 5), np.float32), np.empty(9, np.int64)
+    returns.take_returns(returns_of(9, 2), 7, points, times_ns)
+    assert returns._TAKE.function() is None
+    assert points[:, 0].tolist() == returns_of(9, 2)["x"].tolist()
 
 
 def test_all_are_compiled_before_workers_fork():
@@ -159,6 +215,7 @@ def test_all_are_compiled_before_workers_fork():
         "lookup",
         "find_markers",
         "move_points",
+        "take_returns",
     }
 
 

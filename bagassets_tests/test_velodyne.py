@@ -12,6 +12,7 @@ from bagassets.assets.revolutions import MOST_PACKETS, RevolutionCutter, packet_
 from bagassets.decode.packets import packets_in
 from bagassets.decode.velodyne import Packet, PacketParser, RevolutionDecoder
 from bagassets.errors import DecodeError, RecipeError
+from bagassets.kernels import returns
 from bagassets_tests.sweep_data import (
     VLP16_ELEVATIONS,
     VLP16_PACKET_NS,
@@ -271,6 +272,13 @@ def test_far_points_are_kept():
     packets = vlp16_packets(0.02, distance_mm=130_000)[:1]
     found = RevolutionDecoder(None).decode(parsed(packets), np.array([START_NS]))
     assert len(found.points) == 384
+
+
+def test_the_decoder_gives_returns_in_the_layout_that_machine_code_takes_them_from():
+    packets = parsed(vlp16_packets(0.02))
+    found = RevolutionDecoder(None)._decode(packets, np.arange(len(packets)) * VLP16_PACKET_NS)
+    assert found.dtype.itemsize == returns._SIZE
+    assert {name: found.dtype.fields[name][:2] for name in returns._FIELDS} == returns._FIELDS
 
 
 def test_a_packet_is_immutable():

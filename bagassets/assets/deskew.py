@@ -15,67 +15,41 @@ from numpy.typing import NDArray
 
 from bagassets.geometry.se3 import SE3, Floats, quaternion_multiply, rotate
 from bagassets.geometry.trajectory import Trajectory
-from bagassets.kernels.moving import move_points
+from bagassets.kernels.moving import KNOT_NS, move_points
 
-__all__ = ["deskewed"]
-
-KNOT_NS = 1_000_000
-_CHUNK = 16_384  # points at a time, so that intermediate results stay in the processor's cache
+__all__ = ["deskew"]
 
 
-def deskewed(
+def deskew(
     points: NDArray[np.float32],
     times_ns: NDArray[np.int64],
     stamp_ns: int,
     trajectory: Trajectory,
     ego_SE3_sensor: SE3,
-) -> NDArray[np.float32] | None:
-    """Return the points as seen from where the sensor was at `stamp_ns`.
+) -> bool:
+    """Move points to where the sensor would see them from where it was at `stamp_ns`.
 
     Args:
-        points: (N, 5) float32, x, y, z in the sensor frame when each was measured.
+        points: (N, 5) float32, x, y, z in the sensor frame when each was measured; changed in place.
         times_ns: (N,) when each was measured.
         stamp_ns: time to move them to.
         trajectory: poses of the ego frame.
         ego_SE3_sensor: where the sensor is mounted.
 
     Returns:
-        (N, 5) points, or None if there is no ego pose at the stamp, or at a time in between.
+        False, with the points as they were, if there is no ego pose at the stamp, or at a time in between.
     """
     if not len(points):
-        return points
+        return True
     first = min(int(times_ns.min()), stamp_ns)
     last = max(int(times_ns.max()), stamp_ns)
-    knots = np.arange((last - first) // KNOT_NS + 2, dtype=np.int64) * KNOT_NS + first
-    knots[-1] = last  # poses may end there
-    transforms = _sensor_motion(knots, stamp_ns, trajectory, ego_SE3_sensor)
+    knots_ns = np.arange((last - first) // KNOT_NS + 2, dtype=np.int64) * KNOT_NS + first
+    knots_ns[-1] = last  # poses may end there
+    transforms = _sensor_motion(knots_ns, stamp_ns, trajectory, ego_SE3_sensor)
     if transforms is None:
-        return None
-    moved = points.copy()
-    for begin in range(0, len(points), _CHUNK):
-        part = slice(begin, begin + _CHUNK)
-        _move(moved[part], times_ns[part] - first, knots - first, transforms)
-    return moved
-
-
-def _move(
-    points: NDArray[np.float32], since_ns: NDArray[np.int64], knots_ns: NDArray[np.int64], transforms: Floats
-) -> None:
-    """Transform (N, >=3) points in place, each by the transform of its time, interpolated between knots.
-
-    Args:
-        points: changed in their first three columns.
-        since_ns: (N,) time of each point after the first knot.
-        knots_ns: (M,) times of the knots, the first one 0.
-        transforms: (M, 12) rows of 3x4 matrices at the knots.
-    """
-    # Lasers fire in groups: points with one time follow each other, and share a transform.
-    begins = np.flatnonzero(np.diff(since_ns, prepend=since_ns[0] - 1))
-    times_ns = since_ns[begins]
-    left = np.minimum(times_ns // KNOT_NS, len(knots_ns) - 2)
-    widths = np.maximum(np.diff(knots_ns), 1)
-    fraction = (times_ns - knots_ns[left]) / widths[left]
-    move_points(points, begins, left, fraction, transforms)
+        return False
+    move_points(points, times_ns, knots_ns, transforms)
+    return True
 
 
 def _sensor_motion(

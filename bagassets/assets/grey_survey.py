@@ -6,7 +6,6 @@ over the topic would read and decompress every chunk of the recording again, for
 """
 
 from collections.abc import Iterator
-from dataclasses import replace
 from math import ceil
 from pathlib import Path
 from struct import Struct
@@ -50,7 +49,7 @@ class GreySurvey:
         Raises:
             StoreError: the file cannot be written.
         """
-        self._like = self._like or replace(message, data=b"")
+        self._like = self._like or message._replace(data=b"")
         try:
             for part in (_HEAD.pack(message.log_time_ns, len(message.data)), message.data):
                 rest = memoryview(part)
@@ -86,4 +85,4 @@ class GreySurvey:
                 log_time_ns, size = _HEAD.unpack(head)
                 data = file.read(size)
                 if self._like is not None:
-                    yield replace(self._like, log_time_ns=log_time_ns, data=data)
+                    yield self._like._replace(log_time_ns=log_time_ns, data=data)

@@ -1,7 +1,6 @@
 """Small messages that the inventory packs while it reads, so that later steps need not read the recording."""
 
 from collections.abc import Iterable
-from dataclasses import replace
 from operator import itemgetter
 
 from bagassets.decode.registry import bulk_types
@@ -42,7 +41,7 @@ class KeptMessages:
         messages = self._kept.get(name)
         if messages is None:
             return
-        messages.append((number, replace(message, data=bytes(message.data))))
+        messages.append((number, message._replace(data=bytes(message.data))))
         self._bytes[name] += len(message.data)
         self._held_bytes += len(message.data) + _OVERHEAD_BYTES
         large = message.msgtype in self._packets and self._bytes[name] > MOST_PACKET_BYTES * len(messages)

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bagassets.assets.asset import inlined, omitted
-from bagassets.assets.deskew import deskewed
+from bagassets.assets.deskew import deskew
 from bagassets.assets.lidar_file import lidar_bytes
 from bagassets.assets.revolutions import Revolution, RevolutionCutter
 from bagassets.assets.sweep_files import SensorSettings, SensorUse, SweepFiles
@@ -162,6 +162,8 @@ class LidarWriter:
     ) -> None:
         """Write one revolution; all times are on the clock of the recipe, without the channel's own offset.
 
+        Its points are deskewed in place.
+
         Raises:
             RecipeError: deskewing is on, but the points have no times.
         """
@@ -180,11 +182,9 @@ class LidarWriter:
                     f"{self._name}: the points of {self._topic} have no times, so they cannot be "
                     "deskewed; set deskew: false."
                 )
-            moved = deskewed(points, times_ns, stamp, *self._motion)
-            if moved is None:
+            if not deskew(points, times_ns, stamp, *self._motion):
                 self.files.lose("no ego pose to deskew with", parts, len(points))
                 return
-            points = moved
         data = lidar_bytes(points)
         self.files.write(stamp, log_time_ns, data, len(points), parts=parts, span_ns=span_ns)
 
@@ -231,7 +231,8 @@ class CloudSweeps:
         shift = raw.log_time_ns - reading.stamp_ns if self._by_log_time else 0
         start, end = revolution_span_ns(reading, self._period_ns, self._header_stamp_is)
         times = reading.times_ns if reading.times_ns is None or not shift else reading.times_ns + shift
-        self._writer.write(reading.points, times, (start + shift, end + shift), raw.log_time_ns)
+        points = reading.points.copy() if self._by_plugin else reading.points  # a plug-in may keep its own
+        self._writer.write(points, times, (start + shift, end + shift), raw.log_time_ns)
         return reading.frame_id
 
     def finish(self) -> None:

@@ -187,7 +187,9 @@ class RevolutionCutter:
         if current.packets:
             before = current.packets[-1]
             advance = _advance(before, packet)
-            paused = _pause(before, packet, advance, spin.turn_ns)
+            # Asked of each packet: most come sooner than any pause lasts.
+            waited = packet.host_ns - before.host_ns > LONGEST_PAUSE_NS
+            paused = waited and _pause(before, packet, advance, spin.turn_ns)
             returned = current.azimuths[-1] + advance >= _TURN
             lasts_ns = packet.host_ns - current.packets[0].host_ns
             stuck = lasts_ns > LONGEST_REVOLUTION_NS or len(current.packets) >= MOST_PACKETS
@@ -216,9 +218,10 @@ def _elapsed_ns(before: Packet, after: Packet) -> int:
 
 def _advance(before: Packet, after: Packet) -> int:
     """Return how far the lidar turned, hundredths of a degree; negative for a late packet, or jitter."""
-    forward = _forward(before, after)
-    back = forward > _TURN // 2 and forward > _FASTEST_PER_NS * _elapsed_ns(before, after)
-    return forward - _TURN if back else forward
+    forward = (after.azimuth - before.azimuth) % _TURN
+    if forward <= _TURN // 2:
+        return forward
+    return forward - _TURN if forward > _FASTEST_PER_NS * _elapsed_ns(before, after) else forward
 
 
 def _pause(before: Packet, after: Packet, advance: int, turn_ns: float) -> bool:

@@ -16,6 +16,7 @@ library or processor might round differently.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from struct import Struct
+from typing import NamedTuple
 
 import numpy as np
 import velodyne_decoder
@@ -24,6 +25,7 @@ from velodyne_decoder.velodyne_decoder_pylib import TimePair
 
 from bagassets.decode.packets import VELODYNE_PACKET_SIZE, is_velodyne_packet
 from bagassets.errors import DecodeError, RecipeError
+from bagassets.kernels.returns import take_returns
 
 __all__ = [
     "POSITION_PACKET_SIZE",
@@ -62,8 +64,7 @@ _SELF_EXPLANATORY = {0x21, 0x22, 0x24, 0x28, 0xA1}
 MODEL_NAMES = "HDL-32E, VLP-16, Puck Hi-Res, VLP-32A, VLP-32B, VLP-32C, VLS-128"
 
 
-@dataclass(frozen=True, slots=True)
-class Packet:
+class Packet(NamedTuple):
     """One data packet.
 
     Attributes:
@@ -159,10 +160,7 @@ class RevolutionDecoder:
                 packets[first : first + _CHUNK], times_ns[first : first + _CHUNK] - times_ns[first]
             )
             end = done + len(cloud)
-            for column, name in enumerate(("x", "y", "z", "intensity", "ring")):
-                points[done:end, column] = cloud[name]
-            offsets_ns = np.rint(cloud["time"].astype(np.float64) * 1e9).astype(np.int64)
-            point_times_ns[done:end] = offsets_ns + times_ns[first]
+            take_returns(cloud, int(times_ns[first]), points[done:end], point_times_ns[done:end])
             done = end
         return PacketPoints(points[:done], point_times_ns[:done])
 

@@ -62,6 +62,7 @@ def make_inventories(args: JsonObject) -> int:
     Args:
         args: `recipe` (file), `bags` (of `BuildOptions`), and `state` and `stamp` of the server's `ServerFiles`.
     """
+    gc.freeze()  # what the server has imported so far would be scanned again and again
     gc.enable()  # the server disables it while it imports
     files = ServerFiles(Path(args["state"]), args["stamp"])
     recipe = load_recipe(Path(args["recipe"]))

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Any, Literal, NamedTuple, Protocol
 
 Format = Literal["ros1", "ros2", "mcap"]
 Serialization = Literal["ros1", "cdr"]
@@ -71,8 +71,9 @@ class Message(Protocol):
     def __getattr__(self, name: str) -> Any: ...
 
 
-@dataclass(frozen=True, slots=True)
-class RawMessage:
+class RawMessage(
+    NamedTuple
+):  # of which there are many thousands a second: twice as fast as a frozen dataclass
     """A serialized message: ROS 1 serialization or CDR, as recorded."""
 
     topic: str

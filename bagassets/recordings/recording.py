@@ -2,7 +2,6 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Self
 
@@ -87,7 +86,7 @@ class Recording(ABC):
         if len(message.data) <= large_bytes:
             return message
         reason = self.topics[message.topic].refusal(message.data)
-        return message if reason is None else replace(message, data=RefusedBytes(reason))
+        return message if reason is None else message._replace(data=RefusedBytes(reason))
 
     def __enter__(self) -> Self:
         return self
