@@ -129,7 +129,7 @@ def passed(recipe_file):
     assets, store = recording_assets(recipe), Store(recipe.store_path)
     recording = one_of(recipe_file)
     stat = recording_stat(recording)
-    made = first_pass(assets, store, recording, stat, DigestIndex.of(recipe))
+    made = first_pass(recipe, store, recording, stat, DigestIndex.of(recipe))
     return made, Graph(assets, store, recording, made.digest.digest, stat)
 
 

@@ -12,7 +12,6 @@ from bagassets.defs import instance_plan, pending_work, touched
 from bagassets.defs.events import MADE_ALONG, STAT
 from bagassets.defs.location import build_definitions
 from bagassets.errors import ChangedWhileReadError
-from bagassets.formats.catalogue import recording_assets
 from bagassets.recipe import load_recipe
 from bagassets.recordings import digest
 from bagassets.recordings.digest import DigestIndex
@@ -152,9 +151,7 @@ def test_one_that_is_hashed_ahead_of_the_build_is_not_hashed_again(built, monkey
 
     def ahead():
         stat = digest.recording_stat(recording)
-        first_pass(
-            recording_assets(recipe), Store(recipe.store_path), recording, stat, DigestIndex.of(recipe)
-        )
+        first_pass(recipe, Store(recipe.store_path), recording, stat, DigestIndex.of(recipe))
 
     monkeypatch.setattr(digest, "digest_file", noted)
     other = threading.Thread(target=ahead)

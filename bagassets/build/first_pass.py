@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 from bagassets.assets import inventory
 from bagassets.build.inputs import RecordingInputs
 from bagassets.build.process import keep_freed_memory
-from bagassets.build.recording_assets import RecordingAssets
 from bagassets.build.source import MessageSource
+from bagassets.recipe.model import Recipe
 from bagassets.recordings.digest import (
     DigestIndex,
     HashedAlong,
@@ -45,7 +45,7 @@ class FirstPass:
 
 
 def first_pass(
-    assets: RecordingAssets, store: Store, recording: RecordingFiles, stat: RecordingStat, index: DigestIndex
+    recipe: Recipe, store: Store, recording: RecordingFiles, stat: RecordingStat, index: DigestIndex
 ) -> FirstPass:
     """Return the digest of a recording; if it has to be hashed, make its inventory in the same pass.
 
@@ -54,7 +54,7 @@ def first_pass(
     where it is asked for.
 
     Args:
-        assets: the assets of a recording under the recipe.
+        recipe: the recipe.
         store: where the inventory goes.
         recording: its files.
         stat: their current sizes and times.
@@ -70,7 +70,7 @@ def first_pass(
             return FirstPass(recording_digest(recording, index))
         keep_freed_memory()
         with HashedAlong(recording, index) as along:
-            return _with_inventory(assets, store, recording, stat, along)
+            return _with_inventory(recipe, store, recording, stat, along)
 
 
 @contextmanager
@@ -86,9 +86,8 @@ def _is_touched(recording: RecordingFiles, index: DigestIndex) -> bool:
 
 
 def _with_inventory(
-    assets: RecordingAssets, store: Store, recording: RecordingFiles, stat: RecordingStat, along: HashedAlong
+    recipe: Recipe, store: Store, recording: RecordingFiles, stat: RecordingStat, along: HashedAlong
 ) -> FirstPass:
-    recipe = assets.recipe
     source = MessageSource(
         recording,
         stat,

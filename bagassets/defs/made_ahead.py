@@ -20,16 +20,12 @@ import yaml
 
 from bagassets.build.build_report import BuildOptions
 from bagassets.build.choose import choose_recordings
-from bagassets.build.execute import Skipped, execute
 from bagassets.build.first_pass import first_pass
-from bagassets.build.graph import Graph
-from bagassets.build.recording_assets import RecordingAssets
 from bagassets.errors import BagAssetsError
 from bagassets.forkserver.client import Client, ServerRefusedError
 from bagassets.forkserver.server_files import ServerFiles
 from bagassets.forkserver.tasks import find_server
 from bagassets.forkserver.worker import note
-from bagassets.formats.catalogue import recording_assets
 from bagassets.freshness.decide import state_folder
 from bagassets.freshness.fingerprints import PlanNeeded
 from bagassets.json_types import JsonObject
@@ -66,14 +62,13 @@ def make_inventories(args: JsonObject) -> int:
     gc.enable()  # the server disables it while it imports
     files = ServerFiles(Path(args["state"]), args["stamp"])
     recipe = load_recipe(Path(args["recipe"]))
-    assets = recording_assets(recipe)
     tried = 0
     for recording in _chosen(recipe, args["bags"], _LARGEST_BYTES):
         if files.socket is not None:
             break
         tried += 1
         try:
-            _make_inventory(assets, recording)
+            _make_inventory(recipe, recording)
         except BagAssetsError as err:
             _LOG.info("%s: %s", recording.key, err)
     return tried
@@ -132,12 +127,12 @@ def make_first_inventories(recipe: Recipe, bags: Collection[str]) -> None:
         bags: of `BuildOptions`.
     """
     began_s = time.monotonic()
-    assets, index = recording_assets(recipe), DigestIndex.of(recipe)
+    index = DigestIndex.of(recipe)
     for recording in _chosen(recipe, bags, _LARGEST_WHILE_PLANNED_BYTES):
         if time.monotonic() - began_s > _BEGIN_S:
             break
         with suppress(BagAssetsError):
-            if stored_digest(recording, index) is None and (made := _make_inventory(assets, recording)):
+            if stored_digest(recording, index) is None and (made := _make_inventory(recipe, recording)):
                 note({recording.key: made})
 
 
@@ -179,12 +174,17 @@ def _chosen(recipe: Recipe, bags: Collection[str], largest_bytes: int) -> list[R
     return sorted((one for one in found if one.size <= largest_bytes), key=lambda one: -one.size)
 
 
-def _make_inventory(assets: RecordingAssets, recording: RecordingFiles) -> str | None:
+def _make_inventory(recipe: Recipe, recording: RecordingFiles) -> str | None:
     """Make the inventory of a recording; return the digest of its content, or None if the store had it."""
-    recipe, stat = assets.recipe, recording_stat(recording)
-    store = Store(recipe.store_path)
-    first = first_pass(assets, store, recording, stat, DigestIndex.of(recipe))
-    graph = Graph(assets, store, recording, first.digest.digest, stat, wanted={"inventory"})
+    stat, store = recording_stat(recording), Store(recipe.store_path)
+    first = first_pass(recipe, store, recording, stat, DigestIndex.of(recipe))
+    if first.inventory is not None:
+        return None if first.inventory.cached else first.digest.digest
+    # A first pass must begin at once, and hardly ever ends here.
+    from bagassets.build.execute import Skipped, execute  # noqa: PLC0415
+    from bagassets.build.graph import Graph  # noqa: PLC0415
+    from bagassets.formats.catalogue import recording_assets  # noqa: PLC0415
+
+    graph = Graph(recording_assets(recipe), store, recording, first.digest.digest, stat, wanted={"inventory"})
     is_hit = all(result.cached for result in execute(graph) if not isinstance(result, Skipped))
-    is_made_along = first.inventory is not None and not first.inventory.cached
-    return first.digest.digest if is_made_along or not is_hit else None
+    return None if is_hit else first.digest.digest

@@ -74,7 +74,7 @@ def read_bag(
     stat, made_along = recording_stat(recording), ""
     if makes_inventory:
         with readings_noted(instance, run_id, recording.key):
-            first = first_pass(workspace.assets, workspace.store, recording, stat, workspace.index)
+            first = first_pass(workspace.recipe, workspace.store, recording, stat, workspace.index)
         if first.inventory is not None and not first.inventory.cached:
             made_along = first.inventory.action_digest
         digest = first.digest
