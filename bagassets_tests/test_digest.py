@@ -1,11 +1,14 @@
 import json
 import os
+import random
 import sqlite3
 import time
 from concurrent.futures import ProcessPoolExecutor
 
 import pytest
 from blake3 import blake3
+from hypothesis import given
+from hypothesis import strategies as st
 
 from bagassets.errors import ChangedWhileReadError, RecordingError, StoreError
 from bagassets.recordings import digest as module
@@ -21,7 +24,8 @@ from bagassets.recordings.digest import (
 )
 from bagassets.recordings.digest_record import ATTRIBUTE
 from bagassets.recordings.discover import find_one
-from bagassets.store.canonical import digest_json
+from bagassets.store import canonical
+from bagassets.store.canonical import digest_bytes, digest_json
 
 
 @pytest.fixture
@@ -376,3 +380,29 @@ def test_a_file_that_is_gone(bag):
 def test_an_empty_file_has_a_digest(tmp_path, attributes):
     (tmp_path / "a.bag").touch()
     assert recording_digest(find_one(tmp_path / "a.bag")).digest == blake3(b"").hexdigest()
+
+
+@given(st.integers(0, 3000), st.lists(st.tuples(st.booleans(), st.integers(0, 3500), st.integers(0, 900))))
+def test_a_file_is_hashed_in_whichever_order_it_is_followed(tmp_path_factory, size, told):
+    path = tmp_path_factory.mktemp("followed") / "a.bag"
+    path.write_bytes(content := random.Random(size).randbytes(size))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(canonical, "_READ_BYTES", 100)
+        hasher = canonical.FileHasher(path)
+    with hasher:
+        for at_hand, begin, length in told:
+            if at_hand:
+                data = content[begin : begin + length]
+                hasher.take(data, begin + len(data))
+            else:
+                hasher.follow(begin)
+        assert hasher.position <= size
+        assert hasher.finish() == digest_bytes(content)
+
+
+def test_bytes_that_are_handed_over_are_not_read_again(tmp_path):
+    path = tmp_path / "a.bag"
+    path.write_bytes(bytes(1 << 20))
+    with canonical.FileHasher(path) as hasher:
+        hasher.take(b"x" * (1 << 19), 1000 + (1 << 19))
+        assert hasher.finish() == digest_bytes(bytes(1000) + b"x" * (1 << 19) + bytes((1 << 19) - 1000))

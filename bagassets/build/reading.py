@@ -73,9 +73,9 @@ class _Pass:
         self._began = time.monotonic()
         self._due = self._began + EVERY_S
 
-    def __call__(self, path: Path, position: int) -> None:
+    def __call__(self, path: Path, position: int, data: bytes) -> None:
         if self._on_read is not None:
-            self._on_read(path, position)
+            self._on_read(path, position, data)
         self._positions[path] = position
         now = time.monotonic()
         if now < self._due:

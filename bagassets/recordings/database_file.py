@@ -100,7 +100,7 @@ class Database:
                 # SQLite does not say where it reads; recorders append, and give large messages pages of their own.
                 pages, _ = divmod(size or 0, _PAGE_BYTES)
                 position += (pages + 1) * _PAGE_BYTES if pages else (size or 0) + _ROW_BYTES
-                self._on_read(self._path, position)
+                self._on_read(self._path, position, b"")
             yield topic, log_time_ns, RefusedBytes() if data is None and size else data
 
     def close(self) -> None:

@@ -110,4 +110,4 @@ def decompress_file(source: Path, target: Path, ratio: int, on_read: OnRead | No
                 )
             out.write(piece)
             if on_read is not None:
-                on_read(source, packed.tell())
+                on_read(source, packed.tell(), b"")

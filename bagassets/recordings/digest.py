@@ -32,6 +32,8 @@ __all__ = [
 # The thread that hashes along catches up after so many bytes, and may fall behind by so many: they are still in the page cache.
 _FOLLOW_BYTES = 4 << 20
 _MOST_BEHIND_BYTES = 32 << 20
+# Fewer bytes are read again sooner than they are handed over.
+_LEAST_BYTES = 64 << 10
 # Two writes within one tick of the kernel's clock leave the same mtime.
 _TICK_S = 0.02
 
@@ -157,7 +159,8 @@ def recording_digest(
 class HashedAlong:
     """Hashes the files of a recording as somebody else reads them, so that the disk gives each byte once for both.
 
-    A thread hashes what the reader has just read, and is never far behind. Close it, or use it as a context manager.
+    A thread hashes what the reader has just read, and is never far behind. It reads again what the reader does not hand over,
+    like the index between chunks. Close it, or use it as a context manager.
 
     Args:
         recording: its files; those with a digest on record are not hashed.
@@ -175,12 +178,22 @@ class HashedAlong:
         self._asked: dict[Path, int] = dict.fromkeys(self._before, 0)
         self._thread = ThreadPoolExecutor(1, "hash")
 
-    def follow(self, path: Path, position: int) -> None:
-        """Hash a file up to where its reader has come; errors are left to `finish`, which meets them again."""
-        if path not in self._asked or position < self._asked[path] + _FOLLOW_BYTES:
+    def follow(self, path: Path, position: int, data: bytes) -> None:
+        """Hash a file up to where its reader has come; errors are left to `finish`, which meets them again.
+
+        Args:
+            path: the file.
+            position: where its reader has come to.
+            data: the bytes before that position, if the reader has them at hand: they need not be read again.
+        """
+        if path not in self._asked:
             return
+        if len(data) < _LEAST_BYTES:
+            data = b""
+            if position < self._asked[path] + _FOLLOW_BYTES:
+                return
         self._asked[path] = position
-        hashed = self._thread.submit(self._hash, path, position)
+        hashed = self._thread.submit(self._hash, path, position, data)
         hasher = self._hashers.get(path)
         if hasher is not None and position > hasher.position + _MOST_BEHIND_BYTES:
             hashed.result()
@@ -195,13 +208,16 @@ class HashedAlong:
         begun = {path: (stat, self._hashers.get(path)) for path, stat in self._before.items()}
         return recording_digest(self._recording, self._index, begun=begun)
 
-    def _hash(self, path: Path, position: int) -> None:
+    def _hash(self, path: Path, position: int, data: bytes) -> None:
         if path not in self._asked:
             return
         try:
             if path not in self._hashers:
                 self._hashers[path] = FileHasher(path)
-            self._hashers[path].follow(position)
+            if data:
+                self._hashers[path].take(data, position)
+            else:
+                self._hashers[path].follow(position)
         except Exception:  # noqa: BLE001  (whatever it is: `finish` hashes the file anew)
             del self._asked[path]
             if path in self._hashers:

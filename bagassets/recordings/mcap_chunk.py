@@ -1,7 +1,7 @@
 """The chunks of an MCAP file: reading one, and finding the messages in it (https://mcap.dev/spec)."""
 
 from array import array
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 from struct import Struct
 from typing import BinaryIO
@@ -47,7 +47,15 @@ def chunk_facts(file: BinaryIO, offset: int) -> tuple[int, int]:
     return start_ns, unpacked_bytes
 
 
-def load_chunk(file: BinaryIO, path: Path, offset: int, sizes: Sizes, *, check: bool) -> bytes:
+def load_chunk(
+    file: BinaryIO,
+    path: Path,
+    offset: int,
+    sizes: Sizes,
+    *,
+    check: bool,
+    on_read: Callable[[bytes], None] | None = None,
+) -> bytes:
     """Return the uncompressed content of a chunk.
 
     Args:
@@ -56,6 +64,7 @@ def load_chunk(file: BinaryIO, path: Path, offset: int, sizes: Sizes, *, check: 
         offset: of the chunk's record in the file.
         sizes: bounds on a chunk.
         check: verify the checksum, if there is one.
+        on_read: called with the content as it stands in the file, which has been read up to its end.
 
     Raises:
         SizeLimitError: the chunk announces more than it may hold.
@@ -73,6 +82,8 @@ def load_chunk(file: BinaryIO, path: Path, offset: int, sizes: Sizes, *, check: 
     packed = file.read(min(packed_bytes, length))
     if len(packed) < packed_bytes:
         raise DamageError(f"the chunk at byte {offset} is cut off")
+    if on_read is not None:
+        on_read(packed)
     try:
         content = decompress(packed, compression, unpacked_bytes)
     except TooLargeError:

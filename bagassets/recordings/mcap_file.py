@@ -106,9 +106,9 @@ class McapFile:
                 chunks.drop(offset)
 
     def _load(self, offset: int) -> bytes:
-        content = load_chunk(self._file, self.path, offset, self._sizes, check=self.check)
-        self._tell_position()
-        return content
+        return load_chunk(
+            self._file, self.path, offset, self._sizes, check=self.check, on_read=self._tell_position
+        )
 
     def _outside_chunks(self, channels: Collection[int]) -> Iterator[tuple[int, int, bytes | memoryview]]:
         """Read messages that are in no chunk."""
@@ -123,12 +123,12 @@ class McapFile:
         for log_time_ns, channel, begin, end in places.in_order():
             self._file.seek(begin)
             data = self._file.read(end - begin)
-            self._tell_position()
+            self._tell_position(data)
             yield channel, log_time_ns, data
 
-    def _tell_position(self) -> None:
+    def _tell_position(self, data: bytes) -> None:
         if self._on_read is not None:
-            self._on_read(self.path, self._file.tell())
+            self._on_read(self.path, self._file.tell(), data)
 
     def close(self) -> None:
         """Close the file."""

@@ -7,8 +7,10 @@ from typing import Any, Literal, NamedTuple, Protocol
 
 Format = Literal["ros1", "ros2", "mcap"]
 Serialization = Literal["ros1", "cdr"]
-OnRead = Callable[[Path, int], None]
-"""Called after bytes of a file were read, with the file and, roughly, the position that reading has come to."""
+OnRead = Callable[[Path, int, bytes], None]
+"""Called after bytes of a file were read, with the file, the position that reading has come to, and the bytes before it.
+
+Where these are not at hand, they are empty, and the position is rough."""
 
 __all__ = [
     "METADATA",

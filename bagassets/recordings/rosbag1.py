@@ -160,7 +160,7 @@ class _IndexReader(rosbag1.Reader):
         self.bio.seek(chunk.datapos)
         packed = self.bio.read(chunk.datasize)
         if self._on_read is not None:
-            self._on_read(self._file, self.bio.tell())
+            self._on_read(self._file, self.bio.tell(), packed)
         if compression == "none":
             return packed
         try:

@@ -68,9 +68,18 @@ class FileHasher:
         while self.position + len(self._buffer) <= position and self.step():
             pass
 
-    def step(self) -> int:
-        """Hash the next block, and return its size; 0 at the end of the file."""
-        read = self._file.readinto(self._buffer) or 0
+    def take(self, data: bytes, end: int) -> None:
+        """Hash what lies before bytes that somebody else has read, and these; `end` is their end in the file."""
+        begin = end - len(data)
+        while self.position < begin and self.step(begin - self.position):
+            pass
+        if self.position == begin:  # else they come late, and have been hashed
+            self._hasher.update(data)
+            self.position = self._file.seek(end)
+
+    def step(self, most: int | None = None) -> int:
+        """Hash the next block, of no more bytes than `most`, and return its size; 0 at the end of the file."""
+        read = self._file.readinto(self._buffer[:most]) or 0
         self._hasher.update(self._buffer[:read])
         self.position += read
         return read
