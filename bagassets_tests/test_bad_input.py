@@ -9,7 +9,6 @@ import subprocess
 import sys
 import time
 from contextlib import contextmanager, suppress
-from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -239,7 +238,7 @@ class TestFiles:
             return real(self, topics)
 
         with open_recording(find_one(drives["mcap"])) as recording:
-            broken = replace(next(iter(recording.messages(["/odom"]))), log_time_ns=b"\0")
+            broken = next(iter(recording.messages(["/odom"])))._replace(log_time_ns=b"\0")
             monkeypatch.setattr(Recording, "_guarded", odd)
             with pytest.raises(RecordingError, match="has no time or no bytes"):
                 list(recording.messages(["/odom"]))
