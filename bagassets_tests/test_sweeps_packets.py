@@ -1,10 +1,14 @@
 """Velodyne packets through the step `sweeps`: revolutions, clocks, deskewing."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from bagassets.assets import lidar_sweeps
+from bagassets.decode.fields import stamp_ns
+from bagassets.decode.model import CloudReading
 from bagassets.errors import LossLimitError, RecipeError
 from bagassets_tests.sweep_data import (
     VLP16_PACKET_NS,
@@ -139,6 +143,23 @@ def test_points_without_times_cannot_be_deskewed(run):
     asked = request(lidar(deskew=True), CLOUD, mount=MOUNT, poses="p")
     with pytest.raises(RecipeError, match=r"LIDAR_TOP.*/sensor.*deskew: false"):
         run(asked, clouds(2), driving(10.0))
+
+
+def test_the_points_that_a_plug_in_keeps_are_not_changed(run, monkeypatch):
+    asked = request(lidar(deskew=True), CLOUD, mount=MOUNT, poses="p")
+    asked = replace(asked, params=replace(asked.params, decoder={"distribution": "acme", "version": "1"}))
+    kept = np.array([[5, 0, 0, 1, 1], [6, 1, 0, 1, 1]], np.float32)
+    before = kept.copy()
+
+    def decode(message, *_):
+        stamp = stamp_ns(message.header.stamp)
+        return CloudReading(stamp, "lidar", kept, stamp - np.array([50_000_000, 0]))
+
+    monkeypatch.setattr(lidar_sweeps, "keyed_decoder", lambda *_: decode)
+    result = run(asked, clouds(3), driving(10.0))
+    assert np.array_equal(kept, before)
+    for row in range(len(result.index)):
+        assert result.points(row)[0, 0] == pytest.approx(4.5, abs=1e-3)
 
 
 def test_poses_are_asked_for_only_by_what_is_deskewed(run):
