@@ -46,6 +46,15 @@ def steps_in_store(recipe_file):
     return sorted(json.loads(path.read_bytes())["action"]["step"] for path in actions)
 
 
+def test_what_was_made_is_known_of_a_recording_that_had_been_hashed(project):
+    recipe = load_recipe(project)
+    recording = discover(recipe.bags).recordings["a.bag"]
+    digest = recording_digest(recording, DigestIndex.of(recipe)).digest
+    assert made_ahead._make_inventory(recipe, recording) == digest
+    assert steps_in_store(project) == ["inventory"]
+    assert made_ahead._make_inventory(recipe, recording) is None  # the store had it
+
+
 def test_inventories_are_made_and_digests_kept(project):
     assert make_inventories(asked(project)) == 3
     assert steps_in_store(project) == ["inventory"] * 3
