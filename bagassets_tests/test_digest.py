@@ -393,7 +393,7 @@ def test_a_file_is_hashed_in_whichever_order_it_is_followed(tmp_path_factory, si
         for at_hand, begin, length in told:
             if at_hand:
                 data = content[begin : begin + length]
-                hasher.take(data, begin + len(data))
+                hasher.follow(begin + len(data), data)
             else:
                 hasher.follow(begin)
         assert hasher.position <= size
@@ -404,5 +404,5 @@ def test_bytes_that_are_handed_over_are_not_read_again(tmp_path):
     path = tmp_path / "a.bag"
     path.write_bytes(bytes(1 << 20))
     with canonical.FileHasher(path) as hasher:
-        hasher.take(b"x" * (1 << 19), 1000 + (1 << 19))
+        hasher.follow(1000 + (1 << 19), b"x" * (1 << 19))
         assert hasher.finish() == digest_bytes(bytes(1000) + b"x" * (1 << 19) + bytes((1 << 19) - 1000))

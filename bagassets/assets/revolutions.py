@@ -218,10 +218,9 @@ def _elapsed_ns(before: Packet, after: Packet) -> int:
 
 def _advance(before: Packet, after: Packet) -> int:
     """Return how far the lidar turned, hundredths of a degree; negative for a late packet, or jitter."""
-    forward = (after.azimuth - before.azimuth) % _TURN
-    if forward <= _TURN // 2:
-        return forward
-    return forward - _TURN if forward > _FASTEST_PER_NS * _elapsed_ns(before, after) else forward
+    forward = _forward(before, after)
+    back = forward > _TURN // 2 and forward > _FASTEST_PER_NS * _elapsed_ns(before, after)
+    return forward - _TURN if back else forward
 
 
 def _pause(before: Packet, after: Packet, advance: int, turn_ns: float) -> bool:

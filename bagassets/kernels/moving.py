@@ -82,9 +82,8 @@ def _move_function() -> Ir:
     b.store(b.sub(first, i64(1)), known)  # no point has this time
     with counting(b, i64(0), number) as point:
         time = b.load(b.gep(times, [point]))
-        with b.if_then(
-            b.icmp_signed("!=", time, b.load(known))
-        ):  # lasers fire in groups, which share a transform
+        # Lasers fire in groups, which share a transform.
+        with b.if_then(b.icmp_signed("!=", time, b.load(known))):
             b.store(time, known)
             left = b.udiv(b.sub(time, first), i64(KNOT_NS))
             most = b.sub(knot_number, i64(2))

@@ -56,9 +56,9 @@ def _take_function() -> Ir:
     floats = b.bitcast(returns, f32.as_pointer())
     nearest = function.module.declare_intrinsic("llvm.nearbyint", [f64])
     with counting(b, i64(0), number) as each:
-        begin = b.mul(each, i64(_SIZE))
+        begin, first_float = b.mul(each, i64(_SIZE)), b.mul(each, i64(_SIZE // 4))
         fields = {
-            name: b.load(b.gep(floats, [b.udiv(b.add(begin, i64(offset)), i64(4))]))
+            name: b.load(b.gep(floats, [b.add(first_float, i64(offset // 4))]))
             for name, offset in _OFFSETS.items()
             if name != "ring"
         }

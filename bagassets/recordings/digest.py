@@ -214,10 +214,7 @@ class HashedAlong:
         try:
             if path not in self._hashers:
                 self._hashers[path] = FileHasher(path)
-            if data:
-                self._hashers[path].take(data, position)
-            else:
-                self._hashers[path].follow(position)
+            self._hashers[path].follow(position, data)
         except Exception:  # noqa: BLE001  (whatever it is: `finish` hashes the file anew)
             del self._asked[path]
             if path in self._hashers:

@@ -73,9 +73,8 @@ class Message(Protocol):
     def __getattr__(self, name: str) -> Any: ...
 
 
-class RawMessage(
-    NamedTuple
-):  # of which there are many thousands a second: twice as fast as a frozen dataclass
+# There are many thousands a second, and a named tuple is made in half the time of a frozen dataclass.
+class RawMessage(NamedTuple):
     """A serialized message: ROS 1 serialization or CDR, as recorded."""
 
     topic: str

@@ -63,19 +63,14 @@ class FileHasher:
         self._buffer = memoryview(bytearray(min(_READ_BYTES, max(1, path.stat().st_size))))
         self._file = path.open("rb", buffering=0)
 
-    def follow(self, position: int) -> None:
-        """Hash whole blocks up to a position."""
-        while self.position + len(self._buffer) <= position and self.step():
-            pass
-
-    def take(self, data: bytes, end: int) -> None:
-        """Hash what lies before bytes that somebody else has read, and these; `end` is their end in the file."""
-        begin = end - len(data)
+    def follow(self, position: int, data: bytes = b"") -> None:
+        """Hash up to a position; `data` are the bytes before it, if somebody else has read them already."""
+        begin = position - len(data)
         while self.position < begin and self.step(begin - self.position):
             pass
-        if self.position == begin:  # else they come late, and have been hashed
+        if self.position == begin:  # else the file ends sooner, or the bytes come late and have been hashed
             self._hasher.update(data)
-            self.position = self._file.seek(end)
+            self.position = self._file.seek(position)
 
     def step(self, most: int | None = None) -> int:
         """Hash the next block, of no more bytes than `most`, and return its size; 0 at the end of the file."""
