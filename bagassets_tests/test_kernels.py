@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from bagassets.geometry.camera import CameraModel
 from bagassets.geometry.undistortion import Undistortion, undistort
-from bagassets.kernels import bilinear, machine_code, markers, moving, returns
+from bagassets.kernels import bilinear, machine_code, markers, moving
 from bagassets.kernels.bilinear import BilinearLookup
 from bagassets.kernels.machine_code import MachineCode
 
@@ -25,7 +25,6 @@ def no_llvmlite(monkeypatch):
         (bilinear, "_LOOKUP", "_lookup_function"),
         (markers, "_FIND", "_find_function"),
         (moving, "_MOVE", "_move_function"),
-        (returns, "_TAKE", "_take_function"),
     ):
         known = getattr(module, name)
         monkeypatch.setattr(module, name, MachineCode(known._name, getattr(module, build)))
@@ -155,59 +154,6 @@ def test_without_llvmlite_points_are_moved_all_the_same(no_llvmlite):
     assert (points == [11, 22, 33, 9]).all()
 
 
-LAYOUT = np.dtype(
-    {
-        "names": list(returns._FIELDS),
-        "formats": [kind for kind, _ in returns._FIELDS.values()],
-        "offsets": [offset for _, offset in returns._FIELDS.values()],
-        "itemsize": returns._SIZE,
-    }
-)
-
-
-def returns_of(number, seed, dtype=LAYOUT):
-    rng = np.random.default_rng(seed)
-    found = np.frombuffer(rng.bytes(number * dtype.itemsize), dtype).copy()
-    for name in ("x", "y", "z", "intensity"):
-        found[name] = rng.normal(0, 90, number)
-    found["time"] = rng.uniform(-0.01, 0.11, number)
-    return found
-
-
-@settings(max_examples=100, deadline=None)
-@given(st.integers(0, 300), st.integers(0, 9999))
-def test_returns_are_taken_as_numpy_takes_them(number, seed):
-    found = returns_of(number, seed)
-    taken = []
-    for take in (returns.take_returns, returns._twin):
-        points, times_ns = np.full((number, 5), np.nan, np.float32), np.full(number, -1)
-        take(found, 1_700_000_000_123_456_789, points, times_ns)
-        taken.append((points.tobytes(), times_ns.tobytes()))
-    assert returns._TAKE.function() is not None
-    assert taken[0] == taken[1]
-    assert np.array_equal(points[:, 4], found["ring"])
-    assert np.abs(times_ns - 1_700_000_000_123_456_789 - found["time"] * 1e9).max(initial=0.0) < 20
-
-
-@pytest.mark.parametrize(("itemsize", "ring"), [(40, "u1"), (32, "<u2")])
-def test_returns_in_another_layout_are_taken_all_the_same(itemsize, ring):
-    names = list(returns._FIELDS)
-    formats = [ring if name == "ring" else "<f4" for name in names]
-    layout = {"names": names, "formats": formats, "offsets": [0, 4, 8, 12, 20, 16], "itemsize": itemsize}
-    found = returns_of(50, 1, np.dtype(layout))
-    points, times_ns = np.empty((50, 5), np.float32), np.empty(50, np.int64)
-    returns.take_returns(found, 0, points, times_ns)
-    assert points.T.tolist() == [found[name].tolist() for name in ("x", "y", "z", "intensity", "ring")]
-    assert times_ns.tolist() == np.rint(found["time"].astype(float) * 1e9).tolist()
-
-
-def test_without_llvmlite_returns_are_taken_all_the_same(no_llvmlite):
-    points, times_ns = np.empty((9, 5), np.float32), np.empty(9, np.int64)
-    returns.take_returns(returns_of(9, 2), 7, points, times_ns)
-    assert returns._TAKE.function() is None
-    assert points[:, 0].tolist() == returns_of(9, 2)["x"].tolist()
-
-
 def test_all_are_compiled_before_workers_fork():
     for _ in machine_code.compile_all():
         pass
@@ -216,6 +162,7 @@ def test_all_are_compiled_before_workers_fork():
         "find_markers",
         "move_points",
         "take_returns",
+        "each",
     }
 
 

@@ -9,10 +9,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bagassets.assets.revolutions import MOST_PACKETS, RevolutionCutter, packet_times_ns
+from bagassets.decode import velodyne
 from bagassets.decode.packets import packets_in
 from bagassets.decode.velodyne import Packet, PacketParser, RevolutionDecoder
+from bagassets.decode.velodyne_lasers import head_of
 from bagassets.errors import DecodeError, RecipeError
-from bagassets.kernels import returns
+from bagassets.kernels import machine_code, returns
+from bagassets.kernels.machine_code import MachineCode
+from bagassets.kernels.returns import BANK_FLAGS, PACKET
 from bagassets_tests.sweep_data import (
     VLP16_ELEVATIONS,
     VLP16_PACKET_NS,
@@ -274,11 +278,74 @@ def test_far_points_are_kept():
     assert len(found.points) == 384
 
 
-def test_the_decoder_gives_returns_in_the_layout_that_machine_code_takes_them_from():
-    packets = parsed(vlp16_packets(0.02))
-    found = RevolutionDecoder(None)._decode(packets, np.arange(len(packets)) * VLP16_PACKET_NS)
-    assert found.dtype.itemsize == returns._SIZE
-    assert {name: found.dtype.fields[name][:2] for name in returns._FIELDS} == returns._FIELDS
+MODELS = {
+    "HDL-32E": 0x21,
+    "VLP-16": 0x22,
+    "Puck Hi-Res": 0x24,
+    "VLP-32A": 0x23,
+    "VLP-32B": 0x23,
+    "VLP-32C": 0x28,
+    "VLS-128": 0xA1,
+}
+MODES = [0, 0x37, 0x38, 0x39]
+
+
+def any_packets(rng, product, modes):
+    """Packets with all that may be in them: lost returns, equal ones, other flags, azimuths that no lidar sends."""
+    packets = np.zeros(int(rng.integers(1, 150)), PACKET)
+    flags = BANK_FLAGS if product == MODELS["VLS-128"] else BANK_FLAGS[:1]
+    blocks = packets["blocks"]
+    blocks["flag"] = np.resize(flags, 12) if rng.random() < 0.5 else np.resize(np.repeat(flags, 2), 12)
+    damaged = rng.random(blocks.shape) < 0.02
+    blocks["flag"][damaged] = rng.choice([0xDDFF, 0xBBFF, 0xAAFF, 0xFFFF, 0xEEFE, 0], damaged.sum())
+    steps = rng.integers(0, int(rng.choice([80, 65_536])), blocks.shape)
+    blocks["azimuth"] = np.cumsum(steps).reshape(blocks.shape) % int(rng.choice([36_000, 65_536]))
+    blocks["flag"][:, 0], blocks["azimuth"][:, 0] = 0xEEFF, blocks["azimuth"][:, 0] % 36_000
+    distances = rng.integers(0, 65_536, (*blocks.shape, 32))
+    distances[rng.random(distances.shape) < 0.3] = 0
+    alike = rng.random((len(packets), 6, 32)) < 0.3
+    distances[:, 1::2][alike] = distances[:, ::2][alike]
+    blocks["returns"]["distance"] = distances
+    blocks["returns"]["intensity"] = rng.integers(0, 256, distances.shape)
+    apart_us = rng.choice([53, 58, 100, 153, 154, 160, 166, 167, 173, 179, 180], len(packets))
+    packets["us"] = (int(rng.integers(2**32)) + np.cumsum(apart_us)) % 2**32
+    packets["mode"], packets["product"] = rng.choice(modes, len(packets)), product
+    return packets
+
+
+@pytest.mark.parametrize("model", MODELS)
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 2**32), st.sampled_from([MODES, *([mode] for mode in MODES)]))
+def test_machine_code_gives_the_bits_of_the_library(model, seed, modes):
+    rng = np.random.default_rng(seed)
+    packets = any_packets(rng, MODELS[model], modes)
+    times_ns = START_NS + np.cumsum(rng.integers(50_000, 2_000_000, len(packets)))
+    taken = [Packet(0, 0, 0, packet.tobytes()) for packet in packets]
+    ours, library = RevolutionDecoder(model), RevolutionDecoder(model)
+    library._decoder = velodyne._Library(velodyne._model(model)[0])
+    for part in itertools.pairwise([0, *sorted(rng.integers(0, len(packets), 2)), len(packets)]):
+        found, expected = (
+            decoder.decode(taken[slice(*part)], times_ns[slice(*part)]) for decoder in (ours, library)
+        )
+        assert found.points.tobytes() == expected.points.tobytes()
+        assert found.times_ns.tolist() == expected.times_ns.tolist()
+    assert isinstance(ours._decoder, velodyne._MachineCode)
+
+
+def test_without_machine_code_the_library_decodes(monkeypatch):
+    packets = parsed(vls128_packets(300), VLS128_PACKET_NS)
+    times_ns = np.array([packet.host_ns for packet in packets])
+    expected = RevolutionDecoder(None).decode(packets, times_ns)
+    monkeypatch.setattr(machine_code, "_ALL", [])
+    monkeypatch.setattr(returns, "_TAKE", MachineCode("none", lambda: "this is no function"))
+    monkeypatch.setattr(velodyne, "all_azimuths", velodyne.all_azimuths.__wrapped__)
+    decoder = RevolutionDecoder(None)
+    found = decoder.decode(packets, times_ns)
+    assert isinstance(decoder._decoder, velodyne._Library)
+    with pytest.raises(RuntimeError, match="no machine code"):
+        head_of(velodyne._model("VLS-128")[0], 1)
+    assert found.points.tobytes() == expected.points.tobytes()
+    assert found.times_ns.tolist() == expected.times_ns.tolist()
 
 
 def test_a_packet_is_immutable():

@@ -6,17 +6,17 @@ return mode and the product id (VLP-16 User Manual 63-9243 Rev. E, section 9.3).
 `velodyne_msgs/VelodyneScan` (many packets a message) or in messages that hold one payload, such
 as `ethernet_msgs/Packet`.
 
-The arithmetic is that of velodyne-decoder, which brings factory calibrations and firing times. It
-is handed times of our own: what it would make of the packets' microseconds and a floating-point
-host time is a quarter of a microsecond off, and follows the lidar's clock instead of the recipe's.
-Its tables of sines are the C library's in single precision: the one thing here that another
-library or processor might round differently.
+The arithmetic is that of velodyne-decoder, which brings factory calibrations and firing times; where there is machine
+code (`bagassets.kernels.returns`) it does the same in a tenth of the time. Both use times of our own: what the library
+would make of the packets' microseconds and a floating-point host time is a quarter of a microsecond off, and follows the
+lidar's clock instead of the recipe's. Its tables of sines are the C library's in single precision: the one thing here
+that another library or processor might round differently.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from struct import Struct
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 import velodyne_decoder
@@ -24,8 +24,9 @@ from numpy.typing import NDArray
 from velodyne_decoder.velodyne_decoder_pylib import TimePair
 
 from bagassets.decode.packets import VELODYNE_PACKET_SIZE, is_velodyne_packet
+from bagassets.decode.velodyne_lasers import Head, all_azimuths, head_of
 from bagassets.errors import DecodeError, RecipeError
-from bagassets.kernels.returns import take_returns
+from bagassets.kernels.returns import PACKET, RETURNS, Angles, Floats, take_returns
 
 __all__ = [
     "POSITION_PACKET_SIZE",
@@ -41,8 +42,7 @@ _HEAD = Struct("<HH")  # flag and azimuth of the first block
 _TAIL = Struct("<IBB")  # microseconds, return mode, product id
 _TAIL_OFFSET = VELODYNE_PACKET_SIZE - _TAIL.size
 
-_RETURNS = 12 * 32  # most returns in one packet, in any mode
-# Number of packets decoded at a time: their points fit into the processor's cache.
+# Packets decoded at a time: the times of their returns count from the first one, in single precision.
 _CHUNK = 64
 
 _Model = velodyne_decoder.Model
@@ -60,7 +60,14 @@ _MODELS: dict[str, tuple[object, int]] = {
     "VLS128": (_Model.VLS128, 0xA1),
     "ALPHAPRIME": (_Model.VLS128, 0xA1),
 }
-_SELF_EXPLANATORY = {0x21, 0x22, 0x24, 0x28, 0xA1}
+# Product id -> model, if there is one only.
+_SELF_EXPLANATORY = {
+    0x21: _Model.HDL32E,
+    0x22: _Model.VLP16,
+    0x24: _Model.PuckHiRes,
+    0x28: _Model.VLP32C,
+    0xA1: _Model.VLS128,
+}
 MODEL_NAMES = "HDL-32E, VLP-16, Puck Hi-Res, VLP-32A, VLP-32B, VLP-32C, VLS-128"
 
 
@@ -82,7 +89,7 @@ class Packet(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PacketPoints:
-    """Points of a revolution: (N, 5) float32 as in `CloudReading`, and their (N,) times."""
+    """Points of a revolution: (N, 5) as in `CloudReading`, and their (N,) times."""
 
     points: NDArray[np.float32]
     times_ns: NDArray[np.int64]
@@ -135,13 +142,10 @@ class RevolutionDecoder:
     """
 
     def __init__(self, model: str | None) -> None:
-        config = velodyne_decoder.Config(
-            model=None if model is None else _model(model)[0],
-            min_range=0.0,  # the step applies limits, and counts
-            max_range=1e9,
-            timestamp_first_packet=True,
-        )
-        self._decoder = velodyne_decoder.ScanDecoder(config)
+        self._model = None if model is None else _model(model)[0]
+        self._decoder: _Decoder | None = None
+        self._points = np.empty((0, 5), dtype=np.float32)
+        self._times_ns = np.empty(0, dtype=np.int64)
 
     def decode(self, packets: Sequence[Packet], times_ns: NDArray[np.int64]) -> PacketPoints:
         """Decode the returns in `packets`, whose first firings were at (M,) `times_ns`.
@@ -149,28 +153,115 @@ class RevolutionDecoder:
         Both returns of a dual-return lidar are points; equal ones count once. Intensity is the
         calibrated reflectivity, 0 to 255; rings count from the lowest laser.
 
+        Returns:
+            Points and times, which the next call writes over.
+
         Raises:
             DecodeError: the decoder refuses the packets.
         """
-        points = np.empty((len(packets) * _RETURNS, 5), dtype=np.float32)
-        point_times_ns = np.empty(len(points), dtype=np.int64)
+        if not len(packets):
+            return PacketPoints(self._points[:0], self._times_ns[:0])
+        if self._decoder is None:
+            self._decoder = self._choose(packets[0])
+        if len(self._points) < len(packets) * RETURNS:
+            self._points = np.empty((len(packets) * RETURNS, 5), dtype=np.float32)
+            self._times_ns = np.empty(len(self._points), dtype=np.int64)
+        firsts_ns = np.repeat(times_ns[::_CHUNK], _CHUNK)[: len(packets)]
+        joined = np.frombuffer(b"".join(packet.data for packet in packets), dtype=PACKET)
+        number = self._decoder.take(joined, times_ns, firsts_ns, self._points, self._times_ns)
+        return PacketPoints(self._points[:number], self._times_ns[:number])
+
+    def _choose(self, first: Packet) -> "_Decoder":
+        turn = all_azimuths()
+        if turn is None:
+            return _Library(self._model)
+        product = first.data[-1]
+        return _MachineCode(head_of(self._model or _SELF_EXPLANATORY[product], product), turn)
+
+
+class _Decoder(Protocol):
+    def take(
+        self,
+        packets: NDArray[np.void],
+        times_ns: NDArray[np.int64],
+        firsts_ns: NDArray[np.int64],
+        points: Floats,
+        point_times_ns: NDArray[np.int64],
+    ) -> int:
+        """Fill in points and their times; return their number.
+
+        Args:
+            packets: (M,) `PACKET`.
+            times_ns: (M,)
+            firsts_ns: (M,) time of the first packet of each one's chunk.
+            points: (N, 5)
+            point_times_ns: (N,)
+        """
+        ...
+
+
+class _MachineCode:
+    def __init__(self, head: Head, turn: Angles) -> None:
+        self._head = head
+        self._turn = turn
+
+    def take(
+        self,
+        packets: NDArray[np.void],
+        times_ns: NDArray[np.int64],
+        firsts_ns: NDArray[np.int64],
+        points: Floats,
+        point_times_ns: NDArray[np.int64],
+    ) -> int:
+        since_s = ((times_ns - firsts_ns) * 1e-9).astype(np.float32)
+        done = 0
+        for part, lasers, rates in self._head.stretches(packets):
+            done += take_returns(
+                packets[part], since_s[part], firsts_ns[part], rates, lasers, self._turn, points[done:], point_times_ns[done:]
+            )  # fmt: skip
+        return done
+
+
+class _Library:
+    """velodyne-decoder itself."""
+
+    def __init__(self, model: object) -> None:
+        config = velodyne_decoder.Config(
+            model=model,
+            min_range=0.0,  # the step applies limits, and counts
+            max_range=1e9,
+            timestamp_first_packet=True,
+        )
+        self._decoder = velodyne_decoder.ScanDecoder(config)
+
+    def take(
+        self,
+        packets: NDArray[np.void],
+        times_ns: NDArray[np.int64],
+        firsts_ns: NDArray[np.int64],
+        points: Floats,
+        point_times_ns: NDArray[np.int64],
+    ) -> int:
         done = 0
         for first in range(0, len(packets), _CHUNK):
-            cloud = self._decode(
-                packets[first : first + _CHUNK], times_ns[first : first + _CHUNK] - times_ns[first]
-            )
+            part = slice(first, first + _CHUNK)
+            cloud = self._decode(packets[part], (times_ns - firsts_ns)[part])
             end = done + len(cloud)
-            take_returns(cloud, int(times_ns[first]), points[done:end], point_times_ns[done:end])
+            for column, name in enumerate(("x", "y", "z", "intensity", "ring")):
+                points[done:end, column] = cloud[name]
+            since_first_ns = np.rint(cloud["time"].astype(np.float64) * 1e9)
+            point_times_ns[done:end] = since_first_ns.astype(np.int64) + firsts_ns[first]
             done = end
-        return PacketPoints(points[:done], point_times_ns[:done])
+        return done
 
-    def _decode(self, packets: Sequence[Packet], offsets_ns: NDArray[np.int64]) -> NDArray[np.void]:
+    def _decode(self, packets: NDArray[np.void], offsets_ns: NDArray[np.int64]) -> NDArray[np.void]:
         """Return the decoder's structured array, with times relative to the first packet."""
         vector = velodyne_decoder.PacketVector()
         for packet, offset_ns in zip(packets, offsets_ns.tolist(), strict=True):
             # The binding takes a list of (cached) integers faster than bytes, and 20 times faster
             # than an array.
-            vector.append(velodyne_decoder.VelodynePacket(TimePair(0.0, offset_ns * 1e-9), list(packet.data)))
+            times = TimePair(0.0, offset_ns * 1e-9)
+            vector.append(velodyne_decoder.VelodynePacket(times, list(packet.tobytes())))
         try:
             _, cloud = self._decoder.decode(vector, as_pcl_structs=True)
         except RuntimeError as err:
