@@ -147,23 +147,41 @@ def velodyne_scan(packets: np.ndarray, start_ns: int, packet_ns: int) -> Velodyn
 # --- a recording without a file -------------------------------------------------------------
 
 
+class StandIn(bytes):
+    """Stands in for the bytes of a message that is decoded already."""
+
+    message: Any
+
+    @classmethod
+    def of(cls, message: Any) -> "StandIn":
+        made = cls(b"a message")
+        made.message = message
+        return made
+
+
 class Messages:
-    """Stands in for a recording and its topic: the data of a message is the decoded message itself."""
+    """Stands in for a recording and its topic."""
+
+    name, msgtype = "/sensor", "a type"
 
     def __init__(self) -> None:
         self.topics = {"/sensor": self}
 
     def decode(self, message: RawMessage) -> Any:
-        if isinstance(message.data, Exception):
-            raise message.data
-        return message.data
+        assert isinstance(message.data, StandIn)
+        if isinstance(message.data.message, Exception):
+            raise message.data.message
+        return message.data.message
 
     def packet(self, data: Any, payloads: Any) -> None:
         """Leave it to decoding."""
 
+    def packets(self, messages: Any, payloads: Any) -> None:
+        """Leave them to decoding."""
+
 
 def raw(message: Any, msgtype: str, log_time_ns: int, topic: str = "/sensor") -> RawMessage:
-    return RawMessage(topic, msgtype, log_time_ns, message)
+    return RawMessage(topic, msgtype, log_time_ns, StandIn.of(message))
 
 
 def finished(writer: ArtifactWriter, folder) -> Artifact:

@@ -66,10 +66,10 @@ def request(channel, msgtype, clock="header", *, limit=0.01, mount=MOUNT, poses=
 class Run:
     """The result of feeding messages to the step."""
 
-    def __init__(self, folder, asked, messages, trajectory=None):
+    def __init__(self, folder, asked, messages, trajectory=None, recording=None):
         self.writer = ArtifactWriter(folder / "artifact")
         inputs = SimpleNamespace() if trajectory is None else SimpleNamespace(trajectory=trajectory)
-        extractor = SWEEPS.extract(asked, inputs, Messages(), self.writer, None)
+        extractor = SWEEPS.extract(asked, inputs, recording or Messages(), self.writer, None)
         assert extractor.topics == asked.topics == ("/sensor",)
         for message in messages:
             extractor.add(message)
@@ -101,11 +101,11 @@ class Runner:
         self.folder = folder
         self.number = 0
 
-    def __call__(self, asked, messages, trajectory=None):
+    def __call__(self, asked, messages, trajectory=None, recording=None):
         self.number += 1
         folder = self.folder / str(self.number)
         folder.mkdir()
-        return Run(folder, asked, messages, trajectory)
+        return Run(folder, asked, messages, trajectory, recording)
 
 
 def lidar(**fields):

@@ -9,7 +9,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from bagassets.decode.fields import stamp_and_frame
 from bagassets.decode.packets import PAYLOADS, payload
 from bagassets.recordings.model import Definition
-from bagassets.recordings.topic import Topic, TopicSource
+from bagassets.recordings.topic import RefusedBytes, Topic, TopicSource
 
 NAME = "some_msgs/msg/Packet"
 HEADER = "MSG: std_msgs/Header\nuint32 seq\ntime stamp\nstring frame_id\n"
@@ -80,3 +80,36 @@ def test_other_layouts_are_left_to_decoding(text):
 
 def test_ros2_messages_are_left_to_decoding():
     assert topic_of(ETHERNET, "cdr").packet(bytes(64), PAYLOADS) is None
+
+
+STAMPS = st.tuples(st.integers(0, 2**31 - 1), st.integers(0, 10**9 - 1))
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.text(max_size=20), st.lists(STAMPS, min_size=1, max_size=20), st.integers(0, 40))
+def test_messages_that_are_alike_are_skimmed_at_once(frame, stamps, size):
+    topic = topic_of(ETHERNET)
+    raws = [ethernet(bytes([n]) * size, frame=frame, stamp=stamp) for n, stamp in enumerate(stamps)]
+    each = [topic.packet(raw, PAYLOADS) for raw in raws]
+    found = topic.packets(raws, PAYLOADS)
+    assert found is not None
+    assert found.stamps_ns.tolist() == [packet.stamp_ns for packet in each]
+    assert [row.tobytes() for row in found.payloads] == [packet.payload for packet in each]
+    assert {found.frame_id} == {packet.frame_id for packet in each}
+
+
+def test_messages_that_are_not_alike_are_not_skimmed_at_once():
+    topic = topic_of(ETHERNET)
+    one = ethernet(b"data")
+    for other in (
+        ethernet(b"data!"),
+        ethernet(b"data", frame="radar"),
+        ethernet(b"data5", frame="lida"),
+        ethernet(b"data5")[:-1],
+        RefusedBytes(),
+    ):
+        assert topic.packets([one, one], PAYLOADS) is not None
+        assert topic.packets([one, other], PAYLOADS) is None
+        assert topic.packets([other, one], PAYLOADS) is None
+    assert topic.packets([], PAYLOADS) is None
+    assert topic_of(ETHERNET, "cdr").packets([one], PAYLOADS) is None

@@ -188,9 +188,13 @@ def test_an_offset_of_the_clock_moves_everything(run, source, msgtype):
 def test_an_offset_of_the_clock_counts_before_deskewing(run):
     times = np.array([0, 30, 60, 100], np.uint32) * 1_000_000
     fields = {"mount": MOUNT, "poses": "p"}
-    late = [raw(message.data, CLOUD, message.log_time_ns + 200_000_000) for message in clouds(2, t=times)]
+    late = [
+        raw(message.data.message, CLOUD, message.log_time_ns + 200_000_000) for message in clouds(2, t=times)
+    ]
     for message in late:
-        message.data.header = header(START_NS + 200_000_000 if message is late[0] else START_NS + 300_000_000)
+        message.data.message.header = header(
+            START_NS + 200_000_000 if message is late[0] else START_NS + 300_000_000
+        )
     exact = run(request(lidar(deskew=True), CLOUD, **fields), clouds(2, t=times), driving(10.0))
     fixed = run(request(lidar(deskew=True, stamp_offset_s=-0.2), CLOUD, **fields), late, driving(10.0))
     assert [(row["stamp_ns"], row["digest"]) for row in fixed.index] == [
@@ -311,7 +315,9 @@ def test_messages_without_stamps_ask_for_the_log_clock(run):
     messages = [raw(cloud(0, {axis: np.ones(2) for axis in "xyz"}), CLOUD, START_NS + n) for n in range(3)]
     with pytest.raises(LossLimitError, match="clock: log"):
         run(request(lidar(), CLOUD), messages)
-    packets = [raw(EthernetPacket(header(0), message.data.payload), PACKET, 1) for message in singles(1)]
+    packets = [
+        raw(EthernetPacket(header(0), message.data.message.payload), PACKET, 1) for message in singles(1)
+    ]
     with pytest.raises(LossLimitError, match="clock: log"):
         run(request(lidar(), PACKET), packets)
 

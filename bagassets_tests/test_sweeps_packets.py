@@ -2,14 +2,17 @@
 
 import itertools
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from bagassets.assets import lidar_sweeps
+from bagassets.assets import lidar_sweeps, packet_sweeps
 from bagassets.decode.fields import stamp_ns
 from bagassets.decode.model import CloudReading
 from bagassets.errors import LossLimitError, RecipeError
+from bagassets.recordings.model import Definition, RawMessage
+from bagassets.recordings.topic import Topic, TopicSource
 from bagassets_tests.sweep_data import (
     VLP16_PACKET_NS,
     EthernetPacket,
@@ -32,6 +35,7 @@ from bagassets_tests.sweep_run import (
     scans,
     singles,
 )
+from bagassets_tests.test_skim import ETHERNET, HEADER, ethernet
 
 
 @pytest.fixture
@@ -73,6 +77,48 @@ def test_single_packets_give_what_scans_give(run):
     assert [[row[key] for key in keys] for row in one.index] == [
         [row[key] for key in keys] for row in other.index
     ]
+
+
+@pytest.mark.parametrize("clock", ["header", "log"])
+@pytest.mark.parametrize("held", [1, 100, 256])
+def test_messages_of_a_recording_give_what_decoded_ones_give(run, monkeypatch, clock, held):
+    monkeypatch.setattr(packet_sweeps, "_MOST_HELD", held)
+    definition = Definition("msg", f"{ETHERNET}{'=' * 80}\n{HEADER}")
+    topic = Topic(TopicSource("/sensor", PACKET, 1, definition, "ros1"))
+    recording = SimpleNamespace(topics={"/sensor": topic}, decode=lambda message: topic.decode(message.data))
+    decoded = list(singles(3.5, start_deg=90.0))
+    messages = []
+    for message in decoded:
+        stamp = divmod(stamp_ns(message.data.message.header.stamp), 10**9)
+        data = ethernet(message.data.message.payload.tobytes(), stamp=stamp)
+        messages.append(RawMessage("/sensor", PACKET, message.log_time_ns, memoryview(data)))
+    position = ethernet(bytes(512), stamp=(1, 0))
+    odd = [
+        RawMessage("/sensor", PACKET, START_NS, data) for data in (position, ethernet(b"other", stamp=(1, 0)))
+    ]
+    for more, lost in (([], {}), (odd, {"position packet": 1, "it holds no data packet of 1206 bytes": 1})):
+        asked = request(lidar(), PACKET, clock)
+        found = run(asked, messages[:150] + more + messages[150:], recording=recording)
+        expected = run(asked, decoded)
+        assert [row | {"digest": ""} for row in found.index] == [
+            row | {"digest": ""} for row in expected.index
+        ]
+        assert found.digest == expected.digest or more
+        assert [row["digest"] for row in found.index] == [row["digest"] for row in expected.index]
+        assert found.lost == expected.lost | lost
+        assert found.channel["frame_id"] == "lidar"
+
+
+def test_a_message_with_several_bad_packets_is_one_message_lost(run):
+    messages = list(scans(20, per_message=4))
+    damaged = messages[7].data.message.packets
+    for packet in damaged[:2]:
+        packet.data = packet.data.copy()
+        packet.data[0] = 0
+    result = run(request(lidar(), SCAN, limit=0.003), messages)
+    assert result.lost["its packet does not start with the flag and azimuth of a Velodyne block"] == 2
+    with pytest.raises(LossLimitError, match=r"lost 1 of 377 messages.*flag and azimuth"):
+        run(request(lidar(), SCAN, limit=0.002), messages)
 
 
 def test_the_cut_angle_moves_the_revolutions(run):
@@ -260,7 +306,9 @@ def test_times_follow_the_lidar_over_an_arc_that_is_not_reported(run):
     late = []
     for message in restricted(5, 270.0, 90.0, start_deg=180.0):
         stamp = message.log_time_ns - 3_000_000 + int(rng.integers(0, 3_000_000))
-        late.append(raw(EthernetPacket(header(stamp), message.data.payload), PACKET, message.log_time_ns))
+        late.append(
+            raw(EthernetPacket(header(stamp), message.data.message.payload), PACKET, message.log_time_ns)
+        )
     jittered = run(asked, late)
     spans = [[row["end_ns"] - row["start_ns"] for row in result.index] for result in (exact, jittered)]
     assert np.abs(np.array(spans[0]) - spans[1]).max() <= 2_000
@@ -269,9 +317,11 @@ def test_times_follow_the_lidar_over_an_arc_that_is_not_reported(run):
 def test_a_lidar_whose_clock_does_not_run_may_have_a_restricted_view(run):
     messages = []
     for message in restricted(5, 270.0, 90.0, start_deg=180.0):
-        payload = message.data.payload.copy()
+        payload = message.data.message.payload.copy()
         payload[1200:1204] = 0
-        messages.append(raw(EthernetPacket(message.data.header, payload), PACKET, message.log_time_ns))
+        messages.append(
+            raw(EthernetPacket(message.data.message.header, payload), PACKET, message.log_time_ns)
+        )
     result = run(request(lidar(), PACKET), messages)
     assert (len(result.index), result.lost) == (5, {})
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from bagassets.assets.revolutions import MOST_PACKETS, RevolutionCutter, packet_times_ns
 from bagassets.decode import velodyne
 from bagassets.decode.packets import packets_in
-from bagassets.decode.velodyne import Packet, PacketParser, RevolutionDecoder
+from bagassets.decode.velodyne import PacketFilter, Packets, RevolutionDecoder
 from bagassets.decode.velodyne_lasers import head_of
 from bagassets.errors import DecodeError, RecipeError
 from bagassets.kernels import machine_code, returns
@@ -31,19 +31,21 @@ from bagassets_tests.sweep_data import (
 START_NS = 1_700_000_000_000_000_000
 
 
-def parsed(packets, packet_ns=VLP16_PACKET_NS, jitter_ns=None, model=None):
-    parser = PacketParser(model)
-    jitter_ns = np.zeros(len(packets), int) if jitter_ns is None else jitter_ns
-    return [
-        parser.parse(START_NS + number * packet_ns + int(jitter_ns[number]), packet.tobytes())
-        for number, packet in enumerate(packets)
-    ]
+def parsed(packets, packet_ns=VLP16_PACKET_NS, jitter_ns=None):
+    host_ns = START_NS + np.arange(len(packets)) * packet_ns
+    return Packets.of(host_ns if jitter_ns is None else host_ns + jitter_ns, packets.view(PACKET))
 
 
-def cut(packets, cut_deg=0.0):
+def cut(packets, cut_deg=0.0, pushed=256):
     cutter = RevolutionCutter(cut_deg)
-    turns = [turn for number, packet in enumerate(packets) for turn in cutter.push(packet, number)]
+    log_times_ns = np.arange(len(packets))
+    parts = (slice(first, first + pushed) for first in range(0, len(packets), pushed))
+    turns = [turn for part in parts for turn in cutter.push(packets[part], log_times_ns[part])]
     return turns + cutter.flush()
+
+
+def refusals(packets, model=None):
+    return PacketFilter(model).refusals(packets.view(PACKET))
 
 
 # --- messages and packets -------------------------------------------------------------------
@@ -65,45 +67,51 @@ def test_a_message_without_payload_is_refused():
 
 
 def test_what_is_no_data_packet_is_refused():
-    parser = PacketParser(None)
-    good = vlp16_packets(0.1)[0].tobytes()
-    for bad in (good[:-1], good + b"\0", b"", b"\0\0" + good[2:], good[:2] + b"\xff\xff" + good[4:]):
-        with pytest.raises(DecodeError):
-            parser.parse(0, bad)
-    assert parser.parse(0, good).data == good
+    packets = vlp16_packets(0.1)[:4]
+    packets["blocks"]["flag"][1, 0] = 0
+    packets["blocks"]["azimuth"][2, 0] = 36_000
+    found = refusals(packets)
+    assert list(found) == [1, 2]
+    assert all("flag and azimuth" in reason for reason in found.values())
 
 
 def test_a_packet_of_another_model_is_refused():
-    parser = PacketParser(None)
-    parser.parse(0, vlp16_packets(0.1)[0].tobytes())
-    with pytest.raises(DecodeError, match="another Velodyne model"):
-        parser.parse(0, vls128_packets(1)[0].tobytes())
-    with pytest.raises(DecodeError, match="another Velodyne model"):
-        PacketParser("VLS-128").parse(0, vlp16_packets(0.1)[0].tobytes())
+    packets = np.concatenate([vlp16_packets(0.1)[:1], vls128_packets(2)])
+    found = refusals(packets)
+    assert list(found) == [1, 2]
+    assert all("another Velodyne model" in reason for reason in found.values())
+    assert list(refusals(packets, "VLS-128")) == [0]
+
+
+def test_the_model_of_the_first_packet_counts_from_then_on():
+    kept = PacketFilter(None)
+    assert not kept.refusals(vlp16_packets(0.1).view(PACKET))
+    assert len(kept.refusals(vls128_packets(2).view(PACKET))) == 2
 
 
 def test_a_model_that_packets_do_not_name_must_be_in_the_recipe():
-    packet = vlp16_packets(0.1)[0]
-    packet["product"] = 0x23  # VLP-32A or B
-    with pytest.raises(DecodeError, match="set `model`"):
-        PacketParser(None).parse(0, packet.tobytes())
-    assert PacketParser("VLP-32B").parse(0, packet.tobytes())
+    packets = vlp16_packets(0.1)[:3]
+    packets["product"][:2] = 0x23  # VLP-32A or B
+    found = refusals(packets)
+    assert list(found) == [0, 1]
+    assert all("set `model`" in reason for reason in found.values())
+    assert list(refusals(packets, "VLP-32B")) == [2]
 
 
 def test_a_lidar_that_needs_the_calibration_of_the_unit_is_refused():
     with pytest.raises(RecipeError, match="calibration"):
-        PacketParser("HDL-64E S3")
+        PacketFilter("HDL-64E S3")
 
 
 @pytest.mark.parametrize("name", ["VLP-16", "vlp16", "Puck Lite", "HDL-32E", "Alpha Prime", "VLS-128"])
 def test_models_are_known_by_their_names(name):
-    PacketParser(name)
+    PacketFilter(name)
     RevolutionDecoder(name)
 
 
 def test_an_unknown_model_is_refused():
     with pytest.raises(RecipeError, match=r"VLP-99.*VLS-128"):
-        PacketParser("VLP-99")
+        PacketFilter("VLP-99")
 
 
 # --- revolutions ----------------------------------------------------------------------------
@@ -119,7 +127,7 @@ def test_an_unknown_model_is_refused():
 def test_revolutions_partition_the_packets_at_the_cut(cut_deg, start_deg, turns, rpm):
     packets = parsed(vlp16_packets(turns, rpm=rpm, start_deg=start_deg))
     revolutions = cut(packets, cut_deg)
-    assert [packet for turn in revolutions for packet in turn.packets] == packets
+    assert np.array_equal(np.concatenate([turn.packets.data for turn in revolutions]), packets.data)
     step = rpm * 6 * VLP16_PACKET_NS * 1e-9
     for turn in revolutions[1:]:  # each begins within a packet of the cut
         assert turn.azimuths[0] / 100 <= step + 0.02
@@ -143,17 +151,16 @@ def test_first_and_last_count_if_the_recording_starts_and_ends_at_the_cut():
 def test_a_hole_makes_a_revolution_incomplete():
     packets = parsed(vlp16_packets(3))
     per_turn = len(packets) // 3
-    few = packets[: per_turn + 20] + packets[per_turn + 22 :]
+    few = Packets.joined([packets[: per_turn + 20], packets[per_turn + 22 :]])
     assert [turn.complete for turn in cut(few)] == [True, True, True]
-    many = packets[: per_turn + 20] + packets[per_turn + 28 :]
+    many = Packets.joined([packets[: per_turn + 20], packets[per_turn + 28 :]])
     assert [turn.complete for turn in cut(many)] == [True, False, True]
 
 
 def test_a_pause_of_exactly_one_turn_does_not_join_two_halves():
     packets = parsed(vlp16_packets(4))
     per_turn = len(packets) / 4
-    lost = range(round(1.5 * per_turn), round(2.5 * per_turn))
-    kept = [packet for number, packet in enumerate(packets) if number not in lost]
+    kept = Packets.joined([packets[: round(1.5 * per_turn)], packets[round(2.5 * per_turn) :]])
     revolutions = cut(kept)
     assert [turn.complete for turn in revolutions] == [True, False, False, True]
 
@@ -179,7 +186,7 @@ def test_times_follow_the_lidar_and_not_the_jitter_of_the_host():
 
 def test_times_survive_the_top_of_the_hour():
     packets = parsed(vlp16_packets(1, first_us=3_599_999_000))
-    assert packets[0].device_us > packets[-1].device_us
+    assert packets.device_us[0] > packets.device_us[-1]
     truth = START_NS + np.arange(len(packets)) * VLP16_PACKET_NS
     assert np.abs(packet_times_ns(packets) - truth).max() <= 1_000
 
@@ -198,6 +205,44 @@ def test_a_revolution_ends_when_the_next_begins():
         assert abs(turn.times_ns()[1] - following.times_ns()[0][0]) <= 1_000
     times, end = revolutions[-1].times_ns()
     assert abs(end - times[-1] - VLP16_PACKET_NS) <= 1_000
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 2**32), st.sampled_from([None, 0.0, 123.0]), st.sampled_from([1, 7, 100, 1_000]))
+def test_revolutions_do_not_depend_on_how_many_packets_come_at_once(seed, cut_deg, pushed):
+    rng = np.random.default_rng(seed)
+    packets = vlp16_packets(8, rpm=int(rng.choice([300, 600, 1200])), start_deg=rng.uniform(0, 360))
+    jitter_ns = rng.integers(-2_000_000, 2_000_000, len(packets))
+    jitter_ns[rng.random(len(packets)) < 0.005] = rng.choice([-(10**9), 10**8, 10**9])  # a clock that is set
+    packets = parsed(packets, jitter_ns=jitter_ns)
+    lost = int(rng.integers(0, len(packets)))
+    packets = Packets.joined([packets[:lost], packets[lost + int(rng.integers(0, 300)) :]])
+    found, expected = (
+        [
+            (
+                len(turn.packets),
+                turn.azimuths.tolist(),
+                turn.log_time_ns,
+                turn.blind,
+                turn.next_packet is None,
+            )
+            for turn in cut(packets, cut_deg, number)
+        ]
+        for number in (pushed, len(packets))
+    )
+    assert found == expected
+    assert sum(number for number, *_ in found) == len(packets)
+
+
+def test_a_pause_is_told_from_a_late_packet():
+    packets = parsed(vlp16_packets(4))
+    per_turn = len(packets) // 4
+    for pause_ns, complete in ((19_000_000, True), (25_000_000, False)):
+        host_ns, device_us = packets.host_ns.copy(), packets.device_us.copy()
+        host_ns[per_turn * 2 + 30 :] += pause_ns
+        device_us[per_turn * 2 + 30 :] += pause_ns // 1000
+        paused = Packets(host_ns, device_us, packets.azimuths, packets.data)
+        assert all(turn.complete for turn in cut(paused)) == complete
 
 
 # --- points ---------------------------------------------------------------------------------
@@ -249,7 +294,7 @@ def test_vls128_gives_all_its_points_and_times_in_order():
 
 def test_decoding_in_chunks_is_decoding_at_once(monkeypatch):
     packets = parsed(vls128_packets(300), VLS128_PACKET_NS)
-    times = np.array([packet.host_ns for packet in packets])
+    times = packets.host_ns
     chunked = RevolutionDecoder(None).decode(packets, times)
     monkeypatch.setattr("bagassets.decode.velodyne._CHUNK", 10_000)
     at_once = RevolutionDecoder(None).decode(packets, times)
@@ -320,7 +365,7 @@ def test_machine_code_gives_the_bits_of_the_library(model, seed, modes):
     rng = np.random.default_rng(seed)
     packets = any_packets(rng, MODELS[model], modes)
     times_ns = START_NS + np.cumsum(rng.integers(50_000, 2_000_000, len(packets)))
-    taken = [Packet(0, 0, 0, packet.tobytes()) for packet in packets]
+    taken = Packets.of(times_ns, packets)
     ours, library = RevolutionDecoder(model), RevolutionDecoder(model)
     library._decoder = velodyne._Library(velodyne._model(model)[0])
     for part in itertools.pairwise([0, *sorted(rng.integers(0, len(packets), 2)), len(packets)]):
@@ -334,7 +379,7 @@ def test_machine_code_gives_the_bits_of_the_library(model, seed, modes):
 
 def test_without_machine_code_the_library_decodes(monkeypatch):
     packets = parsed(vls128_packets(300), VLS128_PACKET_NS)
-    times_ns = np.array([packet.host_ns for packet in packets])
+    times_ns = packets.host_ns
     expected = RevolutionDecoder(None).decode(packets, times_ns)
     monkeypatch.setattr(machine_code, "_ALL", [])
     monkeypatch.setattr(returns, "_TAKE", MachineCode("none", lambda: "this is no function"))
@@ -348,13 +393,8 @@ def test_without_machine_code_the_library_decodes(monkeypatch):
     assert found.times_ns.tolist() == expected.times_ns.tolist()
 
 
-def test_a_packet_is_immutable():
-    with pytest.raises(AttributeError):
-        Packet(0, 0, 0, b"").azimuth = 1
-
-
 def test_packets_whose_stamps_stand_still_are_not_collected_without_end():
     number = MOST_PACKETS + 10
-    turns = cut([Packet(START_NS, 0, 0, b"")] * number)
+    turns = cut(parsed(np.zeros(number, PACKET), packet_ns=0))
     assert max(len(turn.packets) for turn in turns) == MOST_PACKETS
     assert sum(len(turn.packets) for turn in turns) == number

@@ -20,9 +20,10 @@ from bagassets.assets.lidar_file import lidar_bytes
 from bagassets.build.process import keep_freed_memory
 from bagassets.decode.image import decode_image
 from bagassets.decode.packets import packets_in
-from bagassets.decode.velodyne import Packet, PacketParser, RevolutionDecoder
+from bagassets.decode.velodyne import Packets, RevolutionDecoder
 from bagassets.geometry.camera import CameraModel
 from bagassets.geometry.undistortion import Undistortion
+from bagassets.kernels.returns import PACKET
 from bagassets.recipe import load_recipe
 from bagassets.recordings.discover import discover
 from bagassets.recordings.open import open_recording
@@ -147,20 +148,23 @@ def _images(recording: Recording, topic: str, stages: _Stages, out: Path) -> Non
 
 def _packets(recording: Recording, stages: _Stages, out: Path) -> None:
     """Decode and write the packets of the lidar, a tenth of a second at a time."""
-    parser, decoder = PacketParser(None), RevolutionDecoder(None)
-    packets: list[Packet] = []
+    decoder = RevolutionDecoder(None)
+    stamps_ns: list[int] = []
+    payloads: list[bytes] = []
     written = 0
     for raw in recording.messages([LIDAR_TOPIC]):
         message = recording.decode(raw)
         stamp_ns = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
-        packets += [parser.parse(stamp_ns, data) for _, data in packets_in(message)]
-        if packets[-1].host_ns - packets[0].host_ns < 100_000_000:
+        payloads += [data for _, data in packets_in(message)]
+        stamps_ns += [stamp_ns] * (len(payloads) - len(stamps_ns))
+        if stamps_ns[-1] - stamps_ns[0] < 100_000_000:
             continue
-        times_ns = np.array([packet.host_ns for packet in packets], np.int64)
         with stages.stage("packets to points"):
+            times_ns = np.array(stamps_ns, np.int64)
+            packets = Packets.of(times_ns, np.frombuffer(b"".join(payloads), dtype=PACKET))
             points = decoder.decode(packets, times_ns).points
         _write(out / f"{written % 8}.bin", lidar_bytes(points), stages)
-        packets, written = [], written + 1
+        stamps_ns, payloads, written = [], [], written + 1
     if not written:
         sys.exit(f"{LIDAR_TOPIC} holds no revolution")
 

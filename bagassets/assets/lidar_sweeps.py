@@ -1,4 +1,4 @@
-"""Lidar readings become `.pcd.bin` files: one per cloud message, or one per revolution of packets.
+"""Lidar readings become `.pcd.bin` files: one per cloud message, or one per revolution of packets (`packet_sweeps`).
 
 The stamp of a file is the end (or, by the recipe, start or middle) of its revolution, which is derived
 
@@ -9,7 +9,7 @@ The stamp of a file is the end (or, by the recipe, start or middle) of its revol
   as recorded, and the span in the index is that moment.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -19,19 +19,10 @@ from numpy.typing import NDArray
 from bagassets.assets.asset import inlined, omitted
 from bagassets.assets.deskew import deskew
 from bagassets.assets.lidar_file import lidar_bytes
-from bagassets.assets.revolutions import Revolution, RevolutionCutter
 from bagassets.assets.sweep_files import SensorSettings, SensorUse, SweepFiles
-from bagassets.decode.fields import stamp_and_frame
 from bagassets.decode.loading import keyed_decoder
 from bagassets.decode.model import CloudReading
-from bagassets.decode.packets import packets_in
 from bagassets.decode.point_times import Moment
-from bagassets.decode.velodyne import (
-    POSITION_PACKET_SIZE,
-    Packet,
-    PacketParser,
-    RevolutionDecoder,
-)
 from bagassets.errors import DecodeError, RecipeError
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.trajectory import Trajectory
@@ -44,8 +35,6 @@ __all__ = [
     "LidarSettings",
     "LidarUse",
     "LidarWriter",
-    "PacketSweeps",
-    "PacketUse",
     "revolution_span_ns",
 ]
 
@@ -98,19 +87,6 @@ class CloudUse(LidarUse):
 
     header_stamp_is: Moment | None
     period_ns: int | None
-
-
-@dataclass(frozen=True, kw_only=True)
-class PacketUse(LidarUse):
-    """Everything besides its messages that shapes the files of a lidar with packet messages.
-
-    Attributes:
-        model: model of the lidar; None to take it from the packets.
-        cut_angle_deg: azimuth at which revolutions begin; None to take it from the packets.
-    """
-
-    model: str | None
-    cut_angle_deg: float | None
 
 
 def revolution_span_ns(
@@ -243,77 +219,3 @@ class CloudSweeps:
         if self._by_plugin and not reading.stamp_ns and not self._by_log_time:
             raise DecodeError(NO_STAMP)
         return reading
-
-
-class PacketSweeps:
-    """One file per complete revolution of a Velodyne; messages are counted by packets.
-
-    Incomplete revolutions, mostly the first and the last one, are lost: training code expects
-    complete ones, and the stamp of an incomplete one would be wrong.
-
-    Args:
-        use: everything that shapes the files.
-        writer: writes the revolutions.
-        fail: called with the text of an error and the number of packets that could not be used.
-    """
-
-    def __init__(self, use: PacketUse, writer: LidarWriter, fail: Callable[[str, int], None]) -> None:
-        self._writer = writer
-        self._fail = fail
-        self._parser = PacketParser(use.model)
-        self._decoder = RevolutionDecoder(use.model)
-        self._cutter = RevolutionCutter(use.cut_angle_deg)
-        self._by_log_time = use.settings.clock == "log"
-
-    def add(self, message: Message, raw: RawMessage) -> str:
-        """Add the packets of a message; return their frame.
-
-        Raises:
-            DecodeError: the message holds no packets.
-        """
-        header_ns, frame_id = stamp_and_frame(message.header) if hasattr(message, "header") else (0, "")
-        packets = [(own or header_ns, data) for own, data in packets_in(message)]
-        self.add_packets(packets, raw.log_time_ns)
-        return frame_id
-
-    def add_packets(self, packets: Sequence[tuple[int, bytes]], log_time_ns: int) -> None:
-        """Take the packets, stamp and bytes, that one message brought."""
-        # With log times: what a message brings had arrived by then.
-        shift = log_time_ns - packets[-1][0] if self._by_log_time and packets else 0
-        for stamp, data in packets:
-            self._writer.files.counts.read += 1
-            if len(data) == POSITION_PACKET_SIZE:
-                self._writer.files.lose("position packet")
-                continue
-            try:
-                packet = self._parse(stamp + shift, data)
-            except DecodeError as err:
-                self._fail(str(err), 1)
-                continue
-            for revolution in self._cutter.push(packet, log_time_ns):
-                self._write(revolution)
-
-    def finish(self) -> None:
-        """Write the revolution since the last cut."""
-        for revolution in self._cutter.flush():
-            self._write(revolution)
-
-    def _parse(self, host_ns: int, data: bytes) -> Packet:
-        if host_ns == 0:
-            raise DecodeError(NO_STAMP)
-        return self._parser.parse(host_ns, data)
-
-    def _write(self, revolution: Revolution) -> None:
-        parts = len(revolution.packets)
-        if not revolution.complete:
-            self._writer.files.lose("incomplete revolution", parts)
-            return
-        packet_times, end = revolution.times_ns()
-        try:
-            decoded = self._decoder.decode(revolution.packets, packet_times)
-        except DecodeError as err:
-            self._fail(str(err), parts)
-            return
-        self._writer.files.points.read += len(decoded.points)
-        span = (int(packet_times[0]), end)
-        self._writer.write(decoded.points, decoded.times_ns, span, revolution.log_times_ns[-1], parts=parts)

@@ -14,13 +14,12 @@ the last one of a recording count only if the recording started or ended close t
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from itertools import pairwise
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bagassets.decode.velodyne import Packet
+from bagassets.decode.velodyne import Packets
 
 __all__ = ["Revolution", "RevolutionCutter", "packet_times_ns"]
 
@@ -44,6 +43,9 @@ _LEARNT_TURNS = 3
 _LEARNT_NS = 1_000_000_000
 
 
+_Logged = tuple[Packets, NDArray[np.int64]]  # with the log times of their messages
+
+
 @dataclass(frozen=True, slots=True)
 class Spin:
     """The rotation of a lidar.
@@ -58,28 +60,28 @@ class Spin:
     blind: tuple[int, int] | None = None
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Revolution:
     """Packets between two cuts.
 
     Attributes:
-        packets: in the order in which they were recorded.
-        azimuths: azimuth of each packet, hundredths of a degree after the cut.
-        log_times_ns: log time of each packet's message.
+        packets: in the order in which they were recorded, at least one.
+        azimuths: (N,) azimuth of each packet, hundredths of a degree after the cut.
+        log_time_ns: log time of the last packet's message.
         next_packet: the packet after the cut; None if none followed without a pause.
         blind: the arc that the lidar does not report, hundredths of a degree after the cut; may reach beyond a turn.
     """
 
-    packets: list[Packet] = field(default_factory=list)
-    azimuths: list[int] = field(default_factory=list)
-    log_times_ns: list[int] = field(default_factory=list)
-    next_packet: Packet | None = None
-    blind: tuple[int, int] = (0, 0)
+    packets: Packets
+    azimuths: NDArray[np.int64]
+    log_time_ns: int
+    next_packet: Packets | None
+    blind: tuple[int, int]
 
     @property
     def missing_deg(self) -> float:
         """The widest part that no packet covers, outside the blind arc, in degrees."""
-        edges = np.array([0, *self.azimuths, _TURN], dtype=np.int64)
+        edges = np.concatenate([[0], self.azimuths, [_TURN]])
         steps = np.diff(edges)
         width = int(np.sort(steps[1:-1])[(len(steps) - 2) // 2]) if len(steps) > 2 else 0
         for turn in (0, _TURN):
@@ -100,19 +102,19 @@ class Revolution:
         The end is when the next revolution starts, or one (median) packet after the last if none follows
         closely.
         """
-        follows = (
-            self.next_packet is not None and _forward(self.packets[-1], self.next_packet) <= _MOST_MISSING
-        )
+        following = self.next_packet
+        if following is not None and _forward(self.packets[-1:], following)[0] > _MOST_MISSING:
+            following = None
         times = packet_times_ns(
-            [*self.packets, *([self.next_packet] if follows and self.next_packet else [])]
+            self.packets if following is None else Packets.joined([self.packets, following])
         )
-        if follows:
+        if following is not None:
             return times[:-1], int(times[-1])
         step = int(np.sort(np.diff(times))[(len(times) - 1) // 2]) if len(times) > 1 else 0
         return times, int(times[-1]) + step
 
 
-def packet_times_ns(packets: Sequence[Packet]) -> NDArray[np.int64]:
+def packet_times_ns(packets: Packets) -> NDArray[np.int64]:
     """Return (N,) times of consecutive packets, on the host's clock.
 
     The host's stamps have the jitter of network and driver, often a millisecond; the lidar's
@@ -120,9 +122,8 @@ def packet_times_ns(packets: Sequence[Packet]) -> NDArray[np.int64]:
     clocks is the median over the packets. If the lidar's clock does not run (as in synthetic
     data), the host's stamps are used.
     """
-    host = np.array([packet.host_ns for packet in packets], dtype=np.int64)
-    device = np.array([packet.device_us for packet in packets], dtype=np.int64)
-    steps_ns = np.diff(device) % _HOUR_US * 1000
+    host = packets.host_ns
+    steps_ns = np.diff(packets.device_us) % _HOUR_US * 1000
     # Over a blind arc steps are long, by both clocks.
     runs = (steps_ns > 0) & (
         (steps_ns <= LONGEST_PAUSE_NS) | (abs(steps_ns - np.diff(host)) <= LONGEST_PAUSE_NS)
@@ -144,114 +145,146 @@ class RevolutionCutter:
     def __init__(self, cut_angle_deg: float | None) -> None:
         self._angle = cut_angle_deg
         self._cut = 0
-        self._current = Revolution()
+        self._blind = (0, 0)
         self._spin: Spin | None = None
-        self._waiting: list[tuple[Packet, int]] = []
-        self._turned = 0
+        self._waiting: list[_Logged] = []  # until the spin is known
+        self._current: list[_Logged] = []  # since the last cut
+        self._last: Packets | None = None
 
-    def push(self, packet: Packet, log_time_ns: int) -> list[Revolution]:
-        """Add the next packet; return the revolutions that are known to have ended before it."""
+    def push(self, packets: Packets, log_times_ns: NDArray[np.int64]) -> list[Revolution]:
+        """Add the next packets; return the revolutions that are known to have ended.
+
+        Args:
+            packets: the packets.
+            log_times_ns: (N,) log times of their messages.
+        """
         if self._spin is not None:
-            ended = self._take(packet, log_time_ns, self._spin)
-            return [] if ended is None else [ended]
-        if self._waiting:
-            self._turned += _advance(self._waiting[-1][0], packet)
-        self._waiting.append((packet, log_time_ns))
-        since_first_ns = packet.host_ns - self._waiting[0][0].host_ns
-        if self._turned >= _LEARNT_TURNS * _TURN or since_first_ns > _LEARNT_NS:
-            return self._learn()
-        return []
+            return self._take(packets, log_times_ns, self._spin)
+        self._waiting.append((packets, log_times_ns))
+        packets, log_times_ns = _joined(self._waiting)
+        turned = np.cumsum(_advance(packets[:-1], packets[1:]))
+        since_first_ns = packets.host_ns[1:] - packets.host_ns[:1]
+        known = np.flatnonzero((turned >= _LEARNT_TURNS * _TURN) | (since_first_ns > _LEARNT_NS))
+        if not len(known):
+            return []
+        return self._learn(packets, log_times_ns, int(known[0]) + 2)
 
     def flush(self) -> list[Revolution]:
         """Return the remaining revolutions, the last one as far as it was recorded."""
-        revolutions = self._learn()
-        last, self._current = self._current, Revolution()
-        return [*revolutions, last] if last.packets else revolutions
-
-    def _learn(self) -> list[Revolution]:
-        """Return the revolutions that ended before the spin of the lidar was known."""
+        revolutions = []
         if self._spin is None:
-            self._spin = _spin([packet for packet, _ in self._waiting])
-            blind = self._spin.blind
-            if self._angle is not None:
-                self._cut = round(self._angle * 100) % _TURN
-            elif blind is not None:
-                self._cut = sum(blind) // 2 % _TURN
-        waiting, self._waiting = self._waiting, []
-        taken = [self._take(packet, log_time_ns, self._spin) for packet, log_time_ns in waiting]
-        return [revolution for revolution in taken if revolution is not None]
+            packets, log_times_ns = _joined(self._waiting)
+            revolutions = self._learn(packets, log_times_ns, len(packets))
+        return [*revolutions, self._end(None)] if self._current else revolutions
 
-    def _take(self, packet: Packet, log_time_ns: int, spin: Spin) -> Revolution | None:
-        ended = None
-        current = self._current
-        if current.packets:
-            before = current.packets[-1]
-            advance = _advance(before, packet)
-            # Asked of each packet: most come sooner than any pause lasts.
-            waited = packet.host_ns - before.host_ns > LONGEST_PAUSE_NS
-            paused = waited and _pause(before, packet, advance, spin.turn_ns)
-            returned = current.azimuths[-1] + advance >= _TURN
-            lasts_ns = packet.host_ns - current.packets[0].host_ns
-            stuck = lasts_ns > LONGEST_REVOLUTION_NS or len(current.packets) >= MOST_PACKETS
-            if paused or returned or stuck:
-                ended = current
-                ended.next_packet = packet if returned and not paused else None
-                current = self._current = Revolution()
-        if not current.packets and spin.blind is not None:
+    def _learn(self, packets: Packets, log_times_ns: NDArray[np.int64], number: int) -> list[Revolution]:
+        """Learn the spin from the first packets; return the revolutions that have ended by the last one."""
+        self._spin = spin = _spin(packets[:number])
+        if self._angle is not None:
+            self._cut = round(self._angle * 100) % _TURN
+        elif spin.blind is not None:
+            self._cut = sum(spin.blind) // 2 % _TURN
+        if spin.blind is not None:
             begin = (spin.blind[0] - self._cut) % _TURN
-            current.blind = (begin, begin + spin.blind[1] - spin.blind[0])
-        current.packets.append(packet)
-        current.azimuths.append((packet.azimuth - self._cut) % _TURN)
-        current.log_times_ns.append(log_time_ns)
+            self._blind = (begin, begin + spin.blind[1] - spin.blind[0])
+        self._waiting = []
+        return self._take(packets, log_times_ns, spin)
+
+    def _take(self, packets: Packets, log_times_ns: NDArray[np.int64], spin: Spin) -> list[Revolution]:
+        if not len(packets):
+            return []
+        before = Packets.joined([packets[:1] if self._last is None else self._last, packets[:-1]])
+        advance = _advance(before, packets)
+        paused = _pause(before, packets, advance, spin.turn_ns)
+        returned = (before.azimuths - self._cut) % _TURN + advance >= _TURN
+        if self._last is None:
+            paused[0] = returned[0] = False
+        self._last = packets[-1:]
+        ended, begin = [], 0
+        for end in [*np.flatnonzero(paused | returned).tolist(), len(packets)]:
+            while (stuck := self._stuck(packets.host_ns, begin, end)) < end:
+                self._add(packets[begin:stuck], log_times_ns[begin:stuck])
+                ended.append(self._end(None))
+                begin = stuck
+            self._add(packets[begin:end], log_times_ns[begin:end])
+            if end < len(packets):
+                ended.append(self._end(packets[end : end + 1] if returned[end] and not paused[end] else None))
+            begin = end
         return ended
 
+    def _stuck(self, host_ns: NDArray[np.int64], begin: int, end: int) -> int:
+        """Return the first of some packets that is too many for the current revolution, or comes too late; else the end."""
+        first_ns = (
+            self._current[0][0].host_ns[0] if self._current else host_ns[begin : begin + 1].max(initial=0)
+        )
+        number = sum(len(packets) for packets, _ in self._current)
+        late = np.flatnonzero(host_ns[begin:end] - first_ns > LONGEST_REVOLUTION_NS)
+        return min(end, begin + MOST_PACKETS - number, begin + int(late[0]) if len(late) else end)
 
-def _forward(before: Packet, after: Packet) -> int:
-    return (after.azimuth - before.azimuth) % _TURN
+    def _add(self, packets: Packets, log_times_ns: NDArray[np.int64]) -> None:
+        if len(packets):
+            self._current.append((packets, log_times_ns))
+
+    def _end(self, following: Packets | None) -> Revolution:
+        (packets, log_times_ns), self._current = _joined(self._current), []
+        azimuths = (packets.azimuths - self._cut) % _TURN
+        return Revolution(packets, azimuths, int(log_times_ns[-1]), following, self._blind)
 
 
-def _elapsed_ns(before: Packet, after: Packet) -> int:
-    """Return the time between two packets by the lidar's clock or, if it does not run, the host's; maybe negative."""
+def _joined(parts: Sequence[_Logged]) -> _Logged:
+    times_ns = [log_times_ns for _, log_times_ns in parts]
+    joined_ns = np.concatenate(times_ns) if times_ns else np.empty(0, dtype=np.int64)
+    return Packets.joined([packets for packets, _ in parts]), joined_ns
+
+
+def _forward(before: Packets, after: Packets) -> NDArray[np.int64]:
+    return (after.azimuths - before.azimuths) % _TURN
+
+
+def _elapsed_ns(before: Packets, after: Packets) -> NDArray[np.int64]:
+    """Return the time between packets by the lidar's clock or, if it does not run, the host's; maybe negative."""
     device_us = (after.device_us - before.device_us + _HOUR_US // 2) % _HOUR_US - _HOUR_US // 2
-    return device_us * 1000 if device_us else after.host_ns - before.host_ns
+    return np.where(device_us != 0, device_us * 1000, after.host_ns - before.host_ns)
 
 
-def _advance(before: Packet, after: Packet) -> int:
+def _advance(before: Packets, after: Packets) -> NDArray[np.int64]:
     """Return how far the lidar turned, hundredths of a degree; negative for a late packet, or jitter."""
     forward = _forward(before, after)
-    back = forward > _TURN // 2 and forward > _FASTEST_PER_NS * _elapsed_ns(before, after)
-    return forward - _TURN if back else forward
+    back = (forward > _TURN // 2) & (forward > _FASTEST_PER_NS * _elapsed_ns(before, after))
+    return np.where(back, forward - _TURN, forward)
 
 
-def _pause(before: Packet, after: Packet, advance: int, turn_ns: float) -> bool:
-    """Return whether more time has passed between two packets than the lidar needed, by both clocks.
+def _pause(before: Packets, after: Packets, advance: NDArray[np.int64], turn_ns: float) -> NDArray[np.bool_]:
+    """Return whether more time has passed between packets than the lidar needed, by both clocks.
 
     Hosts stamp late in bursts, and the lidar's clock may jump: a pause shows in both.
     """
-    needed_ns = max(0, advance) / _TURN * turn_ns
+    needed_ns = np.maximum(0, advance) / _TURN * turn_ns
     device_ns = (after.device_us - before.device_us) % _HOUR_US * 1000
     host_ns = after.host_ns - before.host_ns
-    return host_ns - needed_ns > LONGEST_PAUSE_NS and not 0 < device_ns <= needed_ns + LONGEST_PAUSE_NS
+    soon = (device_ns > 0) & (device_ns <= needed_ns + LONGEST_PAUSE_NS)
+    return (host_ns - needed_ns > LONGEST_PAUSE_NS) & ~soon
 
 
-def _spin(packets: Sequence[Packet]) -> Spin:
+def _spin(packets: Packets) -> Spin:
     """Return the spin of the lidar that sent these consecutive packets."""
-    small_ns = small = turned = 0
-    jumps: list[tuple[int, int, int]] = []
-    for before, after in pairwise(packets):
-        advance, elapsed_ns = _advance(before, after), _elapsed_ns(before, after)
-        turned += advance
-        if advance > _MOST_MISSING:
-            jumps.append((before.azimuth, advance, elapsed_ns))
-        elif advance > 0 and 0 < elapsed_ns <= LONGEST_PAUSE_NS:
-            small_ns, small = small_ns + elapsed_ns, small + advance
-    turn_ns = small_ns / small * _TURN if small else _SLOWEST_TURN_NS
+    before, after = packets[:-1], packets[1:]
+    advance, elapsed_ns = _advance(before, after), _elapsed_ns(before, after)
+    jumped = advance > _MOST_MISSING
+    small = ~jumped & (advance > 0) & (elapsed_ns > 0) & (elapsed_ns <= LONGEST_PAUSE_NS)
+    small_ns, small_turn = int(elapsed_ns[small].sum()), int(advance[small].sum())
+    turn_ns = small_ns / small_turn * _TURN if small_turn else _SLOWEST_TURN_NS
     arcs = [
         (begin, width)
-        for begin, width, elapsed_ns in jumps
-        if abs(elapsed_ns - width / _TURN * turn_ns) <= LONGEST_PAUSE_NS
+        for begin, width, lasted_ns in zip(
+            before.azimuths[jumped].tolist(),
+            advance[jumped].tolist(),
+            elapsed_ns[jumped].tolist(),
+            strict=True,
+        )
+        if abs(lasted_ns - width / _TURN * turn_ns) <= LONGEST_PAUSE_NS
     ]
-    return Spin(turn_ns, _blind_arc(arcs, turned / _TURN))
+    return Spin(turn_ns, _blind_arc(arcs, int(advance.sum()) / _TURN))
 
 
 def _blind_arc(arcs: Sequence[tuple[int, int]], turns: float) -> tuple[int, int] | None:

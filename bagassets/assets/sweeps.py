@@ -19,17 +19,14 @@ from bagassets.assets.lidar_sweeps import (
     LidarSettings,
     LidarUse,
     LidarWriter,
-    PacketSweeps,
-    PacketUse,
 )
+from bagassets.assets.packet_sweeps import PacketSweeps, PacketUse
 from bagassets.assets.radar_sweeps import RadarSettings, RadarSweeps, RadarUse
 from bagassets.assets.sweep_files import SweepFiles
 from bagassets.assets.topic_types import require_decoder
 from bagassets.decode.fields import check_points, stamp_ns
-from bagassets.decode.packets import PAYLOADS
 from bagassets.decode.point_times import Moment
 from bagassets.errors import DecodeError, LossLimitError, RecipeError
-from bagassets.geometry.tf_tree import normalise_frame
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.json_types import JsonObject
 from bagassets.quality.channel_rules import channels_complete
@@ -207,21 +204,23 @@ class SweepExtractor:
                 self._sweeps = RadarSweeps(use, self._files)
             case PacketUse():
                 writer = LidarWriter(use, self._files, trajectory)
-                self._sweeps = PacketSweeps(use, writer, self._fail_parts)
+                topic = recording.topics[use.settings.topic]
+                self._sweeps = PacketSweeps(use, writer, topic, self._decoded, self._fail_parts)
             case CloudUse():
                 self._sweeps = CloudSweeps(use, LidarWriter(use, self._files, trajectory))
 
     def add(self, message: RawMessage) -> None:
         """Take the next message; one that cannot be decoded is counted as lost."""
         self._messages += 1
-        failed_before = self._failed_parts
+        if isinstance(self._sweeps, PacketSweeps):
+            self._sweeps.add(message)
+            return
         try:
-            frame_id = self._take(message)
+            frame_id = self._sweeps.add(self._decoded(message), message)
             self._frame_id = self._frame_id or frame_id
         except DecodeError as err:
             self._files.counts.read += 1
-            self._fail_parts(str(err), 1)
-        self._failed_messages += self._failed_parts > failed_before
+            self._fail_parts(str(err), 1, 1)
 
     def finish(self) -> JsonObject:
         """Write pending readings and the index; return the summary.
@@ -230,6 +229,8 @@ class SweepExtractor:
             LossLimitError: more was lost than the recipe allows, or the counts do not add up.
         """
         self._sweeps.finish()
+        if isinstance(self._sweeps, PacketSweeps):
+            self._frame_id = self._sweeps.frame_id
         self._check()
         use, files = self._use, self._files
         facts = {
@@ -250,15 +251,6 @@ class SweepExtractor:
         )
         return {**facts, "bytes": files.bytes}
 
-    def _take(self, message: RawMessage) -> str:
-        """Pass a message on to be written; return its frame."""
-        if isinstance(self._sweeps, PacketSweeps):
-            packet = self._recording.topics[message.topic].packet(message.data, PAYLOADS)
-            if packet is not None:
-                self._sweeps.add_packets([(packet.stamp_ns, packet.payload)], message.log_time_ns)
-                return self._frame_id or normalise_frame(packet.frame_id)
-        return self._sweeps.add(self._decoded(message), message)
-
     def _decoded(self, message: RawMessage) -> Message:
         decoded = self._recording.decode(message)
         settings = self._use.settings
@@ -271,8 +263,9 @@ class SweepExtractor:
                 raise DecodeError(NO_STAMP)
         return decoded
 
-    def _fail_parts(self, reason: str, number: int) -> None:
+    def _fail_parts(self, reason: str, number: int, messages: int) -> None:
         self._failed_parts += number
+        self._failed_messages += messages
         self._first_error = self._first_error or reason
         self._files.lose(reason, number)
 

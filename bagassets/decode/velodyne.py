@@ -1,4 +1,4 @@
-"""Velodyne data packets: parsing them, and decoding a revolution of them into points.
+"""Velodyne data packets: telling them from others, and decoding a revolution of them into points.
 
 A data packet is the 1206-byte UDP payload that all Velodyne spinning lidars send: twelve blocks
 of flag, azimuth and 32 returns, a 32-bit time in microseconds since the top of the hour, the
@@ -15,32 +15,26 @@ that another library or processor might round differently.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from struct import Struct
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 import velodyne_decoder
 from numpy.typing import NDArray
 from velodyne_decoder.velodyne_decoder_pylib import TimePair
 
-from bagassets.decode.packets import VELODYNE_PACKET_SIZE, is_velodyne_packet
 from bagassets.decode.velodyne_lasers import Head, all_azimuths, head_of
 from bagassets.errors import DecodeError, RecipeError
-from bagassets.kernels.returns import PACKET, RETURNS, Angles, Floats, take_returns
+from bagassets.kernels.returns import ALL_AZIMUTHS, BANK_FLAGS, PACKET, RETURNS, Angles, Floats, take_returns
 
 __all__ = [
     "POSITION_PACKET_SIZE",
-    "Packet",
-    "PacketParser",
+    "PacketFilter",
     "PacketPoints",
+    "Packets",
     "RevolutionDecoder",
 ]
 
 POSITION_PACKET_SIZE = 512  # NMEA sentences and temperatures, sent to another port of the same host
-
-_HEAD = Struct("<HH")  # flag and azimuth of the first block
-_TAIL = Struct("<IBB")  # microseconds, return mode, product id
-_TAIL_OFFSET = VELODYNE_PACKET_SIZE - _TAIL.size
 
 # Packets decoded at a time: the times of their returns count from the first one, in single precision.
 _CHUNK = 64
@@ -71,20 +65,43 @@ _SELF_EXPLANATORY = {
 MODEL_NAMES = "HDL-32E, VLP-16, Puck Hi-Res, VLP-32A, VLP-32B, VLP-32C, VLS-128"
 
 
-class Packet(NamedTuple):
-    """One data packet.
+@dataclass(frozen=True, slots=True, eq=False)
+class Packets:
+    """Data packets, in the order in which they were recorded.
 
     Attributes:
-        host_ns: when the host received it, on the clock of the recipe.
-        device_us: the lidar's own time, microseconds since the top of the hour.
-        azimuth: of its first block, hundredths of a degree, clockwise from the x axis.
-        data: its 1206 bytes.
+        host_ns: (N,) when the host received them, on the clock of the recipe.
+        device_us: (N,) the lidar's own times, microseconds since the top of the hour.
+        azimuths: (N,) of their first blocks, hundredths of a degree, clockwise from the x axis.
+        data: (N,) `PACKET`, all that is in them.
     """
 
-    host_ns: int
-    device_us: int
-    azimuth: int
-    data: bytes
+    host_ns: NDArray[np.int64]
+    device_us: NDArray[np.int64]
+    azimuths: NDArray[np.int64]
+    data: NDArray[np.void]
+
+    @classmethod
+    def of(cls, host_ns: NDArray[np.int64], data: NDArray[np.void]) -> "Packets":
+        """Return packets received at (N,) times."""
+        azimuths = data["blocks"]["azimuth"][:, 0].astype(np.int64)
+        return cls(host_ns, data["us"].astype(np.int64), azimuths, data)
+
+    @classmethod
+    def joined(cls, parts: "Sequence[Packets]") -> "Packets":
+        """Return packets that follow each other."""
+        if not parts:
+            return cls.of(np.empty(0, dtype=np.int64), np.empty(0, dtype=PACKET))
+        if len(parts) == 1:
+            return parts[0]
+        columns = ("host_ns", "device_us", "azimuths", "data")
+        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in columns))
+
+    def __getitem__(self, which: slice) -> "Packets":
+        return Packets(self.host_ns[which], self.device_us[which], self.azimuths[which], self.data[which])
+
+    def __len__(self) -> int:
+        return len(self.host_ns)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,8 +112,8 @@ class PacketPoints:
     times_ns: NDArray[np.int64]
 
 
-class PacketParser:
-    """Reads the facts about each packet that are needed before decoding, and refuses other bytes.
+class PacketFilter:
+    """Tells what is no data packet of the lidar.
 
     Args:
         model: name of the model; None to go by the product id of the first packet.
@@ -108,37 +125,35 @@ class PacketParser:
     def __init__(self, model: str | None) -> None:
         self._product = None if model is None else _model(model)[1]
 
-    def parse(self, host_ns: int, data: bytes) -> Packet:
-        """Return the packet.
-
-        Raises:
-            DecodeError: these bytes are no data packet of the lidar.
-        """
-        if len(data) != VELODYNE_PACKET_SIZE:
-            raise DecodeError(f"it holds no data packet of {VELODYNE_PACKET_SIZE} bytes")
-        _, azimuth = _HEAD.unpack_from(data)
-        device_us, _, product = _TAIL.unpack_from(data, _TAIL_OFFSET)
-        if not is_velodyne_packet(data):
-            raise DecodeError("its packet does not start with the flag and azimuth of a Velodyne block")
+    def refusals(self, data: NDArray[np.void]) -> dict[int, str]:
+        """Return index -> reason of those of the (N,) `PACKET` that are no data packets of the lidar."""
+        begins = data["blocks"][:, 0]
+        reasons = dict.fromkeys(
+            np.flatnonzero((begins["flag"] != BANK_FLAGS[0]) | (begins["azimuth"] >= ALL_AZIMUTHS)).tolist(),
+            "its packet does not start with the flag and azimuth of a Velodyne block",
+        )
+        products = data["product"]
         if self._product is None:
-            self._product = self._first(product)
-        if product != self._product:
-            raise DecodeError("its packet is of another Velodyne model than the channel's")
-        return Packet(host_ns, device_us, azimuth, data)
-
-    def _first(self, product: int) -> int:
-        if product not in _SELF_EXPLANATORY:
-            raise DecodeError(
-                f"its packet does not tell the model of the lidar; set `model` to one of {MODEL_NAMES}"
-            )
-        return product
+            for index, product in enumerate(products.tolist()):
+                if index in reasons:
+                    continue
+                if product in _SELF_EXPLANATORY:
+                    self._product = product
+                    break
+                reasons[index] = (
+                    f"its packet does not tell the model of the lidar; set `model` to one of {MODEL_NAMES}"
+                )
+        if self._product is not None:
+            for index in np.flatnonzero(products != self._product).tolist():
+                reasons.setdefault(index, "its packet is of another Velodyne model than the channel's")
+        return reasons
 
 
 class RevolutionDecoder:
     """Decodes packets into points. Use one per stream, because VLS-128 firing times are learnt from its packets.
 
     Args:
-        model: as for `PacketParser`.
+        model: as for `PacketFilter`.
     """
 
     def __init__(self, model: str | None) -> None:
@@ -147,7 +162,7 @@ class RevolutionDecoder:
         self._points = np.empty((0, 5), dtype=np.float32)
         self._times_ns = np.empty(0, dtype=np.int64)
 
-    def decode(self, packets: Sequence[Packet], times_ns: NDArray[np.int64]) -> PacketPoints:
+    def decode(self, packets: Packets, times_ns: NDArray[np.int64]) -> PacketPoints:
         """Decode the returns in `packets`, whose first firings were at (M,) `times_ns`.
 
         Both returns of a dual-return lidar are points; equal ones count once. Intensity is the
@@ -162,20 +177,18 @@ class RevolutionDecoder:
         if not len(packets):
             return PacketPoints(self._points[:0], self._times_ns[:0])
         if self._decoder is None:
-            self._decoder = self._choose(packets[0])
+            self._decoder = self._choose(int(packets.data["product"][0]))
         if len(self._points) < len(packets) * RETURNS:
             self._points = np.empty((len(packets) * RETURNS, 5), dtype=np.float32)
             self._times_ns = np.empty(len(self._points), dtype=np.int64)
         firsts_ns = np.repeat(times_ns[::_CHUNK], _CHUNK)[: len(packets)]
-        joined = np.frombuffer(b"".join(packet.data for packet in packets), dtype=PACKET)
-        number = self._decoder.take(joined, times_ns, firsts_ns, self._points, self._times_ns)
+        number = self._decoder.take(packets.data, times_ns, firsts_ns, self._points, self._times_ns)
         return PacketPoints(self._points[:number], self._times_ns[:number])
 
-    def _choose(self, first: Packet) -> "_Decoder":
+    def _choose(self, product: int) -> "_Decoder":
         turn = all_azimuths()
         if turn is None:
             return _Library(self._model)
-        product = first.data[-1]
         return _MachineCode(head_of(self._model or _SELF_EXPLANATORY[product], product), turn)
 
 

@@ -4,16 +4,19 @@ A lidar recorded packet by packet sends thousands of messages a second. Decoding
 addresses and ports, costs several times as much as what is then done with the packet.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 from struct import Struct
 
+import numpy as np
+from numpy.typing import NDArray
 from rosbags.interfaces import Nodetype
 
 from bagassets.recordings.known_types import FieldType
 from bagassets.recordings.layouts import Layout
 from bagassets.recordings.model import SkimmedPacket
 
-__all__ = ["HEADER", "Skimmer", "packet_skimmer"]
+__all__ = ["HEADER", "PacketSkimmer", "SkimmedPackets", "packet_skimmer"]
 
 HEADER = "std_msgs/msg/Header"
 _HEADER_FIELDS = ["seq", "stamp", "frame_id"]
@@ -25,17 +28,72 @@ _SIZES = {
 }
 
 _FIRST = Struct("<4xiII")  # after the sequence number: seconds, nanoseconds, length of the frame id
+_STAMP = np.dtype([("seconds", "<i4"), ("nanoseconds", "<u4")])
+_STAMP_BEGIN, _STAMP_END = 4, 12
 _LENGTH = Struct("<I")
 
 
-Skimmer = Callable[[bytes | memoryview], SkimmedPacket | None]
+@dataclass(frozen=True, slots=True, eq=False)
+class SkimmedPackets:
+    """Packets of messages with one frame id, all of the same size.
+
+    Attributes:
+        stamps_ns: (N,) of their headers.
+        frame_id: of their headers.
+        payloads: (N, L) bytes.
+    """
+
+    stamps_ns: NDArray[np.int64]
+    frame_id: str
+    payloads: NDArray[np.uint8]
 
 
-def packet_skimmer(layout: Layout, payloads: Sequence[str]) -> Skimmer | None:
-    """Return a function that reads packet messages of a type, or None if their layout is not simple.
+@dataclass(frozen=True, slots=True)
+class PacketSkimmer:
+    """Reads messages of one type whose layout is simple: header, fields of fixed size, bytes of the packet.
 
-    A simple layout is that of a ROS 1 message with a header, then fields of fixed size, then the bytes. The function returns
-    None for a message whose length is wrong: decoding it raises the proper error.
+    Attributes:
+        between: size of the fields of fixed size.
+    """
+
+    between: int
+
+    def one(self, data: bytes | memoryview) -> SkimmedPacket | None:
+        """Read one message; None if its length is wrong: decoding it raises the proper error."""
+        if len(data) < _FIRST.size:
+            return None
+        seconds, nanoseconds, length = _FIRST.unpack_from(data)
+        frame_end = _FIRST.size + length
+        begin = frame_end + self.between + _LENGTH.size
+        if begin > len(data) or _LENGTH.unpack_from(data, begin - _LENGTH.size)[0] != len(data) - begin:
+            return None
+        try:
+            frame = str(data[_FIRST.size : frame_end], "utf-8")
+        except UnicodeDecodeError:
+            return None
+        return SkimmedPacket(seconds * 1_000_000_000 + nanoseconds, frame, bytes(data[begin:]))
+
+    def alike(self, messages: Sequence[bytes]) -> SkimmedPackets | None:
+        """Read messages at once; None if they are not alike, of one frame and length, or cannot be read."""
+        sizes = {len(message) for message in messages}
+        first = self.one(messages[0]) if len(sizes) == 1 else None
+        if first is None:
+            return None
+        rows = np.frombuffer(b"".join(messages), dtype=np.uint8).reshape(len(messages), -1)
+        begin = rows.shape[1] - len(first.payload)
+        frame, length = (
+            rows[:, _STAMP_END : begin - self.between - _LENGTH.size],
+            rows[:, begin - _LENGTH.size : begin],
+        )
+        if (frame != frame[0]).any() or (length != length[0]).any():
+            return None
+        stamps = np.ascontiguousarray(rows[:, _STAMP_BEGIN:_STAMP_END]).view(_STAMP)[:, 0]
+        stamps_ns = stamps["seconds"].astype(np.int64) * 1_000_000_000 + stamps["nanoseconds"]
+        return SkimmedPackets(stamps_ns, first.frame_id, np.ascontiguousarray(rows[:, begin:]))
+
+
+def packet_skimmer(layout: Layout, payloads: Sequence[str]) -> PacketSkimmer | None:
+    """Return what reads packet messages of a type, or None if their layout is not simple.
 
     Args:
         layout: of the type.
@@ -51,25 +109,7 @@ def packet_skimmer(layout: Layout, payloads: Sequence[str]) -> Skimmer | None:
     if kinds[-1][0] != Nodetype.SEQUENCE or _fixed_size(kinds[-1][1][0]) != 1:
         return None
     sizes = [_fixed_size(kind) for kind in kinds[1:-1]]
-    if None in sizes:
-        return None
-    between = sum(size or 0 for size in sizes)
-
-    def skim(data: bytes | memoryview) -> SkimmedPacket | None:
-        if len(data) < _FIRST.size:
-            return None
-        seconds, nanoseconds, length = _FIRST.unpack_from(data)
-        frame_end = _FIRST.size + length
-        begin = frame_end + between + _LENGTH.size
-        if begin > len(data) or _LENGTH.unpack_from(data, begin - _LENGTH.size)[0] != len(data) - begin:
-            return None
-        try:
-            frame = str(data[_FIRST.size : frame_end], "utf-8")
-        except UnicodeDecodeError:
-            return None
-        return SkimmedPacket(seconds * 1_000_000_000 + nanoseconds, frame, bytes(data[begin:]))
-
-    return skim
+    return None if None in sizes else PacketSkimmer(sum(size or 0 for size in sizes))
 
 
 def _fixed_size(kind: FieldType) -> int | None:

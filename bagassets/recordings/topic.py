@@ -18,7 +18,7 @@ from bagassets.recipe.model import Limits
 from bagassets.recordings.known_types import FieldType
 from bagassets.recordings.layouts import Choice, Layout, choice_of
 from bagassets.recordings.model import Definition, Message, Serialization, SkimmedPacket
-from bagassets.recordings.skim import HEADER, Skimmer, packet_skimmer
+from bagassets.recordings.skim import HEADER, PacketSkimmer, SkimmedPackets, packet_skimmer
 
 __all__ = ["RefusedBytes", "Topic", "TopicSource", "merge_topics", "normalise_msgtype"]
 
@@ -86,7 +86,7 @@ class Topic:
         self._own = source.definition
         self._folders = tuple(message_definitions)
         self._limits = limits or Limits()
-        self._skimmers: dict[tuple[str, ...], Skimmer | None] = {}
+        self._skimmers: dict[tuple[str, ...], PacketSkimmer | None] = {}
         self.problem = source.problem
         if self.problem is None and isinstance(self._layouts, str):
             self.problem = self._layouts
@@ -126,11 +126,20 @@ class Topic:
             data: the message.
             payloads: possible names of the field that holds the packet.
         """
+        skimmer = self._skimmer(payloads)
+        return None if skimmer is None or isinstance(data, RefusedBytes) else skimmer.one(data)
+
+    def packets(self, messages: Sequence[bytes], payloads: tuple[str, ...]) -> SkimmedPackets | None:
+        """Return header and bytes of the packets in messages, as `packet`; None if the messages are not alike, too."""
+        skimmer = self._skimmer(payloads)
+        refused = skimmer is None or any(isinstance(data, RefusedBytes) for data in messages)
+        return None if skimmer is None or refused else skimmer.alike(messages)
+
+    def _skimmer(self, payloads: tuple[str, ...]) -> PacketSkimmer | None:
         if payloads not in self._skimmers:
             layout = None if self.is_ambiguous else self.layout
             self._skimmers[payloads] = None if layout is None else packet_skimmer(layout, payloads)
-        skim = self._skimmers[payloads]
-        return None if skim is None or isinstance(data, RefusedBytes) else skim(data)
+        return self._skimmers[payloads]
 
     @property
     def has_definition(self) -> bool:
