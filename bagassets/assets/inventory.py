@@ -91,15 +91,19 @@ def make_inventory(recording: Recording, out: ArtifactWriter, *, size: int) -> J
     fix_types = own_types("fix")
     refused: Counter[tuple[str, str]] = Counter()
     recording.check_content()
+    readable = {name: info for name, info in recording.topics.items() if info.problem is None}
+    unprobed = dict(probes)
     for number, message in enumerate(recording.messages(list(recording.topics))):
-        name, info = message.topic, recording.topics[message.topic]
-        if isinstance(message.data, RefusedBytes):
-            refused[name, message.data.reason] += 1
-        logs[name].add(message, info.header(message.data) if info.problem is None else None)
-        if name in probes:
-            probes[name].add(message)
+        name, msgtype, _, data = message
+        info = readable.get(name)
+        if isinstance(data, RefusedBytes):
+            refused[name, data.reason] += 1
+        logs[name].add(message, None if info is None else info.header(data))
+        probe = unprobed.get(name)
+        if probe is not None and probe.add(message):
+            del unprobed[name]
         kept.add(number, message)
-        if info.msgtype in fix_types and info.problem is None:
+        if info is not None and msgtype in fix_types:
             _take_fix(info, message, fixes)
     _refuse_shortfall(recording, logs)
     write_pack(out, kept.in_order())
@@ -238,12 +242,9 @@ class _TopicProbe:
         self._misfits = 0
         self._reason = ""
         self._fits = False
-        self._done = False
 
-    def add(self, message: RawMessage) -> None:
-        """Take the next message."""
-        if self._done:
-            return
+    def add(self, message: RawMessage) -> bool:
+        """Take the next message; return whether no more are needed."""
         try:
             self._topic.decode(message.data)
         except DecodeError as err:
@@ -252,7 +253,7 @@ class _TopicProbe:
         else:
             self._fits = True
         enough = self._fits or self._misfits == MOST_MISFITS
-        self._done = enough and not self._topic.is_ambiguous
+        return enough and not self._topic.is_ambiguous
 
     @property
     def problem(self) -> str | None:

@@ -1,6 +1,7 @@
 """Facts that the inventory collects about one topic while it reads the recording."""
 
 from array import array
+from struct import Struct
 
 import numpy as np
 from blake3 import blake3
@@ -15,6 +16,11 @@ GAP_FACTOR = 5
 MOST_GAPS = 20
 MOST_FRAMES = 5
 
+_LENGTHS = Struct("<qQ")  # log time, length
+# Hashing takes several times as long piece by piece, if the pieces are small.
+_SMALL_BYTES = 16 * 1024
+_HELD_BYTES = 64 * 1024
+
 
 class TopicLog:
     """Counts, times and the content digest of one topic.
@@ -27,6 +33,7 @@ class TopicLog:
     def __init__(self, msgtype: str) -> None:
         self.bytes = 0
         self._hasher = blake3(msgtype.encode() + b"\0")
+        self._to_hash = bytearray()
         self._times = array("q")
         self._stamps = array("q")
         self._stamped_times = array("q")
@@ -41,13 +48,17 @@ class TopicLog:
 
     def add(self, message: RawMessage, header: tuple[int, str] | None) -> None:
         """Take the next message."""
-        data = message.data
-        self.bytes += len(data)
-        self._hasher.update(
-            message.log_time_ns.to_bytes(8, "little", signed=True) + len(data).to_bytes(8, "little")
-        )
-        self._hasher.update(data)
-        self._times.append(message.log_time_ns)
+        _, _, log_time_ns, data = message
+        size = len(data)
+        self.bytes += size
+        self._to_hash += _LENGTHS.pack(log_time_ns, size)
+        if size <= _SMALL_BYTES:
+            self._to_hash += data
+        if size > _SMALL_BYTES or len(self._to_hash) >= _HELD_BYTES:
+            self._hash()
+        if size > _SMALL_BYTES:
+            self._hasher.update(data)
+        self._times.append(log_time_ns)
         if header is None:
             return
         stamp_ns, frame = header
@@ -56,9 +67,13 @@ class TopicLog:
             if self._first_unordered_ns is None:
                 self._first_unordered_ns = stamp_ns
         self._stamps.append(stamp_ns)
-        self._stamped_times.append(message.log_time_ns)
+        self._stamped_times.append(log_time_ns)
         if frame and frame not in self._frames and len(self._frames) < MOST_FRAMES:
             self._frames[frame] = None
+
+    def _hash(self) -> None:
+        self._hasher.update(self._to_hash)
+        self._to_hash.clear()
 
     def as_json(self, layout_digest: str) -> JsonObject:
         """Return the facts in the form of `inventory.json`.
@@ -66,6 +81,7 @@ class TopicLog:
         Args:
             layout_digest: digest of the layout of messages; empty if it is not known.
         """
+        self._hash()
         times = np.array(self._times, dtype=np.int64)
         stamps = np.array(self._stamps, dtype=np.int64)
         offsets = np.array(self._stamped_times, dtype=np.int64) - stamps

@@ -7,12 +7,12 @@ than reading the file. Headers of one connection differ in their time only (http
 
 import os
 from collections.abc import Collection, Iterator, Sequence
-from heapq import merge
 from io import BytesIO
-from itertools import repeat
 from pathlib import Path
 from struct import Struct
 
+import numpy as np
+from numpy.typing import NDArray
 from rosbags import rosbag1
 from rosbags.interfaces import Connection, ConnectionExtRosbag1, MessageDefinition, MessageDefinitionFormat
 from rosbags.rosbag1.reader import Chunk, ChunkInfo, Header, IndexData, RecordType
@@ -31,6 +31,7 @@ __all__ = ["Rosbag1Recording"]
 
 _SIZE = Struct("<I")
 _TIME = Struct("<II")
+_BLOCK = 100_000
 
 
 class Rosbag1Recording(Recording):
@@ -70,10 +71,17 @@ class Rosbag1Recording(Recording):
             for connection in reader.connections
             if connection.topic in topics
         ]
-        indexes = [zip(reader.indexes[r.connection], repeat(r), strict=False) for r in records]
-        for entry, connection in merge(*indexes, key=_time_ns):
-            data = detached(connection.data(chunks.at(entry.chunk_pos), entry))
-            yield RawMessage(connection.topic, connection.msgtype, entry.time, data)
+        entries = [entry for record in records for entry in reader.indexes[record.connection]]
+        owners = [record for record in records for _ in reader.indexes[record.connection]]
+        times_ns = np.fromiter((entry.time for entry in entries), dtype=np.int64, count=len(entries))
+        position, chunk = -1, b""
+        for place in _blocks(np.argsort(times_ns, kind="stable")):
+            entry, record = entries[place], owners[place]
+            if entry.chunk_pos != position:
+                position = entry.chunk_pos
+                chunk = chunks.at(position)
+            data = detached(record.data(chunk, entry))
+            yield RawMessage(record.topic, record.msgtype, entry.time, data)
 
     def close(self) -> None:
         """Close the file."""
@@ -194,10 +202,10 @@ class _Records:
         Raises:
             DamageError: there is no such message.
         """
-        begin = entry.offset
+        time_ns, _, begin = entry
         if self._around_time is not None:
             before, after = self._around_time
-            header = before + _TIME.pack(*divmod(entry.time, 10**9)) + after
+            header = before + _TIME.pack(*divmod(time_ns, 10**9)) + after
             if chunk.startswith(header, begin):
                 return _sized(chunk, begin + len(header))
         return _sized(chunk, self._parse(chunk, entry))
@@ -228,5 +236,7 @@ def _sized(data: bytes, begin: int) -> memoryview:
     return memoryview(data)[begin : begin + size]
 
 
-def _time_ns(indexed: tuple[IndexData, _Records]) -> int:
-    return indexed[0].time
+def _blocks(order: NDArray[np.int64]) -> Iterator[int]:
+    """Yield numbers without having a Python object for each of them at once."""
+    for begin in range(0, len(order), _BLOCK):
+        yield from order[begin : begin + _BLOCK].tolist()

@@ -7,7 +7,7 @@ topic has its own: a definition that does not parse, or that contradicts another
 import struct
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Literal, Self
 
@@ -21,6 +21,12 @@ from bagassets.recordings.model import Definition, Message, Serialization, Skimm
 from bagassets.recordings.skim import HEADER, PacketSkimmer, SkimmedPackets, packet_skimmer
 
 __all__ = ["RefusedBytes", "Topic", "TopicSource", "merge_topics", "normalise_msgtype"]
+
+_HEADS = {
+    order: struct.Struct(f"{order}iII") for order in "<>"
+}  # seconds, nanoseconds, length of the frame id
+_NUMBERS = {order: struct.Struct(f"{order}I") for order in "<>"}
+_LONGEST_KEPT = 100  # bytes of a frame id; damaged messages may have any
 
 
 def normalise_msgtype(name: str) -> str:
@@ -282,16 +288,26 @@ def _read_header(
     data: bytes | memoryview, serialization: Serialization, *, sequence: bool
 ) -> tuple[int, str] | None:
     if serialization == "ros1":
-        order, at = "<", 0
+        head, number, at = _HEADS["<"], _NUMBERS["<"], 0
     else:
-        order, at = ("<" if data[1] & 1 else ">"), 4
+        order = "<" if data[1] & 1 else ">"
+        head, number, at = _HEADS[order], _NUMBERS[order], 4
     if sequence:
-        (count,) = struct.unpack_from(f"{order}I", data, at)
+        (count,) = number.unpack_from(data, at)
         at += 4
         if count == 0:
             return None
     if serialization == "ros1":
         at += 4  # seq
-    seconds, nanoseconds, length = struct.unpack_from(f"{order}iII", data, at)
-    frame = bytes(data[at + 12 : at + 12 + length]).rstrip(b"\0").decode("utf-8", "replace")
-    return seconds * 1_000_000_000 + nanoseconds, frame.lstrip("/")
+    seconds, nanoseconds, length = head.unpack_from(data, at)
+    at += head.size
+    text = bytes(data[at : at + length])
+    frame = _kept_frame(text) if length <= _LONGEST_KEPT else _frame(text)
+    return seconds * 1_000_000_000 + nanoseconds, frame
+
+
+def _frame(text: bytes) -> str:
+    return text.rstrip(b"\0").decode("utf-8", "replace").lstrip("/")
+
+
+_kept_frame = lru_cache(maxsize=256)(_frame)
