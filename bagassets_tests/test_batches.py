@@ -7,7 +7,7 @@ from dagster._core.event_api import PartitionKeyFilter
 from dagster._core.loader import LoadingContextForTest
 from dagster._core.storage.partition_status_cache import get_and_update_asset_status_cache_value
 
-from bagassets.defs import batch_job, making, pending_work
+from bagassets.defs import batch_job, making, pending_work, project_build
 from bagassets.defs import batches as defs_batches
 from bagassets.defs.batches import batch_of, batches, without_steps
 from bagassets.defs.events import MADE_ALONG
@@ -90,7 +90,7 @@ def test_where_runs_wait_in_a_queue_their_number_follows_from_how_many_share_one
 
 
 def test_where_there_are_many_all_but_the_largest_do_without_steps():
-    sizes = {f"m{number}": 10**8 for number in range(8)} | {"large": 2 * 10**9}
+    sizes = {f"m{number}": 10**8 for number in range(8)} | {"large": 5 * 10**9}
     assert without_steps(sizes, 2) == sizes.keys() - {"large"}
     assert without_steps(sizes, 3) == frozenset()
     assert without_steps({}, 2) == frozenset()
@@ -325,6 +325,20 @@ def test_the_run_of_a_changed_recording_makes_the_dataset_too(tmp_path, monkeypa
     with pending_work.open_project(recipe_file) as (instance, _):
         *in_its_own, _ = dataset_records(instance, recipe_file)
         assert in_one_run == in_its_own
+
+
+@pytest.mark.parametrize("is_large", [False, True])
+def test_a_single_recording_has_steps_and_the_dataset_a_run_only_if_it_is_large(
+    tmp_path, monkeypatch, is_large
+):
+    recipe_file = make_project(tmp_path, ("a.bag",))
+    if is_large:
+        monkeypatch.setattr(project_build, "WORTH_STEPS_BYTES", 1000)
+    report, _ = build(recipe_file, monkeypatch, jobs=1)
+    assert (outcomes(report), report.dataset) == ({"a.bag": "built"}, "updated")
+    with pending_work.open_project(recipe_file) as (instance, _):
+        batches = [set(batch_of(run)) for run in instance.get_runs()]
+    assert batches == ([set(), set()] if is_large else [{"a.bag", DATASET}])
 
 
 def test_a_dataset_that_fails_beside_its_recording_is_reported_once(tmp_path, monkeypatch):

@@ -15,6 +15,7 @@ from bagassets.defs.naming import BATCH_JOB, BATCH_OP, Naming
 
 __all__ = [
     "SMALL_BYTES",
+    "WORTH_STEPS_BYTES",
     "Batch",
     "batch_config",
     "batch_of",
@@ -24,8 +25,12 @@ __all__ = [
 
 SMALL_BYTES = 16 * 2**20
 _LARGEST_BATCH_BYTES = 128 * 2**20
-# Half a second of Dagster's bookkeeping for steps is little beside what a larger one takes.
-_WORTH_STEPS_BYTES = 2**30
+WORTH_STEPS_BYTES = 4 * 2**30
+"""Up to here a recording does without a step for each asset, where the choice is free.
+
+Dagster's bookkeeping for steps, and a second run for the datasets, take a second: a tenth of what 2 GB take on two
+processors, and little beside a larger recording.
+"""
 _AT_ALL_BYTES = 2**20  # a recording costs as much as these, whatever its size
 _MOST_RECORDINGS = 50  # or about that, in one run: its log can still be read
 _FEWEST_PER_JOB = 4  # where there are fewer, a run each shows more and costs little
@@ -66,14 +71,14 @@ def batches(todo: Batch, sizes: Mapping[str, int], jobs: int, most_per_run: int 
 def without_steps(sizes: Mapping[str, int], jobs: int, most_per_run: int | None = None) -> frozenset[str]:
     """Return the recordings that do without a step for each asset, even if they have a run of their own.
 
-    Where there are many, nobody looks at the steps of one, and Dagster's bookkeeping for them would be a tenth of the build.
+    Where there are many, nobody looks at the steps of one.
 
     Args:
         sizes: partition key -> size in bytes, of all that need a run.
         jobs: as for `batches`.
         most_per_run: likewise.
     """
-    found = frozenset(key for key, size in sizes.items() if size <= _WORTH_STEPS_BYTES)
+    found = frozenset(key for key, size in sizes.items() if size <= WORTH_STEPS_BYTES)
     return found if _are_many(found, jobs, most_per_run) else frozenset()
 
 

@@ -18,7 +18,7 @@ from bagassets.build.disk_space import folders_written, require_disk_space, spac
 from bagassets.build.plan import Plan
 from bagassets.build.summary_rows import summary_rows
 from bagassets.build.unsettled import Unsettled
-from bagassets.defs.batches import SMALL_BYTES, Batch
+from bagassets.defs.batches import WORTH_STEPS_BYTES, Batch
 from bagassets.defs.dataset import record_inputs
 from bagassets.defs.events import recordings_made
 from bagassets.defs.instance_plan import InstancePlan
@@ -183,12 +183,12 @@ def build_project_in_worker(args: JsonObject) -> JsonObject:
 def _is_quick(before: PendingWork, batch: Batch, sizes: Mapping[str, int]) -> bool:
     """Return whether a second run, for the datasets, would take a good part of the time that a first one takes.
 
-    So it is where the recordings are small, or have been built before and little is to be made again. Elsewhere a step for
-    each asset shows more in the web UI.
+    So it is unless a recording is very large, and new: else little is to be made again. There a step for each asset shows
+    more in the web UI.
     """
     recorded = before.planned.recorded
     return bool(before.datasets) and all(
-        sizes[key] <= SMALL_BYTES or "inventory" in recorded.get(key, {}) for key in batch
+        sizes[key] <= WORTH_STEPS_BYTES or "inventory" in recorded.get(key, {}) for key in batch
     )
 
 
