@@ -94,8 +94,14 @@ class Packets:
             return cls.of(np.empty(0, dtype=np.int64), np.empty(0, dtype=PACKET))
         if len(parts) == 1:
             return parts[0]
-        columns = ("host_ns", "device_us", "azimuths", "data")
-        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in columns))
+        # As plain bytes: numpy copies structures field by field.
+        data = np.concatenate([part.data.view(np.uint8).reshape(-1, PACKET.itemsize) for part in parts])
+        return cls(
+            np.concatenate([part.host_ns for part in parts]),
+            np.concatenate([part.device_us for part in parts]),
+            np.concatenate([part.azimuths for part in parts]),
+            data.view(PACKET)[:, 0],
+        )
 
     def __getitem__(self, which: slice) -> "Packets":
         return Packets(self.host_ns[which], self.device_us[which], self.azimuths[which], self.data[which])

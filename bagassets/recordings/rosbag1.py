@@ -7,6 +7,7 @@ than reading the file. Headers of one connection differ in their time only (http
 
 import os
 from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
 from struct import Struct
@@ -31,7 +32,23 @@ __all__ = ["Rosbag1Recording"]
 
 _SIZE = Struct("<I")
 _TIME = Struct("<II")
+_ENTRY = np.dtype([("seconds", "<u4"), ("nanoseconds", "<u4"), ("offset", "<u4")])
 _BLOCK = 100_000
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Index:
+    """Where messages are.
+
+    Attributes:
+        times_ns: (N,) their log times.
+        positions: (N,) of their chunks in the file.
+        offsets: (N,) of their records in the chunks.
+    """
+
+    times_ns: NDArray[np.int64]
+    positions: NDArray[np.int64]
+    offsets: NDArray[np.int64]
 
 
 class Rosbag1Recording(Recording):
@@ -52,7 +69,7 @@ class Rosbag1Recording(Recording):
                 TopicSource(
                     connection.topic,
                     normalise_msgtype(connection.msgtype),
-                    connection.msgcount,
+                    self._reader.count(connection.id),
                     Definition("msg", connection.msgdef.data),
                     "ros1",
                 )
@@ -71,17 +88,14 @@ class Rosbag1Recording(Recording):
             for connection in reader.connections
             if connection.topic in topics
         ]
-        entries = [entry for record in records for entry in reader.indexes[record.connection]]
-        owners = [record for record in records for _ in reader.indexes[record.connection]]
-        times_ns = np.fromiter((entry.time for entry in entries), dtype=np.int64, count=len(entries))
-        position, chunk = -1, b""
-        for place in _blocks(np.argsort(times_ns, kind="stable")):
-            entry, record = entries[place], owners[place]
-            if entry.chunk_pos != position:
-                position = entry.chunk_pos
+        loaded, chunk = -1, b""
+        for number, time_ns, position, offset in _in_order([reader.index(r.connection) for r in records]):
+            record = records[number]
+            if position != loaded:
                 chunk = chunks.at(position)
-            data = detached(record.data(chunk, entry))
-            yield RawMessage(record.topic, record.msgtype, entry.time, data)
+                loaded = position
+            data = detached(record.data(chunk, time_ns, offset))
+            yield RawMessage(record.topic, record.msgtype, time_ns, data)
 
     def close(self) -> None:
         """Close the file."""
@@ -98,6 +112,7 @@ class _IndexReader(rosbag1.Reader):
         self._size = path.stat().st_size
         self.sizes = Sizes(path, self._size, limits)
         self._compression: dict[int, tuple[str, int]] = {}
+        self._entries: dict[int, list[tuple[int, NDArray[np.void]]]] = {}  # with the position of their chunk
         self._connections_read = 0
         self._index_bytes = 0
 
@@ -146,15 +161,40 @@ class _IndexReader(rosbag1.Reader):
             self.sizes.check_chunk(position, chunk.datasize)
         return chunk
 
-    def read_index_data(self, pos: int, indexes: dict[int, list[IndexData]]) -> None:
-        """Read the index of one connection in a chunk; a forged one could make the same bytes count many times."""
+    def read_index_data(self, pos: int, indexes: dict[int, list[IndexData]]) -> None:  # noqa: ARG002  (stays empty)
+        """Read the index of one connection in a chunk; a forged one could make the same bytes count many times.
+
+        `indexes` is left alone: an object for each message takes longer to make than the message to read.
+        """
         if self.bio is None:
             raise DamageError("the file was closed")
         begin = self.bio.tell()
-        super().read_index_data(pos, indexes)
+        header = Header.read(self.bio, RecordType.IDXDATA)
+        if header.get_uint32("ver") != 1:
+            raise DamageError(f"the index of the chunk at byte {pos} is of an unknown version")
+        (size,) = _SIZE.unpack(self.bio.read(_SIZE.size))
+        cut_off = self.bio.tell() + size > self._size  # asked before so much memory is
+        if size != header.get_uint32("count") * _ENTRY.itemsize or cut_off:
+            raise DamageError(f"the index of the chunk at byte {pos} is cut off")
+        data = self.bio.read(size)
         self._index_bytes += self.bio.tell() - begin
         if self._index_bytes > self._size:
             raise DamageError("its index names messages twice")
+        self._entries.setdefault(header.get_uint32("conn"), []).append((pos, np.frombuffer(data, _ENTRY)))
+
+    def index(self, connection: int) -> _Index:
+        """Return where the messages of a connection are."""
+        parts = self._entries.get(connection, [])
+        entries = np.concatenate([np.empty(0, _ENTRY), *(part for _, part in parts)])
+        positions = np.repeat(
+            np.array([position for position, _ in parts], dtype=np.int64), [len(part) for _, part in parts]
+        )
+        times_ns = entries["seconds"].astype(np.int64) * 10**9 + entries["nanoseconds"]
+        return _Index(times_ns, positions, entries["offset"].astype(np.int64))
+
+    def count(self, connection: int) -> int:
+        """Return the number of messages of a connection."""
+        return sum(len(part) for _, part in self._entries.get(connection, []))
 
     def load(self, position: int) -> bytes:
         """Return the uncompressed content of the chunk at a position of the file.
@@ -196,30 +236,28 @@ class _Records:
         self.msgtype = msgtype
         self._around_time: tuple[bytes, bytes] | None = None
 
-    def data(self, chunk: bytes, entry: IndexData) -> memoryview:
+    def data(self, chunk: bytes, time_ns: int, begin: int) -> memoryview:
         """Return the bytes of the message that the index announces, as a view of the chunk.
 
         Raises:
             DamageError: there is no such message.
         """
-        time_ns, _, begin = entry
         if self._around_time is not None:
             before, after = self._around_time
             header = before + _TIME.pack(*divmod(time_ns, 10**9)) + after
             if chunk.startswith(header, begin):
                 return _sized(chunk, begin + len(header))
-        return _sized(chunk, self._parse(chunk, entry))
+        return _sized(chunk, self._parse(chunk, time_ns, begin))
 
-    def _parse(self, chunk: bytes, entry: IndexData) -> int:
+    def _parse(self, chunk: bytes, time_ns: int, begin: int) -> int:
         """Return where the header of a record ends."""
         source = BytesIO(chunk)  # shares the bytes of the chunk
-        source.seek(entry.offset)
-        begin = entry.offset
+        source.seek(begin)
         while (header := Header.read(source)).get_uint8("op") == RecordType.CONNECTION:
             begin = source.seek(_SIZE.size + len(_sized(chunk, source.tell())), os.SEEK_CUR)
         end = source.tell()
         parsed = header.get_uint8("op"), header.get_uint32("conn"), header.get_time("time")
-        if parsed != (RecordType.MSGDATA, self.connection, entry.time):
+        if parsed != (RecordType.MSGDATA, self.connection, time_ns):
             raise DamageError(f"the index announces a message of {self.topic} where none is")
         before, stamp, after = chunk[begin:end].partition(b"time=" + header["time"])
         if stamp:
@@ -236,7 +274,19 @@ def _sized(data: bytes, begin: int) -> memoryview:
     return memoryview(data)[begin : begin + size]
 
 
-def _blocks(order: NDArray[np.int64]) -> Iterator[int]:
-    """Yield numbers without having a Python object for each of them at once."""
-    for begin in range(0, len(order), _BLOCK):
-        yield from order[begin : begin + _BLOCK].tolist()
+def _in_order(indexes: Sequence[_Index]) -> Iterator[tuple[int, int, int, int]]:
+    """Yield the number of the index, time, position and offset of each message, in order of time.
+
+    Of messages at the same time, those of the first index come first, as they are in the file.
+    """
+    if not indexes:
+        return
+    numbers = np.repeat(np.arange(len(indexes)), [len(index.times_ns) for index in indexes])
+    columns = [
+        numbers,
+        *(np.concatenate([getattr(index, name) for index in indexes]) for name in _Index.__slots__),
+    ]
+    order = np.argsort(columns[1], kind="stable")
+    for begin in range(0, len(order), _BLOCK):  # without a Python object for each message of the file at once
+        block = order[begin : begin + _BLOCK]
+        yield from zip(*(column[block].tolist() for column in columns), strict=True)
