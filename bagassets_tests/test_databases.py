@@ -18,7 +18,9 @@ from uuid import uuid4
 
 import dagster as dg
 import pytest
+from sqlalchemy import create_engine, text
 
+from bagassets.defs import databases
 from bagassets.defs.databases import database_errors_explained, ready_to_open
 from bagassets.defs.events import event_database
 from bagassets.defs.runs import open_instance
@@ -343,3 +345,16 @@ def test_a_build_waits_while_another_program_writes(tmp_path, monkeypatch):
         release.join()
     assert {outcome.result for outcome in report.outcomes.values()} == {"built"}
     assert build(recipe_file, monkeypatch, jobs=1)[1] == []
+
+
+def test_only_databases_that_are_being_created_are_written_without_waiting_for_the_disk(tmp_path):
+    def synchronous(path):
+        path.parent.mkdir(exist_ok=True)
+        with create_engine(f"sqlite:///{path}").connect() as connection:
+            return connection.execute(text("PRAGMA synchronous")).scalar()
+
+    usual = synchronous(tmp_path / "other" / "a.db")
+    with databases._unsynced(tmp_path / "new"):
+        assert synchronous(tmp_path / "new" / "a.db") == 0
+        assert synchronous(tmp_path / "other" / "a.db") == usual
+    assert synchronous(tmp_path / "new" / "a.db") == usual != 0
