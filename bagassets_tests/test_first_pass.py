@@ -25,7 +25,7 @@ from bagassets.recordings import decompress, digest, rosbag2
 from bagassets.recordings.digest import DigestIndex, recording_digest, recording_stat
 from bagassets.recordings.discover import discover
 from bagassets.recordings.pack import PackedRecording
-from bagassets.recordings.recording import Recording, RestrictedRecording
+from bagassets.recordings.recording import Recording
 from bagassets.sample.drive import Target, write_recordings
 from bagassets.sample.recipe import sample_recipe
 from bagassets.store import canonical
@@ -80,14 +80,15 @@ class Disk:
 
     def watch_messages(self, monkeypatch):
         """See where in the file the messages are that readers return, or the compressed chunks that hold them."""
-        disk, checked = self, Recording._checked
+        disk, guarded = self, Recording._guarded
 
-        def see(self, message, *args):
-            if not isinstance(self, PackedRecording | RestrictedRecording) and len(message.data) >= LARGE:
-                disk.find(bytes(message.data))
-            return checked(self, message, *args)
+        def see(self, topics):
+            for message in guarded(self, topics):
+                if not isinstance(self, PackedRecording) and len(message.data) >= LARGE:
+                    disk.find(bytes(message.data))
+                yield message
 
-        monkeypatch.setattr(Recording, "_checked", see)
+        monkeypatch.setattr(Recording, "_guarded", see)
         for name, real in decompress._DECOMPRESSORS.items():
 
             def unpack(packed, most_bytes, real=real):
