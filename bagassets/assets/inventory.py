@@ -84,14 +84,14 @@ def make_inventory(recording: Recording, out: ArtifactWriter, *, size: int) -> J
         size: bytes of the recording's files.
     """
     logs = {name: TopicLog(info.msgtype) for name, info in recording.topics.items()}
-    probes = {name: _TopicProbe(info) for name, info in recording.topics.items() if info.problem is None}
+    readable = {name: info for name, info in recording.topics.items() if info.problem is None}
+    probes = {name: _TopicProbe(info) for name, info in readable.items()}
     bulk = bulk_types("yes")
     kept = KeptMessages(name for name, info in recording.topics.items() if info.msgtype not in bulk)
     fixes: list[FixReading] = []
     fix_types = own_types("fix")
     refused: Counter[tuple[str, str]] = Counter()
     recording.check_content()
-    readable = {name: info for name, info in recording.topics.items() if info.problem is None}
     unprobed = dict(probes)
     for number, message in enumerate(recording.messages(list(recording.topics))):
         name, msgtype, _, data = message

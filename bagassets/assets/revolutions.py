@@ -214,9 +214,7 @@ class RevolutionCutter:
 
     def _stuck(self, host_ns: NDArray[np.int64], begin: int, end: int) -> int:
         """Return the first of some packets that is too many for the current revolution, or comes too late; else the end."""
-        first_ns = (
-            self._current[0][0].host_ns[0] if self._current else host_ns[begin : begin + 1].max(initial=0)
-        )
+        first_ns = self._current[0][0].host_ns[0] if self._current else host_ns[begin]
         number = sum(len(packets) for packets, _ in self._current)
         late = np.flatnonzero(host_ns[begin:end] - first_ns > LONGEST_REVOLUTION_NS)
         return min(end, begin + MOST_PACKETS - number, begin + int(late[0]) if len(late) else end)

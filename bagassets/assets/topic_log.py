@@ -54,9 +54,10 @@ class TopicLog:
         self._to_hash += _LENGTHS.pack(log_time_ns, size)
         if size <= _SMALL_BYTES:
             self._to_hash += data
-        if size > _SMALL_BYTES or len(self._to_hash) >= _HELD_BYTES:
+            if len(self._to_hash) >= _HELD_BYTES:
+                self._hash()
+        else:
             self._hash()
-        if size > _SMALL_BYTES:
             self._hasher.update(data)
         self._times.append(log_time_ns)
         if header is None:

@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from bagassets.decode.fields import stamp_ns
 from bagassets.errors import DecodeError
+from bagassets.kernels.returns import ALL_AZIMUTHS, BANK_FLAGS, PACKET
 from bagassets.recordings.model import Message
 
 __all__ = ["PAYLOADS", "VELODYNE_PACKET_SIZE", "is_velodyne_packet", "packets_in", "payload", "sender"]
 
-VELODYNE_PACKET_SIZE = 1206
+VELODYNE_PACKET_SIZE = PACKET.itemsize
 _VELODYNE_HEAD = Struct("<HH")  # flag and azimuth, in hundredths of a degree, of the first block
-_VELODYNE_FLAG = 0xEEFF
 
 # Possible names of the field with the bytes of a packet, in the order of lookup.
 PAYLOADS = ("payload", "data", "packet", "raw", "bytes")
@@ -40,7 +40,7 @@ def is_velodyne_packet(data: bytes) -> bool:
     if len(data) != VELODYNE_PACKET_SIZE:
         return False
     flag, azimuth = _VELODYNE_HEAD.unpack_from(data)
-    return bool(flag == _VELODYNE_FLAG and azimuth < 36_000)
+    return bool(flag == BANK_FLAGS[0] and azimuth < ALL_AZIMUTHS)
 
 
 def payload(message: Message) -> bytes:

@@ -24,7 +24,7 @@ from velodyne_decoder.velodyne_decoder_pylib import TimePair
 
 from bagassets.decode.velodyne_lasers import Head, all_azimuths, head_of
 from bagassets.errors import DecodeError, RecipeError
-from bagassets.kernels.returns import ALL_AZIMUTHS, BANK_FLAGS, PACKET, RETURNS, Angles, Floats, take_returns
+from bagassets.kernels.returns import ALL_AZIMUTHS, BANK_FLAGS, PACKET, RETURNS, Angles, take_returns
 
 __all__ = [
     "POSITION_PACKET_SIZE",
@@ -117,6 +117,11 @@ class PacketPoints:
     points: NDArray[np.float32]
     times_ns: NDArray[np.int64]
 
+    @classmethod
+    def room(cls, number: int) -> "PacketPoints":
+        """Return room for so many points."""
+        return cls(np.empty((number, 5), dtype=np.float32), np.empty(number, dtype=np.int64))
+
 
 class PacketFilter:
     """Tells what is no data packet of the lidar.
@@ -165,8 +170,7 @@ class RevolutionDecoder:
     def __init__(self, model: str | None) -> None:
         self._model = None if model is None else _model(model)[0]
         self._decoder: _Decoder | None = None
-        self._points = np.empty((0, 5), dtype=np.float32)
-        self._times_ns = np.empty(0, dtype=np.int64)
+        self._room = PacketPoints.room(0)
 
     def decode(self, packets: Packets, times_ns: NDArray[np.int64]) -> PacketPoints:
         """Decode the returns in `packets`, whose first firings were at (M,) `times_ns`.
@@ -181,15 +185,13 @@ class RevolutionDecoder:
             DecodeError: the decoder refuses the packets.
         """
         if not len(packets):
-            return PacketPoints(self._points[:0], self._times_ns[:0])
+            return PacketPoints.room(0)
         if self._decoder is None:
             self._decoder = self._choose(int(packets.data["product"][0]))
-        if len(self._points) < len(packets) * RETURNS:
-            self._points = np.empty((len(packets) * RETURNS, 5), dtype=np.float32)
-            self._times_ns = np.empty(len(self._points), dtype=np.int64)
-        firsts_ns = np.repeat(times_ns[::_CHUNK], _CHUNK)[: len(packets)]
-        number = self._decoder.take(packets.data, times_ns, firsts_ns, self._points, self._times_ns)
-        return PacketPoints(self._points[:number], self._times_ns[:number])
+        if len(self._room.points) < len(packets) * RETURNS:
+            self._room = PacketPoints.room(len(packets) * RETURNS)
+        number = self._decoder.take(packets.data, times_ns, self._room)
+        return PacketPoints(self._room.points[:number], self._room.times_ns[:number])
 
     def _choose(self, product: int) -> "_Decoder":
         turn = all_azimuths()
@@ -199,22 +201,13 @@ class RevolutionDecoder:
 
 
 class _Decoder(Protocol):
-    def take(
-        self,
-        packets: NDArray[np.void],
-        times_ns: NDArray[np.int64],
-        firsts_ns: NDArray[np.int64],
-        points: Floats,
-        point_times_ns: NDArray[np.int64],
-    ) -> int:
-        """Fill in points and their times; return their number.
+    def take(self, packets: NDArray[np.void], times_ns: NDArray[np.int64], room: PacketPoints) -> int:
+        """Fill in the first points of `room`, and their times; return their number.
 
         Args:
             packets: (M,) `PACKET`.
             times_ns: (M,)
-            firsts_ns: (M,) time of the first packet of each one's chunk.
-            points: (N, 5)
-            point_times_ns: (N,)
+            room: (N, 5) and (N,), for `RETURNS` of each packet, or more.
         """
         ...
 
@@ -224,19 +217,14 @@ class _MachineCode:
         self._head = head
         self._turn = turn
 
-    def take(
-        self,
-        packets: NDArray[np.void],
-        times_ns: NDArray[np.int64],
-        firsts_ns: NDArray[np.int64],
-        points: Floats,
-        point_times_ns: NDArray[np.int64],
-    ) -> int:
+    def take(self, packets: NDArray[np.void], times_ns: NDArray[np.int64], room: PacketPoints) -> int:
+        firsts_ns = np.repeat(times_ns[::_CHUNK], _CHUNK)[: len(packets)]
         since_s = ((times_ns - firsts_ns) * 1e-9).astype(np.float32)
         done = 0
         for part, lasers, rates in self._head.stretches(packets):
             done += take_returns(
-                packets[part], since_s[part], firsts_ns[part], rates, lasers, self._turn, points[done:], point_times_ns[done:]
+                packets[part], since_s[part], firsts_ns[part], rates, lasers, self._turn,
+                room.points[done:], room.times_ns[done:],
             )  # fmt: skip
         return done
 
@@ -253,23 +241,16 @@ class _Library:
         )
         self._decoder = velodyne_decoder.ScanDecoder(config)
 
-    def take(
-        self,
-        packets: NDArray[np.void],
-        times_ns: NDArray[np.int64],
-        firsts_ns: NDArray[np.int64],
-        points: Floats,
-        point_times_ns: NDArray[np.int64],
-    ) -> int:
+    def take(self, packets: NDArray[np.void], times_ns: NDArray[np.int64], room: PacketPoints) -> int:
         done = 0
         for first in range(0, len(packets), _CHUNK):
             part = slice(first, first + _CHUNK)
-            cloud = self._decode(packets[part], (times_ns - firsts_ns)[part])
+            cloud = self._decode(packets[part], times_ns[part] - times_ns[first])
             end = done + len(cloud)
             for column, name in enumerate(("x", "y", "z", "intensity", "ring")):
-                points[done:end, column] = cloud[name]
+                room.points[done:end, column] = cloud[name]
             since_first_ns = np.rint(cloud["time"].astype(np.float64) * 1e9)
-            point_times_ns[done:end] = since_first_ns.astype(np.int64) + firsts_ns[first]
+            room.times_ns[done:end] = since_first_ns.astype(np.int64) + times_ns[first]
             done = end
         return done
 

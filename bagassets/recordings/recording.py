@@ -70,25 +70,21 @@ class Recording(ABC):
         try:
             large = {topic: self.topics[topic].large_bytes for topic in topics}
             for message in self._read(topics):
-                topic, _, log_time_ns, data = message
-                plain = type(log_time_ns) is int and isinstance(data, _BYTES)
-                # Asked of each message: nearly all are as they should be.
-                if plain and len(data) <= large[topic] and _FIRST_NS <= log_time_ns <= _LAST_NS:
-                    yield message
-                else:
-                    yield self._checked(message)
+                yield self._checked(message, large[message.topic])
         except BagAssetsError:
             raise
         except Exception as err:  # whatever the libraries raise: see `unreadable`
             raise unreadable(self.path, err) from err
 
-    def _checked(self, message: RawMessage) -> RawMessage:
+    def _checked(self, message: RawMessage, large_bytes: int) -> RawMessage:
         """Return a message, or a placeholder for one that exceeds the limits."""
         # From damaged bytes SQLite may return values of any type.
         if not isinstance(message.log_time_ns, int) or not isinstance(message.data, _BYTES):
             raise DamageError(f"a message of {message.topic} has no time or no bytes")
         if not _FIRST_NS <= message.log_time_ns <= _LAST_NS:
             raise DamageError(f"a message of {message.topic} has no possible time")
+        if len(message.data) <= large_bytes:
+            return message
         reason = self.topics[message.topic].refusal(message.data)
         return message if reason is None else message._replace(data=RefusedBytes(reason))
 
