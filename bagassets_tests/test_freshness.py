@@ -16,7 +16,7 @@ from bagassets.freshness.artifacts import artifacts_fingerprint, packed
 from bagassets.freshness.cache import NAME, Cache, Changes
 from bagassets.freshness.decide import BuildLog, state_folder
 from bagassets.freshness.fingerprints import PlanNeeded, project_fingerprint, recipe_fingerprint, signature
-from bagassets.freshness.plan_cache import PlanCache, recording_fingerprint
+from bagassets.freshness.plan_cache import PlanCache, RecordingFingerprint, recording_fingerprint
 from bagassets.store.action import Action
 from bagassets.store.store import Store
 
@@ -150,8 +150,9 @@ class TestMarkOfARecording:
         found = {
             self.of(folder), self.of(folder, "q"), self.of(folder, relative="b.bag"), self.of(folder, beside=labels),
             self.of(folder, records={"inventory": 4}), self.of(folder, records={"frames": 3}), self.of(folder, records={}),
+            self.of(folder, records={"inventory": 3, "bag": 3}),
         }  # fmt: skip
-        assert len(found) == 7
+        assert len(found) == 8
         before = self.of(folder, beside=labels)
         (folder / "a.json").write_bytes(b"other labels")
         assert self.of(folder, beside=labels) != before
@@ -310,6 +311,7 @@ def plan_of(key, **states):
     return BagPlan(key, assets, "ros2", recorded, channels, frozenset({"preview"}), "car")
 
 
+FINGERPRINT = RecordingFingerprint("files", 7, "rest")
 PLAN = plan_of("a.bag", inventory="fresh", frames="skipped")
 
 
@@ -328,7 +330,7 @@ class TestPlanCache:
         return tmp_path / "artifacts"
 
     def save(self, cache, *plans, gone=()):
-        cache.save({plan.key: ("fingerprint", plan.as_row(), plan.artifacts) for plan in plans}, gone)
+        cache.save({plan.key: (FINGERPRINT, plan.as_row(), plan.artifacts) for plan in plans}, gone)
 
     def test_what_was_saved_is_loaded(self, tmp_path, store):
         other = replace(PLAN, key="ünder/b.bag", format="mcap")
@@ -339,7 +341,7 @@ class TestPlanCache:
             "a.bag": PLAN,
             "ünder/b.bag": other,
         }
-        assert {entry.recording_fingerprint for entry in found.values()} == {"fingerprint"}
+        assert {entry.recording_fingerprint for entry in found.values()} == {FINGERPRINT}
         assert cache.holds(found["a.bag"], PLAN.artifacts)
         self.save(cache, gone=["a.bag"])
         assert cache.load().keys() == {"ünder/b.bag"}

@@ -9,7 +9,7 @@ from click.testing import CliRunner
 from bagassets.build import planner
 from bagassets.build.planner import Planner
 from bagassets.cli.main import root
-from bagassets.defs import batch_job, instance_plan, pending_work
+from bagassets.defs import instance_plan, pending_work
 from bagassets.store.store import Store
 from bagassets_tests.in_process import QUICK, build, make_project
 from bagassets_tests.small_drive import write_drive
@@ -22,7 +22,7 @@ KEY = "a.bag"
 def planned(recipe_file, monkeypatch):
     """Build; return how often each recording was looked into, and how often everything was."""
     keys, whole = Counter(), Counter()
-    plan, look = Planner.plan, instance_plan.plan_instance
+    plan, look = Planner.plan, instance_plan.InstancePlanning.plan
 
     def note(self, found, recorded):
         keys[found.key] += 1
@@ -34,8 +34,7 @@ def planned(recipe_file, monkeypatch):
 
     with monkeypatch.context() as patch:
         patch.setattr(Planner, "plan", note)
-        for module in (instance_plan, pending_work, batch_job):
-            patch.setattr(module, "plan_instance", note_whole)
+        patch.setattr(instance_plan.InstancePlanning, "plan", note_whole)
         report, _ = build(recipe_file, monkeypatch)
     return report, keys, whole["all"]
 
@@ -72,8 +71,8 @@ def test_many_recordings_are_planned_some_at_a_time_and_the_build_says_how_many_
         told = []
         for fingerprint in ("other code", None):
             monkeypatch.setattr(instance_plan, "workspace_fingerprint", lambda _, it=fingerprint: it)
-            now = instance_plan.plan_instance(
-                instance, workspace, on_planned=lambda done, total: told.append((done, total))
+            now = instance_plan.InstancePlanning(instance, workspace).plan(
+                lambda done, total: told.append((done, total))
             )
             assert now.plan == whole.plan
             assert now.recorded.keys() == whole.plan.bags.keys()

@@ -1,5 +1,6 @@
 """A recording of which only the time changed is read, and recorded without a run."""
 
+import os
 import threading
 
 import dagster as dg
@@ -7,11 +8,14 @@ import pytest
 from dagster._core.definitions.data_version import CachingStaleStatusResolver, StaleStatus
 from dagster._core.loader import LoadingContextForTest
 
+from bagassets.build.choose import SelectionError
 from bagassets.build.first_pass import first_pass
+from bagassets.build.planner import Planner
 from bagassets.defs import instance_plan, pending_work, touched
-from bagassets.defs.events import MADE_ALONG, STAT
+from bagassets.defs.events import DATA_VERSION, MADE_ALONG, STAT
 from bagassets.defs.location import build_definitions
 from bagassets.errors import ChangedWhileReadError
+from bagassets.freshness.plan_cache import PlanCache
 from bagassets.recipe import load_recipe
 from bagassets.recordings import digest
 from bagassets.recordings.digest import DigestIndex
@@ -115,6 +119,22 @@ def test_one_whose_content_changed_has_a_run_and_the_others_have_none(built, mon
     change(built, "a.bag")  # back to what it was
 
 
+def test_content_edited_in_place_is_noticed_after_it_was_hashed(built, monkeypatch):
+    """As by a build that was interrupted, or that read the others, too: size and time are those on record again."""
+    (path,) = files_of(built, "a.bag")
+    before = path.stat()
+    change(built, "a.bag")
+    os.utime(path, ns=(before.st_atime_ns, before.st_mtime_ns))
+    recipe = load_recipe(built)
+    digest.recording_digest(discover(recipe.bags).recordings["a.bag"], DigestIndex.of(recipe))
+    bag = survey(built).plan.bags["a.bag"].assets["bag"]
+    assert (bag.state, bag.reason) == ("stale", "content changed")
+    touch(built, "b.mcap")
+    _, runs = build(built, monkeypatch)
+    assert [key for key, _ in runs if key] == ["a.bag"]
+    change(built, "a.bag")  # back to what it was
+
+
 def test_one_that_changes_while_it_is_read_is_left_to_its_run(built, monkeypatch):
     touch(built, "a.bag")
     touch(built, "b.mcap")
@@ -163,7 +183,7 @@ def test_one_that_is_hashed_ahead_of_the_build_is_not_hashed_again(built, monkey
     assert (hashed, runs) == ([file], [])
 
 
-def test_records_that_are_still_the_latest_are_not_fetched_again(built, monkeypatch):
+def test_of_all_records_only_that_of_bag_is_fetched_and_nothing_else_is_looked_into(built, monkeypatch):
     touch(built, "a.bag")
     asked, real = [], instance_plan.fetch_recorded
 
@@ -173,8 +193,59 @@ def test_records_that_are_still_the_latest_are_not_fetched_again(built, monkeypa
         return real(instance, names, ids, keys)
 
     monkeypatch.setattr(instance_plan, "fetch_recorded", noted)
+    monkeypatch.setattr(Planner, "plan", None)
     build(built, monkeypatch)
-    assert [len(asked[0]) > 1, *asked[1:]] == [True, {"bag"}]
+    assert asked == [{"bag"}, {"bag"}]
+
+
+@pytest.mark.parametrize("change_of", ["recipe", "record"])
+def test_what_else_changed_meanwhile_is_looked_into(built, monkeypatch, change_of):
+    """The last plan of a recording that was touched holds only if nothing but its time is another."""
+    touch(built, "a.bag")
+    if change_of == "recipe":
+        text = built.read_text()
+        built.write_text(text + "# another text\n")
+    else:
+        with pending_work.open_project(built) as (instance, _):
+            instance.report_runless_asset_event(
+                dg.AssetMaterialization("inventory", partition="a.bag", tags={DATA_VERSION: "0" * 64})
+            )
+    looked, real = [], Planner.plan
+
+    def noted(self, found, recorded):
+        looked.append((found.key, sorted(recorded)))
+        return real(self, found, recorded)
+
+    monkeypatch.setattr(Planner, "plan", noted)
+    report, runs = build(built, monkeypatch)
+    assert "a.bag" in {key for key, _ in looked}
+    assert report.succeeded
+    assert [key for key, _ in runs if key] == ([] if change_of == "recipe" else ["a.bag"])
+    assert set(states(survey(built), "a.bag").values()) == {"fresh"}
+    if change_of == "recipe":
+        built.write_text(text)
+
+
+def test_the_plan_is_the_same_as_one_that_remembers_nothing(built, monkeypatch):
+    for key in KEYS:
+        touch(built, key)
+    build(built, monkeypatch)
+    with pending_work.open_project(built) as (instance, workspace):
+        remembered = instance_plan.plan_instance(instance, workspace)
+        monkeypatch.setattr(PlanCache, "load", lambda _self: {})
+        whole = instance_plan.plan_instance(instance, workspace)
+    assert (remembered.recorded, set(whole.recorded)) == ({}, set(KEYS))
+    assert remembered.plan == whole.plan
+
+
+def test_one_that_a_build_is_not_asked_for_is_not_read(built, monkeypatch):
+    touch(built, "a.bag")
+    touch(built, "b.mcap")
+    assert list(build(built, monkeypatch, bags=("b.mcap",))[0].outcomes) == ["b.mcap"]
+    assert states(survey(built), "a.bag")["bag"] == "stale"
+    with pytest.raises(SelectionError):
+        build(built, monkeypatch, select=("no_such_asset",))
+    assert states(survey(built), "a.bag")["bag"] == "stale"
 
 
 def test_an_interrupt_ends_the_reading_and_what_had_been_read_is_on_record(built, monkeypatch):
@@ -194,9 +265,9 @@ def test_an_interrupt_ends_the_reading_and_what_had_been_read_is_on_record(built
     monkeypatch.setattr(digest, "digest_file", slow_for_one)
     before = {key: len(records(built, key)) for key in ("a.bag", "b.mcap")}
     with pending_work.open_project(built) as (instance, workspace):
-        pending = pending_work.find_pending_work(instance, workspace)
+        found = instance_plan.InstancePlanning(instance, workspace).touched()
         with pytest.raises(KeyboardInterrupt):
-            touched.record_touched(instance, workspace, pending, 2, listener)
+            touched.record_touched(instance, workspace, found, 2, listener)
     (event,) = asked
     assert event.kind == "reading"
     assert event.message.startswith("Reading 2 recordings whose time changed, ")

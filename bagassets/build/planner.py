@@ -5,23 +5,23 @@ files on disk; it runs nothing. Recordings that have not changed since the last 
 thousands of them can be planned.
 """
 
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 
 from bagassets.build.graph import Graph
 from bagassets.build.named_files import files_beside
 from bagassets.build.plan import AssetState, BagPlan, Plan, Recorded, version_as_input
 from bagassets.build.recording_assets import RecordingAssets
 from bagassets.build.unsettled import Unsettled
-from bagassets.freshness.plan_cache import PlanCache, recording_fingerprint
+from bagassets.freshness.plan_cache import PlanCache, RecordingFingerprint, recording_fingerprint
 from bagassets.recordings.digest import DigestIndex, RecordingStat, stat_files, stored_digest
 from bagassets.recordings.discover import Discovery
 from bagassets.recordings.model import RecordingFiles
 from bagassets.store.store import Store
 
-__all__ = ["Planner", "plan_recordings"]
+__all__ = ["Planner", "Planning"]
 
-Fetch = Callable[[Iterable[str]], Mapping[str, Mapping[str, Recorded]]]
+Fetch = Callable[[Iterable[str], Iterable[str]], Mapping[str, Mapping[str, Recorded]]]
 
 # Records of so many recordings are fetched at a time: as Dagster makes them, those of a thousand need 40 MB.
 AT_A_TIME = 200
@@ -83,14 +83,16 @@ def _bag_state(
 ) -> tuple[str | None, RecordingStat, AssetState]:
     stats = stat_files(recording)
     stat = RecordingStat(tuple((path.name, s.st_size, s.st_mtime_ns) for path, s in stats))
+    digest = stored_digest(recording, index)
     if recorded is not None and recorded.stat == stat:
-        if index is None or not any(index.suspects_edit(path, s) for path, s in stats):
+        is_suspect = index is not None and any(index.suspects_edit(path, s) for path, s in stats)
+        # Edited in place and hashed since, it has the size and time on record, and another digest.
+        if not is_suspect and digest in {None, recorded.data_version}:
             state = AssetState("fresh", "size and time unchanged", recorded.data_version)
             return recorded.data_version, stat, state
         why = "size and time unchanged, but the file was touched since"
     else:
         why = "size or time changed"
-    digest = stored_digest(recording, index)
     if recorded is None:
         return digest, stat, AssetState("missing", "new recording", digest)
     if digest == recorded.data_version:
@@ -129,22 +131,11 @@ def _is_of_bag(name: str, recorded: Mapping[str, Recorded]) -> bool:
     )
 
 
-def plan_recordings(
-    assets: RecordingAssets,
-    store: Store,
-    discovery: Discovery,
-    registered: frozenset[str],
-    index: DigestIndex,
-    *,
-    project: str | None,
-    storage_ids: Mapping[str, Mapping[str, int]],
-    fetch: Fetch,
-    kept: Mapping[str, BagPlan] | None = None,
-    on_planned: Callable[[int, int], None] | None = None,
-) -> tuple[Plan, dict[str, Mapping[str, Recorded]]]:
-    """Plan all recordings.
+@dataclass
+class Planning:
+    """Plans all recordings; examines only those that changed since they were last planned.
 
-    Args:
+    Attributes:
         assets: the assets of a recording under the recipe.
         store: the artifact store.
         discovery: the recordings on disk.
@@ -152,57 +143,144 @@ def plan_recordings(
         index: index of file digests.
         project: fingerprint of the code, the recipe and the files that it names; None has all recordings examined.
         storage_ids: asset -> partition key -> id of Dagster's latest record.
-        fetch: returns partition key -> asset -> what Dagster recorded last.
+        fetch: takes assets and partition keys, and returns partition key -> asset -> what Dagster recorded last.
         kept: states of recordings that are not planned again.
-        on_planned: called, where it takes long, with how many recordings have been examined, and how many will be.
-
-    Returns:
-        The plan, and Dagster's records of the recordings that were examined.
     """
-    cache = PlanCache(assets.recipe.state, store.root / "artifacts")
-    before = cache.load()
-    unsettled = Unsettled(assets.recipe.state).noted()
-    fingerprints: dict[str, str] = {}
-    bags: dict[str, BagPlan] = dict(kept or {})
-    for key, recording in discovery.recordings.items():
-        if project is None:
-            break
-        if key in bags:
-            continue
-        ids = {asset: keys[key] for asset, keys in storage_ids.items() if key in keys}
-        fingerprints[key] = recording_fingerprint(
-            project,
-            recording.relative,
-            recording.files,
-            files_beside(assets.recipe, recording),
-            ids if key in registered else {},
+
+    assets: RecordingAssets
+    store: Store
+    discovery: Discovery
+    registered: frozenset[str]
+    index: DigestIndex
+    project: str | None
+    storage_ids: Mapping[str, Mapping[str, int]]
+    fetch: Fetch
+    kept: Mapping[str, BagPlan] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self._cache = PlanCache(self.assets.recipe.state, self.store.root / "artifacts")
+        self._before = self._cache.load()
+        self._unsettled = Unsettled(self.assets.recipe.state).noted()
+        self._fingerprints = {} if self.project is None else self._current_fingerprints(self.project)
+
+    def plan(
+        self, on_planned: Callable[[int, int], None] | None = None
+    ) -> tuple[Plan, dict[str, Mapping[str, Recorded]]]:
+        """Plan all recordings.
+
+        Args:
+            on_planned: called, where it takes long, with how many recordings have been examined, and how many will be.
+
+        Returns:
+            The plan, and Dagster's records of the recordings that were examined.
+        """
+        recordings = self.discovery.recordings
+        bags = {**self.kept, **self._unchanged()}
+        unchanged = frozenset(bags)
+        bags |= self._recorded_anew(key for key in recordings if key not in unchanged)
+        changed = [key for key in recordings if key not in bags]
+        recorded: dict[str, Mapping[str, Recorded]] = {}
+        planner = Planner(self.assets, self.store, self.index)
+        for start, some in _parts(changed):
+            recorded |= self.fetch(self.storage_ids, [key for key in some if key in self.registered])
+            for key in some:
+                bag = planner.plan(recordings[key], recorded.get(key, {}))
+                bags[key] = _once_more(bag) if key in self._unsettled else bag
+            if on_planned is not None and len(changed) > AT_A_TIME:
+                on_planned(start + len(some), len(changed))
+        settled = {key: bags[key] for key in self._fingerprints.keys() - unchanged if bags[key].settled}
+        self._cache.save(
+            {key: (self._fingerprints[key], bag.as_row(), bag.artifacts) for key, bag in settled.items()},
+            self._before.keys() - unchanged - settled.keys(),
         )
-        entry = None if key in unsettled else before.get(key)
-        if entry is not None and entry.recording_fingerprint == fingerprints[key]:
-            plan = BagPlan.from_row(key, entry.plan)
-            if cache.holds(entry, plan.artifacts):
-                bags[key] = plan
+        ordered = {key: bags[key] for key in recordings}
+        return Plan(ordered, dict(self.discovery.excluded), self.discovery.removed(self.registered)), recorded
+
+    def touched(self) -> dict[str, Recorded]:
+        """Return the recordings of which only the time changed, as far as can be told without reading -> record of `bag`.
+
+        They are those whose plan would say so (`BagPlan.touched`).
+        """
+        found = {}
+        changed = [
+            key
+            for key in self.discovery.recordings
+            if key in self.registered and key not in self.kept and not self._has_same_files(key)
+        ]
+        for _, some in _parts(changed):
+            for key, records in self.fetch(("bag",), some).items():
+                recorded = records.get("bag")
+                _, stat, state = _bag_state(self.discovery.recordings[key], recorded, self.index)
+                if recorded is not None and _is_touched(state, recorded, stat):
+                    found[key] = recorded
+        return found
+
+    def _current_fingerprints(self, project: str) -> dict[str, RecordingFingerprint]:
+        found = {}
+        for key, recording in self.discovery.recordings.items():
+            if key in self.kept:
+                continue
+            ids = {asset: keys[key] for asset, keys in self.storage_ids.items() if key in keys}
+            found[key] = recording_fingerprint(
+                project,
+                recording.relative,
+                recording.files,
+                files_beside(self.assets.recipe, recording),
+                ids if key in self.registered else {},
+            )
+        return found
+
+    def _has_same_files(self, key: str) -> bool:
+        """Return whether the files of a recording, and the record of `bag`, are those of its last plan."""
+        entry, now = self._before.get(key), self._fingerprints.get(key)
+        return (
+            entry is not None
+            and now is not None
+            and entry.recording_fingerprint._replace(rest=now.rest) == now
+        )
+
+    def _unchanged(self) -> dict[str, BagPlan]:
+        """Return the last plans of the recordings that have not changed since."""
+        found = {}
+        for key, now in self._fingerprints.items():
+            entry = self._before.get(key)
+            if key in self._unsettled or entry is None or entry.recording_fingerprint != now:
+                continue
+            bag = BagPlan.from_row(key, entry.plan)
+            if self._cache.holds(entry, bag.artifacts):
+                found[key] = bag
             else:
-                _remove_incomplete(store, plan)
-    unchanged = frozenset(bags)
-    others = [key for key in discovery.recordings if key not in bags]
-    recorded: dict[str, Mapping[str, Recorded]] = {}
-    planner = Planner(assets, store, index)
-    for start in range(0, len(others), AT_A_TIME):
-        some = others[start : start + AT_A_TIME]
-        recorded |= fetch(key for key in some if key in registered)
-        for key in some:
-            bag = planner.plan(discovery.recordings[key], recorded.get(key, {}))
-            bags[key] = _once_more(bag) if key in unsettled else bag
-        if on_planned is not None and len(others) > AT_A_TIME:
-            on_planned(start + len(some), len(others))
-    settled = {key: bags[key] for key in others if key in fingerprints and bags[key].settled}
-    cache.save(
-        {key: (fingerprints[key], plan.as_row(), plan.artifacts) for key, plan in settled.items()},
-        before.keys() - unchanged - settled.keys(),
-    )
-    ordered = {key: bags[key] for key in discovery.recordings}
-    return Plan(ordered, dict(discovery.excluded), discovery.removed(registered)), recorded
+                _remove_incomplete(self.store, bag)
+        return found
+
+    def _recorded_anew(self, keys: Iterable[str]) -> dict[str, BagPlan]:
+        """Return the last plans of recordings that changed, but only in time, and `bag` is on record with the new one.
+
+        Everything else rests on their content, and so has not changed.
+        """
+        found = {}
+        alike = []
+        for key in keys:
+            entry, now = self._before.get(key), self._fingerprints.get(key)
+            if entry is None or now is None or now.bag is None or key in self._unsettled:
+                continue
+            if entry.recording_fingerprint.rest == now.rest:
+                alike.append(key)
+        for _, some in _parts(alike):
+            for key, records in self.fetch(("bag",), some).items():
+                entry = self._before[key]
+                last = BagPlan.from_row(key, entry.plan)
+                digest, _, state = _bag_state(self.discovery.recordings[key], records.get("bag"), self.index)
+                is_same = state.state == "fresh" and digest == last.assets["bag"].data_version
+                if is_same and self._cache.holds(entry, last.artifacts):
+                    found[key] = last
+        return found
+
+
+def _parts(keys: list[str]) -> Iterator[tuple[int, list[str]]]:
+    """Yield the keys in parts, each with how many were before it."""
+    for start in range(0, len(keys), AT_A_TIME):
+        yield start, keys[start : start + AT_A_TIME]
 
 
 def _once_more(bag: BagPlan) -> BagPlan:

@@ -2,12 +2,14 @@
 
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import NamedTuple
 
 import dagster as dg
 
 from bagassets.build.named_files import named_files
 from bagassets.build.plan import BagPlan, Plan, Recorded
-from bagassets.build.planner import plan_recordings
+from bagassets.build.planner import Planning
 from bagassets.defs.events import all_assets, fetch_recorded, latest_ids, live_partitions
 from bagassets.defs.naming import Naming
 from bagassets.defs.workspace import Workspace
@@ -15,9 +17,12 @@ from bagassets.formats.dataset_build import DatasetInputs, select_inputs
 from bagassets.freshness.fingerprints import PlanNeeded, loaded_code_fingerprint, project_fingerprint
 from bagassets.garbage import uncollected
 from bagassets.recordings.discover import Discovery
+from bagassets.recordings.model import RecordingFiles
 
 __all__ = [
     "InstancePlan",
+    "InstancePlanning",
+    "Touched",
     "plan_in_run",
     "plan_instance",
     "recorded_assets",
@@ -50,41 +55,58 @@ class InstancePlan:
         """Return values that change with every new record of a recording, and when its partition comes or goes."""
         return [ids.get(key) if key in self.live else None for ids in self.storage_ids.values()]
 
-    def records_still_latest(
-        self, ids: Mapping[str, Mapping[str, int]], keys: Iterable[str]
-    ) -> dict[str, dict[str, Recorded]]:
-        """Return partition key -> asset -> record, where `ids` (see `latest_ids`) names the record that this plan has."""
-        return {
-            key: {
-                asset: record
-                for asset, record in self.recorded.get(key, {}).items()
-                if self.storage_ids[asset].get(key) == ids[asset].get(key)
-            }
-            for key in keys
-        }
+
+class Touched(NamedTuple):
+    """A recording of which only the time seems to have changed.
+
+    Attributes:
+        recording: its files.
+        recorded: the latest record of `bag`.
+    """
+
+    recording: RecordingFiles
+    recorded: Recorded
 
 
-def plan_instance(
-    instance: dg.DagsterInstance,
-    workspace: Workspace,
-    live: frozenset[str] | None = None,
-    before: InstancePlan | None = None,
-    on_planned: Callable[[int, int], None] | None = None,
-) -> InstancePlan:
-    """Plan everything; nothing is changed but what the next plan remembers.
+class InstancePlanning:
+    """Plans everything, from what Dagster's records and the folders are when this is created.
 
     Args:
         instance: where materializations are recorded.
         workspace: recipe, store and recordings.
         live: partition keys to take as registered; default: those that are.
-        before: an earlier plan, whose records are not fetched again where they are still the latest.
-        on_planned: see `plan_recordings`.
 
     Raises:
         BagAssetsError: the recipe or the bag root is not usable.
     """
-    live = live_partitions(instance, workspace.names) if live is None else live
-    return _planned(instance, workspace, workspace.discover(), live, before=before, on_planned=on_planned)
+
+    def __init__(
+        self, instance: dg.DagsterInstance, workspace: Workspace, live: frozenset[str] | None = None
+    ) -> None:
+        self._live = live_partitions(instance, workspace.names) if live is None else live
+        self.discovery = workspace.discover()
+        self._ids = latest_ids(instance, workspace.names, all_assets())
+        with uncollected():
+            self._planning = _planning(instance, workspace, self.discovery, self._live, self._ids)
+
+    def touched(self) -> dict[str, Touched]:
+        """Return the recordings of which only the time seems to have changed; see `Planning.touched`."""
+        found = self._planning.touched()
+        return {key: Touched(self.discovery.recordings[key], recorded) for key, recorded in found.items()}
+
+    def plan(self, on_planned: Callable[[int, int], None] | None = None) -> InstancePlan:
+        """Plan everything; nothing is changed but what the next plan remembers. See `Planning.plan`."""
+        with uncollected():
+            plan, recorded = self._planning.plan(on_planned)
+        inputs = select_inputs(plan, self._live)
+        return InstancePlan(plan, recorded, inputs, self.discovery, self._live, self._ids)
+
+
+def plan_instance(
+    instance: dg.DagsterInstance, workspace: Workspace, live: frozenset[str] | None = None
+) -> InstancePlan:
+    """Plan everything (see `InstancePlanning`)."""
+    return InstancePlanning(instance, workspace, live).plan()
 
 
 def replan_instance(
@@ -105,7 +127,7 @@ def replan_instance(
         before: the plan that the runs were made from.
         worked_on: recordings that had a run; others with new records, whoever wrote them, are found by these
             records.
-        on_planned: see `plan_recordings`.
+        on_planned: see `Planning.plan`.
     """
     live = live_partitions(instance, workspace.names)
     ids = latest_ids(instance, workspace.names, all_assets())
@@ -120,17 +142,11 @@ def replan_instance(
         for key, recording in before.discovery.recordings.items()
         if key in kept or all(path.exists() for path in recording.files)
     }
-    planned = _planned(
-        instance,
-        workspace,
-        replace(before.discovery, recordings=there),
-        live,
-        ids,
-        kept,
-        on_planned=on_planned,
-    )
-    same = {key: recorded for key, recorded in before.recorded.items() if key in kept}
-    return replace(planned, recorded={**same, **planned.recorded})
+    discovery = replace(before.discovery, recordings=there)
+    with uncollected():
+        plan, recorded = _planning(instance, workspace, discovery, live, ids, kept).plan(on_planned)
+    same = {key: records for key, records in before.recorded.items() if key in kept}
+    return InstancePlan(plan, {**same, **recorded}, select_inputs(plan, live), discovery, live, ids)
 
 
 def plan_in_run(context: dg.AssetExecutionContext, workspace: Workspace) -> InstancePlan:
@@ -138,43 +154,28 @@ def plan_in_run(context: dg.AssetExecutionContext, workspace: Workspace) -> Inst
     return workspace.once_in_run(context.run.run_id, lambda: plan_instance(context.instance, workspace))
 
 
-def _planned(
+def _planning(
     instance: dg.DagsterInstance,
     workspace: Workspace,
     discovery: Discovery,
     live: frozenset[str],
-    ids: Mapping[str, Mapping[str, int]] | None = None,
-    kept: Mapping[str, BagPlan] | None = None,
-    before: InstancePlan | None = None,
-    on_planned: Callable[[int, int], None] | None = None,
-) -> InstancePlan:
-    ids = latest_ids(instance, workspace.names, all_assets()) if ids is None else ids
+    ids: Mapping[str, Mapping[str, int]],
+    kept: Mapping[str, BagPlan] = MappingProxyType({}),
+) -> Planning:
+    def fetch(assets: Iterable[str], keys: Iterable[str]) -> dict[str, dict[str, Recorded]]:
+        return fetch_recorded(instance, workspace.names, {asset: ids[asset] for asset in assets}, keys)
 
-    def fetch(keys: Iterable[str]) -> dict[str, dict[str, Recorded]]:
-        if before is None:
-            return fetch_recorded(instance, workspace.names, ids, keys)
-        known = before.records_still_latest(ids, keys)
-        missing = {
-            asset: {key: by_key[key] for key in known if key in by_key and asset not in known[key]}
-            for asset, by_key in ids.items()
-        }
-        fetched = fetch_recorded(instance, workspace.names, missing, known)
-        return {key: {**known[key], **records} for key, records in fetched.items()}
-
-    with uncollected():
-        plan, recorded = plan_recordings(
-            workspace.assets,
-            workspace.store,
-            discovery,
-            live,
-            workspace.index,
-            project=workspace_fingerprint(workspace),
-            storage_ids=ids,
-            fetch=fetch,
-            kept=kept,
-            on_planned=on_planned,
-        )
-    return InstancePlan(plan, recorded, select_inputs(plan, live), discovery, live, ids)
+    return Planning(
+        workspace.assets,
+        workspace.store,
+        discovery,
+        live,
+        workspace.index,
+        workspace_fingerprint(workspace),
+        ids,
+        fetch,
+        kept,
+    )
 
 
 def recorded_assets(instance: dg.DagsterInstance, names: Naming, key: str) -> Mapping[str, Recorded]:

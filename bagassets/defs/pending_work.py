@@ -5,7 +5,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import dagster as dg
 
@@ -15,7 +15,12 @@ from bagassets.build.plan import Plan
 from bagassets.defs.connections import kept_open
 from bagassets.defs.databases import database_errors_explained
 from bagassets.defs.dataset import dataset_is_current
-from bagassets.defs.instance_plan import InstancePlan, plan_instance, replan_instance
+from bagassets.defs.instance_plan import (
+    InstancePlan,
+    InstancePlanning,
+    Touched,
+    replan_instance,
+)
 from bagassets.defs.projects import noted_prefix
 from bagassets.defs.runs import open_instance
 from bagassets.defs.workspace import Workspace
@@ -29,6 +34,7 @@ from bagassets.formats.dataset_build import (
 )
 from bagassets.propose.project import dagster_home
 from bagassets.recipe.model import Recipe
+from bagassets.recordings.discover import Discovery
 from bagassets.splits import moves
 from bagassets.store.store import Store
 from bagassets.store.writable import require_writable
@@ -37,7 +43,14 @@ from bagassets.trace import span
 if TYPE_CHECKING:
     from bagassets.defs.own_build import OwnProject
 
-__all__ = ["PendingWork", "expected_moves", "find_pending_work", "open_project", "update_pending_work"]
+__all__ = [
+    "PendingWork",
+    "expected_moves",
+    "find_pending_work",
+    "find_touched",
+    "open_project",
+    "update_pending_work",
+]
 
 
 @dataclass(frozen=True)
@@ -80,7 +93,7 @@ def find_pending_work(
     workspace: Workspace,
     options: BuildOptions | None = None,
     own: "OwnProject | None" = None,
-    before: PendingWork | None = None,
+    planning: InstancePlanning | None = None,
     on_planned: Callable[[int, int], None] | None = None,
 ) -> PendingWork:
     """Plan everything and return what is to be done; nothing is changed.
@@ -90,16 +103,29 @@ def find_pending_work(
         workspace: recipe, store and recordings.
         options: what is asked for; default: everything.
         own: the user's assets, which may be selected.
-        before: what was to be done when this was last asked, to save questions to Dagster.
-        on_planned: see `plan_recordings`.
+        planning: what plans; default: a new one.
+        on_planned: see `Planning.plan`.
 
     Raises:
         BagAssetsError: the recipe or the bag root is not usable, or there is no such recording.
     """
     with span("plan"):
-        known = None if before is None else before.planned
-        planned = plan_instance(instance, workspace, before=known, on_planned=on_planned)
+        planned = (planning or InstancePlanning(instance, workspace)).plan(on_planned)
     return _pending_work(instance, workspace, planned, options or BuildOptions(), own)
+
+
+def find_touched(
+    workspace: Workspace, planning: InstancePlanning, options: BuildOptions, own: "OwnProject | None" = None
+) -> dict[str, Touched]:
+    """Return the recordings that a build asks for and of which only the time seems to have changed.
+
+    Raises:
+        SelectionError: there is no such recording or asset.
+    """
+    asked = _asked(workspace, planning.discovery, options, own)
+    if asked.assets == ():
+        return {}
+    return {key: one for key, one in planning.touched().items() if key in asked.recordings}
 
 
 def update_pending_work(
@@ -115,6 +141,43 @@ def update_pending_work(
     return _pending_work(instance, workspace, planned, BuildOptions())
 
 
+class _Asked(NamedTuple):
+    """What a build is asked for.
+
+    Attributes:
+        recordings: partition keys.
+        assets: assets of recordings, with those that they read; None for all.
+        datasets: their assets.
+    """
+
+    recordings: frozenset[str]
+    assets: tuple[str, ...] | None
+    datasets: tuple[str, ...]
+
+
+def _asked(
+    workspace: Workspace, discovery: Discovery, options: BuildOptions, own: "OwnProject | None"
+) -> _Asked:
+    """Return what a build is asked for.
+
+    Raises:
+        SelectionError: there is no such recording or asset.
+    """
+    recipe, recordings = workspace.recipe, discovery.recordings
+    chosen = choose_recordings(recordings, options.bags) if options.bags else frozenset(recordings)
+    datasets = tuple(dataset_code_versions(recipe))
+    ours = ("bag", *workspace.assets.names, *datasets)
+    wanted = choose_assets((*ours, *(own.assets if own else ())), options.select)
+    if wanted is None:
+        return _Asked(chosen, None, datasets)
+    if own is not None:
+        wanted = (wanted & frozenset(ours)) | own.ours_read_by(wanted)
+    made_from = {asset: dataset.kind.part for asset, dataset in datasets_of(recipe).items()}
+    made_from["trajectory_map"] = "ego_poses"
+    assets = workspace.assets.with_upstream(made_from.get(name, name) for name in wanted)
+    return _Asked(chosen, assets, tuple(name for name in datasets if name in wanted))
+
+
 def _pending_work(
     instance: dg.DagsterInstance,
     workspace: Workspace,
@@ -122,28 +185,15 @@ def _pending_work(
     options: BuildOptions,
     own: "OwnProject | None" = None,
 ) -> PendingWork:
-    recipe = workspace.recipe
-    recordings = planned.discovery.recordings
-    chosen = choose_recordings(recordings, options.bags) if options.bags else frozenset(recordings)
-    datasets = tuple(dataset_code_versions(recipe))
-    ours = ("bag", *workspace.assets.names, *datasets)
-    wanted = choose_assets((*ours, *(own.assets if own else ())), options.select)
-    if wanted is not None and own is not None:
-        wanted = (wanted & frozenset(ours)) | own.ours_read_by(wanted)
-    made_from = {asset: dataset.kind.part for asset, dataset in datasets_of(recipe).items()}
-    made_from["trajectory_map"] = "ego_poses"
-    select = (
-        None
-        if wanted is None
-        else workspace.assets.with_upstream(made_from.get(name, name) for name in wanted)
-    )
+    asked = _asked(workspace, planned.discovery, options, own)
     todo = {}
     for key, bag in planned.plan.bags.items():
-        if key in chosen and (assets := bag.to_run(retry_failed=options.retry_failed, select=select)):
+        if key in asked.recordings and (
+            assets := bag.to_run(retry_failed=options.retry_failed, select=asked.assets)
+        ):
             todo[key] = assets
     is_current = dataset_is_current(instance, workspace, planned.inputs)
-    asked = datasets if wanted is None else tuple(name for name in datasets if name in wanted)
-    return PendingWork(planned, is_current, chosen, todo, asked)
+    return PendingWork(planned, is_current, asked.recordings, todo, asked.datasets)
 
 
 def expected_moves(pending: PendingWork, recipe: Recipe) -> dict[str, tuple[str, str]]:

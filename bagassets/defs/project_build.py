@@ -21,13 +21,19 @@ from bagassets.build.unsettled import Unsettled
 from bagassets.defs.batches import WORTH_STEPS_BYTES, Batch
 from bagassets.defs.dataset import record_inputs
 from bagassets.defs.events import recordings_made
-from bagassets.defs.instance_plan import InstancePlan
+from bagassets.defs.instance_plan import InstancePlan, InstancePlanning
 from bagassets.defs.made_ahead import making_ahead
 from bagassets.defs.naming import Naming
 from bagassets.defs.orphaned_runs import end_orphaned_runs
 from bagassets.defs.own_build import OwnBuild, OwnProject, OwnWork, load_own
 from bagassets.defs.partitions import DATASET, active_runs, add_partitions, remove_partition
-from bagassets.defs.pending_work import PendingWork, find_pending_work, open_project, update_pending_work
+from bagassets.defs.pending_work import (
+    PendingWork,
+    find_pending_work,
+    find_touched,
+    open_project,
+    update_pending_work,
+)
 from bagassets.defs.projects import forget_other_prefixes, require_own_keys
 from bagassets.defs.run_pool import EndedRun, Listener, RunPool
 from bagassets.defs.snapshot import Snapshot
@@ -75,22 +81,27 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
         def on_planned(done: int, total: int) -> None:
             on_event(Event("planning", message=f"Planned {done} of {count_text(total, 'recording')}"))
 
-        def plan_all(
-            asked: BuildOptions | None = None, known: PendingWork | None = None
-        ) -> tuple[Snapshot, PendingWork]:
+        def begin_plan() -> tuple[Snapshot, InstancePlanning]:
             snapshot = Snapshot(instance, workspace, own.files)  # of what there is before it is planned
-            return snapshot, find_pending_work(instance, workspace, asked, own, known, on_planned)
+            return snapshot, InstancePlanning(instance, workspace)
 
-        snapshot, before = plan_all(options)
-        if touched := record_touched(instance, workspace, before, options.jobs, on_event):
-            snapshot, before = plan_all(options, before)
+        def plan_all() -> tuple[Snapshot, PendingWork]:
+            snapshot, planning = begin_plan()
+            return snapshot, find_pending_work(instance, workspace, None, own, planning, on_planned)
+
+        snapshot, planning = begin_plan()
+        touched = find_touched(workspace, planning, options, own)
+        unchanged = record_touched(instance, workspace, touched, options.jobs, on_event)
+        if unchanged:
+            snapshot, planning = begin_plan()
+        before = find_pending_work(instance, workspace, options, own, planning, on_planned)
         now, has_run, is_replanned = before, False, False
         report = BuildReport(before.plan, dataset_path=recipe.nuscenes.output)
         split_before = split_on_disk(recipe)
         report.remarks = tuple(
             Remark("", "warn", name, problem) for name, problems in repaired.items() for problem in problems
         )
-        report.outcomes = {key: BagOutcome("hit", seconds=seconds) for key, seconds in touched.items()}
+        report.outcomes = {key: BagOutcome("hit", seconds=seconds) for key, seconds in unchanged.items()}
         if not options.allow_empty:
             _refuse_empty(recipe, before.planned)
         report.removed = _register(instance, workspace, before.planned)

@@ -19,7 +19,7 @@ from bagassets.defs.sensor_cursor import Cursor
 from bagassets.defs.workspace import Workspace
 from bagassets.errors import RecordingError
 from bagassets.formats.dataset_build import DatasetInputs, dataset_code_versions
-from bagassets.freshness.plan_cache import recording_fingerprint
+from bagassets.freshness.plan_cache import RecordingFingerprint, recording_fingerprint
 from bagassets.quantities import count_text
 from bagassets.recipe.model import Recipe
 from bagassets.recordings.digest import RecordingStat, recording_stat
@@ -315,7 +315,7 @@ def _stats(discovery: Discovery) -> dict[str, RecordingStat]:
     return stats
 
 
-def _mark(recipe: Recipe, project: str | None, recording: RecordingFiles) -> str:
+def _mark(recipe: Recipe, project: str | None, recording: RecordingFiles) -> RecordingFingerprint:
     """Return the fingerprint of a recording and of its label files."""
     return recording_fingerprint(
         project or "", recording.relative, recording.files, files_beside(recipe, recording), {}

@@ -18,7 +18,7 @@ from bagassets.build.build_report import Event
 from bagassets.build.first_pass import only_reader
 from bagassets.defs.connections import kept_open
 from bagassets.defs.events import CODE_VERSION, DATA_VERSION
-from bagassets.defs.pending_work import PendingWork
+from bagassets.defs.instance_plan import Touched
 from bagassets.defs.reporting import BAG_CODE_VERSION, bag_metadata
 from bagassets.defs.workspace import Workspace
 from bagassets.errors import BagAssetsError
@@ -45,35 +45,33 @@ _Read = tuple[RecordingStat, RecordingDigest, float]  # status before, digest, s
 def record_touched(
     instance: dg.DagsterInstance,
     workspace: Workspace,
-    pending: PendingWork,
+    touched: Mapping[str, Touched],
     jobs: int,
     on_event: Callable[[Event], None],
 ) -> dict[str, float]:
-    """Read the recordings that need a run only because of their time; record those whose content is the same.
+    """Read recordings that would need a run only because of their time; record those whose content is the same.
 
     What cannot be read, or changes meanwhile, is left to its run, which reports it.
 
     Args:
         instance: where `bag` is recorded.
         workspace: recipe, index and recordings.
-        pending: what a build has to do.
+        touched: see `find_touched`.
         jobs: recordings read at the same time.
         on_event: called now and then while recordings are read.
 
     Returns:
-        The recordings whose content is the same -> seconds to read it. Plan again if there are any.
+        The recordings whose content is the same -> seconds to read it.
 
     Raises:
         KeyboardInterrupt: the user pressed Ctrl-C; what had been read is recorded.
     """
-    touched = {
-        key: pending.planned.recorded[key]["bag"] for key in pending.todo if pending.plan.bags[key].touched
-    }
     if not touched:
         return {}
-    recordings = pending.planned.discovery.recordings
     # The last first: what is made ahead of a build (`made_ahead`) begins with the first.
-    reading = _Reading({key: recordings[key] for key in reversed(touched)}, workspace.index, workspace.store)
+    reading = _Reading(
+        {key: touched[key].recording for key in reversed(list(touched))}, workspace.index, workspace.store
+    )
     same = {}
     with (
         span("read touched", recordings=len(touched)),
@@ -81,10 +79,11 @@ def record_touched(
         closing(reading.read(jobs, on_event)) as found,
     ):
         for key, stat, digest, seconds in found:
-            if digest.digest != touched[key].data_version:
+            recording, recorded = touched[key]
+            if digest.digest != recorded.data_version:
                 continue
-            if stat != touched[key].stat:
-                _record(instance, workspace.names.key("bag"), recordings[key], stat, digest)
+            if stat != recorded.stat:
+                _record(instance, workspace.names.key("bag"), recording, stat, digest)
             same[key] = seconds
     return same
 

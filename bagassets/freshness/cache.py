@@ -15,7 +15,7 @@ from bagassets.freshness.fingerprints import PlanNeeded, open_read_only
 __all__ = ["NAME", "Cache", "Changes"]
 
 NAME = "freshness.sqlite"
-_FORMAT = 1
+_FORMAT = 2
 _BUSY_S = 10.0
 _VERSION = "PRAGMA user_version"
 _ALL = "SELECT key, content, digest FROM entries WHERE kind = ?"

@@ -13,9 +13,23 @@ from bagassets.freshness.artifacts import artifacts_fingerprint, packed
 from bagassets.freshness.cache import Cache, Changes
 from bagassets.freshness.fingerprints import PlanNeeded, digest_lines, signature
 
-__all__ = ["CachedPlan", "PlanCache", "recording_fingerprint"]
+__all__ = ["CachedPlan", "PlanCache", "RecordingFingerprint", "recording_fingerprint"]
 
 _KIND = "recording"
+
+
+class RecordingFingerprint(NamedTuple):
+    """What changes with everything that the plan of a recording depends on, except artifacts.
+
+    Attributes:
+        files: fingerprint of its files, their times and inodes included.
+        bag: id of the latest record of `bag` in Dagster; None if there is none.
+        rest: fingerprint of the rest: code, recipe, the path of the recording, its label files, records of other assets.
+    """
+
+    files: str
+    bag: int | None
+    rest: str
 
 
 class CachedPlan(NamedTuple):
@@ -27,7 +41,7 @@ class CachedPlan(NamedTuple):
         plan: the plan, as JSON.
     """
 
-    recording_fingerprint: str
+    recording_fingerprint: RecordingFingerprint
     artifacts_fingerprint: str
     plan: Any
 
@@ -38,8 +52,8 @@ def recording_fingerprint(
     files: Iterable[str | os.PathLike[str]],
     beside: Iterable[str | os.PathLike[str]],
     records: Mapping[str, int],
-) -> str:
-    """Return the fingerprint of one recording: of everything that its plan depends on, except artifacts.
+) -> RecordingFingerprint:
+    """Return the fingerprint of one recording.
 
     Args:
         project: fingerprint of the code, the recipe and the files that it names.
@@ -48,12 +62,11 @@ def recording_fingerprint(
         beside: its label files, and the paths where they might be.
         records: asset -> id of its latest record in Dagster; empty if the partition does not exist.
     """
-    lines = [project, relative]
-    lines += [f"{os.path.basename(path)}\0{signature(path)}" for path in files]
-    lines.append("beside")
-    lines += [f"{os.fspath(path)}\0{signature(path)}" for path in beside]
-    lines += [f"{asset}\0{number}" for asset, number in sorted(records.items())]
-    return digest_lines(lines)
+    rest = [project, relative]
+    rest += [f"{os.fspath(path)}\0{signature(path)}" for path in beside]
+    rest += [f"{asset}\0{number}" for asset, number in sorted(records.items()) if asset != "bag"]
+    names = [f"{os.path.basename(path)}\0{signature(path)}" for path in files]
+    return RecordingFingerprint(digest_lines(names), records.get("bag"), digest_lines(rest))
 
 
 class PlanCache:
@@ -71,9 +84,13 @@ class PlanCache:
     def load(self) -> dict[str, CachedPlan]:
         """Return partition key -> cached plan; empty if the cache cannot be read."""
         try:
-            return {key: CachedPlan(*json.loads(text)) for key, text in self._cache.all(_KIND).items()}
+            entries = {key: json.loads(text) for key, text in self._cache.all(_KIND).items()}
         except PlanNeeded:
             return {}
+        return {
+            key: CachedPlan(RecordingFingerprint(*fingerprint), artifacts, plan)
+            for key, (fingerprint, artifacts, plan) in entries.items()
+        }
 
     def holds(self, entry: CachedPlan, artifacts: Iterable[str]) -> bool:
         """Return whether the artifacts of a recording are unchanged."""
@@ -83,7 +100,9 @@ class PlanCache:
             return False
         return now == entry.artifacts_fingerprint
 
-    def save(self, plans: Mapping[str, tuple[str, Any, Iterable[str]]], gone: Iterable[str]) -> None:
+    def save(
+        self, plans: Mapping[str, tuple[RecordingFingerprint, Any, Iterable[str]]], gone: Iterable[str]
+    ) -> None:
         """Store plans and drop others; if that fails, the next plan examines these recordings.
 
         Args:
