@@ -18,7 +18,7 @@ from pathlib import Path
 import pytest
 
 from bagassets.errors import BagAssetsError
-from bagassets.forkserver.client import Client, ServerRefusedError
+from bagassets.forkserver.client import Client, ServerRefusedError, ServerStart
 from bagassets.forkserver.process import ProcessId
 from bagassets.forkserver.server_files import ServerFiles
 from bagassets.forkserver.spec import ServerSpec
@@ -298,7 +298,8 @@ def test_a_first_job_works_while_the_server_imports(tmp_path):
     slow = write_module(tmp_path / "code", "slow_module", "import time\ntime.sleep(1.5)\n")
     spec = spec_in(tmp_path / "state", **slow)
     file = tmp_path / "order"
-    with Client.ensure(spec, first_job=(f"{JOBS}:watch_for_server", {"file": str(file)})) as client:
+    ServerStart(spec, 60.0, (f"{JOBS}:watch_for_server", {"file": str(file)})).wait()
+    with Client.ensure(spec) as client:
         eventually(lambda: file.exists() and file.read_text() == "began before it served, ended after")
         eventually(lambda: client.status()["jobs"] == [])
         client.shutdown(grace_s=0.0)
@@ -309,7 +310,8 @@ def test_a_first_job_has_the_surroundings_of_its_server_which_no_command_line_sh
     monkeypatch.setenv("SURROUNDING", "a secret, " + "x" * 100_000)
     file = tmp_path / "surroundings"
     first_job = (f"{JOBS}:tell_surroundings", {"file": str(file)})
-    with Client.ensure(spec_in(tmp_path / "state"), first_job=first_job) as client:
+    ServerStart(spec_in(tmp_path / "state"), 60.0, first_job).wait()
+    with Client.ensure(spec_in(tmp_path / "state")) as client:
         eventually(lambda: file.exists() and file.read_text() == os.environ["SURROUNDING"])
         commands = []
         for path in Path("/proc").glob("[0-9]*/cmdline"):
@@ -322,13 +324,15 @@ def test_a_first_job_has_the_surroundings_of_its_server_which_no_command_line_sh
 
 def test_a_first_job_is_for_a_server_that_is_started(client, tmp_path):
     first_job = (f"{JOBS}:watch_for_server", {"file": str(tmp_path / "order")})
-    with Client.ensure(spec_in(tmp_path / "state"), first_job=first_job) as second:
+    ServerStart(spec_in(tmp_path / "state"), 60.0, first_job).wait()
+    with Client.ensure(spec_in(tmp_path / "state")) as second:
         assert second.process == client.process
         assert not (tmp_path / "order").exists()
 
 
 def test_a_server_serves_though_its_first_job_failed(tmp_path):
-    with Client.ensure(spec_in(tmp_path / "state"), first_job=(f"{JOBS}:fail", {})) as client:
+    ServerStart(spec_in(tmp_path / "state"), 60.0, (f"{JOBS}:fail", {})).wait()
+    with Client.ensure(spec_in(tmp_path / "state")) as client:
         assert end_of(client, client.submit(f"{JOBS}:add", {"x": 1, "y": 2}, label="sum"))["result"] == 3
         client.shutdown(grace_s=0.0)
 
@@ -343,7 +347,7 @@ def test_a_server_that_nobody_wants_any_more_ends_while_it_starts(tmp_path):
         raise BagAssetsError("not this recipe")
 
     with pytest.raises(BagAssetsError, match="not this recipe"):
-        Client.ensure(spec, meanwhile=refuse)
+        ServerStart(spec, 60.0).wait(meanwhile=refuse)
     eventually(lambda: not is_locked(files.lock))
 
 

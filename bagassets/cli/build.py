@@ -143,16 +143,16 @@ def build_with_progress(
             for listener in listeners:
                 listener(event)
 
-        server, job = handed_over or (None, None)
+        server, job, starting = handed_over or HandedOver()
         while True:
             if server is None:
                 with span("find or start the server"):
-                    server = server_for(recipe, options.bags)
+                    server = server_for(recipe, options.bags, starting)
             with server:
                 report = build_on_server(server, recipe, options, on_event, most, job)
             if report is not None:
                 return report
-            server = job = None
+            server = job = starting = None
 
 
 def _dry_run(recipe: Path, options: "BuildOptions", *, check: bool, as_json: bool) -> int:

@@ -1,35 +1,55 @@
-"""Handing a build over to its server before the command line is imported, which takes as long as Dagster takes to open."""
+"""Handing a build over to its server, or starting one, before the command line is imported, which takes a tenth of a second."""
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 from bagassets.errors import BagAssetsError
-from bagassets.forkserver.client import Client
-from bagassets.forkserver.tasks import find_server
+from bagassets.forkserver.client import Client, ServerStart
+from bagassets.forkserver.tasks import find_server, server_spec
+from bagassets.freshness.decide import state_folder
+from bagassets.freshness.fingerprints import PlanNeeded
 from bagassets.json_types import Json
+from bagassets.store.writable import require_writable
 
-__all__ = ["GRACE_S", "JOBS_PER_PROCESSOR", "MOST_ROWS", "HandedOver", "hand_over", "submit_build"]
+__all__ = [
+    "GRACE_S",
+    "JOBS_PER_PROCESSOR",
+    "MOST_ROWS",
+    "HandedOver",
+    "begin_server",
+    "hand_over",
+    "submit_build",
+]
 
 # Twice the processors keeps them busy while some workers wait for the disk; more only costs memory.
 JOBS_PER_PROCESSOR = 2
 # Of the table that a build prints; beyond this number, only recordings where something happened are shown.
 MOST_ROWS = 60
 _JOB = "bagassets.defs.project_build:build_project_in_worker"
+_FIRST_JOB = "bagassets.defs.made_ahead:make_inventories"
+_START_S = 60.0
 # A build that is cancelled waits this long for its runs, which have less time to end.
 GRACE_S = 40.0
 
 
 class HandedOver(NamedTuple):
-    """A build that a server has begun: its client, and the id of the job."""
+    """What has begun before the command line is imported: the build on its server, or that server.
 
-    client: Client
-    job: str
+    Attributes:
+        client: of the server, if it is up.
+        job: the build there.
+        starting: the server, if it was not up.
+    """
+
+    client: Client | None = None
+    job: str | None = None
+    starting: ServerStart | None = None
 
 
 def hand_over(recipe: str, jobs: int | None) -> HandedOver | None:
-    """Have the server of a recipe begin a build of everything; None if it does not, and the command line has to.
+    """Have the server of a recipe begin a build of everything, or start one; None if the command line has to.
 
     Args:
         recipe: recipe file.
@@ -45,10 +65,27 @@ def hand_over(recipe: str, jobs: int | None) -> HandedOver | None:
         client = find_server(file)
         if client is not None:
             return HandedOver(client, submit_build(client, file, {"jobs": jobs}, MOST_ROWS))
-    except (BagAssetsError, OSError):  # the command line meets it again, and reports it
+        return HandedOver(starting=begin_server(file, Path(state_folder(str(file)))))
+    except (PlanNeeded, BagAssetsError, OSError):  # the command line meets it again, and reports it
         if client is not None:
             client.close()
     return None
+
+
+def begin_server(recipe: Path, state: Path, bags: Sequence[str] = ()) -> ServerStart:
+    """Start the server of a recipe; it reads the first recordings of a build while it imports Dagster.
+
+    Args:
+        recipe: recipe file.
+        state: its state folder.
+        bags: the recordings to build (`BuildOptions.bags`).
+
+    Raises:
+        BagAssetsError: the state folder cannot be written.
+    """
+    require_writable(state)
+    first_job = {"recipe": str(recipe), "bags": list(bags)}
+    return ServerStart(server_spec(state, recipe), _START_S, (_FIRST_JOB, first_job))
 
 
 def submit_build(client: Client, recipe: Path, options: Mapping[str, Json], most: int | None) -> str:

@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bagassets.build.build_report import BuildOptions, Event
-from bagassets.cli.early import GRACE_S, submit_build
+from bagassets.cli.early import GRACE_S, begin_server, submit_build
 from bagassets.errors import BagAssetsError
-from bagassets.forkserver.client import Client, ServerRefusedError
+from bagassets.forkserver.client import Client, ServerRefusedError, ServerStart
 from bagassets.forkserver.server_files import ServerFiles
 from bagassets.forkserver.tasks import find_server, server_spec
 from bagassets.freshness.decide import state_folder
@@ -20,14 +20,12 @@ from bagassets.freshness.fingerprints import PlanNeeded
 from bagassets.interrupts import deferred_interrupts
 from bagassets.json_types import JsonObject
 from bagassets.lock_files import is_locked
-from bagassets.store.writable import require_writable
 
 if TYPE_CHECKING:
     from bagassets.recipe.model import Recipe
 
 __all__ = ["InterruptedBuildError", "build_on_server", "end_servers", "server_for"]
 
-_EARLY_JOB = "bagassets.defs.made_ahead:make_inventories"
 # How long the jobs of a server that is ended have to stop; the server, which may be importing Dagster, has longer.
 _END_GRACE_S = 5.0
 _END_S = 60.0
@@ -39,34 +37,34 @@ class InterruptedBuildError(BagAssetsError):
     """A build was interrupted before it could report what it did."""
 
 
-def server_for(recipe: Path, bags: Sequence[str]) -> Client:
+def server_for(recipe: Path, bags: Sequence[str], begun: ServerStart | None = None) -> Client:
     """Return a client of the server for a recipe, which is started if it is not up.
 
     Args:
         recipe: recipe file.
         bags: the recordings to build (`BuildOptions.bags`); the first ones are read while the server starts.
+        begun: the server, if it is being started.
 
     Raises:
         RecipeError: the recipe is missing or wrong.
         BagAssetsError: the server cannot start.
     """
-    found = find_server(recipe)
-    if found is not None:
-        return found
 
     def loaded() -> "Recipe":
         from bagassets.recipe import load_recipe
 
         return load_recipe(recipe)
 
+    found = None if begun else find_server(recipe)
+    if found is not None:
+        return found
     try:
         state = Path(state_folder(str(recipe.absolute())))
     except (PlanNeeded, OSError):  # which `load_recipe` explains
         state = loaded().state
-    require_writable(state)
-    early = {"recipe": str(recipe), "bags": list(bags)}
     # To import what reads a recipe takes a quarter of a second: meanwhile, the server imports more.
-    return Client.ensure(server_spec(state, recipe), first_job=(_EARLY_JOB, early), meanwhile=loaded)
+    (begun or begin_server(recipe, state, bags)).wait(meanwhile=loaded)
+    return Client.ensure(server_spec(state, recipe))
 
 
 def end_servers(state: Path) -> None:

@@ -13,7 +13,6 @@ from typing import Any, ParamSpec, TypeVar
 
 from bagassets.decode.boxes import BoxDecoder
 from bagassets.decode.model import BoxReading, CloudReading, ImageReading, PoseReading, RadarReading
-from bagassets.decode.readings import problem_of
 from bagassets.decode.registry import (
     BUILT_IN,
     AnyFamily,
@@ -188,6 +187,8 @@ def _check(plugin: DecoderPlugin, reading: object, kind: type) -> None:
     """Raise DecodeError unless a reading is valid for its family."""
     if not isinstance(reading, kind):
         raise DecodeError(f"{plugin} returned {type(reading).__name__}, not {kind.__name__}")
+    from bagassets.decode.readings import problem_of  # noqa: PLC0415  (it imports OpenCV, which a first pass need not wait for)
+
     problem = problem_of(reading)
     if problem is not None:
         raise DecodeError(f"{plugin} returned a {kind.__name__} whose {problem}")

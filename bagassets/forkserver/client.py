@@ -23,7 +23,7 @@ from bagassets.json_types import JsonMapping
 if TYPE_CHECKING:
     import subprocess
 
-__all__ = ["Client", "ServerRefusedError"]
+__all__ = ["Client", "ServerRefusedError", "ServerStart"]
 
 _ANSWER_S = 15.0
 _GRACE_S = 30.0
@@ -63,17 +63,12 @@ class Client:
         spec: ServerSpec,
         *,
         timeout_s: float = 60.0,
-        first_job: FirstJob | None = None,
-        meanwhile: Callable[[], object] | None = None,
     ) -> Self:
         """Return a client of a server for `spec`, which is started if there is none.
 
         Args:
             spec: the spec of the server.
             timeout_s: how long it may take to start.
-            first_job: `module:function` and its arguments; a server that is started here runs it while it imports
-                what other jobs need. Its result is not reported.
-            meanwhile: called while a server starts here; if it raises, the server is ended.
 
         Raises:
             BagAssetsError: the server cannot start; the message ends with the last lines of its log.
@@ -86,7 +81,7 @@ class Client:
                 return client
             if time.monotonic() > deadline:
                 raise BagAssetsError(*_cannot_start(files, f"it did not answer within {timeout_s:.0f} s"))
-            _start(spec, files, max(1.0, deadline - time.monotonic()), first_job, meanwhile)
+            ServerStart(spec, max(1.0, deadline - time.monotonic())).wait()
             time.sleep(_RETRY_S)
 
     @classmethod
@@ -238,39 +233,56 @@ def _recipe_variable(spec: ServerSpec) -> dict[str, str]:
     return {} if spec.recipe is None else {"BAGASSETS_RECIPE": str(spec.recipe)}
 
 
-def _start(
-    spec: ServerSpec,
-    files: ServerFiles,
-    timeout_s: float,
-    first_job: FirstJob | None,
-    meanwhile: Callable[[], object] | None,
-) -> None:
-    """Start a server; return when it, or another one with its stamp, answers."""
-    import subprocess
+class ServerStart:
+    """A server that is being started: by a process that ends when one with its stamp answers, be it this or another.
 
-    with _starter(spec, files, timeout_s, first_job) as starter:
-        try:
-            if meanwhile is not None:
-                meanwhile()
-        except BaseException:
-            os.killpg(starter.pid, signal.SIGKILL)  # its server, too
-            raise
-        try:
-            code = starter.wait(timeout_s)
-        except subprocess.TimeoutExpired as err:
-            starter.kill()
-            raise BagAssetsError(*_cannot_start(files, f"it took longer than {timeout_s:.0f} s")) from err
-        except BaseException:
-            starter.kill()
-            raise
-    if code not in {0, SOURCE_CHANGED}:
-        raise BagAssetsError(*_cannot_start(files, f"it ended with exit code {code}"))
+    Args:
+        spec: the spec of the server.
+        timeout_s: how long it may take.
+        first_job: `module:function` and its arguments; a server that is started here runs it while it imports what other
+            jobs need. Its result is not reported.
+    """
+
+    def __init__(self, spec: ServerSpec, timeout_s: float, first_job: FirstJob | None = None) -> None:
+        self._files = ServerFiles(spec.state_folder, spec.stamp())
+        self._deadline = time.monotonic() + timeout_s
+        self._timeout_s = timeout_s
+        self._process = _starter(spec, self._files, timeout_s, first_job)
+
+    def wait(self, meanwhile: Callable[[], object] | None = None) -> None:
+        """Return when the server answers.
+
+        Args:
+            meanwhile: called first; if it raises, the server is ended.
+
+        Raises:
+            BagAssetsError: it cannot start.
+        """
+        from subprocess import TimeoutExpired
+
+        with self._process as starter:
+            try:
+                if meanwhile is not None:
+                    meanwhile()
+            except BaseException:
+                os.killpg(starter.pid, signal.SIGKILL)  # its server, too
+                raise
+            try:
+                code = starter.wait(max(1.0, self._deadline - time.monotonic()))
+            except TimeoutExpired as err:
+                starter.kill()
+                reason = f"it took longer than {self._timeout_s:.0f} s"
+                raise BagAssetsError(*_cannot_start(self._files, reason)) from err
+            except BaseException:
+                starter.kill()
+                raise
+        if code not in {0, SOURCE_CHANGED}:
+            raise BagAssetsError(*_cannot_start(self._files, f"it ended with exit code {code}"))
 
 
 def _starter(
     spec: ServerSpec, files: ServerFiles, timeout_s: float, first_job: FirstJob | None
 ) -> "subprocess.Popen[bytes]":
-    """Return a process that starts a server and ends when one with its stamp answers."""
     import subprocess
 
     files.make()

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from bagassets.json_types import JsonMapping
@@ -68,6 +67,8 @@ class PackedRecording(Recording):
         super().__init__(parquet, inventory["format"], merge_topics(parquet, sources, (), limits or Limits()))
 
     def _read(self, topics: Collection[str]) -> Iterator[RawMessage]:
+        import pyarrow.compute as pc  # noqa: PLC0415  (a first pass, which only writes packs, need not wait for it)
+
         wanted = pa.array(sorted(topics), pa.string())
         for whole in pq.ParquetFile(self._parquet).iter_batches(_BATCH, use_threads=False):
             batch = whole.filter(pc.is_in(whole.column("topic"), wanted))
