@@ -7,10 +7,28 @@ server meanwhile. A command that only reads is carried out by that server, if it
 import os
 import sys
 
-__all__ = ["main"]
+__all__ = ["main", "run"]
 
 # Commands that only read, or may (`build --check`).
 _READING = ("build", "check", "explain", "status")
+
+
+def run() -> None:
+    """Run the command line and end this process.
+
+    A command that is over in a moment does not have Python take apart all that it imported, which takes 20 ms: it has
+    closed what it opened.
+    """
+    status = main()
+    if sys.argv[1:2] and sys.argv[1] in _READING:
+        try:
+            sys.stdout.flush()
+            sys.stderr.flush()
+        except (OSError, ValueError):
+            pass  # Python meets it again, and reports it
+        else:
+            os._exit(status)
+    sys.exit(status)
 
 
 def main() -> int:
@@ -48,9 +66,9 @@ def _main() -> int:
         status = run_on_server(arguments)
         if status is not None:
             return status
-    from bagassets.cli.main import main as run
+    from bagassets.cli.main import main as run_command
 
-    return run(handed_over=handed_over)
+    return run_command(handed_over=handed_over)
 
 
 def _replace_closed_streams() -> None:
@@ -66,4 +84,4 @@ def _replace_closed_streams() -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run()

@@ -40,26 +40,22 @@ Without a network, it shows the same routes on a plain grid."""
 
 def dataset_is_current(instance: dg.DagsterInstance, workspace: Workspace, inputs: DatasetInputs) -> bool:
     """Return whether all datasets on disk were made from `inputs` with this recipe and code."""
-    return all(
-        _is_current(instance, workspace, inputs, asset, version)
-        for asset, version in dataset_code_versions(workspace.recipe).items()
-    )
+    names, versions = workspace.names, dataset_code_versions(workspace.recipe)
+    keys = {asset: names.key(asset) for asset in versions}
+    latest = instance.event_log_storage.get_latest_materialization_events(list(keys.values()))
 
+    def is_current(asset: str) -> bool:
+        event = latest.get(keys[asset])
+        if event is None or event.asset_materialization is None:
+            return not any(inputs.parts.values())
+        tags = event.asset_materialization.tags or {}
+        return (
+            tags.get(names.input_tag(DATASET_INPUTS)) == inputs.digest
+            and tags.get("dagster/code_version") == versions[asset]
+            and is_on_disk(workspace.recipe, asset)
+        )
 
-def _is_current(
-    instance: dg.DagsterInstance, workspace: Workspace, inputs: DatasetInputs, asset: str, version: str
-) -> bool:
-    names = workspace.names
-    latest = instance.get_latest_materialization_event(names.key(asset))
-    materialization = latest.asset_materialization if latest is not None else None
-    if materialization is None:
-        return not any(inputs.parts.values())
-    tags = materialization.tags or {}
-    return (
-        tags.get(names.input_tag(DATASET_INPUTS)) == inputs.digest
-        and tags.get("dagster/code_version") == version
-        and is_on_disk(workspace.recipe, asset)
-    )
+    return all(map(is_current, versions))
 
 
 def record_inputs(instance: dg.DagsterInstance, workspace: Workspace, inputs: DatasetInputs) -> None:

@@ -10,7 +10,7 @@ import sys
 import sysconfig
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -99,7 +99,7 @@ class Server:
                 f"importing {', '.join(self._spec.modules)} started threads ({', '.join(sorted(others))}), and a "
                 "process with threads cannot be forked safely; start them inside assets or resources instead."
             )
-        self._loaded = LoadedSources()
+        self._loaded = LoadedSources(self._spec.sources)
         gc.freeze()  # keeps a worker's garbage collector from copying shared pages
         gc.enable()
 
@@ -404,14 +404,17 @@ class Server:
 
 
 class LoadedSources:
-    """The source files of all loaded modules, except those of Python and installed packages."""
+    """The source files of all loaded modules, except those of Python and installed packages.
 
-    def __init__(self) -> None:
+    Args:
+        others: files and folders that are watched in another way.
+    """
+
+    def __init__(self, others: Sequence[str] = ()) -> None:
         installed = {Path(sysconfig.get_path(name)).resolve() for name in ("stdlib", "purelib", "platlib")}
+        ignored = installed | set(map(Path, others))
         files = {Path(name) for m in list(sys.modules.values()) if (name := getattr(m, "__file__", None))}
-        self._seen = {
-            file: _signature(file) for file in files if not any(root in file.parents for root in installed)
-        }
+        self._seen = {file: _signature(file) for file in files if ignored.isdisjoint({file, *file.parents})}
 
     def changed(self) -> list[Path]:
         """Return the files that changed since they were loaded."""
