@@ -19,7 +19,12 @@ def run() -> None:
     A command that is over in a moment does not have Python take apart all that it imported, which takes 20 ms: it has
     closed what it opened.
     """
-    status = main()
+    try:
+        status = main()
+    except SystemExit as end:  # of a command
+        if not isinstance(end.code, int):
+            raise
+        status = end.code
     if sys.argv[1:2] and sys.argv[1] in _READING:
         try:
             sys.stdout.flush()
@@ -54,8 +59,7 @@ def _main() -> int:
 
         lines = nothing_to_do(arguments)
         if lines is not None:
-            sys.stdout.write("".join(f"{line}\n" for line in lines))
-            return 0
+            return _print(lines)
         if asked := plain_build(arguments):
             from bagassets.cli.early import hand_over
 
@@ -69,6 +73,21 @@ def _main() -> int:
     from bagassets.cli.main import main as run_command
 
     return run_command(handed_over=handed_over)
+
+
+def _print(lines: list[str]) -> int:
+    """Print lines; return the exit status."""
+    try:
+        sys.stdout.write("".join(f"{line}\n" for line in lines))
+        sys.stdout.flush()
+    except OSError as err:
+        from bagassets.cli.terminal import status_of_unwritten
+
+        status = status_of_unwritten(err)
+        if status is None:
+            raise
+        return status
+    return 0
 
 
 def _replace_closed_streams() -> None:

@@ -1,7 +1,9 @@
 """Every command as users meet it: in the overview, in its own help, and in the pages that it cites."""
 
 import ast
+import os
 import re
+import subprocess
 import sys
 from pathlib import Path
 
@@ -110,3 +112,26 @@ def _messages(path):
     for node in ast.walk(tree):
         if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in docstrings:
             yield node.value
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device that is always full is a thing of Linux")
+def test_output_that_cannot_be_written_is_one_sentence():
+    command = [sys.executable, "-m", "bagassets", "formats"]
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert done.returncode == ExitStatus.FAILED
+    (line,) = done.stderr.splitlines()
+    assert line.startswith("error: the output of this command, or a file, cannot be written")
+
+
+def test_whoever_reads_the_output_may_stop_reading():
+    ours, theirs = os.pipe()
+    os.close(ours)
+    try:
+        done = subprocess.run(
+            [sys.executable, "-u", "-m", "bagassets", "formats"],
+            stdout=theirs, stderr=subprocess.PIPE, text=True, check=False,
+        )  # fmt: skip
+    finally:
+        os.close(theirs)
+    assert (done.returncode, done.stderr) == (ExitStatus.FAILED, "")

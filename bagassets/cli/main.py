@@ -15,7 +15,7 @@ import click
 
 from bagassets import __version__
 from bagassets.cli.exit_status import ExitStatus
-from bagassets.cli.terminal import echo
+from bagassets.cli.terminal import echo, status_of_unwritten
 from bagassets.errors import BagAssetsError
 
 if TYPE_CHECKING:
@@ -171,6 +171,9 @@ def main(args: Sequence[str] | None = None, *, handed_over: "HandedOver | None" 
             echo(f"error: {line}", err=True)
         return ExitStatus.FAILED
     except OSError as err:
+        status = status_of_unwritten(err)
+        if status is not None:
+            return status
         if err.errno not in _REFUSALS or err.filename is None:
             return _crashed(err, arguments)
         echo(

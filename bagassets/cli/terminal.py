@@ -1,15 +1,21 @@
 """Printing for commands: names come from recordings, so everything that a terminal would obey is escaped."""
 
+import errno
+import os
+import sys
 from typing import TYPE_CHECKING
 
 import click
 
+from bagassets.cli.exit_status import ExitStatus
 from bagassets.escaping import terminal, visible
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-__all__ = ["echo", "echo_lines", "print_lines"]
+__all__ = ["echo", "echo_lines", "print_lines", "status_of_unwritten"]
+
+_FULL = {errno.ENOSPC, errno.EDQUOT}
 
 
 def echo(line: str, *, err: bool = False) -> None:
@@ -25,3 +31,15 @@ def echo_lines(text: str, *, err: bool = False, nl: bool = True) -> None:
 def print_lines(console: "Console", text: str) -> None:
     """Print lines as `echo_lines` does, on a console of rich."""
     console.print(terminal(text), markup=False, soft_wrap=True)
+
+
+def status_of_unwritten(err: OSError) -> int | None:
+    """Say why the output of a command cannot be written; return its exit status, or None if `err` is about something else."""
+    if err.errno == errno.EPIPE:  # whoever read it has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return ExitStatus.FAILED
+    if err.errno not in _FULL or err.filename is not None:
+        return None
+    echo(f"error: the output of this command, or a file, cannot be written ({err.strerror}).", err=True)
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return ExitStatus.FAILED
