@@ -36,27 +36,29 @@ def files_match(
             unnamed,
         ),
     ]
-    sizes: dict[str, dict[str, int]] = {}
+    artifacts: dict[str, tuple[Artifact, dict[str, int]]] = {}
     lost: dict[str, str] = {}
     missing, torn = [], []
     total = 0
     for entry in files:
         digest = entry["artifact"]
-        if digest not in sizes and digest not in lost:
+        if digest not in artifacts and digest not in lost:
             try:
-                sizes[digest] = {file.path: file.size for file in artifact(digest).entries()}
+                found = artifact(digest)
+                artifacts[digest] = found, {file.path: file.size for file in found.entries()}
             except StoreError as err:
                 lost[digest] = str(err)
                 problems.append(f"{entry['filename']}: {err}")
         if digest in lost:
             continue
+        whole, sizes = artifacts[digest]
         try:
-            size = artifact(digest).path(entry["file"]).stat().st_size
+            size = whole.path(entry["file"]).stat().st_size
         except FileNotFoundError:
             missing.append(entry["filename"])
             continue
         total += size
-        expected = sizes[digest].get(entry["file"])
+        expected = sizes.get(entry["file"])
         if size != expected:
             torn.append(f"{entry['filename']} ({size} bytes instead of {expected})")
     problems += _sentence("file is not in the store", "files are not in the store", missing)
