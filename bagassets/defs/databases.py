@@ -27,7 +27,7 @@ from bagassets.defs.dagster_private import (
 from bagassets.errors import StoreError
 from bagassets.lock_files import LockFile
 
-__all__ = ["database_errors_explained", "ready_to_open"]
+__all__ = ["are_files", "database_errors_explained", "ready_to_open"]
 
 _LOCK = "opening.lock"
 _NEW = "new-"
@@ -46,6 +46,12 @@ _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _OUR_STORAGE = "bagassets.defs.sqlite_storage"
 # Events are of one to three kB each: with pages of 4 kB, a quarter of the file stays empty.
 _PAGE_BYTES = 8192
+
+
+def are_files(home: Path) -> bool:
+    """Return whether the databases of the instance in `home` are SQLite's, and have been created."""
+    folder = _storage(home)
+    return folder is not None and not _unfinished(folder)
 
 
 @contextmanager

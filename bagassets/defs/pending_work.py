@@ -13,19 +13,22 @@ from bagassets.build.build_report import BuildOptions
 from bagassets.build.choose import choose_assets, choose_recordings
 from bagassets.build.plan import Plan
 from bagassets.defs.connections import kept_open
-from bagassets.defs.databases import database_errors_explained
+from bagassets.defs.databases import are_files, database_errors_explained
 from bagassets.defs.dataset import dataset_is_current
+from bagassets.defs.events import all_assets, fetch_recorded, latest_ids, live_partitions
 from bagassets.defs.instance_plan import (
     InstancePlan,
     InstancePlanning,
     Touched,
     replan_instance,
 )
+from bagassets.defs.partitions import active_runs
 from bagassets.defs.projects import noted_prefix
 from bagassets.defs.runs import open_instance
 from bagassets.defs.workspace import Workspace
 from bagassets.formats.catalogue import MAIN
 from bagassets.formats.dataset_build import (
+    DatasetInputs,
     dataset_code_versions,
     datasets_of,
     deal_contents,
@@ -33,6 +36,7 @@ from bagassets.formats.dataset_build import (
     split_on_disk,
 )
 from bagassets.propose.project import dagster_home
+from bagassets.recipe import load_recipe
 from bagassets.recipe.model import Recipe
 from bagassets.recordings.discover import Discovery
 from bagassets.splits import moves
@@ -49,6 +53,7 @@ __all__ = [
     "find_pending_work",
     "find_touched",
     "open_project",
+    "rehearse",
     "update_pending_work",
 ]
 
@@ -207,6 +212,23 @@ def expected_moves(pending: PendingWork, recipe: Recipe) -> dict[str, tuple[str,
     made = {name: {part.key: part.artifact for part in parts} for name, parts in inputs.items()}
     dealt = deal_contents(entering, recipe.splits, recordings_without_scenes(Store(recipe.store_path), made))
     return moves(split_on_disk(recipe), dealt)
+
+
+def rehearse(recipe_file: Path) -> None:
+    """Ask a project's database what a plan asks, for nothing: processes that are forked then find the statements compiled.
+
+    Afterwards it is closed. Other databases than SQLite's, which may keep one waiting, and those that are not there yet, are left
+    alone.
+    """
+    recipe = load_recipe(recipe_file)
+    if not are_files(dagster_home(recipe_file.absolute(), recipe)):
+        return
+    with open_project(recipe_file) as (instance, workspace):
+        names = workspace.names
+        ids = latest_ids(instance, names, all_assets())
+        fetch_recorded(instance, names, ids, sorted(live_partitions(instance, names))[:1])
+        active_runs(instance, names, ())
+        dataset_is_current(instance, workspace, DatasetInputs({}))
 
 
 @contextmanager

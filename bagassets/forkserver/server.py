@@ -30,6 +30,7 @@ __all__ = ["Server"]
 _LOG = logging.getLogger(__name__)
 _TICK_S = 0.5
 _AGE_CHECK_S = 5.0
+_QUIET_S = 0.3
 _END_GRACE_S = 10.0
 _LOST_GRACE_S = 60.0  # time for reporting the loss of a worker
 
@@ -53,7 +54,8 @@ class Server:
         self._count = 0
         self._last_use = self._last_age_check = time.monotonic()
         self._loaded: LoadedSources | None = None
-        self._later: Iterator[None] | None = None
+        self._later: Iterator[object] | None = None
+        self._can_wait = False
         self._end_requested = False
         self._ops: dict[str, Callable[[Connection, Message], Message]] = {
             "hello": self._hello,
@@ -115,10 +117,11 @@ class Server:
         _LOG.info("serving %s, stamp %s", ", ".join(self._spec.modules) or "nothing ahead", self._files.stamp)
         try:
             while not self._is_done():
-                ready = self._selector.select(0.0 if self._later is not None else _TICK_S)
+                is_due = self._later is not None and not (self._can_wait and self._is_in_use())
+                ready = self._selector.select(0.0 if is_due else _TICK_S)
                 for key, _ in ready:
                     key.data()
-                if not ready:
+                if is_due and not ready:
                     self._prepare_more()
                 self._collect()
                 self._tick()
@@ -131,14 +134,18 @@ class Server:
         if self._later is None:
             return
         try:
-            next(self._later)
+            self._can_wait = bool(next(self._later))
         except StopIteration:
             self._later = None
         except Exception:  # noqa: BLE001  (modules of users may raise anything)
             _LOG.exception("%s: a later step failed; workers do without", self._spec.preload)
             self._later = None
-        if self._later is None:
+        if self._later is None or self._can_wait:
             gc.freeze()
+
+    def _is_in_use(self) -> bool:
+        """Return whether somebody uses this server, or has a moment ago."""
+        return bool(self._jobs or self._connections) or time.monotonic() - self._last_use < _QUIET_S
 
     def _listen(self) -> None:
         path = self._files.choose_socket()
