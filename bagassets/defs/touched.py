@@ -4,6 +4,7 @@ Somebody copied or touched them, or restored a backup. Their sizes are as record
 read it is cheap beside a run.
 """
 
+import os
 import time
 from collections.abc import Callable, Generator, Mapping
 from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
@@ -38,6 +39,7 @@ __all__ = ["record_touched"]
 
 _NO_RUN = ""  # the run of Dagster's events that belong to none
 _SHOW_EVERY_S = 0.5
+_SHARE_A_PROCESSOR = 4
 
 _Read = tuple[RecordingStat, RecordingDigest, float]  # status before, digest, seconds
 
@@ -57,7 +59,7 @@ def record_touched(
         instance: where `bag` is recorded.
         workspace: recipe, index and recordings.
         touched: see `find_touched`.
-        jobs: recordings read at the same time.
+        jobs: processors that may be used.
         on_event: called now and then while recordings are read.
 
     Returns:
@@ -106,6 +108,15 @@ def _record(
     )
 
 
+def _threads(jobs: int) -> int:
+    """Return how many recordings are read at a time.
+
+    If all processors may be used, it is more than there are: recordings of one size then end together, where the last one alone
+    would leave processors idle.
+    """
+    return jobs * _SHARE_A_PROCESSOR if jobs >= (os.cpu_count() or 1) > 1 else max(1, jobs)
+
+
 class _Reading:
     """Reads recordings, several at a time, and tells how far it is."""
 
@@ -124,7 +135,7 @@ class _Reading:
     ) -> Generator[tuple[str, RecordingStat, RecordingDigest, float], None, None]:
         """Yield key, status before, digest and seconds of each recording that could be read, as soon as it has been."""
         ended: SimpleQueue[Future[_Read]] = SimpleQueue()
-        with ThreadPoolExecutor(max(1, jobs)) as pool:
+        with ThreadPoolExecutor(_threads(jobs)) as pool:
             keys = {pool.submit(self._digest, recording): key for key, recording in self._recordings.items()}
             for future in keys:
                 future.add_done_callback(ended.put)
