@@ -62,6 +62,13 @@ def interruptible():
     signal.signal(signal.SIGINT, before)
 
 
+def wait_until(condition):
+    deadline = time.monotonic() + 30
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
 @pytest.fixture
 def built(project):
     done = run(project, "--json")
@@ -149,6 +156,31 @@ def test_the_server_begins_a_plain_build_before_the_command_line_is_imported(bui
     assert done.stdout.startswith("handed over False\n")
     assert "1 hit, 1 fresh" in done.stdout
     assert len(jobs_of(built)) == before + 1, "it was begun once"
+
+
+def test_the_server_is_started_before_the_command_line_is_imported(built):
+    with find_server(built) as client:
+        client.shutdown(grace_s=1.0)
+    wait_until(lambda: find_server(built) is None)
+    code = (
+        f"import sys; sys.argv = {['bagassets', *command(built)[3:]]!r}\n"
+        "from bagassets.cli import early\n"
+        "begin_server = early.begin_server\n"
+        "def seen(*args):\n"
+        "    print('click' in sys.modules, len(args))\n"
+        "    return begin_server(*args)\n"
+        "early.begin_server = seen\n"
+        "from bagassets.__main__ import main\n"
+        "sys.exit(main())"
+    )
+    (built.parent / "bags" / KEYS[1]).touch()
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("False 2\n")
+    assert done.stdout.count("False") == 1, "it was started once"
+    assert "1 hit, 1 fresh" in done.stdout
+    with find_server(built) as client:
+        assert list(client.files.folder.glob("*.log")) == [client.files.log]
 
 
 def test_what_cannot_be_handed_over(project, built, monkeypatch):

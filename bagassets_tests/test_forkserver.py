@@ -280,6 +280,23 @@ def test_the_stamp_covers_what_counts(tmp_path, monkeypatch):
     assert stamp() == seen[0], "a change taken back finds the first server again"
 
 
+def test_a_step_may_wait_until_no_job_is_at_work(tmp_path):
+    file = tmp_path / "at work"
+    file.touch()
+    preload = f"{JOBS}:preload_with_a_pause"
+    with Client.ensure(spec_in(tmp_path / "state", preload=preload)) as client:
+        job = client.submit(f"{JOBS}:wait_and_tell_steps", {"file": str(file)}, label="at work")
+        time.sleep(1.0)  # more than a quiet moment lasts
+        during = client.submit(f"{JOBS}:steps_done", {}, label="during")
+        assert end_of(client, during)["result"] == ["at once"]
+        file.unlink()
+        assert end_of(client, job)["result"] == ["at once"]
+        time.sleep(1.5)
+        after = client.submit(f"{JOBS}:steps_done", {}, label="after")
+        assert end_of(client, after)["result"] == ["at once", "when no job is at work"]
+        client.shutdown(grace_s=0.0)
+
+
 def test_what_can_wait_is_prepared_while_the_server_serves(tmp_path):
     with Client.ensure(spec_in(tmp_path / "state", preload=f"{JOBS}:preload_in_steps")) as client:
         numbers = iter(range(10_000))

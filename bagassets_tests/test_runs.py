@@ -10,6 +10,8 @@ import small_definitions
 from dagster._core.execution import compute_logs
 
 from bagassets.defs import runs
+from bagassets.defs.partitions import add_partitions
+from bagassets.defs.pending_work import open_project, rehearse
 from bagassets.defs.runs import (
     CodeLocation,
     StepError,
@@ -21,6 +23,7 @@ from bagassets.defs.runs import (
     pack_instance,
 )
 from bagassets.errors import BagAssetsError
+from bagassets_tests.in_process import make_project
 
 TESTS = Path(__file__).parent
 LOCATION = CodeLocation("small_definitions", working_directory=str(TESTS))
@@ -238,6 +241,34 @@ def test_dotenv_is_read_as_dagster_does(tmp_path):
     assert dotenv_variables(tmp_path) == {}
     (tmp_path / ".env").write_text('A=1\nexport B="two words"\n# C=3\n', "utf-8")
     assert dotenv_variables(tmp_path) == {"A": "1", "B": "two words"}
+
+
+def test_a_rehearsal_leaves_no_thread_and_no_database_open_and_statements_compiled(tmp_path):
+    """What a server has open when it forks, its workers would use at the same time."""
+    recipe = make_project(tmp_path)
+    with open_project(recipe) as (instance, workspace):
+        add_partitions(instance, workspace.names, ["a.bag"])
+        instance.report_runless_asset_event(dg.AssetMaterialization("bag", partition="a.bag"))
+    code = (
+        "import sys, threading\n"
+        "from pathlib import Path\n"
+        "from bagassets.defs import connections, pending_work\n"
+        "pending_work.rehearse(Path(sys.argv[1]))\n"
+        "links = [link.readlink() for link in Path('/proc/self/fd').iterdir() if link.is_symlink()]\n"
+        "print(len(threading.enumerate()), sum(link.suffix == '.db' for link in links))\n"
+        "print([len(engine._compiled_cache) > 0 for engine in connections._POOLED.values()])\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(recipe)], capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stdout) == (0, "1 0\n[True, True]\n"), done.stderr
+
+
+def test_a_rehearsal_leaves_a_project_alone_that_has_no_database_yet(tmp_path):
+    recipe = make_project(tmp_path)
+    before = sorted(tmp_path.rglob("*"))
+    rehearse(recipe)
+    assert sorted(tmp_path.rglob("*")) == before
 
 
 def test_preloading_starts_no_thread_and_opens_no_database():

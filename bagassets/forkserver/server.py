@@ -52,7 +52,7 @@ class Server:
         self._held_back: dict[str, tuple[str, Message]] = {}  # reporting job -> lost job and its event
         self._done_once: set[str] = set()
         self._count = 0
-        self._last_use = self._last_age_check = time.monotonic()
+        self._last_use = self._last_job = self._last_age_check = time.monotonic()
         self._loaded: LoadedSources | None = None
         self._later: Iterator[object] | None = None
         self._can_wait = False
@@ -112,12 +112,13 @@ class Server:
             BagAssetsError: the socket cannot be created.
         """
         self._listen()
-        self._last_use = time.monotonic()  # nobody could use it while it was prepared, which may take long
+        # Nobody could use it while it was prepared, which may take long.
+        self._last_use = self._last_job = time.monotonic()
         on_ready()
         _LOG.info("serving %s, stamp %s", ", ".join(self._spec.modules) or "nothing ahead", self._files.stamp)
         try:
             while not self._is_done():
-                is_due = self._later is not None and not (self._can_wait and self._is_in_use())
+                is_due = self._later is not None and not (self._can_wait and self._is_at_work())
                 ready = self._selector.select(0.0 if is_due else _TICK_S)
                 for key, _ in ready:
                     key.data()
@@ -143,9 +144,9 @@ class Server:
         if self._later is None or self._can_wait:
             gc.freeze()
 
-    def _is_in_use(self) -> bool:
-        """Return whether somebody uses this server, or has a moment ago."""
-        return bool(self._jobs or self._connections) or time.monotonic() - self._last_use < _QUIET_S
+    def _is_at_work(self) -> bool:
+        """Return whether a job is at work, or was a moment ago."""
+        return bool(self._jobs) or time.monotonic() - self._last_job < _QUIET_S
 
     def _listen(self) -> None:
         path = self._files.choose_socket()
@@ -214,6 +215,8 @@ class Server:
         for job in self._jobs.values():
             if job.kill_at is not None and now >= job.kill_at:
                 job.kill()
+        if self._jobs:
+            self._last_job = now
         if self._jobs or self._connections:
             self._last_use = now
         elif now - self._last_use > self._spec.idle_timeout_s:
