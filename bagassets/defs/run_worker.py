@@ -50,6 +50,7 @@ __all__ = ["end_worker", "execute", "preload", "recover", "report_lost"]
 
 _PARTITION_TAG = "dagster/partition"
 _POLL_S = 0.5
+_UNTIL_IDLE = (True,)  # a step after which the server waits until no job is at work
 
 # What opening a SQLite instance, executing a run and the steps import; it saves each worker 0.7 s.
 _AHEAD = (
@@ -85,7 +86,8 @@ def preload(modules: list[str]) -> Iterator[object]:
         preload_definitions(module)
     load_built_in()
     load_standard_types()
-    return chain(_look_ahead(), compile_all(), compile_common_types(), _rehearse())
+    # The first run after a start would wait for types that it may not need.
+    return chain(_look_ahead(), compile_all(), _UNTIL_IDLE, compile_common_types(), _UNTIL_IDLE, _rehearse())
 
 
 def _look_ahead() -> Iterator[None]:
@@ -99,12 +101,12 @@ def _look_ahead() -> Iterator[None]:
     yield
 
 
-def _rehearse() -> Iterator[bool]:
+def _rehearse() -> Iterator[None]:
     """Ask the project's database once what builds ask, so that workers find their statements compiled (a quarter of planning)."""
-    yield True
     recipe = os.environ.get("BAGASSETS_RECIPE")
     if recipe is not None:
         rehearse(Path(recipe))
+    yield
 
 
 def execute(args: JsonObject) -> JsonObject:
