@@ -32,6 +32,7 @@ from bagassets.forkserver.tasks import find_server
 from bagassets.freshness.decide import plain_build
 from bagassets.recipe import load_recipe
 from bagassets_tests.in_process import make_project
+from bagassets_tests.services import eventually
 from bagassets_tests.small_drive import write_drive
 
 pytestmark = pytest.mark.xdist_group("build_server")
@@ -60,13 +61,6 @@ def interruptible():
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, before)
-
-
-def wait_until(condition):
-    deadline = time.monotonic() + 30
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
 
 
 @pytest.fixture
@@ -161,7 +155,7 @@ def test_the_server_begins_a_plain_build_before_the_command_line_is_imported(bui
 def test_the_server_is_started_before_the_command_line_is_imported(built):
     with find_server(built) as client:
         client.shutdown(grace_s=1.0)
-    wait_until(lambda: find_server(built) is None)
+    eventually(lambda: find_server(built) is None, "the server has ended")
     code = (
         f"import sys; sys.argv = {['bagassets', *command(built)[3:]]!r}\n"
         "from bagassets.cli import early\n"

@@ -22,19 +22,19 @@ KEY = "a.bag"
 def planned(recipe_file, monkeypatch):
     """Build; return how often each recording was looked into, and how often everything was."""
     keys, whole = Counter(), Counter()
-    plan, look = Planner.plan, instance_plan.InstancePlanning.plan
+    plan, begin = Planner.plan, instance_plan.InstancePlanning.__init__
 
     def note(self, found, recorded):
         keys[found.key] += 1
         return plan(self, found, recorded)
 
-    def note_whole(*args, **options):
-        whole["all"] += 1
-        return look(*args, **options)
+    def note_whole(self, instance, workspace, live=None, discovery=None, *args):
+        whole["all"] += discovery is None  # else what runs have changed is planned again
+        begin(self, instance, workspace, live, discovery, *args)
 
     with monkeypatch.context() as patch:
         patch.setattr(Planner, "plan", note)
-        patch.setattr(instance_plan.InstancePlanning, "plan", note_whole)
+        patch.setattr(instance_plan.InstancePlanning, "__init__", note_whole)
         report, _ = build(recipe_file, monkeypatch)
     return report, keys, whole["all"]
 

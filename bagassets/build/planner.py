@@ -162,6 +162,12 @@ class Planning:
         self._before = self._cache.load()
         self._unsettled = Unsettled(self.assets.recipe.state).noted()
         self._fingerprints = {} if self.project is None else self._current_fingerprints(self.project)
+        # Of the recordings whose last plan may hold: that plan, and the fingerprint as it is now.
+        self._last = {
+            key: (self._before[key], now)
+            for key, now in self._fingerprints.items()
+            if key in self._before and key not in self._unsettled
+        }
 
     def plan(
         self, on_planned: Callable[[int, int], None] | None = None
@@ -181,13 +187,15 @@ class Planning:
         changed = [key for key in recordings if key not in bags]
         recorded: dict[str, Mapping[str, Recorded]] = {}
         planner = Planner(self.assets, self.store, self.index)
-        for start, some in _parts(changed):
+        examined = 0
+        for some in _parts(changed):
             recorded |= self.fetch(self.storage_ids, [key for key in some if key in self.registered])
             for key in some:
                 bag = planner.plan(recordings[key], recorded.get(key, {}))
                 bags[key] = _once_more(bag) if key in self._unsettled else bag
+            examined += len(some)
             if on_planned is not None and len(changed) > AT_A_TIME:
-                on_planned(start + len(some), len(changed))
+                on_planned(examined, len(changed))
         settled = {key: bags[key] for key in self._fingerprints.keys() - unchanged if bags[key].settled}
         self._cache.save(
             {key: (self._fingerprints[key], bag.as_row(), bag.artifacts) for key, bag in settled.items()},
@@ -207,7 +215,7 @@ class Planning:
             for key in self.discovery.recordings
             if key in self.registered and key not in self.kept and not self._has_same_files(key)
         ]
-        for _, some in _parts(changed):
+        for some in _parts(changed):
             for key, records in self.fetch(("bag",), some).items():
                 recorded = records.get("bag")
                 _, stat, state = _bag_state(self.discovery.recordings[key], recorded, self.index)
@@ -232,19 +240,17 @@ class Planning:
 
     def _has_same_files(self, key: str) -> bool:
         """Return whether the files of a recording, and the record of `bag`, are those of its last plan."""
-        entry, now = self._before.get(key), self._fingerprints.get(key)
-        return (
-            entry is not None
-            and now is not None
-            and entry.recording_fingerprint._replace(rest=now.rest) == now
-        )
+        if key not in self._last:
+            return False
+        entry, now = self._last[key]
+        last = entry.recording_fingerprint
+        return (last.files, last.bag) == (now.files, now.bag)
 
     def _unchanged(self) -> dict[str, BagPlan]:
         """Return the last plans of the recordings that have not changed since."""
         found = {}
-        for key, now in self._fingerprints.items():
-            entry = self._before.get(key)
-            if key in self._unsettled or entry is None or entry.recording_fingerprint != now:
+        for key, (entry, now) in self._last.items():
+            if entry.recording_fingerprint != now:
                 continue
             bag = BagPlan.from_row(key, entry.plan)
             if self._cache.holds(entry, bag.artifacts):
@@ -261,12 +267,11 @@ class Planning:
         found = {}
         alike = []
         for key in keys:
-            entry, now = self._before.get(key), self._fingerprints.get(key)
-            if entry is None or now is None or now.bag is None or key in self._unsettled:
-                continue
-            if entry.recording_fingerprint.rest == now.rest:
-                alike.append(key)
-        for _, some in _parts(alike):
+            if key in self._last:
+                entry, now = self._last[key]
+                if now.bag is not None and entry.recording_fingerprint.rest == now.rest:
+                    alike.append(key)
+        for some in _parts(alike):
             for key, records in self.fetch(("bag",), some).items():
                 entry = self._before[key]
                 last = BagPlan.from_row(key, entry.plan)
@@ -277,10 +282,10 @@ class Planning:
         return found
 
 
-def _parts(keys: list[str]) -> Iterator[tuple[int, list[str]]]:
-    """Yield the keys in parts, each with how many were before it."""
+def _parts(keys: list[str]) -> Iterator[list[str]]:
+    """Yield the keys in parts whose records may be fetched at a time."""
     for start in range(0, len(keys), AT_A_TIME):
-        yield start, keys[start : start + AT_A_TIME]
+        yield keys[start : start + AT_A_TIME]
 
 
 def _once_more(bag: BagPlan) -> BagPlan:

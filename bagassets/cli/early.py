@@ -29,7 +29,6 @@ JOBS_PER_PROCESSOR = 2
 MOST_ROWS = 60
 _JOB = "bagassets.defs.project_build:build_project_in_worker"
 _FIRST_JOB = "bagassets.defs.made_ahead:make_inventories"
-_START_S = 60.0
 # A build that is cancelled waits this long for its runs, which have less time to end.
 GRACE_S = 40.0
 
@@ -85,7 +84,7 @@ def begin_server(recipe: Path, state: Path, bags: Sequence[str] = ()) -> ServerS
     """
     require_writable(state)
     first_job = {"recipe": str(recipe), "bags": list(bags)}
-    return ServerStart(server_spec(state, recipe), _START_S, (_FIRST_JOB, first_job))
+    return ServerStart(server_spec(state, recipe), first_job=(_FIRST_JOB, first_job))
 
 
 def submit_build(client: Client, recipe: Path, options: Mapping[str, Json], most: int | None) -> str:

@@ -55,8 +55,7 @@ def server_for(recipe: Path, bags: Sequence[str], begun: ServerStart | None = No
 
         return load_recipe(recipe)
 
-    found = None if begun else find_server(recipe)
-    if found is not None:
+    if begun is None and (found := find_server(recipe)) is not None:
         return found
     try:
         state = Path(state_folder(str(recipe.absolute())))

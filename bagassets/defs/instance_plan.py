@@ -75,19 +75,43 @@ class InstancePlanning:
         instance: where materializations are recorded.
         workspace: recipe, store and recordings.
         live: partition keys to take as registered; default: those that are.
+        discovery: recordings to take as being on disk; default: those that are.
+        ids: see `InstancePlan.storage_ids`; default: as they are.
+        kept: states of recordings that are not planned again.
 
     Raises:
         BagAssetsError: the recipe or the bag root is not usable.
     """
 
     def __init__(
-        self, instance: dg.DagsterInstance, workspace: Workspace, live: frozenset[str] | None = None
+        self,
+        instance: dg.DagsterInstance,
+        workspace: Workspace,
+        live: frozenset[str] | None = None,
+        discovery: Discovery | None = None,
+        ids: Mapping[str, Mapping[str, int]] | None = None,
+        kept: Mapping[str, BagPlan] = MappingProxyType({}),
     ) -> None:
-        self._live = live_partitions(instance, workspace.names) if live is None else live
-        self.discovery = workspace.discover()
-        self._ids = latest_ids(instance, workspace.names, all_assets())
+        names = workspace.names
+        self._live = live_partitions(instance, names) if live is None else live
+        self.discovery = workspace.discover() if discovery is None else discovery
+        self._ids = ids = latest_ids(instance, names, all_assets()) if ids is None else ids
+
+        def fetch(assets: Iterable[str], keys: Iterable[str]) -> dict[str, dict[str, Recorded]]:
+            return fetch_recorded(instance, names, {asset: ids[asset] for asset in assets}, keys)
+
         with uncollected():
-            self._planning = _planning(instance, workspace, self.discovery, self._live, self._ids)
+            self._planning = Planning(
+                workspace.assets,
+                workspace.store,
+                self.discovery,
+                self._live,
+                workspace.index,
+                workspace_fingerprint(workspace),
+                ids,
+                fetch,
+                kept,
+            )
 
     def touched(self) -> dict[str, Touched]:
         """Return the recordings of which only the time seems to have changed; see `Planning.touched`."""
@@ -143,39 +167,14 @@ def replan_instance(
         if key in kept or all(path.exists() for path in recording.files)
     }
     discovery = replace(before.discovery, recordings=there)
-    with uncollected():
-        plan, recorded = _planning(instance, workspace, discovery, live, ids, kept).plan(on_planned)
+    planned = InstancePlanning(instance, workspace, live, discovery, ids, kept).plan(on_planned)
     same = {key: records for key, records in before.recorded.items() if key in kept}
-    return InstancePlan(plan, {**same, **recorded}, select_inputs(plan, live), discovery, live, ids)
+    return replace(planned, recorded={**same, **planned.recorded})
 
 
 def plan_in_run(context: dg.AssetExecutionContext, workspace: Workspace) -> InstancePlan:
     """Return the plan of a run, made once, so that all datasets that the run makes have the same inputs."""
     return workspace.once_in_run(context.run.run_id, lambda: plan_instance(context.instance, workspace))
-
-
-def _planning(
-    instance: dg.DagsterInstance,
-    workspace: Workspace,
-    discovery: Discovery,
-    live: frozenset[str],
-    ids: Mapping[str, Mapping[str, int]],
-    kept: Mapping[str, BagPlan] = MappingProxyType({}),
-) -> Planning:
-    def fetch(assets: Iterable[str], keys: Iterable[str]) -> dict[str, dict[str, Recorded]]:
-        return fetch_recorded(instance, workspace.names, {asset: ids[asset] for asset in assets}, keys)
-
-    return Planning(
-        workspace.assets,
-        workspace.store,
-        discovery,
-        live,
-        workspace.index,
-        workspace_fingerprint(workspace),
-        ids,
-        fetch,
-        kept,
-    )
 
 
 def recorded_assets(instance: dg.DagsterInstance, names: Naming, key: str) -> Mapping[str, Recorded]:

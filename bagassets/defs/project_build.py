@@ -51,6 +51,7 @@ from bagassets.recipe import load_recipe
 from bagassets.recipe.model import Recipe
 from bagassets.splits import SplitShare, moves
 from bagassets.store.store import Store
+from bagassets.trace import span
 
 __all__ = ["build_project", "build_project_in_worker"]
 
@@ -83,7 +84,8 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
 
         def begin_plan() -> tuple[Snapshot, InstancePlanning]:
             snapshot = Snapshot(instance, workspace, own.files)  # of what there is before it is planned
-            return snapshot, InstancePlanning(instance, workspace)
+            with span("read records"):
+                return snapshot, InstancePlanning(instance, workspace)
 
         def plan_all() -> tuple[Snapshot, PendingWork]:
             snapshot, planning = begin_plan()

@@ -28,6 +28,7 @@ __all__ = ["Client", "ServerRefusedError", "ServerStart"]
 _ANSWER_S = 15.0
 _GRACE_S = 30.0
 _RETRY_S = 0.05
+_START_S = 60.0
 
 
 class ServerRefusedError(BagAssetsError):
@@ -62,7 +63,7 @@ class Client:
         cls,
         spec: ServerSpec,
         *,
-        timeout_s: float = 60.0,
+        timeout_s: float = _START_S,
     ) -> Self:
         """Return a client of a server for `spec`, which is started if there is none.
 
@@ -238,14 +239,15 @@ class ServerStart:
 
     Args:
         spec: the spec of the server.
-        timeout_s: how long it may take.
+        timeout_s: how long it may take, once it is waited for.
         first_job: `module:function` and its arguments; a server that is started here runs it while it imports what other
             jobs need. Its result is not reported.
     """
 
-    def __init__(self, spec: ServerSpec, timeout_s: float, first_job: FirstJob | None = None) -> None:
+    def __init__(
+        self, spec: ServerSpec, timeout_s: float = _START_S, first_job: FirstJob | None = None
+    ) -> None:
         self._files = ServerFiles(spec.state_folder, spec.stamp())
-        self._deadline = time.monotonic() + timeout_s
         self._timeout_s = timeout_s
         self._process = _starter(spec, self._files, timeout_s, first_job)
 
@@ -268,7 +270,7 @@ class ServerStart:
                 os.killpg(starter.pid, signal.SIGKILL)  # its server, too
                 raise
             try:
-                code = starter.wait(max(1.0, self._deadline - time.monotonic()))
+                code = starter.wait(self._timeout_s)
             except TimeoutExpired as err:
                 starter.kill()
                 reason = f"it took longer than {self._timeout_s:.0f} s"
@@ -283,6 +285,7 @@ class ServerStart:
 def _starter(
     spec: ServerSpec, files: ServerFiles, timeout_s: float, first_job: FirstJob | None
 ) -> "subprocess.Popen[bytes]":
+    """Return a process that starts a server and ends when one with its stamp answers."""
     import subprocess
 
     files.make()

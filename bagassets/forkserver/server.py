@@ -118,24 +118,22 @@ class Server:
         _LOG.info("serving %s, stamp %s", ", ".join(self._spec.modules) or "nothing ahead", self._files.stamp)
         try:
             while not self._is_done():
-                is_due = self._later is not None and not (self._can_wait and self._is_at_work())
-                ready = self._selector.select(0.0 if is_due else _TICK_S)
+                due = None if self._can_wait and self._is_at_work() else self._later
+                ready = self._selector.select(0.0 if due is not None else _TICK_S)
                 for key, _ in ready:
                     key.data()
-                if is_due and not ready:
-                    self._prepare_more()
+                if due is not None and not ready:
+                    self._prepare_more(due)
                 self._collect()
                 self._tick()
         finally:
             self._stop_listening()
         _LOG.info("ended")
 
-    def _prepare_more(self) -> None:
+    def _prepare_more(self, steps: Iterator[object]) -> None:
         """Do one step of the deferred preparation, while there is no request."""
-        if self._later is None:
-            return
         try:
-            self._can_wait = bool(next(self._later))
+            self._can_wait = bool(next(steps))
         except StopIteration:
             self._later = None
         except Exception:  # noqa: BLE001  (modules of users may raise anything)
