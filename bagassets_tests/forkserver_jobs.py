@@ -1,8 +1,10 @@
 """Functions that the tests of the fork server have called in workers."""
 
+import io
 import os
 import signal
 import subprocess
+import sys
 import time
 from contextlib import suppress
 from pathlib import Path
@@ -86,6 +88,21 @@ def fail(args):
 
 def leave(args):
     os._exit(3)
+
+
+def end_slowly(_args):
+    """Return a result, after which the process takes a minute to end."""
+
+    class Slow(io.StringIO):
+        flushed = False
+
+        def flush(self):
+            if self.flushed:
+                time.sleep(60.0)
+            self.flushed = True
+
+    sys.stdout = Slow()
+    return os.getpid()
 
 
 def wait(args):

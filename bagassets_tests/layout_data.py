@@ -5,6 +5,7 @@ import sqlite3
 import numpy as np
 from rosbags.interfaces import Nodetype
 from rosbags.rosbag2 import Writer
+from rosbags.typesys import Stores, get_typestore
 
 from bagassets.assets.inventory import make_inventory
 from bagassets.recordings.inventory import Inventory
@@ -29,6 +30,14 @@ def fill(layout, msgtype=None, **given):
     assert not unknown, f"{msgtype} has no {unknown}"
     values = {name: _value(layout, description, given.get(name)) for name, description in fields}
     return layout.store.types[msgtype](**values)
+
+
+def serialized(layout, message, **options):
+    """Return the bytes of a message; the store of a layout only reads."""
+    store = get_typestore(Stores.EMPTY)
+    store.register(dict(layout.types))
+    serialize = store.serialize_ros1 if layout.serialization == "ros1" else store.serialize_cdr
+    return bytes(serialize(message, layout.msgtype, **options))
 
 
 def _value(layout, description, given):
@@ -60,8 +69,7 @@ def write_bare(path, messages):
         for topic, layout, log_time_ns, message in messages:
             if topic not in connections:
                 connections[topic] = writer.add_connection(topic, layout.msgtype, typestore=layout.store)
-            payload = layout.store.serialize_cdr(message, layout.msgtype)
-            writer.write(connections[topic], log_time_ns, payload)
+            writer.write(connections[topic], log_time_ns, serialized(layout, message))
     (database,) = path.glob("*.db3")
     with sqlite3.connect(database) as connection:
         connection.execute("DELETE FROM message_definitions")

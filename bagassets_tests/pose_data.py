@@ -36,11 +36,12 @@ class Recorded:
             (RawMessage(topic, msgtype, log_ns, message) for topic, msgtype, log_ns, message in entries),
             key=lambda message: message.log_time_ns,
         )
-        self.topics = {name: Msg(name=name, msgtype=msgtype, count=0) for name, msgtype in topics}
+        self.topics = {name: _topic(name, msgtype, 0) for name, msgtype in topics}
         for message in self._messages:
             count = self.topics[message.topic].count if message.topic in self.topics else 0
-            self.topics[message.topic] = Msg(name=message.topic, msgtype=message.msgtype, count=count + 1)
+            self.topics[message.topic] = _topic(message.topic, message.msgtype, count + 1)
         self.read: list[str] = []
+        self.decoded = 0
 
     def messages(self, topics):
         for topic in topics:
@@ -50,6 +51,7 @@ class Recorded:
         return (message for message in self._messages if message.topic in set(topics))
 
     def decode(self, message):
+        self.decoded += 1
         if isinstance(message.data, DecodeError):
             raise message.data
         return message.data
@@ -72,6 +74,18 @@ class Recorded:
             fields = dict.fromkeys(TopicRecord.__dataclass_fields__) | known
             records[name] = TopicRecord(**fields)
         return Inventory("mcap", 1, T0, T0 + S, MappingProxyType(records), None, None, ())
+
+
+def _topic(name, msgtype, count):
+    return Msg(name=name, msgtype=msgtype, count=count, unstamped=_unstamped)
+
+
+def _unstamped(message):
+    """What differs unless only the stamps do, as `Topic.unstamped`."""
+    if not hasattr(message, "header"):
+        return None
+    others = {name: value for name, value in vars(message).items() if name != "header"}
+    return repr((message.header.frame_id, sorted(others.items()))).encode()
 
 
 def header(stamp_ns, frame):

@@ -366,6 +366,23 @@ class TestIntrinsics:
             "calibrated."
         )
 
+    def test_what_a_camera_repeats_is_decoded_once(self, tmp_path):
+        again = [("/cam/camera_info", CAMERA_INFO, T0 + n, camera_info(T0 + n)) for n in range(10)]
+        other = ("/cam/camera_info", CAMERA_INFO, T0 + 20, camera_info(T0 + 20, binning_x=1))  # which is 0, too
+        nothing = camera_info(T0 + 30)
+        nothing.k = np.zeros(9)
+        unusable = [("/cam/camera_info", CAMERA_INFO, T0 + 30 + n, nothing) for n in range(2)]
+        made = Calibrated(tmp_path, rig({}), STATIC, IMAGES, *again, other, *unusable)
+        assert made.channels["CAM_FRONT"]["camera"]["source"] == "camera_info"
+        assert "CAM_FRONT: 2 messages on /cam/camera_info cannot be used" in made.summary["notes"][0]
+        assert made.recording.decoded == 1 + 1 + 1 + 2  # the static transform, the first, the other, the unusable ones
+
+    def test_a_calibration_that_changes_after_it_was_repeated(self, tmp_path):
+        again = [("/cam/camera_info", CAMERA_INFO, T0 + n, camera_info(T0 + n)) for n in range(3)]
+        later = ("/cam/camera_info", CAMERA_INFO, T0 + S, camera_info(T0 + S, d=(0.1, 0.0, 0.0, 0.0, 0.0)))
+        with pytest.raises(CalibrationError, match=r"camera_info changes at 1700000001\.000 s"):
+            Calibrated(tmp_path, rig({}), STATIC, IMAGES, *again, later)
+
     def test_a_calibration_that_changes(self, tmp_path):
         later = ("/cam/camera_info", CAMERA_INFO, T0 + S, camera_info(T0 + S, k=(401.0, 410.0, 320.0, 240.0)))
         with pytest.raises(

@@ -103,6 +103,19 @@ def test_a_worker_inherits_none_of_the_servers_files(client):
     assert not [name for name in files if name.endswith(".lock") or "eventpoll" in name]
 
 
+def test_nobody_waits_for_the_process_of_a_job_that_is_done(client):
+    job = client.submit(f"{JOBS}:end_slowly", {}, label="slow")
+    pid = end_of(client, job)["result"]
+    os.kill(pid, 0)  # it is still there
+    assert client.status()["jobs"] == []
+    assert not client.cancel(job)
+    assert client.wait(0.1) is None, "it is reported once"
+    os.kill(pid, signal.SIGKILL)
+    again = client.submit(f"{JOBS}:add", {"x": 1, "y": 2}, label="sum")
+    assert end_of(client, again)["result"] == 3
+    assert client.wait(0.1) is None, "even when its process ends"
+
+
 def test_an_error_is_reported_with_its_text(client):
     event = end_of(client, client.submit(f"{JOBS}:fail", {}, label="f"))
     assert event["exit"] == 1

@@ -31,7 +31,7 @@ from bagassets.recordings.open import open_recording
 from bagassets_tests import hostile
 from bagassets_tests.facts import MadeUpFacts
 from bagassets_tests.hostile import RULE, cdr, image_message
-from bagassets_tests.layout_data import inventory_of
+from bagassets_tests.layout_data import inventory_of, serialized
 from bagassets_tests.recorded_bags import NOON_NS, text, write_ros1, write_ros2
 from bagassets_tests.recorded_bags import write_mcap as write_texts
 from bagassets_tests.small_drive import HEIGHT, RECIPE, WIDTH
@@ -266,10 +266,7 @@ class TestElements:
             for i in range(leaves)
         ]
         value = tree(["n" * (i % 7) for i in range(names)], made, np.arange(3.0))
-        serialize = (
-            layout.store.serialize_cdr if layout.serialization == "cdr" else layout.store.serialize_ros1
-        )
-        return bytes(serialize(value, "my_msgs/msg/Tree"))
+        return serialized(layout, value)
 
     @pytest.mark.parametrize(("names", "leaves"), [(0, 0), (5, 0), (0, 7), (11, 13)])
     def test_exactly(self, layout, names, leaves):

@@ -19,7 +19,7 @@ from bagassets.recordings.layouts import CHANGED_IN_HUMBLE, Choice, choice_of
 from bagassets.recordings.model import Definition
 from bagassets.recordings.open import open_recording
 from bagassets.store.canonical import digest_json
-from bagassets_tests.layout_data import fill, header, inventory_of, layout_of, write_bare
+from bagassets_tests.layout_data import fill, header, inventory_of, layout_of, serialized, write_bare
 
 PACKAGES = sorted(path.stem for path in (Path(known_types.__file__).parent / "definitions").glob("*.msg"))
 START_NS = 1_600_000_000_000_000_000
@@ -39,7 +39,7 @@ def test_known_definitions_compile_with_all_that_they_refer_to(package):
         choice = choice_of(msgtype, "cdr", None, [])
         assert isinstance(choice, Choice), choice
         for layout in choice.layouts:
-            assert layout.store.get_msgdef(msgtype)
+            assert layout.store.get_msgdef(msgtype).deserialize_cdr_be
             assert choice_of(msgtype, "cdr", Definition("msg", layout.text), []).best.types == layout.types
 
 
@@ -149,7 +149,7 @@ def test_any_list_that_is_not_empty_is_decoded_by_its_own_layout(number, names, 
         detections=[{"results": [hypothesis_of(layout, name, 0.5)], "bbox": BOX} for name in names],
     )
     choice = choice_of(ARRAY, "cdr", None, [])
-    decoded = choice.decode(layout.store.serialize_cdr(message, ARRAY))
+    decoded = choice.decode(serialized(layout, message))
     assert choice.best.types == layout.types
     assert [decode_detection(decoded, item).category for item in decoded.detections] == names
 
@@ -157,7 +157,7 @@ def test_any_list_that_is_not_empty_is_decoded_by_its_own_layout(number, names, 
 def test_a_damaged_message_does_not_change_the_layout():
     new, old = layout_of(ARRAY, 0), layout_of(ARRAY, 1)
     choice = choice_of(ARRAY, "cdr", None, [])
-    choice.decode(old.store.serialize_cdr(detections(old, ["car"]), ARRAY))
+    choice.decode(serialized(old, detections(old, ["car"])))
     assert choice.best.types == old.types
     for _ in range(3):
         with pytest.raises(Exception, match="do not fit"):
@@ -181,7 +181,7 @@ def test_tracked_objects_of_autoware_before_and_after_the_renaming(package):
         },
         "shape": {"dimensions": {"x": 4.0, "y": 2.0, "z": 1.5}},
     }
-    data = layout.store.serialize_cdr(fill(layout, header=header(START_NS, "map"), objects=[item]), msgtype)
+    data = serialized(layout, fill(layout, header=header(START_NS, "map"), objects=[item]))
     decoded = choice_of(msgtype, "cdr", None, []).decode(data)
     box = decode_object(decoded, decoded.objects[0])
     assert (box.category, box.track_id, box.size_m) == ("pedestrian", bytes(range(16)).hex(), (2.0, 4.0, 1.5))
@@ -207,7 +207,7 @@ def test_standard_types_as_they_were_before_humble(msgtype, number):
         shape = {"type": 1, "dimensions": [4.0, 2.0, 1.0]}
         given_fields = {"header": header(START_NS, "map"), "objects": [item | {"pose": CENTER, "shape": shape, "classification": 6}]}  # fmt: skip
     choice = choice_of(msgtype, "cdr", None, [])
-    decoded = choice.decode(layout.store.serialize_cdr(fill(layout, **given_fields), msgtype))
+    decoded = choice.decode(serialized(layout, fill(layout, **given_fields)))
     decoder = keyed_decoder("boxes", msgtype, None)
     (box,) = [decoder.decode(decoded, each) for each in decoder.items(decoded)]
     assert (box.category, box.size_m) == ("car", (2.0, 4.0, 1.0))
@@ -222,7 +222,7 @@ def test_standard_types_as_they_were_before_humble(msgtype, number):
 )  # fmt: skip
 def test_both_packages_called_radar_msgs(msgtype, track):
     layout = layout_of(msgtype)
-    data = layout.store.serialize_cdr(fill(layout, header=header(START_NS, "radar"), tracks=[track]), msgtype)
+    data = serialized(layout, fill(layout, header=header(START_NS, "radar"), tracks=[track]))
     reading = decode_radar(choice_of(msgtype, "cdr", None, []).decode(data), msgtype)
     assert (reading.targets["x"].tolist(), reading.targets["y"].tolist()) == ([20.0], [5.0])
 

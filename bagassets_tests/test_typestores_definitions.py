@@ -9,7 +9,7 @@ from bagassets.errors import RecordingError
 from bagassets.recordings.layouts import Choice, choice_of
 from bagassets.recordings.model import Definition
 from bagassets.recordings.open import open_recording
-from bagassets_tests.layout_data import fill, inventory_of, layout_of
+from bagassets_tests.layout_data import fill, inventory_of, layout_of, serialized
 
 START_NS = 1_600_000_000_000_000_000
 ARRAY = "vision_msgs/msg/Detection3DArray"
@@ -125,8 +125,9 @@ def test_definitions_in_idl_mean_the_same_as_in_msg(text):
     assert isinstance(idl, Choice), idl
     assert idl.best.digest == choice_of("my_msgs/msg/Where", "cdr", Definition("msg", WHERE), []).best.digest
     message = fill(idl.best, point={"x": 1.0}, values=[2.0], range=[3, 4, 5], name="n", ok=True, level=6)
-    decoded = idl.decode(idl.best.store.serialize_cdr(message, "my_msgs/msg/Where"))
-    assert (decoded.point.x, decoded.range.tolist(), decoded.level) == (1.0, [3.0, 4.0, 5.0], 6)
+    for little_endian in (True, False):
+        decoded = idl.decode(serialized(idl.best, message, little_endian=little_endian))
+        assert (decoded.point.x, decoded.range.tolist(), decoded.level) == (1.0, [3.0, 4.0, 5.0], 6)
 
 
 @pytest.mark.parametrize(

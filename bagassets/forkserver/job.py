@@ -79,6 +79,11 @@ class Job:
         """Name given by the client, such as a run id."""
         return str(self.request["label"])
 
+    @property
+    def is_done(self) -> bool:
+        """True once its result is known; its process may take a while to give its memory back."""
+        return "result" in self.end
+
     def listen(self) -> list[Message]:
         """Read what the worker sent; return its new notes."""
         messages = self.lines.receive(self.channel)
@@ -122,10 +127,10 @@ class Job:
 
     def describe_end(self, status: int) -> Message:
         """Return the event that says how the worker ended."""
-        if os.WIFSIGNALED(status) and "result" not in self.end:
+        if os.WIFSIGNALED(status) and not self.is_done:
             name = signal.Signals(os.WTERMSIG(status)).name
             return {"event": "killed", "job": self.id, "signal": name, "reason": self._why(name)}
-        code = 0 if "result" in self.end else os.waitstatus_to_exitcode(status)
+        code = 0 if self.is_done else os.waitstatus_to_exitcode(status)
         end = self.end
         if not end:
             message = f"The worker ended with exit code {code} and sent no result."

@@ -295,9 +295,10 @@ class Server:
 
     def _cancel(self, _connection: Connection, message: Message) -> Message:
         job = self._jobs.get(message["job"])
-        if job is not None:
-            job.cancel(message["grace_s"])
-        return {"reply": "cancelled", "found": job is not None}
+        if job is None or job.is_done:
+            return {"reply": "cancelled", "found": False}
+        job.cancel(message["grace_s"])
+        return {"reply": "cancelled", "found": True}
 
     def _status(self, _connection: Connection, _message: Message) -> Message:
         now = time.monotonic()
@@ -312,6 +313,7 @@ class Server:
                 "cancelled": job.is_cancelled,
             }
             for job in self._jobs.values()
+            if not job.is_done
         ]
         return {
             "reply": "status",
@@ -367,6 +369,9 @@ class Server:
     def _on_note(self, job: Job) -> None:
         for facts in job.listen():
             self._send_event(job.id, {"event": "note", "job": job.id, "note": facts})
+        if job.is_done and job.id in self._owners:  # nobody has to wait for the end of its process
+            self._send_event(job.id, job.describe_end(0))
+            del self._owners[job.id]
         if job.lines.is_closed:
             self._selector.unregister(job.channel)
 

@@ -92,12 +92,8 @@ def run_job(connection: socket.socket, job: Message, log: Path) -> NoReturn:
         _CHANNEL.open(connection)
         code = _call(job)
     finally:
-        # Exit handlers inherited from the server must not run here.
-        for stream in (sys.stdout, sys.stderr):
-            # Whatever happens, such as a full disk, this process must not go on as the server.
-            with suppress(Exception):
-                stream.flush()
-        os._exit(code)
+        _flush()
+        os._exit(code)  # exit handlers inherited from the server must not run here
 
 
 def _become_worker(job: Message, log: Path) -> None:
@@ -123,9 +119,17 @@ def _become_worker(job: Message, log: Path) -> None:
         logging.getLogger(__name__).warning("%s: not the job's current folder (%s)", job["cwd"], err.strerror)
 
 
+def _flush() -> None:
+    for stream in (sys.stdout, sys.stderr):
+        # Whatever happens, such as a full disk, this process must not go on as the server.
+        with suppress(Exception):
+            stream.flush()
+
+
 def _call(job: Message) -> int:
     try:
         result = load_function(job["function"])(job["args"])
+        _flush()  # who is told of the result finds the whole log
         _CHANNEL.send({"result": json.loads(json.dumps(result))})
     except BaseException as err:  # whatever it was, the client gets the error
         if not isinstance(err, BagAssetsError):

@@ -25,6 +25,8 @@ __all__ = ["RefusedBytes", "Topic", "TopicSource", "merge_topics", "normalise_ms
 _HEADS = {
     order: struct.Struct(f"{order}iII") for order in "<>"
 }  # seconds, nanoseconds, length of the frame id
+_STAMP_AT: dict[Serialization, int] = {"ros1": 0, "cdr": 4}  # with the sequence number of ROS 1
+_STAMP_END = 12
 _NUMBERS = {order: struct.Struct(f"{order}I") for order in "<>"}
 _LONGEST_KEPT = 100  # bytes of a frame id; damaged messages may have any
 
@@ -124,6 +126,16 @@ class Topic:
             return _read_header(data, self.serialization, sequence=self._header_at != "begin")
         except (struct.error, IndexError):
             return None  # too short to hold a header
+
+    def unstamped(self, data: bytes | memoryview) -> bytes | None:
+        """Return a message without number and stamp of its header: where this is the same, nothing else differs.
+
+        None unless the first field of the type is a header, and there is one layout of it.
+        """
+        if self._header_at != "begin" or self.is_ambiguous or isinstance(data, RefusedBytes):
+            return None
+        # Of ROS 1: seq, stamp; of CDR: encapsulation, which has the byte order, and stamp.
+        return bytes(data[:_STAMP_AT[self.serialization]]) + bytes(data[_STAMP_END:])
 
     def packet(self, data: bytes | memoryview, payloads: tuple[str, ...]) -> SkimmedPacket | None:
         """Return header and bytes of a packet without decoding its message; None if the message must be decoded.
