@@ -13,7 +13,7 @@ from bagassets.decode.detection3d import decode_detection
 from bagassets.decode.loading import keyed_decoder
 from bagassets.decode.packets import packets_in
 from bagassets.decode.radar import decode_radar
-from bagassets.recordings import known_types
+from bagassets.recordings import known_types, layouts
 from bagassets.recordings.known_types import known_versions
 from bagassets.recordings.layouts import CHANGED_IN_HUMBLE, Choice, choice_of
 from bagassets.recordings.model import Definition
@@ -66,6 +66,23 @@ def test_standard_types_that_changed_before_definitions_were_recorded_are_all_lo
         }  # fmt: skip
         assert changed == CHANGED_IN_HUMBLE
         assert all(types[name][1] == galactic[name][1] for name in CHANGED_IN_HUMBLE)
+
+
+@pytest.mark.parametrize("store", [Stores.ROS1_NOETIC, Stores.ROS2_HUMBLE, Stores.ROS2_GALACTIC])
+@pytest.mark.parametrize("name", ["Time", "Duration"])
+def test_times_are_those_of_every_version(store, name):
+    msgtype = f"builtin_interfaces/msg/{name}"
+    assert layout_of(msgtype).types == {msgtype: get_typestore(store).fielddefs[msgtype][:2]}
+
+
+def test_standard_types_are_not_loaded_for_a_definition_that_is_complete(monkeypatch):
+    monkeypatch.setattr(layouts, "_standard_types", None)
+    rule = "=" * 80
+    head = f"{rule}\nMSG: std_msgs/Header\nuint32 seq\ntime stamp\nstring frame_id\n"
+    complete = Definition("msg", f"Header header\nduration lasted\n{head}")
+    assert isinstance(choice_of("my_msgs/msg/Complete", "ros1", complete, []), Choice)
+    incomplete = Definition("msg", "geometry_msgs/Point point\n")
+    assert isinstance(choice_of("my_msgs/msg/Incomplete", "ros1", incomplete, []), str), "they are needed for it"
 
 
 def test_velodyne_packets_of_a_bag_without_definitions_are_read(tmp_path):

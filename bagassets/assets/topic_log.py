@@ -115,7 +115,8 @@ class TopicLog:
 
 def _median_period(stamps: NDArray[np.int64]) -> int | None:
     """Return the median time between stamps, whatever their order; pauses and lost messages do not shift it."""
-    periods = np.sort(np.diff(np.unique(stamps[stamps > 0])))
+    periods = np.diff(np.sort(stamps[stamps > 0]))
+    periods = np.sort(periods[periods > 0])  # `np.unique` takes twenty times as long
     return int(periods[len(periods) // 2]) if len(periods) else None
 
 

@@ -42,7 +42,7 @@ from bagassets.forkserver.process import ProcessId
 from bagassets.forkserver.worker import cancel_requested
 from bagassets.json_types import JsonObject
 from bagassets.kernels.machine_code import compile_all
-from bagassets.recordings.layouts import compile_common_types, load_standard_types
+from bagassets.recordings.layouts import compile_common_types
 from bagassets.store.lease import HOLDERS
 from bagassets.trace import name_process, span
 
@@ -85,7 +85,6 @@ def preload(modules: list[str]) -> Iterator[object]:
     for module in modules:
         preload_definitions(module)
     load_built_in()
-    load_standard_types()
     # The first run after a start would wait for types that it may not need.
     return chain(_look_ahead(), compile_all(), _UNTIL_IDLE, compile_common_types(), _UNTIL_IDLE, _rehearse())
 
