@@ -12,6 +12,7 @@ import logging
 import os
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from uuid import uuid4
@@ -78,29 +79,29 @@ def make_inventories(args: JsonObject) -> int:
 def making_ahead(recipe_file: Path, options: BuildOptions) -> Iterator[Callable[[], Mapping[str, str]]]:
     """Have the server make what a build is likely to need, while the block plans and does the rest.
 
-    Begin before Dagster is opened, which takes a tenth of a second. Where other machines execute the runs, they read, too.
+    Begin before Dagster is opened, which takes a tenth of a second. The server is asked by a thread: it may be busy, and it
+    forks. Where other machines execute the runs, they read, too.
 
     Yields:
         A function that returns the recordings whose inventories have been made so -> digest of their content.
     """
     made: dict[str, str] = {}
-    client = None
-    # With one processor, or for some assets only, the plan comes first.
-    if options.jobs > 1 and not options.select and _executes_runs_here(recipe_file):
-        client = _submit(recipe_file, options)
+    with ThreadPoolExecutor(max_workers=1) as pool:
+        asking = pool.submit(_submit, recipe_file, options)
 
-    def so_far() -> Mapping[str, str]:
-        with suppress(ServerRefusedError):
-            while client is not None and (event := client.wait(0.0)) is not None:
-                if event["event"] == "note":
-                    made.update(event["note"])
-        return made
+        def so_far() -> Mapping[str, str]:
+            client = asking.result()
+            with suppress(ServerRefusedError):
+                while client is not None and (event := client.wait(0.0)) is not None:
+                    if event["event"] == "note":
+                        made.update(event["note"])
+            return made
 
-    try:
-        yield so_far
-    finally:
-        if client is not None:
-            client.close()
+        try:
+            yield so_far
+        finally:
+            if client := asking.result():
+                client.close()
 
 
 def make_ahead(args: JsonObject) -> None:
@@ -152,7 +153,10 @@ def _executes_runs_here(recipe_file: Path) -> bool:
 
 
 def _submit(recipe_file: Path, options: BuildOptions) -> Client | None:
-    """Submit the job to the server of a build, and return its client; None if there is no such server."""
+    """Submit the job to the server of a build, and return its client; None if there is no such server, or no use in it."""
+    # With one processor, or for some assets only, the plan comes first.
+    if options.jobs == 1 or options.select or not _executes_runs_here(recipe_file):
+        return None
     client = find_server(recipe_file)
     if client is None:
         return None
