@@ -82,7 +82,9 @@ def test_standard_types_are_not_loaded_for_a_definition_that_is_complete(monkeyp
     complete = Definition("msg", f"Header header\nduration lasted\n{head}")
     assert isinstance(choice_of("my_msgs/msg/Complete", "ros1", complete, []), Choice)
     incomplete = Definition("msg", "geometry_msgs/Point point\n")
-    assert isinstance(choice_of("my_msgs/msg/Incomplete", "ros1", incomplete, []), str), "they are needed for it"
+    assert isinstance(choice_of("my_msgs/msg/Incomplete", "ros1", incomplete, []), str), (
+        "they are needed for it"
+    )
 
 
 def test_velodyne_packets_of_a_bag_without_definitions_are_read(tmp_path):

@@ -253,7 +253,9 @@ def choice_of(
     return layouts if isinstance(layouts, str) else Choice(layouts)
 
 
-@lru_cache(maxsize=512)  # parsing and compiling a layout takes 2 ms, and recordings of one rig share their types
+@lru_cache(
+    maxsize=512
+)  # parsing and compiling a layout takes 2 ms, and recordings of one rig share their types
 def _layouts(
     msgtype: str,
     serialization: Serialization,

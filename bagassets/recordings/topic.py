@@ -135,7 +135,7 @@ class Topic:
         if self._header_at != "begin" or self.is_ambiguous or isinstance(data, RefusedBytes):
             return None
         # Of ROS 1: seq, stamp; of CDR: encapsulation, which has the byte order, and stamp.
-        return bytes(data[:_STAMP_AT[self.serialization]]) + bytes(data[_STAMP_END:])
+        return bytes(data[: _STAMP_AT[self.serialization]]) + bytes(data[_STAMP_END:])
 
     def packet(self, data: bytes | memoryview, payloads: tuple[str, ...]) -> SkimmedPacket | None:
         """Return header and bytes of a packet without decoding its message; None if the message must be decoded.
