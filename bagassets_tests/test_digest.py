@@ -231,6 +231,55 @@ def test_an_attribute_written_by_another_clock_explains_nothing(bag, known, cloc
     assert stored_digest(bag, known) is None
 
 
+def test_an_edit_in_place_while_a_file_is_hashed_is_seen(bag, tmp_path, attributes):
+    index = DigestIndex(tmp_path / "store")
+    with pytest.raises(ChangedWhileReadError, match=r"a\.bag: the file changed while it was hashed"):
+        recording_digest(bag, index, between=lambda _: rewrite_in_place(bag.path, b"CONTENT"))
+    assert stored_digest(bag, index) is None
+    assert recording_digest(bag, index).digest == blake3(b"CONTENT").hexdigest()
+
+
+def test_an_attribute_that_another_writes_while_a_file_is_hashed_is_no_change(bag, tmp_path, attributes):
+    index = DigestIndex(tmp_path / "store")
+    digest = recording_digest(bag, index, between=lambda _: recording_digest(bag)).digest
+    assert digest == blake3(b"content").hexdigest()
+    assert stored_digest(bag, index) == digest
+
+
+def test_an_edit_in_place_before_its_digest_is_recorded_is_seen_later(bag, tmp_path, attributes):
+    index, stat = DigestIndex(tmp_path / "store"), bag.path.stat()
+    digest = hash_file(bag.path, stat)
+    rewrite_in_place(bag.path, b"CONTENT")
+    assert digest_record.put_on_record(bag.path, stat, digest, index)[0] == "index"
+    assert (stored_digest(bag, index), stored_digest(bag)) == (None, None)
+
+
+def test_an_attribute_that_holds_for_the_size_and_time_only_does_not_enter_the_index(bag, tmp_path, attributes):
+    stat = bag.path.stat()
+    digest = recording_digest(bag).digest
+    time.sleep(0.1)
+    rewrite_in_place(bag.path, b"CONTENT")
+    index = DigestIndex(tmp_path / "store")
+    assert digest_record.put_on_record(bag.path, stat, digest, index)[0] == "attribute"
+    assert index.row(bag.path) is None
+
+
+def test_an_edit_in_place_while_a_recording_is_read_is_seen(bag, tmp_path, attributes):
+    digest = recording_digest(bag, DigestIndex(tmp_path / "store"))
+    stat = recording_stat(bag).as_of(digest)
+    assert_unchanged(bag, stat)
+    rewrite_in_place(bag.path, b"CONTENT")
+    with pytest.raises(ChangedWhileReadError, match="changed while it was read"):
+        assert_unchanged(bag, stat)
+    assert_unchanged(bag, RecordingStat.from_json(stat.as_json()))  # which knows no more than sizes and times
+
+
+def test_recording_a_digest_while_a_recording_is_read_is_no_change(bag, tmp_path, attributes):
+    stat = recording_stat(bag)
+    recording_digest(bag, DigestIndex(tmp_path / "store"))
+    assert_unchanged(bag, stat)
+
+
 def test_where_digests_are_kept(bag, tmp_path, attributes, monkeypatch):
     index = DigestIndex(tmp_path / "store")
     assert recording_digest(bag).kept == {"a.bag": "attribute"}

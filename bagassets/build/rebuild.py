@@ -108,8 +108,8 @@ def rebuild(
     if recording is None:
         raise BagAssetsError(f"{key}: no such recording below {recipe.bags.root}; it was removed meanwhile.")
     stat = recording_stat(recording)
-    digest = recording_digest(recording, DigestIndex.of(recipe)).digest
-    graph = Graph(assets, store, recording, digest, stat)
+    digest = recording_digest(recording, DigestIndex.of(recipe))
+    graph = Graph(assets, store, recording, digest.digest, stat.as_of(digest))
     known = {
         node.outcome.action_digest: node
         for node in graph.nodes()

@@ -189,6 +189,13 @@ def _make_inventory(recipe: Recipe, recording: RecordingFiles) -> str | None:
     from bagassets.build.graph import Graph  # noqa: PLC0415
     from bagassets.formats.catalogue import recording_assets  # noqa: PLC0415
 
-    graph = Graph(recording_assets(recipe), store, recording, first.digest.digest, stat, wanted={"inventory"})
+    graph = Graph(
+        recording_assets(recipe),
+        store,
+        recording,
+        first.digest.digest,
+        stat.as_of(first.digest),
+        wanted={"inventory"},
+    )
     is_hit = all(result.cached for result in execute(graph) if not isinstance(result, Skipped))
     return None if is_hit else first.digest.digest

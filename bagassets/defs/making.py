@@ -82,7 +82,9 @@ def read_bag(
         digest = recording_digest(recording, workspace.index)
     # On record, as the step that makes the inventory may be another process.
     metadata = bag_metadata(recording, stat, digest) | ({MADE_ALONG: made_along} if made_along else {})
-    return Source(recording, digest.digest, stat, made_along), MadeAsset("bag", digest.digest, metadata)
+    return Source(recording, digest.digest, stat.as_of(digest), made_along), MadeAsset(
+        "bag", digest.digest, metadata
+    )
 
 
 def recorded_bag(

@@ -4,14 +4,20 @@ import os
 import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Self
 
 from bagassets.errors import ChangedWhileReadError, RecordingError
 from bagassets.json_types import Json
-from bagassets.recordings.digest_record import DigestIndex, Kept, digest_on_record, put_on_record
+from bagassets.recordings.digest_record import (
+    DigestIndex,
+    Kept,
+    digest_on_record,
+    is_unchanged,
+    put_on_record,
+)
 from bagassets.recordings.model import RecordingFiles
 from bagassets.store.canonical import FileHasher, digest_file, digest_json
 from bagassets.trace import span
@@ -40,14 +46,25 @@ _TICK_S = 0.02
 
 @dataclass(frozen=True)
 class RecordingStat:
-    """Name, size and mtime (ns) of each file of a recording."""
+    """What the files of a recording were like at some time.
+
+    Attributes:
+        files: name, size and mtime (ns) of each.
+        statuses: path and status of each, by which an edit in place is seen although mtime was put back; empty if they are not
+            known. They are neither compared nor kept.
+    """
 
     files: tuple[tuple[str, int, int], ...]
+    statuses: tuple[tuple[Path, os.stat_result], ...] = field(default=(), compare=False, repr=False)
 
     @property
     def sizes(self) -> tuple[tuple[str, int], ...]:
         """Name and size of each file."""
         return tuple((name, size) for name, size, _ in self.files)
+
+    def as_of(self, digest: "RecordingDigest") -> Self:
+        """Return it with the statuses for which a digest is valid: recording it changed the files' ctimes."""
+        return replace(self, statuses=digest.statuses)
 
     def as_json(self) -> list[list[Json]]:
         """Return it as JSON."""
@@ -69,6 +86,7 @@ class RecordingDigest:
         files: name -> digest.
         hashed_bytes: how many bytes were read; 0 if all digests were on record.
         kept: name -> where its digest is on record.
+        statuses: path and status of each file, for which the digest is valid.
     """
 
     digest: str
@@ -76,6 +94,7 @@ class RecordingDigest:
     files: dict[str, str]
     hashed_bytes: int
     kept: dict[str, Kept]
+    statuses: tuple[tuple[Path, os.stat_result], ...]
 
 
 def recording_stat(recording: RecordingFiles) -> RecordingStat:
@@ -84,16 +103,19 @@ def recording_stat(recording: RecordingFiles) -> RecordingStat:
     Raises:
         RecordingError: a file is gone or cannot be read.
     """
-    return RecordingStat(tuple((path.name, s.st_size, s.st_mtime_ns) for path, s in stat_files(recording)))
+    found = tuple(stat_files(recording))
+    return RecordingStat(tuple((path.name, s.st_size, s.st_mtime_ns) for path, s in found), found)
 
 
 def assert_unchanged(recording: RecordingFiles, before: RecordingStat) -> None:
-    """Check that sizes and times are still those of `before`.
+    """Check that sizes and times are still those of `before`, and nobody has edited a file in place.
 
     Raises:
-        ChangedWhileReadError: one differs.
+        ChangedWhileReadError: somebody has.
     """
-    if recording_stat(recording) != before:
+    now = recording_stat(recording)
+    looks = zip(before.statuses, now.statuses, strict=False)
+    if now != before or not all(is_unchanged(path, then, status) for (path, then), (_, status) in looks):
         raise ChangedWhileReadError(
             f"{recording.path}: the recording changed while it was read, so nothing was recorded; build again when it is "
             "complete."
@@ -139,6 +161,7 @@ def recording_digest(
     """
     digests: dict[str, str] = {}
     kept: dict[str, Kept] = {}
+    statuses = []
     hashed = size = 0
     for path, stat in stat_files(recording):
         size += stat.st_size
@@ -149,11 +172,12 @@ def recording_digest(
                 digest = hash_file(path, before, between, hasher)
             hashed += stat.st_size
         try:
-            kept[path.name] = put_on_record(path, stat, digest, index)
+            kept[path.name], stat = put_on_record(path, stat, digest, index)  # noqa: PLW2901  (as it is now)
         except OSError as err:
             raise _gone(path, err) from err
         digests[path.name] = digest
-    return RecordingDigest(combined_digest(digests), size, digests, hashed, kept)
+        statuses.append((path, stat))
+    return RecordingDigest(combined_digest(digests), size, digests, hashed, kept, tuple(statuses))
 
 
 class HashedAlong:
@@ -276,7 +300,7 @@ def hash_file(
         raise RecordingError(
             f"{path}: cannot be read ({err.strerror}); correct its permissions, or check the disk."
         ) from err
-    if _identity(after) != _identity(before):
+    if not is_unchanged(path, before, after, digest):
         raise ChangedWhileReadError(
             f"{path}: the file changed while it was hashed; build again when it is complete."
         )
@@ -288,10 +312,6 @@ def _wait_a_tick(stat: os.stat_result) -> None:
     age_s = time.time() - stat.st_mtime_ns / 1e9
     if 0 <= age_s < _TICK_S:
         time.sleep(_TICK_S - age_s)
-
-
-def _identity(stat: os.stat_result) -> tuple[int, int, int]:
-    return stat.st_ino, stat.st_size, stat.st_mtime_ns
 
 
 def _gone(path: Path | str, err: OSError) -> ChangedWhileReadError:

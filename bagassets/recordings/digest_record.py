@@ -24,7 +24,15 @@ from bagassets.errors import StoreError
 if TYPE_CHECKING:
     from bagassets.recipe.model import Recipe
 
-__all__ = ["ATTRIBUTE", "DigestIndex", "Kept", "digest_on_record", "put_on_record", "read_attribute"]
+__all__ = [
+    "ATTRIBUTE",
+    "DigestIndex",
+    "Kept",
+    "digest_on_record",
+    "is_unchanged",
+    "put_on_record",
+    "read_attribute",
+]
 
 ATTRIBUTE = "user.bagassets.digest"
 _DIGEST = re.compile("[0-9a-f]{64}")
@@ -43,6 +51,11 @@ class IndexRow:
     inode: int
     ctime_ns: int
     digest: str
+
+    @classmethod
+    def of(cls, stat: os.stat_result, digest: str) -> Self:
+        """Return the entry of a file whose status is `stat`."""
+        return cls(stat.st_size, stat.st_mtime_ns, stat.st_ino, stat.st_ctime_ns, digest)
 
     def same_size_and_time(self, stat: os.stat_result) -> bool:
         """Tell whether size and mtime are those of `stat`."""
@@ -109,7 +122,7 @@ class DigestIndex:
         Raises:
             StoreError: the index cannot be written.
         """
-        row = IndexRow(stat.st_size, stat.st_mtime_ns, stat.st_ino, stat.st_ctime_ns, digest)
+        row = IndexRow.of(stat, digest)
         try:
             try:
                 self._insert(path, row)
@@ -166,7 +179,22 @@ def digest_on_record(path: Path, stat: os.stat_result, index: DigestIndex | None
     return read_attribute(path, stat)
 
 
-def put_on_record(path: Path, stat: os.stat_result, digest: str, index: DigestIndex | None) -> Kept:
+def is_unchanged(path: Path, then: os.stat_result, now: os.stat_result, digest: str | None = None) -> bool:
+    """Tell whether nothing happened to a file between two looks at it, but for an attribute that was written.
+
+    Args:
+        path: the file.
+        then: its status at first.
+        now: its status later.
+        digest: of its content; None if that is not known.
+    """
+    row = IndexRow.of(then, read_attribute(path) or "" if digest is None else digest)
+    return row.same_size_and_time(now) and _is_untouched(path, now, row)
+
+
+def put_on_record(
+    path: Path, stat: os.stat_result, digest: str, index: DigestIndex | None
+) -> tuple[Kept, os.stat_result]:
     """Store the digest of a file as an attribute if possible and wanted, and in the index if there is one.
 
     Args:
@@ -175,24 +203,33 @@ def put_on_record(path: Path, stat: os.stat_result, digest: str, index: DigestIn
         digest: its digest.
         index: the project's index, if there is one.
 
+    Returns:
+        Where the digest is on record, and the status of the file for which it is valid.
+
     Raises:
         StoreError: the index cannot be written.
     """
-    writes_attribute = index is None or index.writes_attributes
-    attribute = read_attribute(path, stat) == digest or (
-        writes_attribute and _write_attribute(path, stat, digest)
-    )
-    if index is None:
-        return "attribute" if attribute else "nowhere"
-    if attribute:
+    if read_attribute(path, stat) == digest:
+        now = path.stat()
+        if not is_unchanged(path, stat, now, digest):
+            return "attribute", stat  # for its size and time; the index must not vouch for more
+        stat, is_kept = now, True
+    else:
+        writes_attribute = index is None or index.writes_attributes
+        is_kept = writes_attribute and _write_attribute(path, stat, digest)
+        now = path.stat()
         # Writing an attribute changes ctime; any other change was made by somebody else.
-        after = path.stat()
-        if (after.st_ino, after.st_size, after.st_mtime_ns) != (stat.st_ino, stat.st_size, stat.st_mtime_ns):
-            return "attribute"
-        stat = after
+        if is_kept and (now.st_ino, now.st_size, now.st_mtime_ns) == (
+            stat.st_ino,
+            stat.st_size,
+            stat.st_mtime_ns,
+        ):
+            stat = now
+    if index is None:
+        return ("attribute" if is_kept else "nowhere"), stat
     if index.get(path, stat) != digest:
         index.put(path, stat, digest)
-    return "attribute" if attribute else "index"
+    return ("attribute" if is_kept else "index"), stat
 
 
 def read_attribute(path: Path, stat: os.stat_result | None = None) -> str | None:
@@ -247,7 +284,9 @@ def _is_untouched(path: Path, stat: os.stat_result, row: IndexRow) -> bool:
 def _write_attribute(path: Path, stat: os.stat_result, digest: str) -> bool:
     record = {"digest": digest, "size": stat.st_size, "mtime_ns": stat.st_mtime_ns}
     try:
-        record |= {"ctime_ns": path.stat().st_ctime_ns, "written_ns": time.time_ns()}
+        if not IndexRow.of(stat, digest).same_file(path.stat()):
+            return False  # it has changed since it was hashed
+        record |= {"ctime_ns": stat.st_ctime_ns, "written_ns": time.time_ns()}
         os.setxattr(path, ATTRIBUTE, json.dumps(record, sort_keys=True).encode())
     except (OSError, AttributeError):
         return False

@@ -236,7 +236,7 @@ class Watcher:
                 return  # done, or changed since the scan: then the next scan sees it
             digest = hash_file(path, stat, lambda _: self._checkpoint())
             self._report_wrong(path, stat, digest)
-            kept = put_on_record(path, stat, digest, self._index)
+            kept, _ = put_on_record(path, stat, digest, self._index)
             after = path.stat()
             if (after.st_size, after.st_mtime_ns, after.st_ino) != (
                 stat.st_size,
