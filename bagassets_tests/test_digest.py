@@ -254,7 +254,9 @@ def test_an_edit_in_place_before_its_digest_is_recorded_is_seen_later(bag, tmp_p
     assert (stored_digest(bag, index), stored_digest(bag)) == (None, None)
 
 
-def test_an_attribute_that_holds_for_the_size_and_time_only_does_not_enter_the_index(bag, tmp_path, attributes):
+def test_an_attribute_that_holds_for_the_size_and_time_only_does_not_enter_the_index(
+    bag, tmp_path, attributes
+):
     stat = bag.path.stat()
     digest = recording_digest(bag).digest
     time.sleep(0.1)

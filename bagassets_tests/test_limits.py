@@ -283,6 +283,19 @@ class TestElements:
             assert len(self.message(layout, names, leaves)) > large
         assert choice_of("std_msgs/msg/String", "cdr", None, ()).best.large_bytes(1000) is None
 
+    @pytest.mark.parametrize("serialization", ["cdr", "ros1"])
+    def test_a_message_without_fields_is_a_byte_in_cdr(self, serialization):
+        definition = (
+            f"Nothing[] nothing\nfloat64 number\nNothing one\n{RULE}MSG: my_msgs/Nothing\nuint8 CONSTANT=5\n"
+        )
+        layout = choice_of("my_msgs/msg/A", serialization, Definition("msg", definition), ()).best
+        nothing = layout.store.types["my_msgs/msg/Nothing"]
+        data = serialized(layout, layout.store.types["my_msgs/msg/A"]([nothing()] * 3, 1.0, nothing()))
+        assert len(layout.decode(data).nothing) == 3
+        layout.check_elements(data, 4)
+        with pytest.raises(DecodeError, match=r"limits\.message_elements"):
+            layout.check_elements(data, 3)
+
     def test_bytes_that_end_too_early_do_not_fit(self, layout):
         data = self.message(layout, 5, 5)
         with pytest.raises(DecodeError, match="its bytes do not fit"):

@@ -22,6 +22,7 @@ from bagassets.recordings.digest import DigestIndex
 from bagassets.recordings.discover import discover
 from bagassets.store.store import Store
 from bagassets_tests.in_process import build, make_project, states, survey
+from bagassets_tests.small_drive import write_drive
 
 pytestmark = pytest.mark.once
 
@@ -133,6 +134,27 @@ def test_content_edited_in_place_is_noticed_after_it_was_hashed(built, monkeypat
     _, runs = build(built, monkeypatch)
     assert [key for key, _ in runs if key] == ["a.bag"]
     change(built, "a.bag")  # back to what it was
+
+
+def test_one_that_changes_after_its_run_has_read_it_is_not_said_to_be_built(built, monkeypatch, tmp_path):
+    (path,) = files_of(built, "a.bag")
+    first, other = path.read_bytes(), write_drive(tmp_path / "a.bag", "ros1", duration_s=1.2).read_bytes()
+
+    def put_back(event):
+        if (event.kind, event.key) == ("done", "a.bag"):
+            path.write_bytes(first)
+
+    path.write_bytes(other)
+    report, runs = build(built, monkeypatch, on_event=put_back)
+    assert [key for key, _ in runs if key] == ["a.bag"]
+    outcome = report.outcomes["a.bag"]
+    assert (outcome.result, outcome.reason) == (
+        "stopped",
+        "it changed after it had been read; the next build carries on",
+    )
+    assert not report.succeeded
+    report, _ = build(built, monkeypatch)
+    assert (report.outcomes["a.bag"].result, report.succeeded) == ("hit", True)
 
 
 def test_one_that_changes_while_it_is_read_is_left_to_its_run(built, monkeypatch):

@@ -371,12 +371,15 @@ def _describe_finding(found: dg.AssetCheckEvaluation) -> str:
 
 
 def _add_idle(report: BuildReport, plan: Plan, chosen: frozenset[str], *, is_whole: bool) -> None:
-    """Add the recordings without a run, and mark those as skipped whose run showed that they take no part."""
+    """Add the recordings without a run, and correct those with one that take no part or have changed since."""
     for key, bag in plan.bags.items():
         ran = report.outcomes.get(key)
         if key not in chosen:
             continue
-        if bag.skipped is not None and (ran is None or ran.result in {"built", "hit"}):
+        if ran is not None and ran.result in {"built", "hit"} and bag.assets["bag"].state != "fresh":
+            reason = "it changed after it had been read; the next build carries on"
+            report.outcomes[key] = BagOutcome("stopped", reason, ran.seconds)
+        elif bag.skipped is not None and (ran is None or ran.result in {"built", "hit"}):
             report.outcomes[key] = BagOutcome("skipped", bag.skipped, ran.seconds if ran else 0.0)
         elif ran is None and bag.failed is not None:
             hint = " (failed before; --retry-failed tries again)" if bag.can_be_retried else ""

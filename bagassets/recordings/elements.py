@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from struct import Struct, error
 
 from rosbags.interfaces import Nodetype
+from rosbags.interfaces.typing import Fielddefs
 
 from bagassets.errors import DecodeError
 from bagassets.recordings.known_types import FieldType, Types
@@ -25,6 +26,7 @@ _SIZES = {
 _COUNT = {"<": Struct("<I"), ">": Struct(">I")}
 # rosbags' name for the field that C++ adds to empty messages; ROS 1 does not serialize it.
 _FILLER = "structure_needs_at_least_one_member"
+_NO_FIELDS: Fielddefs = [(_FILLER, (Nodetype.BASE, ("uint8", 0)))]
 
 
 def announced_elements(types: Types, msgtype: str) -> int:
@@ -77,7 +79,15 @@ class _Elements:
         self._types = types
         self._ros1 = serialization == "ros1"
         self._known: dict[str, tuple[int, int]] = {}
+        self._fields: dict[str, Fielddefs] = {}
         self._open: list[str] = []
+
+    def fields_of(self, msgtype: str) -> Fielddefs:
+        """Return the fields of a type that are serialized: of one without any, a byte in CDR."""
+        if msgtype not in self._fields:
+            fields = self._types[msgtype][1] or _NO_FIELDS
+            self._fields[msgtype] = [field for field in fields if not (self._ros1 and field[0] == _FILLER)]
+        return self._fields[msgtype]
 
     def fixed(self, msgtype: str) -> int:
         """Return the number of strings and messages in a type, those in lists aside."""
@@ -123,10 +133,9 @@ class _Elements:
                 raise ValueError(msg)
             self._open.append(msgtype)
             elements = size = 0
-            for name, description in self._types[msgtype][1]:
-                if not (self._ros1 and name == _FILLER):
-                    more, bytes_ = self.of_item(description)
-                    elements, size = elements + more, size + bytes_
+            for _, description in self.fields_of(msgtype):
+                more, bytes_ = self.of_item(description)
+                elements, size = elements + more, size + bytes_
             self._open.pop()
             self._known[msgtype] = elements, size
         return self._known[msgtype]
@@ -138,7 +147,6 @@ class _Walk:
     def __init__(
         self, types: Types, serialization: Serialization, data: bytes | memoryview, most_elements: int
     ) -> None:
-        self._types = types
         self._ros1 = serialization == "ros1"
         self._data = data if self._ros1 else data[4:]
         self._count = _COUNT["<" if self._ros1 or data[1] & 1 else ">"]
@@ -147,9 +155,8 @@ class _Walk:
         self._fewest = _Elements(types, serialization)
 
     def message(self, msgtype: str) -> None:
-        for name, description in self._types[msgtype][1]:
-            if not (self._ros1 and name == _FILLER):
-                self._field(*description)
+        for _, description in self._fewest.fields_of(msgtype):
+            self._field(*description)
 
     def _field(self, kind: FieldType, inner: FieldType) -> None:
         if kind == Nodetype.BASE:
