@@ -253,9 +253,8 @@ def choice_of(
     return layouts if isinstance(layouts, str) else Choice(layouts)
 
 
-@lru_cache(
-    maxsize=512
-)  # parsing and compiling a layout takes 2 ms, and recordings of one rig share their types
+# Parsing and compiling a layout takes 2 ms, and recordings of one rig share their types.
+@lru_cache(maxsize=512)
 def _layouts(
     msgtype: str,
     serialization: Serialization,
