@@ -4,6 +4,7 @@ import json
 import os
 import re
 import resource
+import selectors
 import shutil
 import signal
 import socket
@@ -14,12 +15,15 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from bagassets.errors import BagAssetsError
 from bagassets.forkserver.client import Client, ServerRefusedError, ServerStart
+from bagassets.forkserver.connection import Connection
 from bagassets.forkserver.process import ProcessId
+from bagassets.forkserver.server import Server
 from bagassets.forkserver.server_files import ServerFiles
 from bagassets.forkserver.spec import ServerSpec
 from bagassets.forkserver.tasks import server_spec
@@ -114,6 +118,20 @@ def test_nobody_waits_for_the_process_of_a_job_that_is_done(client):
     again = client.submit(f"{JOBS}:add", {"x": 1, "y": 2}, label="sum")
     assert end_of(client, again)["result"] == 3
     assert client.wait(0.1) is None, "even when its process ends"
+
+
+def test_a_client_that_goes_as_it_is_sent_its_result_does_no_harm():
+    server, ours, theirs = object.__new__(Server), *socket.socketpair()
+    job = SimpleNamespace(
+        id="1", label="x", is_done=True, lines=SimpleNamespace(is_closed=False), listen=list,
+        describe_end=lambda _: {"event": "finished"}, cancel=None,
+    )  # fmt: skip
+    with selectors.DefaultSelector() as selector:
+        owner = Connection(ours, selector, server._on_message, server._on_close)
+        server._jobs, server._owners, server._connections = {"1": job}, {"1": owner}, {owner}
+        theirs.close()
+        server._on_note(job)
+    assert (server._owners, server._connections) == ({}, set())
 
 
 def test_an_error_is_reported_with_its_text(client):

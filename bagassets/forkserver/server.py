@@ -369,9 +369,9 @@ class Server:
     def _on_note(self, job: Job) -> None:
         for facts in job.listen():
             self._send_event(job.id, {"event": "note", "job": job.id, "note": facts})
-        if job.is_done and job.id in self._owners:  # nobody has to wait for the end of its process
-            self._send_event(job.id, job.describe_end(0))
-            del self._owners[job.id]
+        owner = self._owners.pop(job.id, None) if job.is_done else None
+        if owner is not None:  # nobody has to wait for the end of its process
+            owner.send(job.describe_end(0))
         if job.lines.is_closed:
             self._selector.unregister(job.channel)
 
