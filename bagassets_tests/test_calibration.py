@@ -368,21 +368,16 @@ class TestIntrinsics:
 
     def test_what_a_camera_repeats_is_decoded_once(self, tmp_path):
         again = [("/cam/camera_info", CAMERA_INFO, T0 + n, camera_info(T0 + n)) for n in range(10)]
-        other = (
-            "/cam/camera_info",
-            CAMERA_INFO,
-            T0 + 20,
-            camera_info(T0 + 20, binning_x=1),
-        )  # which is 0, too
+        # A binning of 1 means the same as 0, in other bytes.
+        other = ("/cam/camera_info", CAMERA_INFO, T0 + 20, camera_info(T0 + 20, binning_x=1))
         nothing = camera_info(T0 + 30)
         nothing.k = np.zeros(9)
         unusable = [("/cam/camera_info", CAMERA_INFO, T0 + 30 + n, nothing) for n in range(2)]
         made = Calibrated(tmp_path, rig({}), STATIC, IMAGES, *again, other, *unusable)
         assert made.channels["CAM_FRONT"]["camera"]["source"] == "camera_info"
         assert "CAM_FRONT: 2 messages on /cam/camera_info cannot be used" in made.summary["notes"][0]
-        assert (
-            made.recording.decoded == 1 + 1 + 1 + 2
-        )  # the static transform, the first, the other, the unusable ones
+        # The static transform, the first, the other, the unusable ones.
+        assert made.recording.decoded == 1 + 1 + 1 + 2
 
     def test_a_calibration_that_changes_after_it_was_repeated(self, tmp_path):
         again = [("/cam/camera_info", CAMERA_INFO, T0 + n, camera_info(T0 + n)) for n in range(3)]

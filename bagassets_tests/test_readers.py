@@ -46,9 +46,8 @@ def test_messages_that_differ_in_their_stamps_only_are_told(drive):
         topic = recording.topics["/cam/camera_info"]
         assert len(set(infos)) > 1
         assert len({topic.unstamped(memoryview(data)) for data in infos}) == 1
-        for at in range(
-            len(infos[0])
-        ):  # a header of ROS 1 begins with a number, CDR with four bytes about itself
+        # A header of ROS 1 begins with a number, CDR with four bytes about itself.
+        for at in range(len(infos[0])):
             changed = bytearray(infos[0])
             changed[at] ^= 2
             is_stamp = at < 12 and (recording.format == "ros1" or at >= 4)

@@ -225,7 +225,8 @@ def _one_calibration(
     repeated: bytes | None = None
     counts = Counts()
     for message in recording.messages([topic]):
-        if repeated is not None and repeated == recording.topics[topic].unstamped(message.data):
+        content = recording.topics[topic].unstamped(message.data)
+        if content is not None and content == repeated:
             continue  # most cameras send the same with each image, and decoding it takes a tenth of a millisecond
         try:
             reading: CameraInfoReading = own_decoder("camera_info", message.msgtype)(
@@ -236,8 +237,7 @@ def _one_calibration(
             continue
         now = reading.calibration
         if first is None:
-            first = reading
-            repeated = recording.topics[topic].unstamped(message.data)
+            first, repeated = reading, content
             continue
         then = first.calibration
         if now.lens != then.lens or (rectified and (now.r, now.p) != (then.r, then.p)):

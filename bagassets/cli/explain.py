@@ -94,13 +94,13 @@ def _print_own(asset: str, key: str, states: "Mapping[str, OwnState]", *, as_jso
         )
         return
     of_key = f" of {key}" if key else ""
-    echo_lines(f"{asset}{of_key} {_in_words(one.state)}: {visible(one.reason)}")
+    echo_lines(f"{asset}{of_key} {_predicate(one.state)}: {visible(one.reason)}")
     for name, now in one.reads.items():
         for line in _row(f"reads {name}", (one.recorded or {}).get(name) or None, now or None):
             echo_lines(line)
 
 
-def _in_words(state: str) -> str:
+def _predicate(state: str) -> str:
     return "has failed" if state == "failed" else f"is {state}"
 
 
@@ -108,7 +108,7 @@ def explanation_lines(explanation: "Explanation") -> Iterator[str]:
     """Yield an explanation as lines of text."""
     # Reasons may hold parentheses.
     state = explanation.state
-    yield f"{explanation.asset} of {explanation.key} {_in_words(state.state)}: {state.reason}"
+    yield f"{explanation.asset} of {explanation.key} {_predicate(state.state)}: {state.reason}"
     last = explanation.recorded
     yield from _row("data version", last and last.data_version, explanation.state.data_version)
     if explanation.code_version is not None:

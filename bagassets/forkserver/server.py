@@ -369,9 +369,8 @@ class Server:
     def _on_note(self, job: Job) -> None:
         for facts in job.listen():
             self._send_event(job.id, {"event": "note", "job": job.id, "note": facts})
-        owner = self._owners.pop(job.id, None) if job.is_done else None
-        if owner is not None:  # nobody has to wait for the end of its process
-            owner.send(job.describe_end(0))
+        if job.is_done:  # nobody has to wait for the end of its process
+            self._send_end(job.id, job.describe_end(0))
         if job.lines.is_closed:
             self._selector.unregister(job.channel)
 
@@ -401,14 +400,18 @@ class Server:
             reporting.kill_at = time.monotonic() + _LOST_GRACE_S
             self._held_back[reporting.id] = (job.id, event)
         else:
-            self._send_event(job.id, event)
-            self._owners.pop(job.id, None)
+            self._send_end(job.id, event)
         held_back = self._held_back.pop(job.id, None)
         if held_back is not None:
             lost_id, lost_event = held_back
-            self._send_event(lost_id, lost_event)
-            self._owners.pop(lost_id, None)
+            self._send_end(lost_id, lost_event)
         del self._jobs[job.id]
+
+    def _send_end(self, job_id: str, event: JsonObject) -> None:
+        """Send the last event of a job, unless it has been sent; a client that goes meanwhile has nothing to cancel."""
+        owner = self._owners.pop(job_id, None)
+        if owner is not None:
+            owner.send(event)
 
     def _send_event(self, job_id: str, event: JsonObject) -> None:
         owner = self._owners.get(job_id)

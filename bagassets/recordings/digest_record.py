@@ -188,7 +188,9 @@ def is_unchanged(path: Path, then: os.stat_result, now: os.stat_result, digest: 
         now: its status later.
         digest: of its content; None if that is not known.
     """
-    row = IndexRow.of(then, read_attribute(path) or "" if digest is None else digest)
+    if digest is None:
+        digest = read_attribute(path) or ""
+    row = IndexRow.of(then, digest)
     return row.same_size_and_time(now) and _is_untouched(path, now, row)
 
 
@@ -209,22 +211,18 @@ def put_on_record(
     Raises:
         StoreError: the index cannot be written.
     """
-    if read_attribute(path, stat) == digest:
+    is_kept = read_attribute(path, stat) == digest
+    if is_kept:
         now = path.stat()
         if not is_unchanged(path, stat, now, digest):
             return "attribute", stat  # for its size and time; the index must not vouch for more
-        stat, is_kept = now, True
-    else:
-        writes_attribute = index is None or index.writes_attributes
-        is_kept = writes_attribute and _write_attribute(path, stat, digest)
-        now = path.stat()
+        stat = now
+    elif (index is None or index.writes_attributes) and _write_attribute(path, stat, digest):
+        now, is_kept = path.stat(), True
         # Writing an attribute changes ctime; any other change was made by somebody else.
-        if is_kept and (now.st_ino, now.st_size, now.st_mtime_ns) == (
-            stat.st_ino,
-            stat.st_size,
-            stat.st_mtime_ns,
-        ):
-            stat = now
+        if (now.st_ino, now.st_size, now.st_mtime_ns) != (stat.st_ino, stat.st_size, stat.st_mtime_ns):
+            return "attribute", stat
+        stat = now
     if index is None:
         return ("attribute" if is_kept else "nowhere"), stat
     if index.get(path, stat) != digest:

@@ -138,7 +138,6 @@ class _Codec:
     """
 
     def __init__(self, store: Typestore, msgtype: str) -> None:
-        self.name = msgtype
         self.fields: Fielddefs = [
             (normalize_fieldname(name), kind) for name, kind in store.fielddefs[msgtype][1]
         ]
