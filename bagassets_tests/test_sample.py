@@ -11,6 +11,7 @@ from bagassets.errors import RecordingError
 from bagassets.recordings.discover import find_one
 from bagassets.recordings.open import open_recording
 from bagassets.sample.drive import PROFILES, Target, drive_start_ns, write_recordings
+from bagassets.sample.oddities.catalogue import ODDITIES
 from bagassets.sample.recorder import COMPRESSIONS
 
 SHORT_S = 0.25
@@ -164,3 +165,19 @@ def test_profiles_are_documented_on_the_command_line():
 
     text = CliRunner().invoke(sample, ["--help"]).output
     assert all(profile in text for profile in PROFILES)
+
+
+def test_the_page_about_tests_lists_every_oddity():
+    page = (Path(__file__).parents[1] / "docs" / "tests.md").read_text("utf-8")
+    rows = page.partition("## Oddities")[2].partition("\n## ")[0].splitlines()
+    listed = [row.split("`")[1] for row in rows if row.startswith("| `")]
+    assert sorted(listed) == sorted(ODDITIES)
+
+
+def test_an_unknown_oddity_is_answered_with_those_that_are(tmp_path):
+    from bagassets.cli.sample import sample
+
+    result = CliRunner().invoke(sample, [str(tmp_path / "d.bag"), "--odd", "purple"])
+    assert result.exit_code == 2
+    assert "no oddity is named purple; known: " in result.output
+    assert not (tmp_path / "d.bag").exists()

@@ -17,6 +17,7 @@ Examples:
   bagassets sample drive.mcap
   bagassets sample drive.bag --seed 7 --compression lz4
   bagassets sample big --profile tas --duration 20      # a ROS 2 folder, 90 MB per second
+  bagassets sample drive.mcap --odd projection-only     # K of CameraInfo is zero, as rectified cameras send it
   bagassets sample drive.mcap --recipe-out recipe.yaml && bagassets build"""
 )
 @click.argument("path", type=click.Path(path_type=Path))
@@ -51,6 +52,12 @@ Examples:
     help="Duration in seconds; default: that of the profile.",
 )
 @click.option(
+    "--odd",
+    multiple=True,
+    metavar="NAME",
+    help="Do something that real recordings do; may be repeated. `bagassets docs page tests` lists the oddities.",
+)
+@click.option(
     "--recipe-out",
     type=click.Path(dir_okay=False, path_type=Path),
     metavar="FILE",
@@ -63,6 +70,7 @@ def sample(
     profile: str,
     seed: int,
     duration: float | None,
+    odd: tuple[str, ...],
     recipe_out: Path | None,
 ) -> None:
     """Write a synthetic drive with known ground truth.
@@ -72,6 +80,7 @@ def sample(
     The same seed gives the same drive in every format.
     """
     from bagassets.sample.drive import PROFILES, Target, write_recordings
+    from bagassets.sample.oddities.catalogue import ODDITIES
 
     kind = file_format or _FORMATS.get(path.suffix)
     if kind is None:
@@ -80,6 +89,10 @@ def sample(
         )
     if recipe_out is not None and recipe_out.exists():
         raise click.UsageError(f"{recipe_out}: this file exists and is not overwritten; choose another name.")
+    if unknown := [name for name in odd if name not in ODDITIES]:
+        raise click.UsageError(f"no oddity is named {unknown[0]}; known: {', '.join(sorted(ODDITIES))}.")
+    if odd and PROFILES[profile].throughput:
+        raise click.UsageError(f"drives of the profile {profile} have no oddities; leave --odd out.")
     length_s = PROFILES[profile].duration_s if duration is None else duration
     with click.progressbar(length=1000, label=f"Writing {path}") as bar:
         write_recordings(
@@ -88,6 +101,7 @@ def sample(
             profile,
             length_s,
             lambda seconds: bar.update(max(0, min(1000, int(1000 * seconds / length_s)) - bar.pos)),
+            odd,
         )
     echo(f"Wrote {path}: {length_s:g} s of drive, seed {seed}. Inspect it: bagassets inspect {path}")
     if recipe_out is not None:

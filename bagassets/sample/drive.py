@@ -4,11 +4,12 @@ The same seed and profile give the same drive in every format: the messages have
 and the same stamps.
 """
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
+from bagassets.sample.oddities.catalogue import ODDITIES
 from bagassets.sample.recorder import Compression, RecordingFormat, open_recorder
 from bagassets.sample.rig import cameras
 from bagassets.sample.schedule import Event, drive_events
@@ -66,6 +67,7 @@ def write_recordings(
     profile: str = "small",
     duration_s: float | None = None,
     progress: Callable[[float], None] = lambda _seconds: None,
+    odd: Sequence[str] = (),
 ) -> Truth:
     """Write recordings of one drive, which is rendered once, and return its ground truth.
 
@@ -75,6 +77,7 @@ def write_recordings(
         profile: name in `PROFILES`.
         duration_s: duration; default: that of the profile.
         progress: called with the number of seconds written so far.
+        odd: names in `oddities.catalogue.ODDITIES`, applied one after the other; not with throughput.
 
     Raises:
         RecordingError: something is in the place of a recording already, or its format has no such compression.
@@ -84,9 +87,12 @@ def write_recordings(
     rig = {camera.channel: camera for camera in make_cameras(kind.width, kind.height)}
     truth = Truth(World(seed), drive_start_ns(seed), rig)
     length_s = kind.duration_s if duration_s is None else duration_s
+    events = _events(kind, truth, seed, length_s)
+    for name in odd:
+        events = ODDITIES[name](events, truth)
     with ExitStack() as stack:
         recorders = [open_recorder(one.path, one.format, one.compression, stack) for one in targets]
-        for event in _events(kind, truth, seed, length_s):
+        for event in events:
             for recorder in recorders:
                 recorder.write_raw(event.topic, event.msgtype, event.log_time_ns, event.payload(recorder))
             progress(truth.seconds(event.log_time_ns))

@@ -23,7 +23,16 @@ from bagassets.sample.rig import EGO_SE3_LIDAR, EGO_SE3_RADAR, LIDAR, RADAR, Cam
 from bagassets.sample.truth import Truth
 from bagassets.sample.world import RADIUS_M
 
-__all__ = ["GEODETIC_ORIGIN", "MAP_SE3_ODOM", "Event", "drive_events", "mosaic", "motion_events"]
+__all__ = [
+    "GEODETIC_ORIGIN",
+    "MAP_SE3_ODOM",
+    "Event",
+    "Make",
+    "drive_events",
+    "event",
+    "mosaic",
+    "motion_events",
+]
 
 Make = Callable[[Messages], Message]
 
@@ -46,18 +55,24 @@ class Event:
         topic: its topic.
         msgtype: `pkg/msg/Type`.
         payload: gives the serialized message for a recorder.
+        make: gives the message itself; None for the serialized messages of the profile `tas`.
     """
 
     log_time_ns: int
     topic: str
     msgtype: str
     payload: Callable[[Recorder], bytes | bytearray]
+    make: Make | None = None
 
 
 def event(log_time_ns: int, topic: str, msgtype: str, make: Make) -> Event:
     """Return the event of a message that `make` makes."""
     return Event(
-        log_time_ns, topic, msgtype, lambda recorder: recorder.serialize(msgtype, make(recorder.messages))
+        log_time_ns,
+        topic,
+        msgtype,
+        lambda recorder: recorder.serialize(msgtype, make(recorder.messages)),
+        make,
     )
 
 

@@ -1,0 +1,10 @@
+"""All oddities by name."""
+
+from bagassets.sample.oddities import cameras
+from bagassets.sample.oddities.stream import Oddity
+
+__all__ = ["ODDITIES"]
+
+ODDITIES: dict[str, Oddity] = {
+    **cameras.ODDITIES,
+}
