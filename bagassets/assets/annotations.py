@@ -20,7 +20,7 @@ from bagassets.assets.inventory import INVENTORY
 from bagassets.decode.boxes import BoxDecoder
 from bagassets.decode.loading import keyed_decoder
 from bagassets.decode.model import BoxReading
-from bagassets.decode.registry import advice, decoder_key, own_types
+from bagassets.decode.registry import advice, find_decoder, own_types
 from bagassets.errors import DecodeError, LossLimitError, RecipeError
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.json_types import JsonMapping
@@ -104,10 +104,12 @@ class BoxTopic:
     Attributes:
         rules: its entry in the recipe.
         decoder: the plug-in that decodes its messages, if one does.
+        revision: that of the decoder.
     """
 
     rules: AnnotationTopic = inlined(without=("topic",))
     decoder: Mapping[str, str] | None = omitted()
+    revision: int = omitted(1)
 
 
 @dataclass(frozen=True)
@@ -181,7 +183,8 @@ def use(params: AnnotationParams, facts: Facts) -> dict[str, Use[AnnotationUse]]
 
 
 def _box_topic(source: AnnotationTopic, msgtype: str) -> BoxTopic:
-    return BoxTopic(source, decoder_key("boxes", msgtype))
+    decoder = find_decoder("boxes", msgtype)
+    return BoxTopic(source) if decoder is None else BoxTopic(source, decoder.key, decoder.revision)
 
 
 def make_annotations(
