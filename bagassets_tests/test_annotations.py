@@ -10,18 +10,16 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from bagassets.annotations.collect import BoxCollector, SourceRules
 from bagassets.annotations.frames import BoxFrames
 from bagassets.annotations.table import BoxTable
-from bagassets.assets.annotations import ANNOTATIONS, BoxTopic, make_annotations
+from bagassets.assets.annotations import ANNOTATIONS, make_annotations
 from bagassets.assets.asset import as_json
 from bagassets.assets.ego_poses import EGO_POSES
 from bagassets.build.run_action import run_action
 from bagassets.decode.loading import keyed_decoder
 from bagassets.decode.model import BoxReading
-from bagassets.decode.registry import BUILT_IN
 from bagassets.errors import DecodeError, LossLimitError, RecipeError
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.recipe.model import Limits, Rig
-from bagassets.recipe.model_annotations import AnnotationTopic
 from bagassets.recordings.model import RawMessage
 from bagassets.store.store import Store
 from bagassets_tests.facts import MadeUpFacts, calibrated, use_of
@@ -309,27 +307,6 @@ def collect(*boxes, **rules):
     return table, counts
 
 
-def test_only_decoders_that_changed_key_the_step():
-    """Topics of other types are not read again after an upgrade."""
-    changed = {line.msgtype for line in BUILT_IN if line.revision != 1}
-    assert changed == {
-        "visualization_msgs/msg/Marker",
-        "visualization_msgs/msg/MarkerArray",
-        "derived_object_msgs/msg/ObjectArray",
-        *(
-            f"{package}/msg/{name}Objects"
-            for package in ("autoware_perception_msgs", "autoware_auto_perception_msgs")
-            for name in ("Detected", "Tracked")
-        ),
-    }
-    assert all(line.family == "boxes" for line in BUILT_IN if line.revision != 1), (
-        "no other asset is keyed by it"
-    )
-    old, new = (as_json(BoxTopic(AnnotationTopic(topic="/boxes"), None, number)) for number in (1, 2))
-    assert new == {**old, "revision": 2}
-    assert "revision" not in old
-
-
 class TestPlacing:
     def test_a_box_in_the_global_frame_stays(self):
         table, _ = collect(box(stamp_ns=T0 + 500 * S))  # even where there is no pose
@@ -441,8 +418,8 @@ class FakeRecording:
         return decoded
 
 
-def inventory(*topics):
-    record = Msg(msgtype="vision_msgs/msg/Detection3DArray", frame_ids=("map",))
+def inventory(*topics, msgtype="vision_msgs/msg/Detection3DArray"):
+    record = Msg(msgtype=msgtype, frame_ids=("map",))
     return Msg(has=lambda name: name in topics, topic=lambda name: record)
 
 
@@ -488,6 +465,22 @@ def run(store, use, recording):
 def ask(ego_poses, the_rig=None, inv=None, clock="header", lost=0.0):
     facts = MadeUpFacts(inv or inventory("/boxes"), CALIBRATION, {"ego_poses": ego_poses})
     return use_of(ANNOTATIONS, the_rig or rig(), facts, clock=clock, limits=Limits(lost_messages=lost))
+
+
+@pytest.mark.parametrize(
+    ("msgtype", "shapes"),
+    [
+        ("vision_msgs/msg/Detection3DArray", {}),
+        ("jsk_recognition_msgs/msg/BoundingBoxArray", {}),
+        ("visualization_msgs/msg/MarkerArray", {"shapes": True}),
+        ("derived_object_msgs/msg/ObjectArray", {"shapes": True}),
+        ("autoware_perception_msgs/msg/TrackedObjects", {"shapes": True}),
+        ("autoware_auto_perception_msgs/msg/DetectedObjects", {"shapes": True}),
+    ],
+)
+def test_only_topics_whose_objects_have_other_shapes_are_read_again(ego_poses, msgtype, shapes):
+    source = as_json(ask(ego_poses, inv=inventory("/boxes", msgtype=msgtype)).params)["sources"]["/boxes"]
+    assert {name: value for name, value in source.items() if name == "shapes"} == shapes
 
 
 class TestStep:

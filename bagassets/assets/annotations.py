@@ -20,7 +20,7 @@ from bagassets.assets.inventory import INVENTORY
 from bagassets.decode.boxes import BoxDecoder
 from bagassets.decode.loading import keyed_decoder
 from bagassets.decode.model import BoxReading
-from bagassets.decode.registry import advice, find_decoder, own_types
+from bagassets.decode.registry import advice, decoder_key, own_types
 from bagassets.errors import DecodeError, LossLimitError, RecipeError
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.json_types import JsonMapping
@@ -38,6 +38,13 @@ __all__ = ["ANNOTATIONS", "AnnotationParams", "AnnotationUse", "make_annotations
 
 TABLE = "annotations.parquet"
 COUNTS = "annotations.json"
+# Packages of messages with cylinders, footprints, …
+_SHAPES = {
+    "autoware_auto_perception_msgs",
+    "autoware_perception_msgs",
+    "derived_object_msgs",
+    "visualization_msgs",
+}
 
 
 @dataclass(frozen=True)
@@ -104,12 +111,12 @@ class BoxTopic:
     Attributes:
         rules: its entry in the recipe.
         decoder: the plug-in that decodes its messages, if one does.
-        revision: that of the decoder.
+        shapes: objects of its type may have other shapes than boxes, which were counted as lost once.
     """
 
     rules: AnnotationTopic = inlined(without=("topic",))
     decoder: Mapping[str, str] | None = omitted()
-    revision: int = omitted(1)
+    shapes: bool = omitted(default=False)
 
 
 @dataclass(frozen=True)
@@ -183,8 +190,7 @@ def use(params: AnnotationParams, facts: Facts) -> dict[str, Use[AnnotationUse]]
 
 
 def _box_topic(source: AnnotationTopic, msgtype: str) -> BoxTopic:
-    decoder = find_decoder("boxes", msgtype)
-    return BoxTopic(source) if decoder is None else BoxTopic(source, decoder.key, decoder.revision)
+    return BoxTopic(source, decoder_key("boxes", msgtype), msgtype.partition("/")[0] in _SHAPES)
 
 
 def make_annotations(

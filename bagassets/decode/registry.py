@@ -49,8 +49,6 @@ class Decoder:
         by_fields: it goes by the fields of a message, so a plug-in for the type comes first.
         bulk: whether such messages are bulk data that the inventory does not keep: always, or if they are large for a
             network packet. Changing this changes inventories, so raise their version.
-        revision: raised when a built-in decoder of boxes returns something else for its type: only recordings with boxes of that
-            type are decoded again.
         plugin: the plug-in; None if it is built in.
     """
 
@@ -59,7 +57,6 @@ class Decoder:
     reference: str
     by_fields: bool = False
     bulk: Bulk = "no"
-    revision: int = 1
     plugin: DecoderPlugin | None = None
 
     @property
@@ -69,13 +66,7 @@ class Decoder:
 
 
 def _line(
-    family: AnyFamily,
-    msgtype: str,
-    reference: str,
-    *,
-    by_fields: bool = False,
-    bulk: Bulk = "no",
-    revision: int = 1,
+    family: AnyFamily, msgtype: str, reference: str, *, by_fields: bool = False, bulk: Bulk = "no"
 ) -> Decoder:
     return Decoder(
         family,
@@ -83,7 +74,6 @@ def _line(
         f"bagassets.decode.{reference}",
         by_fields or msgtype == ANY,
         bulk,
-        revision,
     )
 
 
@@ -111,14 +101,14 @@ BUILT_IN = (
     _line("transforms", "tf2_msgs/TFMessage", "tf:transforms"),
     _line("transforms", "tf/tfMessage", "tf:transforms"),
     _line("boxes", "vision_msgs/Detection3DArray", "detection3d:DETECTIONS"),
-    _line("boxes", "visualization_msgs/Marker", "markers:MARKER", revision=2),
-    _line("boxes", "visualization_msgs/MarkerArray", "markers:MARKERS", revision=2),
-    _line("boxes", "derived_object_msgs/ObjectArray", "object_array:OBJECTS", revision=2),
+    _line("boxes", "visualization_msgs/Marker", "markers:MARKER"),
+    _line("boxes", "visualization_msgs/MarkerArray", "markers:MARKERS"),
+    _line("boxes", "derived_object_msgs/ObjectArray", "object_array:OBJECTS"),
     _line("boxes", "jsk_recognition_msgs/BoundingBoxArray", "bounding_boxes:BOXES"),
-    _line("boxes", "autoware_perception_msgs/DetectedObjects", "autoware_objects:OBJECTS", revision=2),
-    _line("boxes", "autoware_perception_msgs/TrackedObjects", "autoware_objects:OBJECTS", revision=2),
-    _line("boxes", "autoware_auto_perception_msgs/DetectedObjects", "autoware_objects:OBJECTS", revision=2),
-    _line("boxes", "autoware_auto_perception_msgs/TrackedObjects", "autoware_objects:OBJECTS", revision=2),
+    _line("boxes", "autoware_perception_msgs/DetectedObjects", "autoware_objects:OBJECTS"),
+    _line("boxes", "autoware_perception_msgs/TrackedObjects", "autoware_objects:OBJECTS"),
+    _line("boxes", "autoware_auto_perception_msgs/DetectedObjects", "autoware_objects:OBJECTS"),
+    _line("boxes", "autoware_auto_perception_msgs/TrackedObjects", "autoware_objects:OBJECTS"),
 )
 _TABLE: Mapping[tuple[str, str], Decoder] = {(line.family, line.msgtype): line for line in BUILT_IN}
 
