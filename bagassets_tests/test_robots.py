@@ -35,6 +35,7 @@ OWN_TF = {"tf": (TF, ()), "tf_static": (TF, ())}
         (robot("/fleet/robot1", "/fleet/robot2", **OWN_TF), ["/fleet/robot1", "/fleet/robot2"]),
         (robot("robot1", "robot2", **OWN_TF), ["robot1", "robot2"]),
         (robot("/car", "/west/car", **OWN_TF), ["", "/west"]),
+        (robot("/static_1", "/static_2", frame="", **OWN_TF), ["/static_1", "/static_2"]),
         (robot("/robot1", "/robot2"), ["/robot1", "/robot2"]),
         (topics("/a", "/b", scan=(PACKETS, ("velodyne",)), ekf__pose=(POSE, ())), ["/a", "/b"]),
         # Frames with a prefix, in one TF topic.

@@ -58,7 +58,7 @@ def _pose_kind(name: str, msgtype: str) -> str:
     """Return what makes a topic a source of poses like another one; "" if it is none."""
     families = families_of(msgtype)
     if "transforms" in families:
-        return "" if "static" in name else _TF
+        return "" if "static" in name.rpartition("/")[2] else _TF
     return msgtype if "pose" in families else ""
 
 
