@@ -55,6 +55,21 @@ def detections(*items, stamp_ns=T0, frame="map"):
     return Msg(header=header(stamp_ns, frame), detections=list(items))
 
 
+def autoware(shape, rotation=(1.0, 0.0, 0.0, 0.0)):
+    """A pedestrian of a shape."""
+    return Msg(
+        existence_probability=1.0, classification=[Msg(label=7, probability=1.0)], shape=shape,
+        kinematics=Msg(pose_with_covariance=Msg(pose=pose(rotation=rotation))),
+    )  # fmt: skip
+
+
+def derived(shape):
+    """An object of a `shape_msgs/SolidPrimitive`."""
+    return Msg(
+        header=header(), id=12, classification=4, classification_certainty=255, pose=pose(), shape=shape
+    )
+
+
 def decode_all(msgtype, message):
     decoder = keyed_decoder("boxes", msgtype, None)
     return [decoder.decode(message, item) for item in decoder.items(message)]
@@ -93,8 +108,12 @@ class TestDecoders:
         )
         arrow = Msg(**{**vars(cube), "type": 0})
         deletion = Msg(**{**vars(cube), "action": 2})
-        boxes = decode_all("visualization_msgs/msg/MarkerArray", Msg(markers=[cube, arrow, deletion]))
-        assert boxes[1:] == [None, None]
+        sphere, text = (Msg(**{**vars(cube), "type": kind}) for kind in (2, 9))
+        cylinder = Msg(**{**vars(cube), "type": 3, "id": 5})
+        boxes = decode_all(
+            "visualization_msgs/msg/MarkerArray", Msg(markers=[cube, cylinder, arrow, deletion, sphere, text])
+        )
+        assert boxes[1:] == [replace(boxes[0], track_id="car/5"), None, None, None, None]
         assert (boxes[0].category, boxes[0].track_id, boxes[0].size_m) == ("car", "car/4", (2.0, 4.0, 1.5))
         assert decode_all("visualization_msgs/msg/Marker", cube) == [boxes[0]]
 
@@ -105,14 +124,59 @@ class TestDecoders:
         )  # fmt: skip
         (box,) = decode_all("derived_object_msgs/msg/ObjectArray", Msg(header=header(), objects=[item]))
         assert (box.category, box.track_id, box.size_m, box.score) == ("car", "12", (2.0, 4.0, 1.5), 1.0)
-        item.shape.type = 2
-        with pytest.raises(DecodeError, match="no box"):
-            decode_all("derived_object_msgs/msg/ObjectArray", Msg(header=header(), objects=[item]))
+
+    @pytest.mark.parametrize(
+        ("shape", "size_m"),
+        [
+            (Msg(type=2, dimensions=[0.5]), (1.0, 1.0, 1.0)),  # a sphere: its radius
+            (Msg(type=3, dimensions=[1.75, 0.25]), (0.5, 0.5, 1.75)),  # a cylinder: height, radius
+        ],
+    )
+    def test_round_objects_have_the_extent_of_their_shape(self, shape, size_m):
+        item = derived(shape)
+        (box,) = decode_all("derived_object_msgs/msg/ObjectArray", Msg(header=header(), objects=[item]))
+        assert (box.size_m, box.frame_SE3_box) == (size_m, SE3(translation=(1.0, 2.0, 3.0)))
+
+    def test_a_prism_has_the_extent_of_its_base_and_height(self):
+        base = Msg(points=[vector(-1.0, 0.0, 9.0), vector(3.0, 0.0, 9.0), vector(0.0, 0.5, 9.0)])
+        item = derived(Msg(type=5, dimensions=[2.0], polygon=base))
+        (box,) = decode_all("derived_object_msgs/msg/ObjectArray", Msg(header=header(), objects=[item]))
+        assert (box.size_m, box.frame_SE3_box.translation) == ((0.5, 4.0, 2.0), (2.0, 2.25, 3.0))
+
+    @pytest.mark.parametrize(
+        "shape",
+        [
+            Msg(type=4, dimensions=[1.0, 0.5]),  # a cone: where along it the pose is is not defined
+            Msg(type=0, dimensions=[]),
+            Msg(type=1, dimensions=[4.0, 2.0]),
+            Msg(type=2, dimensions=[]),
+            Msg(type=3, dimensions=[1.0]),
+            Msg(type=5, dimensions=[1.0]),  # before Humble there was no base
+            Msg(type=5, dimensions=[], polygon=Msg(points=[])),
+        ],
+    )
+    def test_shapes_without_an_extent_are_refused(self, shape):
+        with pytest.raises(DecodeError, match="its object has a shape without an extent"):
+            decode_all("derived_object_msgs/msg/ObjectArray", Msg(header=header(), objects=[derived(shape)]))
 
     def test_jsk_bounding_boxes(self):
         item = Msg(header=header(), pose=pose(), dimensions=vector(4.0, 2.0, 1.5), value=0.25, label=3)
         (box,) = decode_all("jsk_recognition_msgs/msg/BoundingBoxArray", Msg(header=header(), boxes=[item]))
         assert (box.category, box.track_id, box.size_m, box.score) == ("3", "", (2.0, 4.0, 1.5), 0.25)
+
+    @pytest.mark.parametrize(
+        ("own", "stamp_ns", "frame"),
+        [
+            (header(T0 + 5, "/lidar"), T0 + 5, "lidar"),
+            (header(0, "/lidar"), T0, "lidar"),
+            (header(T0 + 5, ""), T0 + 5, "map"),
+            (header(0, ""), T0, "map"),
+        ],
+    )
+    def test_what_a_jsk_box_leaves_open_the_array_says(self, own, stamp_ns, frame):
+        item = Msg(header=own, pose=pose(), dimensions=vector(4.0, 2.0, 1.5), value=0.25, label=3)
+        (box,) = decode_all("jsk_recognition_msgs/msg/BoundingBoxArray", Msg(header=header(), boxes=[item]))
+        assert (box.stamp_ns, box.frame_id) == (stamp_ns, frame)
 
     @pytest.mark.parametrize("package", ["autoware_perception_msgs", "autoware_auto_perception_msgs"])
     def test_autoware(self, package):
@@ -144,15 +208,55 @@ class TestDecoders:
     @pytest.mark.parametrize(
         ("change", "words"),
         [
-            ({"shape": Msg(type=1, dimensions=None)}, "no box as shape"),
+            ({"shape": Msg(type=3, dimensions=vector(1.0, 1.0, 1.0))}, "a shape without an extent"),
             ({"classification": []}, "names no class"),
         ],
     )
-    def test_autoware_objects_without_box_or_class_are_refused(self, change, words):
-        item = Msg(classification=[Msg(label=1, probability=1.0)], shape=Msg(type=0)) if change else None
+    def test_autoware_objects_without_extent_or_class_are_refused(self, change, words):
+        item = autoware(Msg(type=0, dimensions=vector(4.0, 2.0, 1.5)))
         vars(item).update(change)
         with pytest.raises(DecodeError, match=words):
             decode_all("autoware_perception_msgs/msg/DetectedObjects", Msg(header=header(), objects=[item]))
+
+    @pytest.mark.parametrize("y", [0.6, 0.0])  # which y is not defined for a cylinder
+    def test_an_autoware_cylinder_is_as_long_and_wide_as_its_diameter(self, y):
+        item = autoware(Msg(type=1, dimensions=vector(0.6, y, 1.75)), YAW_90)
+        (box,) = decode_all(
+            "autoware_perception_msgs/msg/DetectedObjects", Msg(header=header(), objects=[item])
+        )
+        assert box.size_m == (0.6, 0.6, 1.75)
+        assert box.frame_SE3_box == SE3.create(YAW_90, (1.0, 2.0, 3.0))
+
+    def test_an_autoware_polygon_has_the_extent_of_its_footprint_in_the_frame_of_the_object(self):
+        footprint = [vector(x, y, -7.0) for x, y in ((-1.0, 0.5), (3.0, 0.5), (3.0, 1.0), (1.0, 2.0))]
+        shape = Msg(type=2, footprint=Msg(points=footprint), dimensions=vector(0.0, 0.0, 1.5))
+        item = autoware(shape, YAW_90)
+        (box,) = decode_all(
+            "autoware_perception_msgs/msg/DetectedObjects", Msg(header=header(), objects=[item])
+        )
+        assert box.size_m == (1.5, 4.0, 1.5)
+        # The middle is at x 1, y 1.25 of the object, which heads along y of the frame.
+        np.testing.assert_allclose(box.frame_SE3_box.translation, (1.0 - 1.25, 2.0 + 1.0, 3.0), atol=1e-12)
+        np.testing.assert_allclose(box.frame_SE3_box.rotation, YAW_90, atol=1e-12)
+
+    @pytest.mark.parametrize(
+        "points",
+        [
+            [],
+            [(1.0, 2.0)],
+            [(1.0, 2.0), (2.0, 4.0)],  # would have an extent, but is a line
+            [(0.0, 0.0), (1.0, 0.0), (2.0, 0.0)],
+            [(0.0, 0.0), (np.nan, 1.0), (2.0, 5.0)],
+        ],
+    )
+    def test_a_footprint_without_area_is_counted_as_lost(self, points):
+        shape = Msg(type=2, footprint=Msg(points=[vector(x, y, 0.0) for x, y in points]))
+        shape.dimensions = vector(4.0, 2.0, 1.5)
+        with pytest.raises(DecodeError, match="the footprint of its object has no area"):
+            decode_all(
+                "autoware_perception_msgs/msg/DetectedObjects",
+                Msg(header=header(), objects=[autoware(shape)]),
+            )
 
     @pytest.mark.parametrize(
         ("label", "category"), [(0, "unknown"), (8, "animal"), (11, "under_drivable"), (12, "class_12")]
@@ -314,8 +418,8 @@ class FakeRecording:
         return decoded
 
 
-def inventory(*topics):
-    record = Msg(msgtype="vision_msgs/msg/Detection3DArray", frame_ids=("map",))
+def inventory(*topics, msgtype="vision_msgs/msg/Detection3DArray"):
+    record = Msg(msgtype=msgtype, frame_ids=("map",))
     return Msg(has=lambda name: name in topics, topic=lambda name: record)
 
 
@@ -361,6 +465,22 @@ def run(store, use, recording):
 def ask(ego_poses, the_rig=None, inv=None, clock="header", lost=0.0):
     facts = MadeUpFacts(inv or inventory("/boxes"), CALIBRATION, {"ego_poses": ego_poses})
     return use_of(ANNOTATIONS, the_rig or rig(), facts, clock=clock, limits=Limits(lost_messages=lost))
+
+
+@pytest.mark.parametrize(
+    ("msgtype", "shapes"),
+    [
+        ("vision_msgs/msg/Detection3DArray", {}),
+        ("jsk_recognition_msgs/msg/BoundingBoxArray", {}),
+        ("visualization_msgs/msg/MarkerArray", {"shapes": True}),
+        ("derived_object_msgs/msg/ObjectArray", {"shapes": True}),
+        ("autoware_perception_msgs/msg/TrackedObjects", {"shapes": True}),
+        ("autoware_auto_perception_msgs/msg/DetectedObjects", {"shapes": True}),
+    ],
+)
+def test_only_topics_whose_objects_have_other_shapes_are_read_again(ego_poses, msgtype, shapes):
+    source = as_json(ask(ego_poses, inv=inventory("/boxes", msgtype=msgtype)).params)["sources"]["/boxes"]
+    assert {name: value for name, value in source.items() if name == "shapes"} == shapes
 
 
 class TestStep:

@@ -10,6 +10,7 @@ from label_files import SIZES, WRITERS, box_entries, box_json, odom_SE3_box
 from small_drive import LATENCY_NS, RECIPE, SPEED_MPS, START_NS, messages
 
 from bagassets.annotations.table import BoxTable
+from bagassets.geometry.se3 import SE3
 from bagassets.recipe import load_recipe
 from bagassets.recordings.digest import recording_digest, recording_stat
 from bagassets.recordings.discover import discover
@@ -25,17 +26,25 @@ UUIDS = {"7": bytes(range(16)), "8": bytes(range(1, 17))}
 
 
 class Family:
-    """Makes the messages of one family: the two true objects at a time."""
+    """Makes the messages of one family: the two true objects at a time.
 
-    def __init__(self, store, *, ros1):
-        self.make, self.ros1 = Blank(store), ros1
+    Args:
+        store: the type store of the recording.
+        ros1: it is of ROS 1.
+        footprints: Autoware's objects have their rear right corner as origin, and a polygon around them.
+    """
+
+    def __init__(self, store, *, ros1, footprints=False):
+        self.make, self.ros1, self.footprints = Blank(store), ros1, footprints
 
     def header(self, stamp_ns, frame="odom"):
         stamp = self.make("builtin_interfaces/msg/Time", sec=stamp_ns // 10**9, nanosec=stamp_ns % 10**9)
         return self.make("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
 
     def pose(self, track, stamp_ns):
-        true = odom_SE3_box(track, stamp_ns)
+        width, length, _ = SIZES[track]
+        corner = (-length / 2, -width / 2, 0.0) if self.footprints else (0.0, 0.0, 0.0)
+        true = odom_SE3_box(track, stamp_ns) @ SE3(translation=corner)
         w, x, y, z = true.rotation
         return self.make(
             "geometry_msgs/msg/Pose",
@@ -47,9 +56,22 @@ class Family:
         width, length, height = SIZES[track]
         return self.make("geometry_msgs/msg/Vector3", x=length, y=width, z=height)
 
+    def shape(self, package, track):
+        shapes = self.make.constants(f"{package}/msg/Shape")
+        if not self.footprints:
+            return {"type": shapes["BOUNDING_BOX"], "dimensions": self.dimensions(track)}
+        width, length, height = SIZES[track]
+        # One corner is cut off.
+        corners = [(0, 0), (length, 0), (length, width / 2), (length / 2, width), (0, width)]
+        points = [self.make("geometry_msgs/msg/Point32", x=float(x), y=float(y)) for x, y in corners]
+        return {
+            "type": shapes["POLYGON"],
+            "dimensions": self.make("geometry_msgs/msg/Vector3", z=height),
+            "footprint": self.make("geometry_msgs/msg/Polygon", points=points),
+        }
+
     def autoware(self, package, kind, stamp_ns):
         classes = self.make.constants(f"{package}/msg/ObjectClassification")
-        shapes = self.make.constants(f"{package}/msg/Shape")
         objects = []
         for track, label in (("7", "CAR"), ("8", "PEDESTRIAN")):
             covariance = self.make("geometry_msgs/msg/PoseWithCovariance", pose=self.pose(track, stamp_ns))
@@ -73,9 +95,7 @@ class Family:
                     kinematics=self.make(
                         f"{package}/msg/{kind}ObjectKinematics", pose_with_covariance=covariance
                     ),
-                    shape=self.make(
-                        f"{package}/msg/Shape", type=shapes["BOUNDING_BOX"], dimensions=self.dimensions(track)
-                    ),
+                    shape=self.make(f"{package}/msg/Shape", **self.shape(package, track)),
                     **identity,
                 )
             )
@@ -126,8 +146,8 @@ class Family:
         return self.derived(stamp_ns) if package == "derived_object_msgs" else self.jsk(stamp_ns)
 
 
-def write(path, file_format, msgtype=None):
-    """Write the small drive with boxes of a type, 10 times a second."""
+def write(path, file_format, msgtype=None, **family):
+    """Write the small drive with boxes of a type, 10 times a second; `family` as for `Family`."""
     with ExitStack() as stack:
         recorder = open_recorder(path, file_format, "none", stack)
         ros1 = recorder.messages.ros1
@@ -136,10 +156,10 @@ def write(path, file_format, msgtype=None):
             for topic, kind, stamp, message in messages(recorder.messages.store, 1.9, ros1=ros1)
         ]
         if msgtype is not None:
-            family = Family(recorder.messages.store, ros1=ros1)
+            maker = Family(recorder.messages.store, ros1=ros1, **family)
             for number in range(NUMBER):
                 stamp = START_NS + PHASE_NS + number * PERIOD_NS
-                events.append((stamp + LATENCY_NS, "/boxes", msgtype, family.message(msgtype, stamp)))
+                events.append((stamp + LATENCY_NS, "/boxes", msgtype, maker.message(msgtype, stamp)))
         for log_time_ns, topic, kind, message in sorted(events, key=lambda event: event[0]):
             recorder.write(topic, kind, log_time_ns, message)
 
@@ -196,6 +216,19 @@ def test_messages_are_read_as_their_definition_has_them(tmp_path, msgtype, file_
         assert (table.categories[row], table.tracks[row]) == expected
         assert table.scores[row] == pytest.approx(score, abs=1e-7)
     assert {int(stamp - START_NS - PHASE_NS) % PERIOD_NS for stamp in table.stamps_ns} == {0}
+
+
+def test_a_footprint_around_another_point_of_the_object_is_the_same_box(tmp_path):
+    msgtype = "autoware_perception_msgs/msg/TrackedObjects"
+    write(tmp_path / "bags" / "a.mcap", "mcap", msgtype, footprints=True)
+    table, counts, _ = build(tmp_path, {"topic": "/boxes"})
+    assert (counts["written"], counts["lost"]) == (2 * NUMBER, {})
+    for row in range(len(table)):
+        track = next(track for track, uuid in UUIDS.items() if uuid.hex() == table.tracks[row])
+        pose = odom_SE3_box(track, int(table.stamps_ns[row]))
+        np.testing.assert_allclose(table.centers_m[row], pose.translation, atol=1e-6)  # points have 32 bit
+        np.testing.assert_allclose(table.sizes_m[row], SIZES[track], atol=1e-6)
+        assert abs(np.dot(table.rotations[row], pose.rotation)) == pytest.approx(1.0, abs=1e-12)
 
 
 def keyframe_boxes(tables):

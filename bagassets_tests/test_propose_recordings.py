@@ -328,3 +328,59 @@ def test_transforms_that_a_build_would_refuse_connect_nothing(tmp_path):
     bag.transform(0, "base_link", "lidar", w=0.0)
     bag.transform(0, "base_link", "cam")
     assert bag.scan().edges == {("base_link", "cam")}
+
+
+def robots_bag(path, *robots):
+    """Robots of one world each, 5 m apart, and a TF topic that is no robot's."""
+    bag = Bag(path)
+    for number, robot in enumerate(robots):
+        for seconds in (0.1, 0.2, 0.3):
+            bag.transform(seconds, "odom", "base_link", 5.0 * number + seconds, f"{robot}/tf")
+            bag.image(seconds, f"{robot}/cam/image_raw")
+        bag.transform(0.0, "base_link", f"only{robot}", 1.0 + number, f"{robot}/tf_static")
+    bag.transform(0.05, "odom", "elsewhere", 9.0, "/fleet/tf_static")
+    return bag
+
+
+def test_transforms_of_another_robot_are_not_read(tmp_path):
+    bag = robots_bag(tmp_path / "a.bag", "/two", "/one")  # "two" comes first in the recording
+    bag.transform(0.0, "odom", "everyones", 7.0)  # /tf: /one has its own
+    one = bag.scan()
+    assert one.robots == {"/one": True, "/two": True}
+    assert list(one.topics) == ["/one/cam/image_raw", "/one/tf", "/one/tf_static", "/fleet/tf_static"]
+    assert one.edges == {("odom", "base_link"), ("base_link", "only/one"), ("odom", "elsewhere")}
+    assert one.transforms["odom", "base_link"].translation[0] == 5.1
+    assert one.moving == {("odom", "base_link")}
+
+
+def test_a_robot_without_namespace_is_asked_about_too(tmp_path):
+    text = propose_recipe(
+        {"a.bag": robots_bag(tmp_path / "a.bag", "", "/two").scan()}, name="n", root="b"
+    ).text
+    assert "(one without namespace, /two), and a recording has one" in " ".join(text.replace("#", "").split())
+    assert "topic: /cam/image_raw" in text
+    assert "/two/" not in text
+
+
+def test_of_robots_of_which_one_has_sensors_that_one_is_taken_and_the_others_are_named(tmp_path):
+    bag = robots_bag(tmp_path / "a.bag", "/seeing")
+    bag.transform(0.1, "odom", "base_link", 20.0, "/blind/tf")
+    proposal = propose_recipe({"a.bag": bag.scan()}, name="n", root="b")
+    assert [question.subject for question in proposal.questions if question.subject == "ego_pose"] == []
+    assert "# left out: all below /blind (another robot)" in proposal.text
+    assert proposal.rigs[0].name == "seeing"
+
+
+def test_recordings_with_and_without_the_other_robot_are_of_one_rig_with_one_question(tmp_path):
+    summaries = {
+        "alone.bag": robots_bag(tmp_path / "alone.bag", "/one").scan(),
+        "both.bag": robots_bag(tmp_path / "both.bag", "/one", "/two").scan(),
+        "three.bag": robots_bag(tmp_path / "three.bag", "/one", "/three").scan(),
+    }
+    assert summaries["alone.bag"].robots == {}
+    proposal = propose_recipe(summaries, name="n", root="b")
+    (rig,) = proposal.rigs
+    assert rig.recordings == ("alone.bag", "both.bag", "three.bag")
+    assert list(rig.summary.robots) == ["/one", "/two", "/three"]
+    (text,) = [question.text for question in proposal.questions if question.subject == "ego_pose"]
+    assert "3 robots were recorded together (/one, /two, /three)" in text

@@ -103,6 +103,50 @@ class TestTopics:
             "annotations: topic /boxes is not in the recording"
         ]
 
+    @pytest.mark.parametrize(
+        ("channel", "fields", "mixed"),
+        [
+            ("/robot1", {"ego_pose": "/robot1/odom", "tf": "/robot1/tf"}, None),
+            ("/robot2", {"ego_pose": "/robot2/odom", "tf": "/robot2/tf"}, None),
+            ("/robot1", {"ego_pose": "/robot2/odom"}, "LIDAR_TOP of /robot1; ego_pose of /robot2"),
+            ("/robot1", {"ego_pose": "/gnss"}, None),
+            ("/robot1", {"ego_pose": "/robot1/odom", "annotations": "/robot2/not_recorded"}, ""),
+            ("/robot1", {"ego_pose": "/robot1/odom", "tf": "/robot2/tf"}, "LIDAR_TOP, ego_pose of /robot1; tf of /robot2"),
+            (
+                "/robot2",
+                {"ego_pose": "/robot2/odom", "annotations": "/robot1/boxes"},
+                "annotations of /robot1; LIDAR_TOP, ego_pose of /robot2",
+            ),
+        ],
+    )  # fmt: skip
+    def test_a_rig_of_two_robots_is_told_what_is_of_which(self, channel, fields, mixed):
+        recorded = inventory(
+            *(
+                topic(f"/robot{number}/{name}", msgtype=msgtype)
+                for number in (1, 2)
+                for name, msgtype in (
+                    ("points", "sensor_msgs/msg/PointCloud2"),
+                    ("odom", "nav_msgs/msg/Odometry"),
+                    ("tf", "tf2_msgs/msg/TFMessage"),
+                    ("boxes", "vision_msgs/msg/Detection3DArray"),
+                )
+            ),
+            topic("/gnss", msgtype="nav_msgs/msg/Odometry"),
+        )
+        rig = Rig.model_validate(
+            {
+                "name": "robot",
+                "channels": {"LIDAR_TOP": {"modality": "lidar", "topic": f"{channel}/points"}},
+                "ego_pose": {"source": "odometry", "topic": fields["ego_pose"]},
+                "tf": [fields.get("tf", "/tf")],
+                "annotations": [{"topic": fields["annotations"]}] if "annotations" in fields else [],
+            }
+        )
+        problems = channels_present(rig, recorded, ChannelsCheck()).problems
+        missing = ["annotations: topic /robot2/not_recorded is not in the recording"] if mixed == "" else []
+        words = f"the rig mixes robots that were recorded together: {mixed}; give it the topics of one"
+        assert problems == ([words] if mixed else missing)
+
     def test_rates_out_of_limits_are_named(self):
         slow = TopicsCheck.model_validate({"limits": {"/cam": {"min_hz": 20}, "/odom": {"max_hz": 5}}})
         assert topic_rates(RIG, inventory(), slow).problems == [

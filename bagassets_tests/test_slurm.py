@@ -78,12 +78,12 @@ def wait(condition, what, timeout_s=WAIT_S):
     return found
 
 
-def ended(instance, run_id):
+def ended(instance, run_id, timeout_s=WAIT_S):
     def run():
         found = instance.get_run_by_id(run_id)
         return found if found.is_finished else None
 
-    return wait(run, "the run did not end")
+    return wait(run, "the run did not end", timeout_s)
 
 
 def messages(instance, run_id):
@@ -114,9 +114,13 @@ def test_runs_share_a_job_and_say_where_they_were(make_instance, slurm, steering
 
 
 def test_a_job_that_has_none_left_takes_the_next_run(make_instance):
-    instance = make_instance(idle_s=20.0)
-    before = ended(instance, launch(instance, "drive", "first"))
-    after = ended(instance, launch(instance, "drive", "second"))
+    # Two runs fill a job. One waits for a second for so long that only a job that is there already takes it, however
+    # busy the machine is; and that job waits as long.
+    patience_s = 300.0
+    instance = make_instance(runs_per_job=2, gather_s=patience_s, idle_s=patience_s)
+    full = [launch(instance, key, "first") for key in ("drive", "walk")]
+    before, _ = (ended(instance, run_id, patience_s) for run_id in full)
+    after = ended(instance, launch(instance, "drive", "second"), patience_s)
     assert after.is_success
     assert after.tags["slurm/job"] == before.tags["slurm/job"]
     assert after.tags["bagassets/where"] == before.tags["bagassets/where"]

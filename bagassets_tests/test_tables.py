@@ -2,6 +2,7 @@
 
 from collections import Counter
 
+import handmade
 import numpy as np
 import pytest
 from handmade import (
@@ -25,7 +26,7 @@ from handmade import (
 from bagassets.annotations.table import BoxTable
 from bagassets.errors import DatasetError, PoseError
 from bagassets.formats.nuscenes.schema import RECORDING_TABLES
-from bagassets.formats.nuscenes.tokens import category_token, sensor_token
+from bagassets.formats.nuscenes.tokens import category_token, sensor_token, visibility_token
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.store.store import Store
@@ -303,6 +304,24 @@ class TestBoxes:
         for row in made.table("sample_annotation"):
             assert row["num_lidar_pts"] == 60
             assert row["num_radar_pts"] == 4
+
+    def test_returns_just_before_a_moving_object_are_its_own(self, store, monkeypatch):
+        """All rays end 0.5 m behind the object, which moves 0.4 m in a revolution, or stands: then it is hidden."""
+
+        def behind(name, t, rng, number=60, shrink=1.0):
+            at = rng.uniform([0, -0.3, 0.1], [0, 0.3, 0.4], (number, 3)) - [SIZES[name][1] / 2 + 0.5, 0, 0]
+            return object_pose(name, t).transform_points(at)
+
+        monkeypatch.setattr(handmade, "surface_points", behind)
+        made = make_tables(store, Drive(seconds=1.5, seed=7, channels=("CAM_FRONT", "LIDAR_TOP")))
+        first = made.table("sample")[0]["token"]
+        levels = {
+            tuple(row["size"]): row["visibility_token"]
+            for row in made.table("sample_annotation")
+            if row["sample_token"] == first
+        }
+        assert levels[SIZES["moving"]] == visibility_token("v60-80"), "no point in it, so not more"
+        assert levels[SIZES["parked"]] == visibility_token("v0-40")
 
     def test_without_lidar_there_are_no_lidar_points(self, store):
         made = make_tables(store, Drive(channels=("CAM_FRONT",)))

@@ -38,6 +38,13 @@ __all__ = ["ANNOTATIONS", "AnnotationParams", "AnnotationUse", "make_annotations
 
 TABLE = "annotations.parquet"
 COUNTS = "annotations.json"
+# Packages of messages with cylinders, footprints, …
+_SHAPES = {
+    "autoware_auto_perception_msgs",
+    "autoware_perception_msgs",
+    "derived_object_msgs",
+    "visualization_msgs",
+}
 
 
 @dataclass(frozen=True)
@@ -104,10 +111,12 @@ class BoxTopic:
     Attributes:
         rules: its entry in the recipe.
         decoder: the plug-in that decodes its messages, if one does.
+        shapes: objects of its type may have other shapes than boxes, which were counted as lost once.
     """
 
     rules: AnnotationTopic = inlined(without=("topic",))
     decoder: Mapping[str, str] | None = omitted()
+    shapes: bool = omitted(default=False)
 
 
 @dataclass(frozen=True)
@@ -181,7 +190,7 @@ def use(params: AnnotationParams, facts: Facts) -> dict[str, Use[AnnotationUse]]
 
 
 def _box_topic(source: AnnotationTopic, msgtype: str) -> BoxTopic:
-    return BoxTopic(source, decoder_key("boxes", msgtype))
+    return BoxTopic(source, decoder_key("boxes", msgtype), msgtype.partition("/")[0] in _SHAPES)
 
 
 def make_annotations(

@@ -287,8 +287,9 @@ for them: `inventory.json`, `messages.parquet`.""",
         RecordingCheck(
             "channels_present",
             "channels_present",
-            "Every configured channel has readable messages in the recording.",
-            "a configured channel has no readable messages, so samples lack it (unless listed as `optional`)",
+            "Every configured channel has readable messages in the recording, and all are of one robot.",
+            "a configured channel has no readable messages, so samples lack it (unless listed as `optional`); channels, poses, "
+            "boxes or TF are of several robots that were recorded together",
             lambda e: channels_present(e.rig, e.inventory, e.checks.channels_present),
         ),
         RecordingCheck(

@@ -2,10 +2,11 @@
 
 from collections.abc import Sequence
 
-from bagassets.decode.boxes import BoxDecoder
+from bagassets.decode.boxes import NO_EXTENT, BoxDecoder, box_around
 from bagassets.decode.fields import rigid_transform, stamp_and_frame
 from bagassets.decode.model import BoxReading
 from bagassets.errors import DecodeError
+from bagassets.geometry.se3 import SE3
 from bagassets.recordings.model import Message
 
 __all__ = ["OBJECTS", "decode_object", "items"]
@@ -25,7 +26,7 @@ CLASSES = (
     "over_drivable",
     "under_drivable",
 )
-BOUNDING_BOX = 0  # autoware_perception_msgs/Shape
+BOUNDING_BOX, CYLINDER, POLYGON = 0, 1, 2  # autoware_perception_msgs/Shape
 
 
 def items(message: Message) -> Sequence[Message]:
@@ -38,25 +39,35 @@ def decode_object(message: Message, item: Message) -> BoxReading:
     """Return the box of an object with its most probable class; detected objects have no track.
 
     Raises:
-        DecodeError: the shape is no box, no class is named, or the pose is not usable.
+        DecodeError: the shape has no extent, no class is named, or the pose is not usable.
     """
-    if item.shape.type != BOUNDING_BOX:
-        raise DecodeError("its object has no box as shape")
     if not len(item.classification):
         raise DecodeError("its object names no class")
     stamp_ns, frame_id = stamp_and_frame(message.header)
     label = int(max(item.classification, key=lambda entry: float(entry.probability)).label)
     pose = item.kinematics.pose_with_covariance.pose
-    size = item.shape.dimensions
+    frame_SE3_box, size_m = _box(rigid_transform(pose.position, pose.orientation), item.shape)
     return BoxReading(
         stamp_ns=stamp_ns,
         frame_id=frame_id,
-        frame_SE3_box=rigid_transform(pose.position, pose.orientation),
-        size_m=(float(size.y), float(size.x), float(size.z)),
+        frame_SE3_box=frame_SE3_box,
+        size_m=size_m,
         track_id=_uuid(getattr(item, "object_id", None)),
         category=CLASSES[label] if label < len(CLASSES) else f"class_{label}",
         score=float(item.existence_probability),
     )
+
+
+def _box(frame_SE3_object: SE3, shape: Message) -> tuple[SE3, tuple[float, float, float]]:
+    """Return `frame_SE3_box`, and width, length, height in metres."""
+    length_m, width_m, height_m = (float(getattr(shape.dimensions, axis)) for axis in "xyz")
+    if shape.type == BOUNDING_BOX:
+        return frame_SE3_object, (width_m, length_m, height_m)
+    if shape.type == CYLINDER:  # x is the diameter; y is not used by every version of the message
+        return frame_SE3_object, (length_m, length_m, height_m)
+    if shape.type == POLYGON:
+        return box_around(frame_SE3_object, shape.footprint, height_m)
+    raise DecodeError(NO_EXTENT)
 
 
 def _uuid(identifier: Message | None) -> str:

@@ -1,4 +1,7 @@
-"""`visualization_msgs/Marker` and `MarkerArray`: cubes, as many labelling and tracking nodes publish them."""
+"""`visualization_msgs/Marker` and `MarkerArray`: cubes and cylinders, as labelling and tracking nodes publish them.
+
+Spheres mark points (of a path, the head of a person), which are no objects.
+"""
 
 from collections.abc import Sequence
 
@@ -9,7 +12,7 @@ from bagassets.recordings.model import Message
 
 __all__ = ["MARKER", "MARKERS", "decode_marker", "items", "single_item"]
 
-CUBE = 1
+CUBE, CYLINDER = 1, 3
 ADD = 0
 
 
@@ -25,7 +28,7 @@ def single_item(message: Message) -> Sequence[Message]:
 
 
 def decode_marker(message: Message, marker: Message) -> BoxReading | None:  # noqa: ARG001  (as BoxDecoder.decode)
-    """Return the box of a cube: the namespace is its class, namespace and id its track.
+    """Return the box of a cube, or around an upright cylinder: the namespace is its class, namespace and id its track.
 
     Returns:
         None for other shapes (arrows, texts, …) and for markers that delete.
@@ -33,7 +36,7 @@ def decode_marker(message: Message, marker: Message) -> BoxReading | None:  # no
     Raises:
         DecodeError: the pose is not usable.
     """
-    if marker.type != CUBE or marker.action != ADD:
+    if marker.type not in {CUBE, CYLINDER} or marker.action != ADD:
         return None
     stamp_ns, frame_id = stamp_and_frame(marker.header)
     return BoxReading(

@@ -54,6 +54,8 @@ def write_rig(
         )
     for left in rig.left_out:
         sheet.note(2, f"left out: {left.topic.name} ({left.reason})")
+    for robot in list(rig.summary.robots)[1:]:
+        sheet.note(2, f"left out: all below {robot} (another robot)")
     sheet.blank()
 
 
@@ -95,12 +97,29 @@ def _write_pose(sheet: Sheet, rig: RigProposal) -> None:
         )
         sheet.off(3, "source: fixed")
         return
+    robots = [
+        name or "one without namespace" for name, has_sensors in rig.summary.robots.items() if has_sensors
+    ]
+    if len(robots) > 1:
+        sheet.ask(
+            3,
+            "ego_pose",
+            f"whose dataset it is: {len(robots)} robots were recorded together ({', '.join(robots)}), and a recording has one "
+            f"rig. This one has the topics of {robots[0]}; uncomment its poses to keep it. For another robot put its topics in "
+            "their place, in a project of its own",
+            ":",
+            rig=rig.name,
+            below=True,
+        )
     for field, value in rig.pose.fields.items():
         reason = rig.pose.reasons.get(field, "")
-        if reason:
-            sheet.guess(3, f"{field}: {yaml_scalar(value)}", reason)
+        line = f"{field}: {yaml_scalar(value)}"
+        if len(robots) > 1:
+            sheet.off(3, line)
+        elif reason:
+            sheet.guess(3, line, reason)
         else:
-            sheet.field(3, f"{field}: {yaml_scalar(value)}")
+            sheet.field(3, line)
     for note in rig.pose.notes:
         sheet.guess_note(3, note)
     if rig.pose.gap:

@@ -83,7 +83,7 @@ def propose_rig(group: Group, match: list[str], taken: Collection[str]) -> RigPr
         channels[name], reasons[name] = sensor, reason
     ego = propose_ego_frame(summary, sensors, odometry_of(summary))
     return RigProposal(
-        name=_rig_name(match, taken),
+        name=_rig_name(match, taken, next(iter(summary.robots), "")),
         match=match,
         recordings=group.recordings,
         ego=ego,
@@ -133,11 +133,11 @@ def _clock(sensors: Sequence[Sensor]) -> ClockProposal:
     )
 
 
-def _rig_name(match: list[str], taken: Collection[str]) -> str:
-    if match == ["**"]:
+def _rig_name(match: list[str], taken: Collection[str], robot: str) -> str:
+    if match == ["**"] and not robot:
         name = "rig"
     else:
-        stem = match[0].removesuffix("/**").rsplit("/", 1)[-1]
+        stem = (robot or match[0].removesuffix("/**")).rsplit("/", 1)[-1]
         stem = re.sub(r"\.(bag|mcap|db3)$", "", stem)
         name = re.sub(r"[^A-Za-z0-9_.-]+", "-", stem).strip("-._") or "rig"
     if name not in taken:

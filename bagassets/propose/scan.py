@@ -19,6 +19,7 @@ from bagassets.decode.model import CloudReading, ImageReading, PoseReading, Rada
 from bagassets.decode.ncom import holds_ncom
 from bagassets.decode.packets import is_velodyne_packet, sender
 from bagassets.decode.registry import AnyFamily, bulk_types, families_of, find_decoder
+from bagassets.decode.robots import robot_of, robots_of
 from bagassets.decode.tf import decode_transform
 from bagassets.errors import DecodeError, PluginError
 from bagassets.geometry.se3 import SE3
@@ -64,10 +65,25 @@ def scan_recording(recording: Recording) -> RecordingSummary:
         name: scan.topics[name].result() if name in scan.topics else _summary_of(topic)
         for name, topic in recording.topics.items()
     }
-    transforms = {edge: values[0] for edge, values in scan.transforms.items()}
-    moving = frozenset(edge for edge, values in scan.transforms.items() if _moves(values))
+    robots = robots_of({name: (one.msgtype, one.frames) for name, one in topics.items() if one.count > 0})
+    topics = {name: topics[name] for name in _of_first(robots, topics)}
+    values: dict[Edge, list[SE3]] = {}
+    for name in filter(scan.topics.__contains__, topics):
+        for edge, own in scan.topics[name].transforms.items():
+            values.setdefault(edge, []).extend(own)
+    transforms = {edge: own[0] for edge, own in values.items()}
+    moving = frozenset(edge for edge, own in values.items() if _moves(own))
     sensors = {topic.name for topic in topics.values() if topic.count > 0 and modality_of(topic) is not None}
-    return RecordingSummary(topics, transforms, moving, _short_s(recording, sensors))
+    return RecordingSummary(topics, transforms, moving, _short_s(recording, sensors), robots)
+
+
+def _of_first(robots: Mapping[str, bool], topics: Collection[str]) -> Collection[str]:
+    """Return the topics of the first robot, and those of none; but `/tf` only if it has no TF of its own."""
+    if not robots:
+        return topics
+    own = [name for name in topics if robot_of(name, robots) == next(iter(robots))]
+    instead_of = {f"/{name.rpartition('/')[2]}" for name in own}
+    return [*own, *(name for name in topics if robot_of(name, robots) is None and name not in instead_of)]
 
 
 class _Scan:
@@ -75,19 +91,13 @@ class _Scan:
 
     Attributes:
         topics: those that have messages.
-        transforms: edge -> the values that it had.
         bulk: types of which few messages are read.
     """
 
     def __init__(self, recording: Recording) -> None:
         self._recording = recording
-        self.transforms: dict[Edge, list[SE3]] = {}
         self.bulk = bulk_types("yes")
-        self.topics = {
-            name: _TopicScan(topic, self.transforms)
-            for name, topic in recording.topics.items()
-            if topic.count > 0
-        }
+        self.topics = {name: _TopicScan(topic) for name, topic in recording.topics.items() if topic.count > 0}
 
     def read(self, topics: Collection[str], seconds: float | None) -> None:
         """Read until every topic gave enough messages, or `seconds` of log time have passed."""
@@ -114,13 +124,14 @@ class _TopicScan:
     Attributes:
         problem: why messages cannot be decoded.
         count: messages read.
+        transforms: edge -> the values that it had.
     """
 
-    def __init__(self, topic: Topic, transforms: dict[Edge, list[SE3]]) -> None:
+    def __init__(self, topic: Topic) -> None:
         self.problem = topic.problem
         self.count = 0
         self._summary = _summary_of(topic)
-        self._transforms = transforms
+        self.transforms: dict[Edge, list[SE3]] = {}
         self._decoders: dict[AnyFamily, Decode] = {}
         self._is_patient = (
             False  # reads on if nothing can be used: the type itself says what its messages are
@@ -207,7 +218,7 @@ class _TopicScan:
                 continue
             facts["frames"].append(reading.parent)
             edge = (reading.parent, reading.child)
-            self._transforms.setdefault(edge, []).append(reading.parent_SE3_child)
+            self.transforms.setdefault(edge, []).append(reading.parent_SE3_child)
 
 
 def _summary_of(topic: Topic) -> TopicSummary:

@@ -68,12 +68,14 @@ class RecordingSummary:
         moving: edges whose transform changed in the messages seen.
         short_s: time between the first and the last sensor message, of recordings that give no scene
             by default; None for longer ones.
+        robots: namespace of each robot, if several were recorded -> whether it has sensors; all else is about the first.
     """
 
     topics: Mapping[str, TopicSummary]
     transforms: Mapping[Edge, SE3] = field(default_factory=dict)
     moving: frozenset[Edge] = frozenset()
     short_s: float | None = None
+    robots: Mapping[str, bool] = field(default_factory=dict)
 
     @property
     def edges(self) -> frozenset[Edge]:
@@ -87,7 +89,9 @@ def merge_recordings(summaries: Iterable[RecordingSummary]) -> RecordingSummary:
     transforms: dict[Edge, SE3] = {}
     moving: frozenset[Edge] = frozenset()
     lengths_s = []
+    robots: dict[str, bool] = {}
     for one in summaries:
+        robots |= {name: has_sensors or robots.get(name, False) for name, has_sensors in one.robots.items()}
         transforms = {**one.transforms, **transforms}
         moving |= one.moving
         lengths_s.append(one.short_s)
@@ -95,7 +99,7 @@ def merge_recordings(summaries: Iterable[RecordingSummary]) -> RecordingSummary:
             topics[name] = merge_topics(topics[name], topic) if name in topics else topic
     known_s = [length_s for length_s in lengths_s if length_s is not None]
     short_s = max(known_s) if known_s and len(known_s) == len(lengths_s) else None
-    return RecordingSummary(dict(sorted(topics.items())), transforms, moving, short_s)
+    return RecordingSummary(dict(sorted(topics.items())), transforms, moving, short_s, robots)
 
 
 def merge_topics(one: TopicSummary, other: TopicSummary) -> TopicSummary:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 
+from bagassets.decode.robots import robot_of, robots_of
 from bagassets.quality.finding import Finding, clock
 from bagassets.recipe.model import Rig
 from bagassets.recipe.model_checks import ChannelsCheck, StampsCheck, TopicLimits, TopicsCheck
@@ -20,7 +21,7 @@ def watched_topics(rig: Rig) -> dict[str, str]:
 
 
 def channels_present(rig: Rig, inventory: Inventory, check: ChannelsCheck) -> Finding:
-    """Check that each configured channel has readable messages in the recording.
+    """Check that each configured channel has readable messages in the recording, and that the rig is that of one robot.
 
     A channel without any drops no keyframe: samples are made without it.
     """
@@ -47,7 +48,30 @@ def channels_present(rig: Rig, inventory: Inventory, check: ChannelsCheck) -> Fi
         for source in rig.annotations
         if source.topic not in inventory.topics
     ]
+    problems += _several_robots(rig, inventory)
     return Finding(problems, {"channels": len(rig.channels), "absent": absent})
+
+
+def _several_robots(rig: Rig, inventory: Inventory) -> list[str]:
+    """Return what is wrong if a rig has topics of several robots that were recorded together."""
+    recorded = {name: (one.msgtype, one.frame_ids) for name, one in inventory.topics.items() if one.count}
+    robots = robots_of(recorded)
+    read = [*watched_topics(rig).items(), (getattr(rig.ego_pose, "imu", None) or "", "ego_pose")]
+    read += [(source.topic, "annotations") for source in rig.annotations]
+    read += [(topic, "tf") for topic in (*rig.tf, *rig.tf_static)]
+    whose: dict[str, set[str]] = {}
+    for topic, what in read:
+        if topic in recorded and (robot := robot_of(topic, robots)) is not None:
+            whose.setdefault(robot, set()).add(what)
+    if len(whose) < 2:
+        return []
+    parts = [
+        f"{', '.join(sorted(names))} of {robot or 'the one without namespace'}"
+        for robot, names in sorted(whose.items())
+    ]
+    return [
+        f"the rig mixes robots that were recorded together: {'; '.join(parts)}; give it the topics of one"
+    ]
 
 
 def topic_rates(rig: Rig, inventory: Inventory, check: TopicsCheck) -> Finding:
