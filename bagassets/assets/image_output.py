@@ -199,6 +199,11 @@ class ImageOutput:
             if self._recorded.distorts or target is not None:
                 self._undistort = Undistortion(self._recorded, self.written)
 
+    @property
+    def undistorts(self) -> bool:
+        """Return whether images are looked up through maps."""
+        return self._undistort is not None
+
     def make(self, reading: ImageReading) -> EncodedImage:
         """Return the file of one image.
 
