@@ -222,6 +222,25 @@ class TestContradictions:
         ):
             Calibrated(tmp_path, rig({}), STATIC, entry, IMAGES, LENS)
 
+    def test_a_static_transform_with_two_values_at_one_time(self, tmp_path):
+        other = SE3.create(CAM.rotation, (1.6, 0.1, 1.4))
+        entry = ("/tf_static", TFMESSAGE, T0 + S, tf(transform(0, "base_link", "cam", other)))
+        with pytest.raises(
+            CalibrationError,
+            match=r"CAM_FRONT .*base_link -> cam \(tf_static\) has several values at one time",
+        ):
+            Calibrated(tmp_path, rig({}), STATIC, entry, IMAGES, LENS)
+
+    def test_a_loop_never_inverts_extrinsics(self, tmp_path):
+        back = ("/tf_static", TFMESSAGE, T0 + S, tf(transform(1, "lidar", "base_link", LIDAR)))
+        down = ("/tf_static", TFMESSAGE, T0, tf(transform(0, "base_link", "lidar", LIDAR)))
+        with pytest.raises(
+            CalibrationError, match=r"LIDAR_TOP .*: the transforms go round in a circle, .*Correct ego_frame"
+        ):
+            Calibrated(tmp_path / "a", rig(lidar={}), CLOUDS, down, back)
+        made = Calibrated(tmp_path / "b", rig({}), STATIC, IMAGES, LENS, down, back)
+        assert_same(made.pose("CAM_FRONT"), CAM)
+
     def test_two_parents(self, tmp_path):
         entry = ("/tf_static", TFMESSAGE, T0, tf(transform(0, "mast", "cam", CAM)))
         with pytest.raises(CalibrationError, match=r"cam has more than one parent, base_link .* and mast"):

@@ -131,7 +131,7 @@ def test_a_matrix_of_another_form_is_refused(place):
     message = camera_info()
     message.k = np.array([400.0, 0, 320, 0, 410, 240, 0, 0, 1])
     message.k[place] += 0.5
-    with pytest.raises(DecodeError, match="its K is not of the form"):
+    with pytest.raises(DecodeError, match="its camera matrix is not of the form"):
         decode_camera_info(message)
 
 
@@ -171,7 +171,7 @@ def test_where_k_is_filled_in_p_does_not_count():
     [
         ({"d": FIVE}, "K is all zeros, so nobody can tell what its D distorts"),
         ({"p": P * [1, 1, 3, 1, 1, 1, 1, 1, 1, 1, 1, 1]}, "principal point .* lies outside the image"),
-        ({"p": P + 2.0 * np.eye(12)[1]}, "its P is not of the form"),
+        ({"p": P + 2.0 * np.eye(12)[1]}, "its camera matrix is not of the form"),
         ({"p": P * -1}, "P has no focal lengths"),
         ({"p": P * math.nan}, "R or P hold numbers that are not finite"),
         ({"width": 0, "height": 0}, "image size is 0x0"),

@@ -323,7 +323,7 @@ FRAMES = Asset(
     name="frames",
     version=6,
     spared={
-        6: lambda use: not ImageOutput(use, None).undistorts
+        6: lambda use: ImageOutput(use, None).undistort is None
     },  # every processor finds the same places of pixels
     libraries=("opencv-python-headless", "pyarrow"),
     title="The camera images: undistorted and encoded as the recipe says, indexed by stamp.",

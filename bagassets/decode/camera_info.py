@@ -96,11 +96,9 @@ def decode_camera_info(message: Message) -> CameraInfoReading:
         raise DecodeError("R or P hold numbers that are not finite")
     d = _numbers(message, "d")
     rectified = not any(k)
-    if rectified:
-        k, model, d = _of_projection(p, d)
-    else:
-        model, d = named_distortion(str(message.distortion_model), d)
-    check_lens(model, width, height, k, d, "P" if rectified else "K")
+    k = _matrix_of(p, d) if rectified else k
+    model, d = ("none", ()) if rectified else named_distortion(str(message.distortion_model), d)
+    check_lens(model, width, height, k, d)
     calibration = CameraCalibration(
         model,
         width,
@@ -116,21 +114,17 @@ def decode_camera_info(message: Message) -> CameraInfoReading:
     return CameraInfoReading(stamp_ns, frame_id, calibration)
 
 
-def _of_projection(
-    p: tuple[float, ...], d: tuple[float, ...]
-) -> tuple[tuple[float, ...], str, tuple[float, ...]]:
-    """Return K, model and coefficients of a camera whose K is zero: those of P, if it has any."""
+def _matrix_of(p: tuple[float, ...], d: tuple[float, ...]) -> tuple[float, ...]:
+    """Return the camera matrix in P, for a message whose K is zero."""
     if p[0] <= 0 or p[5] <= 0:
         raise DecodeError("its K is all zeros, and P has no focal lengths, so the camera was not calibrated")
     if any(d):
         raise DecodeError("its K is all zeros, so nobody can tell what its D distorts")
-    return (*p[0:3], *p[4:7], *p[8:11]), "none", ()
+    return *p[0:3], *p[4:7], *p[8:11]
 
 
-def check_lens(
-    model: str, width: int, height: int, k: Sequence[float], d: Sequence[float], matrix: str = "K"
-) -> None:
-    """Check intrinsics, which the message has in `matrix`, for what no camera can have.
+def check_lens(model: str, width: int, height: int, k: Sequence[float], d: Sequence[float]) -> None:
+    """Check intrinsics for what no camera can have.
 
     Raises:
         DecodeError: a number is implausible.
@@ -143,7 +137,7 @@ def check_lens(
     if fx <= 0 or fy <= 0:
         raise DecodeError(f"its focal lengths must be positive, they are {fx:g} and {fy:g}")
     if skew != 0 or k[3] != 0 or bottom != [0, 0, 1]:
-        raise DecodeError(f"its {matrix} is not of the form [fx 0 cx, 0 fy cy, 0 0 1]")
+        raise DecodeError("its camera matrix is not of the form [fx 0 cx, 0 fy cy, 0 0 1]")
     if not (0 <= cx <= width and 0 <= cy <= height):
         raise DecodeError(f"its principal point ({cx:g}, {cy:g}) lies outside the image of {width}x{height}")
     if len(d) not in COEFFICIENTS[model]:

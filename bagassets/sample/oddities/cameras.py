@@ -8,7 +8,7 @@ import numpy as np
 
 from bagassets.recordings.model import Message
 from bagassets.sample.messages import Messages
-from bagassets.sample.oddities.stream import Oddity, edited, with_fields
+from bagassets.sample.oddities.stream import Oddity, with_fields
 from bagassets.sample.render import CameraView
 from bagassets.sample.rig import Camera
 from bagassets.sample.schedule import CAMERA_LATENCY_NS, Event, camera_image, event
@@ -27,21 +27,18 @@ def rectified(camera: Camera) -> Camera:
 
 def _projection_only(events: Iterator[Event], truth: Truth) -> Iterator[Event]:
     """Rectified images, and the CameraInfo of such: K, D and R are zero, only P is filled in."""
-    views = {}
-    for camera in truth.cameras.values():
-        views[camera.name] = (rectified(camera), CameraView(truth.world, rectified(camera)))
+    cameras = {camera.name: rectified(camera) for camera in truth.cameras.values()}
+    views = {name: CameraView(truth.world, camera) for name, camera in cameras.items()}
     for one in events:
         name, _, topic = one.topic[1:].partition("/")
-        if name not in views:
-            yield one
-            continue
-        camera, view = views[name]
         stamp_ns = one.log_time_ns - CAMERA_LATENCY_NS
-        if topic == "camera_info":
-            yield event(one.log_time_ns, one.topic, one.msgtype, partial(_only_p, stamp_ns, camera))
+        if name not in cameras:
+            yield one
+        elif topic == "camera_info":
+            yield event(one.log_time_ns, one.topic, one.msgtype, partial(_only_p, stamp_ns, cameras[name]))
         else:
-            image = view.image(truth.seconds(stamp_ns))
-            yield event(one.log_time_ns, *camera_image(camera, stamp_ns, image))
+            image = views[name].image(truth.seconds(stamp_ns))
+            yield event(one.log_time_ns, *camera_image(cameras[name], stamp_ns, image))
 
 
 def _only_p(stamp_ns: int, camera: Camera, messages: Messages) -> Message:
@@ -50,18 +47,4 @@ def _only_p(stamp_ns: int, camera: Camera, messages: Messages) -> Message:
     return with_fields(info, distortion_model="", **{k: np.zeros(9), d: np.zeros(0), r: np.zeros(9)})
 
 
-def _projection_differs(events: Iterator[Event], truth: Truth) -> Iterator[Event]:
-    """Raw images whose P is not K, as it is after a calibration: K and D count, not P."""
-    topics = {f"/{camera.name}/camera_info" for camera in truth.cameras.values()}
-    return edited(events, topics, _other_p)
-
-
-def _other_p(messages: Messages, info: Message, _number: int) -> Message:
-    p = "P" if messages.ros1 else "p"
-    return with_fields(info, **{p: getattr(info, p) * 0.8})
-
-
-ODDITIES: dict[str, Oddity] = {
-    "projection-only": _projection_only,
-    "projection-differs": _projection_differs,
-}
+ODDITIES: dict[str, Oddity] = {"projection-only": _projection_only}
