@@ -509,7 +509,7 @@ class TestRectified:
         found = made.channels["CAM_FRONT"]["camera"]
         assert (found["model"], found["k"]) == ("none", [300.0, 0, 310.0, 0, 300.0, 230.0, 0, 0, 1])
         assert_same(made.pose("CAM_FRONT"), CAM @ self.TURN.inverse())
-        said = "CAM_FRONT: K in the CameraInfo on /cam/camera_info is all zeros, so its images are taken for rectified: P and R hold."
+        said = "CAM_FRONT: K in the CameraInfo on /cam/camera_info is zero, so its images are taken for rectified: P and R hold."
         assert (said in made.summary["notes"]) == (topic == "/cam/image_raw" or "rectified" in camera)
         assert any("its images are rectified by a turn" in note for note in made.summary["notes"])
 
@@ -535,7 +535,7 @@ class TestRectified:
     def test_an_r_that_is_no_rotation_is_refused(self, tmp_path, r):
         with pytest.raises(
             CalibrationError,
-            match=r"CAM_FRONT: .* but R in the CameraInfo on /cam/camera_info is no rotation",
+            match=r"CAM_FRONT: .* but R of their CameraInfo is no rotation",
         ):
             Calibrated(
                 tmp_path / "a",

@@ -324,7 +324,7 @@ FRAMES = Asset(
     version=6,
     spared={
         6: lambda use: ImageOutput(use, None).undistort is None
-    },  # every processor finds the same places of pixels
+    },  # of 6 are the maps of `undistortion_maps`
     libraries=("opencv-python-headless", "pyarrow"),
     title="The camera images: undistorted and encoded as the recipe says, indexed by stamp.",
     description="""One artifact per camera, so that a change to one leaves the others alone. Each image is extracted once, whether or not it

@@ -102,9 +102,7 @@ def _from_messages(
         notes.append(f"{name}: {sum(lost.values())} messages on {topic} cannot be used{_reasons(lost)}.")
     place, rectified = f"the CameraInfo on {topic}", info.rectified or reading.calibration.rectified
     if rectified and not info.rectified:
-        notes.append(
-            f"{name}: K in {place} is all zeros, so its images are taken for rectified: P and R hold."
-        )
+        notes.append(f"{name}: K in {place} is zero, so its images are taken for rectified: P and R hold.")
     found = _Found(reading.calibration, place, "camera_info", rectified)
     return _calibrated(name, camera, found, recording, notes)
 
@@ -147,13 +145,9 @@ def _calibrated(
     if not found.rectified:
         return known, SE3()
     if first is None:
-        return _of_rectified(name, found.place, known, calibration), _turn(
-            name, found.place, calibration, notes
-        )
+        return _of_rectified(name, found.place, known, calibration), _turn(name, calibration, notes)
     # The frame is that of the first camera, and so is the turn from it to the axes that both images share.
-    frame_SE3_image = _turn(name, found.place, first, notes) @ SE3.create(
-        (1.0, 0.0, 0.0, 0.0), _beside_m(calibration)
-    )
+    frame_SE3_image = _turn(name, first, notes) @ SE3.create((1.0, 0.0, 0.0, 0.0), _beside_m(calibration))
     return _of_rectified(name, found.place, known, calibration), frame_SE3_image
 
 
@@ -216,7 +210,7 @@ def _of_rectified(
     return replace(camera, model="none", k=k, d=())
 
 
-def _turn(name: str, place: str, calibration: CameraCalibration, notes: list[str]) -> SE3:
+def _turn(name: str, calibration: CameraCalibration, notes: list[str]) -> SE3:
     """Return `frame_SE3_image`: R turns vectors from the camera's axes to those of the rectified image."""
     image_R_frame = np.array(calibration.r).reshape(3, 3)
     x, y, z = image_R_frame
@@ -224,7 +218,7 @@ def _turn(name: str, place: str, calibration: CameraCalibration, notes: list[str
     off = [(x * x).sum() - 1.0, (y * y).sum() - 1.0, (x * y).sum(), *(np.cross(x, y) - z)]
     if np.abs(off).max() > ROTATION_ERROR:
         raise CalibrationError(
-            f"{name}: its images are rectified, but R in {place} is no rotation; give `intrinsics` in the recipe."
+            f"{name}: its images are rectified, but R of their CameraInfo is no rotation; give `intrinsics` in the recipe."
         )
     frame_SE3_image = SE3.create(quaternion_from_rotation(image_R_frame.T), (0.0, 0.0, 0.0))
     turned_deg = degrees(2 * acos(min(1.0, abs(frame_SE3_image.rotation[0]))))

@@ -134,6 +134,7 @@ class TransformLog:
         for (parent, child), (stamps, numbers) in self._samples.items():
             stamps_ns, first = np.unique(np.array(stamps, dtype=np.int64), return_index=True)
             table = np.array(numbers).reshape(-1, 7)
+            # Of all samples, whatever their stamps, only to see whether it moves.
             every = Edge(parent, child, self.source, stamps_ns, table[:, :3], table[:, 3:])
             kept = replace(every, translations_m=table[first, :3], rotations=table[first, 3:])
             repeated = len(stamps) - len(stamps_ns)
