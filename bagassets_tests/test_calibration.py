@@ -545,6 +545,13 @@ class TestRectified:
         made = Calibrated(tmp_path / "b", rig({}), *self.entries("/cam/image_raw", r=r.reshape(-1)))
         assert_same(made.pose("CAM_FRONT"), CAM)
 
+    def test_an_r_of_four_digits_is_a_rotation(self, tmp_path):
+        r = np.round(self.TURN.rotation_matrix, 4).reshape(-1)
+        made = Calibrated(tmp_path, rig({"topic": "/cam/image_rect"}), *self.entries("/cam/image_rect", r=r))
+        np.testing.assert_allclose(
+            made.pose("CAM_FRONT").matrix, (CAM @ self.TURN.inverse()).matrix, atol=2e-4
+        )
+
     def test_a_projection_that_changes(self, tmp_path):
         *entries, (topic, kind, _, message) = self.entries("/cam/image_rect")
         later = Msg(**vars(message) | {"p": self.P * 1.5})
