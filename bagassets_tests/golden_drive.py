@@ -18,10 +18,13 @@ from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from bagassets.formats.catalogue import OUR_ASSETS
+from bagassets.geometry.camera import CameraModel
 from bagassets.geometry.se3 import SE3
+from bagassets.geometry.undistortion import Undistortion
 from bagassets.recipe import load_recipe
 from bagassets.recordings.digest import recording_digest, recording_stat
 from bagassets.recordings.discover import discover
+from bagassets.store.canonical import digest_bytes
 from bagassets.store.store import Store
 from bagassets_tests.ncom_data import ETHERNET, ethernet, ncom
 from bagassets_tests.pose_data import IMU, NAVSAT, fix, imu
@@ -34,6 +37,20 @@ START_NS = 1_700_000_000_000_000_000
 MS = 1_000_000
 WIDTH, HEIGHT = 48, 32
 OPTICAL = (0.5, -0.5, 0.5, -0.5)
+# Lenses of which some pixels lie just between two places of the maps, where the last bit decides; the small images
+# of the drive have no such pixel. Name: (width, height, focal length, coefficients, focal length of the image written).
+LENSES = {
+    "plumb_bob": (1600, 900, 1000.0, (-0.2, 0.0, 0.0, 0.0, 0.0), 1000.0),
+    "plumb_bob at 640x480": (640, 480, 1000.0, (-0.2, 0.0, 0.0, 0.0, 0.0), 1000.0),
+    "plumb_bob onto another": (1280, 720, 800.0, (-0.2, 0.0, 0.0, 0.0), 640.0),  # OpenCV's float maps differ, too
+    "plumb_bob at 640x360": (640, 360, 320.0, (-0.25, 0.0625, 0.0, 0.0), 160.0),
+    "rational_polynomial": (640, 480, 400.0, (0.5, 0.25, 0.0, 0.0, 0.0, 0.75, 0.125, 0.0), 320.0),
+    "rational_polynomial, tilted": (
+        640, 480, 400.0, (-0.2, 0.0, 0.001, -0.002, 0.0, 0.0, 0.0, 0.0, 0.003, -0.001, -0.002, 0.001, 0.03, -0.02), 400.0,
+    ),
+    "equidistant": (640, 480, 250.0, (0.03125, -0.0078125, 0.0, 0.0), 250.0),
+    "equidistant onto another": (1280, 720, 400.0, (0.0, 0.0, 0.0, 0.0), 200.0),
+}  # fmt: skip
 
 RECIPE = """
 name: golden
@@ -217,7 +234,24 @@ def made_digests(folder: Path) -> dict[str, str]:
             continue
         for channel, entry in result.artifact.read_json("channels.json").items():
             digests[f"{result.asset} of {channel}"] = entry["artifact"]
-    return digests | other_poses(folder)
+    return digests | other_poses(folder) | other_lenses()
+
+
+def other_lenses() -> dict[str, str]:
+    """Images of larger cameras, undistorted; neighbouring pixels differ by far more than one."""
+    digests = {}
+    for name, (width, height, focal, coefficients, onto) in LENSES.items():
+        camera = CameraModel(
+            name.split()[0].rstrip(","), width, height, focal, focal, width / 2, height / 2, coefficients
+        )
+        written = camera.undistorted((onto, onto, width / 2, height / 2))
+        rows, columns = np.mgrid[0:height, 0:width]
+        pixels = (rows * 101 + columns * 67 + rows * columns * 29) % 256
+        image = pixels[..., np.newaxis] + [0, 80, 160]
+        digests[f"frames of {name}"] = digest_bytes(
+            Undistortion(camera, written)(image.astype(np.uint8)).tobytes()
+        )
+    return digests
 
 
 def other_poses(folder: Path) -> dict[str, str]:

@@ -222,6 +222,25 @@ class TestContradictions:
         ):
             Calibrated(tmp_path, rig({}), STATIC, entry, IMAGES, LENS)
 
+    def test_a_static_transform_with_two_values_at_one_time(self, tmp_path):
+        other = SE3.create(CAM.rotation, (1.6, 0.1, 1.4))
+        entry = ("/tf_static", TFMESSAGE, T0 + S, tf(transform(0, "base_link", "cam", other)))
+        with pytest.raises(
+            CalibrationError,
+            match=r"CAM_FRONT .*base_link -> cam \(tf_static\) has several values at one time",
+        ):
+            Calibrated(tmp_path, rig({}), STATIC, entry, IMAGES, LENS)
+
+    def test_a_loop_never_inverts_extrinsics(self, tmp_path):
+        back = ("/tf_static", TFMESSAGE, T0 + S, tf(transform(1, "lidar", "base_link", LIDAR)))
+        down = ("/tf_static", TFMESSAGE, T0, tf(transform(0, "base_link", "lidar", LIDAR)))
+        with pytest.raises(
+            CalibrationError, match=r"LIDAR_TOP .*: the transforms go round in a circle, .*Correct ego_frame"
+        ):
+            Calibrated(tmp_path / "a", rig(lidar={}), CLOUDS, down, back)
+        made = Calibrated(tmp_path / "b", rig({}), STATIC, IMAGES, LENS, down, back)
+        assert_same(made.pose("CAM_FRONT"), CAM)
+
     def test_two_parents(self, tmp_path):
         entry = ("/tf_static", TFMESSAGE, T0, tf(transform(0, "mast", "cam", CAM)))
         with pytest.raises(CalibrationError, match=r"cam has more than one parent, base_link .* and mast"):
@@ -353,6 +372,12 @@ class TestIntrinsics:
             Calibrated(tmp_path / "a", rig({}), STATIC, IMAGES, entry)
         made = Calibrated(tmp_path / "b", rig({"undistort": False}), STATIC, IMAGES, entry)
         assert made.channels["CAM_FRONT"]["camera"] is None
+        assert made.summary["notes"] == [
+            (
+                "CAM_FRONT: no usable CameraInfo on /cam/camera_info: its K is all zeros, and P has no focal lengths, so the "
+                "camera was not calibrated; its images have no intrinsics."
+            )
+        ]
 
     def test_messages_before_the_first_usable_one_are_noted(self, tmp_path):
         empty = camera_info()
@@ -362,8 +387,8 @@ class TestIntrinsics:
         assert made.channels["CAM_FRONT"]["camera"]["source"] == "camera_info"
         (note,) = made.summary["notes"]
         assert note == (
-            "CAM_FRONT: 1 messages on /cam/camera_info cannot be used: its K is all zeros, so the camera was not "
-            "calibrated."
+            "CAM_FRONT: 1 messages on /cam/camera_info cannot be used: its K is all zeros, and P has no focal lengths, so "
+            "the camera was not calibrated."
         )
 
     def test_what_a_camera_repeats_is_decoded_once(self, tmp_path):
@@ -474,6 +499,59 @@ class TestRectified:
                 tmp_path, rig({"topic": "/cam/image_rect"}), *self.entries("/cam/image_rect", p=np.zeros(12))
             )
 
+    @pytest.mark.parametrize("camera", [{}, {"undistort": False}, {"rectified": False}])
+    @pytest.mark.parametrize("topic", ["/cam/image_raw", "/cam/image_rect"])
+    def test_where_only_p_is_filled_in_the_images_are_rectified(self, tmp_path, camera, topic):
+        message = camera_info(d=(), model="", p=self.P, r=self.TURN.rotation_matrix.reshape(-1))
+        message.k = np.zeros(9)
+        entries = [STATIC, reading(topic, IMAGE, "cam"), ("/cam/camera_info", CAMERA_INFO, T0, message)]
+        made = Calibrated(tmp_path, rig({"topic": topic} | camera), *entries)
+        found = made.channels["CAM_FRONT"]["camera"]
+        assert (found["model"], found["k"]) == ("none", [300.0, 0, 310.0, 0, 300.0, 230.0, 0, 0, 1])
+        assert_same(made.pose("CAM_FRONT"), CAM @ self.TURN.inverse())
+        said = "CAM_FRONT: K in the CameraInfo on /cam/camera_info is zero, so its images are taken for rectified: P and R hold."
+        assert (said in made.summary["notes"]) == (topic == "/cam/image_raw" or "rectified" in camera)
+        assert any("its images are rectified by a turn" in note for note in made.summary["notes"])
+
+    def test_of_a_raw_image_k_counts_whatever_p_says(self, tmp_path):
+        made = Calibrated(tmp_path, rig({}), *self.entries("/cam/image_raw"))
+        found = made.channels["CAM_FRONT"]["camera"]
+        assert (found["model"], found["k"][0]) == ("plumb_bob", 400.0)
+        assert_same(made.pose("CAM_FRONT"), CAM)
+
+    def test_where_only_p_is_filled_in_it_may_not_change(self, tmp_path):
+        messages = [
+            camera_info(d=(), p=self.P * [1, 1, 1, factor, 1, 1, 1, 1, 1, 1, 1, 1]) for factor in (1.0, 1.5)
+        ]
+        for message in messages:
+            message.k = np.zeros(9)
+        infos = [("/cam/camera_info", CAMERA_INFO, T0 + i, message) for i, message in enumerate(messages)]
+        with pytest.raises(CalibrationError, match="changes at"):
+            Calibrated(tmp_path, rig({}), STATIC, IMAGES, *infos)
+
+    @pytest.mark.parametrize(
+        "r", [np.diag([1.0, 1.0, -1.0]), 2 * np.eye(3), np.ones((3, 3)), np.diag([1.0, 2.0, 2.0])]
+    )
+    def test_an_r_that_is_no_rotation_is_refused(self, tmp_path, r):
+        with pytest.raises(
+            CalibrationError,
+            match=r"CAM_FRONT: .* but R of their CameraInfo is no rotation",
+        ):
+            Calibrated(
+                tmp_path / "a",
+                rig({"topic": "/cam/image_rect"}),
+                *self.entries("/cam/image_rect", r=r.reshape(-1)),
+            )
+        made = Calibrated(tmp_path / "b", rig({}), *self.entries("/cam/image_raw", r=r.reshape(-1)))
+        assert_same(made.pose("CAM_FRONT"), CAM)
+
+    def test_an_r_of_four_digits_is_a_rotation(self, tmp_path):
+        r = np.round(self.TURN.rotation_matrix, 4).reshape(-1)
+        made = Calibrated(tmp_path, rig({"topic": "/cam/image_rect"}), *self.entries("/cam/image_rect", r=r))
+        np.testing.assert_allclose(
+            made.pose("CAM_FRONT").matrix, (CAM @ self.TURN.inverse()).matrix, atol=2e-4
+        )
+
     def test_a_projection_that_changes(self, tmp_path):
         *entries, (topic, kind, _, message) = self.entries("/cam/image_rect")
         later = Msg(**vars(message) | {"p": self.P * 1.5})
@@ -526,6 +604,15 @@ class TestStereo:
             f"CAM_FRONT: P puts its centre {beside_m:.4g} m beside the first camera of a stereo pair, whose frame cam it "
             "names (/left/camera_info); its extrinsics include that."
         )
+
+    def test_the_baseline_counts_where_only_p_is_filled_in(self, tmp_path):
+        entries = self.entries(image="image_raw")
+        for _, kind, _, message in entries:
+            if kind == CAMERA_INFO:
+                message.k, message.r, message.d = np.zeros(9), np.zeros(9), np.zeros(0)
+        made = Calibrated(tmp_path, rig({"topic": "/right/image_raw"}), *entries)
+        assert_same(made.pose("CAM_FRONT"), CAM @ SE3.create((1, 0, 0, 0), (0.15, 0, 0)))
+        assert made.channels["CAM_FRONT"]["camera"]["k"][0] == 300.0
 
     def test_a_camera_with_a_frame_of_its_own_stays_there(self, tmp_path):
         made = self.made(tmp_path, frame="own")

@@ -14,13 +14,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from bagassets.assets.asset import Use
+from bagassets.assets.frames import FRAMES
 from bagassets.assets.image_output import ImageOutput, intrinsic_matrix
 from bagassets.decode.camera_info import decode_camera_info
 from bagassets.decode.model import ImageReading
 from bagassets.errors import CalibrationError
 from bagassets.geometry.calibration import CameraLens
 from bagassets.geometry.camera import CameraModel
-from bagassets.geometry.undistortion import undistort
+from bagassets.geometry.undistortion import Undistortion, undistort
 from bagassets.recipe.model_calibration import PinholeIntrinsics
 from bagassets_tests.cameras import camera_use
 from bagassets_tests.pose_data import camera_info, region
@@ -34,6 +36,7 @@ LENSES = {
 }
 PRISM = (*LENSES["rational_polynomial"], 0.003, -0.001, -0.002, 0.0015)
 TILTED = (*PRISM, 0.03, -0.02)
+ALL_LENSES = [*LENSES.items(), ("rational_polynomial", PRISM), ("rational_polynomial", TILTED)]
 RAYS = np.array([[x, y, 1.0] for x in (-0.55, -0.2, 0.17, 0.5) for y in (-0.4, -0.05, 0.36)]) * 4.0
 
 
@@ -184,7 +187,7 @@ def test_an_image_that_is_not_undistorted_keeps_its_pixels():
 
 @settings(deadline=None)
 @given(
-    st.sampled_from([*LENSES.items(), ("rational_polynomial", PRISM), ("rational_polynomial", TILTED)]),
+    st.sampled_from(ALL_LENSES),
     st.floats(-0.6, 0.6),
     st.floats(-0.45, 0.45),
     st.floats(0.5, 80.0),
@@ -216,6 +219,49 @@ def test_an_image_of_another_size_is_refused():
         made.make(ImageReading(1, "cam", image, None, "mono8"))
 
 
+def places(maps):
+    """Where in the recorded image each pixel is looked up, in 32nds of a pixel."""
+    xy, fraction = maps
+    return xy.astype(int) * 32 + np.stack([fraction & 31, fraction >> 5], axis=-1)
+
+
+@pytest.mark.parametrize("zoom", [1.0, 0.6])
+@pytest.mark.parametrize(("model", "d"), ALL_LENSES)
+def test_maps_hold_the_place_of_each_pixel_to_half_a_32nd(model, d, zoom):
+    camera = CameraModel(model, WIDTH, HEIGHT, FX, FY, CX, CY, d)
+    target = camera.undistorted((FX * zoom, FY * zoom, CX + 3.5, CY - 2.25))
+    rows, columns = np.mgrid[0:HEIGHT, 0:WIDTH]
+    x, y = bend(model, d, (columns - target.cx) / target.fx, (rows - target.cy) / target.fy)
+    truth = np.stack([FX * x + CX, FY * y + CY], axis=-1)
+    found = places(camera.undistortion_maps(target))
+    assert np.abs(found / 32 - truth).max() <= 1 / 64 + 1e-9
+    make = cv2.fisheye.initUndistortRectifyMap if model == "equidistant" else cv2.initUndistortRectifyMap
+    size = (WIDTH, HEIGHT)
+    theirs = places(make(camera.matrix, np.array(d), np.eye(3), target.matrix, size, cv2.CV_16SC2))
+    apart = np.abs(found - theirs)
+    assert apart.max() <= 1
+    assert np.count_nonzero(apart) < 20
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_a_pixel_that_the_lens_sees_nowhere_is_black(dtype):
+    camera = CameraModel(
+        "rational_polynomial", 640, 480, 500.0, 500.0, 320.0, 240.0, (0.5, 0, 0, 0, 0.5, -0.01, 0, 0)
+    )
+    target = camera.undistorted((30.0, 30.0, 320.0, 240.0))  # at r = 10 the lens divides by zero
+    rows, columns = np.mgrid[0:480, 0:640]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        x, y = bend("rational_polynomial", camera.distortion, (columns - 320) / 30, (rows - 240) / 30)
+    u, v = 500 * x + 320, 500 * y + 240
+    outside = ~((u > -1) & (u < 640) & (v > -1) & (v < 480))
+    assert (np.abs(u) > 65_536).any()
+    assert np.isnan(v).any() or np.isinf(u).any()
+    white = np.full((480, 640, 3), 255, dtype)
+    written = Undistortion(camera, target)(white)
+    assert written[~outside].any()
+    assert not written[outside].any()
+
+
 @settings(deadline=None, max_examples=20)
 @given(st.integers(0, 2**32 - 1), st.sampled_from(["uint8", "uint16"]), st.sampled_from(list(LENSES)))
 def test_pixels_are_mixed_exactly_and_rounded_half_up(seed, dtype, model):
@@ -239,3 +285,23 @@ def test_pixels_are_mixed_exactly_and_rounded_half_up(seed, dtype, model):
     # OpenCV's 8-bit tables round the weights a little, but in integers, the same everywhere.
     tolerance = 0 if dtype == "uint16" else 1
     assert np.abs(written.astype(int) - ((mixed + 512) >> 10)).max() <= tolerance
+
+
+@pytest.mark.parametrize(
+    ("model", "d", "changes", "version"),
+    [
+        ("plumb_bob", (-0.1, 0.0, 0.0, 0.0), {}, 6),
+        ("equidistant", (0.0,) * 4, {}, 6),
+        ("plumb_bob", (0.0,) * 5, {}, 5),
+        ("plumb_bob", (0.0,) * 5, {"target": {"fx": 300.0, "fy": 300.0, "cx": 320.0, "cy": 240.0}}, 6),
+        ("plumb_bob", (-0.1, 0.0, 0.0, 0.0), {"undistort": False}, 5),
+    ],
+)
+def test_only_images_that_are_looked_up_through_maps_are_made_again(model, d, changes, version):
+    """The maps are now the same on every processor; copies of recorded files are none of their business."""
+    changes = {"undistort": True} | changes
+    if "target" in changes:
+        changes["target"] = PinholeIntrinsics(**changes["target"])
+    use = camera_use(output="png", camera=calibration(info(model, d)), **changes)
+    assert FRAMES.action(Use(use), None).version == version
+    assert FRAMES.version == 6

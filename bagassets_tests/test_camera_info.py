@@ -79,6 +79,8 @@ def test_rectification_left_zero_is_none():
         ),
         ({"k": (400.0, math.nan, 320.0, 240.0)}, "not finite"),
         ({"d": (math.inf,) * 5}, "not finite"),
+        ({"r": np.full(9, math.nan)}, "R or P hold numbers that are not finite"),
+        ({"p": np.full(12, math.inf)}, "R or P hold numbers that are not finite"),
         ({"d": (0.1,) * 15}, "distortion model plumb_bob has 4 or 5 coefficients, it holds 15"),
         ({"model": "equidistant", "d": FIVE}, "equidistant has 4 coefficients, it holds 5"),
         ({"model": "mei", "d": FIVE}, "'mei' is not known"),
@@ -129,12 +131,54 @@ def test_a_matrix_of_another_form_is_refused(place):
     message = camera_info()
     message.k = np.array([400.0, 0, 320, 0, 410, 240, 0, 0, 1])
     message.k[place] += 0.5
-    with pytest.raises(DecodeError, match="its K is not of the form"):
+    with pytest.raises(DecodeError, match="its camera matrix is not of the form"):
         decode_camera_info(message)
 
 
 def test_a_camera_that_was_never_calibrated():
     message = camera_info()
     message.k = np.zeros(9)
-    with pytest.raises(DecodeError, match="K is all zeros, so the camera was not calibrated"):
+    problem = "its K is all zeros, and P has no focal lengths, so the camera was not calibrated"
+    with pytest.raises(DecodeError, match=problem):
+        decode_camera_info(message)
+
+
+P = np.array([300.0, 0, 310, -45.0, 0, 305, 230, 0, 0, 0, 1, 0])
+
+
+@pytest.mark.parametrize("ros1", [True, False])
+@pytest.mark.parametrize("model", ["", "plumb_bob", "whatever"])
+@pytest.mark.parametrize("d", [(), (0.0,) * 5])
+def test_where_only_p_is_filled_in_it_counts(ros1, model, d):
+    """As drivers of rectified cameras send it."""
+    names = {"k": np.zeros(9), "r": np.zeros(9), "p": P}
+    message = camera_info(model=model, d=d, ros1=ros1)
+    for name, value in names.items():
+        setattr(message, name.upper() if ros1 else name, value)
+    calibration = decode_camera_info(message).calibration
+    assert (calibration.model, calibration.d, calibration.rectified) == ("none", (), True)
+    assert calibration.k == (300.0, 0, 310.0, 0, 305.0, 230.0, 0, 0, 1)
+    assert (calibration.r, calibration.p) == ((1, 0, 0, 0, 1, 0, 0, 0, 1), tuple(P))
+
+
+def test_where_k_is_filled_in_p_does_not_count():
+    calibration = decode_camera_info(camera_info(d=FIVE, p=P)).calibration
+    assert (calibration.k[0], calibration.d, calibration.rectified) == (400.0, FIVE, False)
+
+
+@pytest.mark.parametrize(
+    ("changes", "problem"),
+    [
+        ({"d": FIVE}, "K is all zeros, so nobody can tell what its D distorts"),
+        ({"p": P * [1, 1, 3, 1, 1, 1, 1, 1, 1, 1, 1, 1]}, "principal point .* lies outside the image"),
+        ({"p": P + 2.0 * np.eye(12)[1]}, "its camera matrix is not of the form"),
+        ({"p": P * -1}, "P has no focal lengths"),
+        ({"p": P * math.nan}, "R or P hold numbers that are not finite"),
+        ({"width": 0, "height": 0}, "image size is 0x0"),
+    ],
+)
+def test_nonsense_in_p_is_refused(changes, problem):
+    message = camera_info(**({"p": P} | changes))
+    message.k = np.zeros(9)
+    with pytest.raises(DecodeError, match=problem):
         decode_camera_info(message)

@@ -17,6 +17,7 @@ from bagassets.errors import RecipeError
 from bagassets.geometry.calibration import Calibration
 from bagassets.geometry.camera import CameraModel
 from bagassets.geometry.se3 import SE3
+from bagassets.preview import future
 from bagassets.preview.birds_eye import BoxAt, birds_eye
 from bagassets.preview.canvas import (
     ACCENT,
@@ -193,6 +194,15 @@ class TestFuture:
             pixel = picture[round(v), round(u)].astype(int)
             assert pixel[1] - pixel[2] > 15, f"green {second} s ahead"
         assert (picture[:45] == 120).all(), "nothing above the horizon"
+
+    def test_colours_are_mixed_alike_on_every_processor(self):
+        """Not by OpenCV's addWeighted, whose last bit depends on it; those with AVX2 go on as before."""
+        band, picture = (np.ascontiguousarray(part) for part in np.mgrid[0:256, 0:256].astype(np.uint8))
+        mixed = future._MIXED[band, picture]
+        assert np.abs(mixed - (0.45 * band + 0.55 * picture)).max() <= 0.5 + 1e-5
+        theirs = cv2.addWeighted(band, 0.45, picture, 1 - 0.45, 0.0)
+        avx2 = 11  # CV_CPU_AVX2
+        assert np.count_nonzero(mixed != theirs) <= (0 if cv2.checkHardwareSupport(avx2) else 100)
 
     def test_a_vehicle_that_stands_draws_nothing(self):
         grey = np.full((100, 200, 3), 120, np.uint8)

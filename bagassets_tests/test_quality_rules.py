@@ -401,6 +401,14 @@ class TestCalibration:
         assert finding.problems == []
         assert finding.facts["cameras"]["CAM_FRONT"]["view_deg"] == pytest.approx(77.3, abs=0.1)
 
+    def test_a_camera_without_intrinsics_is_said(self):
+        content = calibration()
+        content["channels"]["CAM_FRONT"]["camera"] = None
+        (problem,) = self.find(content)
+        assert problem.startswith(
+            "CAM_FRONT: has no intrinsics, so nothing can be projected into its images;"
+        )
+
     @pytest.mark.parametrize(
         ("changes", "words"),
         [

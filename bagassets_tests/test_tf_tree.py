@@ -206,6 +206,67 @@ class TestMovingEdges:
         assert edge.repeated == 1
 
 
+class TestRepeats:
+    """A fixed transform that is sent again."""
+
+    def tree(self, *samples, source="tf_static"):
+        log = TransformLog(source)
+        for stamp_s, pose in samples:
+            log.add("base", "cam", T0 + stamp_s * S, pose)
+        return TfTree(log.edges(), [fixed("base", "lidar")])
+
+    POSE = SE3.create(about_z(0.3), (1.25, -0.5, 1.5))
+    NOISY = SE3.create(tuple(np.float32(POSE.rotation).astype(float)), (1.25 + 5e-7, -0.5, 1.5))
+    OPPOSITE = SE3(tuple(-value for value in POSE.rotation), POSE.translation)
+
+    @pytest.mark.parametrize("source", ["tf_static", "tf"])
+    @pytest.mark.parametrize("second_s", [0, 7])
+    @pytest.mark.parametrize("again", [POSE, NOISY, OPPOSITE])
+    def test_the_same_value_again_is_the_same_edge(self, again, second_s, source):
+        found, _ = self.tree((0, self.POSE), (second_s, again), source=source).fixed("base", "cam")
+        assert found == self.POSE
+
+    @pytest.mark.parametrize("source", ["tf_static", "tf"])
+    @pytest.mark.parametrize("stamps_s", [(0, 0), (0, 7), (0, 0, 0)])
+    @pytest.mark.parametrize(
+        "other",
+        [
+            SE3.create(about_z(0.3), (1.25, -0.5, 1.6)),
+            SE3.create(about_z(0.31), (1.25, -0.5, 1.5)),
+            POSE.inverse(),
+        ],
+    )
+    def test_another_value_is_refused_whenever_it_is_sent(self, other, stamps_s, source):
+        values = [self.POSE, other, self.POSE]
+        for order in (values, values[::-1]):
+            tree = self.tree(*zip(stamps_s, order, strict=False), source=source)
+            with pytest.raises(
+                CalibrationError,
+                match=r"base -> cam \(.*\) (moves during the recording|has several values at one time)",
+            ):
+                tree.fixed("base", "cam")
+            assert tree.fixed("base", "lidar")[0].translation == (1.0, 0.0, 0.0)
+
+    def test_several_values_at_one_time_are_refused_in_a_moving_chain_too(self):
+        log = TransformLog("tf_static")
+        for x in (1.0, 1.1):
+            log.add("base", "cam", T0, SE3.create((1, 0, 0, 0), (x, 0, 0)))
+        tree = TfTree(
+            log.edges(),
+            [moving("odom", "base", [0.0, 0.5, 1.0], lambda t: SE3.create((1, 0, 0, 0), (t, 0, 0)))],
+        )
+        with pytest.raises(CalibrationError, match="has several values at one time"):
+            tree.at("odom", "cam", np.array([T0]), S, 0)
+
+    def test_a_moving_edge_whose_stamps_repeat_takes_the_first_as_before(self):
+        log = TransformLog("tf")
+        for t, x in [(0, 0.0), (0, 9.0), (1, 1.0), (1, 8.0)]:
+            log.add("odom", "base", T0 + t * S, SE3.create((1, 0, 0, 0), (x, 0, 0)))
+        positions, _, valid = TfTree(log.edges()).at("odom", "base", np.array([T0 + S // 2]), 2 * S, 0)
+        assert valid.all()
+        assert positions[0].tolist() == [0.5, 0.0, 0.0]
+
+
 class TestLayers:
     """The first source that knows a frame wins."""
 
@@ -234,6 +295,40 @@ class TestLayers:
         tree = TfTree([fixed("a", "b"), fixed("b", "c"), fixed("c", "a"), fixed("base", "x")])
         with pytest.raises(CalibrationError, match=r"round in a circle, a <- c <- b <- a"):
             tree.fixed("base", "a")
+
+    @pytest.mark.parametrize(
+        ("dst", "src"), [("base", "lidar"), ("lidar", "base"), ("cam", "lidar"), ("tip", "base")]
+    )
+    def test_a_way_through_a_circle_is_refused(self, dst, src):
+        """Which of the two ways round is meant nobody knows; the shorter one was taken, inverted."""
+        tree = TfTree(
+            [
+                fixed("base", "lidar"),
+                fixed("lidar", "base", 3.0),
+                fixed("lidar", "tip"),
+                fixed("base", "cam"),
+                fixed("base", "rear"),
+            ]
+        )
+        stamps = np.array([T0])
+        for find in (lambda: tree.fixed(dst, src), lambda: tree.at(dst, src, stamps, 0, 0)):
+            with pytest.raises(
+                CalibrationError,
+                match=r"the transforms go round in a circle, (base <- lidar <- base|lidar <- base <- lidar)",
+            ):
+                find()
+
+    def test_a_circle_above_both_frames_does_not_matter(self):
+        tree = TfTree(
+            [fixed("base", "lidar"), fixed("base", "cam", 3.0), fixed("odom", "base"), fixed("base", "odom")]
+        )
+        assert tree.fixed("lidar", "cam")[0].translation == (2.0, 0.0, 0.0)
+        assert tree.fixed("base", "cam")[0].translation == (3.0, 0.0, 0.0)
+
+    def test_a_circle_of_three_sources(self):
+        tree = TfTree([fixed("a", "b")], [fixed("b", "c", source="urdf"), fixed("c", "a", source="urdf")])
+        with pytest.raises(CalibrationError, match="round in a circle"):
+            tree.fixed("a", "b")
 
     def test_a_frame_that_is_not_there_is_named_with_those_that_are(self):
         with pytest.raises(

@@ -10,7 +10,7 @@ does; it may also differ when no action does, for example for a rig that made no
 from collections.abc import Callable, Collection, Iterable, Mapping
 from concurrent.futures import Executor
 from contextlib import AbstractContextManager
-from dataclasses import Field, dataclass, field, fields, is_dataclass
+from dataclasses import Field, dataclass, field, fields, is_dataclass, replace
 from functools import cache
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
@@ -283,6 +283,7 @@ class Asset(Generic[P, U]):
             pass over the recording; each gets its own topics.
         checks: checks of its artifacts, and of others derived from them.
         along: hidden assets that are made whenever it is made, since others will need them.
+        spared: version -> tells of which actions it left the bytes alone; they keep the version before, and their artifacts.
     """
 
     name: str
@@ -303,6 +304,7 @@ class Asset(Generic[P, U]):
     checks: tuple[RecordingCheck, ...] = ()
     distribution: str = ""
     along: "tuple[AnyAsset, ...]" = ()
+    spared: Mapping[int, Callable[[U], bool]] = field(default_factory=dict)
 
     @property
     def step(self) -> Step:
@@ -337,7 +339,11 @@ class Asset(Generic[P, U]):
         """
         topics = {} if inventory is None else inventory.digests(use.topics)
         inputs = {f"topic:{name}": digest for name, digest in topics.items()}
-        return self.step.action(as_json(use.params), {**inputs, **use.inputs})
+        version = self.version
+        while (spares := self.spared.get(version)) is not None and spares(use.params):
+            version -= 1
+        step = replace(self.step, version=version)
+        return step.action(as_json(use.params), {**inputs, **use.inputs})
 
 
 AnyAsset = Asset[Any, Any]

@@ -251,7 +251,7 @@ def _make(use: Use[CalibrationUse], inputs: Inputs, out: ArtifactWriter) -> Summ
 
 CALIBRATION = Asset(
     name="calibration",
-    version=3,
+    version=4,
     title="Where each sensor sits on the vehicle, and the lens of each camera.",
     description="""Extrinsics `ego <- sensor` are resolved from TF, a URDF file, the recipe or a calibration file; intrinsics and distortion come from
 CameraInfo, the recipe or a calibration file: `calibration.json`.""",
@@ -267,7 +267,8 @@ CameraInfo, the recipe or a calibration file: `calibration.json`.""",
             "Sensors sit on the vehicle, cameras look out of it through real lenses.",
             "a sensor sits farther than `max_distance_m` from the ego frame; a camera looks up or down by more than "
             "`max_tilt_deg` (its frame is not the optical one); the field of view, the ratio fx:fy or the principal point "
-            "are not those of a real camera; the distortion folds the image over; two sensors share their extrinsics",
+            "are not those of a real camera; the distortion folds the image over; a camera has no intrinsics; two sensors share "
+            "their extrinsics",
             lambda e: calibration_plausible(e.calibration, e.rig, e.checks.calibration_plausible),
         ),
     ),

@@ -321,7 +321,10 @@ def _extract(
 
 FRAMES = Asset(
     name="frames",
-    version=5,
+    version=6,
+    spared={
+        6: lambda use: ImageOutput(use, None).undistort is None
+    },  # of 6 are the maps of `undistortion_maps`
     libraries=("opencv-python-headless", "pyarrow"),
     title="The camera images: undistorted and encoded as the recipe says, indexed by stamp.",
     description="""One artifact per camera, so that a change to one leaves the others alone. Each image is extracted once, whether or not it

@@ -179,6 +179,7 @@ class ImageOutput:
 
     Attributes:
         grey_range: as above; may be set later, before the first image.
+        undistort: looks images up through maps; None if nothing would change.
     """
 
     def __init__(self, use: CameraUse, grey_range: tuple[float, float] | None) -> None:
@@ -191,13 +192,13 @@ class ImageOutput:
         self.grey_range = grey_range
         self._recorded = None if use.camera is None else CameraModel.from_calibration(use.camera)
         self.written = self._recorded
-        self._undistort: Undistortion | None = None
+        self.undistort: Undistortion | None = None
         if self._recorded is not None and settings.undistort:
             target = settings.target
             pinhole = None if target is None else (target.fx, target.fy, target.cx, target.cy)
             self.written = self._recorded.undistorted(pinhole)
             if self._recorded.distorts or target is not None:
-                self._undistort = Undistortion(self._recorded, self.written)
+                self.undistort = Undistortion(self._recorded, self.written)
 
     def make(self, reading: ImageReading) -> EncodedImage:
         """Return the file of one image.
@@ -222,11 +223,11 @@ class ImageOutput:
         jpeg = self._format == "jpeg" or (
             self._format == "as_recorded" and reading.encoding.startswith("jpeg")
         )
-        pixels = self._pixels(reading, four=self._undistort is not None)
+        pixels = self._pixels(reading, four=self.undistort is not None)
         if pixels.dtype == np.uint16:
             pixels = self._to_8bit(pixels)
-        if self._undistort is not None:
-            pixels = self._undistort(pixels)
+        if self.undistort is not None:
+            pixels = self.undistort(pixels)
         if jpeg:
             done, data = cv2.imencode(".jpg", pixels, self._jpeg_options)
         else:
@@ -237,7 +238,7 @@ class ImageOutput:
 
     def _passes(self, reading: ImageReading) -> bool:
         """Return whether the recorded file can be used unchanged: no undistortion, and any viewer shows it correctly."""
-        return self._format == "as_recorded" and self._undistort is None and ":" not in reading.encoding
+        return self._format == "as_recorded" and self.undistort is None and ":" not in reading.encoding
 
     @staticmethod
     def _pixels(reading: ImageReading, *, four: bool) -> Pixels:

@@ -28,6 +28,8 @@ __all__ = ["camera_intrinsics", "rounded"]
 
 # A smaller rotation between the camera and its rectified image is not noted.
 NOTED_DEG = 0.01
+# R, written with few digits, may be off a rotation by this much.
+ROTATION_ERROR = 1e-3
 # A shorter baseline in P is a rounding error.
 LEAST_BASELINE_M = 1e-5
 
@@ -91,14 +93,17 @@ def _from_messages(
         )
     reading, lost = _one_calibration(name, topic, recording, rectified=info.rectified)
     if reading is None:
+        problem = f"{name}: no usable CameraInfo on {topic}{_reasons(lost)}"
         if needed:
-            raise CalibrationError(
-                f"{name}: no usable CameraInfo on {topic}{_reasons(lost)}; give `intrinsics` or set `undistort: false`."
-            )
+            raise CalibrationError(f"{problem}; give `intrinsics` or set `undistort: false`.")
+        notes.append(f"{problem}; its images have no intrinsics.")
         return None, SE3()
     if lost:
         notes.append(f"{name}: {sum(lost.values())} messages on {topic} cannot be used{_reasons(lost)}.")
-    found = _Found(reading.calibration, f"the CameraInfo on {topic}", "camera_info", info.rectified)
+    place, rectified = f"the CameraInfo on {topic}", info.rectified or reading.calibration.rectified
+    if rectified and not info.rectified:
+        notes.append(f"{name}: K in {place} is zero, so its images are taken for rectified: P and R hold.")
+    found = _Found(reading.calibration, place, "camera_info", rectified)
     return _calibrated(name, camera, found, recording, notes)
 
 
@@ -208,6 +213,13 @@ def _of_rectified(
 def _turn(name: str, calibration: CameraCalibration, notes: list[str]) -> SE3:
     """Return `frame_SE3_image`: R turns vectors from the camera's axes to those of the rectified image."""
     image_R_frame = np.array(calibration.r).reshape(3, 3)
+    x, y, z = image_R_frame
+    # Rows of a rotation: two of length 1 at right angles, and the third is their product.
+    off = [(x * x).sum() - 1.0, (y * y).sum() - 1.0, (x * y).sum(), *(np.cross(x, y) - z)]
+    if np.abs(off).max() > ROTATION_ERROR:
+        raise CalibrationError(
+            f"{name}: its images are rectified, but R of their CameraInfo is no rotation; give `intrinsics` in the recipe."
+        )
     frame_SE3_image = SE3.create(quaternion_from_rotation(image_R_frame.T), (0.0, 0.0, 0.0))
     turned_deg = degrees(2 * acos(min(1.0, abs(frame_SE3_image.rotation[0]))))
     if turned_deg > NOTED_DEG:
@@ -240,7 +252,7 @@ def _one_calibration(
             first, repeated = reading, content
             continue
         then = first.calibration
-        if now.lens != then.lens or (rectified and (now.r, now.p) != (then.r, then.p)):
+        if now.lens != then.lens or ((rectified or then.rectified) and (now.r, now.p) != (then.r, then.p)):
             raise CalibrationError(
                 f"{name}: the calibration on {topic} changes at {reading.stamp_ns / 1e9:.3f} s; one recording has "
                 "one calibration. Split the recording there, or give `intrinsics` in the recipe."

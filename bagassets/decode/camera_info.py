@@ -53,6 +53,7 @@ class CameraCalibration:
         p: (12,) projection matrix, row by row, as recorded.
         binning: pixels combined along x and y, at least 1.
         roi: part of the image that is sent; the whole of it if the message leaves it zero.
+        rectified: only P was filled in, as for images that were rectified before they were sent; `k` is P's.
     """
 
     model: str
@@ -64,6 +65,7 @@ class CameraCalibration:
     p: tuple[float, ...]
     binning: tuple[int, int]
     roi: RegionOfInterest
+    rectified: bool = False
 
     @property
     def lens(self) -> tuple[object, ...]:
@@ -90,9 +92,12 @@ def decode_camera_info(message: Message) -> CameraInfoReading:
     stamp_ns, frame_id = stamp_and_frame(message.header)
     k, r, p = (_numbers(message, name) for name in ("k", "r", "p"))
     width, height = int(message.width), int(message.height)
-    if not any(k):
-        raise DecodeError("its K is all zeros, so the camera was not calibrated")
-    model, d = named_distortion(str(message.distortion_model), _numbers(message, "d"))
+    if not all(isfinite(value) for value in (*r, *p)):
+        raise DecodeError("R or P hold numbers that are not finite")
+    d = _numbers(message, "d")
+    rectified = not any(k)
+    k = _matrix_of(p, d) if rectified else k
+    model, d = ("none", ()) if rectified else named_distortion(str(message.distortion_model), d)
     check_lens(model, width, height, k, d)
     calibration = CameraCalibration(
         model,
@@ -104,8 +109,18 @@ def decode_camera_info(message: Message) -> CameraInfoReading:
         p,
         (max(1, int(message.binning_x)), max(1, int(message.binning_y))),
         _region(message.roi, width, height),
+        rectified,
     )
     return CameraInfoReading(stamp_ns, frame_id, calibration)
+
+
+def _matrix_of(p: tuple[float, ...], d: tuple[float, ...]) -> tuple[float, ...]:
+    """Return the camera matrix in P, for a message whose K is zero."""
+    if p[0] <= 0 or p[5] <= 0:
+        raise DecodeError("its K is all zeros, and P has no focal lengths, so the camera was not calibrated")
+    if any(d):
+        raise DecodeError("its K is all zeros, so nobody can tell what its D distorts")
+    return *p[0:3], *p[4:7], *p[8:11]
 
 
 def check_lens(model: str, width: int, height: int, k: Sequence[float], d: Sequence[float]) -> None:
@@ -122,7 +137,7 @@ def check_lens(model: str, width: int, height: int, k: Sequence[float], d: Seque
     if fx <= 0 or fy <= 0:
         raise DecodeError(f"its focal lengths must be positive, they are {fx:g} and {fy:g}")
     if skew != 0 or k[3] != 0 or bottom != [0, 0, 1]:
-        raise DecodeError("its K is not of the form [fx 0 cx, 0 fy cy, 0 0 1]")
+        raise DecodeError("its camera matrix is not of the form [fx 0 cx, 0 fy cy, 0 0 1]")
     if not (0 <= cx <= width and 0 <= cy <= height):
         raise DecodeError(f"its principal point ({cx:g}, {cy:g}) lies outside the image of {width}x{height}")
     if len(d) not in COEFFICIENTS[model]:

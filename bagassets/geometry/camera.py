@@ -5,18 +5,21 @@ full-resolution image, of which the recorded one is a region of interest, then b
 """
 
 from dataclasses import dataclass, replace
-from functools import cached_property
-from math import cos, sin
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from bagassets.errors import CalibrationError
 from bagassets.geometry.calibration import CameraLens
+from bagassets.geometry.portable import arctan_unit, sin_cos
 from bagassets.geometry.se3 import Floats
 
 __all__ = ["CameraModel"]
+
+# OpenCV's maps count 32nds of a pixel (INTER_BITS).
+_STEP_BITS = 5
+_STEPS = 1 << _STEP_BITS
+_AT_ONCE = 16_384  # pixels, so that intermediate results stay in the processor's cache
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,47 +122,69 @@ class CameraModel:
         return np.stack([self.fx * xn + self.cx, self.fy * yn + self.cy], axis=1), in_front
 
     def _distort(self, x: Floats, y: Floats) -> tuple[Floats, Floats]:
+        """Return where the lens puts rays (x, y, 1), for arrays of shapes that go together.
+
+        Only what IEEE 754 rounds in one way is used, so that every processor gives the same bits.
+        """
         if not self.distorts:
             return x, y
+        r2 = x * x + y * y
         if self.model == "equidistant":
-            k1, k2, k3, k4 = self.distortion
-            r = np.sqrt(x * x + y * y)
-            theta = np.arctan(r)
-            t2 = theta * theta
-            bent = theta * (1 + t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4))))
+            r = np.sqrt(r2)
+            theta = 2.0 * arctan_unit(r / (1.0 + np.sqrt(1.0 + r2)))
+            bent = theta + theta * _series(theta * theta, *self.distortion)
             scale = np.where(r > 1e-12, bent / np.where(r > 1e-12, r, 1.0), 1.0)
             return x * scale, y * scale
         coefficients = (*self.distortion, *[0.0] * (14 - len(self.distortion)))
         k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4, tilt_x, tilt_y = coefficients
-        r2 = x * x + y * y
-        radial = (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
-        return _tilt(
-            x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x) + r2 * (s1 + r2 * s2),
-            y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y + r2 * (s3 + r2 * s4),
-            tilt_x,
-            tilt_y,
-        )
-
-    @cached_property
-    def _coefficients(self) -> Floats:
-        return np.array(self.distortion, dtype=np.float64)
+        radial: Floats | float = 1.0 + _series(r2, k1, k2, k3)
+        if k4 or k5 or k6:
+            radial = radial / (1.0 + _series(r2, k4, k5, k6))
+        if p1 or p2:
+            radial = radial + (2 * p1 * y + 2 * p2 * x)
+        bent_x = x * radial + _series(r2, p2 + s1, s2)
+        bent_y = y * radial + _series(r2, p1 + s3, s4)
+        return _tilt(bent_x, bent_y, tilt_x, tilt_y)
 
     def undistortion_maps(self, target: "CameraModel") -> tuple[NDArray[np.int16], NDArray[np.uint16]]:
         """Return fixed-point maps, (H, W, 2) int16 and (H, W) uint16, for `cv2.remap` from this camera's image to `target`'s.
 
-        They take tens of milliseconds to make: once per camera, never per frame.
+        They are those of `cv2.initUndistortRectifyMap`, but for places just between two 32nds of a pixel: there OpenCV's last
+        bits decide, and they depend on the processor, in its float maps, too.
+        They take some ten milliseconds to make: once per camera, never per frame.
         """
-        size = (target.width, target.height)
-        if self.model == "equidistant":
-            maps = cv2.fisheye.initUndistortRectifyMap(
-                self.matrix, self._coefficients, np.eye(3), target.matrix, size, cv2.CV_16SC2
-            )
-        else:
-            maps = cv2.initUndistortRectifyMap(
-                self.matrix, self._coefficients, np.eye(3), target.matrix, size, cv2.CV_16SC2
-            )
-        xy, fraction = maps
-        return np.asarray(xy, np.int16), np.asarray(fraction, np.uint16)
+        across = (np.arange(target.width, dtype=np.float64) - target.cx) / target.fx
+        down = ((np.arange(target.height, dtype=np.float64) - target.cy) / target.fy)[:, np.newaxis]
+        xy = np.empty((target.height, target.width, 2), np.int16)
+        fraction = np.empty((target.height, target.width), np.uint16)
+        rows = max(1, _AT_ONCE // target.width)
+        with np.errstate(divide="ignore", invalid="ignore"):  # where a ray never meets the sensor
+            for begin in range(0, target.height, rows):
+                part = slice(begin, begin + rows)
+                x, y = self._distort(across, down[part])
+                u = _rounded(_STEPS * self.fx * x + _STEPS * self.cx)
+                v = _rounded(_STEPS * self.fy * y + _STEPS * self.cy)
+                xy[part, :, 0], xy[part, :, 1] = u >> _STEP_BITS, v >> _STEP_BITS
+                parts_x, parts_y = (steps.astype(np.int16) & _STEPS - 1 for steps in (u, v))
+                fraction[part] = parts_y << _STEP_BITS | parts_x
+        return xy, fraction
+
+
+def _series(r2: Floats, *coefficients: float) -> Floats | float:
+    """Return c1 r² + c2 r⁴ + …; a plain zero if all coefficients are."""
+    total: Floats | float = 0.0
+    last = max((i for i, value in enumerate(coefficients) if value), default=-1)
+    for coefficient in reversed(coefficients[: last + 1]):
+        total = (total + coefficient) * r2
+    return total
+
+
+def _rounded(steps: Floats) -> NDArray[np.int32]:
+    """Round places in steps, halves to even; what is beyond 16 bits of pixels, or nowhere, stays outside the image."""
+    least, most = -32768.0 * _STEPS, 32767.0 * _STEPS
+    if not (steps.min() >= least and steps.max() <= most):
+        steps = np.fmin(np.fmax(steps, least), most)  # these take the other operand for what is not a number
+    return np.rint(steps).astype(np.int32)
 
 
 def _tilt(x: Floats, y: Floats, tilt_x: float, tilt_y: float) -> tuple[Floats, Floats]:
@@ -169,7 +194,7 @@ def _tilt(x: Floats, y: Floats, tilt_x: float, tilt_y: float) -> tuple[Floats, F
     """
     if not (tilt_x or tilt_y):
         return x, y
-    cx, sx, cy, sy = cos(tilt_x), sin(tilt_x), cos(tilt_y), sin(tilt_y)
+    (sx, sy), (cx, cy) = sin_cos(np.array([tilt_x, tilt_y]))
     # Rows of R = Ry(tilt_y) Rx(tilt_x), in the signs of OpenCV.
     turned_x = cy * x + sy * sx * y - sy * cx
     turned_y = cx * y + sx

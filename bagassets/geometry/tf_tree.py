@@ -6,7 +6,7 @@ An edge is named by its child, as in TF: each frame has one parent. Trees from s
 
 from array import array
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,6 +47,7 @@ class Edge:
         translations_m: (N, 3).
         rotations: (N, 4) unit quaternions w, x, y, z.
         repeated: further samples that were left out because they repeat a stamp.
+        disputed: some of those have another value, and the edge is a fixed one without them.
     """
 
     parent: str
@@ -56,6 +57,7 @@ class Edge:
     translations_m: Floats
     rotations: Floats
     repeated: int = 0
+    disputed: bool = False
 
     @classmethod
     def fixed(cls, parent: str, child: str, source: str, parent_SE3_child: SE3) -> "Edge":
@@ -131,9 +133,13 @@ class TransformLog:
         edges = []
         for (parent, child), (stamps, numbers) in self._samples.items():
             stamps_ns, first = np.unique(np.array(stamps, dtype=np.int64), return_index=True)
-            table = np.array(numbers).reshape(-1, 7)[first]
+            table = np.array(numbers).reshape(-1, 7)
+            # Of all samples, whatever their stamps, only to see whether it moves.
+            every = Edge(parent, child, self.source, stamps_ns, table[:, :3], table[:, 3:])
+            kept = replace(every, translations_m=table[first, :3], rotations=table[first, 3:])
             repeated = len(stamps) - len(stamps_ns)
-            edges.append(Edge(parent, child, self.source, stamps_ns, table[:, :3], table[:, 3:], repeated))
+            disputed = repeated > 0 and every.moves and not kept.moves
+            edges.append(replace(kept, repeated=repeated, disputed=disputed))
         return edges
 
 
@@ -161,8 +167,8 @@ class TfTree:
         """Return the edges from `src` and from `dst` up to the first frame above both.
 
         Raises:
-            CalibrationError: a frame is unknown, the two are not connected, or a frame on the
-                way has two parents or is above itself.
+            CalibrationError: a frame is unknown, the two are not connected, a frame on the way has two
+                parents or is above itself, or a fixed edge has several values at one time.
         """
         for frame in (src, dst):
             if frame not in self.frames:
@@ -175,7 +181,14 @@ class TfTree:
         above_src = [src, *(edge.parent for edge in from_src)]
         for steps, frame in enumerate(above_src):
             if frame in above_dst:
-                return from_src[:steps], from_dst[: above_dst.index(frame)]
+                up, down = from_src[:steps], from_dst[: above_dst.index(frame)]
+                if not (disputed := [edge for edge in (*up, *down) if edge.disputed]):
+                    return up, down
+                trouble_src = (
+                    f"{disputed[0].parent} -> {disputed[0].child} ({disputed[0].source}) has several values at one time; "
+                    "two nodes publish it, so name only the topic of one of them in the recipe"
+                )
+                break
         trouble = (
             trouble_src
             or trouble_dst
@@ -234,7 +247,8 @@ class TfTree:
     def _way_up(self, frame: str) -> tuple[list[Edge], str | None]:
         """Edges from a frame towards its root, nearest first, and why they end before it, or None.
 
-        A problem far above two frames does not affect the transform between them.
+        A problem far above two frames does not affect the transform between them. They end where they reach a circle, in
+        which there are two ways from one frame to another.
         """
         way: list[Edge] = []
         passed = [frame]
@@ -246,8 +260,9 @@ class TfTree:
                     "so name only the topic of one of them in the recipe"
                 )
             if above[0].parent in passed:
-                circle = [*passed[passed.index(above[0].parent) :], above[0].parent]
-                return way, f"the transforms go round in a circle, {' <- '.join(circle)}"
+                begin = passed.index(above[0].parent)
+                circle = [*passed[begin:], above[0].parent]
+                return way[:begin], f"the transforms go round in a circle, {' <- '.join(circle)}"
             way.append(above[0])
             passed.append(above[0].parent)
         return way, None

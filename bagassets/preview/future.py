@@ -11,6 +11,11 @@ __all__ = ["future_trajectory"]
 
 HALF_TRACK_M = 0.9
 _OPACITY = 0.45
+# Of band and picture; in single precision, rounded once, as where the processor multiplies and adds in one step. Elsewhere
+# `cv2.addWeighted` rounds twice.
+_REST = (np.float32(1 - _OPACITY) * np.arange(256, dtype=np.float32)).astype(np.float64)
+_SUMS = float(np.float32(_OPACITY)) * np.arange(256.0)[:, np.newaxis] + _REST
+_MIXED = np.rint(_SUMS.astype(np.float32)).astype(np.uint8)
 
 
 def future_trajectory(
@@ -49,7 +54,7 @@ def future_trajectory(
     for i in np.flatnonzero(drawn[:-1] & drawn[1:]).tolist():
         corners = np.array([left[i], left[i + 1], right[i + 1], right[i]])
         cv2.fillConvexPoly(band, np.rint(corners * 16).astype(np.int32), ACCENT, cv2.LINE_AA, 4)
-    picture = np.asarray(cv2.addWeighted(band, _OPACITY, picture, 1 - _OPACITY, 0.0))
+    picture = _MIXED[band, picture]
     for second in range(1, int(seconds[-1]) + 1 if len(seconds) else 1):
         i = int(np.searchsorted(seconds, second))
         if i < len(seconds) and drawn[i]:

@@ -35,6 +35,11 @@ def calibration_plausible(calibration: Calibration, rig: Rig, check: Calibration
             camera = _full_image(sensor.camera)
             problems += [f"{name}: {text}" for text in _intrinsics(camera, check)]
             facts[name] = {"view_deg": round(_view_deg(camera), 1)}
+        elif is_camera:
+            problems.append(
+                f"{name}: has no intrinsics, so nothing can be projected into its images; record its CameraInfo, or give "
+                "`intrinsics` in the recipe"
+            )
     return Finding([*problems, *_copies(channels, rig)], {"sensors": len(channels), "cameras": facts})
 
 

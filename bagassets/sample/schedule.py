@@ -24,10 +24,12 @@ from bagassets.sample.truth import Truth
 from bagassets.sample.world import RADIUS_M
 
 __all__ = [
+    "CAMERA_LATENCY_NS",
     "GEODETIC_ORIGIN",
     "MAP_SE3_ODOM",
     "Event",
     "Make",
+    "camera_image",
     "drive_events",
     "event",
     "mosaic",
@@ -210,11 +212,11 @@ def _camera(truth: Truth, camera: Camera, number: int, end_ns: int) -> Iterator[
         log_time_ns = stamp_ns + CAMERA_LATENCY_NS
         info = partial(Messages.camera_info, stamp_ns=stamp_ns, camera=camera)
         yield event(log_time_ns, f"/{camera.name}/camera_info", "sensor_msgs/msg/CameraInfo", info)
-        topic, msgtype, make = _image(camera, stamp_ns, view.image(truth.seconds(stamp_ns)))
+        topic, msgtype, make = camera_image(camera, stamp_ns, view.image(truth.seconds(stamp_ns)))
         yield event(log_time_ns, topic, msgtype, make)
 
 
-def _image(camera: Camera, stamp_ns: int, image_bgr: NDArray[np.uint8]) -> tuple[str, str, Make]:
+def camera_image(camera: Camera, stamp_ns: int, image_bgr: NDArray[np.uint8]) -> tuple[str, str, Make]:
     """Return topic, type and message of an image as its camera records it."""
     topic, frame = f"/{camera.name}/image_raw", camera.frame
     if camera.encoding == "jpeg":

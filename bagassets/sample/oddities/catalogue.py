@@ -1,6 +1,7 @@
 """All oddities by name."""
 
 from bagassets.sample.oddities import cameras, robots
+from bagassets.sample.oddities import cameras, transforms
 from bagassets.sample.oddities.stream import Oddity
 
 __all__ = ["ODDITIES"]
@@ -8,4 +9,5 @@ __all__ = ["ODDITIES"]
 ODDITIES: dict[str, Oddity] = {
     **cameras.ODDITIES,
     **robots.ODDITIES,
+    **transforms.ODDITIES,
 }
