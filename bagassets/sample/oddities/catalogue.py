@@ -1,7 +1,6 @@
 """All oddities by name."""
 
-from bagassets.sample.oddities import cameras, robots
-from bagassets.sample.oddities import cameras, transforms
+from bagassets.sample.oddities import cameras, robots, transforms
 from bagassets.sample.oddities.stream import Oddity
 
 __all__ = ["ODDITIES"]
