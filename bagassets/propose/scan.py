@@ -18,6 +18,8 @@ from bagassets.decode.loading import load_decoder
 from bagassets.decode.model import CloudReading, ImageReading, PoseReading, RadarReading
 from bagassets.decode.ncom import holds_ncom
 from bagassets.decode.packets import is_velodyne_packet, sender
+from bagassets.decode.point_times import RecordedTimes, suffice, survey
+from bagassets.decode.pointcloud2 import POINTCLOUD2, read_pointcloud2, without_zero_points
 from bagassets.decode.registry import AnyFamily, bulk_types, families_of, find_decoder
 from bagassets.decode.tf import decode_transform
 from bagassets.errors import DecodeError, PluginError
@@ -129,9 +131,12 @@ class _TopicScan:
         self._refusal: str | None = None
         self._offsets_s: list[float] = []
         self._has_unset_stamps = False
+        self._recorded: list[RecordedTimes] = []
 
     def is_enough(self, most: int) -> bool:
         """Tell whether enough messages were read; more of them as long as none can be used."""
+        if self._recorded and self.count >= most:
+            return suffice(self._recorded)
         return self.count >= (_PATIENCE * most if self._is_patient and not self._usable else most)
 
     def take(self, message: RawMessage, recording: Recording) -> None:
@@ -152,6 +157,8 @@ class _TopicScan:
             try:
                 if family == "transforms":
                     self._take_transforms(facts, decode, value)
+                elif family == "cloud" and message.msgtype == POINTCLOUD2:
+                    self._take_cloud(facts, value)
                 else:
                     _FACTS[family](facts, decode, value, message.msgtype)
             except DecodeError as err:
@@ -164,8 +171,11 @@ class _TopicScan:
 
     def result(self) -> TopicSummary:
         """Return what the messages said."""
+        clock = survey(self._recorded) if self._recorded else None
         return replace(
             self._summary,
+            timed=self._summary.timed if clock is None else not clock.problem,
+            clock=clock,
             problem=self.problem,
             offset_s=median(self._offsets_s) if self._offsets_s else None,
             unstamped=self._has_unset_stamps and not self._offsets_s,
@@ -196,6 +206,17 @@ class _TopicScan:
             self._has_unset_stamps = True
         else:
             self._offsets_s.append((message.log_time_ns - stamp_ns) / 1e9)
+
+    def _take_cloud(self, facts: Facts, value: Message) -> None:
+        check_points(value, _LIMITS.cloud_points)
+        reading = without_zero_points(read_pointcloud2(value))
+        facts["frames"] = (reading.frame_id,)
+        intensities = reading.points[:, 3]
+        if ((intensities > 0.0) & (intensities != 1.0)).any():  # ones and zeros may be anything
+            facts["most_intensity"] = float(intensities.max())
+        if len(reading.points) > 1:
+            facts["timed"] = False
+            self._recorded += [] if reading.recorded is None else [reading.recorded]
 
     def _take_transforms(self, facts: Facts, decode: Decode, value: Message) -> None:
         facts["frames"] = []
