@@ -230,6 +230,28 @@ def test_a_clock_of_another_time_scale_agrees_with_the_headers(run, offset_s):
     assert_true(run(request(lidar(header_stamp_is="start"), CLOUD), turns(tell)))
 
 
+def test_clouds_that_start_in_a_burst_are_no_question(run):
+    """The host stamps what waited while the driver started."""
+    told = OFFSETS_NS / 1e9
+    stamps = [START_NS + n * 1_000_000 if n < 6 else START_NS + n * PERIOD_NS for n in range(30)]
+    messages = [
+        raw(cloud(s, {a: v.astype(np.float32) for a, v in XYZ.items()} | {"time": told}), CLOUD, s)
+        for s in stamps
+    ]
+    result = run(request(lidar(), CLOUD), messages)
+    assert np.abs(ends(result) - stamps - LAST_NS).max() <= 1
+    assert untimed(result) == 0
+
+
+def test_a_count_that_overflows_costs_a_part_of_one_cloud(run):
+    """Nanoseconds in 32 bits start again after 4.3 s."""
+    tell = lambda n, _: ((2**32 - 160_000_000 + n * PERIOD_NS + OFFSETS_NS) % 2**32).astype(np.uint32)
+    result = run(request(lidar(header_stamp_is="start"), CLOUD), turns(tell, name="t", sweeps=30))
+    exact = np.delete(np.arange(30), 1)
+    assert np.abs(ends(result) - headers(sweeps=30) - LAST_NS)[exact].max() <= 1
+    assert 0.35 * NUMBER < untimed(result) < 0.45 * NUMBER
+
+
 def test_a_cloud_whose_points_have_one_time_is_in_time(run):
     """One column was received of it; with deskewing the recording failed."""
     tell = lambda n, h: np.full(NUMBER, 40_000_000, np.uint32) if n == 6 else since_header(n, h)
@@ -247,6 +269,14 @@ def test_a_cloud_whose_times_do_not_agree_is_lost(run):
     assert result.lost == {"the times of its points do not agree": 1}
     with pytest.raises(LossLimitError, match="the times of its points do not agree"):
         run(request(lidar(), CLOUD), turns(tell, name="t"))
+
+
+def test_a_cloud_all_of_whose_times_are_garbage_is_lost(run):
+    tell = lambda n, h: since_header(n, h) + np.uint32(3_500_000_000 if n == 0 else 0)
+    result = run(request(lidar(), CLOUD, limit=0.2), turns(tell, name="t"))
+    assert result.lost == {
+        "the times of its points do not count from its stamp as those of other clouds do": 1
+    }
 
 
 UNUSABLE = {

@@ -23,7 +23,7 @@ from bagassets.assets.lidar_file import lidar_bytes
 from bagassets.assets.sweep_files import SensorSettings, SensorUse, SweepFiles
 from bagassets.decode.loading import keyed_decoder
 from bagassets.decode.model import CloudReading
-from bagassets.decode.point_times import Moment, PointClock, suffice, survey
+from bagassets.decode.point_times import Moment, PointClock, RecordedTimes, suffice, survey
 from bagassets.decode.pointcloud2 import POINTCLOUD2, read_pointcloud2, with_times, without_zero_points
 from bagassets.errors import DecodeError, RecipeError
 from bagassets.geometry.se3 import SE3
@@ -120,11 +120,15 @@ class LidarWriter:
         use: everything that shapes the files.
         files: writes them.
         trajectory: returns the ego poses; called only if the sweeps are deskewed.
+
+    Attributes:
+        times: what points without times have, for an error.
     """
 
     def __init__(self, use: LidarUse, files: SweepFiles, trajectory: Callable[[], Trajectory]) -> None:
         settings = use.settings
         self.files = files
+        self.times = "no times"
         self._name = use.channel
         self._topic = settings.topic
         self._stamp = settings.stamp
@@ -145,11 +149,10 @@ class LidarWriter:
         log_time_ns: int,
         *,
         parts: int = 1,
-        problem: str = "",
     ) -> None:
         """Write one revolution; all times are on the clock of the recipe, without the channel's own offset.
 
-        Its points are deskewed and scaled in place. If there are times that cannot be used, `problem` says why, as a clause.
+        Its points are deskewed and scaled in place.
 
         Raises:
             RecipeError: deskewing is on, but the points have no times.
@@ -165,9 +168,8 @@ class LidarWriter:
         stamp = {"start": start, "middle": (start + end) // 2, "end": end}[self._stamp]
         if self._motion is not None:
             if times_ns is None:
-                lack = f"times that cannot be used, as {problem}" if problem else "no times"
                 raise RecipeError(
-                    f"{self._name}: the points of {self._topic} have {lack}, so they cannot be "
+                    f"{self._name}: the points of {self._topic} have {self.times}, so they cannot be "
                     "deskewed; set deskew: false."
                 )
             if not deskew(points, times_ns, stamp, *self._motion):
@@ -225,7 +227,7 @@ class CloudSweeps:
             self._write(reading, raw.log_time_ns)
         else:
             self._held.append((reading, raw.log_time_ns))
-            if suffice([held.recorded for held, _ in self._held]):
+            if suffice(self._recorded(), self._use.point_times):
                 self.finish()
         return reading.frame_id
 
@@ -235,26 +237,27 @@ class CloudSweeps:
         Raises:
             RecipeError: as `add`.
         """
-        held, self._held = self._held, []
-        recorded = [reading.recorded for reading, _ in held if reading.recorded is not None]
-        if recorded:
+        if recorded := self._recorded():
             self._clock = survey(recorded, self._use.point_times)
             if self._clock.doubt:
                 raise RecipeError(
                     f"{self._use.channel}: it is not sure what the times of the points of {self._use.settings.topic} are: "
                     f"{self._clock.doubt}; say it in point_times of the channel."
                 )
+            if self._clock.problem:
+                self._writer.times = f"times that cannot be used, as {self._clock.problem}"
+        held, self._held = self._held, []
         for reading, log_time_ns in held:
             self._write(reading, log_time_ns)
 
+    def _recorded(self) -> list[RecordedTimes]:
+        return [reading.recorded for reading, _ in self._held if reading.recorded is not None]
+
     def _write(self, reading: CloudReading, log_time_ns: int) -> None:
-        problem = ""
-        if self._clock is not None and reading.recorded is not None:
-            problem = self._clock.problem
+        if self._clock is not None:
+            meant = (self._use.header_stamp_is, self._use.settings.stamp)
             try:
-                reading = with_times(
-                    reading, self._clock, self._use.header_stamp_is, self._use.settings.stamp
-                )
+                reading = with_times(reading, self._clock, *meant)
             except DecodeError as err:
                 self._fail(str(err), 1, 1)
                 return
@@ -267,7 +270,7 @@ class CloudSweeps:
         start, end = revolution_span_ns(reading, self._use.period_ns, self._use.header_stamp_is)
         times = reading.times_ns if reading.times_ns is None or not shift else reading.times_ns + shift
         points = reading.points.copy() if self._by_plugin else reading.points  # a plug-in may keep its own
-        self._writer.write(points, times, (start + shift, end + shift), log_time_ns, problem=problem)
+        self._writer.write(points, times, (start + shift, end + shift), log_time_ns)
 
     def _reading(self, message: Message) -> CloudReading:
         reading: CloudReading

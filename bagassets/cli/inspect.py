@@ -45,8 +45,7 @@ def inspect(bag: Path, as_json: bool, definitions: tuple[Path, ...], recipe: Pat
     import tempfile
 
     from bagassets.assets.inventory import make_inventory
-    from bagassets.propose.scan import scan_recording
-    from bagassets.propose.sensors import point_time_notes
+    from bagassets.propose.scan import point_time_notes, scan_recording
     from bagassets.recordings.describe import describe_inventory
     from bagassets.recordings.discover import find_one
     from bagassets.recordings.open import open_recording

@@ -60,7 +60,7 @@ _UNITS_NS: Mapping[Unit, int] = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1_00
 _DATES: Mapping[Unit, float] = {"ns": 1e17, "us": 1e14, "ms": 1e11, "s": 1e8}
 _LATEST_NS = 1 << 62  # beyond is garbage, which might not fit into 64 bits
 _SURVEYED = 5  # clouds with points from which it is decided what times are
-_PATIENCE = 25  # clouds, since sensors take time to start, and send some without points until then
+_PATIENCE = 25  # clouds, since sensors take time to start: some have no points, or come in a burst
 _TAIL = 0.1  # share of the points, at either end, that the decision does not depend on
 _MOST_APART = 0.05  # share of the points that may lie apart without a question
 _LONGEST_PERIODS = 2.5  # from cloud to cloud, in which one may last without a question
@@ -115,11 +115,12 @@ class PointClock:
             is_near = self.origin == "clock" and abs(self.ahead_ns) <= OTHER_CLOCK_NS
             other = f"another clock ({self.ahead_ns / 1e9:+.1f} s), of which only differences are used"
             since = f"by {'the clock of the header stamps' if is_near else other}"
-        apart = f"; {self.apart:.2%} lie apart and are left out" if self.apart else ""
-        doubt = (
-            f"; that is not sure, as {self.doubt}: say it in point_times of the recipe" if self.doubt else ""
-        )
-        return f"the times of its points ({self.field}) count {self.unit} {since}, {self.span_ns / 1e9:.3f} s a cloud{apart}{doubt}"
+        text = f"the times of its points ({self.field}) count {self.unit} {since}, {self.span_ns / 1e9:.3f} s a cloud"
+        if self.apart:
+            text += f"; {self.apart:.2%} lie apart and are left out"
+        if self.doubt:
+            text += f"; that is not sure, as {self.doubt}: say it in point_times of the recipe"
+        return text
 
 
 def recorded_times(
@@ -139,10 +140,10 @@ def recorded_times(
     return RecordedTimes(name, values.copy() if keep is None else values[keep], header_ns)
 
 
-def suffice(clouds: Sequence[RecordedTimes | None]) -> bool:
-    """Tell whether so many first clouds suffice for `survey`; those of less than two points tell nothing."""
-    telling = sum(cloud is not None and len(cloud.values) > 1 for cloud in clouds)
-    return telling >= _SURVEYED or len(clouds) >= _PATIENCE
+def suffice(clouds: Sequence[RecordedTimes], given: PointTimes | Literal["ignore"] | None = None) -> bool:
+    """Tell whether so many first clouds suffice for `survey`: more if something is in doubt, or few have points."""
+    telling = sum(len(cloud.values) > 1 for cloud in clouds)
+    return len(clouds) >= _PATIENCE or (telling >= _SURVEYED and not survey(clouds, given).doubt)
 
 
 def survey(
@@ -172,19 +173,17 @@ def survey(
     starts_ns, span_ns = lows * _UNITS_NS[unit], span * _UNITS_NS[unit]
     period_ns = float(np.diff(np.sort(headers_ns)).max(initial=0.0))
     origin = given.since if given else _origin(starts_ns, span_ns, headers_ns[0])
+    longest_ns = 1.5 * max(period_ns, span_ns) if period_ns else LONGEST_REVOLUTION_NS
     clock = replace(
         clock,
         unit=unit,
         origin="other" if origin == "clock" and len(told) > 1 and not headers_ns.any() else origin,
-        longest_ns=round(min(1.5 * max(period_ns, span_ns), LONGEST_REVOLUTION_NS))
-        if period_ns
-        else LONGEST_REVOLUTION_NS,
+        longest_ns=round(min(longest_ns, LONGEST_REVOLUTION_NS)),
         span_ns=span_ns,
         ahead_ns=float(starts_ns[0] - headers_ns[0]),
     )
-    apart = sum(
-        int((~kept).sum()) for cloud in clouds if (kept := _agreeing(cloud.values, clock)) is not None
-    )
+    agreeing = [_agreeing(cloud.values, clock) for cloud in clouds]
+    apart = sum(int((~kept).sum()) for kept in agreeing if kept is not None)
     clock = replace(clock, apart=apart / sum(len(cloud.values) for cloud in clouds))
     return clock if given else replace(clock, doubt=_doubt(clock, dtype.kind, period_ns))
 
@@ -249,7 +248,7 @@ def point_times_ns(
         The times, and (N,) which points they belong to; None for all.
 
     Raises:
-        DecodeError: the times of most points do not agree.
+        DecodeError: the times of most points do not agree, or not with those of other clouds.
     """
     kept = _agreeing(raw.values, clock)
     values = raw.values if kept is None else raw.values[kept]
@@ -265,6 +264,10 @@ def point_times_ns(
         times_ns = np.rint((seconds - base) * float(unit_ns)).astype(np.int64) + int(base) * unit_ns
     first, last = int(times_ns.min()), int(times_ns.max())
     if clock.origin == "header":
+        if max(abs(first), abs(last)) > 1.1 * LONGEST_REVOLUTION_NS:
+            raise DecodeError(
+                "the times of its points do not count from its stamp as those of other clouds do"
+            )
         if header_stamp_is in {None, "start"} or first < 0:
             return times_ns + header_ns, kept
     elif clock.origin == "clock" and max(abs(first - header_ns), abs(last - header_ns)) <= OTHER_CLOCK_NS:

@@ -131,7 +131,8 @@ def _write_channel(
             f"it is not sure what the times of its points are: {topic.clock.doubt}; say it in `point_times`, or `ignore`",
             rig=rig.name,
         )
-        sheet.off(4, f"point_times: {{unit: {topic.clock.unit}, since: {topic.clock.origin}}}")
+        since = "header" if topic.clock.origin == "header" else "clock"
+        sheet.off(4, f"point_times: {{unit: {topic.clock.unit}, since: {since}}}")
     if sensor.modality == "lidar" and topic.most_intensity is not None and topic.most_intensity <= 1.0:
         sheet.guess(4, "intensity_scale: 255", "its intensities are 0 to 1; those of nuScenes are 0 to 255")
     if sensor.modality == "lidar" and topic.timed is False:

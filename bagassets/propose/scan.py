@@ -32,7 +32,7 @@ from bagassets.recordings.model import Message, RawMessage
 from bagassets.recordings.recording import Recording
 from bagassets.recordings.topic import Topic
 
-__all__ = ["scan_recording"]
+__all__ = ["point_time_notes", "scan_recording"]
 
 Decode = Callable[..., Any]
 Facts = dict[str, Any]
@@ -70,6 +70,15 @@ def scan_recording(recording: Recording) -> RecordingSummary:
     moving = frozenset(edge for edge, values in scan.transforms.items() if _moves(values))
     sensors = {topic.name for topic in topics.values() if topic.count > 0 and modality_of(topic) is not None}
     return RecordingSummary(topics, transforms, moving, _short_s(recording, sensors))
+
+
+def point_time_notes(summary: RecordingSummary) -> list[str]:
+    """Return a sentence for each lidar with PointCloud2: what the times of its points are."""
+    return [
+        f"{topic.name}: {topic.clock or 'its points have no times'}."
+        for topic in summary.topics.values()
+        if topic.msgtype == POINTCLOUD2 and topic.timed is not None and modality_of(topic) == "lidar"
+    ]
 
 
 class _Scan:
@@ -216,7 +225,7 @@ class _TopicScan:
             facts["most_intensity"] = float(intensities.max())
         if len(reading.points) > 1:
             facts["timed"] = False
-            self._recorded += [] if reading.recorded is None else [reading.recorded]
+        self._recorded += [] if reading.recorded is None else [reading.recorded]
 
     def _take_transforms(self, facts: Facts, decode: Decode, value: Message) -> None:
         facts["frames"] = []

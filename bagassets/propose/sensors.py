@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from bagassets.decode.pointcloud2 import POINTCLOUD2
 from bagassets.decode.registry import AnyFamily, families_of, own_types
 from bagassets.propose.naming import (
     RADAR_WORDS,
@@ -16,15 +15,7 @@ from bagassets.propose.naming import (
 )
 from bagassets.propose.summary import RecordingSummary, TopicSummary
 
-__all__ = [
-    "LeftOut",
-    "Sensor",
-    "find_sensors",
-    "lacks_definition",
-    "modality_of",
-    "point_time_notes",
-    "shown_type",
-]
+__all__ = ["LeftOut", "Sensor", "find_sensors", "lacks_definition", "modality_of", "shown_type"]
 
 _BY_FAMILY: dict[AnyFamily, Modality] = {"image": "camera", "cloud": "lidar", "radar": "radar"}
 # Carries packets of Velodyne lidars only; other types may carry any packets.
@@ -111,15 +102,6 @@ def lacks_definition(topic: TopicSummary) -> bool:
 def shown_type(msgtype: str) -> str:
     """Return a message type as people write it."""
     return msgtype.replace("/msg/", "/")
-
-
-def point_time_notes(summary: RecordingSummary) -> list[str]:
-    """Return a sentence for each lidar with PointCloud2: what the times of its points are."""
-    return [
-        f"{topic.name}: {'its points have no times' if topic.clock is None else topic.clock}."
-        for topic in summary.topics.values()
-        if topic.msgtype == POINTCLOUD2 and topic.timed is not None and modality_of(topic) == "lidar"
-    ]
 
 
 def _unusable(topic: TopicSummary) -> tuple[str, bool]:
