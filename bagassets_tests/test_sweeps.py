@@ -288,8 +288,8 @@ def test_points_at_zero_are_kept_if_the_recipe_says_so(run):
 def test_points_on_an_axis_are_measurements(run):
     columns = {
         "x": np.array([0, 0, 1e-30, -2.0]),
-        "y": np.array([0, -1.0, 0, 2.0]),
-        "z": np.array([1.0, 1.0, 0, 0]),
+        "y": np.array([0, -1.0, 0, 0]),
+        "z": np.array([1.0, 0, 0, 0]),
     }
     result = run(request(lidar(), CLOUD), [raw(cloud(START_NS, columns), CLOUD, START_NS)])
     assert len(result.points()) == 4

@@ -170,10 +170,12 @@ def survey(
     unit = given.unit if given else _unit(clock.field, dtype.kind, low, span)
     if unit is None or span * _UNITS_NS[unit] > LONGEST_REVOLUTION_NS:
         return replace(clock, problem="those of one cloud spread over more than two seconds")
+    if max(abs(low), abs(high)) * _UNITS_NS[unit] >= _LATEST_NS:
+        return replace(clock, problem="they are later than any date")
     starts_ns, span_ns = lows * _UNITS_NS[unit], span * _UNITS_NS[unit]
     period_ns = float(np.diff(np.sort(headers_ns)).max(initial=0.0))
     origin = given.since if given else _origin(starts_ns, span_ns, headers_ns[0])
-    longest_ns = 1.5 * max(period_ns, span_ns) if period_ns else LONGEST_REVOLUTION_NS
+    longest_ns = 1.5 * period_ns if period_ns else LONGEST_REVOLUTION_NS
     clock = replace(
         clock,
         unit=unit,
