@@ -347,6 +347,17 @@ def test_what_is_not_sure_is_asked(run, doubt):
         run(request(lidar(), CLOUD), turns(tell, name=name))
 
 
+def test_more_than_a_few_that_are_garbage_later_are_asked_for(run):
+    """In the first clouds all was well."""
+    tell = lambda n, h: (
+        spoilt(since_header(n, h), np.arange(200), 1_500_000_000) if n > 25 else since_header(n, h)
+    )
+    with pytest.raises(RecipeError, match=r"not sure .*: 6% of them lie apart"):
+        run(request(lidar(), CLOUD), turns(tell, name="t", sweeps=32))
+    told = lidar(point_times={"unit": "ns", "since": "header"})
+    assert untimed(run(request(told, CLOUD), turns(tell, name="t", sweeps=32))) == 1200
+
+
 def test_the_recipe_says_what_times_are(run):
     name, tell = DOUBTFUL["as nanoseconds they last 0.0001 s a cloud, as microseconds 0.1 s"]
     told = lidar(point_times={"unit": "us", "since": "header"})

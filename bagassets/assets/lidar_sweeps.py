@@ -12,7 +12,7 @@ The stamp of a file is the end (or, by the recipe, start or middle) of its revol
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,7 @@ from bagassets.assets.lidar_file import lidar_bytes
 from bagassets.assets.sweep_files import SensorSettings, SensorUse, SweepFiles
 from bagassets.decode.loading import keyed_decoder
 from bagassets.decode.model import CloudReading
-from bagassets.decode.point_times import Moment, PointClock, RecordedTimes, suffice, survey
+from bagassets.decode.point_times import MOST_APART, Moment, PointClock, RecordedTimes, suffice, survey
 from bagassets.decode.pointcloud2 import POINTCLOUD2, read_pointcloud2, with_times, without_zero_points
 from bagassets.errors import DecodeError, RecipeError
 from bagassets.geometry.se3 import SE3
@@ -43,6 +43,7 @@ __all__ = [
 
 Span = tuple[int, int]
 
+_UNTIMED = "no usable time"
 NO_STAMP = "its header has no stamp; set clock: log in the recipe"
 
 
@@ -212,7 +213,7 @@ class CloudSweeps:
         self._by_plugin = use.decoder is not None
         self._by_log_time = use.settings.clock == "log"
         self._clock: PointClock | None = None
-        self._held: list[tuple[CloudReading, int]] = []
+        self._held: list[tuple[CloudReading, RecordedTimes, int]] = []
 
     def add(self, message: Message, raw: RawMessage) -> str:
         """Take one cloud; return its frame.
@@ -226,32 +227,39 @@ class CloudSweeps:
         if reading.recorded is None or self._clock is not None:
             self._write(reading, raw.log_time_ns)
         else:
-            self._held.append((reading, raw.log_time_ns))
-            if suffice(self._recorded(), self._use.point_times):
-                self.finish()
+            self._held.append((reading, reading.recorded, raw.log_time_ns))
+            if suffice([recorded for _, recorded, _ in self._held], self._use.point_times):
+                self._write_held()
         return reading.frame_id
 
     def finish(self) -> None:
         """Write the clouds that are held.
 
         Raises:
-            RecipeError: as `add`.
+            RecipeError: as `add`, or it turns out to be wrong what the times of the points were taken for.
         """
-        if recorded := self._recorded():
-            self._clock = survey(recorded, self._use.point_times)
+        self._write_held()
+        points = self._writer.files.points
+        share = points.dropped.get(_UNTIMED, 0) / max(1, points.read)
+        if share > MOST_APART and self._use.point_times is None:
+            self._ask(f"{share:.0%} of them lie apart from the others of their clouds")
+
+    def _write_held(self) -> None:
+        if self._held:
+            self._clock = survey([recorded for _, recorded, _ in self._held], self._use.point_times)
             if self._clock.doubt:
-                raise RecipeError(
-                    f"{self._use.channel}: it is not sure what the times of the points of {self._use.settings.topic} are: "
-                    f"{self._clock.doubt}; say it in point_times of the channel."
-                )
+                self._ask(self._clock.doubt)
             if self._clock.problem:
                 self._writer.times = f"times that cannot be used, as {self._clock.problem}"
         held, self._held = self._held, []
-        for reading, log_time_ns in held:
+        for reading, _, log_time_ns in held:
             self._write(reading, log_time_ns)
 
-    def _recorded(self) -> list[RecordedTimes]:
-        return [reading.recorded for reading, _ in self._held if reading.recorded is not None]
+    def _ask(self, doubt: str) -> NoReturn:
+        raise RecipeError(
+            f"{self._use.channel}: it is not sure what the times of the points of {self._use.settings.topic} are: {doubt}; "
+            "say it in point_times of the channel."
+        )
 
     def _write(self, reading: CloudReading, log_time_ns: int) -> None:
         if self._clock is not None:
@@ -264,7 +272,7 @@ class CloudSweeps:
         counts = self._writer.files.points
         counts.read += len(reading.points) + reading.dropped + reading.untimed
         counts.drop("no measurement", reading.dropped)
-        counts.drop("no usable time", reading.untimed)
+        counts.drop(_UNTIMED, reading.untimed)
         # With log times, all times of the message shift by as much as its stamp.
         shift = log_time_ns - reading.stamp_ns if self._by_log_time else 0
         start, end = revolution_span_ns(reading, self._use.period_ns, self._use.header_stamp_is)

@@ -35,6 +35,7 @@ from bagassets.recipe.model import PointTimes
 
 __all__ = [
     "LONGEST_REVOLUTION_NS",
+    "MOST_APART",
     "Moment",
     "PointClock",
     "RecordedTimes",
@@ -54,6 +55,8 @@ t_us time_us timestamp_us offset_time_us time_offset_us t_ns time_ns timestamp_n
 TIME_NAMES = tuple(_NAMES.split())
 LONGEST_REVOLUTION_NS = 2_000_000_000
 OTHER_CLOCK_NS = 10_000_000_000
+MOST_APART = 0.05
+"""Share of the points whose times may lie apart from those of the others without a question."""
 
 _UNITS_NS: Mapping[Unit, int] = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1_000, "ns": 1}
 # Smallest time since 1970 in each unit; 1e8 s was in 1973.
@@ -62,7 +65,6 @@ _LATEST_NS = 1 << 62  # beyond is garbage, which might not fit into 64 bits
 _SURVEYED = 5  # clouds with points from which it is decided what times are
 _PATIENCE = 25  # clouds, since sensors take time to start: some have no points, or come in a burst
 _TAIL = 0.1  # share of the points, at either end, that the decision does not depend on
-_MOST_APART = 0.05  # share of the points that may lie apart without a question
 _LONGEST_PERIODS = 2.5  # from cloud to cloud, in which one may last without a question
 
 
@@ -230,7 +232,7 @@ def _doubt(clock: PointClock, kind: str, period_ns: float) -> str:
         return f"as nanoseconds they last {span_s:.2g} s a cloud, as microseconds {1000 * span_s:.2g} s"
     if 0 < _LONGEST_PERIODS * period_s < span_s:
         return f"they last {span_s:.2g} s a cloud, but clouds come every {period_s:.2g} s"
-    if clock.apart > _MOST_APART:
+    if clock.apart > MOST_APART:
         return f"{clock.apart:.0%} of them lie apart from the others of their clouds"
     return ""
 

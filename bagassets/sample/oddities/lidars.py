@@ -66,13 +66,9 @@ def _uptime(events: Iterator[Event], truth: Truth) -> Iterator[Event]:
 
 def _simulated(events: Iterator[Event], truth: Truth) -> Iterator[Event]:
     """All clocks start at 0, that of the recorder, too, and points tell seconds of it."""
+    by_ns = truth.start_ns
     earlier = (
-        event(
-            one.log_time_ns - truth.start_ns,
-            one.topic,
-            one.msgtype,
-            partial(_earlier, one.make, truth.start_ns),
-        )
+        event(one.log_time_ns - by_ns, one.topic, one.msgtype, partial(_earlier, one.make, by_ns))
         for one in events
         if one.make is not None
     )
