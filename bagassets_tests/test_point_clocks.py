@@ -257,6 +257,28 @@ def test_a_clock_of_another_time_scale_agrees_with_the_headers(run, offset_s):
     assert_true(run(request(lidar(header_stamp_is="start"), CLOUD), turns(tell)))
 
 
+@pytest.mark.parametrize("number", [0, 1])
+def test_clouds_without_points_tell_nothing(run, number):
+    """A lidar that takes seconds to start sends some."""
+    few = list(
+        turns(
+            lambda n, h: since_header(n, h)[:number],
+            name="t",
+            xyz={a: v[:number] for a, v in XYZ.items()},
+            sweeps=40,
+        )
+    )
+    messages = [*few, *list(turns(since_header, name="t", sweeps=50))[40:]]
+    result = run(request(lidar(), CLOUD), messages)
+    assert np.abs(ends(result)[-10:] - headers(sweeps=50)[40:] - LAST_NS).max() <= 1
+
+
+def test_times_that_are_not_set_at_first_are_used_later(run):
+    tell = lambda n, h: since_header(n, h) * np.uint32(n > 6)
+    result = run(request(lidar(), CLOUD), turns(tell, name="t", sweeps=30))
+    assert np.abs(ends(result) - headers(sweeps=30) - LAST_NS * (np.arange(30) > 6)).max() <= 1
+
+
 def test_clouds_that_start_in_a_burst_are_no_question(run):
     """The host stamps what waited while the driver started."""
     told = OFFSETS_NS / 1e9

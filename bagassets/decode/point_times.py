@@ -63,7 +63,7 @@ _UNITS_NS: Mapping[Unit, int] = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1_00
 _DATES: Mapping[Unit, float] = {"ns": 1e17, "us": 1e14, "ms": 1e11, "s": 1e8}
 _LATEST_NS = 1 << 62  # beyond is garbage, which might not fit into 64 bits
 _SURVEYED = 5  # clouds with points from which it is decided what times are
-_PATIENCE = 25  # clouds, since sensors take time to start: some have no points, or come in a burst
+_PATIENCE = 15  # as many if these leave a doubt or cannot be used: sensors take time to start
 _TAIL = 0.1  # share of the points, at either end, that the decision does not depend on
 _LONGEST_PERIODS = 2.5  # from cloud to cloud, in which one may last without a question
 
@@ -143,9 +143,12 @@ def recorded_times(
 
 
 def suffice(clouds: Sequence[RecordedTimes], given: PointTimes | Literal["ignore"] | None = None) -> bool:
-    """Tell whether so many first clouds suffice for `survey`: more if something is in doubt, or few have points."""
+    """Tell whether so many first clouds suffice for `survey`; those of less than two points tell nothing."""
     telling = sum(len(cloud.values) > 1 for cloud in clouds)
-    return len(clouds) >= _PATIENCE or (telling >= _SURVEYED and not survey(clouds, given).doubt)
+    if telling != _SURVEYED or given is not None:
+        return telling >= (_PATIENCE if given is None else _SURVEYED)
+    clock = survey(clouds)
+    return not (clock.doubt or clock.problem)
 
 
 def survey(
