@@ -224,7 +224,7 @@ class CloudSweeps:
         """
         reading = self._reading(message)
         self._writer.files.counts.read += 1
-        if reading.recorded is None or self._clock is not None:
+        if reading.recorded is None or self._clock is not None or not len(reading.points):
             self._write(reading, raw.log_time_ns)
         else:
             self._held.append((reading, reading.recorded, raw.log_time_ns))
