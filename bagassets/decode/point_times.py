@@ -128,13 +128,7 @@ class PointClock:
 def recorded_times(
     fields: Mapping[str, Column], keep: NDArray[np.bool_] | None, header_ns: int
 ) -> RecordedTimes | None:
-    """Return the recorded times of a cloud; None if it has no field for them.
-
-    Args:
-        fields: field name -> (height, width) values.
-        keep: (height * width,) which points to keep; None for all.
-        header_ns: header stamp.
-    """
+    """Return the times in (height, width) fields of those points of a cloud that are kept; None if no field is for them."""
     name = next((name for name in TIME_NAMES if name in fields), None)
     if name is None:
         return None

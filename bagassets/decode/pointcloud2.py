@@ -160,16 +160,9 @@ def read_pointcloud2(message: Message) -> CloudReading:
 def with_times(
     reading: CloudReading, clock: PointClock, header_stamp_is: Moment | None, stamp_is: Moment
 ) -> CloudReading:
-    """Return a cloud with the times of its points; those without a time that can be used are dropped and counted.
+    """Return a cloud with the times of its points; those that have none are dropped and counted.
 
-    Args:
-        reading: as recorded.
-        clock: what the times of its topic are.
-        header_stamp_is: as for `decode_pointcloud2`.
-        stamp_is: likewise.
-
-    Raises:
-        DecodeError: the times of most points do not agree.
+    Arguments and errors are those of `point_times_ns`.
     """
     if reading.recorded is None or clock.problem or not len(reading.points):
         return reading
