@@ -110,12 +110,9 @@ def record(path, odd):
 
 
 SAID = {
-    None: "the times of its points (t) count ns since the header stamp, 0.100 s a cloud.",
     "dates-with-zeros": "(timestamp) count s by the clock of the header stamps, 0.100 s a cloud; 0.",
-    "garbage-times": "(t) count ns since the header stamp, 0.100 s a cloud; 0.",
     "uptime": "(t) count ns by another clock (-1749996701.6 s), of which only differences are used, 0.100 s a cloud.",
-    "simulated-clock": "(timestamp) count s by the clock of the header stamps, 0.100 s a cloud.",
-    "zero-points": "the times of its points (t) count ns since the header stamp, 0.100 s a cloud.",
+    "zero-points": ": the times of its points (t) count ns since the header stamp, 0.100 s a cloud.",
 }
 
 
