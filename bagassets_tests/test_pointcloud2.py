@@ -114,10 +114,23 @@ def test_intensity_wins_over_reflectivity():
     assert decode_pointcloud2(cloud(0, fields)).points[0, 3] == 4
 
 
-def test_row_step_may_be_left_out_of_an_unorganised_cloud():
-    message = cloud(0, xyz(3))
-    message.row_step = 0
-    assert len(decode_pointcloud2(message).points) == 3
+@pytest.mark.parametrize("height", [1, 2, 3])
+@pytest.mark.parametrize("row_step", [0, 1, 2, 6, 12, 35, 37, 2**32 - 1])
+def test_row_step_does_not_count_if_the_data_are_as_long_as_rows_without_gaps(height, row_step):
+    """Drivers leave it zero, give it in points, or that of the whole cloud."""
+    message = cloud(0, xyz(6))
+    message.height, message.width, message.row_step = height, 6 // height, row_step
+    assert np.array_equal(decode_pointcloud2(message).points[:, 2], 3 * np.arange(1.0, 7))
+
+
+def test_rows_with_gaps_need_their_row_step():
+    """Its data have the size of no other layout that is known."""
+    message = cloud(0, xyz(6))
+    message.height, message.width, message.row_step = 2, 2, 36
+    assert decode_pointcloud2(message).points[:, 0].tolist() == [1, 2, 4, 5]
+    message.row_step = 24
+    with pytest.raises(DecodeError, match="size"):
+        decode_pointcloud2(message)
 
 
 @pytest.mark.parametrize(
@@ -127,8 +140,6 @@ def test_row_step_may_be_left_out_of_an_unorganised_cloud():
         {"width": 2},
         {"height": 2},
         {"point_step": 13},
-        {"row_step": 35},
-        {"row_step": 37},
         {"data": np.zeros(35, np.uint8)},
         {"data": np.zeros(0, np.uint8)},
     ],

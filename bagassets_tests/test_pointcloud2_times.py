@@ -6,7 +6,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bagassets.decode.pointcloud2 import decode_pointcloud2
-from bagassets.errors import DecodeError
 from bagassets_tests.sweep_data import cloud
 
 HEADER_NS = 1_700_000_000_250_000_000
@@ -104,9 +103,13 @@ def test_times_of_dropped_points_are_dropped():
     assert reading.times_ns.tolist() == [HEADER_NS, HEADER_NS + 2_000]
 
 
-def test_a_time_that_is_not_finite_is_refused():
-    with pytest.raises(DecodeError, match="field time"):
-        times("time", np.array([0.0, np.nan, 0.1], np.float32))
+def test_a_point_whose_time_is_not_finite_is_dropped_and_counted():
+    columns = {axis: np.array([1.0, 2, 3], np.float32) for axis in "xyz"}
+    columns["time"] = np.array([0.0, np.nan, 0.1], np.float32)
+    reading = decode_pointcloud2(cloud(HEADER_NS, columns))
+    assert reading.untimed == 1
+    assert reading.points[:, 0].tolist() == [1.0, 3.0]
+    assert np.abs(reading.times_ns - HEADER_NS - [0, 100_000_000]).max() <= 5
 
 
 @given(

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bagassets.decode.point_times import PointClock
 from bagassets.errors import RecipeError
 from bagassets.escaping import yaml_scalar
 from bagassets.geometry.se3 import SE3
@@ -249,6 +250,37 @@ def test_clouds_without_point_times_ask_what_their_header_means(tmp_path):
     assert said.rigs[0].channels["LIDAR_TOP"].header_stamp_is == "start"
     for timed in (True, None):
         assert "header_stamp_is" not in text_of(lidars(timed))
+
+
+def test_times_that_cannot_be_used_are_not_said_to_be_missing():
+    clock = PointClock("t", problem="they do not differ")
+    text = text_of(summary(topic("/points", CLOUD, frame="lidar", timed=False, clock=clock), odometry()))
+    assert "times that cannot be used, as they do not differ. Some" in " ".join(text.replace("#", "").split())
+
+
+def test_times_of_points_that_are_not_sure_are_asked_for(tmp_path):
+    def lidar(doubt):
+        one = topic("/points", CLOUD, frame="lidar", timed=True, clock=PointClock("t", doubt=doubt))
+        return summary(one, odometry(), edges=[("base_link", "lidar")])
+
+    assert questions_of(lidar("")) == []
+    asked = lidar("as nanoseconds they last 0.0001 s a cloud, as microseconds 0.1 s")
+    assert questions_of(asked) == [("rig", "LIDAR_TOP")]
+    text = text_of(asked)
+    assert "it is not sure what the times of its points are: as nano" in " ".join(
+        text.replace("#", "").split()
+    )
+    answer = text.replace("# point_times: {unit: ns,", "point_times: {unit: us,")
+    channel = parse_recipe(answer, tmp_path / "r.yaml").rigs[0].channels["LIDAR_TOP"]
+    assert (channel.point_times.unit, channel.point_times.since) == ("us", "header")
+
+
+@pytest.mark.parametrize(
+    ("most", "scale"), [(None, 1.0), (0.75, 255.0), (1.0, 255.0), (255.0, 1.0), (1.5, 1.0)]
+)
+def test_intensities_up_to_one_are_scaled_to_those_of_nuscenes(tmp_path, most, scale):
+    one = summary(topic("/points", CLOUD, frame="lidar", most_intensity=most), odometry())
+    assert proposed(one, tmp_path).rigs[0].channels["LIDAR_TOP"].intensity_scale == scale
 
 
 def test_missing_transform_is_asked_for_where_the_recipe_is_refused(tmp_path):

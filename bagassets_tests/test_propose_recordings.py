@@ -252,6 +252,25 @@ def test_times_that_a_build_would_not_use_are_none(tmp_path):
     assert cloud_of_two(Bag(tmp_path / "a.bag"), "time", 0.0).timed is False
 
 
+def test_the_times_of_points_are_looked_at_in_several_clouds(tmp_path):
+    """Whether they are nanoseconds or microseconds shows in the time from one to the next; the points at zero do not count."""
+    bag = Bag(tmp_path / "a.bag")
+    field, cloud = (bag.types[f"sensor_msgs/msg/{name}"] for name in ("PointField", "PointCloud2"))
+    fields = [
+        field(name, 4 * place, kind, 1)
+        for place, (name, kind) in enumerate(zip("xyzt", (7, 7, 7, 6), strict=True))
+    ]
+    points = np.zeros(60, [("xyz", "<f4", 3), ("t", "<u4")])
+    points["xyz"][:40], points["t"][:40] = 1.0, np.linspace(0, 99_000, 40)
+    data = points.view(np.uint8).reshape(-1)
+    for number in range(30):
+        message = cloud(bag.header(number / 10, "lidar"), 1, 60, fields, False, 16, 960, data, True)
+        bag.add(number / 10, "/points", "sensor_msgs/msg/PointCloud2", message)
+    clock = bag.scan().topics["/points"].clock
+    assert (clock.field, clock.unit, clock.origin) == ("t", "ns", "header")
+    assert clock.doubt == "as nanoseconds they last 9.9e-05 s a cloud, as microseconds 0.099 s"
+
+
 @pytest.mark.parametrize("increment_s", [0.0, 0.001])
 def test_scans_say_whether_their_rays_have_times(tmp_path, increment_s):
     bag = Bag(tmp_path / "a.bag")

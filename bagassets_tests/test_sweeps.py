@@ -75,10 +75,26 @@ def test_fields_that_do_not_shape_the_bytes_do_not_enter_the_key():
         {"stamp_offset_s": 0.1},
         {"min_range_m": 1.0},
         {"max_range_m": 100.0},
+        {"intensity_scale": 255.0},
+        {"zero_points": "keep"},
+        {"point_times": "ignore"},
+        {"point_times": {"unit": "us", "since": "header"}},
     ],
 )
 def test_fields_that_shape_the_bytes_enter_the_key(changed):
-    assert request(lidar(**changed), CLOUD) != request(lidar(), CLOUD)
+    assert as_json(request(lidar(**changed), CLOUD).params) != as_json(request(lidar(), CLOUD).params)
+
+
+def test_packets_have_the_key_that_they_had_before_points_at_zero_were_dropped():
+    fields = ["deskew", "header_stamp_is", "zero_points", "point_times", "intensity_scale"]
+    assert as_json(request(lidar(), SCAN).params).keys() & set(fields) == {"deskew"}
+    assert as_json(request(lidar(), CLOUD).params).keys() & set(fields) == {*fields[:3]}
+
+
+@pytest.mark.parametrize("msgtype", [SCAN, LASER])
+def test_times_of_points_are_those_of_a_pointcloud2(msgtype):
+    with pytest.raises(RecipeError, match="point_times can be set for PointCloud2 only, but /sensor carries"):
+        request(lidar(point_times="ignore"), msgtype)
 
 
 @pytest.mark.parametrize("changed", [{"model": "VLP-16"}, {"cut_angle_deg": 180.0}, {"cut_angle_deg": 0.0}])
@@ -236,6 +252,72 @@ def test_points_that_are_not_finite_are_counted(run):
     columns = {axis: np.array([1, np.nan, 3], np.float32) for axis in "xyz"}
     result = run(request(lidar(), CLOUD), [raw(cloud(START_NS, columns), CLOUD, START_NS)])
     assert result.summary["points"] == {"read": 3, "written": 2, "dropped": {"no measurement": 1}}
+
+
+def with_zeros(number, factors=None):
+    """Clouds of five points, the second and fourth of which are at 0, 0, 0, and their twins without these.
+
+    Their times are dates, multiplied by the factors.
+    """
+    columns = {axis: np.array([1, 0, 3, 0, 5], np.float32) for axis in "xyz"} | {"intensity": np.arange(5.0)}
+    for kept in (slice(None), slice(None, None, 2)):
+        messages = []
+        for stamp in range(START_NS, START_NS + number * PERIOD_NS, PERIOD_NS):
+            dates_s = (stamp + np.array([0, 20, 40, 70, 100]) * 1_000_000) / 1e9
+            times = {} if factors is None else {"timestamp": dates_s * factors}
+            chosen = {name: values[kept] for name, values in (columns | times).items()}
+            messages.append(raw(cloud(stamp, chosen), CLOUD, stamp))
+        yield messages
+
+
+@pytest.mark.parametrize("factors", [None, np.ones(5), np.array([1, 0, 1, 0, 1]), np.array([1, 0, 1, 9, 1])])
+def test_points_at_zero_are_no_measurements_and_change_nothing(run, factors):
+    """Their times, zeros among dates or garbage, do not count, either."""
+    odd, twin = (run(request(lidar(), CLOUD), messages) for messages in with_zeros(3, factors))
+    assert odd.index == twin.index
+    assert odd.summary["points"] == {"read": 15, "written": 9, "dropped": {"no measurement": 6}}
+
+
+def test_points_at_zero_are_kept_if_the_recipe_says_so(run):
+    odd, _ = with_zeros(1)
+    result = run(request(lidar(zero_points="keep"), CLOUD), odd)
+    assert result.points()[:, 0].tolist() == [1, 0, 3, 0, 5]
+    assert result.summary["points"]["dropped"] == {}
+
+
+def test_points_on_an_axis_are_measurements(run):
+    columns = {
+        "x": np.array([0, 0, 1e-30, -2.0]),
+        "y": np.array([0, -1.0, 0, 0]),
+        "z": np.array([1.0, 0, 0, 0]),
+    }
+    result = run(request(lidar(), CLOUD), [raw(cloud(START_NS, columns), CLOUD, START_NS)])
+    assert len(result.points()) == 4
+
+
+def test_rays_of_a_laser_scan_that_hit_nothing_are_at_zero(run):
+    """A driver with range_min 0 sends 0 for no return."""
+    scan = Scan(
+        header(START_NS), np.array([5, 0, 5], np.float32), np.zeros(0), time_increment=0.001, range_min=0.0
+    )
+    result = run(request(lidar(), LASER), [raw(scan, LASER, START_NS)])
+    assert result.summary["points"] == {"read": 3, "written": 2, "dropped": {"no measurement": 1}}
+    assert result.index[0]["end_ns"] == START_NS + 2_000_000
+
+
+def test_a_cloud_of_nothing_but_points_at_zero_is_lost_and_counted(run):
+    columns = {axis: np.zeros(4, np.float32) for axis in "xyz"} | {"t": np.zeros(4, np.uint32)}
+    messages = [raw(cloud(START_NS, columns), CLOUD, START_NS), *clouds(2)]
+    assert run(request(lidar(), CLOUD), messages).lost == {"no point in it": 1}
+
+
+@pytest.mark.parametrize(("msgtype", "source"), [(CLOUD, clouds), (SCAN, scans)])
+def test_intensities_are_scaled(run, msgtype, source):
+    more = {"intensity": np.array([0, 0.25, 0.5, 1.0], np.float32)} if msgtype == CLOUD else {}
+    plain = run(request(lidar(), msgtype), source(3, **more))
+    scaled = run(request(lidar(intensity_scale=255.0), msgtype), source(3, **more))
+    assert np.array_equal(scaled.points()[:, 3], plain.points()[:, 3] * np.float32(255))
+    assert np.array_equal(scaled.points()[:, [0, 1, 2, 4]], plain.points()[:, [0, 1, 2, 4]])
 
 
 def test_a_cloud_without_points_is_lost_and_counted(run):

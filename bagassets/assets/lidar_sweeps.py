@@ -3,7 +3,8 @@
 The stamp of a file is the end (or, by the recipe, start or middle) of its revolution, which is derived
 
 * for packets from the packets at both cuts (`bagassets.assets.revolutions`);
-* for clouds with point times, and laser scans, from the first and the last time;
+* for clouds with point times, and laser scans, from the first and the last time; what the times of a `PointCloud2` are
+  is decided for all of a topic from its first clouds, which are held until then;
 * for other clouds from the message's stamp and the median period of the topic, if the recipe says which moment of the
   revolution the stamp is (`header_stamp_is`). If it does not, or if a single message gives no period, the stamp stays
   as recorded, and the span in the index is that moment.
@@ -11,7 +12,7 @@ The stamp of a file is the end (or, by the recipe, start or middle) of its revol
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,10 +23,12 @@ from bagassets.assets.lidar_file import lidar_bytes
 from bagassets.assets.sweep_files import SensorSettings, SensorUse, SweepFiles
 from bagassets.decode.loading import keyed_decoder
 from bagassets.decode.model import CloudReading
-from bagassets.decode.point_times import Moment
+from bagassets.decode.point_times import MOST_APART, Moment, PointClock, RecordedTimes, suffice, survey
+from bagassets.decode.pointcloud2 import POINTCLOUD2, read_pointcloud2, with_times, without_zero_points
 from bagassets.errors import DecodeError, RecipeError
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.trajectory import Trajectory
+from bagassets.recipe.model import PointTimes
 from bagassets.recordings.model import Message, RawMessage
 
 __all__ = [
@@ -40,6 +43,7 @@ __all__ = [
 
 Span = tuple[int, int]
 
+_UNTIMED = "no usable time"
 NO_STAMP = "its header has no stamp; set clock: log in the recipe"
 
 
@@ -53,6 +57,7 @@ class LidarSettings(SensorSettings):
         deskew: True if points are corrected for the motion of the sensor.
         min_range_m: nearer points are dropped.
         max_range_m: farther points are dropped; None for no limit.
+        intensity_scale: recorded intensities are multiplied by it.
     """
 
     stamp: Moment
@@ -60,6 +65,7 @@ class LidarSettings(SensorSettings):
     deskew: bool
     min_range_m: float
     max_range_m: float | None
+    intensity_scale: float = omitted(1.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,10 +89,14 @@ class CloudUse(LidarUse):
     Attributes:
         header_stamp_is: which time of a revolution the recorded stamp is; None if the recipe does not say.
         period_ns: median time between two messages, if the recipe has `header_stamp_is`; None for a single message.
+        zero_points: what becomes of points at exactly 0, 0, 0.
+        point_times: what the times of the points of a `PointCloud2` are; None to take it from them.
     """
 
     header_stamp_is: Moment | None
     period_ns: int | None
+    zero_points: Literal["drop", "keep"]
+    point_times: PointTimes | Literal["ignore"] | None = omitted()
 
 
 def revolution_span_ns(
@@ -111,17 +121,22 @@ class LidarWriter:
         use: everything that shapes the files.
         files: writes them.
         trajectory: returns the ego poses; called only if the sweeps are deskewed.
+
+    Attributes:
+        times: what points without times have, for an error.
     """
 
     def __init__(self, use: LidarUse, files: SweepFiles, trajectory: Callable[[], Trajectory]) -> None:
         settings = use.settings
         self.files = files
+        self.times = "no times"
         self._name = use.channel
         self._topic = settings.topic
         self._stamp = settings.stamp
         self._offset_ns = round(settings.stamp_offset_s * 1e9)
         self._min_m = settings.min_range_m
         self._max_m = settings.max_range_m
+        self._intensity_scale = settings.intensity_scale
         self._motion: tuple[Trajectory, SE3] | None = None
         if use.ego_SE3_sensor is not None:
             mount = use.ego_SE3_sensor
@@ -138,7 +153,7 @@ class LidarWriter:
     ) -> None:
         """Write one revolution; all times are on the clock of the recipe, without the channel's own offset.
 
-        Its points are deskewed in place.
+        Its points are deskewed and scaled in place.
 
         Raises:
             RecipeError: deskewing is on, but the points have no times.
@@ -155,12 +170,14 @@ class LidarWriter:
         if self._motion is not None:
             if times_ns is None:
                 raise RecipeError(
-                    f"{self._name}: the points of {self._topic} have no times, so they cannot be "
+                    f"{self._name}: the points of {self._topic} have {self.times}, so they cannot be "
                     "deskewed; set deskew: false."
                 )
             if not deskew(points, times_ns, stamp, *self._motion):
                 self.files.lose("no ego pose to deskew with", parts, len(points))
                 return
+        if self._intensity_scale != 1.0:
+            points[:, 3] *= np.float32(self._intensity_scale)
         data = lidar_bytes(points)
         self.files.write(stamp, log_time_ns, data, len(points), parts=parts, span_ns=span_ns)
 
@@ -180,42 +197,95 @@ class LidarWriter:
 
 
 class CloudSweeps:
-    """One file per PointCloud2 or LaserScan message."""
+    """One file per PointCloud2 or LaserScan message.
 
-    def __init__(self, use: CloudUse, writer: LidarWriter) -> None:
+    Args:
+        use: everything that shapes the files.
+        writer: writes the revolutions.
+        fail: called with the text of an error, and, twice, with how many messages it cost.
+    """
+
+    def __init__(self, use: CloudUse, writer: LidarWriter, fail: Callable[[str, int, int], None]) -> None:
+        self._use = use
         self._writer = writer
+        self._fail = fail
         self._decode = keyed_decoder("cloud", use.msgtype, use.decoder)
         self._by_plugin = use.decoder is not None
-        self._header_stamp_is = use.header_stamp_is
-        self._stamp = use.settings.stamp
-        self._period_ns = use.period_ns
         self._by_log_time = use.settings.clock == "log"
+        self._clock: PointClock | None = None
+        self._held: list[tuple[CloudReading, RecordedTimes, int]] = []
 
     def add(self, message: Message, raw: RawMessage) -> str:
-        """Write one cloud; return its frame.
+        """Take one cloud; return its frame.
 
         Raises:
             DecodeError: the message is not a usable cloud.
-            RecipeError: see `LidarWriter.write`.
+            RecipeError: see `LidarWriter.write`; or it is not sure what the times of the points are.
         """
         reading = self._reading(message)
-        files = self._writer.files
-        files.counts.read += 1
-        files.points.read += len(reading.points) + reading.dropped
-        files.points.drop("no measurement", reading.dropped)
-        # With log times, all times of the message shift by as much as its stamp.
-        shift = raw.log_time_ns - reading.stamp_ns if self._by_log_time else 0
-        start, end = revolution_span_ns(reading, self._period_ns, self._header_stamp_is)
-        times = reading.times_ns if reading.times_ns is None or not shift else reading.times_ns + shift
-        points = reading.points.copy() if self._by_plugin else reading.points  # a plug-in may keep its own
-        self._writer.write(points, times, (start + shift, end + shift), raw.log_time_ns)
+        self._writer.files.counts.read += 1
+        if reading.recorded is None or self._clock is not None or not len(reading.points):
+            self._write(reading, raw.log_time_ns)
+        else:
+            self._held.append((reading, reading.recorded, raw.log_time_ns))
+            if suffice([recorded for _, recorded, _ in self._held], self._use.point_times):
+                self._write_held()
         return reading.frame_id
 
     def finish(self) -> None:
-        """Do nothing: no message is pending."""
+        """Write the clouds that are held.
+
+        Raises:
+            RecipeError: as `add`, or it turns out to be wrong what the times of the points were taken for.
+        """
+        self._write_held()
+        points = self._writer.files.points
+        share = points.dropped.get(_UNTIMED, 0) / max(1, points.read)
+        if share > MOST_APART and self._use.point_times is None:
+            self._ask(f"{share:.0%} of them lie apart from the others of their clouds")
+
+    def _write_held(self) -> None:
+        if self._held:
+            self._clock = survey([recorded for _, recorded, _ in self._held], self._use.point_times)
+            if self._clock.doubt:
+                self._ask(self._clock.doubt)
+            if self._clock.problem:
+                self._writer.times = f"times that cannot be used, as {self._clock.problem}"
+        held, self._held = self._held, []
+        for reading, _, log_time_ns in held:
+            self._write(reading, log_time_ns)
+
+    def _ask(self, doubt: str) -> NoReturn:
+        raise RecipeError(
+            f"{self._use.channel}: it is not sure what the times of the points of {self._use.settings.topic} are: {doubt}; "
+            "say it in point_times of the channel."
+        )
+
+    def _write(self, reading: CloudReading, log_time_ns: int) -> None:
+        if self._clock is not None:
+            meant = (self._use.header_stamp_is, self._use.settings.stamp)
+            try:
+                reading = with_times(reading, self._clock, *meant)
+            except DecodeError as err:
+                self._fail(str(err), 1, 1)
+                return
+        counts = self._writer.files.points
+        counts.read += len(reading.points) + reading.dropped + reading.untimed
+        counts.drop("no measurement", reading.dropped)
+        counts.drop(_UNTIMED, reading.untimed)
+        # With log times, all times of the message shift by as much as its stamp.
+        shift = log_time_ns - reading.stamp_ns if self._by_log_time else 0
+        start, end = revolution_span_ns(reading, self._use.period_ns, self._use.header_stamp_is)
+        times = reading.times_ns if reading.times_ns is None or not shift else reading.times_ns + shift
+        points = reading.points.copy() if self._by_plugin else reading.points  # a plug-in may keep its own
+        self._writer.write(points, times, (start + shift, end + shift), log_time_ns)
 
     def _reading(self, message: Message) -> CloudReading:
-        reading: CloudReading = self._decode(message, self._header_stamp_is, self._stamp)
+        reading: CloudReading
+        if self._use.msgtype == POINTCLOUD2:
+            reading = read_pointcloud2(message)
+        else:
+            reading = self._decode(message, self._use.header_stamp_is, self._use.settings.stamp)
         if self._by_plugin and not reading.stamp_ns and not self._by_log_time:
             raise DecodeError(NO_STAMP)
-        return reading
+        return reading if self._use.zero_points == "keep" else without_zero_points(reading)

@@ -7,8 +7,9 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
+from typing import Literal
 
-from bagassets.assets.asset import Asset, Facts, Inputs, Use, uses_of
+from bagassets.assets.asset import Asset, Facts, Inputs, Use, omitted, uses_of
 from bagassets.assets.calibration import CALIBRATION
 from bagassets.assets.ego_poses import EGO_POSES
 from bagassets.assets.inventory import INVENTORY
@@ -26,12 +27,13 @@ from bagassets.assets.sweep_files import SweepFiles
 from bagassets.assets.topic_types import require_decoder
 from bagassets.decode.fields import check_points, stamp_ns
 from bagassets.decode.point_times import Moment
+from bagassets.decode.pointcloud2 import POINTCLOUD2
 from bagassets.errors import DecodeError, LossLimitError, RecipeError
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.json_types import JsonObject
 from bagassets.quality.channel_rules import channels_complete
 from bagassets.quality.check import RecordingCheck
-from bagassets.recipe.model import LidarChannel, RadarChannel, Recipe, Rig
+from bagassets.recipe.model import LidarChannel, PointTimes, RadarChannel, Recipe, Rig
 from bagassets.recordings.model import Message, RawMessage
 from bagassets.recordings.recording import Recording
 from bagassets.store.artifact import ArtifactWriter
@@ -50,12 +52,16 @@ class LidarChannelSettings:
         header_stamp_is: for clouds, which time of a revolution their stamps are.
         model: for packets, the model of the lidar.
         cut_angle_deg: for packets, azimuth at which revolutions begin.
+        zero_points: for clouds, what becomes of points at exactly 0, 0, 0.
+        point_times: for clouds, what the times of their points are.
     """
 
     common: LidarSettings
     header_stamp_is: Moment | None
     model: str | None
     cut_angle_deg: float | None
+    zero_points: Literal["drop", "keep"]
+    point_times: PointTimes | Literal["ignore"] | None = omitted()
 
 
 @dataclass(frozen=True)
@@ -99,12 +105,15 @@ def _settings_of_lidar(recipe: Recipe, rig: Rig, channel: LidarChannel) -> Lidar
         deskew=channel.deskew,
         min_range_m=channel.min_range_m,
         max_range_m=channel.max_range_m,
+        intensity_scale=channel.intensity_scale,
     )
     return LidarChannelSettings(
         common=common,
         header_stamp_is=channel.header_stamp_is,
         model=channel.model,
         cut_angle_deg=channel.cut_angle_deg,
+        zero_points=channel.zero_points,
+        point_times=channel.point_times,
     )
 
 
@@ -124,13 +133,18 @@ def _use_of_lidar(facts: Facts, name: str, settings: LidarChannelSettings) -> Us
     changing them makes no sweeps stale.
 
     Raises:
-        RecipeError: the recipe has settings for packets, but the topic carries clouds.
+        RecipeError: the recipe has settings for messages of another type than the topic carries.
         DecodeError: the topic carries something else.
         PluginError: several decoder plug-ins claim the type of its messages.
     """
     common = settings.common
     topic = facts.inventory.topic(common.topic)
     decoder = require_decoder(name, topic.name, topic.msgtype, "cloud", "packets")
+    if settings.point_times is not None and topic.msgtype != POINTCLOUD2:
+        raise RecipeError(
+            f"{name}: point_times can be set for PointCloud2 only, but {topic.name} carries {topic.msgtype}; remove it "
+            "from the recipe."
+        )
     mount = facts.calibration.channels[name].ego_SE3_sensor if common.deskew else None
     inputs = {EGO_POSES.name: facts.artifact(EGO_POSES.name).digest} if common.deskew else {}
     lidar = LidarUse(
@@ -150,6 +164,8 @@ def _use_of_lidar(facts: Facts, name: str, settings: LidarChannelSettings) -> Us
         header_stamp_is=settings.header_stamp_is,
         # The length of a revolution is only needed with `header_stamp_is`.
         period_ns=None if settings.header_stamp_is is None else topic.period_ns,
+        zero_points=settings.zero_points,
+        point_times=settings.point_times,
     )
     return Use(clouds, (topic.name,), inputs)
 
@@ -207,7 +223,7 @@ class SweepExtractor:
                 topic = recording.topics[use.settings.topic]
                 self._sweeps = PacketSweeps(use, writer, topic, self._decoded, self._fail_parts)
             case CloudUse():
-                self._sweeps = CloudSweeps(use, LidarWriter(use, self._files, trajectory))
+                self._sweeps = CloudSweeps(use, LidarWriter(use, self._files, trajectory), self._fail_parts)
 
     def add(self, message: RawMessage) -> None:
         """Take the next message; one that cannot be decoded is counted as lost."""

@@ -38,11 +38,14 @@ def inspect(bag: Path, as_json: bool, definitions: tuple[Path, ...], recipe: Pat
     """Print what a recording holds.
 
     BAG is a .bag, .mcap or .db3 file, or a ROS 2 bag folder. It is read completely. The inventory
-    shows topics, types, counts, rates, gaps, frames, the offset of header stamps from log time, place and daylight.
+    shows topics, types, counts, rates, gaps, frames, the offset of header stamps from log time, place and daylight, and
+    what a build takes the times of lidar points for.
     """
+    import json
     import tempfile
 
     from bagassets.assets.inventory import make_inventory
+    from bagassets.propose.scan import point_time_notes, scan_recording
     from bagassets.recordings.describe import describe_inventory
     from bagassets.recordings.discover import find_one
     from bagassets.recordings.open import open_recording
@@ -60,10 +63,10 @@ def inspect(bag: Path, as_json: bool, definitions: tuple[Path, ...], recipe: Pat
         writer = ArtifactWriter(Path(folder) / "inventory")
         with open_recording(found, folders, limits) as recording:
             make_inventory(recording, writer, size=found.size)
-        text = next(Path(folder).rglob("inventory.json")).read_text(encoding="utf-8")
+            notes = point_time_notes(scan_recording(recording))
+        inventory = json.loads(next(Path(folder).rglob("inventory.json")).read_text(encoding="utf-8"))
+    inventory["notes"] += notes
     if as_json:
-        echo_lines(text, nl=False)
+        echo_lines(json.dumps(inventory, sort_keys=True, indent=1, ensure_ascii=False))
         return
-    import json
-
-    echo_lines(f"{visible(str(bag))}\n\n{describe_inventory(json.loads(text))}", nl=False)
+    echo_lines(f"{visible(str(bag))}\n\n{describe_inventory(inventory)}", nl=False)

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from bagassets.decode.point_times import RecordedTimes
 from bagassets.geometry.se3 import SE3
 
 __all__ = ["BoxReading", "CloudReading", "ImageReading", "PoseReading", "RadarReading", "TransformReading"]
@@ -39,8 +40,10 @@ class CloudReading:
         frame_id: sensor frame, without leading slash.
         points: (N, 5) float32: x, y, z in metres in the sensor frame, intensity, ring.
         times_ns: (N,) int64 absolute time of each point, or None if not recorded.
-        dropped: number of points dropped because they are not finite.
+        dropped: number of points dropped because they are no measurements: not finite, or at exactly 0, 0, 0.
         span_ns: time of the first and last measurement, whether or not it hit anything; None if unknown.
+        untimed: number of points dropped because they alone have no time that can be used.
+        recorded: times before it is known what they are; None for those that are what their message type says.
     """
 
     stamp_ns: int
@@ -49,6 +52,8 @@ class CloudReading:
     times_ns: NDArray[np.int64] | None
     dropped: int = 0
     span_ns: tuple[int, int] | None = None
+    untimed: int = 0
+    recorded: RecordedTimes | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

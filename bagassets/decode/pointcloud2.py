@@ -3,8 +3,8 @@
 Fields are found by name, without regard to case, whatever their type, order, offset, padding
 and byte order. The result has x, y, z in metres, intensity and ring:
 
-* intensity stays as recorded, without scaling: nuScenes' own files hold 0 to 255, and so do
-  most drivers; one that publishes 0 to 1 or 16-bit reflectivities keeps its range. It is
+* intensity stays as recorded: nuScenes' own files hold 0 to 255, and so do most drivers; for one that
+  publishes 0 to 1 or 16-bit reflectivities the recipe has `intensity_scale`. It is
   `NO_INTENSITY` where the cloud has none, or where it is not finite.
 * ring is the number of the laser; it is `NO_RING` where the cloud does not tell. It is not
   guessed from the rows of an organised cloud, because drivers disagree on what a row is.
@@ -13,18 +13,30 @@ Per-point times are described in `bagassets.decode.point_times`.
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bagassets.decode.fields import Column, stamp_and_frame
 from bagassets.decode.model import CloudReading
-from bagassets.decode.point_times import Moment, point_times_ns
+from bagassets.decode.point_times import Moment, PointClock, point_times_ns, recorded_times, survey
 from bagassets.errors import DecodeError
 from bagassets.recordings.model import Message
 
-__all__ = ["NO_INTENSITY", "NO_RING", "decode_pointcloud2", "first_of", "point_fields"]
+__all__ = [
+    "NO_INTENSITY",
+    "NO_RING",
+    "POINTCLOUD2",
+    "decode_pointcloud2",
+    "first_of",
+    "point_fields",
+    "read_pointcloud2",
+    "with_times",
+    "without_zero_points",
+]
 
+POINTCLOUD2 = "sensor_msgs/msg/PointCloud2"
 NO_INTENSITY = 0.0
 NO_RING = -1.0
 
@@ -53,7 +65,8 @@ def point_fields(cloud: Message) -> dict[str, Column]:
     """Return field name in lower case -> (height, width) view of the values, without copies.
 
     Of a field with several elements per point the first is taken, of two fields of the same
-    name the first.
+    name the first. If the data have just the size of rows without gaps, `row_step` does not count: several drivers leave it
+    zero, or give it in points.
 
     Raises:
         DecodeError: sizes contradict each other, or a field lies outside its point.
@@ -61,7 +74,7 @@ def point_fields(cloud: Message) -> dict[str, Column]:
     height, width = int(cloud.height), int(cloud.width)
     step, row_step = int(cloud.point_step), int(cloud.row_step)
     data = np.ascontiguousarray(cloud.data).view(np.uint8)
-    if row_step == 0 and height == 1:  # several drivers leave it zero
+    if len(data) == height * width * step:
         row_step = width * step
     if row_step < width * step or len(data) != row_step * height:
         raise DecodeError("its data has another size than height, width, point_step and row_step say")
@@ -96,13 +109,24 @@ def first_of(fields: Mapping[str, Column], names: tuple[str, ...]) -> Column | N
 def decode_pointcloud2(
     message: Message, header_stamp_is: Moment | None = None, stamp_is: Moment = "end"
 ) -> CloudReading:
-    """Return the points of a lidar cloud; points that are not finite are dropped and counted.
+    """Return the points of a lidar cloud of which nothing is known but itself, with their times as that alone tells them.
 
     Args:
         message: a `sensor_msgs/PointCloud2`.
         header_stamp_is: the moment of the revolution that the header stamp means, according to the recipe;
             point times are read accordingly.
         stamp_is: the moment of the revolution for its stamp.
+
+    Raises:
+        DecodeError: see `read_pointcloud2` and `with_times`.
+    """
+    reading = read_pointcloud2(message)
+    clock = PointClock() if reading.recorded is None else survey([reading.recorded])
+    return with_times(reading, clock, header_stamp_is, stamp_is)
+
+
+def read_pointcloud2(message: Message) -> CloudReading:
+    """Return the points of a lidar cloud with their times as recorded; points that are not finite are dropped and counted.
 
     Raises:
         DecodeError: x, y or z is missing, or the layout contradicts itself.
@@ -127,8 +151,44 @@ def decode_pointcloud2(
         stamp_ns=stamp,
         frame_id=frame_id,
         points=points,
-        times_ns=point_times_ns(fields, finite, stamp, header_stamp_is, stamp_is),
+        times_ns=None,
         dropped=height * width - len(points),
+        recorded=recorded_times(fields, finite, stamp),
+    )
+
+
+def with_times(
+    reading: CloudReading, clock: PointClock, header_stamp_is: Moment | None, stamp_is: Moment
+) -> CloudReading:
+    """Return a cloud with the times of its points; those that have none are dropped and counted.
+
+    Arguments and errors are those of `point_times_ns`.
+    """
+    if reading.recorded is None or clock.problem or not len(reading.points):
+        return reading
+    times_ns, kept = point_times_ns(reading.recorded, clock, header_stamp_is, stamp_is)
+    if kept is None:
+        return replace(reading, times_ns=times_ns)
+    points = reading.points[kept]
+    return replace(reading, points=points, times_ns=times_ns, untimed=len(kept) - len(points))
+
+
+def without_zero_points(reading: CloudReading) -> CloudReading:
+    """Return a cloud without the points at exactly 0, 0, 0, which are counted.
+
+    That is inside of the sensor: drivers put shots there that hit nothing.
+    """
+    points = reading.points
+    if points[:, 0].all():
+        return reading
+    hit = (points[:, 0] != 0.0) | (points[:, 1] != 0.0) | (points[:, 2] != 0.0)
+    recorded = reading.recorded
+    return replace(
+        reading,
+        points=points[hit],
+        times_ns=None if reading.times_ns is None else reading.times_ns[hit],
+        recorded=None if recorded is None else replace(recorded, values=recorded.values[hit]),
+        dropped=reading.dropped + len(points) - int(hit.sum()),
     )
 
 

@@ -143,10 +143,22 @@ def _write_channel(
         # What was recorded is of this camera for sure, so a file only stands in for it.
         file = None if _has_lens(sensor) else calibration_of(topic.name, calibrations)
         _write_camera(sheet, sensor, file)
+    if sensor.modality == "lidar" and topic.clock is not None and topic.clock.doubt:
+        sheet.ask(
+            4,
+            name,
+            f"it is not sure what the times of its points are: {topic.clock.doubt}; say it in `point_times`, or `ignore`",
+            rig=rig.name,
+        )
+        since = "header" if topic.clock.origin == "header" else "clock"
+        sheet.off(4, f"point_times: {{unit: {topic.clock.unit}, since: {since}}}")
+    if sensor.modality == "lidar" and topic.most_intensity is not None and topic.most_intensity <= 1.0:
+        sheet.guess(4, "intensity_scale: 255", "its intensities are 0 to 1; those of nuScenes are 0 to 255")
     if sensor.modality == "lidar" and topic.timed is False:
+        lack = "no times" if topic.clock is None else f"times that cannot be used, as {topic.clock.problem}"
         sheet.guess_note(
             4,
-            "stamps stay as recorded, as the points have no times. Some drivers stamp the start of a revolution, "
+            f"stamps stay as recorded, as the points have {lack}. Some drivers stamp the start of a revolution, "
             "others its end or middle, simulators the one instant of all points; `bagassets docs page poses` says how to find "
             "out, and a check does. If the header's stamp marks the start of a revolution, uncomment the next line; write "
             "middle or end instead of start if it marks that.",

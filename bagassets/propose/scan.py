@@ -18,6 +18,8 @@ from bagassets.decode.loading import load_decoder
 from bagassets.decode.model import CloudReading, ImageReading, PoseReading, RadarReading
 from bagassets.decode.ncom import holds_ncom
 from bagassets.decode.packets import is_velodyne_packet, sender
+from bagassets.decode.point_times import RecordedTimes, suffice, survey
+from bagassets.decode.pointcloud2 import POINTCLOUD2, read_pointcloud2, without_zero_points
 from bagassets.decode.registry import AnyFamily, bulk_types, families_of, find_decoder
 from bagassets.decode.robots import robot_of, robots_of
 from bagassets.decode.tf import decode_transform
@@ -31,7 +33,7 @@ from bagassets.recordings.model import Message, RawMessage
 from bagassets.recordings.recording import Recording
 from bagassets.recordings.topic import Topic
 
-__all__ = ["scan_recording"]
+__all__ = ["point_time_notes", "scan_recording"]
 
 Decode = Callable[..., Any]
 Facts = dict[str, Any]
@@ -84,6 +86,15 @@ def _of_first(robots: Mapping[str, bool], topics: Collection[str]) -> Collection
     own = [name for name in topics if robot_of(name, robots) == next(iter(robots))]
     instead_of = {f"/{name.rpartition('/')[2]}" for name in own}
     return [*own, *(name for name in topics if robot_of(name, robots) is None and name not in instead_of)]
+
+
+def point_time_notes(summary: RecordingSummary) -> list[str]:
+    """Return a sentence for each lidar with PointCloud2: what the times of its points are."""
+    return [
+        f"{topic.name}: {topic.clock or 'its points have no times'}."
+        for topic in summary.topics.values()
+        if topic.msgtype == POINTCLOUD2 and topic.timed is not None and modality_of(topic) == "lidar"
+    ]
 
 
 class _Scan:
@@ -140,9 +151,12 @@ class _TopicScan:
         self._refusal: str | None = None
         self._offsets_s: list[float] = []
         self._has_unset_stamps = False
+        self._recorded: list[RecordedTimes] = []
 
     def is_enough(self, most: int) -> bool:
         """Tell whether enough messages were read; more of them as long as none can be used."""
+        if self._recorded and self.count >= most:
+            return suffice(self._recorded)
         return self.count >= (_PATIENCE * most if self._is_patient and not self._usable else most)
 
     def take(self, message: RawMessage, recording: Recording) -> None:
@@ -163,6 +177,8 @@ class _TopicScan:
             try:
                 if family == "transforms":
                     self._take_transforms(facts, decode, value)
+                elif family == "cloud" and message.msgtype == POINTCLOUD2:
+                    self._take_cloud(facts, value)
                 else:
                     _FACTS[family](facts, decode, value, message.msgtype)
             except DecodeError as err:
@@ -175,8 +191,11 @@ class _TopicScan:
 
     def result(self) -> TopicSummary:
         """Return what the messages said."""
+        clock = survey(self._recorded) if self._recorded else None
         return replace(
             self._summary,
+            timed=self._summary.timed if clock is None else not clock.problem,
+            clock=clock,
             problem=self.problem,
             offset_s=median(self._offsets_s) if self._offsets_s else None,
             unstamped=self._has_unset_stamps and not self._offsets_s,
@@ -207,6 +226,17 @@ class _TopicScan:
             self._has_unset_stamps = True
         else:
             self._offsets_s.append((message.log_time_ns - stamp_ns) / 1e9)
+
+    def _take_cloud(self, facts: Facts, value: Message) -> None:
+        check_points(value, _LIMITS.cloud_points)
+        reading = without_zero_points(read_pointcloud2(value))
+        facts["frames"] = (reading.frame_id,)
+        intensities = reading.points[:, 3]
+        if ((intensities > 0.0) & (intensities != 1.0)).any():  # ones and zeros may be anything
+            facts["most_intensity"] = float(intensities.max())
+        if len(reading.points) > 1:
+            facts["timed"] = False
+        self._recorded += [] if reading.recorded is None else [reading.recorded]
 
     def _take_transforms(self, facts: Facts, decode: Decode, value: Message) -> None:
         facts["frames"] = []

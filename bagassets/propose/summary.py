@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
+from bagassets.decode.point_times import PointClock
 from bagassets.geometry.se3 import SE3
 
 __all__ = ["Edge", "RecordingSummary", "TopicSummary", "merge_recordings", "merge_topics"]
@@ -35,6 +36,8 @@ class TopicSummary:
             messages do not tell; None if there are none.
         velodyne: data packets of a Velodyne were seen; None if the type holds no packets.
         timed: the points of a cloud or the rays of a scan have times; None for other types.
+        clock: what the times of the points of a PointCloud2 are; None without.
+        most_intensity: the largest intensity in such clouds; None if all are 0 or 1.
         refusal: why none of the messages seen is what its type is there for; None if one is, or nothing
             is made of the type.
     """
@@ -55,6 +58,8 @@ class TopicSummary:
     ncom_sender: str | None = None
     velodyne: bool | None = None
     timed: bool | None = None
+    clock: PointClock | None = None
+    most_intensity: float | None = None
     refusal: str | None = None
 
 
@@ -122,6 +127,8 @@ def merge_topics(one: TopicSummary, other: TopicSummary) -> TopicSummary:
         ncom_sender=one.ncom_sender or (one.ncom_sender if other.ncom_sender is None else other.ncom_sender),
         velodyne=_any(one.velodyne, other.velodyne),
         timed=_any(one.timed, other.timed),
+        clock=one.clock if one.clock and (one.clock.doubt or not other.clock) else other.clock,
+        most_intensity=max((one.most_intensity, other.most_intensity), key=lambda most: most or 0.0),
         refusal=one.refusal and other.refusal,
     )
 

@@ -116,6 +116,16 @@ class CameraChannel(_Channel):
         return {field: value for field, value in named.items() if isinstance(value, CalibrationFile)}
 
 
+class PointTimes(Model):
+    """What the times of the points of a PointCloud2 are."""
+
+    unit: Literal["s", "ms", "us", "ns"] = Field(description="What they count.")
+    since: Literal["header", "clock"] = Field(
+        description="They count from the header stamp of their cloud, or are those of a clock: that of the header stamps, if "
+        "these are near, or another one, of which only differences are used.",
+    )
+
+
 class LidarChannel(_PlacedChannel):
     """A lidar: PointCloud2, Velodyne packets or LaserScan messages become `.pcd.bin` files."""
 
@@ -150,6 +160,21 @@ class LidarChannel(_PlacedChannel):
     min_range_m: float = Field(0.0, ge=0, description="Points nearer than this are dropped and counted.")
     max_range_m: float | None = Field(
         None, gt=0, description="Points farther than this are dropped and counted."
+    )
+    point_times: PointTimes | Literal["ignore"] | None = Field(
+        None,
+        description="What the times of the points of a PointCloud2 are, or that they are not used; default: as the first "
+        "clouds show.",
+    )
+    zero_points: Literal["drop", "keep"] = Field(
+        "drop",
+        description="What becomes of points of a cloud at exactly 0, 0, 0, which mean that nothing was hit; they are counted.",
+    )
+    intensity_scale: float = Field(
+        1.0,
+        gt=0,
+        allow_inf_nan=False,
+        description="Recorded intensities are multiplied by this; nuScenes has 0 to 255, so 255 for a lidar with 0 to 1.",
     )
 
 

@@ -1,6 +1,7 @@
 """All oddities by name."""
 
 from bagassets.sample.oddities import cameras, robots, transforms
+from bagassets.sample.oddities import cameras, lidars
 from bagassets.sample.oddities.stream import Oddity
 
 __all__ = ["ODDITIES"]
@@ -9,4 +10,5 @@ ODDITIES: dict[str, Oddity] = {
     **cameras.ODDITIES,
     **robots.ODDITIES,
     **transforms.ODDITIES,
+    **lidars.ODDITIES,
 }
