@@ -1,14 +1,13 @@
 """All oddities by name."""
 
-from bagassets.sample.oddities import cameras, robots, transforms
-from bagassets.sample.oddities import cameras, lidars
+from bagassets.sample.oddities import cameras, lidars, robots, transforms
 from bagassets.sample.oddities.stream import Oddity
 
 __all__ = ["ODDITIES"]
 
 ODDITIES: dict[str, Oddity] = {
     **cameras.ODDITIES,
+    **lidars.ODDITIES,
     **robots.ODDITIES,
     **transforms.ODDITIES,
-    **lidars.ODDITIES,
 }
