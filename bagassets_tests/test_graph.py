@@ -180,7 +180,7 @@ def test_a_node_depends_on_what_it_needs_under_its_parameters(project, ran):
     poses = step("poses", ran, INVENTORY)
     ran.failing = {"poses"}
     still = channels(
-        "clouds", ran, {"LIDAR": "/points"}, INVENTORY, poses, waits_for=lambda _: frozenset({"inventory"})
+        "clouds", ran, {"LIDAR": "/points"}, INVENTORY, poses, waits_for=lambda *_: frozenset({"inventory"})
     )
     made, failed = executed(project(poses, still))
     assert made == ["inventory", "clouds"]

@@ -49,6 +49,12 @@ def channels_complete(channels: JsonMapping, max_lost: float, clock_of: Callable
                 f"{name}: {number} of {counts['read']} messages ({number / counts['read']:.0%}) "
                 f"{'was' if number == 1 else 'were'} lost{_why(reason, counts['lost'])}. {_advice(name, reason, clock_of(name))}"
             )
+        unposed = counts.get("uncompensated", 0)
+        if unposed > max_lost * counts["written"]:
+            problems.append(
+                f"{name}: the velocities of {unposed} of {counts['written']} readings are not compensated for the motion of the "
+                "vehicle, because there is no ego pose at their time"
+            )
     written = {name: entry["counts"]["written"] for name, entry in sorted(channels.items())}
     return Finding(problems, {"files": written, "lost": lost})
 
