@@ -16,8 +16,8 @@ HALF_WINDOW_NS = 100_000_000
 SLOWEST_MPS = 1.5
 """Slower, and a radar that moves cannot be told from one that stands."""
 FEWEST_TARGETS = 4
-# Measured speeds are off by so much, and by a share of the radar's own speed, if its direction is not known exactly.
-NOISE_MPS, NOISE_SHARE = 0.3, 0.05
+# Measured speeds are off by so much.
+NOISE_MPS = 0.3
 # Targets farther above or below the radar show less of its horizontal motion.
 STEEPEST = 0.2
 
@@ -48,7 +48,7 @@ def sensor_velocities(trajectory: Trajectory, ego_SE3_sensor: SE3, stamps_ns: ND
 
 
 def explained(
-    targets: Mapping[str, Floats], velocities_mps: Floats
+    targets: Mapping[str, Floats], velocities_mps: Floats, noise_share: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return which shares of a radar's targets stand still, for several velocities that the radar may have.
 
@@ -58,6 +58,7 @@ def explained(
     Args:
         targets: `x`, `y`, `z`, and `vx`, `vy` in m/s, each (N,).
         velocities_mps: (M, 2) horizontal velocities of the radar in its own frame.
+        noise_share: these are off by this share of themselves.
 
     Returns:
         (M,) the share that stands still if velocities are over ground, and (M,) the share that does if they are
@@ -70,7 +71,7 @@ def explained(
     radial = ray_x * vx[level] + ray_y * vy[level]
     speeds = np.sqrt((velocities_mps * velocities_mps).sum(axis=1))[:, None]
     approach = velocities_mps[:, :1] * ray_x + velocities_mps[:, 1:] * ray_y
-    noise = NOISE_MPS + NOISE_SHARE * speeds
+    noise = NOISE_MPS + noise_share * speeds
     telling = np.abs(approach) > 2 * noise
     number = telling.sum(axis=1)
     with np.errstate(invalid="ignore", divide="ignore"):

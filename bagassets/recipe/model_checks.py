@@ -94,6 +94,15 @@ class SweepTimesCheck(Model):
     )
 
 
+class RadarVelocitiesCheck(Model):
+    """Radar targets that stand still have no velocity over ground."""
+
+    severity: Severity = Field("warn", description=_SEVERITY)
+    min_share: float = Field(
+        0.5, gt=0, le=1, description="Share of the targets that must move alike, though they stand still."
+    )
+
+
 class CalibrationCheck(Model):
     """Extrinsics and intrinsics are plausible for a vehicle with real lenses."""
 
@@ -144,6 +153,9 @@ class Checks(Model):
     poses_cover_sensors: PosesCheck = Field(PosesCheck(), description="Readings have an ego pose.")
     sweeps_timed: SweepTimesCheck = Field(
         SweepTimesCheck(), description="Lidar clouds match best with the ego poses at their own stamps."
+    )
+    radar_velocities: RadarVelocitiesCheck = Field(
+        RadarVelocitiesCheck(), description="Radar targets that stand still have no velocity over ground."
     )
     scenes_made: Check = Field(Check(severity="warn"), description="A recording has at least one scene.")
     keyframes_complete: Check = Field(

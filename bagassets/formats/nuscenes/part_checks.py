@@ -1,10 +1,14 @@
 """The checks of a recording's rows of the nuScenes tables."""
 
+from functools import partial
+
 import numpy as np
 from numpy.typing import NDArray
 
 from bagassets.assets.ego_poses import load_trajectory
 from bagassets.assets.lidar_file import read_lidar_file
+from bagassets.assets.radar_file import read_radar_file
+from bagassets.errors import DatasetError
 from bagassets.formats.nuscenes.schema import RECORDING_TABLES, Row
 from bagassets.formats.nuscenes.table_integrity import broken_references, duplicate_tokens
 from bagassets.geometry.se3 import SE3
@@ -14,9 +18,10 @@ from bagassets.quality.check import Evidence, RecordingCheck
 from bagassets.quality.file_rules import files_match
 from bagassets.quality.finding import Finding
 from bagassets.quality.pose_rules import poses_cover_sensors
+from bagassets.quality.radar_rules import RadarReadings, radar_velocities
 from bagassets.quality.scene_rules import keyframes_complete, scenes_made
 from bagassets.quality.sweep_rules import Sweeps, sweeps_timed
-from bagassets.recipe.model import LidarChannel
+from bagassets.recipe.model import LidarChannel, RadarChannel
 from bagassets.store.artifact import Artifact
 
 __all__ = ["PART_CHECKS"]
@@ -67,6 +72,26 @@ def _sweeps(artifact: Artifact, ego_SE3_sensor: SE3) -> Sweeps:
     return Sweeps(times[0], np.stack(times[1:], axis=1), points, ego_SE3_sensor)
 
 
+def _radar_velocities(evidence: Evidence) -> Finding:
+    radars = {}
+    for name, entry in sorted(evidence.channels("sweeps").items()):
+        if isinstance(evidence.rig.channels.get(name), RadarChannel):
+            artifact = evidence.store.artifact(entry["artifact"])
+            index = artifact.read_table("index.parquet", ["stamp_ns", "file"])
+            stamps_ns = index.column("stamp_ns").to_numpy().astype(np.int64)
+            targets = partial(_targets, artifact, index.column("file").to_pylist())
+            ego_SE3_sensor = evidence.calibration.channels[name].ego_SE3_sensor.normalised()
+            radars[name] = RadarReadings(stamps_ns, targets, ego_SE3_sensor)
+    return radar_velocities(radars, evidence.once(_trajectory), evidence.checks.radar_velocities)
+
+
+def _targets(artifact: Artifact, files: list[str], number: int) -> NDArray[np.void] | None:
+    try:
+        return read_radar_file(artifact.path(files[number]))
+    except (OSError, ValueError, DatasetError):
+        return None  # the check `files_match` reports it
+
+
 def _references_intact(evidence: Evidence) -> Finding:
     tables = evidence.once(_tables)
     return Finding(broken_references(tables), {name: len(rows) for name, rows in tables.items()})
@@ -108,6 +133,13 @@ PART_CHECKS = (
         "Lidar clouds match best with the ego poses at their own stamps.",
         "clouds of a lidar match clearly better with ego poses at other times than at their stamps (see below)",
         _sweeps_timed,
+    ),
+    RecordingCheck(
+        "radar_velocities",
+        "radar_velocities",
+        "Radar targets that stand still have no velocity over ground.",
+        "most targets of a radar move over ground exactly as the vehicle does, or against it, in nearly every reading (see below)",
+        _radar_velocities,
     ),
     RecordingCheck(
         "references_intact",
