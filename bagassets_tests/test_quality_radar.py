@@ -24,7 +24,9 @@ def straight(speed_mps):
 
 def in_radar(vectors):
     c, s = np.cos(MOUNT_YAW), np.sin(MOUNT_YAW)
-    return np.stack([c * vectors[..., 0] + s * vectors[..., 1], c * vectors[..., 1] - s * vectors[..., 0]], -1)
+    return np.stack(
+        [c * vectors[..., 0] + s * vectors[..., 1], c * vectors[..., 1] - s * vectors[..., 0]], -1
+    )
 
 
 def scene(still, moving_mps=()):
