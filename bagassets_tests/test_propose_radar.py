@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from bagassets.geometry.se3 import SE3
+from bagassets.propose.proposal import propose_recipe
 from bagassets.propose.radar_velocities import velocities_of
-from bagassets.propose.summary import RecordingSummary, TopicSummary, merge_recordings
+from bagassets.propose.summary import RecordingSummary, TopicSummary
 from bagassets.sample.messages import Messages
 from bagassets_tests.sweep_data import Messages as Stub
 from bagassets_tests.sweep_data import cloud, raw
@@ -36,7 +37,7 @@ class Drive(Stub):
             self._messages.append(
                 raw(SOURCES[source][1](now_ns, moving_s * speed), SOURCES[source][0], now_ns, "/ego")
             )
-            if step % 5 == 0:
+            if step % 3 == 0:
                 columns = scenes(speed if moving_s else 0.0)
                 self._messages.append(raw(cloud(now_ns, columns, "radar"), msgtype, now_ns + MS, "/radar"))
         self._messages.sort(key=lambda one: one.log_time_ns)
@@ -66,7 +67,7 @@ SOURCES = {
     "fixes": ("sensor_msgs/msg/NavSatFix", fix),
     "transforms": ("tf2_msgs/msg/TFMessage", transforms),
 }
-DICE = np.random.default_rng(3)
+DICE = np.random.default_rng(8)
 
 
 def targets(still, moving_mps, speed, *, relative, suffix=""):
@@ -103,7 +104,7 @@ def test_a_vehicle_that_stands_first_is_waited_for():
 def test_no_more_is_read_than_needed():
     drive = Drive(street(True), seconds=30.0)
     decided(drive)
-    assert drive.taken < 150
+    assert drive.taken < 250
 
 
 @pytest.mark.parametrize("relative", [True, False])
@@ -111,7 +112,7 @@ def test_a_column_around_the_car_decides_nothing(relative):
     """Relative to the radar it would stand still, over ground it would look like things that stand, seen from the car."""
 
     def column(speed):
-        return targets(3, speed + DICE.normal(0, 1.0, 9), speed, relative=relative)
+        return targets(5, speed + DICE.normal(0, 1.0, 10), speed, relative=relative)
 
     assert decided(Drive(column)) == {"/radar": "undecided"}
 
@@ -124,7 +125,7 @@ def test_without_motion_nothing_is_decided(speed):
 def test_without_poses_nothing_is_decided_and_little_read():
     drive = Drive(street(True), seconds=30.0)
     assert decided(drive, ()) == {"/radar": "undecided"}
-    assert drive.taken < 15
+    assert drive.taken < 25
 
 
 def test_few_targets_decide_nothing():
@@ -156,16 +157,27 @@ def test_a_message_that_cannot_be_decoded_is_passed_over():
 
 
 @pytest.mark.parametrize(
-    ("one", "other", "both"),
+    ("said", "written"),
     [
-        (None, None, None), (None, "relative", "relative"), ("undecided", "over_ground", "over_ground"),
-        ("relative", "relative", "relative"), ("relative", "over_ground", "undecided"), ("undecided", None, "undecided"),
+        ((), None), (("relative",), "velocities: relative "), (("undecided", "over_ground"), "velocities: over_ground "),
+        (("relative", "relative"), "velocities: relative "), (("relative", "over_ground"), "velocities:\n"),
+        (("undecided",), "velocities:\n"),
     ],
 )  # fmt: skip
-def test_recordings_of_a_rig_are_taken_together(one, other, both):
-    seen = [
-        RecordingSummary({"/radar": TopicSummary("/radar", CLOUD, 9, velocities=said)})
-        for said in (one, other)
-    ]
-    assert merge_recordings(seen).topics["/radar"].velocities == both
-    assert merge_recordings(seen[::-1]).topics["/radar"].velocities == both
+def test_recordings_of_a_rig_are_taken_together(said, written):
+    odometry = TopicSummary("/odom", "nav_msgs/msg/Odometry", 9, child_frames=("base_link",))
+    for order in (said, said[::-1]):
+        summaries = {
+            "none.bag": RecordingSummary({"/radar": TopicSummary("/radar", CLOUD, 9), "/odom": odometry})
+        }
+        for number, what in enumerate(order):
+            radar = TopicSummary("/radar", CLOUD, 9, velocities=frozenset({what}))
+            summaries[f"{number}.bag"] = RecordingSummary({"/radar": radar, "/odom": odometry})
+        text = propose_recipe(summaries, name="yard", root="/bags").text
+        assert (written in text) if written else ("velocities" not in text)
+
+
+def test_a_rig_without_poses_is_asked_for_them_first():
+    radar = TopicSummary("/radar", CLOUD, 9, velocities=frozenset({"undecided"}))
+    proposal = propose_recipe({"a.bag": RecordingSummary({"/radar": radar})}, name="yard", root="/bags")
+    assert "velocities" not in proposal.text

@@ -151,8 +151,8 @@ def proposed(tmp_path, name, odd, seconds):
     [("radar-relative", "relative"), ("radar-over-ground", "over_ground"), ("radar-scan", None)],
 )
 def test_what_stands_still_tells_what_velocities_are(tmp_path, odd, velocities):
-    summary, proposal = proposed(tmp_path, "a.mcap", odd, 2.2)
-    assert summary.topics[TOPIC].velocities == velocities
+    summary, proposal = proposed(tmp_path, "a.mcap", odd, 3.2)
+    assert summary.topics[TOPIC].velocities == {velocities} - {None}
     (rig,) = parse_recipe(proposal.text, tmp_path / "recipe.yaml").rigs
     assert rig.channels["RADAR_FRONT"].velocities == velocities
     assert not proposal.questions
@@ -160,7 +160,7 @@ def test_what_stands_still_tells_what_velocities_are(tmp_path, odd, velocities):
 
 def test_too_short_a_drive_is_a_question(tmp_path):
     summary, proposal = proposed(tmp_path, "a.mcap", "radar-relative", 1.0)
-    assert summary.topics[TOPIC].velocities == "undecided"
+    assert summary.topics[TOPIC].velocities == {"undecided"}
     (question,) = proposal.questions
     assert "relative to the radar" in question.text
     with pytest.raises(RecipeError, match=rf"recipe.yaml:{question.line}: .*velocities: needs a value"):

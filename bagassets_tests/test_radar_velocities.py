@@ -149,7 +149,7 @@ def test_relative_velocities_are_compensated_at_the_mount(run):
         _, ground, relative = seen(seconds)
         assert np.allclose(pair(table), relative, atol=1e-5)
         assert np.allclose(pair(table, "_comp"), ground, atol=5e-3)
-    assert "uncompensated" not in result.summary["counts"]
+    assert result.lost == {}
 
 
 def test_radial_velocities_are_compensated_along_the_ray(run):
@@ -252,13 +252,16 @@ def test_unknown_numbers_stay_unknown(run):
     assert np.abs(pair(table, "_comp")[:2]).max() < 5e-3
 
 
-def test_where_there_is_no_pose_readings_are_counted(run):
+def test_a_reading_without_a_pose_is_counted_as_lost(run):
     result = run(asked("relative"), clouds(), circle(0.3, 0.5))
-    assert result.summary["counts"]["uncompensated"] == 2
-    assert len(result.index) == 3
-    first, second, _ = targets(result)
-    assert pair(first, "_comp").tolist() == pair(first).tolist()
-    assert np.abs(pair(second, "_comp")[:2]).max() < 5e-3
+    assert result.lost == {"no ego pose to compensate with": 2}
+    (table,) = targets(result)
+    assert np.abs(pair(table, "_comp")[:2]).max() < 5e-3
+
+
+def test_a_reading_without_velocities_needs_no_pose(run):
+    message = raw(cloud(START_NS, {axis: np.ones(2) for axis in "xyz"}, "radar"), CLOUD, START_NS)
+    assert run(asked("relative"), [message], circle(0.3, 0.5)).lost == {}
 
 
 def test_the_log_clock_is_that_of_the_poses(run):

@@ -15,22 +15,12 @@ __all__ = ["ChannelExtractor", "Counts"]
 
 @dataclass
 class Counts:
-    """Counts of one channel's messages: read = written + merged + sum of lost.
-
-    Attributes:
-        read: messages that were read.
-        written: files.
-        merged: messages that became part of the file of another one.
-        lost: reason -> messages.
-        uncompensated: readings, written or not, whose velocities should be compensated for ego motion, but are not, for want
-            of poses.
-    """
+    """Counts of one channel's messages: read = written + merged + sum of lost."""
 
     read: int = 0
     written: int = 0
     merged: int = 0
     lost: dict[str, int] = field(default_factory=dict)
-    uncompensated: int = 0
 
     def lose(self, reason: str, number: int = 1) -> None:
         """Count lost messages by their reason."""
@@ -43,8 +33,7 @@ class Counts:
 
     def as_json(self) -> JsonObject:
         """Return the counts as JSON."""
-        counts = {"read": self.read, "written": self.written, "merged": self.merged, "lost": dict(self.lost)}
-        return counts | ({"uncompensated": self.uncompensated} if self.uncompensated else {})
+        return {"read": self.read, "written": self.written, "merged": self.merged, "lost": dict(self.lost)}
 
 
 class ChannelExtractor(Protocol):

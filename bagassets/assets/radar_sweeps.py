@@ -92,8 +92,8 @@ class RadarSweeps:
     the same stamp, the one with most targets is kept (of equal ones the first); the others are counted
     as duplicates.
 
-    Velocities relative to the radar are compensated for its motion at the stamp of the file. Where there is no ego pose,
-    they are not, and the reading is counted.
+    Velocities relative to the radar are compensated for its motion at the stamp of the file. Without an ego pose there,
+    the reading is counted as lost.
 
     Args:
         use: everything that shapes the files.
@@ -173,20 +173,17 @@ class RadarSweeps:
         self._files.lose("duplicate stamp", before.parts, before.number)
 
     def _write(self, sweep: _Sweep) -> None:
-        data = radar_bytes(self._compensated(sweep, sweep.joined()))
+        targets = sweep.joined()
+        if self._motion is not None and "vx" in targets:
+            (own_mps,) = sensor_velocities(*self._motion, np.array([sweep.stamp_ns]))
+            if np.isnan(own_mps).any():
+                self._files.lose("no ego pose to compensate with", sweep.parts, sweep.number)
+                return
+            vx, vy = own_mps[0], own_mps[1]
+            if sweep.radial:  # only what the radar's own velocity has along each ray, laid along it
+                x, y, z = (targets[axis] for axis in "xyz")
+                along = (x * vx + y * vy + z * own_mps[2]) / (x * x + y * y + z * z)
+                vx, vy = along * x, along * y
+            targets |= {"vx_comp": targets["vx"] + vx, "vy_comp": targets["vy"] + vy}
+        data = radar_bytes(targets)
         self._files.write(sweep.stamp_ns, sweep.log_time_ns, data, sweep.number, parts=sweep.parts)
-
-    def _compensated(self, sweep: _Sweep, targets: Targets) -> Targets:
-        """Return targets with `vx_comp` and `vy_comp`, if their velocities are relative to the radar."""
-        if self._motion is None or "vx" not in targets:
-            return targets
-        (own_mps,) = sensor_velocities(*self._motion, np.array([sweep.stamp_ns]))
-        if np.isnan(own_mps).any():
-            self._files.counts.uncompensated += 1
-            return targets
-        if not sweep.radial:
-            return targets | {"vx_comp": targets["vx"] + own_mps[0], "vy_comp": targets["vy"] + own_mps[1]}
-        x, y, z = (targets[axis] for axis in "xyz")
-        # The part of the radar's velocity along each ray, laid along it as the measured speed is.
-        along = (x * own_mps[0] + y * own_mps[1] + z * own_mps[2]) / (x * x + y * y + z * z)
-        return targets | {"vx_comp": targets["vx"] + along * x, "vy_comp": targets["vy"] + along * y}

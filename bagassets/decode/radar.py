@@ -33,15 +33,11 @@ __all__ = ["decode_radar", "is_single_track", "measures_relative", "track_number
 
 _PACKAGES_ANGLES_RIGHT = ("delphi_esr_msgs/", "delphi_srr_msgs/", "delphi_mrr_msgs/")
 # Types whose velocities are range rates as measured.
-_RELATIVE = frozenset(
-    [
-        "continental_msgs/msg/ContinentalArs548DetectionList",
-        "continental_msgs/msg/ContinentalSrr520DetectionList",
-        "delphi_esr_msgs/msg/EsrTrack",
-        "delphi_mrr_msgs/msg/MrrDetection",
-        "delphi_srr_msgs/msg/SrrTrack",
-        "radar_msgs/msg/RadarScan",
-    ]
+_RELATIVE = (
+    "continental_msgs/msg/ContinentalArs548Detection",
+    "continental_msgs/msg/ContinentalSrr520Detection",
+    "delphi_",
+    "radar_msgs/msg/RadarScan",
 )
 # Where several lists are in a message, these are looked at first.
 _LISTS = ("returns", "tracks", "detections", "targets", "objects", "clusters", "points")
@@ -79,7 +75,7 @@ def decode_radar(message: Message, msgtype: str, azimuth_positive: Side | None =
 
 def measures_relative(msgtype: str) -> bool:
     """Tell whether a type is defined to have velocities relative to the radar."""
-    return msgtype in _RELATIVE
+    return msgtype.startswith(_RELATIVE)
 
 
 def is_single_track(message: Message) -> bool:

@@ -7,7 +7,6 @@ from bagassets.propose.calibration_files import FoundCalibration, ProposedCalibr
 from bagassets.propose.commented_yaml import Sheet
 from bagassets.propose.frames import connected, is_optical, mounting
 from bagassets.propose.naming import PREFIX
-from bagassets.propose.radar_velocities import UNDECIDED
 from bagassets.propose.rigs import RigProposal
 from bagassets.propose.sensors import Sensor
 from bagassets.propose.topic_uses import transform_topics
@@ -134,30 +133,15 @@ def _write_channel(
             "middle or end instead of start if it marks that.",
         )
         sheet.off(4, "header_stamp_is: start")
-    if topic.velocities is not None:
-        _write_velocities(sheet, rig, name, topic.velocities)
-    _write_place(sheet, rig, name, sensor, file)
-
-
-def _write_velocities(sheet: Sheet, rig: RigProposal, name: str, velocities: str) -> None:
-    """Write what the velocities of a radar are; of a rig without poses they are as recorded, whatever they are."""
-    if velocities != UNDECIDED:
-        reason = (
-            "while the vehicle drives, most targets come nearer as fast"
-            if velocities == "relative"
-            else "while the vehicle drives, most targets stand still"
-        )
-        sheet.guess(4, f"velocities: {velocities}", reason)
-    elif rig.pose.fields:
+    known = sorted(topic.velocities - {"undecided"})
+    if len(known) == 1:
+        sheet.guess(4, f"velocities: {known[0]}", "by what stands still while the vehicle drives")
+    elif topic.velocities and rig.pose.fields:
         sheet.field(4, "velocities:")
-        sheet.ask(
-            5,
-            name,
-            "the recordings do not show whether velocities are relative to the radar, so that they must be compensated for its "
-            "motion, or over_ground; write which, or remove the field to keep them as recorded",
-            rig=rig.name,
-            below=True,
-        )
+        text = "the recordings do not show whether velocities are relative to the radar, so that they must be compensated for its "
+        text += "motion, or over_ground; write which, or remove the field to keep them as recorded"
+        sheet.ask(5, name, text, rig=rig.name, below=True)
+    _write_place(sheet, rig, name, sensor, file)
 
 
 def _write_place(

@@ -23,7 +23,7 @@ from bagassets.decode.tf import decode_transform
 from bagassets.errors import DecodeError, PluginError
 from bagassets.geometry.se3 import SE3
 from bagassets.propose.naming import is_radar_list
-from bagassets.propose.poses import PoseProposal, pose_candidates
+from bagassets.propose.poses import pose_candidates
 from bagassets.propose.radar_velocities import velocities_of
 from bagassets.propose.sensors import find_sensors, modality_of
 from bagassets.propose.summary import Edge, RecordingSummary, TopicSummary, merge_topics
@@ -72,17 +72,12 @@ def scan_recording(recording: Recording) -> RecordingSummary:
     sensors = {topic.name for topic in topics.values() if topic.count > 0 and modality_of(topic) is not None}
     summary = RecordingSummary(topics, transforms, moving, _short_s(recording, sensors))
     radars = [sensor.topic.name for sensor in find_sensors(summary)[0] if sensor.modality == "radar"]
-    velocities = velocities_of(recording, radars, _movers(summary))
-    told = {name: replace(topics[name], velocities=what) for name, what in velocities.items()}
-    return replace(summary, topics=topics | told)
-
-
-def _movers(summary: RecordingSummary) -> set[str]:
-    """Return the topics that tell where the vehicle is."""
-    source = next(iter(pose_candidates(summary, "base_link")), PoseProposal()).fields
-    if source.get("source") in {"odometry", "pose", "navsat"}:
-        return {source["topic"]}
-    return set(transform_topics(summary))
+    poses = pose_candidates(summary, "base_link")
+    place = poses[0].fields.get("topic") if poses and poses[0].fields["source"] != "ncom" else None
+    movers = transform_topics(summary) if place is None else [place]
+    for name, velocities in velocities_of(recording, radars, movers).items():
+        topics[name] = replace(topics[name], velocities=frozenset({velocities}))
+    return summary
 
 
 class _Scan:

@@ -4,7 +4,6 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 from bagassets.geometry.se3 import SE3
-from bagassets.propose.radar_velocities import UNDECIDED
 
 __all__ = ["Edge", "RecordingSummary", "TopicSummary", "merge_recordings", "merge_topics"]
 
@@ -38,7 +37,8 @@ class TopicSummary:
         timed: the points of a cloud or the rays of a scan have times; None for other types.
         refusal: why none of the messages seen is what its type is there for; None if one is, or nothing
             is made of the type.
-        velocities: what the velocities of a radar are, as of `velocities_of`; None if there is nothing to decide.
+        velocities: what the velocities of a radar are, or `undecided`: what each recording says; empty if there is
+            nothing to decide.
     """
 
     name: str
@@ -58,7 +58,7 @@ class TopicSummary:
     velodyne: bool | None = None
     timed: bool | None = None
     refusal: str | None = None
-    velocities: str | None = None
+    velocities: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True)
@@ -122,15 +122,8 @@ def merge_topics(one: TopicSummary, other: TopicSummary) -> TopicSummary:
         velodyne=_any(one.velodyne, other.velodyne),
         timed=_any(one.timed, other.timed),
         refusal=one.refusal and other.refusal,
-        velocities=_agreed(one.velocities, other.velocities),
+        velocities=one.velocities | other.velocities,
     )
-
-
-def _agreed(one: str | None, other: str | None) -> str | None:
-    """Return what recordings say of a radar: what is decided in any of them, if it is the same in all of these."""
-    said = {one, other} - {None}
-    decided = said - {UNDECIDED}
-    return next(iter(decided)) if len(decided) == 1 else UNDECIDED if said else None
 
 
 def _any(one: bool | None, other: bool | None) -> bool | None:

@@ -18,6 +18,7 @@ _BECAUSE = {
     "position packet": "they are position packets",
     "no point in it": "they hold no points",
     "no ego pose to deskew with": "there is no ego pose to deskew them with",
+    "no ego pose to compensate with": "there is no ego pose to compensate their velocities with",
 }
 
 
@@ -48,12 +49,6 @@ def channels_complete(channels: JsonMapping, max_lost: float, clock_of: Callable
             problems.append(
                 f"{name}: {number} of {counts['read']} messages ({number / counts['read']:.0%}) "
                 f"{'was' if number == 1 else 'were'} lost{_why(reason, counts['lost'])}. {_advice(name, reason, clock_of(name))}"
-            )
-        unposed = counts.get("uncompensated", 0)
-        if unposed > max_lost * counts["written"]:
-            problems.append(
-                f"{name}: the velocities of {unposed} of {counts['written']} readings are not compensated for the motion of the "
-                "vehicle, because there is no ego pose at their time"
             )
     written = {name: entry["counts"]["written"] for name, entry in sorted(channels.items())}
     return Finding(problems, {"files": written, "lost": lost})

@@ -1,6 +1,7 @@
 """The checks of a recording's rows of the nuScenes tables."""
 
-from functools import partial
+from contextlib import suppress
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,7 @@ from bagassets.assets.radar_file import read_radar_file
 from bagassets.errors import DatasetError
 from bagassets.formats.nuscenes.schema import RECORDING_TABLES, Row
 from bagassets.formats.nuscenes.table_integrity import broken_references, duplicate_tokens
-from bagassets.geometry.se3 import SE3
+from bagassets.geometry.se3 import SE3, Floats
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.json_types import JsonObject
 from bagassets.quality.check import Evidence, RecordingCheck
@@ -27,6 +28,8 @@ from bagassets.store.artifact import Artifact
 __all__ = ["PART_CHECKS"]
 
 PART = "nuscenes_tables"
+# The work of a check does not grow with the recording.
+MOST_RADAR_READINGS = 60
 
 
 def _tables(evidence: Evidence) -> dict[str, list[Row]]:
@@ -73,23 +76,21 @@ def _sweeps(artifact: Artifact, ego_SE3_sensor: SE3) -> Sweeps:
 
 
 def _radar_velocities(evidence: Evidence) -> Finding:
-    radars = {}
+    radars: dict[str, RadarReadings] = {}
     for name, entry in sorted(evidence.channels("sweeps").items()):
         if isinstance(evidence.rig.channels.get(name), RadarChannel):
             artifact = evidence.store.artifact(entry["artifact"])
-            index = artifact.read_table("index.parquet", ["stamp_ns", "file"])
-            stamps_ns = index.column("stamp_ns").to_numpy().astype(np.int64)
-            targets = partial(_targets, artifact, index.column("file").to_pylist())
-            ego_SE3_sensor = evidence.calibration.channels[name].ego_SE3_sensor.normalised()
-            radars[name] = RadarReadings(stamps_ns, targets, ego_SE3_sensor)
-    return radar_velocities(radars, evidence.once(_trajectory), evidence.checks.radar_velocities)
+            index = artifact.read_table("index.parquet", ["stamp_ns", "file"]).to_pylist()
+            chosen = index[:: len(index) // MOST_RADAR_READINGS + 1]
+            with suppress(OSError, ValueError, DatasetError):  # the check `files_match` reports it
+                readings = [(row["stamp_ns"], _targets(artifact.path(row["file"]))) for row in chosen]
+                radars[name] = evidence.calibration.channels[name].ego_SE3_sensor.normalised(), readings
+    return radar_velocities(radars, evidence.once(_trajectory))
 
 
-def _targets(artifact: Artifact, files: list[str], number: int) -> NDArray[np.void] | None:
-    try:
-        return read_radar_file(artifact.path(files[number]))
-    except (OSError, ValueError, DatasetError):
-        return None  # the check `files_match` reports it
+def _targets(path: Path) -> Floats:
+    table = read_radar_file(path)
+    return np.array([table[field] for field in ("x", "y", "z", "vx_comp", "vy_comp")], dtype=np.float64)
 
 
 def _references_intact(evidence: Evidence) -> Finding:
@@ -138,7 +139,7 @@ PART_CHECKS = (
         "radar_velocities",
         "radar_velocities",
         "Radar targets that stand still have no velocity over ground.",
-        "most targets of a radar move over ground exactly as the vehicle does, or against it, in nearly every reading (see below)",
+        "most targets of a radar move over ground exactly as the vehicle does, or against it (see below)",
         _radar_velocities,
     ),
     RecordingCheck(
