@@ -66,7 +66,7 @@ def _standing(targets: Floats, radar_mps: Floats, noise_share: float) -> Floats:
     """Return which shares of targets stand still, (2, M): with velocities over ground, and with relative ones.
 
     Only radial speeds count, which every radar measures best, and only those of targets within 60 degrees of the direction
-    of travel: elsewhere, radial speeds are alike whatever moves.
+    of travel: elsewhere, radial speeds are alike whatever moves. Of what is high up, x and y hold a part of them only.
     """
     x, y, z, vx, vy = targets
     distance = np.sqrt(x * x + y * y + z * z)
@@ -74,7 +74,7 @@ def _standing(targets: Floats, radar_mps: Floats, noise_share: float) -> Floats:
     approach = (radar_mps[:, :1] * x + radar_mps[:, 1:] * y) / distance
     speeds = np.sqrt((radar_mps * radar_mps).sum(axis=1))[:, None]
     noise = NOISE_MPS + noise_share * speeds
-    telling = np.abs(approach) > np.maximum(2 * noise, 0.5 * speeds)
+    telling = (np.abs(approach) > np.maximum(2 * noise, 0.5 * speeds)) & (np.abs(z) < 0.2 * distance)
     explained = (np.abs(radial) <= NOISE_MPS, np.abs(radial + approach) <= noise)
     number = telling.sum(axis=1)
     shares: Floats = np.array([(telling & one).sum(axis=1) / np.maximum(number, 1) for one in explained])
