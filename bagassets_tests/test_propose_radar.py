@@ -56,7 +56,7 @@ def fix(stamp_ns, x_m):
 def transforms(stamp_ns, x_m):
     wheel = SE3((1.0, 0.0, 0.0, 0.0), (0.0, 0.01 * (stamp_ns % 3), 0.0))
     moved = SE3((1.0, 0.0, 0.0, 0.0), (x_m, 0.0, 0.0))
-    return MAKE.transforms(stamp_ns, "odom", [("base_link", moved), ("wheel", wheel)])
+    return MAKE.transforms(stamp_ns, "odom", [("wheel", wheel), ("base_link", moved)])
 
 
 SOURCES = {

@@ -85,6 +85,12 @@ def test_traffic_that_moves_alike_is_traffic(sign, still):
     assert found(12.0, column).passed
 
 
+@pytest.mark.parametrize("speed_mps", [12.0, -12.0])
+def test_standing_things_beside_a_tight_column_outweigh_it(speed_mps):
+    """Everything in the column drives at exactly the speed of the car."""
+    assert found(12.0, lambda _: scene(5, [(speed_mps, 0.0)] * 10)).passed
+
+
 def test_a_few_readings_in_traffic_do_not_count():
     """A column at exactly the speed of the car, in a third of the readings."""
 

@@ -5,10 +5,12 @@ The truth is a closed form: the vehicle drives a circle at a constant speed, and
 
 import json
 from dataclasses import dataclass, field
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from bagassets.assets import sweeps
 from bagassets.assets.asset import as_json
 from bagassets.assets.radar_file import read_radar_file
 from bagassets.assets.sweeps import SWEEPS
@@ -163,6 +165,23 @@ def test_radial_velocities_are_compensated_along_the_ray(run):
         assert np.abs(pair(table)[:2]).max() > 5.0
 
 
+def test_a_radar_that_rises_is_compensated_along_rays_that_point_up(run):
+    seconds = np.arange(-50, 100) / 50
+    positions = np.zeros((150, 3))
+    positions[:, 2] = 3.0 * seconds
+    stamps = START_NS + np.round(seconds * 1e9).astype(np.int64)
+    rising = Trajectory(stamps, positions, np.tile([1.0, 0, 0, 0], (150, 1)), 500_000_000, 0)
+    told = {
+        "x": np.array([8.0]),
+        "y": np.array([0.0]),
+        "z": np.array([6.0]),
+        "range_rate": np.array([-3.0 * 0.6]),
+    }
+    (table,) = targets(run(asked("relative"), [raw(cloud(START_NS, told, "radar"), CLOUD, START_NS)], rising))
+    assert np.abs(pair(table, "_comp")).max() < 1e-6
+    assert abs(table["vx"][0]) > 1.0
+
+
 @dataclass
 class Return:
     range: float
@@ -307,6 +326,13 @@ def test_poses_and_mount_count_where_they_compensate(velocities, msgtype):
     assert use.inputs == {"ego_poses": "p"}
     assert as_json(use.params)["ego_SE3_sensor"] == MOUNT
     json.dumps(as_json(use.params))
+
+
+def test_a_plug_in_gives_types_a_meaning_of_its_own(monkeypatch):
+    of_acme = SimpleNamespace(family="radar", plugin="acme", key={"distribution": "acme", "version": "1"})
+    monkeypatch.setattr(sweeps, "require_decoder", lambda *_: of_acme)
+    assert asked(None, SCAN).inputs == {}
+    assert asked("relative", SCAN).inputs == {"ego_poses": "p"}
 
 
 def test_poses_are_made_before_only_where_they_compensate():

@@ -26,7 +26,6 @@ def sensor_velocities(trajectory: Trajectory, ego_SE3_sensor: SE3, stamps_ns: ND
     It includes what turning adds at the mount, and is the mean over 0.2 s around each stamp, or over what has poses of
     that. On a circle driven at 0.7 rad/s it is 0.08 % too small.
     """
-    valid = trajectory.at(stamps_ns)[2]
     first_ns, last_ns = (
         np.where(trajectory.at(stamps_ns + shift)[2], stamps_ns + shift, stamps_ns)
         for shift in (-HALF_WINDOW_NS, HALF_WINDOW_NS)
@@ -34,7 +33,7 @@ def sensor_velocities(trajectory: Trajectory, ego_SE3_sensor: SE3, stamps_ns: ND
     mount_m = np.array(ego_SE3_sensor.translation)
     (from_m, from_turned, _), (to_m, to_turned, _) = trajectory.at(first_ns), trajectory.at(last_ns)
     moved_m = to_m + rotate(to_turned, mount_m) - from_m - rotate(from_turned, mount_m)
-    seconds = np.where(valid & (last_ns > first_ns), (last_ns - first_ns) / 1e9, np.nan)
+    seconds = np.where(last_ns > first_ns, (last_ns - first_ns) / 1e9, np.nan)
     # Halfway, the sensor looks along the mean direction of its motion, wherever the window lies.
     halfway = trajectory.at(first_ns + (last_ns - first_ns) // 2)[1]
     global_Q_sensor = quaternion_multiply(halfway, np.array(ego_SE3_sensor.rotation))
