@@ -105,6 +105,16 @@ def test_without_motion_or_targets_nothing_is_said(speed_mps, scenes):
     assert found(speed_mps, scenes, offset=-1.0).passed
 
 
+def test_a_target_at_the_radar_itself_says_nothing():
+    def with_one_at_zero(number):
+        places, velocities = parked(number)
+        places[0] = 0.0
+        return places, velocities
+
+    assert found(12.0, with_one_at_zero).passed
+    assert not found(12.0, with_one_at_zero, offset=-1.0).passed
+
+
 def test_a_handful_of_readings_is_not_enough():
     assert found(12.0, parked, offset=-1.0, readings=9).passed
     assert found(12.0, parked, readings=0).passed

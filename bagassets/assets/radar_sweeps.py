@@ -182,7 +182,7 @@ class RadarSweeps:
             vx, vy = own_mps[0], own_mps[1]
             if sweep.radial:  # only what the radar's own velocity has along each ray, laid along it
                 x, y, z = (targets[axis] for axis in "xyz")
-                along = (x * vx + y * vy + z * own_mps[2]) / (x * x + y * y + z * z)
+                along = (x * vx + y * vy + z * own_mps[2]) / np.maximum(x * x + y * y + z * z, 1e-6)
                 vx, vy = along * x, along * y
             targets |= {"vx_comp": targets["vx"] + vx, "vy_comp": targets["vy"] + vy}
         data = radar_bytes(targets)
