@@ -1,5 +1,7 @@
 """What the velocities of a radar are, from its first minute: found from what stands still, and left open where traffic would do."""
 
+from dataclasses import dataclass
+
 import numpy as np
 import pytest
 
@@ -8,6 +10,7 @@ from bagassets.propose.proposal import propose_recipe
 from bagassets.propose.radar_velocities import velocities_of
 from bagassets.propose.summary import RecordingSummary, TopicSummary
 from bagassets.sample.messages import Messages
+from bagassets_tests.plugin_install import Site
 from bagassets_tests.sweep_data import Messages as Stub
 from bagassets_tests.sweep_data import cloud, raw
 
@@ -149,6 +152,29 @@ def test_few_targets_decide_nothing():
 )
 def test_where_there_is_nothing_to_decide_nothing_is_said(scenes, msgtype):
     assert decided(Drive(scenes, msgtype=msgtype)) == {}
+
+
+@dataclass
+class Place:
+    stamp_ns: int
+    x_m: float
+
+
+ACME = """
+from bagassets.decode.model import PoseReading
+from bagassets.geometry.se3 import SE3
+
+def pose(message):
+    return PoseReading(message.stamp_ns, "map", "base_link", SE3((1.0, 0.0, 0.0, 0.0), (message.x_m, 0.0, 0.0)))
+"""
+
+
+def test_poses_may_come_from_a_plug_in(tmp_path, monkeypatch):
+    site = Site(monkeypatch, tmp_path / "site")
+    site.install("acme", "1.0", ACME, pose__acme_msgs__Ego="pose")
+    monkeypatch.setitem(SOURCES, "plug-in", ("acme_msgs/msg/Ego", Place))
+    assert decided(Drive(street(True), source="plug-in")) == {"/radar": "relative"}
+    site.close()
 
 
 def test_a_message_that_cannot_be_decoded_is_passed_over():

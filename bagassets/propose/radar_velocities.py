@@ -1,15 +1,15 @@
 """What the velocities of a radar are, found from what stands still while the vehicle drives; where the radar sits need not be known."""
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from typing import Literal
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from typing import Any, Literal
 
 import numpy as np
 
-from bagassets.decode.loading import keyed_decoder
+from bagassets.decode.loading import load_decoder
 from bagassets.decode.radar import measures_relative
-from bagassets.decode.registry import families_of
+from bagassets.decode.registry import AnyFamily, families_of, find_decoder
 from bagassets.decode.tf import decode_transform
-from bagassets.errors import DecodeError
+from bagassets.errors import DecodeError, PluginError
 from bagassets.geometry.radar_motion import Velocities, what_velocities_are
 from bagassets.geometry.se3 import Floats
 from bagassets.geometry.wgs84 import ecef
@@ -58,9 +58,9 @@ def velocities_of(
                 continue
             if name not in waiting or (waiting[name] and now_s - waiting[name][-1][0] < _STEP_S):
                 continue
-            decode = keyed_decoder("radar", message.msgtype, None)
+            decode = _decoder("radar", message.msgtype)
             targets = decode(recording.decode(message), message.msgtype, None).targets
-        except DecodeError:
+        except (DecodeError, PluginError):
             continue
         if not len(targets["x"]):
             continue
@@ -79,7 +79,7 @@ def velocities_of(
 def _places(recording: Recording, message: RawMessage) -> Iterator[tuple[str, Place]]:
     """Yield what is somewhere, and where, in metres."""
     family = families_of(message.msgtype)[0]
-    value = keyed_decoder(family, message.msgtype, None)(recording.decode(message))
+    value = _decoder(family, message.msgtype)(recording.decode(message))
     if family == "transforms":
         for edge in map(decode_transform, value):
             yield f"{edge.parent} {edge.child}", edge.parent_SE3_child.translation
@@ -88,6 +88,14 @@ def _places(recording: Recording, message: RawMessage) -> Iterator[tuple[str, Pl
         yield message.topic, tuple(ecef(lat_deg, lon_deg, np.zeros(1))[0].tolist())
     else:
         yield message.topic, value.parent_SE3_child.translation
+
+
+def _decoder(family: AnyFamily, msgtype: str) -> Callable[..., Any]:
+    decoder = find_decoder(family, msgtype)
+    if decoder is None:
+        raise DecodeError("nothing decodes it")
+    decode: Callable[..., Any] = load_decoder(decoder)
+    return decode
 
 
 def _verdict(
