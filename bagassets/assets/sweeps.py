@@ -334,7 +334,8 @@ SWEEPS = Asset(
     version=3,
     libraries=("pyarrow", "velodyne-decoder"),
     title="The lidar revolutions and radar scans as files of points, indexed by stamp.",
-    description="""One artifact per sensor: `.pcd.bin` for lidar, deskewed if the recipe says so, and `.pcd` for radar.""",
+    description="""One artifact per sensor: `.pcd.bin` for lidar, deskewed if the recipe says so, and `.pcd` for radar, with velocities
+compensated for ego motion if they are relative.""",
     kinds=frozenset({"pointcloud", "parquet"}),
     reads=(INVENTORY, CALIBRATION, EGO_POSES),
     waits_for=_waits_for,
