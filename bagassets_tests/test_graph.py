@@ -180,11 +180,25 @@ def test_a_node_depends_on_what_it_needs_under_its_parameters(project, ran):
     poses = step("poses", ran, INVENTORY)
     ran.failing = {"poses"}
     still = channels(
-        "clouds", ran, {"LIDAR": "/points"}, INVENTORY, poses, waits_for=lambda _: frozenset({"inventory"})
+        "clouds", ran, {"LIDAR": "/points"}, INVENTORY, poses, waits_for=lambda *_: frozenset({"inventory"})
     )
     made, failed = executed(project(poses, still))
     assert made == ["inventory", "clouds"]
     assert set(failed) == {"poses"}
+
+
+@pytest.mark.parametrize(("topic", "waits"), [("/points", True), ("/radar", False)])
+def test_what_a_recording_holds_can_decide_what_a_node_depends_on(project, ran, topic, waits):
+    def needs(_, inventory):
+        moved = {"poses"} if inventory is not None and topic in inventory.topics else set()
+        return frozenset({"inventory", *moved})
+
+    poses = step("poses", ran, INVENTORY)
+    clouds = channels("clouds", ran, {"LIDAR": "/points"}, INVENTORY, poses, waits_for=needs)
+    assert states(project(poses, clouds))["clouds"] == ("unknown", "waits for inventory: never made")
+    executed(project(poses, clouds, wanted={"inventory"}))
+    state = states(project(poses, clouds))["clouds"]
+    assert state == (("unknown", "waits for poses: never made") if waits else ("missing", "never made"))
 
 
 # --- execution ----------------------------------------------------------------------------

@@ -133,7 +133,7 @@ def test_half_a_position_does_not_hide_a_whole_one():
     near(decode_radar(cloud(STAMP, columns), CLOUD).targets["x"], [10.0])
 
 
-def test_radar_scan_has_angles_to_the_right_as_its_definition_says(make):
+def test_radar_scan_has_angles_to_the_left_as_its_definition_says(make):
     returns = [
         make.part(
             "radar_msgs/msg/RadarReturn", range=10.0, azimuth=azimuth, elevation=0.0, doppler_velocity=-2.0, amplitude=5.0
@@ -144,10 +144,10 @@ def test_radar_scan_has_angles_to_the_right_as_its_definition_says(make):
     assert not is_single_track(message)
     reading = decode_radar(message, "radar_msgs/msg/RadarScan")
     assert reading.frame_id == "radar"
-    near(reading.targets["y"], [-10 * math.sin(0.5), 10 * math.sin(0.5)])
+    near(reading.targets["y"], [10 * math.sin(0.5), -10 * math.sin(0.5)])
     near(reading.targets["vx"], [-2 * math.cos(0.5)] * 2)
     near(reading.targets["rcs"], [5, 5])
-    turned = decode_radar(message, "radar_msgs/msg/RadarScan", "left")
+    turned = decode_radar(message, "radar_msgs/msg/RadarScan", "right")
     near(turned.targets["y"], -reading.targets["y"])
 
 

@@ -30,6 +30,7 @@ from bagassets_tests.sweep_run import (
     Runner,
     clouds,
     driving,
+    inventory,
     lidar,
     request,
     scans,
@@ -113,7 +114,7 @@ def test_sweeps_wait_for_the_ego_poses_only_if_they_are_deskewed(deskew):
     }
     rig = Rig(name="car", channels=channels, ego_pose={"source": "fixed"})
     recipe = Recipe(name="test", bags={"root": "bags"}, rigs=(rig,))
-    needed = SWEEPS.needs(SWEEPS.params(recipe, rig))
+    needed = SWEEPS.needs(SWEEPS.params(recipe, rig), inventory(CLOUD))
     assert needed == {"inventory", "calibration"} | ({"ego_poses"} if deskew else set())
 
 

@@ -17,6 +17,7 @@ from bagassets_tests.sweep_run import (
     CLOUD,
     START_NS,
     Runner,
+    driving,
     request,
 )
 
@@ -76,7 +77,9 @@ def esr_tracks(cycles):
 
 def test_single_tracks_are_collected_into_cycles(run):
     messages = list(esr_tracks(3))
-    result = run(request(RadarChannel(topic="/sensor"), "delphi_esr_msgs/msg/EsrTrack"), messages)
+    result = run(
+        request(RadarChannel(topic="/sensor"), "delphi_esr_msgs/msg/EsrTrack"), messages, driving(0.0)
+    )
     assert [row["stamp_ns"] for row in result.index] == [
         START_NS + n * 50_000_000 + 100_000 for n in range(3)
     ]
@@ -92,7 +95,9 @@ def test_a_pause_between_single_tracks_ends_a_cycle(run):
     late = EsrTrack(header(START_NS + 300_000_000, "radar"), 64, 5.0)
     early = EsrTrack(header(START_NS, "radar"), 1, 5.0)
     messages = [raw(track, "delphi_esr_msgs/msg/EsrTrack", START_NS) for track in (early, late)]
-    result = run(request(RadarChannel(topic="/sensor"), "delphi_esr_msgs/msg/EsrTrack"), messages)
+    result = run(
+        request(RadarChannel(topic="/sensor"), "delphi_esr_msgs/msg/EsrTrack"), messages, driving(0.0)
+    )
     assert [row["points"] for row in result.index] == [1, 1]
 
 

@@ -270,7 +270,8 @@ class Asset(Generic[P, U]):
         description: its content and its files, for the web UI, where it follows the title.
         kinds: kinds that the web UI shows.
         reads: the upstream assets.
-        waits_for: returns the names of those of `reads` that it needs under its parameters; default: all.
+        waits_for: returns the names of those of `reads` that it needs under its parameters, for a recording with this
+            inventory; the inventory is None while it is not known. Default: all.
         families: families of messages that decoder plug-ins may decode for it.
         enabled: returns whether recordings have it under a recipe.
         optional: True if no dataset but its own depends on it; its failures keep no recording out of the others.
@@ -296,7 +297,7 @@ class Asset(Generic[P, U]):
     extract: "Callable[[Use[U], Inputs, Recording, ArtifactWriter, Executor | None], ChannelExtractor] | None" = None
     description: str = ""
     reads: "tuple[AnyAsset, ...]" = ()
-    waits_for: Callable[[P], frozenset[str]] | None = None
+    waits_for: Callable[[P, Inventory | None], frozenset[str]] | None = None
     libraries: tuple[str, ...] = ()
     families: tuple[Family, ...] = ()
     enabled: Callable[[Recipe], bool] = _always
@@ -316,12 +317,12 @@ class Asset(Generic[P, U]):
         """Its title and description."""
         return f"{self.title}\n\n{self.description}" if self.description else self.title
 
-    def needs(self, params: P) -> frozenset[str]:
-        """Return the names of the assets that must be made before it, under these parameters."""
+    def needs(self, params: P, inventory: Inventory | None) -> frozenset[str]:
+        """Return the names of the assets that must be made before it, under these parameters, for a recording."""
         return (
             frozenset(asset.name for asset in self.reads)
             if self.waits_for is None
-            else self.waits_for(params)
+            else self.waits_for(params, inventory)
         )
 
     def run(self, use: Use[U], inputs: Inputs, out: ArtifactWriter) -> Summary:

@@ -1,12 +1,13 @@
 """Radar readings become `.pcd` files: one per message, or one per cycle of single tracks."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bagassets.assets.asset import inlined
+from bagassets.assets.asset import inlined, omitted
 from bagassets.assets.radar_file import radar_bytes
 from bagassets.assets.sweep_files import SensorSettings, SensorUse, SweepFiles
 from bagassets.decode.loading import keyed_decoder
@@ -14,6 +15,9 @@ from bagassets.decode.model import RadarReading
 from bagassets.decode.radar import is_single_track, track_number
 from bagassets.decode.radar_fields import Side
 from bagassets.errors import DecodeError
+from bagassets.geometry.radar_motion import sensor_velocities
+from bagassets.geometry.se3 import SE3
+from bagassets.geometry.trajectory import Trajectory
 from bagassets.recordings.model import Message, RawMessage
 
 __all__ = ["RadarSettings", "RadarSweeps", "RadarUse"]
@@ -30,9 +34,11 @@ class RadarSettings(SensorSettings):
 
     Attributes:
         azimuth_positive: side on which recorded azimuths are positive; None for the side that the message type defines.
+        velocities: what recorded velocities are; None as the message type defines it.
     """
 
     azimuth_positive: Side | None
+    velocities: Literal["relative", "over_ground"] | None = omitted()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,10 +47,13 @@ class RadarUse(SensorUse):
 
     Attributes:
         settings: its settings in the recipe.
+        ego_SE3_sensor: its mount from `calibration.json`, if its velocities are relative to it; else None.
     """
 
     modality: Literal["radar"] = "radar"
-    settings: RadarSettings = inlined()
+    # What the velocities are shows in whether there is a mount.
+    settings: RadarSettings = inlined(without={"velocities"})
+    ego_SE3_sensor: SE3 | None = omitted()
 
 
 @dataclass(slots=True)
@@ -53,6 +62,7 @@ class _Sweep:
 
     stamp_ns: int
     log_time_ns: int
+    radial: bool
     parts: int = 0
     targets: list[Targets] = field(default_factory=list)
 
@@ -81,10 +91,21 @@ class RadarSweeps:
     Some drivers publish the same reading repeatedly while they fill it. Of consecutive readings with
     the same stamp, the one with most targets is kept (of equal ones the first); the others are counted
     as duplicates.
+
+    Velocities relative to the radar are compensated for its motion at the stamp of the file. Without an ego pose there,
+    the reading is counted as lost.
+
+    Args:
+        use: everything that shapes the files.
+        files: writes them.
+        trajectory: returns the ego poses; called only if velocities are compensated.
     """
 
-    def __init__(self, use: RadarUse, files: SweepFiles) -> None:
+    def __init__(self, use: RadarUse, files: SweepFiles, trajectory: Callable[[], Trajectory]) -> None:
         self._files = files
+        self._motion: tuple[Trajectory, SE3] | None = None
+        if use.ego_SE3_sensor is not None:
+            self._motion = (trajectory(), use.ego_SE3_sensor.normalised())
         self._by_log_time = use.settings.clock == "log"
         self._side = use.settings.azimuth_positive
         self._decode = keyed_decoder("radar", use.msgtype, use.decoder)
@@ -104,7 +125,7 @@ class RadarSweeps:
         self._files.points.read += len(reading.targets["x"]) + reading.dropped
         self._files.points.drop("no measurement", reading.dropped)
         stamp = raw.log_time_ns if self._by_log_time else reading.stamp_ns
-        sweep = _Sweep(stamp, raw.log_time_ns)
+        sweep = _Sweep(stamp, raw.log_time_ns, reading.radial)
         if not self._by_plugin and is_single_track(message):
             self._collect(sweep, reading.targets, track_number(message))
         else:
@@ -152,5 +173,17 @@ class RadarSweeps:
         self._files.lose("duplicate stamp", before.parts, before.number)
 
     def _write(self, sweep: _Sweep) -> None:
-        data = radar_bytes(sweep.joined())
+        targets = sweep.joined()
+        if self._motion is not None and "vx" in targets:
+            (own_mps,) = sensor_velocities(*self._motion, np.array([sweep.stamp_ns]))
+            if np.isnan(own_mps).any():
+                self._files.lose("no ego pose to compensate with", sweep.parts, sweep.number)
+                return
+            vx, vy = own_mps[0], own_mps[1]
+            if sweep.radial:  # only what the radar's own velocity has along each ray, laid along it
+                x, y, z = (targets[axis] for axis in "xyz")
+                along = (x * vx + y * vy + z * own_mps[2]) / np.maximum(x * x + y * y + z * z, 1e-6)
+                vx, vy = along * x, along * y
+            targets |= {"vx_comp": targets["vx"] + vx, "vy_comp": targets["vy"] + vy}
+        data = radar_bytes(targets)
         self._files.write(sweep.stamp_ns, sweep.log_time_ns, data, sweep.number, parts=sweep.parts)

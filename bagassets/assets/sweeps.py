@@ -28,12 +28,14 @@ from bagassets.assets.topic_types import require_decoder
 from bagassets.decode.fields import check_points, stamp_ns
 from bagassets.decode.point_times import Moment
 from bagassets.decode.pointcloud2 import POINTCLOUD2
+from bagassets.decode.radar import measures_relative
 from bagassets.errors import DecodeError, LossLimitError, RecipeError
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.json_types import JsonObject
 from bagassets.quality.channel_rules import channels_complete
 from bagassets.quality.check import RecordingCheck
 from bagassets.recipe.model import LidarChannel, PointTimes, RadarChannel, Recipe, Rig
+from bagassets.recordings.inventory import Inventory
 from bagassets.recordings.model import Message, RawMessage
 from bagassets.recordings.recording import Recording
 from bagassets.store.artifact import ArtifactWriter
@@ -90,6 +92,7 @@ class SweepsParams:
                     lost_messages=recipe.limits.lost_messages,
                     cloud_points=recipe.limits.cloud_points,
                     azimuth_positive=channel.azimuth_positive,
+                    velocities=channel.velocities,
                 )
         return cls(lidars, radars)
 
@@ -171,7 +174,9 @@ def _use_of_lidar(facts: Facts, name: str, settings: LidarChannelSettings) -> Us
 
 
 def _use_of_radar(facts: Facts, name: str, settings: RadarSettings) -> Use[SweepUse]:
-    """Return what the sweeps of one radar depend on: from upstream only its message type.
+    """Return what the sweeps of one radar depend on.
+
+    From upstream, that is its message type. Extrinsics and ego poses count only if they compensate its velocities.
 
     Raises:
         RecipeError: the recipe has `azimuth_positive`, but a plug-in decodes the messages.
@@ -185,8 +190,23 @@ def _use_of_radar(facts: Facts, name: str, settings: RadarSettings) -> Use[Sweep
             f"{name}: azimuth_positive has no effect on {settings.topic}, whose {msgtype} a plug-in of "
             f"{decoder.plugin.distribution} decodes; remove it from the recipe."
         )
-    use = RadarUse(channel=name, settings=settings, msgtype=msgtype, decoder=decoder.key)
-    return Use(use, (settings.topic,))
+    relative = _is_relative(settings, None if decoder.plugin else msgtype)
+    mount = facts.calibration.channels[name].ego_SE3_sensor if relative else None
+    inputs = {EGO_POSES.name: facts.artifact(EGO_POSES.name).digest} if relative else {}
+    use = RadarUse(
+        channel=name, settings=settings, msgtype=msgtype, decoder=decoder.key, ego_SE3_sensor=mount
+    )
+    return Use(use, (settings.topic,), inputs)
+
+
+def _is_relative(settings: RadarSettings, msgtype: str | None) -> bool:
+    """Tell whether the velocities of a radar are relative to it, by the recipe or else by the type of its messages.
+
+    The type is None where a plug-in gives its own meaning to it.
+    """
+    if settings.velocities is None:
+        return msgtype is not None and measures_relative(msgtype)
+    return settings.velocities == "relative"
 
 
 class SweepExtractor:
@@ -196,7 +216,7 @@ class SweepExtractor:
         use: everything that shapes the files.
         recording: decodes the messages.
         out: writes the artifact.
-        trajectory: returns `global_SE3_ego`; called only if the channel is deskewed.
+        trajectory: returns `global_SE3_ego`; called only if the channel is corrected for its motion.
     """
 
     def __init__(
@@ -217,7 +237,7 @@ class SweepExtractor:
         self._sweeps: CloudSweeps | PacketSweeps | RadarSweeps
         match use:
             case RadarUse():
-                self._sweeps = RadarSweeps(use, self._files)
+                self._sweeps = RadarSweeps(use, self._files, trajectory)
             case PacketUse():
                 writer = LidarWriter(use, self._files, trajectory)
                 topic = recording.topics[use.settings.topic]
@@ -313,10 +333,16 @@ def _extract(
     return SweepExtractor(use.params, recording, out, lambda: inputs.trajectory)
 
 
-def _waits_for(params: SweepsParams) -> frozenset[str]:
+def _waits_for(params: SweepsParams, inventory: Inventory | None) -> frozenset[str]:
     always = frozenset({INVENTORY.name, CALIBRATION.name})
     deskews = any(lidar.common.deskew for lidar in params.lidars.values())
-    return always | {EGO_POSES.name} if deskews else always
+    topics = {} if inventory is None else inventory.topics
+    compensates = any(
+        _is_relative(radar, topics[radar.topic].msgtype)
+        for radar in params.radars.values()
+        if radar.topic in topics
+    )
+    return always | {EGO_POSES.name} if deskews or compensates else always
 
 
 SWEEPS = Asset(
@@ -324,7 +350,8 @@ SWEEPS = Asset(
     version=3,
     libraries=("pyarrow", "velodyne-decoder"),
     title="The lidar revolutions and radar scans as files of points, indexed by stamp.",
-    description="""One artifact per sensor: `.pcd.bin` for lidar, deskewed if the recipe says so, and `.pcd` for radar.""",
+    description="""One artifact per sensor: `.pcd.bin` for lidar, deskewed if the recipe says so, and `.pcd` for radar, with velocities
+compensated for ego motion if they are relative.""",
     kinds=frozenset({"pointcloud", "parquet"}),
     reads=(INVENTORY, CALIBRATION, EGO_POSES),
     waits_for=_waits_for,

@@ -155,8 +155,12 @@ class Graph:
         """Return the names of the nodes that an asset depends on under the parameters of this recording."""
         if not asset.reads:
             return [BAG]
-        needs = None if self.rig is None else asset.needs(self.assets.params(asset, self.rig))
-        return [SELECTION, *(one.name for one in asset.reads if needs is None or one.name in needs)]
+        names = [one.name for one in asset.reads]
+        if self.rig is not None and asset.waits_for is not None:
+            inventory = None if self.node("inventory").artifact is None else self.inputs.inventory
+            needs = asset.needs(self.assets.params(asset, self.rig), inventory)
+            names = [name for name in names if name in needs]
+        return [SELECTION, *names]
 
     @cached_property
     def rig(self) -> Rig | None:

@@ -65,12 +65,14 @@ class RadarReading:
         frame_id: sensor frame, without leading slash.
         targets: field of the nuScenes radar format -> (N,) array; always with x, y, z.
         dropped: number of targets dropped because they are not finite.
+        radial: its velocities are only what was measured along the line of sight.
     """
 
     stamp_ns: int
     frame_id: str
     targets: dict[str, NDArray[np.float64]]
     dropped: int = 0
+    radial: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,11 +6,14 @@ Which kind a message is follows from its structure:
 * a message with a list of returns, tracks or objects (`radar_msgs/RadarScan`, `RadarTracks`, …);
 * a message that is one track itself (`delphi_esr_msgs/EsrTrack`); the step collects those.
 
-Azimuths are positive to the left (anticlockwise from above, REP 103) in clouds and in messages
-not named here. They are positive to the right in `radar_msgs` ("negative angles are
-anticlockwise", RadarReturn.msg) and in the Delphi drivers, which publish the radar's own
-clockwise angles. Drivers are known to disagree with the definition they publish, so the recipe
-can name the side.
+Azimuths are positive to the left (anticlockwise from above, REP 103) in clouds, in `radar_msgs`
+("positive angles are anticlockwise … as per REP-0103", RadarReturn.msg of 0.1.0 and 0.2.1) and in
+messages not named here. They are positive to the right in the Delphi drivers, which publish the
+radar's own clockwise angles. Drivers are known to disagree with the definition they publish, so
+the recipe can name the side.
+
+Velocities are relative to the radar in messages of what it measured itself (Doppler, range rate). Tracks and clouds
+may be either way: drivers differ, and Autoware's converter has a switch. There the recipe says it.
 """
 
 from dataclasses import fields, is_dataclass
@@ -26,9 +29,16 @@ from bagassets.decode.radar_fields import ANGLES_LEFT, ANGLES_RIGHT, TRACK_NUMBE
 from bagassets.errors import DecodeError
 from bagassets.recordings.model import Message
 
-__all__ = ["decode_radar", "is_single_track", "track_number"]
+__all__ = ["decode_radar", "is_single_track", "measures_relative", "track_number"]
 
-_PACKAGES_ANGLES_RIGHT = ("radar_msgs/", "delphi_esr_msgs/", "delphi_srr_msgs/", "delphi_mrr_msgs/")
+_PACKAGES_ANGLES_RIGHT = ("delphi_esr_msgs/", "delphi_srr_msgs/", "delphi_mrr_msgs/")
+# Types whose velocities are range rates as measured.
+_RELATIVE = (
+    "continental_msgs/msg/ContinentalArs548Detection",
+    "continental_msgs/msg/ContinentalSrr520Detection",
+    "delphi_",
+    "radar_msgs/msg/RadarScan",
+)
 # Where several lists are in a message, these are looked at first.
 _LISTS = ("returns", "tracks", "detections", "targets", "objects", "clusters", "points")
 
@@ -61,6 +71,11 @@ def decode_radar(message: Message, msgtype: str, azimuth_positive: Side | None =
         nothing = np.zeros(0)
         return radar_reading(stamp, frame_id, {"x": nothing, "y": nothing}, side)
     return radar_reading(stamp, frame_id, _columns(elements), side)
+
+
+def measures_relative(msgtype: str) -> bool:
+    """Tell whether a type is defined to have velocities relative to the radar."""
+    return msgtype.startswith(_RELATIVE)
 
 
 def is_single_track(message: Message) -> bool:

@@ -160,7 +160,8 @@ def radar_reading(stamp_ns: int, frame_id: str, fields: Mapping[str, Column], si
             targets["vx_comp"], targets["vy_comp"] = radial_comp * toward_x, radial_comp * toward_y
         keep = np.isfinite(distance) & (distance > 0.0)
     kept = {name: values[keep] for name, values in targets.items()}
-    return RadarReading(stamp_ns, frame_id, kept, dropped=len(x) - int(keep.sum()))
+    dropped = len(x) - int(keep.sum())
+    return RadarReading(stamp_ns, frame_id, kept, dropped, radial=vx is None and radial is not None)
 
 
 def _cartesian(columns: _Columns, side: Side) -> tuple[Floats, Floats, Floats]:

@@ -164,6 +164,14 @@ def _write_channel(
             "middle or end instead of start if it marks that.",
         )
         sheet.off(4, "header_stamp_is: start")
+    known = sorted(topic.velocities - {"undecided"})
+    if len(known) == 1:
+        sheet.guess(4, f"velocities: {known[0]}", "by what stands still while the vehicle drives")
+    elif topic.velocities and rig.pose.fields:
+        sheet.field(4, "velocities:")
+        text = "the recordings do not show whether velocities are relative to the radar, so that they must be compensated for its "
+        text += "motion, or over_ground; write which, or remove the field to keep them as recorded"
+        sheet.ask(5, name, text, rig=rig.name, below=True)
     _write_place(sheet, rig, name, sensor, file)
 
 

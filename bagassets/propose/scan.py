@@ -26,8 +26,11 @@ from bagassets.decode.tf import decode_transform
 from bagassets.errors import DecodeError, PluginError
 from bagassets.geometry.se3 import SE3
 from bagassets.propose.naming import is_radar_list
-from bagassets.propose.sensors import modality_of
+from bagassets.propose.poses import pose_candidates
+from bagassets.propose.radar_velocities import velocities_of
+from bagassets.propose.sensors import find_sensors, modality_of
 from bagassets.propose.summary import Edge, RecordingSummary, TopicSummary, merge_topics
+from bagassets.propose.topic_uses import transform_topics
 from bagassets.recipe.model import Limits, Scenes
 from bagassets.recordings.model import Message, RawMessage
 from bagassets.recordings.recording import Recording
@@ -76,7 +79,14 @@ def scan_recording(recording: Recording) -> RecordingSummary:
     transforms = {edge: own[0] for edge, own in values.items()}
     moving = frozenset(edge for edge, own in values.items() if _moves(own))
     sensors = {topic.name for topic in topics.values() if topic.count > 0 and modality_of(topic) is not None}
-    return RecordingSummary(topics, transforms, moving, _short_s(recording, sensors), robots)
+    summary = RecordingSummary(topics, transforms, moving, _short_s(recording, sensors), robots)
+    radars = [sensor.topic.name for sensor in find_sensors(summary)[0] if sensor.modality == "radar"]
+    poses = pose_candidates(summary, "base_link")
+    place = poses[0].fields.get("topic") if poses and poses[0].fields["source"] != "ncom" else None
+    movers = transform_topics(summary) if place is None else [place]
+    for name, velocities in velocities_of(recording, radars, movers).items():
+        topics[name] = replace(topics[name], velocities=frozenset({velocities}))
+    return summary
 
 
 def _of_first(robots: Mapping[str, bool], topics: Collection[str]) -> Collection[str]:

@@ -40,6 +40,8 @@ class TopicSummary:
         most_intensity: the largest intensity in such clouds; None if all are 0 or 1.
         refusal: why none of the messages seen is what its type is there for; None if one is, or nothing
             is made of the type.
+        velocities: what the velocities of a radar are, or `undecided`: what each recording says; empty if there is
+            nothing to decide.
     """
 
     name: str
@@ -61,6 +63,7 @@ class TopicSummary:
     clock: PointClock | None = None
     most_intensity: float | None = None
     refusal: str | None = None
+    velocities: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True)
@@ -130,6 +133,7 @@ def merge_topics(one: TopicSummary, other: TopicSummary) -> TopicSummary:
         clock=one.clock if one.clock and (one.clock.doubt or not other.clock) else other.clock,
         most_intensity=max((one.most_intensity, other.most_intensity), key=lambda most: most or 0.0),
         refusal=one.refusal and other.refusal,
+        velocities=one.velocities | other.velocities,
     )
 
 

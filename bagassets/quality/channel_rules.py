@@ -18,6 +18,7 @@ _BECAUSE = {
     "position packet": "they are position packets",
     "no point in it": "they hold no points",
     "no ego pose to deskew with": "there is no ego pose to deskew them with",
+    "no ego pose to compensate with": "there is no ego pose to compensate their velocities with",
 }
 
 

@@ -186,6 +186,12 @@ class RadarChannel(_PlacedChannel):
         None,
         description="Side of positive recorded azimuths; default: as the message type defines it.",
     )
+    velocities: Literal["relative", "over_ground"] | None = Field(
+        None,
+        description="What recorded velocities are: `relative` to the radar, so that ego poses compensate them for its motion "
+        "(even if the messages hold compensated ones, too), or `over_ground`, so that they stay as they are; default: as "
+        "the message type defines it, else as recorded.",
+    )
 
 
 Channel = Annotated[CameraChannel | LidarChannel | RadarChannel, Field(discriminator="modality")]

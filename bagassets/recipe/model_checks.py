@@ -145,6 +145,9 @@ class Checks(Model):
     sweeps_timed: SweepTimesCheck = Field(
         SweepTimesCheck(), description="Lidar clouds match best with the ego poses at their own stamps."
     )
+    radar_velocities: Check = Field(
+        Check(severity="warn"), description="Radar targets that stand still have no velocity over ground."
+    )
     scenes_made: Check = Field(Check(severity="warn"), description="A recording has at least one scene.")
     keyframes_complete: Check = Field(
         Check(severity="warn"),

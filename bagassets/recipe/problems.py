@@ -68,20 +68,23 @@ def explain(error: Mapping[str, Any], data: Json) -> Problem:
 
 
 def undecided(data: JsonMapping) -> Iterator[Problem]:
-    """Yield the extrinsics without value that nothing else in the recipe can answer: so `bagassets init` asks for them.
+    """Yield the fields without value that nothing else in the recipe can answer: so `bagassets init` asks for them.
 
     Args:
         data: the whole recipe as plain data, which need not be valid.
     """
     rigs = data.get("rigs")
     for number, rig in enumerate(rigs if isinstance(rigs, list) else ()):
-        channels = rig.get("channels") if isinstance(rig, dict) and not rig.get("urdf") else None
+        channels = rig.get("channels") if isinstance(rig, dict) else None
         for name, channel in channels.items() if isinstance(channels, dict) else ():
-            if (
-                isinstance(channel, dict)
-                and not channel.get("frame")
-                and channel.get("extrinsics", "") is None
-            ):
+            if not isinstance(channel, dict):
+                continue
+            if channel.get("velocities", "") is None:
+                yield (
+                    ("rigs", number, "channels", name, "velocities"),
+                    "needs a value: relative or over_ground; or remove the field to keep velocities as recorded",
+                )
+            if not (rig.get("urdf") or channel.get("frame")) and channel.get("extrinsics", "") is None:
                 yield (
                     ("rigs", number, "channels", name, "extrinsics"),
                     "needs a value: transform `ego <- sensor`; or name a `urdf` of the rig, or remove the field if TF has it",

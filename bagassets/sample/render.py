@@ -135,19 +135,21 @@ def lidar_points(world: World, start_s: float) -> NDArray[np.void]:
     return points
 
 
-def radar_targets(world: World, time_s: float) -> list[dict[str, float]]:
-    """Return the radar's targets at a time: one for each vehicle or pedestrian that it sees.
+def radar_targets(
+    world: World, time_s: float, ego_SE3_radar: SE3 = EGO_SE3_RADAR, *, buildings: bool = False
+) -> list[dict[str, float]]:
+    """Return a radar's targets at a time: one for each vehicle, pedestrian or, if so wished, building that it sees.
 
-    Position and velocity in the sensor's frame; `vx_comp`, `vy_comp` are over ground.
+    Position and velocity in the sensor's frame: `vx`, `vy`, `vz` relative to it, `vx_comp`, `vy_comp` over ground.
     """
-    odom_SE3_radar = world.ego.at(time_s) @ EGO_SE3_RADAR
+    odom_SE3_radar = world.ego.at(time_s) @ ego_SE3_radar
     radar_SE3_odom = odom_SE3_radar.inverse()
     step_s = 1e-3
-    ego_step = world.ego.pose(np.array([time_s, time_s + step_s]))[0]
-    ego_velocity = (ego_step[1] - ego_step[0]) / step_s
+    later = np.array((world.ego.at(time_s + step_s) @ ego_SE3_radar).translation)
+    radar_velocity = (later - np.array(odom_SE3_radar.translation)) / step_s
     targets = []
     for thing in world.things:
-        if not thing.category:
+        if not (thing.category or buildings):
             continue
         centres, _ = thing.pose(np.array([time_s, time_s + step_s]))
         x, y, z = radar_SE3_odom.transform_points(centres[:1])[0]
@@ -155,7 +157,7 @@ def radar_targets(world: World, time_s: float) -> list[dict[str, float]]:
             continue
         velocity = (centres[1] - centres[0]) / step_s
         still = rotate(np.array(radar_SE3_odom.rotation), velocity)
-        moving = rotate(np.array(radar_SE3_odom.rotation), velocity - ego_velocity)
+        moving = rotate(np.array(radar_SE3_odom.rotation), velocity - radar_velocity)
         targets.append(
             {
                 "x": x,
@@ -164,6 +166,7 @@ def radar_targets(world: World, time_s: float) -> list[dict[str, float]]:
                 "rcs": 10.0 if "vehicle" in thing.category else -2.0,
                 "vx": moving[0],
                 "vy": moving[1],
+                "vz": moving[2],
                 "vx_comp": still[0],
                 "vy_comp": still[1],
             }

@@ -1,27 +1,35 @@
 """The checks of a recording's rows of the nuScenes tables."""
 
+from contextlib import suppress
+from pathlib import Path
+
 import numpy as np
 from numpy.typing import NDArray
 
 from bagassets.assets.ego_poses import load_trajectory
 from bagassets.assets.lidar_file import read_lidar_file
+from bagassets.assets.radar_file import read_radar_file
+from bagassets.errors import DatasetError
 from bagassets.formats.nuscenes.schema import RECORDING_TABLES, Row
 from bagassets.formats.nuscenes.table_integrity import broken_references, duplicate_tokens
-from bagassets.geometry.se3 import SE3
+from bagassets.geometry.se3 import SE3, Floats
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.json_types import JsonObject
 from bagassets.quality.check import Evidence, RecordingCheck
 from bagassets.quality.file_rules import files_match
 from bagassets.quality.finding import Finding
 from bagassets.quality.pose_rules import poses_cover_sensors
+from bagassets.quality.radar_rules import RadarReadings, radar_velocities
 from bagassets.quality.scene_rules import keyframes_complete, scenes_made
 from bagassets.quality.sweep_rules import Sweeps, sweeps_timed
-from bagassets.recipe.model import LidarChannel
+from bagassets.recipe.model import LidarChannel, RadarChannel
 from bagassets.store.artifact import Artifact
 
 __all__ = ["PART_CHECKS"]
 
 PART = "nuscenes_tables"
+# The work of a check does not grow with the recording.
+MOST_RADAR_READINGS = 60
 
 
 def _tables(evidence: Evidence) -> dict[str, list[Row]]:
@@ -67,6 +75,24 @@ def _sweeps(artifact: Artifact, ego_SE3_sensor: SE3) -> Sweeps:
     return Sweeps(times[0], np.stack(times[1:], axis=1), points, ego_SE3_sensor)
 
 
+def _radar_velocities(evidence: Evidence) -> Finding:
+    radars: dict[str, RadarReadings] = {}
+    for name, entry in sorted(evidence.channels("sweeps").items()):
+        if isinstance(evidence.rig.channels.get(name), RadarChannel):
+            artifact = evidence.store.artifact(entry["artifact"])
+            index = artifact.read_table("index.parquet", ["stamp_ns", "file"]).to_pylist()
+            chosen = index[:: len(index) // MOST_RADAR_READINGS + 1]
+            with suppress(OSError, ValueError, DatasetError):  # the check `files_match` reports it
+                readings = [(row["stamp_ns"], _targets(artifact.path(row["file"]))) for row in chosen]
+                radars[name] = evidence.calibration.channels[name].ego_SE3_sensor.normalised(), readings
+    return radar_velocities(radars, evidence.once(_trajectory))
+
+
+def _targets(path: Path) -> Floats:
+    table = read_radar_file(path)
+    return np.array([table[field] for field in ("x", "y", "z", "vx_comp", "vy_comp")], dtype=np.float64)
+
+
 def _references_intact(evidence: Evidence) -> Finding:
     tables = evidence.once(_tables)
     return Finding(broken_references(tables), {name: len(rows) for name, rows in tables.items()})
@@ -108,6 +134,13 @@ PART_CHECKS = (
         "Lidar clouds match best with the ego poses at their own stamps.",
         "clouds of a lidar match clearly better with ego poses at other times than at their stamps (see below)",
         _sweeps_timed,
+    ),
+    RecordingCheck(
+        "radar_velocities",
+        "radar_velocities",
+        "Radar targets that stand still have no velocity over ground.",
+        "most targets of a radar move over ground exactly as the vehicle does, or against it (see below)",
+        _radar_velocities,
     ),
     RecordingCheck(
         "references_intact",

@@ -1,6 +1,6 @@
 """All oddities by name."""
 
-from bagassets.sample.oddities import cameras, lidars, robots, transforms
+from bagassets.sample.oddities import cameras, lidars, radars, robots, transforms
 from bagassets.sample.oddities.stream import Oddity
 
 __all__ = ["ODDITIES"]
@@ -8,6 +8,7 @@ __all__ = ["ODDITIES"]
 ODDITIES: dict[str, Oddity] = {
     **cameras.ODDITIES,
     **lidars.ODDITIES,
+    **radars.ODDITIES,
     **robots.ODDITIES,
     **transforms.ODDITIES,
 }
