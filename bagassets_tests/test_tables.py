@@ -109,6 +109,18 @@ class TestScenesAndSamples:
         assert log["date_captured"] == "2023-11-14"
         assert log["origin"] == origin
 
+    def test_a_pause_that_is_longer_than_a_scene_ends_one(self, store):
+        twice = np.concatenate([regular(10, 2.5), regular(10, 2.5, 24.03)])
+        drive = Drive(seconds=28.0, stamps={"LIDAR_TOP": twice})
+        made = make_tables(store, drive)
+        first = by_token(made.table("sample"))
+        starts = [first[scene["first_sample_token"]]["timestamp"] for scene in made.table("scene")]
+        assert starts == [T0 // 1000, (T0 + 24_030_000_000) // 1000]
+        assert [scene["nbr_samples"] for scene in made.table("scene")] == [5, 5]
+        assert (made.facts["counts"]["stretches"], made.facts["counts"]["scenes_without_keyframe"]) == (2, 0)
+        none = make_tables(store, drive, min_length_s=4.0).facts["counts"]
+        assert (none["scenes"], none["remainder_s"], none["longest_remainder_s"]) == (0, 4.8, 2.4)
+
     def test_too_short_for_a_scene_gives_no_rows_at_all_and_says_so(self, store):
         made = make_tables(store, Drive(seconds=0.7))
         assert all(rows == [] for rows in rows_of(made).values())

@@ -37,6 +37,11 @@ def poses_cover_sensors(
             problems.append(
                 f"{name}: {without} of {len(stamps)} readings {lack} at {clock(first)}; a share of {check.min_share:g} is expected to have one"
             )
+    problems += [
+        f"ego poses go to and fro between two trajectories for {(last_ns - first_ns) / 1e9:.2f} s from {clock(first_ns)}, as "
+        "if a clock was set back or two nodes published; readings in that time are left out"
+        for first_ns, last_ns in trajectory.holes_ns
+    ]
     return Finding([*problems, *_jumps(trajectory, check)], {"with_pose": shares})
 
 

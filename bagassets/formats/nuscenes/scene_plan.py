@@ -19,7 +19,7 @@ from bagassets.timeline.keyframes import (
     owning_keyframe,
     partner_readings,
 )
-from bagassets.timeline.scenes import SceneSpan, cut_scenes
+from bagassets.timeline.scenes import SceneSpan, cut_scenes, stretches
 
 __all__ = ["ChannelPlan", "RecordingPlan", "SceneParams", "ScenePlan", "Shortage", "plan_scenes"]
 
@@ -53,7 +53,7 @@ class SceneParams:
 
     @property
     def min_length_ns(self) -> int:
-        """Length of the shortest scene at the end of a recording."""
+        """Length of the shortest scene at the end of a recording, or before a pause."""
         return round(self.min_length_s * 1e9)
 
     @property
@@ -123,7 +123,9 @@ class RecordingPlan:
 
     Attributes:
         scenes: in order.
-        remainder_s: time at the end, too short for a scene.
+        stretches: number of parts between long pauses of the reference, each of which begins a scene.
+        remainder_s: time at their ends, too short for a scene.
+        longest_remainder_s: of one of them.
         empty_scenes: scenes left out because they have no keyframe.
         dropped_keyframes: keyframes left out because a channel has no reading there.
         lacking_samples: samples that lack a channel.
@@ -131,7 +133,9 @@ class RecordingPlan:
     """
 
     scenes: list[ScenePlan] = field(default_factory=list)
+    stretches: int = 0
     remainder_s: float = 0.0
+    longest_remainder_s: float = 0.0
     empty_scenes: int = 0
     dropped_keyframes: int = 0
     lacking_samples: int = 0
@@ -149,11 +153,12 @@ def plan_scenes(stamps_ns: Mapping[str, Stamps], params: SceneParams) -> Recordi
     reference = stamps_ns[params.reference]
     if not len(reference):
         return plan
-    cuts = cut_scenes(
-        int(reference[0]), int(reference[-1]), params.length_ns, params.min_length_ns, params.period_ns
-    )
-    plan.remainder_s = cuts.remainder_ns / 1e9
-    for span in cuts.scenes:
+    parts = stretches(reference, params.length_ns, params.period_ns)
+    cuts = [cut_scenes(*part, params.length_ns, params.min_length_ns, params.period_ns) for part in parts]
+    plan.stretches = len(parts)
+    plan.remainder_s = sum(cut.remainder_ns for cut in cuts) / 1e9
+    plan.longest_remainder_s = max(cut.remainder_ns for cut in cuts) / 1e9
+    for span in (span for cut in cuts for span in cut.scenes):
         scene = _plan_scene(span, stamps_ns, params, plan)
         if scene is None:
             plan.empty_scenes += 1

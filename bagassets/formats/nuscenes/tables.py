@@ -1,6 +1,7 @@
 """The asset `nuscenes_tables`: one recording's rows of the nuScenes tables.
 
-`facts.json` has these counts. Per channel: readings with rows (`keyframes`, `sweeps`) and without (`without_pose`,
+`facts.json` has these counts. If the reference paused for longer than a scene, `stretches` between such pauses, and the
+`longest_remainder_s` of one. Per channel: readings with rows (`keyframes`, `sweeps`) and without (`without_pose`,
 `outside_scenes`), and `lacking_at_keyframes`: the keyframes, dropped or kept, at which the channel has no reading within
 tolerance, and how many of them are before its first or after its last reading. Boxes: `observations` (rows of
 `annotations`), `observations_outside_scenes`, `tracks`, `tracks_without_keyframe`, boxes `without_track`, and those of
@@ -228,6 +229,11 @@ def make(use: Use[TablesUse], inputs: Inputs, out: ArtifactWriter) -> Summary:
         "channels": {name: _channel_counts(name, readings, sensors, plan) for name in sorted(readings)},
         "boxes": objects.counts,
     }
+    if plan.stretches > 1:
+        counts |= {
+            "stretches": plan.stretches,
+            "longest_remainder_s": round(plan.longest_remainder_s, 3),
+        }
     facts = {
         "rig": identity.rig,
         "key": identity.key,
@@ -282,7 +288,7 @@ def _channel_counts(
 
 NUSCENES_TABLES = Asset(
     name="nuscenes_tables",
-    version=6,
+    version=7,
     title="This recording's rows of the nuScenes tables: scenes, keyframes, readings, poses, boxes.",
     description="Keyframe rate, scene length and tolerance act here; nothing is extracted again when they change.",
     kinds=frozenset({"nuscenes", "json"}),
