@@ -12,7 +12,7 @@ import pyarrow as pa
 from bagassets.assets.asset import Asset, Facts, Inputs, Summary, Use
 from bagassets.assets.channel import Counts
 from bagassets.assets.inventory import INVENTORY
-from bagassets.assets.pose_outliers import overlaps, strays
+from bagassets.assets.pose_outliers import Mask, Stamps, overlaps, strays
 from bagassets.assets.pose_samples import Joint, MovingRig, PoseSamples
 from bagassets.assets.pose_sources import read_samples
 from bagassets.decode.registry import decoder_key, types_of
@@ -166,9 +166,14 @@ def make_ego_poses(use: FixedPose | MovingRig, recording: Recording, out: Artifa
         LossLimitError: more messages were lost than the recipe allows.
     """
     if isinstance(use, FixedPose):
-        pose = SE3.create(use.pose.rotation, use.pose.translation)
-        samples = PoseSamples([0], [pose], "global", None, Counts(read=0, written=0))
-        return _write(use.source, samples, [0], _rows([pose]), out, fixed=True)
+        samples = PoseSamples(
+            [0],
+            [SE3.create(use.pose.rotation, use.pose.translation)],
+            "global",
+            None,
+            Counts(read=0, written=0),
+        )
+        return _write(use.source, samples, *_ordered(samples)[:2], out, fixed=True)
     samples = read_samples(use.source, use, recording)
     counts = samples.counts
     if not samples.poses:
@@ -178,11 +183,15 @@ def make_ego_poses(use: FixedPose | MovingRig, recording: Recording, out: Artifa
             f"{' (' + lost + ')' if lost else ''}; name another topic, or TF, as ego_pose in the recipe."
         )
     stamps_ns, rows, repeated = _ordered(samples)
-    if stamps_ns == [0] and repeated:
+    if repeated and stamps_ns.tolist() == [0]:
         raise PoseError(
             f"ego poses from {use.source_name}: all header stamps are zero; set `clock: log` in the recipe."
         )
-    stamps_ns, rows = _without_strays(samples, *_without_overlaps(use, samples, stamps_ns, rows))
+    kept = _without_overlaps(use, samples, stamps_ns, rows)
+    stamps_ns, rows = stamps_ns[kept], rows[kept]
+    kept = ~strays(stamps_ns, rows[:, :3])
+    samples.lose_strays(kept)
+    stamps_ns, rows = stamps_ns[kept], rows[kept]
     _check_losses(use, samples)
     counts.merged += repeated
     counts.written = len(stamps_ns)
@@ -203,7 +212,7 @@ def make_ego_poses(use: FixedPose | MovingRig, recording: Recording, out: Artifa
 def _write(
     source: str,
     samples: PoseSamples,
-    stamps_ns: list[int],
+    stamps_ns: Stamps,
     rows: Floats,
     out: ArtifactWriter,
     *,
@@ -266,51 +275,41 @@ def load_trajectory(artifact: Artifact) -> Trajectory:
     )
 
 
-def _ordered(samples: PoseSamples) -> tuple[list[int], Floats, int]:
-    """Sort by stamp; of poses with the same stamp, keep the first one read."""
+def _ordered(samples: PoseSamples) -> tuple[Stamps, Floats, int]:
+    """Sort by stamp; of poses with the same stamp, keep the first one read. Return how many were not."""
     first: dict[int, SE3] = {}
     for stamp_ns, pose in zip(samples.stamps_ns, samples.poses, strict=True):
         first.setdefault(stamp_ns, pose)
-    stamps_ns = sorted(first)
-    rows = _rows([first[stamp] for stamp in stamps_ns])
+    stamps_ns = np.array(sorted(first), dtype=np.int64)
+    poses = (first[stamp_ns] for stamp_ns in stamps_ns.tolist())
+    rows = np.array([[*pose.translation, *pose.rotation] for pose in poses])
     return stamps_ns, rows, len(samples.poses) - len(stamps_ns)
 
 
-def _rows(poses: list[SE3]) -> Floats:
-    return np.array([[*pose.translation, *pose.rotation] for pose in poses])
+def _without_overlaps(use: MovingRig, samples: PoseSamples, stamps_ns: Stamps, rows: Floats) -> Mask:
+    """Count poses at times that two trajectories share, and return (N,) which others are kept.
 
-
-def _without_strays(samples: PoseSamples, stamps_ns: list[int], rows: Floats) -> tuple[list[int], Floats]:
-    """Remove and count poses that no vehicle could have reached and left again."""
-    kept = ~strays(np.array(stamps_ns, np.int64), rows[:, :3])
-    samples.lose_strays(kept)
-    return [stamp for stamp, keep in zip(stamps_ns, kept, strict=True) if keep], rows[kept]
-
-
-def _without_overlaps(
-    use: MovingRig, samples: PoseSamples, stamps_ns: list[int], rows: Floats
-) -> tuple[list[int], Floats]:
-    """Remove and count poses at times that two trajectories share; nothing that was sensed then has a pose.
+    What was sensed at these times has no pose, since nobody knows which of the two times it was.
 
     Raises:
-        PoseError: these are most of all poses.
+        PoseError: these are most poses.
     """
-    spans = overlaps(rows)
     kept = np.ones(len(rows), np.bool_)
-    for first, last in spans:
+    for first, last in overlaps(rows):
         kept[first : last + 1] = False
-        samples.holes_ns.append((stamps_ns[max(first - 1, 0)], stamps_ns[min(last + 1, len(rows) - 1)]))
-    number = int((~kept).sum())
-    if 2 * number > len(rows):
+        around = stamps_ns[[max(first - 1, 0), min(last + 1, len(rows) - 1)]]
+        samples.holes_ns.append((int(around[0]), int(around[1])))
+    lost = np.flatnonzero(~kept)
+    if 2 * len(lost) > len(rows):
         other = "log" if use.clock == "header" else "header"
         raise PoseError(
-            f"ego poses from {use.source_name}: {number} of {len(rows)} poses go to and fro between two trajectories, first at "
-            f"{clock(stamps_ns[spans[0][0]])}: two nodes publish, or a clock was set back. Name a topic, or TF frames, that one "
+            f"ego poses from {use.source_name}: {len(lost)} of {len(rows)} poses go to and fro between two trajectories, first at "
+            f"{clock(int(stamps_ns[lost[0]]))}: two nodes publish, or a clock was set back. Name a topic, or TF frames, that one "
             f"node publishes in ego_pose of the recipe, or try `clock: {other}`."
         )
-    if number:
-        samples.counts.lose("two trajectories overlap at its time", number)
-    return [stamp for stamp, keep in zip(stamps_ns, kept, strict=True) if keep], rows[kept]
+    if len(lost):
+        samples.counts.lose("two trajectories overlap at its time", len(lost))
+    return kept
 
 
 def _recentre(rows: Floats) -> JsonObject | None:

@@ -6,9 +6,10 @@ from numpy.typing import NDArray
 from bagassets.geometry.se3 import Floats, rotate
 from bagassets.geometry.wgs84 import ecef
 
-__all__ = ["overlaps", "strays", "trusted_fixes"]
+__all__ = ["Mask", "Stamps", "overlaps", "strays", "trusted_fixes"]
 
 Mask = NDArray[np.bool_]
+Stamps = NDArray[np.int64]
 
 # Nothing on wheels reaches this speed, but numbers with a flipped bit do. Poses with almost equal stamps
 # differ by noise.
@@ -21,7 +22,7 @@ _LEAST_OFF_M, _RATIO, _IN_A_ROW = 0.05, 5.0, 10
 _BRIDGED = 4  # poses between two such rows: where the order of two sources changes, a row ends
 
 
-def strays(stamps_ns: NDArray[np.int64], positions_m: Floats) -> Mask:
+def strays(stamps_ns: Stamps, positions_m: Floats) -> Mask:
     """Return (N,) whether each of (N, 3) positions, in order of time, is out of reach from both neighbours.
 
     A jump after which the positions continue, as when a vehicle has localized itself on a map, is not a
@@ -37,7 +38,7 @@ def strays(stamps_ns: NDArray[np.int64], positions_m: Floats) -> Mask:
     return out_of_reach
 
 
-def trusted_fixes(stamps_ns: NDArray[np.int64], lat_deg: Floats, lon_deg: Floats, alt_m: Floats) -> Mask:
+def trusted_fixes(stamps_ns: Stamps, lat_deg: Floats, lon_deg: Floats, alt_m: Floats) -> Mask:
     """Return (N,) whether each of (N,) fixes, in order of time, is in reach of the others.
 
     Of runs of fixes between jumps, the longest is trusted, and those that can be reached from it, if these are most fixes: a
@@ -65,7 +66,7 @@ def trusted_fixes(stamps_ns: NDArray[np.int64], lat_deg: Floats, lon_deg: Floats
     return trusted
 
 
-def _in_reach(gaps_ns: NDArray[np.int64], moves_m: Floats, fastest_mps: float, noise_m: float) -> Mask:
+def _in_reach(gaps_ns: Stamps, moves_m: Floats, fastest_mps: float, noise_m: float) -> Mask:
     """Return (N,) whether each of (N, 3) moves can have been made in its time."""
     limit_m = noise_m + fastest_mps * (gaps_ns.astype(np.float64) / 1e9)
     return np.asarray(np.sqrt((moves_m * moves_m).sum(axis=1)) <= limit_m)

@@ -1,8 +1,9 @@
 """Oddities of clocks, and of what says where the car is."""
 
-from collections import deque
+import heapq
 from collections.abc import Callable, Iterator
 from functools import partial
+from itertools import tee
 
 from bagassets.decode.fields import stamp_ns
 from bagassets.geometry.se3 import SE3
@@ -71,16 +72,9 @@ def _unset(_: Messages, odometry: Message, number: int) -> Message:
 
 def _two_publishers(events: Iterator[Event], truth: Truth) -> Iterator[Event]:
     """Another node publishes on /odom, 0.29 m to the side."""
-    second: deque[Event] = deque()
-    later = partial(_timed, clock=lambda at_ns: at_ns + _LATER_NS)
-    for one in events:
-        while second and second[0].log_time_ns <= one.log_time_ns:
-            yield second.popleft()
-        yield one
-        if one.topic == "/odom":
-            moved = edited(iter([one]), ["/odom"], partial(_aside, truth))
-            second += later(moved)
-    yield from second
+    first, second = tee(events)
+    moved = edited((one for one in second if one.topic == "/odom"), ["/odom"], partial(_aside, truth))
+    return heapq.merge(first, _timed(moved, lambda at_ns: at_ns + _LATER_NS), key=lambda one: one.log_time_ns)
 
 
 def _aside(truth: Truth, _: Messages, odometry: Message, _number: int) -> Message:
