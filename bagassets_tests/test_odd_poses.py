@@ -107,6 +107,12 @@ class TestStrayFixes:
         lat, lon, alt = ORIGIN.to_geodetic(np.stack([0 * north_m, north_m, 0 * north_m], axis=1))
         assert trusted_fixes(times * S, lat, lon, alt).all()
 
+    def test_a_receiver_that_stays_where_it_was_switched_off(self):
+        """For eight minutes: the first of these fixes alone could be reached in time."""
+        lat = np.where(np.arange(1200) < 500, 48.4, 48.0)
+        trusted = trusted_fixes(np.arange(1200) * S, lat, np.full(1200, 11.0), np.zeros(1200))
+        assert trusted.tolist() == [n >= 500 for n in range(1200)]
+
     def test_without_a_majority_nobody_knows_and_all_are_kept(self):
         lat = np.repeat([48.0, 49.0], 10)
         assert trusted_fixes(np.arange(20) * S, lat, np.full(20, 11.0), np.zeros(20)).all()
@@ -145,6 +151,24 @@ class TestZeroQuaternions:
             "ego poses from /odom: none of 200 messages gives a pose (200 because its quaternion is zero); name another "
             "topic, or TF, as ego_pose in the recipe."
         )
+
+    def test_transforms(self, tmp_path):
+        """A few are lost; of all of them nothing is left, and the message says why."""
+        entries = [
+            ("/tf", TFMESSAGE, at(t), tf(transform(at(t), "odom", "base_link", truth(t)))) for t in TIMES
+        ]
+        source = {"source": "tf", "global_frame": "odom"}
+        for number in (3, 200):
+            for entry in entries[:number]:
+                rotation = entry[3].transforms[0].transform.rotation
+                rotation.w = rotation.x = rotation.y = rotation.z = 0.0
+            if number < 200:
+                made = Posed(tmp_path, source, *entries)
+                assert made.json["counts"]["lost"] == {"its quaternion is not of unit length": number}
+        with pytest.raises(
+            PoseError, match=r"Some transforms in /tf cannot be used: its quaternion is not of unit length\."
+        ):
+            Posed(tmp_path / "none", source, *entries)
 
     def test_other_lengths_are_damage(self, tmp_path):
         entries = odometries(TIMES)
@@ -211,6 +235,15 @@ class TestOverlaps:
         turned = SE3.create(about_z(0.1), (0, 0, 0))
         with pytest.raises(PoseError, match="between two trajectories"):
             Posed(tmp_path, ODOM, *odometries(TIMES), *odometries(TIMES + 0.007, lambda t: truth(t) @ turned))
+
+    def test_two_at_slightly_different_rates_are_one_span(self):
+        times = np.sort(np.concatenate([np.arange(0.0, 8.0, 0.02), np.arange(0.003, 8.0, 1 / 48)]))
+        second = np.isin(times, np.arange(0.003, 8.0, 1 / 48))
+        rows = np.array([[*truth(t).translation, *truth(t).rotation] for t in times])
+        rows[second, 1] += 0.29
+        ((first, last),) = overlaps(rows)
+        assert first == 1
+        assert last > len(rows) - 12  # after the last change of order, a row is too short
 
     def test_two_broadcasters_of_a_transform(self, tmp_path):
         aside = SE3(translation=(0.0, 0.29, 0.0))

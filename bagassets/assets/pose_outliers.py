@@ -46,17 +46,16 @@ def trusted_fixes(stamps_ns: Stamps, lat_deg: Floats, lon_deg: Floats, alt_m: Fl
     """
     ground_m = ecef(lat_deg, lon_deg, np.zeros(len(lat_deg)))
     near = _in_reach(np.diff(stamps_ns), np.diff(ground_m, axis=0), _TRAVEL_MPS, _MULTIPATH_M)
-    runs = np.split(np.arange(len(stamps_ns)), np.flatnonzero(~near) + 1)
-    longest = int(np.argmax([len(run) for run in runs]))
-    trusted = np.zeros(len(stamps_ns), np.bool_)
-    trusted[runs[longest]] = True
-    for end, others in ((0, runs[:longest][::-1]), (-1, runs[longest + 1 :])):
-        here = runs[longest][end]
-        for run in others:
-            there = run[-1 - end]
-            gap_ns = np.abs(stamps_ns[[there]] - stamps_ns[here])
-            if _in_reach(gap_ns, ground_m[[there]] - ground_m[here], _TRAVEL_MPS, _MULTIPATH_M)[0]:
-                trusted[run], here = True, run[end]
+    lasts = np.append(np.flatnonzero(~near), len(near))
+    firsts = np.append(0, lasts[:-1] + 1)
+    longest = int(np.argmax(lasts - firsts))
+    # The ends of a run and of the longest one that face each other.
+    before = np.arange(len(lasts)) < longest
+    here, there = np.where(before, lasts, firsts), np.where(before, firsts[longest], lasts[longest])
+    gaps_ns = np.abs(stamps_ns[there] - stamps_ns[here])
+    reached = _in_reach(gaps_ns, ground_m[there] - ground_m[here], _TRAVEL_MPS, _MULTIPATH_M)
+    reached[longest] = True
+    trusted = np.repeat(reached, lasts - firsts + 1)
     if 2 * np.count_nonzero(trusted) <= len(trusted):
         trusted[:] = True
     known = np.isfinite(alt_m)

@@ -52,11 +52,11 @@ def _stamped(clock: Clock, make: Make, messages: Messages) -> Message:
 
 def _stray_fixes(events: Iterator[Event], _: Truth) -> Iterator[Event]:
     """The first two fixes are 512 km off."""
-    return edited(events, ["/gnss/fix"], _astray)
-
-
-def _astray(_: Messages, fix: Message, number: int) -> Message:
-    return with_fields(fix, latitude=fix.latitude + _STRAY_DEG) if number < 2 else fix
+    return edited(
+        events,
+        ["/gnss/fix"],
+        lambda _, fix, number: with_fields(fix, latitude=fix.latitude + _STRAY_DEG * (number < 2)),
+    )
 
 
 def _zero_quaternions(events: Iterator[Event], _: Truth) -> Iterator[Event]:
