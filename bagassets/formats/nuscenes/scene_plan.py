@@ -123,9 +123,8 @@ class RecordingPlan:
 
     Attributes:
         scenes: in order.
-        stretches: number of parts between long pauses of the reference, each of which begins a scene.
-        remainder_s: time at their ends, too short for a scene.
-        longest_remainder_s: of one of them.
+        remainder_s: time at the end of each stretch of the reference, too short for a scene.
+        longest_remainder_s: that of one stretch.
         empty_scenes: scenes left out because they have no keyframe.
         dropped_keyframes: keyframes left out because a channel has no reading there.
         lacking_samples: samples that lack a channel.
@@ -133,7 +132,6 @@ class RecordingPlan:
     """
 
     scenes: list[ScenePlan] = field(default_factory=list)
-    stretches: int = 0
     remainder_s: float = 0.0
     longest_remainder_s: float = 0.0
     empty_scenes: int = 0
@@ -155,7 +153,6 @@ def plan_scenes(stamps_ns: Mapping[str, Stamps], params: SceneParams) -> Recordi
         return plan
     parts = stretches(reference, params.length_ns, params.period_ns)
     cuts = [cut_scenes(*part, params.length_ns, params.min_length_ns, params.period_ns) for part in parts]
-    plan.stretches = len(parts)
     plan.remainder_s = sum(cut.remainder_ns for cut in cuts) / 1e9
     plan.longest_remainder_s = max(cut.remainder_ns for cut in cuts) / 1e9
     for span in (span for cut in cuts for span in cut.scenes):

@@ -1,7 +1,6 @@
 """The asset `nuscenes_tables`: one recording's rows of the nuScenes tables.
 
-`facts.json` has these counts. If the reference paused for longer than a scene, `stretches` between such pauses, and the
-`longest_remainder_s` of one. Per channel: readings with rows (`keyframes`, `sweeps`) and without (`without_pose`,
+`facts.json` has these counts. If several stretches between pauses have a remainder, the `longest_remainder_s`. Per channel: readings with rows (`keyframes`, `sweeps`) and without (`without_pose`,
 `outside_scenes`), and `lacking_at_keyframes`: the keyframes, dropped or kept, at which the channel has no reading within
 tolerance, and how many of them are before its first or after its last reading. Boxes: `observations` (rows of
 `annotations`), `observations_outside_scenes`, `tracks`, `tracks_without_keyframe`, boxes `without_track`, and those of
@@ -229,11 +228,8 @@ def make(use: Use[TablesUse], inputs: Inputs, out: ArtifactWriter) -> Summary:
         "channels": {name: _channel_counts(name, readings, sensors, plan) for name in sorted(readings)},
         "boxes": objects.counts,
     }
-    if plan.stretches > 1:
-        counts |= {
-            "stretches": plan.stretches,
-            "longest_remainder_s": round(plan.longest_remainder_s, 3),
-        }
+    if plan.longest_remainder_s < plan.remainder_s:
+        counts["longest_remainder_s"] = round(plan.longest_remainder_s, 3)
     facts = {
         "rig": identity.rig,
         "key": identity.key,
