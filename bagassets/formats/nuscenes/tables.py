@@ -1,13 +1,13 @@
 """The asset `nuscenes_tables`: one recording's rows of the nuScenes tables.
 
-`facts.json` has these counts. If several stretches between pauses have a remainder, the `longest_remainder_s`. Per channel: readings with rows (`keyframes`, `sweeps`) and without (`without_pose`,
-`outside_scenes`), and `lacking_at_keyframes`: the keyframes, dropped or kept, at which the channel has no reading within
-tolerance, and how many of them are before its first or after its last reading. Boxes: `observations` (rows of
-`annotations`), `observations_outside_scenes`, `tracks`, `tracks_without_keyframe`, boxes `without_track`, and those of
-them at no keyframe (`without_track_unused`); as written, `instances` and `annotations`, of which some are `held` rather
-than interpolated. Annotations with attributes: `attributes_given` by the source, `attributes_by_motion`. Annotations
-without: `attributes_undetermined`, though nuScenes has attributes for the category, and `attributes_none`, where it has
-none.
+`facts.json` has these counts. If several stretches between pauses have a remainder, the `longest_remainder_s`. Per channel:
+readings with rows (`keyframes`, `sweeps`) and without (`without_pose`, `outside_scenes`), and `lacking_at_keyframes`: the
+keyframes, dropped or kept, at which the channel has no reading within tolerance, and how many of them are before its first
+or after its last reading. Boxes: `observations` (rows of `annotations`), `observations_outside_scenes`, `tracks`,
+`tracks_without_keyframe`, boxes `without_track`, and those of them at no keyframe (`without_track_unused`); as written,
+`instances` and `annotations`, of which some are `held` rather than interpolated. Annotations with attributes:
+`attributes_given` by the source, `attributes_by_motion`. Annotations without: `attributes_undetermined`, though nuScenes
+has attributes for the category, and `attributes_none`, where it has none.
 """
 
 from collections.abc import Mapping
