@@ -210,7 +210,7 @@ class TestOverlaps:
     def test_it_is_said(self, tmp_path):
         made = Posed(tmp_path, ODOM, *odometries(TIMES, stamp=set_back(0.503)))
         stamps = {"CAM_FRONT": np.array([at(t) for t in np.arange(0.0, 3.4, 0.1)])}
-        lacking, said = poses_cover_sensors(made.trajectory, stamps, PosesCheck()).problems
+        said, lacking = poses_cover_sensors(made.trajectory, stamps, PosesCheck()).problems
         assert lacking.startswith("CAM_FRONT: 6 of 34 readings have no ego pose")
         assert said.startswith("ego poses go to and fro between two trajectories once for 0.5")
         assert said.endswith(
@@ -305,7 +305,8 @@ def build(folder, odd):
     drive = write_recordings(
         [Target(folder / "recordings" / "drive.mcap", "mcap")], 3, duration_s=3.2, odd=(odd,)
     )
-    (folder / "recipe.yaml").write_text(sample_recipe().replace("/odom}", "/odom, max_gap_s: 1}"))
+    recipe = sample_recipe().replace("/odom}", "/odom, max_gap_s: 1}")
+    (folder / "recipe.yaml").write_text(recipe.replace("length_s: 20", "length_s: 20\n  min_length_s: 0.5"))
     return drive, build_recordings(load_recipe(folder / "recipe.yaml"))["drive.mcap"]
 
 
@@ -334,4 +335,9 @@ class TestBuilt:
             true_ns = stamp_ns if stamp_ns < set_ns else stamp_ns + SET_BACK_NS
             np.testing.assert_allclose(row["translation"], drive.odom_SE3_ego(true_ns).translation, atol=1e-3)
         lost = tables.read_json("facts.json")["counts"]["channels"]["CAM_FRONT"]["without_pose"]
+        # The world jumps there, so no scene leads across.
+        before, after = tables.read_json("scene.json")
+        samples = {row["token"]: 1000 * row["timestamp"] for row in tables.read_json("sample.json")}
+        assert samples[before["last_sample_token"]] < set_ns - SET_BACK_NS
+        assert samples[after["first_sample_token"]] >= set_ns
         assert 10 <= lost <= 12  # five images of each time, and those next to them

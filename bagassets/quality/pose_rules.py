@@ -37,7 +37,7 @@ def poses_cover_sensors(
             problems.append(
                 f"{name}: {without} of {len(stamps)} readings {lack} at {clock(first)}; a share of {check.min_share:g} is expected to have one"
             )
-    return Finding([*problems, *_overlaps(trajectory), *_jumps(trajectory, check)], {"with_pose": shares})
+    return Finding([*_overlaps(trajectory), *problems, *_jumps(trajectory, check)], {"with_pose": shares})
 
 
 def _overlaps(trajectory: Trajectory) -> list[str]:

@@ -1,5 +1,6 @@
 """Cutting a recording into scenes of equal length."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -49,7 +50,9 @@ class SceneCuts:
     remainder_ns: int
 
 
-def stretches(stamps_ns: Stamps, length_ns: int, period_ns: int) -> list[tuple[int, int]]:
+def stretches(
+    stamps_ns: Stamps, length_ns: int, period_ns: int, breaks_ns: Sequence[int] = ()
+) -> list[tuple[int, int]]:
     """Return the first and last stamp of each stretch of readings between pauses that are longer than a scene.
 
     No scene could have readings from both sides of such a pause: the recorder waited for an event, or its clock was set.
@@ -59,11 +62,13 @@ def stretches(stamps_ns: Stamps, length_ns: int, period_ns: int) -> list[tuple[i
         stamps_ns: (N,) stamps of the reference readings, N >= 1.
         length_ns: length of a scene.
         period_ns: time between keyframes.
+        breaks_ns: increasing times at which a stretch ends, however close its readings are.
     """
     steps_ns = np.diff(stamps_ns)
     usual_ns = int(np.median(steps_ns)) if len(steps_ns) else 0
     pause_ns = max(period_ns, min(_LONGEST_PAUSE_NS, max(length_ns, _MISSING_READINGS * usual_ns)))
-    parts = np.split(stamps_ns, np.flatnonzero(steps_ns > pause_ns) + 1)
+    broken = np.diff(np.searchsorted(np.array(breaks_ns, dtype=np.int64), stamps_ns)) > 0
+    parts = np.split(stamps_ns, np.flatnonzero((steps_ns > pause_ns) | broken) + 1)
     return [(int(part[0]), int(part[-1])) for part in parts]
 
 

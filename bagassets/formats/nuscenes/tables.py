@@ -200,7 +200,8 @@ def make(use: Use[TablesUse], inputs: Inputs, out: ArtifactWriter) -> Summary:
     }
     scenes = params.scenes
     _check_poses(readings[scenes.reference], trajectory, params.key)
-    plan = plan_scenes({name: channel.stamps_ns for name, channel in readings.items()}, scenes)
+    holes = [last_ns for _, last_ns in trajectory.holes_ns]
+    plan = plan_scenes({name: channel.stamps_ns for name, channel in readings.items()}, scenes, holes)
     origin = inputs.artifact("ego_poses").read_json("ego_poses.json")["origin"]
     identity = Identity(params.rig, params.key, params.vehicle, params.location, origin)
     sensors = sensor_rows(identity, readings, plan.scenes)
