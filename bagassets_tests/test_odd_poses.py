@@ -12,6 +12,7 @@ from bagassets.quality.pose_rules import poses_cover_sensors
 from bagassets.recipe import load_recipe
 from bagassets.recipe.model import Limits
 from bagassets.recipe.model_checks import PosesCheck
+from bagassets.recordings.open import open_recording
 from bagassets.sample.drive import Target, write_recordings
 from bagassets.sample.oddities.motion import BOOTED_NS, SET_AFTER_NS, SET_BACK_NS
 from bagassets.sample.recipe import sample_recipe
@@ -298,6 +299,42 @@ class TestOverlaps:
         """As of a bus that delivers two messages at once."""
         entries = odometries(TIMES, stamp=lambda t: at(t) + (round(t / 0.02) % 2 == 0) * S // 52)
         assert Posed(tmp_path, ODOM, *entries).json["counts"]["lost"] == {}
+
+
+def recorded(folder, *odd):
+    """The truth of a short drive with oddities, and its messages about motion."""
+    drive = write_recordings([Target(folder / "drive.mcap", "mcap")], 3, duration_s=0.6, odd=odd)
+    with open_recording(folder / "drive.mcap") as recording:
+        messages = recording.messages(["/odom", "/gnss/fix", "/imu/data"])
+        return drive, [(m.topic, m.msgtype, m.log_time_ns, recording.decode(m)) for m in messages]
+
+
+class TestSample:
+    def test_what_a_source_sends_before_it_knows(self, tmp_path):
+        drive, messages = recorded(tmp_path, "stray-fixes", "zero-quaternions")
+        made = Posed(tmp_path / "odometry", ODOM, *messages)
+        assert made.json["counts"] == {
+            "read": 31,
+            "written": 21,
+            "merged": 0,
+            "lost": {"its quaternion is zero": 10},
+        }
+        for row in made.table:
+            expected = drive.odom_SE3_ego(row["stamp_ns"]).translation
+            np.testing.assert_allclose([row["x"], row["y"], row["z"]], expected, atol=1e-6)
+        source = {"source": "navsat", "topic": "/gnss/fix", "imu": "/imu/data"}
+        made = Posed(tmp_path / "navsat", source, *messages)
+        assert made.json["counts"]["lost"] == {OUT_OF_REACH: 2}
+        third = drive.odom_SE3_ego(drive.start_ns + S // 5).translation
+        assert made.table[0]["stamp_ns"] == drive.start_ns + S // 5
+        for row in made.table:
+            expected = np.subtract(drive.odom_SE3_ego(row["stamp_ns"]).translation, third)
+            np.testing.assert_allclose([row["x"], row["y"], row["z"]], expected, atol=1e-3)
+
+    def test_two_publishers(self, tmp_path):
+        _, messages = recorded(tmp_path, "two-publishers")
+        with pytest.raises(PoseError, match="60 of 62 poses go to and fro between two trajectories"):
+            Posed(tmp_path / "odometry", ODOM, *messages)
 
 
 def build(folder, odd):
