@@ -25,6 +25,7 @@ __all__ = [
     "SizeLimitError",
     "StoreError",
     "UnexpectedError",
+    "UnsetError",
 ]
 
 
@@ -76,6 +77,10 @@ class ChangedWhileReadError(RecordingError):
 
 class DecodeError(BagAssetsError):
     """One message cannot be decoded; steps count it as lost, up to the recipe's limit."""
+
+
+class UnsetError(DecodeError):
+    """A message whose sender did not know yet what to put into it, as most nodes do not when they start."""
 
 
 class LossLimitError(BagAssetsError):

@@ -162,7 +162,7 @@ class TestTopics:
 
     def test_nonsense_is_counted_up_to_the_limit(self, tmp_path):
         broken = odometry(at(3.0), truth(3.0))
-        broken.pose.pose.orientation.w = broken.pose.pose.orientation.z = 0.0
+        broken.pose.pose.orientation.w = 7.0
         entries = [
             *odometries(TIMES),
             ("/odom", ODOMETRY, at(3.0), broken),
@@ -209,15 +209,6 @@ class TestTopics:
         made = Posed(tmp_path, ODOM, *odometries(TIMES, jumping))
         assert made.json["counts"]["lost"] == {}
         assert made.summary["count"] == len(TIMES)
-
-    def test_two_sources_on_one_topic_are_named(self, tmp_path):
-        def alternating(t):
-            return SE3() if round(t / 0.02) % 2 else SE3(truth(t).rotation, (5000.0, 0.0, 0.0))
-
-        with pytest.raises(
-            LossLimitError, match=r"from /odom: 98 of 100 .* because its position is out of reach"
-        ):
-            Posed(tmp_path, ODOM, *odometries(TIMES, alternating))
 
     def test_no_usable_pose_at_all(self, tmp_path):
         with pytest.raises(

@@ -551,6 +551,10 @@ class TestScenes:
                 {"remainder_s": 0.004},
                 "its 0.004 s are shorter than scenes.min_length_s (1.5); set that to 0 for",
             ),
+            (
+                {"remainder_s": 2.4, "longest_remainder_s": 1.4},
+                "its 1.4 s are shorter than scenes.min_length_s (1.5) (the longest stretch between pauses); set that to 1.39",
+            ),
             ({"channels": {"LIDAR_TOP": {"without_pose": 3}}}, "the readings of LIDAR_TOP have no ego pose"),
             ({}, "LIDAR_TOP has too few readings for one of scenes.min_length_s (1.5); set that to 0"),
         ],

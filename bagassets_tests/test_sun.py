@@ -60,3 +60,8 @@ def elevation_is(deg):
 )
 def test_day_ends_with_the_sun_and_twilight_six_degrees_below(deg, name):
     assert daylight(*elevation_is(deg)) == name
+
+
+@pytest.mark.parametrize("year", [1970, 1980, 1989])
+def test_a_clock_that_was_not_set_gives_none(year):
+    assert daylight(48.1, 11.6, int(datetime(year, 6, 1, 12, tzinfo=UTC).timestamp()) * 10**9) is None

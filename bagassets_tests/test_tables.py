@@ -1,6 +1,7 @@
 """One recording's rows, compared with the truth of a drive made by hand."""
 
 from collections import Counter
+from dataclasses import replace
 
 import handmade
 import numpy as np
@@ -109,6 +110,39 @@ class TestScenesAndSamples:
         assert (log["logfile"], log["vehicle"], log["location"]) == ("drive_1", "van", "yard")
         assert log["date_captured"] == "2023-11-14"
         assert log["origin"] == origin
+
+    def test_a_pause_that_is_longer_than_a_scene_ends_one(self, store):
+        twice = np.concatenate([regular(10, 2.5), regular(10, 2.5, 24.03)])
+        drive = Drive(seconds=28.0, stamps={"LIDAR_TOP": twice})
+        made = make_tables(store, drive)
+        first = by_token(made.table("sample"))
+        starts = [first[scene["first_sample_token"]]["timestamp"] for scene in made.table("scene")]
+        assert starts == [T0 // 1000, (T0 + 24_030_000_000) // 1000]
+        assert [scene["nbr_samples"] for scene in made.table("scene")] == [5, 5]
+        assert made.facts["counts"]["scenes_without_keyframe"] == 0
+        none = make_tables(store, drive, min_length_s=4.0).facts["counts"]
+        assert (none["scenes"], none["remainder_s"], none["longest_remainder_s"]) == (0, 4.8, 2.4)
+
+    @pytest.mark.parametrize("hole_s", [0.14, 0.4, 0.9])
+    def test_no_scene_leads_across_a_hole_in_the_poses(self, store, hole_s):
+        """However short it is; and what was sensed beside it is in one scene only."""
+        drive = Drive(seconds=5.0 + hole_s / 10)
+        begin, end = T0 + 2 * S, T0 + 2 * S + round(hole_s * S)
+        poses = replace(trajectory(drive), holes_ns=((begin, end),))
+        made = make_tables(store, drive, poses=poses)
+        samples = by_token(made.table("sample"))
+        scenes = [
+            [samples[scene[f"{which}_sample_token"]]["timestamp"] * 1000 for which in ("first", "last")]
+            for scene in made.table("scene")
+        ]
+        assert scenes[0][1] <= begin < end <= scenes[1][0]
+        rows = made.table("sample_data")
+        assert len({row["token"] for row in rows}) == len(rows)
+        for row in rows:
+            stamp_ns = row["timestamp"] * 1000
+            assert not begin < stamp_ns < end - 1000
+            scene = samples[row["sample_token"]]["scene_token"]
+            assert scene == made.table("scene")[stamp_ns > begin]["token"]
 
     def test_too_short_for_a_scene_gives_no_rows_at_all_and_says_so(self, store):
         made = make_tables(store, Drive(seconds=0.7))

@@ -12,7 +12,7 @@ from bagassets.timeline.keyframes import (
     owning_keyframe,
     partner_readings,
 )
-from bagassets.timeline.scenes import cut_scenes
+from bagassets.timeline.scenes import cut_scenes, stretches
 
 S = 1_000_000_000
 START = 1_700_000_000 * S
@@ -105,6 +105,33 @@ class TestScenes:
         covered = sum(scene.end_ns - scene.start_ns + 1 for scene in cuts.scenes)
         assert abs(covered + cuts.remainder_ns - span) <= 1
         assert all(scene.end_ns - scene.start_ns + 1 >= min(minimum, length) for scene in cuts.scenes)
+
+
+class TestStretches:
+    """A pause that is longer than a scene ends one, and the next begins with the next reading."""
+
+    @pytest.mark.parametrize("jump_s", [20.11, 3600.0, 30 * 86_400.0, 55 * 365 * 86_400.0])
+    def test_two_spans_however_far_apart(self, jump_s):
+        readings = np.concatenate([regular(10, 2.5), regular(10, 2.5, 2.4 + jump_s)])
+        first, second = stretches(readings, 20 * S, S // 2)
+        assert first == (START, START + 24 * S // 10)
+        assert second == (int(readings[25]), int(readings[-1]))
+
+    @pytest.mark.parametrize("gap_s", [1.0, 5.0, 19.9])
+    def test_a_dropout_stays_inside(self, gap_s):
+        readings = np.concatenate([regular(10, 30), regular(10, 30, 29.9 + gap_s)])
+        assert stretches(readings, 20 * S, S // 2) == [(START, int(readings[-1]))]
+
+    def test_readings_that_are_rarer_than_scenes_are_no_pauses(self):
+        readings = regular(1 / 30, 900)
+        assert stretches(readings, 20 * S, S // 2) == [(START, int(readings[-1]))]
+
+    def test_however_long_scenes_are_an_hour_without_readings_ends_one(self):
+        readings = np.concatenate([regular(10, 5), regular(10, 5, 3700.0)])
+        assert len(stretches(readings, 10**9 * S, S // 2)) == 2
+
+    def test_one_reading(self):
+        assert stretches(stamps(0.0), 20 * S, S // 2) == [(START, START)]
 
 
 class TestKeyframes:

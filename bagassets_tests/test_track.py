@@ -64,6 +64,13 @@ def test_with_other_poses_the_fixes_say_where(tmp_path, clock, late_ns):
     assert [stamp for stamp, _, _ in content["local"]] == [at(0.0), at(1.0), at(2.0), at(2.4)]
 
 
+def test_stray_fixes_are_on_no_map(tmp_path):
+    poses, fixes = odometries(np.arange(0, 4.5, 0.1)), driven_north(np.arange(0, 4.5, 0.1))
+    fixes[0][3].latitude += 0.3
+    content, _ = tracked(tmp_path, Posed(tmp_path, ODOM, *poses), [*poses, *fixes])
+    assert [lat for _, lat, _ in content["points"]] == [round(48 + n / 1e5, 7) for n in range(1, 5)]
+
+
 def test_without_fixes_nothing_says_where(tmp_path):
     poses = odometries(np.arange(0, 2.5, 0.1))
     content, summary = tracked(tmp_path, Posed(tmp_path, ODOM, *poses), poses)

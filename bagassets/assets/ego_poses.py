@@ -12,7 +12,8 @@ import pyarrow as pa
 from bagassets.assets.asset import Asset, Facts, Inputs, Summary, Use
 from bagassets.assets.channel import Counts
 from bagassets.assets.inventory import INVENTORY
-from bagassets.assets.pose_samples import Joint, MovingRig, PoseSamples, strays
+from bagassets.assets.pose_outliers import Mask, Stamps, overlaps, strays
+from bagassets.assets.pose_samples import Joint, MovingRig, PoseSamples
 from bagassets.assets.pose_sources import read_samples
 from bagassets.decode.registry import decoder_key, types_of
 from bagassets.errors import CalibrationError, LossLimitError, PoseError
@@ -20,6 +21,7 @@ from bagassets.geometry.se3 import SE3, Floats
 from bagassets.geometry.trajectory import Trajectory
 from bagassets.geometry.urdf import urdf_edges
 from bagassets.json_types import JsonObject
+from bagassets.quality.finding import clock
 from bagassets.recipe.model import Recipe, Rig
 from bagassets.recipe.model_base import Clock
 from bagassets.recipe.model_poses import (
@@ -164,23 +166,32 @@ def make_ego_poses(use: FixedPose | MovingRig, recording: Recording, out: Artifa
         LossLimitError: more messages were lost than the recipe allows.
     """
     if isinstance(use, FixedPose):
-        pose = SE3.create(use.pose.rotation, use.pose.translation)
-        samples = PoseSamples([0], [pose], "global", None, Counts(read=0, written=0))
-        return _write(use.source, samples, [0], _rows([pose]), out, fixed=True)
+        samples = PoseSamples(
+            [0],
+            [SE3.create(use.pose.rotation, use.pose.translation)],
+            "global",
+            None,
+            Counts(read=0, written=0),
+        )
+        return _write(use.source, samples, *_ordered(samples)[:2], out, fixed=True)
     samples = read_samples(use.source, use, recording)
     counts = samples.counts
     if not samples.poses:
         lost = "; ".join(f"{number} because {reason}" for reason, number in counts.lost.items())
         raise PoseError(
             f"ego poses from {use.source_name}: none of {counts.read} messages gives a pose"
-            f"{' (' + lost + ')' if lost else ''}; correct ego_pose in the recipe."
+            f"{' (' + lost + ')' if lost else ''}; name another topic, or TF, as ego_pose in the recipe."
         )
     stamps_ns, rows, repeated = _ordered(samples)
-    if stamps_ns == [0] and repeated:
+    if repeated and stamps_ns.tolist() == [0]:
         raise PoseError(
             f"ego poses from {use.source_name}: all header stamps are zero; set `clock: log` in the recipe."
         )
-    stamps_ns, rows = _without_strays(samples, stamps_ns, rows)
+    kept = _without_overlaps(use, samples, stamps_ns, rows)
+    stamps_ns, rows = stamps_ns[kept], rows[kept]
+    kept = ~strays(stamps_ns, rows[:, :3])
+    samples.lose_strays(kept)
+    stamps_ns, rows = stamps_ns[kept], rows[kept]
     _check_losses(use, samples)
     counts.merged += repeated
     counts.written = len(stamps_ns)
@@ -201,7 +212,7 @@ def make_ego_poses(use: FixedPose | MovingRig, recording: Recording, out: Artifa
 def _write(
     source: str,
     samples: PoseSamples,
-    stamps_ns: list[int],
+    stamps_ns: Stamps,
     rows: Floats,
     out: ArtifactWriter,
     *,
@@ -232,7 +243,8 @@ def _write(
             "extrapolate_s": extrapolate_s,
             "global_frame": samples.global_frame,
             "origin": origin,
-        },
+        }
+        | ({"holes_ns": samples.holes_ns} if samples.holes_ns else {}),
     )
     return summary
 
@@ -259,40 +271,54 @@ def load_trajectory(artifact: Artifact) -> Trajectory:
         round(facts["max_gap_s"] * 1e9),
         round(facts["extrapolate_s"] * 1e9),
         fixed=facts["fixed"],
+        holes_ns=tuple((first, last) for first, last in facts.get("holes_ns", ())),
     )
 
 
-def _ordered(samples: PoseSamples) -> tuple[list[int], Floats, int]:
-    """Sort by stamp; of poses with the same stamp, keep the first one read."""
+def _ordered(samples: PoseSamples) -> tuple[Stamps, Floats, int]:
+    """Sort by stamp; of poses with the same stamp, keep the first one read. Return how many were not."""
     first: dict[int, SE3] = {}
     for stamp_ns, pose in zip(samples.stamps_ns, samples.poses, strict=True):
         first.setdefault(stamp_ns, pose)
-    stamps_ns = sorted(first)
-    rows = _rows([first[stamp] for stamp in stamps_ns])
+    stamps_ns = np.array(sorted(first), dtype=np.int64)
+    poses = (first[stamp_ns] for stamp_ns in stamps_ns.tolist())
+    rows = np.array([[*pose.translation, *pose.rotation] for pose in poses])
     return stamps_ns, rows, len(samples.poses) - len(stamps_ns)
 
 
-def _rows(poses: list[SE3]) -> Floats:
-    return np.array([[*pose.translation, *pose.rotation] for pose in poses])
+def _without_overlaps(use: MovingRig, samples: PoseSamples, stamps_ns: Stamps, rows: Floats) -> Mask:
+    """Count poses at times that two trajectories share, and return (N,) which others are kept.
 
+    What was sensed at these times has no pose, since nobody knows which of the two times it was.
 
-def _without_strays(samples: PoseSamples, stamps_ns: list[int], rows: Floats) -> tuple[list[int], Floats]:
-    """Remove and count poses that no vehicle could have reached and left again."""
-    out_of_reach = strays(stamps_ns, rows[:, :3])
-    number = int(out_of_reach.sum())
-    if number:
-        samples.counts.lose("its position is out of reach from those before and after it", number)
-        # Many sources begin at zero before they know their position: that is not damage.
-        samples.failed += int(out_of_reach[1:-1].sum())
-    kept = ~out_of_reach
-    return [stamp for stamp, keep in zip(stamps_ns, kept, strict=True) if keep], rows[kept]
+    Raises:
+        PoseError: these are nearly all poses, or most of them in more pieces than clocks that are set leave.
+    """
+    kept = np.ones(len(rows), np.bool_)
+    for first, last in overlaps(rows):
+        kept[first : last + 1] = False
+        around = stamps_ns[[max(first - 1, 0), min(last + 1, len(rows) - 1)]]
+        samples.holes_ns.append((int(around[0]), int(around[1])))
+    lost = np.flatnonzero(~kept)
+    if len(lost) > len(rows) * (0.9 if len(samples.holes_ns) <= 2 else 0.5):
+        other = "log" if use.clock == "header" else "header"
+        raise PoseError(
+            f"ego poses from {use.source_name}: {len(lost)} of {len(rows)} poses go to and fro between two trajectories, first at "
+            f"{clock(int(stamps_ns[lost[0]]))}: two nodes publish, or a clock was set back. Name a topic, or TF frames, that one "
+            f"node publishes in ego_pose of the recipe, or try `clock: {other}`."
+        )
+    if len(lost):
+        samples.counts.lose("two trajectories overlap at its time", len(lost))
+    return kept
 
 
 def _recentre(rows: Floats) -> JsonObject | None:
     """Move far-away coordinates, such as UTM, to a local origin, and return it."""
     if np.abs(rows[:, :2]).max() <= FAR_M:
         return None
-    origin = [float(np.floor(v)) for v in rows[0, :3]]
+    # The first pose may be one of a source that does not know yet where it is.
+    near = np.abs(rows[:, :2] - np.median(rows[:, :2], axis=0)).max(axis=1) <= FAR_M
+    origin = [float(np.floor(v)) for v in rows[int(np.argmax(near)), :3]]
     rows[:, :3] -= np.array(origin)
     return {"kind": "local", "x": origin[0], "y": origin[1], "z": origin[2]}
 
@@ -304,7 +330,7 @@ def _make(use: Use[FixedPose | MovingRig], inputs: Inputs, out: ArtifactWriter) 
 
 EGO_POSES = Asset(
     name="ego_poses",
-    version=3,
+    version=4,
     libraries=("pyarrow",),
     title="Where the vehicle was, over time, in local metres.",
     description="""From odometry, poses, TF, GNSS with IMU, or fixed; the origin in the world is kept where it is known:

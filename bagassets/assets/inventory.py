@@ -29,8 +29,6 @@ from bagassets.store.artifact import ArtifactWriter
 
 __all__ = ["INVENTORY", "make_inventory"]
 
-# A fix stamped before GNSS was in use has simulated or unset time, which is not a time of day.
-FIRST_GNSS_NS = 631_152_000 * 1_000_000_000  # 1990-01-01
 # Header stamps farther than this from the log time are noted.
 MOST_OFFSET_S = 1.0
 # A single damaged message does not make its topic unreadable.
@@ -178,15 +176,9 @@ def _inventory_json(
         "duration_s": 0.0 if start is None or end is None else round((end - start) / 1e9, 6),
         "topics": topics,
         "gnss": gnss,
-        "daylight": _daylight(fixes),
+        "daylight": daylight(fixes[0].lat_deg, fixes[0].lon_deg, fixes[0].stamp_ns) if fixes else None,
         "notes": _notes(recording, topics),
     }
-
-
-def _daylight(fixes: list[FixReading]) -> str | None:
-    if not fixes or fixes[0].stamp_ns < FIRST_GNSS_NS:
-        return None
-    return daylight(fixes[0].lat_deg, fixes[0].lon_deg, fixes[0].stamp_ns)
 
 
 def _fix_json(fix: FixReading) -> JsonObject:

@@ -1,11 +1,12 @@
 """Ego poses from `NavSatFix`, projected to local metres; orientation from an Imu or from the course."""
 
-from math import isnan, sqrt
+from math import sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bagassets.assets.channel import Counts
+from bagassets.assets.pose_outliers import trusted_fixes
 from bagassets.assets.pose_samples import MovingRig, PoseSamples, mounted, stamp_of, wgs84_origin
 from bagassets.assets.rig_frames import RigFrames
 from bagassets.decode.imu import ImuReading
@@ -28,7 +29,7 @@ LEAST_STEP_M = 0.2
 def poses_from_navsat(
     source: NavSatSource, rig: MovingRig, recording: Recording, frames: RigFrames
 ) -> PoseSamples:
-    """Return a pose for each fix; the origin of the global frame is the first one.
+    """Return a pose for each fix; the origin of the global frame is the first one that is in reach of the others.
 
     The mounts of antenna and Imu are taken into account if there are transforms for them.
     """
@@ -63,17 +64,22 @@ def poses_from_navsat(
     if not fixes:
         return samples
     fixes.sort(key=lambda item: item[0])
-    first = fixes[0][1]
-    origin = LocalFrame(first.lat_deg, first.lon_deg, 0.0 if isnan(first.alt_m) else first.alt_m)
+    stamps_ns = np.array([stamp for stamp, _ in fixes], dtype=np.int64)
+    lat_deg, lon_deg, alt_m = (
+        np.array([getattr(fix, name) for _, fix in fixes]) for name in ("lat_deg", "lon_deg", "alt_m")
+    )
+    # A stray would tilt the world if it became the origin, and bend the course.
+    trusted = trusted_fixes(stamps_ns, lat_deg, lon_deg, alt_m)
+    samples.lose_strays(trusted)
+    stamps_ns = stamps_ns[trusted]
+    lat_deg, lon_deg, alt_m = (values[trusted] for values in (lat_deg, lon_deg, alt_m))
+    known_m = alt_m[np.isfinite(alt_m)]
+    origin = LocalFrame(float(lat_deg[0]), float(lon_deg[0]), float(known_m[0]) if len(known_m) else 0.0)
     samples.origin = wgs84_origin(origin)
-    lat_deg = np.array([fix.lat_deg for _, fix in fixes])
-    lon_deg = np.array([fix.lon_deg for _, fix in fixes])
     # Without height, level ground is assumed.
-    alt_m = np.array([origin.alt_m if isnan(fix.alt_m) else fix.alt_m for _, fix in fixes])
-    antennas_m = origin.to_local(lat_deg, lon_deg, alt_m)
+    antennas_m = origin.to_local(lat_deg, lon_deg, np.where(np.isnan(alt_m), origin.alt_m, alt_m))
 
     ego = rig.ego_frame
-    stamps_ns = np.array([stamp for stamp, _ in fixes], dtype=np.int64)
     if source.imu:
         imu_SE3_ego = SE3()
         if turns:
@@ -82,13 +88,13 @@ def poses_from_navsat(
         local_Q_imu = origin.rotations_to_local(lat_deg, lon_deg, enu_Q_imu)
         rotations = quaternion_multiply(local_Q_imu, np.array(imu_SE3_ego.rotation))
     else:
-        rotations, valid = _courses(antennas_m), np.ones(len(fixes), np.bool_)
-    antenna_SE3_ego = mounted(frames, first.frame_id, ego, "antenna", samples)
+        rotations, valid = _courses(antennas_m), np.ones(len(stamps_ns), np.bool_)
+    antenna_SE3_ego = mounted(frames, fixes[0][1].frame_id, ego, "antenna", samples)
     # The fix is the position of the antenna, which has no orientation of its own.
     ego_antenna_m = np.array(antenna_SE3_ego.inverse().translation)
     positions = antennas_m - rotate(rotations, ego_antenna_m)
     samples.add_mounted([int(stamp) for stamp in stamps_ns[valid]], positions[valid], rotations[valid], SE3())
-    missing = len(fixes) - int(valid.sum())
+    missing = len(stamps_ns) - int(valid.sum())
     if missing:
         samples.counts.lose("no Imu orientation at its time", missing)
     return samples

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bagassets.assets.pose_outliers import trusted_fixes
 from bagassets.assets.pose_samples import MovingRig, PoseSamples, mounted, stamp_of, wgs84_origin
 from bagassets.assets.rig_frames import RigFrames
 from bagassets.decode.fields import stamp_ns
@@ -40,7 +41,7 @@ class _Packet:
 def poses_from_ncom(
     source: NcomSource, rig: MovingRig, recording: Recording, frames: RigFrames
 ) -> PoseSamples:
-    """Return a pose for each packet that has one; the origin of the global frame is the first one.
+    """Return a pose for each packet that has one; the origin of the global frame is the first that is in reach of the others.
 
     Packets of other senders, and packets that never have a pose (status, triggers), are counted as merged.
     """
@@ -64,17 +65,19 @@ def poses_from_ncom(
     if not usable:
         return samples
     usable.sort(key=lambda item: item[0])
-    first = usable[0][1]
-    origin = LocalFrame(first.lat_deg, first.lon_deg, first.alt_m)
-    samples.origin = wgs84_origin(origin)
-    poses = [pose for _, pose in usable]
+    stamps_ns = np.array([time_ns for time_ns, _ in usable], dtype=np.int64)
     lat_deg, lon_deg, alt_m = (
-        np.array([getattr(pose, name) for pose in poses]) for name in ("lat_deg", "lon_deg", "alt_m")
+        np.array([getattr(pose, name) for _, pose in usable]) for name in ("lat_deg", "lon_deg", "alt_m")
     )
-    enu_Q_body = quaternions_from_rpy(np.array([pose.enu_rpy_rad for pose in poses]))
+    trusted = trusted_fixes(stamps_ns, lat_deg, lon_deg, alt_m)
+    samples.lose_strays(trusted)
+    lat_deg, lon_deg, alt_m = (values[trusted] for values in (lat_deg, lon_deg, alt_m))
+    origin = LocalFrame(float(lat_deg[0]), float(lon_deg[0]), float(alt_m[0]))
+    samples.origin = wgs84_origin(origin)
+    enu_Q_body = quaternions_from_rpy(np.array([pose.enu_rpy_rad for _, pose in usable])[trusted])
     sensor = source.frame or rig.ego_frame
     samples.add_mounted(
-        [time_ns for time_ns, _ in usable],
+        stamps_ns[trusted].tolist(),
         origin.to_local(lat_deg, lon_deg, alt_m),
         origin.rotations_to_local(lat_deg, lon_deg, enu_Q_body),
         mounted(frames, sensor, rig.ego_frame, "navigation system", samples),

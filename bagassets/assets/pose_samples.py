@@ -19,12 +19,7 @@ from bagassets.recipe.model_base import Clock, Quaternion, Vector3
 from bagassets.recipe.model_poses import MovingPoseSource, TfSource
 from bagassets.recordings.model import RawMessage
 
-__all__ = ["Joint", "MovingRig", "PoseSamples", "mounted", "stamp_of", "strays", "wgs84_origin"]
-
-
-# Nothing on wheels reaches this speed, but numbers with a flipped bit do. Poses with almost equal stamps
-# differ by noise.
-_FASTEST_MPS, _NOISE_M = 1000.0, 10.0
+__all__ = ["Joint", "MovingRig", "PoseSamples", "mounted", "stamp_of", "wgs84_origin"]
 
 
 class Joint(NamedTuple):
@@ -87,6 +82,7 @@ class PoseSamples:
         failed: those of the lost messages that should have given a pose: damaged or nonsense.
         helpers: counts of other topics that were read, such as an Imu's.
         notes: sentences about assumptions.
+        holes_ns: spans of time without poses, however short: between first and last, exclusive.
     """
 
     stamps_ns: list[int] = field(default_factory=list)
@@ -97,11 +93,24 @@ class PoseSamples:
     failed: int = 0
     helpers: dict[str, Counts] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
+    holes_ns: list[tuple[int, int]] = field(default_factory=list)
 
     def fail(self, reason: str) -> None:
         """Count a lost message that should have given a pose."""
         self.counts.lose(reason)
         self.failed += 1
+
+    def lose_strays(self, kept: NDArray[np.bool_]) -> None:
+        """Count those of (N,) poses, in order of time, as lost that are not kept; at least one is.
+
+        Many sources begin (or end) with positions that they do not know: that is not damage.
+        """
+        if not kept.all():
+            self.counts.lose(
+                "its position is out of reach from those before and after it", int((~kept).sum())
+            )
+            first, last = np.flatnonzero(kept)[[0, -1]]
+            self.failed += int((~kept[first:last]).sum())
 
     def add_mounted(
         self, stamps_ns: list[int], positions_m: Floats, rotations: Floats, sensor_SE3_ego: SE3
@@ -110,24 +119,6 @@ class PoseSamples:
         for stamp_ns, position, rotation in zip(stamps_ns, positions_m, rotations, strict=True):
             self.stamps_ns.append(stamp_ns)
             self.poses.append(SE3.create(rotation, position) @ sensor_SE3_ego)
-
-
-def strays(stamps_ns: list[int], positions_m: Floats) -> NDArray[np.bool_]:
-    """Return (N,) whether each of (N, 3) positions, in order of time, is out of reach from both neighbours.
-
-    A jump after which the positions continue, as when a vehicle has localized itself on a map, is not a
-    stray. At either end of the trajectory, the only neighbour must itself be in reach of the next position.
-    """
-    out_of_reach = np.zeros(len(stamps_ns), np.bool_)
-    if len(stamps_ns) < 3:
-        return out_of_reach
-    steps_m = np.diff(positions_m, axis=0)
-    seconds = np.diff(np.array(stamps_ns, np.int64)).astype(np.float64) / 1e9
-    jumps = np.sqrt((steps_m * steps_m).sum(axis=1)) > _NOISE_M + _FASTEST_MPS * seconds
-    out_of_reach[1:-1] = jumps[:-1] & jumps[1:]
-    out_of_reach[0] = jumps[0] and not jumps[1]
-    out_of_reach[-1] = jumps[-1] and not jumps[-2]
-    return out_of_reach
 
 
 def stamp_of(clock: Clock, message: RawMessage, header_ns: int | None) -> int:

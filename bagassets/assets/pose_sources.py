@@ -14,7 +14,7 @@ from bagassets.assets.rig_frames import RigFrames
 from bagassets.decode.loading import keyed_decoder
 from bagassets.decode.model import PoseReading
 from bagassets.decode.registry import advice, own_types
-from bagassets.errors import CalibrationError, DecodeError, PoseError
+from bagassets.errors import CalibrationError, DecodeError, PoseError, UnsetError
 from bagassets.geometry.se3 import SE3
 from bagassets.recipe.model_poses import (
     MovingPoseSource,
@@ -58,6 +58,9 @@ def _from_poses(
         samples.counts.read += 1
         try:
             reading = decode(recording.decode(message))
+        except UnsetError:
+            samples.counts.lose("its quaternion is zero")  # not a failure: nothing is damaged
+            continue
         except DecodeError as err:
             samples.fail(str(err))
             continue

@@ -24,15 +24,19 @@ def poses_from_tf(source: TfSource, rig: MovingRig, recording: Recording) -> Pos
         PoseError: the frames are not connected, or nothing between them moves.
     """
     samples = PoseSamples(global_frame=source.global_frame)
-    static = read_transforms(recording, rig.tf_static, "tf_static")
-    moving = read_transforms(recording, rig.tf, "tf", samples.counts, clock=rig.clock)
+    troubles: dict[str, str] = {}
+    static = read_transforms(recording, rig.tf_static, "tf_static", troubles=troubles)
+    moving = read_transforms(recording, rig.tf, "tf", samples.counts, clock=rig.clock, troubles=troubles)
     dst, src = source.global_frame, rig.ego_frame
     tree = TfTree(static, rig.joints, moving)
     try:
         up, down = tree.chain(dst, src)
     except CalibrationError as err:
+        unusable = [
+            f" Some transforms in {topic} cannot be used: {reason}." for topic, reason in troubles.items()
+        ]
         raise PoseError(
-            f"ego poses from TF: {err}. Correct global_frame or ego_frame in the recipe."
+            f"ego poses from TF: {err}.{''.join(unusable)} Correct global_frame or ego_frame in the recipe."
         ) from err
     for edge in (*up, *down):
         if edge.moves and edge.source != "tf":

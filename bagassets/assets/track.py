@@ -10,9 +10,12 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Protocol
 
+import numpy as np
+
 from bagassets.assets.asset import Asset, Summary, Use
 from bagassets.assets.ego_poses import EGO_POSES
 from bagassets.assets.inventory import INVENTORY
+from bagassets.assets.pose_outliers import trusted_fixes
 from bagassets.decode.loading import own_decoder
 from bagassets.decode.registry import own_types
 from bagassets.errors import DecodeError
@@ -125,7 +128,7 @@ def make(use: Use[TrackUse], inputs: TrackInputs, out: ArtifactWriter) -> Summar
 
 
 def _fixes(recording: Recording, topics: Sequence[str], clock: Clock) -> list[list[float]]:
-    """Return valid fixes, at most one a second; messages that cannot be decoded are ignored."""
+    """Return valid fixes, at most one a second; strays, and messages that cannot be decoded, are ignored."""
     points: list[list[float]] = []
     next_ns = 0
     for message in recording.messages(topics):
@@ -138,7 +141,11 @@ def _fixes(recording: Recording, topics: Sequence[str], clock: Clock) -> list[li
         stamp_ns = fix.stamp_ns if clock == "header" and fix.stamp_ns else message.log_time_ns
         points.append([stamp_ns, round(fix.lat_deg, 7), round(fix.lon_deg, 7)])
         next_ns = message.log_time_ns + PERIOD_NS
-    return points
+    if not points:
+        return []
+    stamps_ns, lat_deg, lon_deg = (np.array(column) for column in zip(*points, strict=True))
+    trusted = trusted_fixes(stamps_ns, lat_deg, lon_deg, np.full(len(points), np.nan))
+    return [point for point, kept in zip(points, trusted, strict=True) if kept]
 
 
 def _thinned(stamps_ns: Sequence[int]) -> list[int]:
@@ -154,7 +161,7 @@ def _thinned(stamps_ns: Sequence[int]) -> list[int]:
 
 TRACK = Asset(
     name="track",
-    version=1,
+    version=2,
     title="Where on Earth a recording was driven, about once a second.",
     kinds=frozenset({"json"}),
     reads=(INVENTORY, EGO_POSES),

@@ -9,7 +9,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from bagassets.errors import DecodeError
+from bagassets.errors import DecodeError, UnsetError
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.tf_tree import normalise_frame
 from bagassets.recordings.model import Message
@@ -42,12 +42,14 @@ def unit_quaternion(orientation: Message) -> tuple[float, float, float, float]:
     most often all zeros.
 
     Raises:
+        UnsetError: all numbers are zero.
         DecodeError: a number is not finite, or the length is far from one.
     """
     w, x, y, z = (float(v) for v in (orientation.w, orientation.x, orientation.y, orientation.z))
     length = sqrt(w * w + x * x + y * y + z * z)
     if not 0.9 < length < 1.1:
-        raise DecodeError("its quaternion is not of unit length")
+        kind = DecodeError if length else UnsetError
+        raise kind("its quaternion is not of unit length")
     return (w / length, x / length, y / length, z / length)
 
 
@@ -55,6 +57,7 @@ def rigid_transform(position: Message, orientation: Message) -> SE3:
     """Return the transform of a `Point` or `Vector3` in metres and a `Quaternion`.
 
     Raises:
+        UnsetError: the quaternion is zero.
         DecodeError: a number is not finite, the position is nowhere on Earth, or the quaternion is not of
             unit length.
     """

@@ -7,6 +7,7 @@ __all__ = ["daylight", "sun_elevation_deg"]
 
 # Below this the sun gives hardly any light (end of civil twilight).
 NIGHT_DEG = -6.0
+_FIRST_GNSS_NS = 631_152_000 * 1_000_000_000  # 1990-01-01
 
 
 def sun_elevation_deg(lat_deg: float, lon_deg: float, stamp_ns: int) -> float:
@@ -39,7 +40,9 @@ def sun_elevation_deg(lat_deg: float, lon_deg: float, stamp_ns: int) -> float:
     return degrees(asin(sin(lat) * sin(declination) + cos(lat) * cos(declination) * cos(hour_angle)))
 
 
-def daylight(lat_deg: float, lon_deg: float, stamp_ns: int) -> str:
-    """Return `day`, `twilight` or `night`."""
+def daylight(lat_deg: float, lon_deg: float, stamp_ns: int) -> str | None:
+    """Return `day`, `twilight` or `night`; None before GNSS was in use: the clock is simulated, or was not set."""
+    if stamp_ns < _FIRST_GNSS_NS:
+        return None
     elevation = sun_elevation_deg(lat_deg, lon_deg, stamp_ns)
     return "day" if elevation > 0 else "twilight" if elevation > NIGHT_DEG else "night"

@@ -23,6 +23,7 @@ class Trajectory:
         extrapolate_ns: the motion is extrapolated for this long before the first and after the last
             pose, at the velocity over a stretch of the same length at that end.
         fixed: True for a single pose that holds at all times.
+        holes_ns: there is no pose between the stamps of each pair, exclusive, however close they are.
     """
 
     stamps_ns: NDArray[np.int64]
@@ -31,6 +32,7 @@ class Trajectory:
     max_gap_ns: int
     extrapolate_ns: int
     fixed: bool = False
+    holes_ns: tuple[tuple[int, int], ...] = ()
 
     def __post_init__(self) -> None:
         """Check shapes and order.
@@ -78,6 +80,8 @@ class Trajectory:
             (gap_ns <= self.max_gap_ns) | (since_ns == 0),
             np.abs(since_ns) <= self.extrapolate_ns,
         )
+        for first_ns, last_ns in self.holes_ns:
+            valid &= (stamps <= first_ns) | (stamps >= last_ns)
         fraction = np.where(inside, since_ns, 0) / np.where(inside, gap_ns, 1)
 
         start, end = self.positions_m[left], self.positions_m[right]

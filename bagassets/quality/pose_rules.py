@@ -37,7 +37,19 @@ def poses_cover_sensors(
             problems.append(
                 f"{name}: {without} of {len(stamps)} readings {lack} at {clock(first)}; a share of {check.min_share:g} is expected to have one"
             )
-    return Finding([*problems, *_jumps(trajectory, check)], {"with_pose": shares})
+    return Finding([*_overlaps(trajectory), *problems, *_jumps(trajectory, check)], {"with_pose": shares})
+
+
+def _overlaps(trajectory: Trajectory) -> list[str]:
+    if not trajectory.holes_ns:
+        return []
+    (first_ns, last_ns), number = trajectory.holes_ns[0], len(trajectory.holes_ns)
+    often = "once" if number == 1 else f"{number} times, first"
+    sentence = (
+        f"ego poses go to and fro between two trajectories {often} for {(last_ns - first_ns) / 1e9:.2f} s from {clock(first_ns)}, "
+        "as if a clock was set back or two nodes published; readings in that time are left out"
+    )
+    return [sentence]
 
 
 def _jumps(trajectory: Trajectory, check: PosesCheck) -> list[str]:

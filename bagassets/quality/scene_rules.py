@@ -45,10 +45,11 @@ def _reason(facts: JsonMapping, stamps_of: StampsOf, min_length_s: float) -> str
     if counts["dropped_keyframes"]:
         return f"{_dropped(facts, stamps_of)}; {_ADVICE}"
     if counts["remainder_s"]:
-        length_s = counts["remainder_s"]  # rounded to milliseconds
+        length_s = counts.get("longest_remainder_s", counts["remainder_s"])  # rounded to milliseconds
         enough_s = max(0.0, floor(100 * (length_s - 0.001)) / 100)
+        longest = " (the longest stretch between pauses)" if "longest_remainder_s" in counts else ""
         limit = f"scenes.min_length_s ({min_length_s:g})"
-        return f"its {length_s:g} s are shorter than {limit}; set that to {enough_s:g} for a scene"
+        return f"its {length_s:g} s are shorter than {limit}{longest}; set that to {enough_s:g} for a scene"
     if counts["channels"][reference].get("without_pose"):
         return f"the readings of {reference} have no ego pose"
     return (

@@ -106,14 +106,12 @@ def _rate_problems(record: TopicRecord, limits: TopicLimits) -> list[str]:
 
 
 def _gap_problem(record: TopicRecord, max_gap_s: float) -> str:
-    expected = f"at most {max_gap_s:g} s expected"
+    expected, longest_s = f"at most {max_gap_s:g} s expected", record.max_gap_s or 0.0
     first = next((gap for gap in record.gaps if gap.duration_s > max_gap_s), None)
     if first is None:
-        return f"{record.name}: a pause of {record.max_gap_s:g} s, {expected}"
-    longest = "" if record.max_gap_s == first.duration_s else f", the longest lasts {record.max_gap_s:g} s"
-    return (
-        f"{record.name}: a pause of {first.duration_s:g} s after {clock(first.start_ns)}{longest}; {expected}"
-    )
+        return f"{record.name}: a pause of {_span(longest_s)}, {expected}"
+    longest = "" if longest_s == first.duration_s else f", the longest lasts {_span(longest_s)}"
+    return f"{record.name}: a pause of {_span(first.duration_s)} after {clock(first.start_ns)}{longest}; {expected}"
 
 
 def _span(seconds: float) -> str:

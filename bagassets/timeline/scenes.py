@@ -1,8 +1,18 @@
 """Cutting a recording into scenes of equal length."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-__all__ = ["SceneCuts", "SceneSpan", "cut_scenes"]
+import numpy as np
+
+from bagassets.timeline.keyframes import Stamps
+
+__all__ = ["SceneCuts", "SceneSpan", "cut_scenes", "stretches"]
+
+# A reference is silent for this long only if it was off, however long scenes are; of one that is slow, three readings
+# may be missing.
+_LONGEST_PAUSE_NS = 3_600_000_000_000
+_MISSING_READINGS = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +39,7 @@ class SceneSpan:
 
 @dataclass(frozen=True, slots=True)
 class SceneCuts:
-    """The scenes of a recording, in order.
+    """The scenes of a stretch of a recording, in order.
 
     Attributes:
         scenes: spans whose windows do not overlap.
@@ -40,11 +50,33 @@ class SceneCuts:
     remainder_ns: int
 
 
+def stretches(
+    stamps_ns: Stamps, length_ns: int, period_ns: int, breaks_ns: Sequence[int] = ()
+) -> list[tuple[int, int]]:
+    """Return the first and last stamp of each stretch of readings between pauses that are longer than a scene.
+
+    No scene could have readings from both sides of such a pause: the recorder waited for an event, or its clock was set.
+    Shorter pauses stay inside of scenes.
+
+    Args:
+        stamps_ns: (N,) stamps of the reference readings, N >= 1.
+        length_ns: length of a scene.
+        period_ns: time between keyframes.
+        breaks_ns: increasing times at which a stretch ends, however close its readings are.
+    """
+    steps_ns = np.diff(stamps_ns)
+    usual_ns = int(np.median(steps_ns)) if len(steps_ns) else 0
+    pause_ns = max(period_ns, min(_LONGEST_PAUSE_NS, max(length_ns, _MISSING_READINGS * usual_ns)))
+    broken = np.diff(np.searchsorted(np.array(breaks_ns, dtype=np.int64), stamps_ns)) > 0
+    parts = np.split(stamps_ns, np.flatnonzero((steps_ns > pause_ns) | broken) + 1)
+    return [(int(part[0]), int(part[-1])) for part in parts]
+
+
 def cut_scenes(first_ns: int, last_ns: int, length_ns: int, min_length_ns: int, period_ns: int) -> SceneCuts:
-    """Cut the time from the first to the last reference reading into scenes.
+    """Cut the time from the first to the last reference reading of a stretch into scenes.
 
     Scenes follow each other without gaps. The remainder at the end becomes a shorter scene if it
-    is at least `min_length_ns` long. A recording of a single instant is a remainder of length zero.
+    is at least `min_length_ns` long. A stretch of a single instant is a remainder of length zero.
 
     The window of readings opens half a keyframe period before the first target, so that the reading
     of a camera that fired just before the first keyframe belongs to this scene, and to no other.

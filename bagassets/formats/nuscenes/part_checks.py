@@ -125,7 +125,7 @@ PART_CHECKS = (
         "poses_cover_sensors",
         "Readings have an ego pose at their time, and the vehicle does not jump.",
         "less than `min_share` of a channel's readings have an ego pose; the vehicle moves faster than `max_speed_mps` "
-        "between two poses",
+        "between two poses; two trajectories overlap in time",
         lambda e: poses_cover_sensors(e.once(_trajectory), e.stamps_ns(), e.checks.poses_cover_sensors),
     ),
     RecordingCheck(

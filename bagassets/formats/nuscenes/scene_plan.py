@@ -4,8 +4,9 @@ Keyframes are where every channel has a reading within tolerance. A channel with
 keyframe: a sample without it is better than no sample, and checks report the channel.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from bisect import bisect_right
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -19,7 +20,7 @@ from bagassets.timeline.keyframes import (
     owning_keyframe,
     partner_readings,
 )
-from bagassets.timeline.scenes import SceneSpan, cut_scenes
+from bagassets.timeline.scenes import SceneSpan, cut_scenes, stretches
 
 __all__ = ["ChannelPlan", "RecordingPlan", "SceneParams", "ScenePlan", "Shortage", "plan_scenes"]
 
@@ -53,7 +54,7 @@ class SceneParams:
 
     @property
     def min_length_ns(self) -> int:
-        """Length of the shortest scene at the end of a recording."""
+        """Length of the shortest scene at the end of a recording, or before a pause."""
         return round(self.min_length_s * 1e9)
 
     @property
@@ -123,7 +124,8 @@ class RecordingPlan:
 
     Attributes:
         scenes: in order.
-        remainder_s: time at the end, too short for a scene.
+        remainder_s: time at the end of each stretch of the reference, too short for a scene.
+        longest_remainder_s: that of one stretch.
         empty_scenes: scenes left out because they have no keyframe.
         dropped_keyframes: keyframes left out because a channel has no reading there.
         lacking_samples: samples that lack a channel.
@@ -132,34 +134,46 @@ class RecordingPlan:
 
     scenes: list[ScenePlan] = field(default_factory=list)
     remainder_s: float = 0.0
+    longest_remainder_s: float = 0.0
     empty_scenes: int = 0
     dropped_keyframes: int = 0
     lacking_samples: int = 0
     shortages: dict[str, Shortage] = field(default_factory=dict)
 
 
-def plan_scenes(stamps_ns: Mapping[str, Stamps], params: SceneParams) -> RecordingPlan:
+def plan_scenes(
+    stamps_ns: Mapping[str, Stamps], params: SceneParams, breaks_ns: Sequence[int] = ()
+) -> RecordingPlan:
     """Cut a recording into scenes by the readings of its reference channel.
 
     Args:
         stamps_ns: channel -> stamps of its readings, strictly increasing.
         params: the recipe's scenes.
+        breaks_ns: increasing times that no scene leads across.
     """
     plan = RecordingPlan(shortages={channel: Shortage() for channel in sorted(stamps_ns)})
     reference = stamps_ns[params.reference]
     if not len(reference):
         return plan
-    cuts = cut_scenes(
-        int(reference[0]), int(reference[-1]), params.length_ns, params.min_length_ns, params.period_ns
-    )
-    plan.remainder_s = cuts.remainder_ns / 1e9
-    for span in cuts.scenes:
+    parts = stretches(reference, params.length_ns, params.period_ns, breaks_ns)
+    cuts = [cut_scenes(*part, params.length_ns, params.min_length_ns, params.period_ns) for part in parts]
+    plan.remainder_s = sum(cut.remainder_ns for cut in cuts) / 1e9
+    plan.longest_remainder_s = max(cut.remainder_ns for cut in cuts) / 1e9
+    edges_ns = [-(2**63), *breaks_ns, 2**63 - 1]
+    for span in (_between(edges_ns, span) for cut in cuts for span in cut.scenes):
         scene = _plan_scene(span, stamps_ns, params, plan)
         if scene is None:
             plan.empty_scenes += 1
         else:
             plan.scenes.append(scene)
     return plan
+
+
+def _between(edges_ns: Sequence[int], span: SceneSpan) -> SceneSpan:
+    """Return a scene whose window does not lead across the edges around it: a hole may be shorter than a window is wider."""
+    after = bisect_right(edges_ns, span.start_ns)
+    start_ns = max(span.window_start_ns, edges_ns[after - 1])
+    return replace(span, window_start_ns=start_ns, window_end_ns=min(span.window_end_ns, edges_ns[after]))
 
 
 def _plan_scene(

@@ -25,7 +25,7 @@ __all__ = [
     "subset_action",
 ]
 
-FACTS_STEP = Step("scene_facts", 1)
+FACTS_STEP = Step("scene_facts", 2)
 SUBSET_STEP = Step("scene_subset", 1)
 
 SCENES = "scenes.json"

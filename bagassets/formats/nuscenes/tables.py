@@ -1,13 +1,13 @@
 """The asset `nuscenes_tables`: one recording's rows of the nuScenes tables.
 
-`facts.json` has these counts. Per channel: readings with rows (`keyframes`, `sweeps`) and without (`without_pose`,
-`outside_scenes`), and `lacking_at_keyframes`: the keyframes, dropped or kept, at which the channel has no reading within
-tolerance, and how many of them are before its first or after its last reading. Boxes: `observations` (rows of
-`annotations`), `observations_outside_scenes`, `tracks`, `tracks_without_keyframe`, boxes `without_track`, and those of
-them at no keyframe (`without_track_unused`); as written, `instances` and `annotations`, of which some are `held` rather
-than interpolated. Annotations with attributes: `attributes_given` by the source, `attributes_by_motion`. Annotations
-without: `attributes_undetermined`, though nuScenes has attributes for the category, and `attributes_none`, where it has
-none.
+`facts.json` has these counts. If several stretches between pauses have a remainder, the `longest_remainder_s`. Per channel:
+readings with rows (`keyframes`, `sweeps`) and without (`without_pose`, `outside_scenes`), and `lacking_at_keyframes`: the
+keyframes, dropped or kept, at which the channel has no reading within tolerance, and how many of them are before its first
+or after its last reading. Boxes: `observations` (rows of `annotations`), `observations_outside_scenes`, `tracks`,
+`tracks_without_keyframe`, boxes `without_track`, and those of them at no keyframe (`without_track_unused`); as written,
+`instances` and `annotations`, of which some are `held` rather than interpolated. Annotations with attributes:
+`attributes_given` by the source, `attributes_by_motion`. Annotations without: `attributes_undetermined`, though nuScenes
+has attributes for the category, and `attributes_none`, where it has none.
 """
 
 from collections.abc import Mapping
@@ -200,7 +200,8 @@ def make(use: Use[TablesUse], inputs: Inputs, out: ArtifactWriter) -> Summary:
     }
     scenes = params.scenes
     _check_poses(readings[scenes.reference], trajectory, params.key)
-    plan = plan_scenes({name: channel.stamps_ns for name, channel in readings.items()}, scenes)
+    holes = [last_ns for _, last_ns in trajectory.holes_ns]
+    plan = plan_scenes({name: channel.stamps_ns for name, channel in readings.items()}, scenes, holes)
     origin = inputs.artifact("ego_poses").read_json("ego_poses.json")["origin"]
     identity = Identity(params.rig, params.key, params.vehicle, params.location, origin)
     sensors = sensor_rows(identity, readings, plan.scenes)
@@ -228,6 +229,8 @@ def make(use: Use[TablesUse], inputs: Inputs, out: ArtifactWriter) -> Summary:
         "channels": {name: _channel_counts(name, readings, sensors, plan) for name in sorted(readings)},
         "boxes": objects.counts,
     }
+    if plan.longest_remainder_s < plan.remainder_s:
+        counts["longest_remainder_s"] = round(plan.longest_remainder_s, 3)
     facts = {
         "rig": identity.rig,
         "key": identity.key,
@@ -282,7 +285,7 @@ def _channel_counts(
 
 NUSCENES_TABLES = Asset(
     name="nuscenes_tables",
-    version=6,
+    version=7,
     title="This recording's rows of the nuScenes tables: scenes, keyframes, readings, poses, boxes.",
     description="Keyframe rate, scene length and tolerance act here; nothing is extracted again when they change.",
     kinds=frozenset({"nuscenes", "json"}),

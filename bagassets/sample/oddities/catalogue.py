@@ -1,6 +1,7 @@
 """All oddities by name."""
 
 from bagassets.sample.oddities import cameras, lidars, radars, robots, transforms
+from bagassets.sample.oddities import cameras, motion
 from bagassets.sample.oddities.stream import Oddity
 
 __all__ = ["ODDITIES"]
@@ -11,4 +12,5 @@ ODDITIES: dict[str, Oddity] = {
     **radars.ODDITIES,
     **robots.ODDITIES,
     **transforms.ODDITIES,
+    **motion.ODDITIES,
 }
