@@ -1,7 +1,6 @@
 """All oddities by name."""
 
-from bagassets.sample.oddities import cameras, lidars, radars, robots, transforms
-from bagassets.sample.oddities import cameras, motion
+from bagassets.sample.oddities import cameras, lidars, motion, radars, robots, transforms
 from bagassets.sample.oddities.stream import Oddity
 
 __all__ = ["ODDITIES"]
@@ -9,8 +8,8 @@ __all__ = ["ODDITIES"]
 ODDITIES: dict[str, Oddity] = {
     **cameras.ODDITIES,
     **lidars.ODDITIES,
+    **motion.ODDITIES,
     **radars.ODDITIES,
     **robots.ODDITIES,
     **transforms.ODDITIES,
-    **motion.ODDITIES,
 }
