@@ -7,6 +7,7 @@ from pathlib import Path
 
 from bagassets.recipe.model import Limits
 from bagassets.recordings.damage import DamageError
+from bagassets.recordings.journals import without_journals
 from bagassets.recordings.model import Definition, OnRead, RawMessage
 from bagassets.recordings.recording import Recording
 from bagassets.recordings.topic import RefusedBytes, TopicSource, merge_topics, normalise_msgtype
@@ -24,7 +25,7 @@ def serialization_problem(name: object) -> str | None:
 
 
 class Database:
-    """One file; close it.
+    """One file, with what is in its write-ahead log or journal; close it.
 
     Args:
         path: the file.
@@ -35,16 +36,18 @@ class Database:
     def __init__(self, path: Path, limits: Limits, on_read: OnRead | None = None) -> None:
         self._path = path
         self._on_read = on_read
-        self._connection = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro&immutable=1", uri=True)
-        try:
-            # Text in another encoding damages that text, not the file.
-            self._connection.text_factory = lambda data: data.decode("utf-8", "replace")
-            self._connection.execute("PRAGMA trusted_schema = OFF")
-            self._most_bytes = limits.message_bytes
-            self._require_tables()
-        except BaseException:
-            self._connection.close()
-            raise
+        self._most_bytes = limits.message_bytes
+        with without_journals(path, on_read) as readable:
+            uri = f"{readable.absolute().as_uri()}?mode=ro&immutable=1"
+            self._connection = sqlite3.connect(uri, uri=True)
+            try:
+                # Text in another encoding damages that text, not the file.
+                self._connection.text_factory = lambda data: data.decode("utf-8", "replace")
+                self._connection.execute("PRAGMA trusted_schema = OFF")
+                self._require_tables()
+            except BaseException:
+                self._connection.close()
+                raise
 
     def _require_tables(self) -> None:
         """Refuse databases that only look like a bag: a view or a generated column may compute for ever."""
