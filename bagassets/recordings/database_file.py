@@ -2,8 +2,9 @@
 
 import json
 import sqlite3
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 
 from bagassets.recipe.model import Limits
 from bagassets.recordings.damage import DamageError
@@ -77,17 +78,25 @@ class Database:
             if encoding in {"ros2msg", "ros2idl"} and text
         }
 
-    def topics(self) -> dict[int, tuple[str, str, str | None]]:
-        """Return topic id -> name, type, and why its messages cannot be decoded (or None)."""
+    def sources(self, counts: Mapping[int, int] = MappingProxyType({})) -> dict[int, TopicSource]:
+        """Return topic id -> name, type, definition, and one of `counts`."""
+        definitions = self.definitions()
         column = "serialization_format" if self._has_serialization else "'cdr'"
         rows = self._connection.execute(f"SELECT id, name, type, {column} FROM topics")  # noqa: S608  (one of two)
         return {
-            number: (str(name), normalise_msgtype(str(msgtype)), serialization_problem(serialization))
-            for number, name, msgtype, serialization in rows
+            number: TopicSource(
+                str(name),
+                msgtype := normalise_msgtype(str(named)),
+                counts.get(number, 0),
+                definitions.get(msgtype, Definition("none", "")),
+                "cdr",
+                serialization_problem(serialization),
+            )
+            for number, name, named, serialization in rows
         }
 
     def counts(self) -> dict[int, int]:
-        """Return topic id -> number of messages."""
+        """Return topic id -> number of messages, counted."""
         return dict(self._connection.execute("SELECT topic_id, COUNT(*) FROM messages GROUP BY topic_id"))
 
     def messages(self, topics: Collection[int]) -> Iterator[tuple[int, int, bytes]]:
@@ -123,21 +132,9 @@ class DatabaseRecording(Recording):
     ) -> None:
         self._database = Database(path, limits, on_read)
         try:
-            definitions, counts = self._database.definitions(), self._database.counts()
-            topics = self._database.topics()
-            sources = [
-                TopicSource(
-                    name,
-                    msgtype,
-                    counts.get(number, 0),
-                    definitions.get(msgtype, Definition("none", "")),
-                    "cdr",
-                    problem,
-                )
-                for number, (name, msgtype, problem) in topics.items()
-            ]
-            self._names = {number: name for number, (name, _, _) in topics.items()}
-            super().__init__(path, "ros2", merge_topics(path, sources, message_definitions, limits))
+            sources = self._database.sources(self._database.counts())
+            self._names = {number: source.topic for number, source in sources.items()}
+            super().__init__(path, "ros2", merge_topics(path, sources.values(), message_definitions, limits))
         except BaseException:
             self.close()
             raise

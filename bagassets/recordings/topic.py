@@ -16,7 +16,7 @@ from rosbags.interfaces import Nodetype
 from bagassets.errors import DecodeError, SizeLimitError
 from bagassets.recipe.model import Limits
 from bagassets.recordings.known_types import FieldType
-from bagassets.recordings.layouts import Choice, Layout, choice_of
+from bagassets.recordings.layouts import TF_NAMES, Choice, Layout, choice_of
 from bagassets.recordings.model import Definition, Message, Serialization, SkimmedPacket
 from bagassets.recordings.skim import HEADER, PacketSkimmer, SkimmedPackets, packet_skimmer
 
@@ -95,7 +95,7 @@ class Topic:
         self._folders = tuple(message_definitions)
         self._limits = limits or Limits()
         self._skimmers: dict[tuple[str, ...], PacketSkimmer | None] = {}
-        self.problem = source.problem
+        self._refused = self.problem = source.problem
         if self.problem is None and isinstance(self._layouts, str):
             self.problem = self._layouts
 
@@ -105,11 +105,12 @@ class Topic:
         Time fields have `sec` and `nanosec`, array fields are numpy arrays.
 
         Raises:
-            DecodeError: the bytes do not fit the type, the type is unknown, or the message exceeds the limits.
+            DecodeError: the bytes do not fit the type, the type is unknown, the topic has another problem, or the message
+                exceeds the limits.
         """
         if isinstance(data, RefusedBytes):
             raise DecodeError(data.reason)
-        layouts = self._layouts
+        layouts = self._refused or self._layouts
         if isinstance(layouts, str):
             raise DecodeError(layouts)
         return layouts.decode(data)
@@ -155,7 +156,7 @@ class Topic:
 
     def _skimmer(self, payloads: tuple[str, ...]) -> PacketSkimmer | None:
         if payloads not in self._skimmers:
-            layout = None if self.is_ambiguous else self.layout
+            layout = None if self.is_ambiguous or self._refused else self.layout
             self._skimmers[payloads] = None if layout is None else packet_skimmer(layout, payloads)
         return self._skimmers[payloads]
 
@@ -250,7 +251,7 @@ def merge_topics(
     Args:
         path: the recording, for error messages.
         sources: its connections; several may carry one topic. A topic with two types, or with two layouts of its
-            type, cannot be decoded.
+            type, cannot be decoded; the two names of TF's type are one.
         message_definitions: as for `Topic`.
         limits: as for `Topic`.
 
@@ -271,6 +272,8 @@ def merge_topics(
 
 def _joined(one: TopicSource, other: TopicSource, limits: Limits) -> TopicSource:
     problem = one.problem or other.problem
+    if {one.msgtype, other.msgtype} == set(TF_NAMES):
+        other = replace(other, msgtype=one.msgtype)
     if one.msgtype != other.msgtype:
         problem = f"it carries two types, {one.msgtype} and {other.msgtype}"
     elif _contradict(one, other, limits):

@@ -1,0 +1,325 @@
+"""Containers that are unusual in themselves: two types on a topic, indexes that lack something, metadata that are not plain."""
+
+import itertools
+import json
+
+import pytest
+import yaml
+import zstandard
+from mcap.writer import CompressionType, IndexType
+from mcap.writer import Writer as McapWriter
+from rosbags.rosbag1 import Writer as Rosbag1Writer
+from rosbags.rosbag2 import Writer as Rosbag2Writer
+
+from bagassets.errors import DecodeError, RecordingError, SizeLimitError
+from bagassets.recipe.model import Limits
+from bagassets.recordings import sizes
+from bagassets.recordings.describe import describe_inventory
+from bagassets.recordings.open import open_recording
+from bagassets_tests.layout_data import inventory_of
+from bagassets_tests.small_drive import START_NS, STORE1, STORE2, messages
+
+OLD_TF, TF, NUMBER, TEXT = (
+    "tf/msg/tfMessage",
+    "tf2_msgs/msg/TFMessage",
+    "std_msgs/msg/Int32",
+    "std_msgs/msg/String",
+)
+
+
+def serialized(store, msgtype, number):
+    if msgtype == TEXT:
+        message = store.types[TEXT](str(number))
+    elif msgtype == NUMBER:
+        message = store.types[NUMBER](number)
+    else:
+        message = next(
+            m for topic, _, _, m in messages(store, 0.1, ros1=store is STORE1) if topic == "/tf_static"
+        )
+        msgtype = TF
+    write = store.serialize_ros1 if store is STORE1 else store.serialize_cdr
+    return bytes(write(message, msgtype))
+
+
+def definition_of(store, msgtype):
+    return store.generate_msgdef(
+        TF if msgtype == OLD_TF else msgtype, ros_version=1 if store is STORE1 else 2
+    )[0]
+
+
+def write_types(path, file_format, connections, definition=definition_of):
+    """Write three messages on each of (topic, type), by turns."""
+    store = STORE1 if file_format == "ros1" else STORE2
+    if file_format == "mcap":
+        stream = path.open("wb")
+        writer = McapWriter(stream)
+        writer.start()
+        ids = []
+        for topic, msgtype in connections:
+            schema = writer.register_schema(msgtype, "ros2msg", definition(store, msgtype).encode())
+            ids.append(writer.register_channel(topic, "cdr", schema))
+    elif file_format == "ros1":
+        writer = Rosbag1Writer(path)
+        writer.open()
+    else:
+        writer = Rosbag2Writer(path, version=9)
+        writer.open()
+    if file_format != "mcap":
+        ids = [
+            writer.add_connection(topic, msgtype, msgdef=definition(store, msgtype), **extra)
+            for topic, msgtype in connections
+            for extra in ({"md5sum": "*"} if file_format == "ros1" else {"rihs01": "RIHS01_x"},)
+        ]
+    for number, ((_, msgtype), one) in itertools.product(range(3), zip(connections, ids, strict=True)):
+        time_ns, data = START_NS + number * 1000 + ids.index(one), serialized(store, msgtype, number)
+        if file_format == "mcap":
+            writer.add_message(one, time_ns, data, time_ns)
+        else:
+            writer.write(one, time_ns, data)
+    if file_format == "mcap":
+        writer.finish()
+        stream.close()
+    else:
+        writer.close()
+    return path
+
+
+@pytest.fixture(
+    params=[("ros1", "a.bag"), ("ros2", "b"), ("mcap", "c.mcap"), ("db3", "d.db3")], ids=lambda p: p[0]
+)
+def typed(request, tmp_path):
+    file_format, name = request.param
+
+    def write(connections):
+        if file_format != "db3":
+            return write_types(tmp_path / name, file_format, connections)
+        (database,) = write_types(tmp_path / "made", "ros2", connections).glob("*.db3")
+        return database.rename(tmp_path / name)
+
+    return write
+
+
+def decoded(recording, topic):
+    values = []
+    for message in recording.messages([topic]):
+        try:
+            values.append(recording.decode(message))
+        except DecodeError as err:
+            values.append(str(err))
+    return values
+
+
+def test_two_types_on_a_topic_are_said_to_be_the_reason_and_cost_that_topic_only(typed, tmp_path):
+    path = typed([("/x", TEXT), ("/x", NUMBER), ("/y", NUMBER)])
+    reason = f"it carries two types, {TEXT} and {NUMBER}"
+    with open_recording(path) as recording:
+        assert recording.topics["/x"].problem == reason
+        assert decoded(recording, "/x") == [reason] * 6
+        assert [message.data for message in decoded(recording, "/y")] == [0, 1, 2]
+    inventory, _ = inventory_of(path, tmp_path / "inventory")
+    assert inventory.topics["/x"].count == 6
+    assert inventory.topics["/x"].problem == reason
+    assert inventory.notes == (f"/x cannot be decoded: {reason}.",)
+
+
+def test_the_old_and_the_new_name_of_tf_are_one_type(typed, tmp_path):
+    path = typed([("/tf", OLD_TF), ("/tf", TF)])
+    with open_recording(path) as recording:
+        assert recording.topics["/tf"].problem is None
+        assert [len(message.transforms) for message in decoded(recording, "/tf")] == [2] * 6
+    inventory, _ = inventory_of(path, tmp_path / "inventory")
+    assert inventory.has_readable("/tf")
+    assert inventory.topics["/tf"].count == 6
+    assert inventory.notes == ()
+
+
+def test_they_are_two_if_their_definitions_differ(tmp_path):
+    path = write_types(
+        tmp_path / "a.mcap",
+        "mcap",
+        [("/tf", OLD_TF), ("/tf", TF)],
+        definition=lambda store, msgtype: "int32 x" if msgtype == OLD_TF else definition_of(store, msgtype),
+    )
+    with open_recording(path) as recording:
+        assert "two different definitions" in recording.topics["/tf"].problem
+
+
+# --- metadata of a folder ------------------------------------------------------------------------
+
+
+def edited(folder, edit):
+    """Have `edit` change the facts in the metadata of a folder."""
+    file = folder / "metadata.yaml"
+    facts = yaml.safe_load(file.read_text())
+    edit(facts["rosbag2_bagfile_information"])
+    file.write_text(yaml.safe_dump(facts))
+    return folder
+
+
+@pytest.fixture
+def folder(tmp_path):
+    return write_types(tmp_path / "b", "ros2", [("/x", NUMBER), ("/y", TEXT)])
+
+
+def topic_of(facts, name):
+    return next(
+        entry["topic_metadata"]
+        for entry in facts["topics_with_message_count"]
+        if entry["topic_metadata"]["name"] == name
+    )
+
+
+def test_what_the_file_has_counts_too_if_the_metadata_do_not_know_it(folder, tmp_path):
+    """A recorder that was killed had not listed the topics that came last."""
+    edited(folder, lambda facts: facts["topics_with_message_count"].pop())
+    with open_recording(folder) as recording:
+        assert {name: topic.count for name, topic in recording.topics.items()} == {"/x": 3, "/y": 3}
+        assert [len(decoded(recording, name)) for name in ("/x", "/y")] == [3, 3]
+
+
+def test_a_type_that_metadata_and_file_contradict_each_other_about_costs_the_topic(folder):
+    edited(folder, lambda facts: topic_of(facts, "/y").update(type=NUMBER))
+    with open_recording(folder) as recording:
+        assert recording.topics["/y"].problem == f"it carries two types, {NUMBER} and {TEXT}"
+        assert recording.topics["/x"].problem is None
+        assert len(decoded(recording, "/y")) == 3
+
+
+@pytest.mark.parametrize(
+    "edit",
+    [
+        lambda facts: topic_of(facts, "/x").update(name=[["/x"] * 3] * 3),
+        lambda facts: topic_of(facts, "/x").update(type={"a": "b"}),
+        lambda facts: topic_of(facts, "/x").update(name="/x" + "a" * 5000),
+        lambda facts: topic_of(facts, "/x").update(serialization_format=["cdr"]),
+        lambda facts: facts["topics_with_message_count"][0].update(message_count=[3]),
+        lambda facts: facts.update(relative_file_paths=[["b.db3"]]),
+        lambda facts: facts.update(relative_file_paths="b.db3"),
+        lambda facts: facts.update(compression_mode=["file"]),
+        lambda facts: facts.update(compression_mode="file", compression_format=["zstd"]),
+        lambda facts: facts.update(relative_file_paths=["a" * 5000 + ".db3"]),
+    ],
+)  # fmt: skip
+def test_metadata_that_are_not_plain_are_refused_in_a_short_sentence(folder, edit):
+    with pytest.raises(RecordingError, match=r"cannot be read \(its metadata\.yaml") as caught:
+        open_recording(edited(folder, edit))
+    assert len(str(caught.value)) < 600
+
+
+def test_a_file_that_is_listed_twice_is_read_once(folder):
+    edited(folder, lambda facts: facts.update(relative_file_paths=["b.db3", "./b.db3", "b.db3"]))
+    with open_recording(folder) as recording:
+        assert [message.data for message in decoded(recording, "/x")] == [0, 1, 2]
+
+
+def packed_folder(folder, names):
+    (database,) = folder.glob("*.db3")
+    for name in names:
+        (folder / f"{name}.zstd").write_bytes(zstandard.compress(database.read_bytes()))
+    database.unlink()
+    return edited(
+        folder,
+        lambda facts: facts.update(
+            relative_file_paths=[f"{name}.zstd" for name in names],
+            compression_mode="file",
+            compression_format="zstd",
+        ),
+    )
+
+
+def test_the_ratio_of_compression_holds_for_the_recording_not_for_each_file(folder, monkeypatch):
+    size = next(folder.glob("*.db3")).stat().st_size
+    packed_folder(folder, ["b_0.db3", "b_1.db3", "b_2.db3"])
+    packed = sum(file.stat().st_size for file in folder.glob("*.zstd"))
+    assert 3 * size > 10 * packed
+    monkeypatch.setattr(sizes, "GIGABYTE", 3 * size)
+    open_recording(folder, limits=Limits(compression_ratio=10)).close()
+    monkeypatch.setattr(sizes, "GIGABYTE", 3 * size - 1)
+    with pytest.raises(SizeLimitError, match=r"limits\.compression_ratio"):
+        open_recording(folder, limits=Limits(compression_ratio=10))
+
+
+def test_unpacked_files_leave_nothing_behind(folder, tmp_path, monkeypatch):
+    packed_folder(folder, ["b_0.db3"])
+    scratch = tmp_path / "scratch"
+    scratch.mkdir()
+    monkeypatch.setattr("tempfile.tempdir", str(scratch))
+    with open_recording(folder) as recording:
+        assert list(scratch.iterdir()) == []
+        assert [message.data for message in decoded(recording, "/x")] == [0, 1, 2]
+
+
+def test_a_long_name_is_shown_in_part(tmp_path):
+    path = write_types(
+        tmp_path / "a.mcap", "mcap", [("/" + "a" * 100_000, NUMBER), *((f"/{n}", TEXT) for n in range(50))]
+    )
+    inventory_of(path, tmp_path / "inventory")
+    (file,) = (tmp_path / "inventory").rglob("inventory.json")
+    text = describe_inventory(json.loads(file.read_text()))
+    assert len(text) < 30_000
+
+
+# --- indexes of MCAP ----------------------------------------------------------------------------
+
+
+def write_indexed(path, **options):
+    with path.open("wb") as stream:
+        writer = McapWriter(stream, chunk_size=20_000, **options)
+        writer.start()
+        channels = {}
+        for topic, msgtype, stamp_ns, message in messages(STORE2, 0.5):
+            if topic not in channels:
+                schema = writer.register_schema(
+                    msgtype, "ros2msg", STORE2.generate_msgdef(msgtype, ros_version=2)[0].encode()
+                )
+                channels[topic] = writer.register_channel(topic, "cdr", schema)
+            writer.add_message(
+                channels[topic], stamp_ns, bytes(STORE2.serialize_cdr(message, msgtype)), stamp_ns
+            )
+        writer.finish()
+    return path
+
+
+INDEXES = {
+    "all": IndexType.ALL,
+    "chunks": IndexType.CHUNK,
+    "messages": IndexType.MESSAGE,
+    "none": IndexType.NONE,
+}
+
+
+def everything(path):
+    with open_recording(path) as recording:
+        counts = {name: topic.count for name, topic in recording.topics.items()}
+        return counts, [
+            (m.topic, m.log_time_ns, bytes(m.data)) for m in recording.messages(list(recording.topics))
+        ]
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    return everything(write_indexed(tmp_path_factory.mktemp("whole") / "a.mcap"))
+
+
+@pytest.mark.parametrize("statistics", [True, False])
+@pytest.mark.parametrize("indexes", INDEXES)
+@pytest.mark.parametrize("repeats", [True, False])
+@pytest.mark.parametrize("chunking", [True, False])
+def test_a_finished_mcap_is_read_whatever_its_summary_lacks(
+    tmp_path, whole, statistics, indexes, repeats, chunking
+):
+    counts, read = everything(
+        write_indexed(
+            tmp_path / "a.mcap", index_types=INDEXES[indexes], use_statistics=statistics, use_chunking=chunking,
+            repeat_channels=repeats, repeat_schemas=repeats, compression=CompressionType.LZ4,
+        )
+    )  # fmt: skip
+    assert counts == whole[0]
+    assert read == whole[1]
+
+
+def test_counting_without_statistics_unpacks_nothing_if_there_is_an_index(tmp_path, monkeypatch):
+    path = write_indexed(tmp_path / "a.mcap", use_statistics=False)
+    monkeypatch.setattr("bagassets.recordings.mcap_index.load_chunk", None)
+    with open_recording(path) as recording:
+        assert recording.topics["/odom"].count == 26
