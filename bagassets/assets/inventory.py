@@ -273,7 +273,7 @@ class _TopicProbe:
 
 INVENTORY = Asset(
     name="inventory",
-    version=6,
+    version=7,
     # rosbags has the standard types, which recordings without definitions are decoded with.
     libraries=("pyarrow", "rosbags"),
     title="What is in the recording: topics, types, counts, rates, gaps, offsets between clocks, the place, day or night.",
