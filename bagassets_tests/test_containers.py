@@ -177,6 +177,17 @@ def test_what_the_file_has_counts_too_if_the_metadata_do_not_know_it(folder, tmp
         assert [len(decoded(recording, name)) for name in ("/x", "/y")] == [3, 3]
 
 
+def test_plain_metadata_may_leave_things_out(folder):
+    def edit(facts):
+        topic_of(facts, "/x").update(serialization_format=None)
+        del topic_of(facts, "/y")["serialization_format"]
+        facts.update(compression_mode=None, compression_format=None)
+
+    with open_recording(edited(folder, edit)) as recording:
+        assert [topic.problem for topic in recording.topics.values()] == [None, None]
+        assert [len(decoded(recording, name)) for name in ("/x", "/y")] == [3, 3]
+
+
 def test_a_type_that_metadata_and_file_contradict_each_other_about_costs_the_topic(folder):
     edited(folder, lambda facts: topic_of(facts, "/y").update(type=NUMBER))
     with open_recording(folder) as recording:

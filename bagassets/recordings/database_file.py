@@ -38,7 +38,7 @@ class Database:
         self._path = path
         self._on_read = on_read
         self._most_bytes = limits.message_bytes
-        with without_journals(path, on_read) as readable:
+        with without_journals(path) as readable:
             uri = f"{readable.absolute().as_uri()}?mode=ro&immutable=1"
             self._connection = sqlite3.connect(uri, uri=True)
             try:

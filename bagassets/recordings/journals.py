@@ -10,14 +10,13 @@ import stat
 from collections.abc import Iterable, Iterator
 from contextlib import closing, contextmanager
 from errno import EDQUOT, ENOSPC
-from os import stat_result
+from os import SEEK_END, stat_result
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from bagassets.errors import RecordingError, ScratchError
 from bagassets.quantities import readable_bytes
 from bagassets.recordings.damage import DamageError
-from bagassets.recordings.model import OnRead
 
 __all__ = ["journals_of", "scratch_folder", "without_journals"]
 
@@ -26,7 +25,6 @@ _LOG, _JOURNAL = "-wal", "-journal"
 _HEADER_BYTES = 32
 # At the end of a journal: it belongs to a transaction over several databases, which it names.
 _OF_SEVERAL = bytes.fromhex("d9d505f920a163d7")
-_PIECE_BYTES = 1024 * 1024
 
 
 def journals_of(files: Iterable[Path]) -> dict[Path, stat_result]:
@@ -45,15 +43,11 @@ def journals_of(files: Iterable[Path]) -> dict[Path, stat_result]:
 
 
 @contextmanager
-def without_journals(path: Path, on_read: OnRead | None = None) -> Iterator[Path]:
-    """Yield a path at which a database can be opened as it would be with its log and journal applied.
+def without_journals(path: Path) -> Iterator[Path]:
+    """Yield a path at which a database can be opened with its log and journal applied.
 
-    Without these that is the path itself; else that of a private copy, which is removed at the end. On Unix it stays
-    readable for whoever has opened it.
-
-    Args:
-        path: the database.
-        on_read: told how far copying has come.
+    Without these that is the path itself; else that of a private copy, whose name is removed at the end: whoever has opened
+    it can go on reading, and nothing is left if the process is killed.
 
     Raises:
         RecordingError: the path is a link, and what belongs beside it was left behind.
@@ -74,25 +68,18 @@ def without_journals(path: Path, on_read: OnRead | None = None) -> Iterator[Path
     with scratch_folder(path, size) as folder:
         copy = folder / "copy.db3"
         for source in (path, *journals):
-            _copy(source, folder / f"copy.db3{source.name[len(path.name) :]}", on_read)
+            target = folder / f"copy.db3{source.name[len(path.name) :]}"
+            shutil.copyfile(source, target)
+            if target.name.endswith(_JOURNAL):
+                with target.open("rb") as file:
+                    file.seek(-len(_OF_SEVERAL), SEEK_END)
+                    if file.read() == _OF_SEVERAL:  # no recorder writes such, and it leads to other files
+                        raise DamageError(f"{source.name} belongs to several databases")
         with closing(sqlite3.connect(copy)) as connection:
             connection.execute("PRAGMA trusted_schema = OFF")
             connection.execute("SELECT * FROM sqlite_master LIMIT 1").fetchall()
             connection.execute("PRAGMA journal_mode = DELETE")
         yield copy
-
-
-def _copy(source: Path, target: Path, on_read: OnRead | None) -> None:
-    end = b""
-    with source.open("rb") as file, target.open("wb") as out:
-        while piece := file.read(_PIECE_BYTES):
-            end = (end + piece[-len(_OF_SEVERAL) :])[-len(_OF_SEVERAL) :]
-            out.write(piece)
-            if on_read is not None:
-                on_read(source, file.tell(), piece)
-    if source.name.endswith(_JOURNAL) and end == _OF_SEVERAL:
-        # no recorder writes such, and it leads to other files.
-        raise DamageError(f"{source.name} belongs to several databases")
 
 
 @contextmanager

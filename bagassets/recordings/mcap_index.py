@@ -88,7 +88,11 @@ def read_index(file: BinaryIO, path: Path, sizes: Sizes) -> McapIndex:
     if footer.summary_start:
         file.seek(footer.summary_start)
         statistics = _add_summary(index, _parsed(file, size), size, sizes)
-    if statistics is None or not _is_whole(index, statistics):
+    if statistics is None or (
+        len(index.channels) < max(1, statistics.channel_count)
+        or len(index.chunks) < statistics.chunk_count
+        or not (index.chunks or statistics.channel_message_counts)
+    ):
         _search(file, path, size, index, sizes)
     if statistics is not None:
         index.counts = Counter(statistics.channel_message_counts)
@@ -141,15 +145,6 @@ def _add_summary(
             channels = frozenset(record.message_index_offsets) or None
             index.chunks.append(ChunkPlace(offset, record.message_start_time, channels))
     return statistics
-
-
-def _is_whole(index: McapIndex, statistics: Statistics) -> bool:
-    """Tell whether the summary lists all channels and chunks."""
-    return (
-        0 < len(index.channels) >= statistics.channel_count
-        and len(index.chunks) >= statistics.chunk_count
-        and bool(index.chunks or statistics.channel_message_counts)
-    )
 
 
 def _add_record(index: McapIndex, record: Schema | Channel, sizes: Sizes) -> None:

@@ -28,8 +28,7 @@ __all__ = ["Rosbag2Recording"]
 _NEWEST_VERSION = 9
 _MOST_METADATA_BYTES = 16_000_000
 # The parser recurses into nested values; recorders write six levels.
-_DEEPEST = 50
-_LONGEST_TEXT = 1000
+_DEEPEST, _LONGEST_TEXT = 50, 1000
 _ZSTD = ".zstd"
 
 
@@ -91,7 +90,7 @@ class Rosbag2Recording(Recording):
                 int(_plain(entry["message_count"])),
                 definitions.get(msgtype, Definition("none", "")),
                 "cdr",
-                serialization_problem(_plain(topic.get("serialization_format", ""))),
+                serialization_problem(_plain(topic.get("serialization_format") or "")),
             )
             for entry in facts["topics_with_message_count"]
             for topic in (entry["topic_metadata"],)
