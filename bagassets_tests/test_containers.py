@@ -192,6 +192,7 @@ def test_a_type_that_metadata_and_file_contradict_each_other_about_costs_the_top
     edited(folder, lambda facts: topic_of(facts, "/y").update(type=NUMBER))
     with open_recording(folder) as recording:
         assert recording.topics["/y"].problem == f"it carries two types, {NUMBER} and {TEXT}"
+        assert recording.topics["/y"].count == 3
         assert recording.topics["/x"].problem is None
         assert len(decoded(recording, "/y")) == 3
 
@@ -221,6 +222,55 @@ def test_a_file_that_is_listed_twice_is_read_once(folder):
     edited(folder, lambda facts: facts.update(relative_file_paths=["b.db3", "./b.db3", "b.db3"]))
     with open_recording(folder) as recording:
         assert [message.data for message in decoded(recording, "/x")] == [0, 1, 2]
+
+
+def mcap_folder(folder, number, payload=None):
+    """Write a bag of MCAP files with one message each on /x, a text of `payload` letters or a number without a schema."""
+    folder.mkdir()
+    for part in range(number):
+        with (folder / f"b_{part}.mcap").open("wb") as stream:
+            writer = McapWriter(stream)
+            writer.start()
+            if payload is None:
+                schema, data = 0, serialized(STORE2, NUMBER, part)
+            else:
+                schema = writer.register_schema(TEXT, "ros2msg", b"string data")
+                data = bytes(STORE2.serialize_cdr(STORE2.types[TEXT]("a" * payload), TEXT))
+            writer.add_message(
+                writer.register_channel("/x", "cdr", schema), START_NS + part, data, START_NS + part
+            )
+            writer.finish()
+    topic = {"name": "/x", "type": NUMBER if payload is None else TEXT, "serialization_format": "cdr"}
+    facts = {
+        "version": 5,
+        "relative_file_paths": [f"b_{part}.mcap" for part in range(number)],
+        "topics_with_message_count": [{"topic_metadata": topic, "message_count": number}],
+    }
+    (folder / "metadata.yaml").write_text(yaml.safe_dump({"rosbag2_bagfile_information": facts}))
+    return folder
+
+
+def test_a_channel_without_a_schema_has_the_type_in_the_metadata(tmp_path):
+    with open_recording(mcap_folder(tmp_path / "b", 3)) as recording:
+        assert recording.topics["/x"].problem is None
+        assert [message.data for message in decoded(recording, "/x")] == [0, 1, 2]
+
+
+def test_messages_of_another_type_are_announced_once(tmp_path):
+    folder = mcap_folder(tmp_path / "b", 3, payload=5)
+    edited(folder, lambda facts: topic_of(facts, "/x").update(type=NUMBER))
+    with open_recording(folder) as recording:
+        assert "two types" in recording.topics["/x"].problem
+        assert recording.topics["/x"].count == 3
+
+
+def test_the_ratio_of_chunks_holds_for_the_recording(tmp_path, monkeypatch):
+    folder = mcap_folder(tmp_path / "b", 3, payload=100_000)
+    monkeypatch.setattr(sizes, "GIGABYTE", 301_000)
+    open_recording(folder, limits=Limits(compression_ratio=10)).close()
+    monkeypatch.setattr(sizes, "GIGABYTE", 299_000)
+    with pytest.raises(SizeLimitError, match=r"limits\.compression_ratio"):
+        open_recording(folder, limits=Limits(compression_ratio=10))
 
 
 def packed_folder(folder, names):
