@@ -11,6 +11,8 @@ from mcap.writer import Writer as McapWriter
 from rosbags.rosbag1 import Writer as Rosbag1Writer
 from rosbags.rosbag2 import Writer as Rosbag2Writer
 
+from bagassets.assets.inventory import MOST_MISFITS
+from bagassets.build.execute import BuildFailure
 from bagassets.errors import DecodeError, RecordingError, SizeLimitError
 from bagassets.recipe.model import Limits
 from bagassets.recordings import sizes
@@ -18,6 +20,8 @@ from bagassets.recordings.describe import describe_inventory
 from bagassets.recordings.open import open_recording
 from bagassets_tests.layout_data import inventory_of
 from bagassets_tests.small_drive import START_NS, STORE1, STORE2, messages
+from bagassets_tests.test_end_to_end import build_of, make_project
+from bagassets_tests.tiny_mcap import write_tiny
 
 OLD_TF, TF, NUMBER, TEXT = (
     "tf/msg/tfMessage",
@@ -109,17 +113,74 @@ def decoded(recording, topic):
     return values
 
 
-def test_two_types_on_a_topic_are_said_to_be_the_reason_and_cost_that_topic_only(typed, tmp_path):
+def test_messages_of_another_type_than_most_on_their_topic_are_lost_with_the_reason(typed, tmp_path):
     path = typed([("/x", TEXT), ("/x", NUMBER), ("/y", NUMBER)])
-    reason = f"it carries two types, {TEXT} and {NUMBER}"
+    reason = f"it is {NUMBER}, and most on its topic are {TEXT}"
     with open_recording(path) as recording:
-        assert recording.topics["/x"].problem == reason
-        assert decoded(recording, "/x") == [reason] * 6
+        assert recording.topics["/x"].problem is None
+        assert recording.topics["/x"].msgtype == TEXT
+        values = [value if isinstance(value, str) else value.data for value in decoded(recording, "/x")]
+        assert values == ["0", reason, "1", reason, "2", reason]
+        assert {message.msgtype for message in recording.messages(["/x"])} == {TEXT}
         assert [message.data for message in decoded(recording, "/y")] == [0, 1, 2]
-    inventory, _ = inventory_of(path, tmp_path / "inventory")
+    inventory, pack = inventory_of(path, tmp_path / "inventory")
     assert inventory.topics["/x"].count == 6
-    assert inventory.topics["/x"].problem == reason
-    assert inventory.notes == (f"/x cannot be decoded: {reason}.",)
+    assert inventory.has_readable("/x")
+    assert inventory.notes == (f"/x: 3 of 6 messages cannot be used, each because {reason}.",)
+    assert list(pack.topics) == ["/y"]  # a pack could not say why
+
+
+def write_one_after_the_other(path, kinds):
+    """Write an MCAP with one topic and (type or None, number of messages), each on a channel of its own."""
+    with path.open("wb") as stream:
+        writer = McapWriter(stream)
+        writer.start()
+        time_ns = START_NS
+        for msgtype, number in kinds:
+            schema = (
+                0
+                if msgtype is None
+                else writer.register_schema(msgtype, "ros2msg", definition_of(STORE2, msgtype).encode())
+            )
+            channel = writer.register_channel("/x", "cdr", schema)
+            for _ in range(number):
+                time_ns += 1000
+                writer.add_message(channel, time_ns, serialized(STORE2, msgtype or NUMBER, number), time_ns)
+        writer.finish()
+    return path
+
+
+def test_however_many_of_another_type_come_first(tmp_path):
+    path = write_one_after_the_other(
+        tmp_path / "a.mcap", [(NUMBER, MOST_MISFITS + 1), (TEXT, MOST_MISFITS + 2)]
+    )
+    inventory, _ = inventory_of(path, tmp_path / "inventory")
+    assert inventory.topics["/x"].msgtype == TEXT
+    assert inventory.topics["/x"].problem is None
+
+
+def test_messages_of_no_type_are_of_the_one_that_others_on_the_topic_have(tmp_path):
+    path = write_one_after_the_other(tmp_path / "a.mcap", [(None, 3), (NUMBER, 1)])
+    with open_recording(path) as recording:
+        assert recording.topics["/x"].msgtype == NUMBER
+        assert [message.data for message in decoded(recording, "/x")] == [3, 3, 3, 1]
+
+
+def test_of_as_many_the_type_that_was_first_counts(tmp_path):
+    for number, types in enumerate([(NUMBER, TEXT), (TEXT, NUMBER)]):
+        path = write_types(tmp_path / f"{number}.mcap", "mcap", [("/x", msgtype) for msgtype in types])
+        with open_recording(path) as recording:
+            assert recording.topics["/x"].msgtype == types[0]
+
+
+def test_a_sensor_without_a_frame_is_not_told_so_if_nothing_of_its_topic_can_be_decoded(tmp_path):
+    recipe = make_project(tmp_path)
+    recipe.bags.root.mkdir()
+    write_tiny(
+        recipe.bags.root / "a.mcap", spoil=lambda topic, _, data: data[:9] if topic == "/points" else data
+    )
+    with pytest.raises(BuildFailure, match=r"/points cannot be decoded.*do not fit the definition"):
+        list(build_of(recipe, "a.mcap").build())
 
 
 def test_the_old_and_the_new_name_of_tf_are_one_type(typed, tmp_path):
@@ -188,13 +249,12 @@ def test_plain_metadata_may_leave_things_out(folder):
         assert [len(decoded(recording, name)) for name in ("/x", "/y")] == [3, 3]
 
 
-def test_a_type_that_metadata_and_file_contradict_each_other_about_costs_the_topic(folder):
+def test_a_type_about_which_metadata_and_file_disagree_costs_the_messages(folder):
     edited(folder, lambda facts: topic_of(facts, "/y").update(type=NUMBER))
     with open_recording(folder) as recording:
-        assert recording.topics["/y"].problem == f"it carries two types, {NUMBER} and {TEXT}"
         assert recording.topics["/y"].count == 3
-        assert recording.topics["/x"].problem is None
-        assert len(decoded(recording, "/y")) == 3
+        assert decoded(recording, "/y") == [f"it is {TEXT}, and most on its topic are {NUMBER}"] * 3
+        assert [message.data for message in decoded(recording, "/x")] == [0, 1, 2]
 
 
 @pytest.mark.parametrize(
@@ -260,8 +320,8 @@ def test_messages_of_another_type_are_announced_once(tmp_path):
     folder = mcap_folder(tmp_path / "b", 3, payload=5)
     edited(folder, lambda facts: topic_of(facts, "/x").update(type=NUMBER))
     with open_recording(folder) as recording:
-        assert "two types" in recording.topics["/x"].problem
         assert recording.topics["/x"].count == 3
+        assert decoded(recording, "/x") == [f"it is {TEXT}, and most on its topic are {NUMBER}"] * 3
 
 
 def test_the_ratio_of_chunks_holds_for_the_recording(tmp_path, monkeypatch):

@@ -100,7 +100,8 @@ def make_inventory(recording: Recording, out: ArtifactWriter, *, size: int) -> J
             refused[name, data.reason] += 1
         logs[name].add(message, None if info is None else info.header(data))
         probe = unprobed.get(name)
-        if probe is not None and probe.add(message):
+        is_foreign = isinstance(data, RefusedBytes) and "limits." not in data.reason
+        if probe is not None and not is_foreign and probe.add(message):
             del unprobed[name]
         kept.add(number, message)
         if info is not None and msgtype in fix_types:

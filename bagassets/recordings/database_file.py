@@ -132,18 +132,17 @@ class DatabaseRecording(Recording):
     ) -> None:
         self._database = Database(path, limits, on_read)
         try:
-            sources = self._database.sources(self._database.counts())
-            self._names = {number: source.topic for number, source in sources.items()}
-            super().__init__(path, "ros2", merge_topics(path, sources.values(), message_definitions, limits))
+            self._sources = self._database.sources(self._database.counts())
+            topics = merge_topics(path, self._sources.values(), message_definitions, limits)
+            super().__init__(path, "ros2", topics)
         except BaseException:
             self.close()
             raise
 
     def _read(self, topics: Collection[str]) -> Iterator[RawMessage]:
-        wanted = {number: name for number, name in self._names.items() if name in topics}
+        wanted = self._carrying(topics, self._sources)
         for number, log_time_ns, data in self._database.messages(wanted.keys()):
-            topic = wanted[number]
-            yield RawMessage(topic, self.topics[topic].msgtype, log_time_ns, data)
+            yield RawMessage(*wanted[number], log_time_ns, data)
 
     def close(self) -> None:
         """Close the file."""

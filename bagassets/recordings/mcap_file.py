@@ -20,12 +20,9 @@ from bagassets.recordings.mcap_index import ChunkPlace, read_index, walk
 from bagassets.recordings.model import Definition, OnRead, RawMessage
 from bagassets.recordings.recording import Recording
 from bagassets.recordings.sizes import Sizes
-from bagassets.recordings.topic import TopicSource, merge_topics, normalise_msgtype
+from bagassets.recordings.topic import UNKNOWN, TopicSource, merge_topics, normalise_msgtype
 
-__all__ = ["UNKNOWN", "McapFile", "McapRecording"]
-
-UNKNOWN = "unknown"
-"""The type of a channel without a schema."""
+__all__ = ["McapFile", "McapRecording"]
 
 _FORMATS = {"ros1msg": "msg", "ros2msg": "msg", "ros2idl": "idl", "omgidl": "idl"}
 # Waiting messages in chunks that overlap in time; their places take a few hundred megabytes.
@@ -172,18 +169,17 @@ class McapRecording(Recording):
     ) -> None:
         self._file = McapFile(path, limits, on_read)
         try:
-            sources = self._file.sources()
-            self._topics = {channel: source.topic for channel, source in sources.items()}
-            super().__init__(path, "mcap", merge_topics(path, sources.values(), message_definitions, limits))
+            self._sources = self._file.sources()
+            topics = merge_topics(path, self._sources.values(), message_definitions, limits)
+            super().__init__(path, "mcap", topics)
         except BaseException:
             self._file.close()
             raise
 
     def _read(self, topics: Collection[str]) -> Iterator[RawMessage]:
-        wanted = {channel: topic for channel, topic in self._topics.items() if topic in topics}
+        wanted = self._carrying(topics, self._sources)
         for channel, log_time_ns, data in self._file.messages(wanted.keys()):
-            topic = wanted[channel]
-            yield RawMessage(topic, self.topics[topic].msgtype, log_time_ns, data)
+            yield RawMessage(*wanted[channel], log_time_ns, data)
 
     def check_content(self) -> None:
         """Verify the checksum of every chunk that is read from now on."""

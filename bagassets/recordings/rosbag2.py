@@ -17,11 +17,11 @@ from bagassets.recordings.damage import DamageError, refuse_pointer
 from bagassets.recordings.database_file import Database, serialization_problem
 from bagassets.recordings.decompress import TooLargeError, decompress, decompress_file
 from bagassets.recordings.journals import scratch_folder
-from bagassets.recordings.mcap_file import UNKNOWN, McapFile
+from bagassets.recordings.mcap_file import McapFile
 from bagassets.recordings.model import METADATA, Definition, OnRead, RawMessage
 from bagassets.recordings.recording import Recording
 from bagassets.recordings.sizes import Sizes
-from bagassets.recordings.topic import RefusedBytes, TopicSource, merge_topics, normalise_msgtype
+from bagassets.recordings.topic import UNKNOWN, RefusedBytes, TopicSource, merge_topics, normalise_msgtype
 
 __all__ = ["Rosbag2Recording"]
 
@@ -99,14 +99,9 @@ class Rosbag2Recording(Recording):
 
     def _read(self, topics: Collection[str]) -> Iterator[RawMessage]:
         for file in self._files:
-            wanted = {
-                number: self.topics[source.topic]
-                for number, source in file.sources().items()
-                if source.topic in topics
-            }
+            wanted = self._carrying(topics, file.sources())
             for number, log_time_ns, data in file.messages(wanted.keys()) if wanted else ():
-                info = wanted[number]
-                yield RawMessage(info.name, info.msgtype, log_time_ns, self._decompressed(data))
+                yield RawMessage(*wanted[number], log_time_ns, self._decompressed(data))
 
     def _decompressed(self, data: bytes | memoryview) -> bytes | memoryview:
         if not self._compressed_messages or isinstance(data, RefusedBytes):
