@@ -166,6 +166,29 @@ def test_messages_of_no_type_are_of_the_one_that_others_on_the_topic_have(tmp_pa
         assert [message.data for message in decoded(recording, "/x")] == [3, 3, 3, 1]
 
 
+def test_a_topic_that_cannot_be_decoded_is_not_packed_as_if_it_could(tmp_path):
+    path = write_types(
+        tmp_path / "a.mcap",
+        "mcap",
+        [("/tf", OLD_TF), ("/tf", TF), ("/y", NUMBER)],
+        definition=lambda store, msgtype: "int32 x" if msgtype == OLD_TF else definition_of(store, msgtype),
+    )
+    inventory, pack = inventory_of(path, tmp_path / "inventory")
+    assert "two different definitions" in inventory.topics["/tf"].problem
+    assert list(pack.topics) == ["/y"]
+
+
+def test_messages_that_fit_are_used_although_the_first_ones_do_not(tmp_path):
+    path = write_tiny(
+        tmp_path / "a.mcap",
+        spoil=lambda topic, n, data: data[:9] if topic == "/odom" and n < MOST_MISFITS else data,
+    )
+    inventory, pack = inventory_of(path, tmp_path / "inventory")
+    assert "do not fit" in inventory.topics["/odom"].problem
+    values = decoded(pack, "/odom")
+    assert [isinstance(value, str) for value in values] == [n < MOST_MISFITS for n in range(len(values))]
+
+
 def test_of_as_many_the_type_that_was_first_counts(tmp_path):
     for number, types in enumerate([(NUMBER, TEXT), (TEXT, NUMBER)]):
         path = write_types(tmp_path / f"{number}.mcap", "mcap", [("/x", msgtype) for msgtype in types])

@@ -87,7 +87,7 @@ def make_inventory(recording: Recording, out: ArtifactWriter, *, size: int) -> J
     readable = {name: info for name, info in recording.topics.items() if info.problem is None}
     probes = {name: _TopicProbe(info) for name, info in readable.items()}
     bulk = bulk_types("yes")
-    kept = KeptMessages(name for name, info in recording.topics.items() if info.msgtype not in bulk)
+    kept = KeptMessages(name for name, info in readable.items() if info.msgtype not in bulk)
     fixes: list[FixReading] = []
     fix_types = own_types("fix")
     refused: Counter[tuple[str, str]] = Counter()
