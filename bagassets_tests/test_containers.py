@@ -228,6 +228,20 @@ def test_they_are_two_if_their_definitions_differ(tmp_path):
         assert "two different definitions" in recording.topics["/tf"].problem
 
 
+def test_a_frame_is_known_although_the_first_messages_cannot_be_decoded(tmp_path):
+    recipe = make_project(tmp_path)
+    recipe.bags.root.mkdir()
+    write_tiny(
+        recipe.bags.root / "a.mcap",
+        spoil=lambda topic, n, data: data[:60] if topic == "/points" and n < MOST_MISFITS else data,
+    )
+    made = {one.asset: one for one in build_of(recipe, "a.mcap").build()}
+    assert (
+        made["calibration"].artifact.read_json("calibration.json")["channels"]["LIDAR_TOP"]["frame"]
+        == "lidar"
+    )
+
+
 # --- metadata of a folder ------------------------------------------------------------------------
 
 

@@ -119,7 +119,7 @@ def _recorded(name: str, sensor: Sensor, inventory: Inventory) -> RecordedSensor
     """Return a sensor with facts from its messages, which must all be in one frame."""
     record = inventory.topic(sensor.topic)
     frames = record.frame_ids
-    if sensor.frame is None and sensor.extrinsics is None and record.problem is not None:
+    if sensor.frame is None and sensor.extrinsics is None and not frames and record.problem is not None:
         raise CalibrationError(
             f"{name}: {sensor.topic} cannot be decoded, not even its frame: {record.problem}; choose another topic in the "
             "recipe, or remove the channel."
