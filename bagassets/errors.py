@@ -22,6 +22,7 @@ __all__ = [
     "RecipeError",
     "RecordingError",
     "RunEndedError",
+    "ScratchError",
     "SizeLimitError",
     "StoreError",
     "UnexpectedError",
@@ -71,6 +72,12 @@ class SizeLimitError(RecordingError):
 
 class ChangedWhileReadError(RecordingError):
     """A recording changed or vanished between the start and the end of a step that read it."""
+
+    transient = True
+
+
+class ScratchError(RecordingError):
+    """A recording cannot be read for lack of temporary disk space."""
 
     transient = True
 

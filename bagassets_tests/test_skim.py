@@ -8,6 +8,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from bagassets.decode.fields import stamp_and_frame
 from bagassets.decode.packets import PAYLOADS, payload
+from bagassets.errors import DecodeError
 from bagassets.recordings.model import Definition
 from bagassets.recordings.topic import RefusedBytes, Topic, TopicSource
 
@@ -16,9 +17,9 @@ HEADER = "MSG: std_msgs/Header\nuint32 seq\ntime stamp\nstring frame_id\n"
 ETHERNET = "std_msgs/Header header\nuint8[4] sender_ip\nuint16 sender_port\nuint8[] payload\n"
 
 
-def topic_of(text, serialization="ros1"):
+def topic_of(text, serialization="ros1", problem=None):
     definition = Definition("msg", f"{text}{'=' * 80}\n{HEADER}")
-    return Topic(TopicSource("/packets", NAME, 1, definition, serialization))
+    return Topic(TopicSource("/packets", NAME, 1, definition, serialization, problem))
 
 
 def message_of(text, stamp=(5, 6), frame="lidar", **values):
@@ -45,6 +46,15 @@ def test_what_is_skimmed_is_what_decoding_gives(data, frame, seconds, nanosecond
     assert packet is not None
     assert (packet.stamp_ns, packet.payload) == (stamp_and_frame(decoded.header)[0], payload(decoded))
     assert packet.frame_id == decoded.header.frame_id
+
+
+def test_nothing_is_skimmed_where_nothing_can_be_decoded():
+    raw = ethernet(b"123")
+    assert topic_of(ETHERNET).packets([raw, raw], PAYLOADS) is not None
+    topic = topic_of(ETHERNET, problem="it carries two types")
+    assert topic.packet(raw, PAYLOADS) is topic.packets([raw, raw], PAYLOADS) is None
+    with pytest.raises(DecodeError, match="two types"):
+        topic.decode(raw)
 
 
 @pytest.mark.parametrize("cut", [0, 3, 16, 30, -1])

@@ -117,7 +117,13 @@ def _files(sensors: Iterable[Sensor], facts: Facts) -> tuple[dict[str, FileConte
 
 def _recorded(name: str, sensor: Sensor, inventory: Inventory) -> RecordedSensor:
     """Return a sensor with facts from its messages, which must all be in one frame."""
-    frames = inventory.topic(sensor.topic).frame_ids
+    record = inventory.topic(sensor.topic)
+    frames = record.frame_ids
+    if sensor.frame is None and sensor.extrinsics is None and not frames and record.problem is not None:
+        raise CalibrationError(
+            f"{name}: {sensor.topic} cannot be decoded, not even its frame: {record.problem}; choose another topic in the "
+            "recipe, or remove the channel."
+        )
     if sensor.frame is None and sensor.extrinsics is None and len(frames) > 1:
         raise CalibrationError(
             f"{name}: the messages of {sensor.topic} are in several frames ({', '.join(frames)}), but a channel is "

@@ -85,7 +85,7 @@ def make_inventory(recording: Recording, out: ArtifactWriter, *, size: int) -> J
     readable = {name: info for name, info in recording.topics.items() if info.problem is None}
     probes = {name: _TopicProbe(info) for name, info in readable.items()}
     bulk = bulk_types("yes")
-    kept = KeptMessages(name for name, info in recording.topics.items() if info.msgtype not in bulk)
+    kept = KeptMessages(name for name, info in readable.items() if info.msgtype not in bulk)
     fixes: list[FixReading] = []
     fix_types = own_types("fix")
     refused: Counter[tuple[str, str]] = Counter()
@@ -98,7 +98,8 @@ def make_inventory(recording: Recording, out: ArtifactWriter, *, size: int) -> J
             refused[name, data.reason] += 1
         logs[name].add(message, None if info is None else info.header(data))
         probe = unprobed.get(name)
-        if probe is not None and probe.add(message):
+        is_foreign = isinstance(data, RefusedBytes) and "limits." not in data.reason
+        if probe is not None and not is_foreign and probe.add(message):
             del unprobed[name]
         kept.add(number, message)
         if info is not None and msgtype in fix_types:
@@ -265,7 +266,7 @@ class _TopicProbe:
 
 INVENTORY = Asset(
     name="inventory",
-    version=6,
+    version=7,
     # rosbags has the standard types, which recordings without definitions are decoded with.
     libraries=("pyarrow", "rosbags"),
     title="What is in the recording: topics, types, counts, rates, gaps, offsets between clocks, the place, day or night.",

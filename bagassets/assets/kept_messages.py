@@ -5,6 +5,7 @@ from operator import itemgetter
 
 from bagassets.decode.registry import bulk_types
 from bagassets.recordings.model import RawMessage
+from bagassets.recordings.topic import RefusedBytes
 
 __all__ = ["KeptMessages"]
 
@@ -18,7 +19,7 @@ _OVERHEAD_BYTES = 250
 
 
 class KeptMessages:
-    """Messages of topics; a topic is dropped when it turns out to be bulk, or when all of them take too much memory.
+    """Messages of topics; a topic is dropped when it turns out to be bulk, has refused messages, or all take too much memory.
 
     Args:
         topics: topics that may be kept.
@@ -40,6 +41,9 @@ class KeptMessages:
         name = message.topic
         messages = self._kept.get(name)
         if messages is None:
+            return
+        if isinstance(message.data, RefusedBytes):  # in the recording, it can be told why
+            self._drop(name)
             return
         messages.append((number, message._replace(data=bytes(message.data))))
         self._bytes[name] += len(message.data)

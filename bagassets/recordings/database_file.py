@@ -2,11 +2,13 @@
 
 import json
 import sqlite3
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 
 from bagassets.recipe.model import Limits
 from bagassets.recordings.damage import DamageError
+from bagassets.recordings.journals import without_journals
 from bagassets.recordings.model import Definition, OnRead, RawMessage
 from bagassets.recordings.recording import Recording
 from bagassets.recordings.topic import RefusedBytes, TopicSource, merge_topics, normalise_msgtype
@@ -24,7 +26,7 @@ def serialization_problem(name: object) -> str | None:
 
 
 class Database:
-    """One file; close it.
+    """One file, with what is in its write-ahead log or journal; close it.
 
     Args:
         path: the file.
@@ -35,16 +37,18 @@ class Database:
     def __init__(self, path: Path, limits: Limits, on_read: OnRead | None = None) -> None:
         self._path = path
         self._on_read = on_read
-        self._connection = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro&immutable=1", uri=True)
-        try:
-            # Text in another encoding damages that text, not the file.
-            self._connection.text_factory = lambda data: data.decode("utf-8", "replace")
-            self._connection.execute("PRAGMA trusted_schema = OFF")
-            self._most_bytes = limits.message_bytes
-            self._require_tables()
-        except BaseException:
-            self._connection.close()
-            raise
+        self._most_bytes = limits.message_bytes
+        with without_journals(path) as readable:
+            uri = f"{readable.absolute().as_uri()}?mode=ro&immutable=1"
+            self._connection = sqlite3.connect(uri, uri=True)
+            try:
+                # Text in another encoding damages that text, not the file.
+                self._connection.text_factory = lambda data: data.decode("utf-8", "replace")
+                self._connection.execute("PRAGMA trusted_schema = OFF")
+                self._require_tables()
+            except BaseException:
+                self._connection.close()
+                raise
 
     def _require_tables(self) -> None:
         """Refuse databases that only look like a bag: a view or a generated column may compute for ever."""
@@ -74,17 +78,25 @@ class Database:
             if encoding in {"ros2msg", "ros2idl"} and text
         }
 
-    def topics(self) -> dict[int, tuple[str, str, str | None]]:
-        """Return topic id -> name, type, and why its messages cannot be decoded (or None)."""
+    def sources(self, counts: Mapping[int, int] = MappingProxyType({})) -> dict[int, TopicSource]:
+        """Return topic id -> name, type, definition, and one of `counts`."""
+        definitions = self.definitions()
         column = "serialization_format" if self._has_serialization else "'cdr'"
         rows = self._connection.execute(f"SELECT id, name, type, {column} FROM topics")  # noqa: S608  (one of two)
         return {
-            number: (str(name), normalise_msgtype(str(msgtype)), serialization_problem(serialization))
-            for number, name, msgtype, serialization in rows
+            number: TopicSource(
+                str(name),
+                msgtype := normalise_msgtype(str(named)),
+                counts.get(number, 0),
+                definitions.get(msgtype, Definition("none", "")),
+                "cdr",
+                serialization_problem(serialization),
+            )
+            for number, name, named, serialization in rows
         }
 
     def counts(self) -> dict[int, int]:
-        """Return topic id -> number of messages."""
+        """Return topic id -> number of messages, counted."""
         return dict(self._connection.execute("SELECT topic_id, COUNT(*) FROM messages GROUP BY topic_id"))
 
     def messages(self, topics: Collection[int]) -> Iterator[tuple[int, int, bytes]]:
@@ -120,30 +132,17 @@ class DatabaseRecording(Recording):
     ) -> None:
         self._database = Database(path, limits, on_read)
         try:
-            definitions, counts = self._database.definitions(), self._database.counts()
-            topics = self._database.topics()
-            sources = [
-                TopicSource(
-                    name,
-                    msgtype,
-                    counts.get(number, 0),
-                    definitions.get(msgtype, Definition("none", "")),
-                    "cdr",
-                    problem,
-                )
-                for number, (name, msgtype, problem) in topics.items()
-            ]
-            self._names = {number: name for number, (name, _, _) in topics.items()}
-            super().__init__(path, "ros2", merge_topics(path, sources, message_definitions, limits))
+            self._sources = self._database.sources(self._database.counts())
+            topics = merge_topics(path, self._sources.values(), message_definitions, limits)
+            super().__init__(path, "ros2", topics)
         except BaseException:
             self.close()
             raise
 
     def _read(self, topics: Collection[str]) -> Iterator[RawMessage]:
-        wanted = {number: name for number, name in self._names.items() if name in topics}
+        wanted = self._carrying(topics, self._sources)
         for number, log_time_ns, data in self._database.messages(wanted.keys()):
-            topic = wanted[number]
-            yield RawMessage(topic, self.topics[topic].msgtype, log_time_ns, data)
+            yield RawMessage(*wanted[number], log_time_ns, data)
 
     def close(self) -> None:
         """Close the file."""

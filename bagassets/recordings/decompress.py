@@ -7,11 +7,9 @@ from pathlib import Path
 import lz4.frame
 import zstandard
 
-from bagassets.errors import SizeLimitError
-from bagassets.quantities import readable_bytes
 from bagassets.recordings.damage import DamageError
 from bagassets.recordings.model import OnRead
-from bagassets.recordings.sizes import GIGABYTE
+from bagassets.recordings.sizes import Sizes
 
 __all__ = ["TooLargeError", "decompress", "decompress_file"]
 
@@ -88,26 +86,19 @@ _DECOMPRESSORS: dict[str, Callable[[bytes, int], bytes]] = {
 }
 
 
-def decompress_file(source: Path, target: Path, ratio: int, on_read: OnRead | None = None) -> None:
+def decompress_file(source: Path, target: Path, sizes: Sizes, on_read: OnRead | None = None) -> None:
     """Decompress a zstd file into another one.
 
     Raises:
-        SizeLimitError: it decompresses to more than a gigabyte and more than `ratio` times its size.
+        SizeLimitError: the recording decompresses to more than `sizes` allow.
     """
-    most_bytes = max(GIGABYTE, ratio * source.stat().st_size)
-    written = 0
     with (
         source.open("rb") as packed,
         zstandard.ZstdDecompressor().stream_reader(packed, read_across_frames=True) as unpacked,
         target.open("wb") as out,
     ):
         while piece := unpacked.read(_PIECE_BYTES):
-            written += len(piece)
-            if written > most_bytes:
-                raise SizeLimitError(
-                    f"{source}: it unpacks to more than {readable_bytes(most_bytes)}; if you trust it, raise "
-                    "limits.compression_ratio in the recipe."
-                )
+            sizes.add(len(piece))
             out.write(piece)
             if on_read is not None:
                 on_read(source, packed.tell(), b"")

@@ -12,6 +12,7 @@ __all__ = ["describe_inventory"]
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _FORMATS = {"ros1": "ROS 1 bag", "ros2": "ROS 2 bag", "mcap": "MCAP"}
 _COLUMNS = ("topic", "type", "count", "Hz", "max gap", "clock offset", "frames", "problem")
+_WIDEST, _LONGEST_NOTE = 300, 3000
 _NUMBERS = frozenset({"count", "Hz", "max gap", "clock offset"})
 
 
@@ -26,7 +27,7 @@ def describe_inventory(inventory: JsonMapping) -> str:
     if inventory["topics"]:
         lines += ["", *_table([_row(topic) for topic in inventory["topics"]])]
     if inventory["notes"]:
-        lines += ["", *(f"note: {visible(note)}" for note in inventory["notes"])]
+        lines += ["", *(f"note: {_clipped(note, _LONGEST_NOTE)}" for note in inventory["notes"])]
     return "\n".join(lines) + "\n"
 
 
@@ -56,15 +57,19 @@ def _facts(inventory: JsonMapping) -> list[tuple[str, str]]:
 def _row(topic: JsonMapping) -> list[str]:
     offset = topic["header_offset_s"]
     return [
-        visible(topic["name"]),
-        visible(topic["type"]),
+        _clipped(topic["name"]),
+        _clipped(topic["type"]),
         str(topic["count"]),
         "-" if topic["rate_hz"] is None else f"{topic['rate_hz']:.2f}",
         "-" if topic["max_gap_s"] is None else f"{topic['max_gap_s']:.3f} s",
         "-" if offset is None else f"{offset['median']:+.3f} s",
-        visible(", ".join(topic["frame_ids"])) or "-",
-        visible(topic["problem"] or ""),
+        _clipped(", ".join(topic["frame_ids"])) or "-",
+        _clipped(topic["problem"] or ""),
     ]
+
+
+def _clipped(text: str, most: int = _WIDEST) -> str:
+    return visible(text if len(text) <= most else f"{text[:most]}…")
 
 
 def _table(rows: Sequence[Sequence[str]]) -> list[str]:

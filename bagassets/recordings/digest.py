@@ -18,6 +18,7 @@ from bagassets.recordings.digest_record import (
     is_unchanged,
     put_on_record,
 )
+from bagassets.recordings.journals import journals_of
 from bagassets.recordings.model import RecordingFiles
 from bagassets.store.canonical import FileHasher, digest_file, digest_json
 from bagassets.trace import span
@@ -254,13 +255,14 @@ class HashedAlong:
 
 
 def stat_files(recording: RecordingFiles) -> list[tuple[Path, os.stat_result]]:
-    """Return the files of a recording with their current status.
+    """Return the files of a recording with their current status; a log or journal that has appeared since belongs to them.
 
     Raises:
         ChangedWhileReadError: a file is gone or cannot be read.
     """
     try:
-        return [(path, path.stat()) for path in recording.files]
+        found = {path: path.stat() for path in recording.files}
+        return list((found | journals_of(found)).items())
     except OSError as err:
         raise _gone(err.filename, err) from err
 

@@ -13,6 +13,7 @@ from pathlib import Path
 from bagassets.errors import RecordingError
 from bagassets.recipe.model import Bags
 from bagassets.recordings.globs import literal_glob, matches, may_match_within
+from bagassets.recordings.journals import journals_of
 from bagassets.recordings.model import METADATA, Format, RecordingFiles
 from bagassets.recordings.own_files import is_view_file
 
@@ -271,7 +272,7 @@ def _folder_recording(folder: Path, relative: str, entries: list[os.DirEntry[str
         for entry in entries
         if entry.name == METADATA or (entry.name.endswith(_STORAGE) and not entry.name.startswith("."))
     ]
-    return _recording_files(folder, relative, "ros2", sorted(files)) if len(files) > 1 else None
+    return _recording_files(folder, relative, "ros2", files) if len(files) > 1 else None
 
 
 def _special_kind(status: os.stat_result) -> str | None:
@@ -309,9 +310,10 @@ def _lacks_storage(folder: Path, entries: list[os.DirEntry[str]]) -> bool:
 def _recording_files(
     path: Path, relative: str, file_format: Format, files: list[tuple[Path, os.stat_result]]
 ) -> RecordingFiles:
-    size, mtime_ns = sum(s.st_size for _, s in files), max(s.st_mtime_ns for _, s in files)
-    names = tuple(name for name, _ in files)
-    return RecordingFiles(_key(relative), relative, path, file_format, names, size, mtime_ns)
+    found = dict(files)
+    found |= journals_of(found)
+    size, mtime_ns = sum(s.st_size for s in found.values()), max(s.st_mtime_ns for s in found.values())
+    return RecordingFiles(_key(relative), relative, path, file_format, tuple(sorted(found)), size, mtime_ns)
 
 
 def _decodable(name: str) -> bool:

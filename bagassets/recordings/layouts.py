@@ -29,6 +29,7 @@ from bagassets.recordings.model import Definition, Message, Serialization
 from bagassets.store.canonical import digest_json
 
 __all__ = [
+    "TF_NAMES",
     "Choice",
     "Layout",
     "choice_of",
@@ -37,7 +38,7 @@ __all__ = [
 
 # Missing from the ROS 1 type store, yet in most ROS 1 bags; `tf/tfMessage` is the older name.
 _TF = "geometry_msgs/TransformStamped[] transforms\n"
-_TF_NAMES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
+TF_NAMES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 # Definitions of ROS 1 do not spell these out; all standard types take 30 ms to load.
 _TIMES = "int32 sec\nuint32 nanosec\n"
 _TIME_NAMES = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
@@ -365,7 +366,7 @@ def _times() -> Types:
 @cache
 def _standard_types(store: Stores) -> Types:
     types = {name: (fields[0], fields[1]) for name, fields in get_typestore(store).fielddefs.items()}
-    for name in _TF_NAMES:
+    for name in TF_NAMES:
         types |= {} if name in types else get_types_from_msg(_TF, name)
     return types
 

@@ -6,13 +6,12 @@ time at once. Here the size of a chunk is checked against the recipe's limits fi
 
 import heapq
 import os
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from mcap.opcode import Opcode
 from mcap.records import Schema
 
-from bagassets.errors import RecordingError
 from bagassets.recipe.model import Limits
 from bagassets.recordings.chunks import LatestChunks, detached
 from bagassets.recordings.damage import DamageError
@@ -21,7 +20,7 @@ from bagassets.recordings.mcap_index import ChunkPlace, read_index, walk
 from bagassets.recordings.model import Definition, OnRead, RawMessage
 from bagassets.recordings.recording import Recording
 from bagassets.recordings.sizes import Sizes
-from bagassets.recordings.topic import TopicSource, merge_topics, normalise_msgtype
+from bagassets.recordings.topic import UNKNOWN, TopicSource, merge_topics, normalise_msgtype
 
 __all__ = ["McapFile", "McapRecording"]
 
@@ -37,9 +36,12 @@ class McapFile:
         path: the file.
         limits: of the recipe.
         on_read: told how far reading has come.
+        whole: bounds on the recording that it is a part of.
     """
 
-    def __init__(self, path: Path, limits: Limits, on_read: OnRead | None = None) -> None:
+    def __init__(
+        self, path: Path, limits: Limits, on_read: OnRead | None = None, whole: Sizes | None = None
+    ) -> None:
         self.path = path
         self._on_read = on_read
         self.check = False
@@ -47,25 +49,23 @@ class McapFile:
         self._file = path.open("rb")
         try:
             self._size = os.fstat(self._file.fileno()).st_size
-            self._sizes = Sizes(path, self._size, limits)
+            self._sizes = Sizes(path, self._size, limits, whole)
             self._index = read_index(self._file, path, self._sizes)
         except BaseException:
             self._file.close()
             raise
 
-    @property
-    def counts(self) -> dict[int, int] | None:
-        """Channel -> number of messages; None if the summary does not say."""
+    def counts(self) -> Mapping[int, int]:
+        """Return channel -> number of messages, as the file announces it."""
         return self._index.counts
 
     def sources(self) -> dict[int, TopicSource]:
         """Return channel -> topic, type, definition and count."""
-        counts = self._index.counts or {}
         return {
             channel.id: TopicSource(
                 channel.topic,
-                normalise_msgtype(schema.name) if schema is not None else "unknown",
-                counts.get(channel.id, 0),
+                normalise_msgtype(schema.name) if schema is not None else UNKNOWN,
+                self._index.counts.get(channel.id, 0),
                 _definition(schema),
                 "ros1" if channel.message_encoding == "ros1" else "cdr",
                 None
@@ -169,19 +169,17 @@ class McapRecording(Recording):
     ) -> None:
         self._file = McapFile(path, limits, on_read)
         try:
-            _require_summary(self._file)
-            sources = self._file.sources()
-            self._topics = {channel: source.topic for channel, source in sources.items()}
-            super().__init__(path, "mcap", merge_topics(path, sources.values(), message_definitions, limits))
+            self._sources = self._file.sources()
+            topics = merge_topics(path, self._sources.values(), message_definitions, limits)
+            super().__init__(path, "mcap", topics)
         except BaseException:
             self._file.close()
             raise
 
     def _read(self, topics: Collection[str]) -> Iterator[RawMessage]:
-        wanted = {channel: topic for channel, topic in self._topics.items() if topic in topics}
+        wanted = self._carrying(topics, self._sources)
         for channel, log_time_ns, data in self._file.messages(wanted.keys()):
-            topic = wanted[channel]
-            yield RawMessage(topic, self.topics[topic].msgtype, log_time_ns, data)
+            yield RawMessage(*wanted[channel], log_time_ns, data)
 
     def check_content(self) -> None:
         """Verify the checksum of every chunk that is read from now on."""
@@ -190,11 +188,6 @@ class McapRecording(Recording):
     def close(self) -> None:
         """Close the file."""
         self._file.close()
-
-
-def _require_summary(file: McapFile) -> None:
-    if file.counts is None:
-        raise RecordingError(f"{file.path}: the MCAP has no summary; run `mcap recover` on it first.")
 
 
 def _definition(schema: Schema | None) -> Definition:

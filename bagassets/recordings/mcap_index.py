@@ -4,10 +4,12 @@ The mcap library parses the records of the summary only: it would decompress a c
 """
 
 import os
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
+from struct import Struct
 from typing import BinaryIO
 
 from mcap.data_stream import ReadDataStream
@@ -23,6 +25,10 @@ __all__ = ["ChunkPlace", "McapIndex", "read_index", "walk"]
 
 # Start of the summary, start of its offsets, checksum.
 _FOOTER_BYTES = RECORD_HEADER.size + 8 + 8 + 4
+
+# What messages and their indexes begin with. An index goes on with a length of 4 bytes, and has a time and an offset per message.
+_CHANNEL = Struct("<H")
+_ENTRY_BYTES = 16
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,13 +54,13 @@ class McapIndex:
         channels: id -> channel.
         schemas: id -> schema.
         chunks: in order of start and offset; without any, messages are in no chunk.
-        counts: channel -> number of messages; None if the file does not say.
+        counts: channel -> number of messages, as the file announces it.
     """
 
     channels: dict[int, Channel] = field(default_factory=dict)
     schemas: dict[int, Schema] = field(default_factory=dict)
     chunks: list[ChunkPlace] = field(default_factory=list)
-    counts: dict[int, int] | None = None
+    counts: Counter[int] = field(default_factory=Counter)
 
 
 def read_index(file: BinaryIO, path: Path, sizes: Sizes) -> McapIndex:
@@ -78,11 +84,18 @@ def read_index(file: BinaryIO, path: Path, sizes: Sizes) -> McapIndex:
     footer = next(_parsed(file, size))
     if not isinstance(footer, Footer):
         raise DamageError("it does not end with a footer")
+    statistics = None
     if footer.summary_start:
         file.seek(footer.summary_start)
-        _add_summary(index, _parsed(file, size), size, sizes)
-    if not index.channels or not (index.chunks or index.counts):
+        statistics = _add_summary(index, _parsed(file, size), size, sizes)
+    if statistics is None or (
+        len(index.channels) < max(1, statistics.channel_count)
+        or len(index.chunks) < statistics.chunk_count
+        or not (index.chunks or statistics.channel_message_counts)
+    ):
         _search(file, path, size, index, sizes)
+    if statistics is not None:
+        index.counts = Counter(statistics.channel_message_counts)
     index.chunks.sort(key=lambda chunk: (chunk.start_ns, chunk.offset))
     return index
 
@@ -113,13 +126,16 @@ def _parsed(file: BinaryIO, size: int) -> Iterator[McapRecord]:
     return iter(StreamReader(file, skip_magic=True, emit_chunks=True, record_size_limit=size).records)
 
 
-def _add_summary(index: McapIndex, records: Iterator[McapRecord], size: int, sizes: Sizes) -> None:
+def _add_summary(
+    index: McapIndex, records: Iterator[McapRecord], size: int, sizes: Sizes
+) -> Statistics | None:
+    statistics = None
     offsets: set[int] = set()
     for record in records:
         if isinstance(record, Schema | Channel):
             _add_record(index, record, sizes)
         elif isinstance(record, Statistics):
-            index.counts = record.channel_message_counts
+            statistics = record
         elif isinstance(record, ChunkIndex):
             offset = record.chunk_start_offset
             if offset in offsets or offset + record.compressed_size > size:
@@ -128,6 +144,7 @@ def _add_summary(index: McapIndex, records: Iterator[McapRecord], size: int, siz
             sizes.add_chunk(offset, record.uncompressed_size)
             channels = frozenset(record.message_index_offsets) or None
             index.chunks.append(ChunkPlace(offset, record.message_start_time, channels))
+    return statistics
 
 
 def _add_record(index: McapIndex, record: Schema | Channel, sizes: Sizes) -> None:
@@ -139,21 +156,33 @@ def _add_record(index: McapIndex, record: Schema | Channel, sizes: Sizes) -> Non
 
 
 def _search(file: BinaryIO, path: Path, size: int, index: McapIndex, sizes: Sizes) -> None:
-    """Walk the file for channels and chunks that the summary does not list."""
-    known = {chunk.offset for chunk in index.chunks}
+    """Walk the file for channels and chunks that the summary does not list, and count messages."""
+    known = {chunk.offset: chunk.channels for chunk in index.chunks}
+    is_indexed = False  # of a chunk whose channels are known, the index behind it counts the messages
     for opcode, begin, end in walk(file, size):
         if opcode == Opcode.CHUNK:
             offset = begin - RECORD_HEADER.size
+            channels = known.get(offset)
+            is_indexed = channels is not None and channels <= index.channels.keys()
+            if is_indexed:
+                continue
             start_ns, unpacked_bytes = chunk_facts(file, offset)
             sizes.add_chunk(offset, unpacked_bytes)
             if offset not in known:
                 index.chunks.append(ChunkPlace(offset, start_ns, None))
             content = load_chunk(file, path, offset, sizes, check=False)
             for inner, inner_begin, inner_end in records_in(content):
-                _add_bytes(index, inner, content[inner_begin:inner_end], sizes)
+                if inner == Opcode.MESSAGE:
+                    index.counts[_CHANNEL.unpack_from(content, inner_begin)[0]] += 1
+                else:
+                    _add_bytes(index, inner, content[inner_begin:inner_end], sizes)
         elif opcode in {Opcode.SCHEMA, Opcode.CHANNEL}:
             file.seek(begin)
             _add_bytes(index, opcode, file.read(end - begin), sizes)
+        elif opcode == Opcode.MESSAGE or (opcode == Opcode.MESSAGE_INDEX and is_indexed):
+            file.seek(begin)
+            (channel,) = _CHANNEL.unpack(file.read(_CHANNEL.size))
+            index.counts[channel] += 1 if opcode == Opcode.MESSAGE else (end - begin) // _ENTRY_BYTES
 
 
 def _add_bytes(index: McapIndex, opcode: int, fields: bytes, sizes: Sizes) -> None:

@@ -50,7 +50,7 @@ class RecordingFiles:
         relative: path below the bag root, with `/`.
         path: the bag file, or the folder of a ROS 2 bag.
         format: ros1 (`.bag`), ros2 (folder with metadata.yaml, or a bare `.db3`), mcap (bare `.mcap`).
-        files: the files that make up the recording, sorted by name.
+        files: the files that make up the recording, sorted by name; what a killed recorder left beside them is among them.
         size: sum of their sizes in bytes.
         mtime_ns: newest modification time of any of them.
     """

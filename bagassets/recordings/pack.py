@@ -59,10 +59,9 @@ class PackedRecording(Recording):
                 continue
             definition = Definition(**topic["definition"])
             serialization: Serialization = topic["serialization"]
+            # What has a problem, and is packed all the same, has messages that fit among those that do not.
             sources.append(
-                TopicSource(
-                    topic["name"], topic["type"], topic["count"], definition, serialization, topic["problem"]
-                )
+                TopicSource(topic["name"], topic["type"], topic["count"], definition, serialization)
             )
         super().__init__(parquet, inventory["format"], merge_topics(parquet, sources, (), limits or Limits()))
 

@@ -8,7 +8,7 @@ from typing import Self
 from bagassets.errors import BagAssetsError
 from bagassets.recordings.damage import DamageError, unreadable
 from bagassets.recordings.model import Format, Message, RawMessage
-from bagassets.recordings.topic import RefusedBytes, Topic
+from bagassets.recordings.topic import RefusedBytes, Topic, TopicSource
 
 __all__ = ["Recording", "RestrictedRecording"]
 
@@ -32,11 +32,21 @@ class Recording(ABC):
 
     @abstractmethod
     def _read(self, topics: Collection[str]) -> Iterator[RawMessage]:
-        """Yield the messages of `topics`, all of them in the recording, in order of log time."""
+        """Yield the messages of `topics`, all of them in the recording, in order of log time, as they are on their connections."""
 
     @abstractmethod
     def close(self) -> None:
         """Close the files."""
+
+    def _carrying(
+        self, topics: Collection[str], sources: Mapping[int, TopicSource]
+    ) -> dict[int, tuple[str, str]]:
+        """Return connection -> topic and type, of those of `sources` that carry `topics`."""
+        return {
+            number: (source.topic, self.topics[source.topic].type_of(source.msgtype))
+            for number, source in sources.items()
+            if source.topic in topics
+        }
 
     def check_content(self) -> None:  # noqa: B027  (most formats have no checksums, or always verify them)
         """Verify checksums while messages are read, if the format has any and verifying them costs time."""
@@ -77,15 +87,19 @@ class Recording(ABC):
             raise unreadable(self.path, err) from err
 
     def _checked(self, message: RawMessage, large_bytes: int) -> RawMessage:
-        """Return a message, or a placeholder for one that exceeds the limits."""
+        """Return a message, or a placeholder for one that exceeds the limits, or is not of the type of its topic."""
         # From damaged bytes SQLite may return values of any type.
         if not isinstance(message.log_time_ns, int) or not isinstance(message.data, _BYTES):
             raise DamageError(f"a message of {message.topic} has no time or no bytes")
         if not _FIRST_NS <= message.log_time_ns <= _LAST_NS:
             raise DamageError(f"a message of {message.topic} has no possible time")
+        topic = self.topics[message.topic]
+        if message.msgtype != topic.msgtype:
+            refused = RefusedBytes(f"it is {message.msgtype}, and most on its topic are {topic.msgtype}")
+            return message._replace(msgtype=topic.msgtype, data=refused)
         if len(message.data) <= large_bytes:
             return message
-        reason = self.topics[message.topic].refusal(message.data)
+        reason = topic.refusal(message.data)
         return message if reason is None else message._replace(data=RefusedBytes(reason))
 
     def __enter__(self) -> Self:

@@ -84,9 +84,10 @@ class Rosbag1Recording(Recording):
         reader = self._reader
         chunks = LatestChunks(reader.load, self._limits.chunk_bytes, reader.sizes.unpacked_bytes)
         records = [
-            _Records(connection.id, connection.topic, self.topics[connection.topic].msgtype)
+            _Records(connection.id, connection.topic, self.topics[connection.topic].type_of(msgtype))
             for connection in reader.connections
             if connection.topic in topics
+            for msgtype in (normalise_msgtype(connection.msgtype),)
         ]
         loaded, chunk = -1, b""
         for number, time_ns, position, offset in _in_order([reader.index(r.connection) for r in records]):

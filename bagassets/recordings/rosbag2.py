@@ -1,12 +1,12 @@
 """ROS 2 bag folders: SQLite or MCAP, split, compressed by file or by message.
 
-Topics are those in `metadata.yaml`, and files are read in its order.
+Topics are those in `metadata.yaml`, and others in its files; these are read in its order.
 """
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path, PurePosixPath
-from tempfile import TemporaryDirectory
 
 import yaml
 
@@ -16,17 +16,19 @@ from bagassets.recipe.model import Limits
 from bagassets.recordings.damage import DamageError, refuse_pointer
 from bagassets.recordings.database_file import Database, serialization_problem
 from bagassets.recordings.decompress import TooLargeError, decompress, decompress_file
+from bagassets.recordings.journals import scratch_folder
 from bagassets.recordings.mcap_file import McapFile
 from bagassets.recordings.model import METADATA, Definition, OnRead, RawMessage
 from bagassets.recordings.recording import Recording
-from bagassets.recordings.topic import RefusedBytes, TopicSource, merge_topics, normalise_msgtype
+from bagassets.recordings.sizes import Sizes
+from bagassets.recordings.topic import UNKNOWN, RefusedBytes, TopicSource, merge_topics, normalise_msgtype
 
 __all__ = ["Rosbag2Recording"]
 
 _NEWEST_VERSION = 9
 _MOST_METADATA_BYTES = 16_000_000
 # The parser recurses into nested values; recorders write six levels.
-_DEEPEST = 50
+_DEEPEST, _LONGEST_TEXT = 50, 1000
 _ZSTD = ".zstd"
 
 
@@ -47,9 +49,10 @@ class Rosbag2Recording(Recording):
             facts = _metadata(path / METADATA)
             mode = _compression_mode(facts)
             self._compressed_messages = mode == "message"
+            files = _storage_files(path, facts)
+            self._sizes = Sizes(path, sum(file.stat().st_size for file in files), limits)
             self._files = [
-                self._open(file, compressed=mode == "file" or file.suffix == _ZSTD)
-                for file in _storage_files(path, facts)
+                self._open(file, compressed=mode == "file" or file.suffix == _ZSTD) for file in files
             ]
             super().__init__(
                 path, "ros2", merge_topics(path, self._sources(facts), message_definitions, limits)
@@ -61,54 +64,44 @@ class Rosbag2Recording(Recording):
     def _open(self, file: Path, *, compressed: bool) -> "Database | McapFile":
         refuse_pointer(file)
         if compressed:
-            folder = Path(self._stack.enter_context(TemporaryDirectory(prefix="bagassets-")))
-            plain = folder / file.stem
-            decompress_file(file, plain, self._limits.compression_ratio, self._on_read)
-            file = plain
+            with scratch_folder(file, file.stat().st_size) as folder:
+                plain = folder / file.stem
+                decompress_file(file, plain, self._sizes, self._on_read)
+                return self._open(plain, compressed=False)  # which no longer needs its name
+        opened: Database | McapFile
         if file.suffix == ".mcap":
-            mcap = McapFile(file, self._limits, self._on_read)
-            mcap.check = True
-            self._stack.callback(mcap.close)
-            return mcap
-        database = Database(file, self._limits, self._on_read)
-        self._stack.callback(database.close)
-        return database
+            opened = McapFile(file, self._limits, self._on_read, self._sizes)
+            opened.check = True
+        else:
+            opened = Database(file, self._limits, self._on_read)
+        self._stack.callback(opened.close)
+        return opened
 
     def _sources(self, facts: JsonMapping) -> list[TopicSource]:
+        within = [file.sources() for file in self._files]
         definitions: dict[str, Definition] = {}
-        for file in self._files:
-            if isinstance(file, Database):
-                in_file = file.definitions()
-            else:
-                in_file = {s.msgtype: s.definition for s in file.sources().values() if s.definition.text}
+        for sources in within:
+            in_file = {s.msgtype: s.definition for s in sources.values() if s.definition.text}
             definitions = in_file | definitions  # the first file's definition of a type counts
-        return [
+        listed = [
             TopicSource(
-                str(topic["name"]),
-                msgtype := normalise_msgtype(str(topic["type"])),
-                int(entry["message_count"]),
+                _plain(topic["name"]),
+                msgtype := normalise_msgtype(_plain(topic["type"])),
+                int(_plain(entry["message_count"])),
                 definitions.get(msgtype, Definition("none", "")),
                 "cdr",
-                serialization_problem(topic.get("serialization_format")),
+                serialization_problem(_plain(topic.get("serialization_format") or "")),
             )
             for entry in facts["topics_with_message_count"]
             for topic in (entry["topic_metadata"],)
         ]
+        return listed + list(_unlisted(self._files, within, listed))
 
     def _read(self, topics: Collection[str]) -> Iterator[RawMessage]:
         for file in self._files:
-            if isinstance(file, Database):
-                named = {number: (name, msgtype) for number, (name, msgtype, _) in file.topics().items()}
-            else:
-                named = {number: (s.topic, s.msgtype) for number, s in file.sources().items()}
-            wanted = {
-                number: self.topics[name]
-                for number, (name, msgtype) in named.items()
-                if name in topics and msgtype == self.topics[name].msgtype
-            }
+            wanted = self._carrying(topics, file.sources())
             for number, log_time_ns, data in file.messages(wanted.keys()) if wanted else ():
-                info = wanted[number]
-                yield RawMessage(info.name, info.msgtype, log_time_ns, self._decompressed(data))
+                yield RawMessage(*wanted[number], log_time_ns, self._decompressed(data))
 
     def _decompressed(self, data: bytes | memoryview) -> bytes | memoryview:
         if not self._compressed_messages or isinstance(data, RefusedBytes):
@@ -121,6 +114,28 @@ class Rosbag2Recording(Recording):
     def close(self) -> None:
         """Close the files."""
         self._stack.close()
+
+
+def _unlisted(
+    files: Sequence[Database | McapFile],
+    within: Sequence[Mapping[int, TopicSource]],
+    listed: Sequence[TopicSource],
+) -> Iterator[TopicSource]:
+    """Yield what is in the files of a bag and not in its metadata, as if the recorder was killed: topics, and other types of one."""
+    names = {source.topic for source in listed}
+    pairs = {(source.topic, source.msgtype) for source in listed}
+    for file, sources in zip(files, within, strict=True):
+        new = {
+            number: source
+            for number, source in sources.items()
+            if (source.topic, source.msgtype) not in pairs and source.msgtype != UNKNOWN
+        }
+        counts = file.counts() if new else {}
+        for number, source in new.items():
+            if source.topic in names:
+                yield replace(source, count=0)  # the metadata have counted them
+            elif counts.get(number):
+                yield replace(source, count=counts[number])
 
 
 def _metadata(file: Path) -> JsonObject:
@@ -161,9 +176,17 @@ def _metadata(file: Path) -> JsonObject:
     return facts
 
 
+def _plain(value: object) -> str:
+    """Return a value of the metadata as text; parts of YAML may repeat each other, and would be endless when written out."""
+    text = str(value) if isinstance(value, str | int | float | None) else None
+    if text is None or len(text) > _LONGEST_TEXT:
+        raise DamageError(f"its {METADATA} has a list or a long text where a name or a number is expected")
+    return text
+
+
 def _compression_mode(facts: JsonMapping) -> str:
-    mode = str(facts.get("compression_mode") or "none").lower()
-    compression = str(facts.get("compression_format") or "")
+    mode = _plain(facts.get("compression_mode") or "none").lower()
+    compression = _plain(facts.get("compression_format") or "")
     if mode != "none" and compression != "zstd":
         raise DamageError(f"its compression '{compression}' is not supported")
     return mode
@@ -174,7 +197,10 @@ def _storage_files(path: Path, facts: JsonMapping) -> list[Path]:
 
     The suffix of a file tells its kind: `storage_identifier` says the same, but some recorders leave it empty.
     """
-    files = [path / PurePosixPath(str(name)).name for name in facts["relative_file_paths"]]
+    names = facts["relative_file_paths"]
+    if not isinstance(names, list):
+        raise DamageError(f"its {METADATA} does not list its files")
+    files = [path / name for name in dict.fromkeys(PurePosixPath(_plain(name)).name for name in names)]
     missing = [file.name for file in files if not file.exists()]
     if missing:
         raise RecordingError(

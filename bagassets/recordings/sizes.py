@@ -18,10 +18,12 @@ class Sizes:
         path: the recording.
         size: bytes of its files.
         limits: of the recipe.
+        whole: the bounds on all files together, if these are on one of several.
     """
 
-    def __init__(self, path: Path, size: int, limits: Limits) -> None:
+    def __init__(self, path: Path, size: int, limits: Limits, whole: "Sizes | None" = None) -> None:
         self._path = path
+        self._whole = whole
         self._size = size
         self._limits = limits
         self._offsets: set[int] = set()
@@ -41,6 +43,14 @@ class Sizes:
         if offset in self._offsets:
             return
         self._offsets.add(offset)
+        self.add(unpacked_bytes)
+
+    def add(self, unpacked_bytes: int) -> None:
+        """Count bytes that were unpacked, or will be.
+
+        Raises:
+            SizeLimitError: the recording may not hold that much.
+        """
         self.unpacked_bytes += unpacked_bytes
         if self.unpacked_bytes > max(GIGABYTE, self._limits.compression_ratio * self._size):
             raise SizeLimitError(
@@ -48,6 +58,8 @@ class Sizes:
                 f"more, over {self._limits.compression_ratio} times as much; if you trust the recording, raise "
                 "limits.compression_ratio in the recipe."
             )
+        if self._whole is not None:
+            self._whole.add(unpacked_bytes)
 
     def check_chunk(self, offset: int, unpacked_bytes: int) -> None:
         """Check the announced size of one chunk.

@@ -5,6 +5,7 @@ topic has its own: a definition that does not parse, or that contradicts another
 """
 
 import struct
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
@@ -16,11 +17,14 @@ from rosbags.interfaces import Nodetype
 from bagassets.errors import DecodeError, SizeLimitError
 from bagassets.recipe.model import Limits
 from bagassets.recordings.known_types import FieldType
-from bagassets.recordings.layouts import Choice, Layout, choice_of
+from bagassets.recordings.layouts import TF_NAMES, Choice, Layout, choice_of
 from bagassets.recordings.model import Definition, Message, Serialization, SkimmedPacket
 from bagassets.recordings.skim import HEADER, PacketSkimmer, SkimmedPackets, packet_skimmer
 
-__all__ = ["RefusedBytes", "Topic", "TopicSource", "merge_topics", "normalise_msgtype"]
+__all__ = ["UNKNOWN", "RefusedBytes", "Topic", "TopicSource", "merge_topics", "normalise_msgtype"]
+
+UNKNOWN = "unknown"
+"""The type of a channel without a schema."""
 
 _HEADS = {
     order: struct.Struct(f"{order}iII") for order in "<>"
@@ -95,9 +99,14 @@ class Topic:
         self._folders = tuple(message_definitions)
         self._limits = limits or Limits()
         self._skimmers: dict[tuple[str, ...], PacketSkimmer | None] = {}
-        self.problem = source.problem
+        self._refused = self.problem = source.problem
         if self.problem is None and isinstance(self._layouts, str):
             self.problem = self._layouts
+
+    def type_of(self, recorded: str) -> str:
+        """Return the type of one of its connections: its own, if it is just named otherwise or not at all."""
+        is_own = recorded == UNKNOWN or _one_name(recorded) == _one_name(self.msgtype)
+        return self.msgtype if is_own else recorded
 
     def decode(self, data: bytes | memoryview) -> Message:
         """Return a message as an object with the fields of its type (rosbags' classes).
@@ -105,11 +114,12 @@ class Topic:
         Time fields have `sec` and `nanosec`, array fields are numpy arrays.
 
         Raises:
-            DecodeError: the bytes do not fit the type, the type is unknown, or the message exceeds the limits.
+            DecodeError: the bytes do not fit the type, the type is unknown, the topic has another problem, or the message
+                exceeds the limits.
         """
         if isinstance(data, RefusedBytes):
             raise DecodeError(data.reason)
-        layouts = self._layouts
+        layouts = self._refused or self._layouts
         if isinstance(layouts, str):
             raise DecodeError(layouts)
         return layouts.decode(data)
@@ -155,7 +165,7 @@ class Topic:
 
     def _skimmer(self, payloads: tuple[str, ...]) -> PacketSkimmer | None:
         if payloads not in self._skimmers:
-            layout = None if self.is_ambiguous else self.layout
+            layout = None if self.is_ambiguous or self._refused else self.layout
             self._skimmers[payloads] = None if layout is None else packet_skimmer(layout, payloads)
         return self._skimmers[payloads]
 
@@ -249,34 +259,49 @@ def merge_topics(
 
     Args:
         path: the recording, for error messages.
-        sources: its connections; several may carry one topic. A topic with two types, or with two layouts of its
-            type, cannot be decoded.
+        sources: its connections; several may carry one topic. Its type is that of most messages, the others are lost.
+            A topic with two layouts of its type cannot be decoded.
         message_definitions: as for `Topic`.
         limits: as for `Topic`.
 
     Raises:
         SizeLimitError: there are more than the limits allow.
     """
-    merged: dict[str, TopicSource] = {}
+    groups: dict[str, list[TopicSource]] = {}
     for source in sources:
-        before = merged.get(source.topic)
-        merged[source.topic] = source if before is None else _joined(before, source, limits)
-    if len(merged) > limits.topics:
+        groups.setdefault(source.topic, []).append(source)
+    if len(groups) > limits.topics:
         raise SizeLimitError(
-            f"{path}: it has {len(merged)} topics; if you trust the recording, raise limits.topics in the recipe."
+            f"{path}: it has {len(groups)} topics; if you trust the recording, raise limits.topics in the recipe."
         )
     # Topics of one type may be recorded with different definitions: each is decoded with its own.
-    return {name: Topic(source, message_definitions, limits) for name, source in sorted(merged.items())}
+    return {
+        name: Topic(_merged(group, limits), message_definitions, limits)
+        for name, group in sorted(groups.items())
+    }
+
+
+def _merged(group: Sequence[TopicSource], limits: Limits) -> TopicSource:
+    counts: Counter[str] = Counter()
+    for source in group:
+        counts[_one_name(source.msgtype)] += source.count
+    most = max(counts, key=lambda msgtype: (msgtype != UNKNOWN, counts[msgtype]))  # the first of equals
+    merged, *others = (source for source in group if _one_name(source.msgtype) == most)
+    for other in others:
+        merged = _joined(merged, replace(other, msgtype=merged.msgtype), limits)
+    return replace(merged, count=counts.total())
+
+
+def _one_name(msgtype: str) -> str:
+    return TF_NAMES[0] if msgtype in TF_NAMES else msgtype
 
 
 def _joined(one: TopicSource, other: TopicSource, limits: Limits) -> TopicSource:
     problem = one.problem or other.problem
-    if one.msgtype != other.msgtype:
-        problem = f"it carries two types, {one.msgtype} and {other.msgtype}"
-    elif _contradict(one, other, limits):
+    if _contradict(one, other, limits):
         problem = f"its messages were recorded with two different definitions of {other.msgtype}"
     definition = one.definition if one.definition.text else other.definition
-    return replace(one, count=one.count + other.count, problem=problem, definition=definition)
+    return replace(one, problem=problem, definition=definition)
 
 
 def _contradict(one: TopicSource, other: TopicSource, limits: Limits) -> bool:
