@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from bagassets.alike import told_once
 from bagassets.build.build_report import BuildReport, Remark, SummaryRow
 from bagassets.cli.terminal import print_lines
 from bagassets.escaping import visible
@@ -43,12 +44,10 @@ def print_summary(
     console = console or summary_console()
     if rows:
         console.print(_table(rows))
-    for row in rows:
-        if row.reason:
-            console.print(f"[{_COLOURS[row.result]}]{row.result}[/] ", end="")
-            print_lines(
-                console, f"{row.recording}: {row.reason if row.result == 'failed' else visible(row.reason)}"
-            )
+    for told in told_once(((row.result,), row.recording, row.reason) for row in rows if row.reason):
+        [result] = told.kind
+        console.print(f"[{_COLOURS[result]}]{result}[/] ", end="")
+        print_lines(console, f"{told.title}: {told.text if result == 'failed' else visible(told.text)}")
     if 0 < len(rows) < len(report.outcomes):
         console.print(
             f"{count_text(len(report.outcomes) - len(rows), 'more recording')}; `bagassets status` lists all."
@@ -109,16 +108,16 @@ def _quoted(path: Path) -> str:
 
 
 def print_remarks(remarks: Sequence[Remark], console: "Console") -> None:
-    """Print the findings of checks: errors first, and no more than fit on a screen."""
+    """Print the findings of checks: errors first, what is alike once, and no more than fits on a screen."""
     ranked = sorted(remarks, key=lambda remark: remark.severity != "error")
-    for remark in ranked[:_MOST_REMARKS]:
-        console.print(f"[{_COLOURS[remark.severity]}]{remark.severity}[/] ", end="")
-        problem = f"{remark.key or 'dataset'}: {visible(remark.problem)} ({remark.check})"
-        print_lines(console, problem)
-    if len(ranked) > _MOST_REMARKS:
-        console.print(
-            f"{count_text(len(ranked) - _MOST_REMARKS, 'more finding')}; `bagassets check` lists all."
-        )
+    told = told_once(((one.severity, one.check), one.key, one.problem) for one in ranked)
+    for one in told[:_MOST_REMARKS]:
+        severity, check = one.kind
+        console.print(f"[{_COLOURS[severity]}]{severity}[/] ", end="")
+        print_lines(console, f"{one.title or 'dataset'}: {visible(one.text)} ({check})")
+    more = sum(len(one.names) for one in told[_MOST_REMARKS:])
+    if more:
+        console.print(f"{count_text(more, 'more finding')}; `bagassets check` lists all.")
 
 
 def _print_dataset(report: BuildReport, console: "Console") -> None:
