@@ -27,6 +27,7 @@ RECIPE = """
 name: {name}
 bags: {{root: {root}, settle_s: 0}}
 nuscenes: {{version: v1.0-test}}
+scenes: {{min_length_s: 0.5}}
 rigs:
   - name: car
     ego_pose: {{source: odometry, topic: /odom}}
