@@ -174,12 +174,15 @@ def _dry_run(recipe: Path, options: "BuildOptions", *, check: bool, as_json: boo
         # Recordings that will be built will also be checked again.
         done = [pending.plan.bags[key] for key in sorted(pending.chosen - pending.todo.keys())]
         remarks = tuple(remarks_on_record(workspace.recipe, workspace.store, pending.planned.discovery, done))
+        again = pending.made_again(workspace, options.jobs)
         empty = why_empty(workspace.recipe, recipe, workspace.store, pending.datasets)
     if as_json:
         echo_lines(dry_run_json(pending, own_work, moved, remarks))
     else:
         for line in dry_run_lines(pending, own_work) if not check else ():
             echo_lines(line)
+        if again:
+            echo(again)
         print_remarks(remarks, summary_console())
         for key, (was, now) in moved.items():
             echo(f"{key} would move from {was} to {now}; pin it in `splits.pinned` to keep it where it is.")

@@ -114,8 +114,8 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
                 RunPool(instance, workspace.names, options.jobs, on_event, log, own.location)
             )
             sizes = {key: before.planned.discovery.recordings[key].size for key in before.todo}
-            space = _disk_space(before, workspace, options)
-            on_event(Event("planned", sizes=sizes, message=space))
+            said = (before.made_again(workspace, options.jobs), _disk_space(before, workspace, options))
+            on_event(Event("planned", sizes=sizes, message="\n".join(filter(None, said))))
             going_on = _going_on(instance, workspace.names, before.datasets)
             followed = {key for keys in going_on.values() for key in keys}
             todo = {key: assets for key, assets in before.todo.items() if key not in followed}

@@ -57,4 +57,4 @@ def _why_no_scenes(recipe: Recipe, recipe_file: Path, store: Store, bags: Collec
     else:
         way_out = f"add `scenes: {{min_length_s: {least_s}}}` to {recipe_file}"
     limit = f"scenes.min_length_s ({recipe.scenes.min_length_s:g})"
-    return f"{number} of {range_s} s are shorter than {limit}; to have a scene of each, {way_out}{others}"
+    return f"{number}, of {range_s} s, are shorter than {limit}; to have a scene of each, {way_out}{others}"
