@@ -140,7 +140,7 @@ def test_a_build_tells_findings_once():
     ]
     different = [Remark(key, "warn", "x", f"CAM_{number} is dark") for number, key in enumerate(KEYS)]
     assert printed(lambda console: print_remarks(different, console))[12:] == [
-        "288 more findings; `bagassets check` lists all."
+        "288 more; `bagassets check` lists all."
     ]
 
 

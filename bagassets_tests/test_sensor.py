@@ -235,7 +235,7 @@ def test_what_changes_is_asked_for_alone(project, change):
         write_drive(project.bags / "b.mcap", "mcap", duration_s=2.5)
     elif change == "recipe":  # the code location still has the recipe of before
         text = project.recipe_file.read_text()
-        project.recipe_file.write_text(text.replace("scenes: {", "scenes: {keyframe_hz: 1.0, "))
+        project.recipe_file.write_text(text.replace("min_length_s: 0.5", "keyframe_hz: 1.0"))
     else:
         project.instance.wipe_assets([dg.AssetKey("nuscenes_tables")])
     requests = project.scan()
