@@ -55,11 +55,12 @@ def print_summary(
             print_lines(console, f"left out {visible(relative)}: {visible(reason)}")
     left_out = (((), key, reason) for key, reason in report.left_out.items())
     _print_once(console, left_out, lambda one: f"left out {visible(one.title)}: {visible(one.text)}")
-    copies = (((first,), copy, "") for copy, first in report.duplicates.items())
+    copies = ((("copy", first), copy, "") for copy, first in report.duplicates.items())
     _print_once(
         console,
         copies,
-        lambda one: f"copy {one.title}: the same content as {one.kind[0]}, which is in the dataset for both",
+        lambda one: f"copy {one.title}: the same content as {one.kind[1]}, which is in the dataset for both",
+        "`dataset.lock.json` lists all",
     )
     for key in report.removed:
         print_lines(console, f"removed {key}")
@@ -68,6 +69,7 @@ def print_summary(
         console,
         moved,
         lambda one: f"moved {one.title}: {one.text}; pin it in `splits.pinned` to keep it where it is",
+        "`dataset.lock.json` has the splits of all",
     )
     print_remarks(report.remarks, console)
     print_lines(console, counts_line(report))
@@ -80,7 +82,7 @@ def _print_once(
     console: "Console",
     found: Iterable[tuple[tuple[str, ...], str, str]],
     line: Callable[[Told], str],
-    lists_all: str = "bagassets status",
+    rest: str = "`bagassets status` lists all",
     most: int = 12,
 ) -> None:
     """Print what is said of recordings, what is alike once.
@@ -89,7 +91,7 @@ def _print_once(
         console: where to print.
         found: see `told_once`; if the kind begins with a result or severity, so does the line, in its colour.
         line: what to print of those that are alike.
-        lists_all: the command that lists what is only counted here.
+        rest: where all are listed, for those that are only counted here.
         most: most lines.
     """
     told = told_once(found)
@@ -99,7 +101,7 @@ def _print_once(
         print_lines(console, line(one))
     more = sum(len(one.names) for one in told[most:])
     if more:
-        console.print(f"{more} more; `{lists_all}` lists all.")
+        console.print(f"{more} more; {rest}.")
 
 
 def summary_console() -> "Console":
@@ -137,7 +139,7 @@ def print_remarks(remarks: Sequence[Remark], console: "Console") -> None:
         console,
         (((one.severity, one.check), one.key, one.problem) for one in ranked),
         lambda one: f"{one.title or 'dataset'}: {visible(one.text)} ({one.kind[1]})",
-        "bagassets check",
+        "`bagassets check` lists all",
     )
 
 
