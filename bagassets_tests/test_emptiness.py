@@ -1,15 +1,17 @@
 """A dataset that has nothing of its recordings is no success: the build ends with the reason and the way out."""
 
 import json
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
 from bagassets.formats import emptiness
+from bagassets.formats.dataset_build import datasets_of
 from bagassets.formats.emptiness import why_empty
 from bagassets.freshness.decide import nothing_to_do
 from bagassets.quality.scene_rules import scenes_made, too_short_s
-from bagassets.recipe import load_recipe
+from bagassets.recipe import load_recipe, parse_recipe
 from bagassets_tests.in_process import QUICK, build, make_project
 from bagassets_tests.small_drive import write_drive
 
@@ -80,6 +82,13 @@ def test_other_reasons_are_left_to_the_check_that_knows_them(why):
         "nuscenes: 0 scenes from 3 recordings: 2, of 0 to 0.3 s, are shorter"
     )
     assert why(SHORT, DROPPED).endswith("`bagassets check` says why the others have none.")
+
+
+def test_another_format_names_its_section(why, monkeypatch):
+    vision = datasets_of(parse_recipe(QUICK.format(name="x", root="b") + "vision: {}\n", Path("r.yaml")))
+    monkeypatch.setattr(emptiness, "datasets_of", lambda _: {"vision_dataset": vision["vision_dataset"]})
+    said = why(SHORT, chosen=("vision_dataset",))
+    assert said == "vision: 0 scenes from 1 recording: its settings leave nothing of them (FILE:1: vision)."
 
 
 def test_a_dataset_with_a_single_scene_is_none_of_these(why):

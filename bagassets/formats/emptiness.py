@@ -37,9 +37,12 @@ def why_empty(recipe: Recipe, recipe_file: Path, store: Store, chosen: Collectio
         lock = read_lock(dataset.settings.output / dataset.kind.folder(dataset.settings))
         bags = () if lock is None else tuple(lock.bags.values())
         if bags and all(bag.counts and not any(bag.counts.values()) for bag in bags):
-            why = f": {_why_no_scenes(recipe, recipe_file, store, bags)}" if dataset.kind is MAIN else ""
+            if dataset.kind is MAIN:
+                why = _why_no_scenes(recipe, recipe_file, store, bags)
+            else:
+                why = f"its settings leave nothing of them ({where_in(recipe_file, tuple(dataset.kind.section.split('.')))})"
             what = f"0 {next(iter(bags[0].counts))} from {count_text(len(bags), 'recording')}"
-            sentences.append(f"{dataset.kind.name}: {what}{why}.")
+            sentences.append(f"{dataset.kind.name}: {what}: {why}.")
     return " ".join(sentences)
 
 
