@@ -44,20 +44,24 @@ def told_once(found: Iterable[tuple[tuple[str, ...], str, str]]) -> list[Told]:
     Args:
         found: kind, name of the recording and sentence; only what is of one kind is told together.
     """
-    alike: dict[tuple[str, ...], list[tuple[tuple[str, ...], str, list[str]]]] = {}
+    split: dict[tuple[str, str], tuple[list[str], tuple[str, ...]]] = {}
+    alike: dict[tuple[tuple[str, ...], tuple[str, ...]], list[tuple[str, list[str]]]] = {}
     for kind, name, text in found:
-        words = _SPACES.split(text)
-        pattern = (*kind, _HERE, *(_pattern(word, name) for word in words))
-        alike.setdefault(pattern, []).append((kind, name, words))
+        own = name if name and name in text else ""
+        if (own, text) not in split:  # it may be that of thousands of recordings
+            words = _SPACES.split(text)
+            split[own, text] = words, tuple(_pattern(word, own) for word in words)
+        words, pattern = split[own, text]
+        alike.setdefault((kind, pattern), []).append((name, words))
     told = []
-    for same in alike.values():
-        kind = same[0][0]
+    for (kind, _), same in alike.items():
         if len(same) < _FEWEST:
-            told += [Told(kind, (name,), "".join(words)) for _, name, words in same]
+            told += [Told(kind, (name,), "".join(words)) for name, words in same]
         else:
-            names = tuple(name for _, name, _ in same)
-            columns = zip(*(words for _, _, words in same), strict=True)
-            told.append(Told(kind, names, "".join(_summed_up(column, names) for column in columns)))
+            names = tuple(name for name, _ in same)
+            different = {id(words): words for _, words in same}.values()
+            columns = zip(*different, strict=True)
+            told.append(Told(kind, names, "".join(_summed_up(column, names[0]) for column in columns)))
     return told
 
 
@@ -69,14 +73,14 @@ def _pattern(word: str, name: str) -> str:
     return word if number is None else f"{number[1]}{_HERE}{number[3]}"
 
 
-def _summed_up(words: Sequence[str], names: Sequence[str]) -> str:
-    """Return one text for words of the same pattern."""
+def _summed_up(words: Sequence[str], name: str) -> str:
+    """Return one text for words of the same pattern, the first of which is about a recording of that name."""
     first = words[0]
     if all(word == first for word in words):
         return first
     numbers = [found for word in words if (found := _NUMBER.fullmatch(word)) is not None]
     if len(numbers) < len(words):
-        return _without(names[0], first, "…")
+        return _without(name, first, "…")
     values = sorted((number[2] for number in numbers), key=lambda text: (_value(text), text))
     return f"{numbers[0][1]}{values[0]} to {values[-1]}{numbers[0][3]}"
 
