@@ -67,8 +67,7 @@ def told_once(found: Iterable[tuple[tuple[str, ...], str, str]]) -> list[Told]:
 
 def _pattern(word: str, name: str) -> str:
     """Return what a word has in common with those of other recordings at its place."""
-    if name and name in word:
-        return _without(name, word, _HERE)
+    word = _without(name, word, _HERE) if name and name in word else word
     number = _NUMBER.fullmatch(word)
     return word if number is None else f"{number[1]}{_HERE}{number[3]}"
 

@@ -104,6 +104,9 @@ def test_a_name_that_is_part_of_other_words_does_not_change_them():
     found = [(WARN, name, f"/bags/{name}/x.db3: a camera is cold") for name in "abcd"]
     assert [one.text for one in told_once(found)] == ["/bags/…/x.db3: a camera is cold"]
 
+    found = [short(f"{number}", number + 0.5) for number in range(4)]
+    assert told(found)[0][1].startswith("its 0.5 to 3.5 s are")
+
 
 def test_the_name_of_each_recording_in_its_sentence_makes_no_difference():
     names = ("monday.bag", "tuesday.bag", "a/b.bag", "x.bag")
