@@ -102,7 +102,15 @@ CAUSES = {
 
 
 # One recording has a run without steps, two have runs with a step for each asset, and more share a run without steps.
-@pytest.mark.parametrize("lacking", [["/odom"], ["/odom", "/tf_static"], [*CAUSES, "nothing"]], ids=len)
+@pytest.mark.parametrize(
+    "lacking",
+    [
+        ["/odom"],
+        pytest.param(["/odom", "/tf_static"], marks=pytest.mark.long),
+        [*CAUSES, "nothing"],
+    ],
+    ids=len,
+)
 def test_the_cause_is_named_however_many_recordings_there_are(tmp_path, monkeypatch, lacking):
     project = make_project(tmp_path, ())
     keys = {f"{number}.bag": topic for number, topic in enumerate(lacking)}
@@ -110,7 +118,7 @@ def test_the_cause_is_named_however_many_recordings_there_are(tmp_path, monkeypa
         path = tmp_path / "bags" / key
         write_drive(path, "ros1", 1.0 + number / 10, keep=lambda topic, _, lost=lost: topic != lost)
     report, _ = build(project, monkeypatch, jobs=1)
-    with pending_work.open_project(project) as (instance, _):
+    with pending_work.open_project(project) as (instance, workspace):
         assert bool(batch_runs(instance)) == (len(lacking) != 2)
         for key, lost in keys.items():
             if lost not in CAUSES:
@@ -122,26 +130,20 @@ def test_the_cause_is_named_however_many_recordings_there_are(tmp_path, monkeypa
             why = observed(instance, key)
             assert cause in why[asset]
             assert why["nuscenes_tables"] == f"{asset} failed: {why[asset]}"
+            # So does one that is materialized alone, as in the web UI.
+            source = recorded_bag(instance, workspace.names, workspace.recording(key), "")
+            with pytest.raises(BuildFailure) as failure:
+                list(make_assets(instance, workspace, source, {"nuscenes_tables"}, ""))
+            said = str(failure.value)
+            assert (
+                f"{key}: {asset} is not materialized for this recording; materialize {asset} first." in said
+            )
+            assert said.count(cause) == 1
     for key, state in ((key, states(survey(project), key)) for key in keys):
         lost = keys[key]
         assert ("failed" in state.values()) == (lost in CAUSES)
         if lost == "/odom":  # what does not need the poses is made, and on record
             assert state["frames"] == state["sweeps"] == "fresh"
-
-
-def test_an_asset_that_is_made_alone_names_what_failed_above_it(tmp_path, monkeypatch):
-    project = make_project(tmp_path, ())
-    write_drive(tmp_path / "bags" / GOOD, "ros1", 1.0, keep=lambda topic, _: topic != "/odom")
-    build(project, monkeypatch, jobs=1)
-    with pending_work.open_project(project) as (instance, workspace):
-        source = recorded_bag(instance, workspace.names, workspace.recording(GOOD), "")
-        [inventory] = make_assets(instance, workspace, source, {"inventory"}, "")
-        assert inventory.asset == "inventory"
-        with pytest.raises(BuildFailure) as failure:  # as the web UI makes it
-            list(make_assets(instance, workspace, source, {"nuscenes_tables"}, ""))
-    said = str(failure.value)
-    assert f"{GOOD}: ego_poses is not materialized for this recording; materialize ego_poses first." in said
-    assert said.count(CAUSES["/odom"][1]) == 1
 
 
 def test_recordings_that_are_made_have_no_observation(project, monkeypatch):
