@@ -41,7 +41,7 @@ class Report:
             `reason`, and what was `lost`.
         dataset: folder of the nuScenes dataset, for `bagassets.open_dataset`.
         dataset_state: `updated`, `fresh`, `failed`, `not made`, or `not selected`.
-        dataset_problem: why the datasets could not be made; "" if they could.
+        dataset_problem: why the datasets could not be made, or are empty; "" if all is well.
         remarks: problems that checks found in what was built.
         duplicates: recording -> another one with the same content, which represents it in the dataset.
         removed: recordings that are gone.

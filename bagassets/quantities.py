@@ -1,6 +1,6 @@
 """Numbers as people read them: with a noun in the singular or plural, or with a unit."""
 
-__all__ = ["count_text", "readable_bytes", "readable_length"]
+__all__ = ["count_text", "readable_bytes", "readable_length", "readable_time"]
 
 
 def count_text(number: int, noun: str) -> str:
@@ -18,6 +18,13 @@ def readable_bytes(size: int) -> str:
         if value < 999.95:
             return f"{value:.1f} {unit}"
     return f"{value / 1000:.1f} TB"
+
+
+def readable_time(seconds: float) -> str:
+    """Return a rough duration with a unit: `20 s`, `40 min`, `1.5 h`."""
+    if seconds < 99.5:
+        return f"{max(1, round(seconds))} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5970 else f"{seconds / 3600:.1f} h"
 
 
 def readable_length(length_m: float) -> str:

@@ -23,7 +23,7 @@ STORE1 = get_typestore(Stores.ROS1_NOETIC)
 STORE1.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms\n", "tf2_msgs/msg/TFMessage"))
 STORE2 = get_typestore(Stores.ROS2_HUMBLE)
 
-RECIPE = """
+RECIPE = """scenes: {{min_length_s: 0.5}}
 name: {name}
 bags: {{root: {root}, settle_s: 0}}
 nuscenes: {{version: v1.0-test}}

@@ -200,7 +200,10 @@ def test_a_changed_option_makes_stale_just_what_reads_it(project, monkeypatch):
     assert "tolerance_s" in pending.plan.bags["a.bag"].assets["kitti_sequence"].reason
     before = content(load_recipe(project).nuscenes.output)
     report, _ = in_process.build(project, monkeypatch)
-    assert report.succeeded
+    line = project.read_text().splitlines().index("  kitti: {output: dataset/kitti, tolerance_s: 0.001}") + 1
+    assert report.dataset_problem == (
+        f"kitti: 0 frames from 2 recordings: its settings leave nothing of them ({project}:{line}: formats.kitti)."
+    )
     assert len(pykitti.odometry(str(dataset_of(project)), "00")) == 0  # no sweep is as near as that
     assert content(load_recipe(project).nuscenes.output) == before
     project.write_text(text)

@@ -23,6 +23,7 @@ LAYERS = [
         "trace",
         "kernels",
         "quantities",
+        "alike",
         "garbage",
         "interrupts",
     ),

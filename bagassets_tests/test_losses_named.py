@@ -40,7 +40,7 @@ def project(tmp_path_factory):
                 connections[topic] = writer.add_connection(topic, msgtype, typestore=STORE2)
             writer.write(connections[topic], stamp_ns + LATENCY_NS, STORE2.serialize_cdr(message, msgtype))
     (folder / "recipe.yaml").write_text(
-        QUICK.format(name="losses", root="bags") + "scenes: {tolerance_s: 0.2}\n"
+        QUICK.format(name="losses", root="bags").replace("min_length_s: 0.5", "tolerance_s: 0.2")
     )
     return folder
 

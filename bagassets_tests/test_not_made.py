@@ -5,6 +5,7 @@ import pytest
 
 from bagassets.build.execute import BuildFailure
 from bagassets.defs import pending_work
+from bagassets.defs.making import make_assets, recorded_bag
 from bagassets.defs.not_made import observations_of
 from bagassets.errors import RecordingError
 from bagassets_tests.in_process import build, make_project, states, survey
@@ -22,7 +23,16 @@ def project(tmp_path):
 def observed(instance, key):
     """Return asset -> what the latest observation of a recording's partition says."""
     found = {}
-    for name in ("bag", "inventory", "frames", "sweeps", "annotations", "ego_poses", "nuscenes_tables"):
+    for name in (
+        "bag",
+        "inventory",
+        "calibration",
+        "frames",
+        "sweeps",
+        "annotations",
+        "ego_poses",
+        "nuscenes_tables",
+    ):
         records = instance.fetch_observations(
             dg.AssetRecordsFilter(asset_key=dg.AssetKey(name), asset_partitions=[key]), limit=10
         ).records
@@ -81,6 +91,59 @@ def test_a_recording_of_a_batch_says_why_too(tmp_path, monkeypatch):
         assert kinds.count(dg.DagsterEventType.ASSET_OBSERVATION) == kinds.count(
             dg.DagsterEventType.ASSET_MATERIALIZATION_PLANNED
         )
+
+
+# What a recording lacks -> the asset that fails, and what its sentence is about.
+CAUSES = {
+    "/odom": ("ego_poses", "the recording has no messages on /odom, which ego_pose reads"),
+    "/tf_static": ("calibration", "no transform from cam to base_link"),
+    "/cam/camera_info": ("calibration", "no CameraInfo on /cam/camera_info, which undistortion needs"),
+}
+
+
+# One recording has a run without steps, two have runs with a step for each asset, and more share a run without steps.
+@pytest.mark.parametrize(
+    "lacking",
+    [
+        ["/odom"],
+        pytest.param(["/odom", "/tf_static"], marks=pytest.mark.long),
+        [*CAUSES, "nothing"],
+    ],
+    ids=len,
+)
+def test_the_cause_is_named_however_many_recordings_there_are(tmp_path, monkeypatch, lacking):
+    project = make_project(tmp_path, ())
+    keys = {f"{number}.bag": topic for number, topic in enumerate(lacking)}
+    for number, (key, lost) in enumerate(keys.items()):
+        path = tmp_path / "bags" / key
+        write_drive(path, "ros1", 1.0 + number / 10, keep=lambda topic, _, lost=lost: topic != lost)
+    report, _ = build(project, monkeypatch, jobs=1)
+    with pending_work.open_project(project) as (instance, workspace):
+        assert bool(batch_runs(instance)) == (len(lacking) != 2)
+        for key, lost in keys.items():
+            if lost not in CAUSES:
+                assert (report.outcomes[key].result, observed(instance, key)) == ("built", {})
+                continue
+            asset, cause = CAUSES[lost]
+            assert cause in report.outcomes[key].reason
+            assert "materialize" not in report.outcomes[key].reason
+            why = observed(instance, key)
+            assert cause in why[asset]
+            assert why["nuscenes_tables"] == f"{asset} failed: {why[asset]}"
+            # So does one that is materialized alone, as in the web UI.
+            source = recorded_bag(instance, workspace.names, workspace.recording(key), "")
+            with pytest.raises(BuildFailure) as failure:
+                list(make_assets(instance, workspace, source, {"nuscenes_tables"}, ""))
+            said = str(failure.value)
+            assert (
+                f"{key}: {asset} is not materialized for this recording; materialize {asset} first." in said
+            )
+            assert said.count(cause) == 1
+    for key, state in ((key, states(survey(project), key)) for key in keys):
+        lost = keys[key]
+        assert ("failed" in state.values()) == (lost in CAUSES)
+        if lost == "/odom":  # what does not need the poses is made, and on record
+            assert state["frames"] == state["sweeps"] == "fresh"
 
 
 def test_recordings_that_are_made_have_no_observation(project, monkeypatch):

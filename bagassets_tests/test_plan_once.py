@@ -88,7 +88,7 @@ def test_many_recordings_are_planned_some_at_a_time_and_the_build_says_how_many_
 
 
 def test_all_datasets_of_a_run_are_made_from_one_plan(tmp_path, monkeypatch):
-    recipe = make_project(tmp_path, [KEY], text=QUICK + "vision: {{}}\n")
+    recipe = make_project(tmp_path, [KEY], text=QUICK + "vision: {{frames: 5}}\n")
     report, keys, whole = planned(recipe, monkeypatch)
     assert report.succeeded
     assert (keys, whole) == ({KEY: 2}, 3)

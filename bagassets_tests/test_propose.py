@@ -651,11 +651,22 @@ def test_each_rig_has_its_clock(tmp_path):
     assert alone.clock is None
 
 
+LIDAR = "/velodyne_points"
+
+
 @pytest.mark.parametrize(
-    ("lengths_s", "least_s"), [([0.07, 0.5], 0.0), ([0.07, None], 1.0), ([None], 1.0), ([0.0], 0.0)]
+    ("short_s", "least_s"),
+    [
+        ([{LIDAR: 0.07}, {LIDAR: 0.5}], 0.0),
+        ([{LIDAR: 0.07}, {}], 1.0),  # one is long
+        ([{}, {LIDAR: 0.07}], 1.0),
+        ([{}], 1.0),
+        ([{LIDAR: 0.0}], 0.0),
+        ([{"/cam/image_raw": 0.5}], 1.0),  # not the sensor whose readings become keyframes
+    ],
 )
-def test_short_recordings_get_scenes(lengths_s, least_s, tmp_path):
-    recordings = {f"{n}.bag": replace(car(), short_s=length_s) for n, length_s in enumerate(lengths_s)}
+def test_short_recordings_get_scenes(short_s, least_s, tmp_path):
+    recordings = {f"{n}.bag": replace(car(), short_s=one) for n, one in enumerate(short_s)}
     assert proposed(recordings, tmp_path).scenes.min_length_s == least_s
 
 

@@ -219,13 +219,23 @@ def test_an_imu_that_measures_no_acceleration_shows_nothing(tmp_path):
     assert bag.scan().topics["/imu"].acceleration is None
 
 
-@pytest.mark.parametrize(("seconds", "short_s"), [(0, 0.0), (0.5, 0.5), (1.5, None)])
+@pytest.mark.parametrize(
+    ("seconds", "short_s"), [(0, 0.0), (0.5, 0.5), (0.999, 0.999), (1.0, None), (7, None)]
+)
 def test_recordings_too_short_for_a_scene_say_how_short(tmp_path, seconds, short_s):
     bag = Bag(tmp_path / "a.bag")
     bag.image(0)
     bag.image(seconds)
     bag.imu(30, "/imu", 0.01)  # no sensor whose readings a scene is made of
-    assert bag.scan().short_s == (None if short_s is None else pytest.approx(short_s))
+    found = bag.scan().short_s
+    assert found == ({} if short_s is None else {next(iter(found)): pytest.approx(short_s)})
+
+
+def test_sensors_that_are_long_enough_together_are_too_short_each(tmp_path):
+    bag = Bag(tmp_path / "a.bag")
+    for seconds, topic in ((0, "/a"), (0.6, "/a"), (0.5, "/b"), (1.1, "/b"), (0.2, "/c"), (1.3, "/c")):
+        bag.image(seconds, topic)
+    assert bag.scan().short_s == {"/a": pytest.approx(0.6), "/b": pytest.approx(0.6)}
 
 
 def cloud_of_two(bag, name, last):

@@ -234,7 +234,8 @@ def test_what_changes_is_asked_for_alone(project, change):
     if change == "recording":
         write_drive(project.bags / "b.mcap", "mcap", duration_s=2.5)
     elif change == "recipe":  # the code location still has the recipe of before
-        project.recipe_file.write_text(project.recipe_file.read_text() + "scenes: {keyframe_hz: 1.0}\n")
+        text = project.recipe_file.read_text()
+        project.recipe_file.write_text(text.replace("min_length_s: 0.5", "keyframe_hz: 1.0"))
     else:
         project.instance.wipe_assets([dg.AssetKey("nuscenes_tables")])
     requests = project.scan()

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from bagassets.forkserver.client import Client
+from bagassets.formats.catalogue import known_assets
 from bagassets.freshness.cache import _FORMAT
 from bagassets.recipe import load_recipe
 from bagassets_tests.services import BIN, bare_environment
@@ -67,7 +68,7 @@ def project(old, tmp_path_factory):
 def built(old, tmp_path_factory):
     """The project after a build of now."""
     project = unpack(old, tmp_path_factory.mktemp("built"))
-    run(project, "build")
+    (project / "said.txt").write_text(run(project, "build"))
     yield project
     for client in Client.all_of(project / ".bagassets"):
         client.shutdown(grace_s=0.0)
@@ -87,6 +88,21 @@ def test_a_build_takes_the_state_over(built):
     assert "nothing to do" in run(project, "build")
     assert re.search(r"1 recording: \d+ fresh\.", run(project, "status"))
     assert not [name for name in LEFT_BEHIND if (project / ".bagassets" / name).exists()]
+
+
+def test_the_build_says_what_this_version_makes_again(built):
+    recorded = {}
+    for path in (built / ".bagassets" / "store" / "actions").glob("*/*.json"):
+        action = json.loads(path.read_text())["action"]
+        recorded.setdefault(action["step"], set()).add(action["version"])
+    # Of what the build has made again, the store has the actions of both versions.
+    raised = [asset.name for asset in known_assets() if len(recorded.get(asset.name, ())) > 1]
+    lines = [line for line in (built / "said.txt").read_text().splitlines() if "made again" in line]
+    expected = (
+        f"made again: {', '.join(raised)} of a.mcap, as this version of bagassets makes them differently"
+    )
+    assert [line.partition(" (see")[0] for line in lines] == ([expected] if raised else [])
+    assert all(re.search(r"; about \d+ s, going by what they took before$", line) for line in lines)
 
 
 def test_the_dataset_is_the_same(project, built):

@@ -165,7 +165,7 @@ class BuildReport:
         splits: split -> its share of recordings and time (`SplitShare.as_json`), and whether that `is_far` from the
             share in the recipe.
         dataset: `updated`, `fresh`, `failed`, `stopped`, `not made`, or `not selected`.
-        dataset_problem: why the dataset could not be made.
+        dataset_problem: why the dataset could not be made, or is empty.
         dataset_path: its dataroot.
         own: asset of the user's -> what became of it.
         own_left_out: asset of the user's -> why builds do not make it.

@@ -103,6 +103,7 @@ class Graph:
         stat: sizes and times of its files when the digest was taken.
         wanted: names of the assets that are made here; default: all.
         given: asset -> current artifact, for assets that are not made here.
+        failures: asset that is neither made here nor given -> why it could not be made when that was last tried, if known.
         lookup: returns the outcome of an action if it is known; default: `Store.lookup`.
         bag: state of the recording itself.
         recorded: asset -> what Dagster recorded last; the states compare with it.
@@ -115,6 +116,7 @@ class Graph:
     stat: RecordingStat
     wanted: Collection[str] | None = None
     given: Mapping[str, Artifact] = field(default_factory=dict)
+    failures: Mapping[str, str] = field(default_factory=dict)
     lookup: Callable[[Action], Outcome | None] | None = None
     bag: AssetState = _UNCHANGED
     recorded: Mapping[str, Recorded] = field(default_factory=dict)
@@ -196,7 +198,7 @@ class Graph:
         elif name in self.given:
             node.artifact = self.given[name]
         else:
-            node.error = _missing(self.recording.key, name)
+            node.error = _missing(self.recording.key, name, self.failures.get(name))
         return node
 
     def _expand_selection(self, node: Node) -> None:
@@ -361,5 +363,8 @@ def _noted(node: Node, recording: RecordingFiles) -> Iterator[None]:
         node.error = explained_error(err, recording.path, node.channel or node.name)
 
 
-def _missing(key: str, asset: str) -> StoreError:
-    return StoreError(f"{key}: {asset} is not materialized for this recording; materialize {asset} first.")
+def _missing(key: str, asset: str, why: str | None) -> StoreError:
+    tried = "" if why is None else f" When that was last tried, it failed: {why}"
+    return StoreError(
+        f"{key}: {asset} is not materialized for this recording; materialize {asset} first.{tried}"
+    )

@@ -39,7 +39,8 @@ Examples:
 \b
 Exit status:
     0  everything asked for is up to date
-    1  a recording or a dataset failed (the others are done), or something is wrong with the recipe or a disk
+    1  a recording or a dataset failed (the others are done), a dataset has nothing of its recordings, or something is
+       wrong with the recipe or a disk
     2  wrong usage
     3  --check: there is something to do
   130  interrupted; what was finished is kept"""
@@ -162,6 +163,7 @@ def _dry_run(recipe: Path, options: "BuildOptions", *, check: bool, as_json: boo
     from bagassets.defs.own_build import load_own
     from bagassets.defs.pending_work import expected_moves, find_pending_work, open_project
     from bagassets.formats.checking import remarks_on_record
+    from bagassets.formats.emptiness import why_empty
 
     with open_project(recipe) as (instance, known_as):
         own = load_own(known_as, options)
@@ -172,17 +174,23 @@ def _dry_run(recipe: Path, options: "BuildOptions", *, check: bool, as_json: boo
         # Recordings that will be built will also be checked again.
         done = [pending.plan.bags[key] for key in sorted(pending.chosen - pending.todo.keys())]
         remarks = tuple(remarks_on_record(workspace.recipe, workspace.store, pending.planned.discovery, done))
+        again = pending.made_again(workspace, options.jobs)
+        empty = why_empty(workspace.recipe, recipe, workspace.store, pending.datasets)
     if as_json:
         echo_lines(dry_run_json(pending, own_work, moved, remarks))
     else:
         for line in dry_run_lines(pending, own_work) if not check else ():
             echo_lines(line)
+        if again:
+            echo(again)
         print_remarks(remarks, summary_console())
         for key, (was, now) in moved.items():
             echo(f"{key} would move from {was} to {now}; pin it in `splits.pinned` to keep it where it is.")
+        if empty and pending.is_settled:
+            echo(empty)
         echo(verdict(pending, own_work))
     if not check:
         return 0
     if not (pending.is_settled and own_work.is_settled):
         return ExitStatus.FOUND
-    return ExitStatus.FAILED if pending.failed or own_work.failed else 0
+    return ExitStatus.FAILED if pending.failed or own_work.failed or empty else 0

@@ -7,9 +7,11 @@ from typing import TYPE_CHECKING
 
 import click
 
+from bagassets.alike import told_once
 from bagassets.cli.exit_status import ExitStatus
 from bagassets.cli.options import recipe_option
 from bagassets.cli.terminal import echo, echo_lines
+from bagassets.escaping import visible
 from bagassets.quantities import count_text
 
 if TYPE_CHECKING:
@@ -70,20 +72,25 @@ def check(recipe: Path, bags: tuple[str, ...], as_json: bool) -> int:
 
 def _print(verdicts: Sequence["Verdict"]) -> None:
     counts = {"passed": 0, "warn": 0, "error": 0, "not made yet": 0}
+    found = []
     for verdict in verdicts:
         if verdict.finding is None:
             counts["not made yet"] += 1
-            continue
-        if verdict.finding.passed:
+        elif verdict.finding.passed:
             counts["passed"] += 1
-            continue
-        counts[verdict.weight] += 1
-        click.secho(f"{verdict.weight:5}", fg="red" if verdict.weight == "error" else "yellow", nl=False)
-        echo(f" {verdict.recording or 'dataset'}: {verdict.check}")
-        problems = verdict.finding.sentences
-        for problem in problems[:_MOST_PROBLEMS]:
+        else:
+            counts[verdict.weight] += 1
+            first, more = (
+                verdict.finding.sentences[:_MOST_PROBLEMS],
+                verdict.finding.sentences[_MOST_PROBLEMS:],
+            )
+            problems = "\n".join([*map(visible, first), *([f"and {len(more)} more"] if more else [])])
+            found.append(((verdict.weight, verdict.check), verdict.recording or "", problems))
+    for told in told_once(found):
+        weight, check = told.kind
+        click.secho(f"{weight:5}", fg="red" if weight == "error" else "yellow", nl=False)
+        echo(f" {told.title or 'dataset'}: {check}")
+        for problem in told.text.split("\n"):
             echo(f"      {problem}")
-        if len(problems) > _MOST_PROBLEMS:
-            echo(f"      and {len(problems) - _MOST_PROBLEMS} more")
     counted = ", ".join(f"{number} {what}" for what, number in counts.items() if number)
     echo(f"{count_text(len(verdicts), 'check')}: {counted or 'none'}.")

@@ -267,7 +267,9 @@ def _problem(report: "BuildReport", rows: "list[SummaryRow]") -> str | None:
             return f"{row.recording}: {row.reason}"
         if row.scenes == 0:
             return f"{row.recording}: it has no scene, so the dataset would be empty."
-    return report.dataset_problem or (None if rows else "the recording is gone.")
+    if report.dataset == "failed":  # of one that is empty, it names a recipe that will be gone
+        return report.dataset_problem
+    return None if rows else "the recording is gone."
 
 
 @contextmanager

@@ -4,6 +4,7 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
+from bagassets.alike import told_once
 from bagassets.build.build_report import Remark
 from bagassets.build.plan import State
 from bagassets.escaping import visible
@@ -34,17 +35,21 @@ _OWN_TO_DO = ("missing", "stale", "unknown")
 
 def dry_run_lines(pending: "PendingWork", own: "OwnWork") -> Iterator[str]:
     """Yield what a build would do to recordings, datasets and the user's own assets, as lines of text."""
+    found = []
     for key, assets in pending.todo.items():
-        yield key
-        for name in assets:
-            state = pending.plan.bags[key].assets[name]
-            if state.state in _VERBS:
-                yield f"  {_VERBS[state.state]:<8} {name:<17} {visible(state.reason)}"
+        states = {name: pending.plan.bags[key].assets[name] for name in assets}
+        lines = [
+            f"  {_VERBS[state.state]:<8} {name:<17} {visible(state.reason)}"
+            for name, state in states.items()
+            if state.state in _VERBS
+        ]
+        found.append(((), key, "\n".join(lines)))
     for key, reason in pending.failed.items():
         if key not in pending.todo:
             can_be_retried = pending.plan.bags[key].can_be_retried
             said = "failed before and is not retried without --retry-failed" if can_be_retried else "fails"
-            yield f"{key}\n  {said}: {reason}"
+            found.append(((), key, f"  {said}: {reason}"))
+    yield from (f"{told.title}\n{told.text}" for told in told_once(found))
     for key in pending.plan.removed:
         yield f"{key}\n  is gone: its partition and scenes would be removed"
     if pending.datasets:

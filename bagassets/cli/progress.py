@@ -67,8 +67,8 @@ class LinesProgress(SilentProgress):
             if self._total:
                 verb = "needs" if self._total == 1 else "need"
                 echo(f"{count_text(self._total, 'recording')} {verb} a run.", err=self._err)
-            if event.message:
-                echo(event.message, err=self._err)
+            for line in event.message.splitlines():
+                echo(line, err=self._err)
         elif event.kind == "own":
             self._total, self._ended = len(event.sizes), 0
             echo(event.message, err=self._err)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from bagassets.alike import told_once
 from bagassets.cli.exit_status import ExitStatus
 from bagassets.cli.options import recipe_option
 from bagassets.cli.terminal import echo_lines, print_lines
@@ -180,7 +181,8 @@ def _table(states: Mapping[str, Mapping[str, str]], *, short: bool) -> "Table":
 
 
 def _reasons(pending: "PendingWork", listed: JsonMapping) -> Iterator[str]:
-    """Yield the reasons of everything that is not fresh; assets with the same reason share a line."""
+    """Yield the reasons of everything that is not fresh; assets, and recordings, with the same reason share a line."""
+    found = []
     for key, bag in listed.items():
         by_reason: dict[tuple[str, str], list[str]] = {}
         for name, state in bag.assets.items():
@@ -188,7 +190,10 @@ def _reasons(pending: "PendingWork", listed: JsonMapping) -> Iterator[str]:
                 by_reason.setdefault((state.state, state.reason), []).append(name)
         for (state, reason), names in by_reason.items():
             shown = "all but bag and inventory" if state == "skipped" else ", ".join(names)
-            yield f"{key}: {shown} {state}: {reason if state == 'failed' else visible(reason)}"
+            found.append(((shown, state), key, reason))
+    for told in told_once(found):
+        shown, state = told.kind
+        yield f"{told.title}: {shown} {state}: {told.text if state == 'failed' else visible(told.text)}"
     for key in pending.plan.removed:
         yield f"{key}: the recording is gone; the next build removes its partition and its scenes"
     for relative, reason in pending.plan.excluded.items():

@@ -1,10 +1,11 @@
 """The summary at the end of a build: a table of recordings, the findings of checks, the dataset."""
 
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from bagassets.alike import Told, told_once
 from bagassets.build.build_report import BuildReport, Remark, SummaryRow
 from bagassets.cli.terminal import print_lines
 from bagassets.escaping import visible
@@ -28,12 +29,6 @@ __all__ = [
 _WIDTH_OF_LOGS = 120
 _COLOURS = {"built": "green", "hit": "cyan", "failed": "bold red", "stopped": "yellow", "skipped": "dim",
             "not made": "yellow", "error": "bold red", "warn": "yellow"}  # fmt: skip
-# Further findings of checks are only counted.
-_MOST_REMARKS = 12
-# So are further recordings that moved to another split: a new seed moves many.
-_MOST_MOVES = 12
-# And what was not made of one of the user's own assets.
-_MOST_OWN = 12
 
 
 def print_summary(
@@ -43,12 +38,14 @@ def print_summary(
     console = console or summary_console()
     if rows:
         console.print(_table(rows))
-    for row in rows:
-        if row.reason:
-            console.print(f"[{_COLOURS[row.result]}]{row.result}[/] ", end="")
-            print_lines(
-                console, f"{row.recording}: {row.reason if row.result == 'failed' else visible(row.reason)}"
-            )
+    found = (((row.result,), row.recording, row.reason) for row in rows if row.reason)
+    # The errors of a recording that fails may have several lines.
+    _print_once(
+        console,
+        found,
+        lambda one: f"{one.title}: {one.text if 'failed' in one.kind else visible(one.text)}",
+        most=len(rows),
+    )
     if 0 < len(rows) < len(report.outcomes):
         console.print(
             f"{count_text(len(report.outcomes) - len(rows), 'more recording')}; `bagassets status` lists all."
@@ -56,28 +53,55 @@ def print_summary(
     for relative, reason in report.excluded.items():
         if not reason.startswith("not matched"):
             print_lines(console, f"left out {visible(relative)}: {visible(reason)}")
-    for key, reason in list(report.left_out.items())[:_MOST_REMARKS]:
-        print_lines(console, f"left out {visible(key)}: {visible(reason)}")
-    if len(report.left_out) > _MOST_REMARKS:
-        more = count_text(len(report.left_out) - _MOST_REMARKS, "more recording")
-        console.print(f"{more} left out of the dataset; `bagassets status` lists all.")
-    for copy, first in report.duplicates.items():
-        print_lines(console, f"copy {copy}: the same content as {first}, which is in the dataset for both")
+    left_out = (((), key, reason) for key, reason in report.left_out.items())
+    _print_once(console, left_out, lambda one: f"left out {visible(one.title)}: {visible(one.text)}")
+    copies = ((("copy", first), copy, "") for copy, first in report.duplicates.items())
+    _print_once(
+        console,
+        copies,
+        lambda one: f"copy {one.title}: the same content as {one.kind[1]}, which is in the dataset for both",
+        "`dataset.lock.json` lists all",
+    )
     for key in report.removed:
         print_lines(console, f"removed {key}")
-    for key, (was, now) in list(report.moved.items())[:_MOST_MOVES]:
-        print_lines(
-            console, f"moved {key}: from {was} to {now}; pin it in `splits.pinned` to keep it where it is"
-        )
-    if len(report.moved) > _MOST_MOVES:
-        console.print(
-            f"{count_text(len(report.moved) - _MOST_MOVES, 'more recording')} moved to another split."
-        )
+    moved = (((), key, f"from {was} to {now}") for key, (was, now) in report.moved.items())
+    _print_once(
+        console,
+        moved,
+        lambda one: f"moved {one.title}: {one.text}; pin it in `splits.pinned` to keep it where it is",
+        "`dataset.lock.json` has the splits of all",
+    )
     print_remarks(report.remarks, console)
     print_lines(console, counts_line(report))
     _print_dataset(report, console)
     _print_own(report, console)
     print_lines(console, f"web UI:  {ui_command(recipe_file)}")
+
+
+def _print_once(
+    console: "Console",
+    found: Iterable[tuple[tuple[str, ...], str, str]],
+    line: Callable[[Told], str],
+    rest: str = "`bagassets status` lists all",
+    most: int = 12,
+) -> None:
+    """Print what is said of recordings, what is alike once.
+
+    Args:
+        console: where to print.
+        found: see `told_once`; if the kind begins with a result or severity, so does the line, in its colour.
+        line: what to print of those that are alike.
+        rest: where all are listed, for those that are only counted here.
+        most: most lines.
+    """
+    told = told_once(found)
+    for one in told[:most]:
+        if one.kind and one.kind[0] in _COLOURS:
+            console.print(f"[{_COLOURS[one.kind[0]]}]{one.kind[0]}[/] ", end="")
+        print_lines(console, line(one))
+    more = sum(len(one.names) for one in told[most:])
+    if more:
+        console.print(f"{more} more; {rest}.")
 
 
 def summary_console() -> "Console":
@@ -109,16 +133,14 @@ def _quoted(path: Path) -> str:
 
 
 def print_remarks(remarks: Sequence[Remark], console: "Console") -> None:
-    """Print the findings of checks: errors first, and no more than fit on a screen."""
+    """Print the findings of checks: errors first, what is alike once, and no more than fits on a screen."""
     ranked = sorted(remarks, key=lambda remark: remark.severity != "error")
-    for remark in ranked[:_MOST_REMARKS]:
-        console.print(f"[{_COLOURS[remark.severity]}]{remark.severity}[/] ", end="")
-        problem = f"{remark.key or 'dataset'}: {visible(remark.problem)} ({remark.check})"
-        print_lines(console, problem)
-    if len(ranked) > _MOST_REMARKS:
-        console.print(
-            f"{count_text(len(ranked) - _MOST_REMARKS, 'more finding')}; `bagassets check` lists all."
-        )
+    _print_once(
+        console,
+        (((one.severity, one.check), one.key, one.problem) for one in ranked),
+        lambda one: f"{one.title or 'dataset'}: {visible(one.text)} ({one.kind[1]})",
+        "`bagassets check` lists all",
+    )
 
 
 def _print_dataset(report: BuildReport, console: "Console") -> None:
@@ -143,13 +165,14 @@ def _print_own(report: BuildReport, console: "Console") -> None:
             f"{number} {result}" if one.per_recording else result for result, number in one.results.items()
         )
         print_lines(console, f"{name}: {counted or 'no recordings'}")
-        for key, (result, reason) in list(one.reasons.items())[:_MOST_OWN]:
-            console.print(f"[{_COLOURS[result]}]{result}[/] ", end="")
-            print_lines(console, f"{name}{f' of {key}' if key else ''}: {visible(reason)}")
-        if len(one.reasons) > _MOST_OWN:
-            console.print(f"{len(one.reasons) - _MOST_OWN} more; `bagassets status` lists all.")
+        reasons = (((result, name), key, reason) for key, (result, reason) in one.reasons.items())
+        _print_once(console, reasons, _own_line)
     for name, why in report.own_left_out.items():
         print_lines(console, f"{name}: not made ({why})")
+
+
+def _own_line(told: Told) -> str:
+    return f"{told.kind[1]}{f' of {told.title}' if told.title else ''}: {visible(told.text)}"
 
 
 def splits_text(splits: Mapping[str, JsonMapping]) -> str:

@@ -45,6 +45,8 @@ from bagassets.recordings.model import RecordingFiles
 __all__ = ["batch_job"]
 
 _MOST_NAMED = 3
+# What Dagster itself records of an input that was never materialized.
+_NO_VERSION, _NO_RECORD = "INITIAL", "NULL"
 
 
 def batch_job(names: Naming) -> dg.JobDefinition:
@@ -236,7 +238,8 @@ class _Part(ABC):
         }
         for name, version in inputs.items():
             tags[self._names.input_tag(name)] = version
-            tags[self._names.pointer_tag(name)] = str(self._latest_of(name).storage_id)
+            pointer = _NO_RECORD if version == _NO_VERSION else str(self._latest_of(name).storage_id)
+            tags[self._names.pointer_tag(name)] = pointer
         recorded = dg.AssetMaterialization(
             self._names.key(made.asset), partition=self.key or None, metadata=made.metadata, tags=tags
         )
@@ -250,15 +253,21 @@ class _Part(ABC):
             self._latest[made.asset] = _Latest(storage_id, self._context.run_id, timestamp, made.data_version)
 
     def _latest_of(self, asset: str) -> _Latest:
+        latest = self._find_latest(asset)
+        if latest is None:
+            raise StoreError(
+                f"{self.key}: {asset} is not materialized for this recording; materialize it first."
+            )
+        return latest
+
+    def _find_latest(self, asset: str) -> _Latest | None:
         if asset not in self._latest:
             partitions = [self.key] if self.key else None
             records = self._instance.fetch_materializations(
                 AssetRecordsFilter(asset_key=self._names.key(asset), asset_partitions=partitions), limit=1
             ).records
             if not records:
-                raise StoreError(
-                    f"{self.key}: {asset} is not materialized for this recording; materialize it first."
-                )
+                return None
             (record,) = records
             tags = (record.asset_materialization and record.asset_materialization.tags) or {}
             self._latest[asset] = _Latest(
@@ -353,10 +362,14 @@ class _Recording(_Part):
         self._record_checks(self._run_checks(recording))
 
     def _inputs_of(self, asset: str) -> dict[str, str]:
-        """Return upstream asset -> what Dagster compares: a digest over the versions of the partitions read, here one."""
+        """Return upstream asset -> what Dagster compares: a digest over the versions of the partitions read, here one.
+
+        One that failed may not matter to an asset that reads it: only clouds that are deskewed need poses.
+        """
+        latest = {name: self._find_latest(name) for name in dependencies(self._workspace.assets, asset)}
         return {
-            name: version_as_input(self._latest_of(name).data_version)
-            for name in dependencies(self._workspace.assets, asset)
+            name: _NO_VERSION if found is None else version_as_input(found.data_version)
+            for name, found in latest.items()
         }
 
     def _run_checks(self, recording: RecordingFiles) -> Iterator[dg.AssetCheckResult]:

@@ -11,6 +11,7 @@ from bagassets.build.graph import SELECTION, Graph
 from bagassets.build.recording_assets import RecordingAssets
 from bagassets.defs.events import CONTENT, MADE_ALONG, SEVERAL, recorded_partition
 from bagassets.defs.naming import Naming
+from bagassets.defs.not_made import last_failure
 from bagassets.defs.reporting import Metadata, bag_metadata, result_metadata
 from bagassets.defs.run_progress import readings_noted
 from bagassets.defs.workspace import Workspace
@@ -126,6 +127,11 @@ def make_assets(
     records = {name: recorded_partition(instance, names, name, key) for name in sorted(upstream)}
     found = {name: record for name, record in records.items() if record is not None}
     given = {name: workspace.store.artifact(record.data_version) for name, record in found.items()}
+    failures = {
+        name: why
+        for name in sorted(upstream - found.keys())
+        if (why := last_failure(instance, names, name, key)) is not None
+    }
     contents = {source.digest, *(record.content for record in found.values())}
     # Of assets that an older version recorded, it is not known.
     content = "" if "" in contents else source.digest if len(contents) == 1 else SEVERAL
@@ -137,6 +143,7 @@ def make_assets(
         source.stat,
         wanted=wanted,
         given=given,
+        failures=failures,
     )
     with readings_noted(instance, run_id, key):
         for result in execute(graph):

@@ -13,7 +13,9 @@ from bagassets.build.recording_assets import RecordingAssets
 from bagassets.defs.naming import Naming
 from bagassets.errors import BagAssetsError, RunEndedError
 
-__all__ = ["failures_observed", "observations_of"]
+__all__ = ["failures_observed", "last_failure", "observations_of"]
+
+_WHY = "not_made"
 
 
 def observations_of(
@@ -45,8 +47,17 @@ def _why(assets: RecordingAssets, asset: str, failed: dict[str, str]) -> str:
 
 def _observation(asset: dg.AssetKey, key: str, why: str) -> dg.AssetObservation:
     return dg.AssetObservation(
-        asset, description=why, partition=key or None, metadata={"not_made": dg.MetadataValue.text(why)}
+        asset, description=why, partition=key or None, metadata={_WHY: dg.MetadataValue.text(why)}
     )
+
+
+def last_failure(instance: dg.DagsterInstance, names: Naming, asset: str, key: str) -> str | None:
+    """Return why an asset of a recording was not made when that was last tried; None if it is not known."""
+    about = dg.AssetRecordsFilter(asset_key=names.key(asset), asset_partitions=[key])
+    for record in instance.fetch_observations(about, limit=1).records:
+        if record.asset_observation is not None and _WHY in record.asset_observation.metadata:
+            return record.asset_observation.description
+    return None
 
 
 @contextmanager

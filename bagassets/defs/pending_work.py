@@ -11,6 +11,7 @@ import dagster as dg
 
 from bagassets.build.build_report import BuildOptions
 from bagassets.build.choose import choose_assets, choose_recordings
+from bagassets.build.made_again import made_again
 from bagassets.build.plan import Plan
 from bagassets.defs.connections import kept_open
 from bagassets.defs.databases import are_files, database_errors_explained
@@ -86,6 +87,12 @@ class PendingWork:
         """The chosen recordings that failed on their current input -> why."""
         bags = {key: bag.failed for key, bag in self.plan.bags.items() if key in self.chosen}
         return {key: reason for key, reason in bags.items() if reason is not None}
+
+    def made_again(self, workspace: Workspace, jobs: int) -> str:
+        """Return what is made again because of another version of bagassets; see `bagassets.build.made_again`."""
+        sizes = {key: self.planned.discovery.recordings[key].size for key in self.todo}
+        recorded, assets, store = self.planned.recorded, workspace.assets, workspace.store
+        return made_again(self.plan, recorded, self.todo, sizes, assets, store, jobs)
 
     @property
     def is_settled(self) -> bool:

@@ -45,6 +45,7 @@ from bagassets.formats.after_crash import noted_build
 from bagassets.formats.catalogue import problems_of
 from bagassets.formats.dataset_build import main_lock, split_on_disk
 from bagassets.formats.dataset_integrity import remove_changed_sources
+from bagassets.formats.emptiness import why_empty
 from bagassets.json_types import JsonMapping, JsonObject
 from bagassets.quantities import count_text
 from bagassets.recipe import load_recipe
@@ -113,8 +114,8 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
                 RunPool(instance, workspace.names, options.jobs, on_event, log, own.location)
             )
             sizes = {key: before.planned.discovery.recordings[key].size for key in before.todo}
-            space = _disk_space(before, workspace, options)
-            on_event(Event("planned", sizes=sizes, message=space))
+            said = (before.made_again(workspace, options.jobs), _disk_space(before, workspace, options))
+            on_event(Event("planned", sizes=sizes, message="\n".join(filter(None, said))))
             going_on = _going_on(instance, workspace.names, before.datasets)
             followed = {key for keys in going_on.values() for key in keys}
             todo = {key: assets for key, assets in before.todo.items() if key not in followed}
@@ -163,10 +164,13 @@ def build_project(recipe_file: Path, options: BuildOptions, on_event: Listener) 
             report.dataset = "not made"
         elif report.dataset == "fresh" and report.interrupted:
             report.dataset = "stopped"
+        else:
+            problem = why_empty(recipe, recipe_file, workspace.store, before.datasets)
+            report.dataset_problem = report.dataset_problem or problem
         report.plan, report.excluded = now.plan, now.plan.excluded
         _add_idle(report, now.plan, before.chosen, is_whole=options.is_whole)
         Unsettled(recipe.state).forget_settled(now.plan)
-        if options.is_whole and now.is_settled and own_work.is_up_to_date:
+        if options.is_whole and now.is_settled and own_work.is_up_to_date and not report.dataset_problem:
             snapshot.save(now.plan, own.wanted)
     report.seconds = time.monotonic() - started
     return report

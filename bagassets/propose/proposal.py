@@ -229,9 +229,10 @@ def _scenes(sheet: Sheet, rigs: Sequence[RigProposal]) -> None:
     if not channels:
         return
     needs_reference = "LIDAR_TOP" not in channels and "camera" not in channels.values()
-    lengths_s = [rig.summary.short_s for rig in rigs]
-    known_s = [length_s for length_s in lengths_s if length_s is not None]
-    is_short = len(known_s) == len(lengths_s)
+    topics = [rig.channels[_reference(rig)].topic.name for rig in rigs]
+    short_s = [rig.summary.short_s.get(topic) for rig, topic in zip(rigs, topics, strict=True)]
+    known_s = [length_s for length_s in short_s if length_s is not None]
+    is_short = len(known_s) == len(short_s)
     if not needs_reference and not is_short:
         return
     sheet.field(0, "scenes:")
@@ -241,9 +242,15 @@ def _scenes(sheet: Sheet, rigs: Sequence[RigProposal]) -> None:
         sheet.guess(
             1,
             "min_length_s: 0",
-            f"the longest recording has {max(known_s):.2g} s; the default, {Scenes().min_length_s:g} s, would leave no "
+            f"the longest recording has {max(known_s):.2g} s of {topics[0]}; the default, {Scenes().min_length_s:g} s, would leave no "
             "scene",
         )
+
+
+def _reference(rig: RigProposal) -> str:
+    """Return the channel that decides about scenes by default."""
+    cameras = (name for name, sensor in rig.channels.items() if sensor.modality == "camera")
+    return "LIDAR_TOP" if "LIDAR_TOP" in rig.channels else next(cameras, min(rig.channels))
 
 
 def _slug(name: str) -> str:

@@ -5,6 +5,7 @@ first seconds keeps `bagassets init` quick on terabytes; the inventory reads eve
 Messages are decoded as a build decodes them, by plug-ins, too: what a build would refuse is not proposed.
 """
 
+from collections import Counter
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from math import isfinite
@@ -339,16 +340,23 @@ _FACTS: Mapping[AnyFamily, Callable[[Facts, Decode, Message, str], None]] = {
 }
 
 
-def _short_s(recording: Recording, topics: Collection[str]) -> float | None:
-    """Return the time between the first and the last message of `topics`, or None if it is long enough for a scene."""
-    first_ns: int | None = None
-    last_ns = 0
+def _short_s(recording: Recording, topics: Collection[str]) -> dict[str, float]:
+    """Return topic -> time between its first and last message, of those of `topics` that are too short for a scene."""
+    spans_ns: dict[str, tuple[int, int]] = {}
+    seen = Counter[str]()
+    waiting = set(topics)
     for message in recording.messages(sorted(topics)) if topics else ():
-        first_ns = message.log_time_ns if first_ns is None else first_ns
-        last_ns = message.log_time_ns
-        if last_ns - first_ns >= _SHORTEST_SCENE_S * 1e9:
-            return None
-    return None if first_ns is None else (last_ns - first_ns) / 1e9
+        now_ns = message.log_time_ns
+        first_ns, _ = spans_ns.setdefault(message.topic, (now_ns, now_ns))
+        spans_ns[message.topic] = first_ns, now_ns
+        seen[message.topic] += 1
+        if now_ns - first_ns >= _SHORTEST_SCENE_S * 1e9:
+            waiting.discard(message.topic)
+        # One that starts late, or is slow, may well be long enough.
+        if not waiting or now_ns - next(iter(spans_ns.values()))[0] > _SECONDS * 1e9:
+            break
+    ended = [name for name in sorted(waiting) if seen[name] == recording.topics[name].count]
+    return {name: (spans_ns[name][1] - spans_ns[name][0]) / 1e9 for name in ended}
 
 
 def _moves(values: list[SE3]) -> bool:

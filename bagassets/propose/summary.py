@@ -74,15 +74,15 @@ class RecordingSummary:
         topics: name -> topic.
         transforms: edge of the TF tree -> `parent_SE3_child` as first seen.
         moving: edges whose transform changed in the messages seen.
-        short_s: time between the first and the last sensor message, of recordings that give no scene
-            by default; None for longer ones.
+        short_s: topic -> time between its first and its last message, of the sensors' topics that are too short for a
+            scene by default.
         robots: namespace of each robot, if several were recorded -> whether it has sensors; all else is about the first.
     """
 
     topics: Mapping[str, TopicSummary]
     transforms: Mapping[Edge, SE3] = field(default_factory=dict)
     moving: frozenset[Edge] = frozenset()
-    short_s: float | None = None
+    short_s: Mapping[str, float] = field(default_factory=dict)
     robots: Mapping[str, bool] = field(default_factory=dict)
 
     @property
@@ -96,17 +96,20 @@ def merge_recordings(summaries: Iterable[RecordingSummary]) -> RecordingSummary:
     topics: dict[str, TopicSummary] = {}
     transforms: dict[Edge, SE3] = {}
     moving: frozenset[Edge] = frozenset()
-    lengths_s = []
+    short_s: dict[str, float] = {}
+    long: set[str] = set()
     robots: dict[str, bool] = {}
     for one in summaries:
         robots |= {name: has_sensors or robots.get(name, False) for name, has_sensors in one.robots.items()}
         transforms = {**one.transforms, **transforms}
         moving |= one.moving
-        lengths_s.append(one.short_s)
         for name, topic in one.topics.items():
+            if name in one.short_s:
+                short_s[name] = max(one.short_s[name], short_s.get(name, 0.0))
+            elif topic.count:
+                long.add(name)
             topics[name] = merge_topics(topics[name], topic) if name in topics else topic
-    known_s = [length_s for length_s in lengths_s if length_s is not None]
-    short_s = max(known_s) if known_s and len(known_s) == len(lengths_s) else None
+    short_s = {name: length_s for name, length_s in short_s.items() if name not in long}
     return RecordingSummary(dict(sorted(topics.items())), transforms, moving, short_s, robots)
 
 

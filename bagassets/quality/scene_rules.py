@@ -10,7 +10,7 @@ from bagassets.quality.finding import Finding, clock
 from bagassets.quantities import count_text
 from bagassets.timeline.keyframes import Stamps
 
-__all__ = ["keyframes_complete", "scenes_made"]
+__all__ = ["enough_s", "keyframes_complete", "scenes_made", "too_short_s"]
 
 # Number of channels named in one sentence.
 _MOST_CHANNELS = 3
@@ -40,16 +40,34 @@ def scenes_made(facts: JsonMapping, stamps_of: StampsOf, min_length_s: float) ->
     )
 
 
+def too_short_s(facts: JsonMapping) -> float | None:
+    """Return the length of a recording that is too short for a scene; None if it has one, or lacks it for another reason."""
+    counts = facts["counts"]
+    if counts["scenes"] or counts["dropped_keyframes"]:
+        return None
+    has_poses = not counts["channels"][facts["reference"]].get("without_pose")
+    return _longest_s(counts) if counts["remainder_s"] or has_poses else None
+
+
+def _longest_s(counts: JsonMapping) -> float:
+    """Return the longest time that is too short for a scene: of stretches between pauses, if there are several."""
+    return float(counts.get("longest_remainder_s", counts["remainder_s"]))
+
+
+def enough_s(length_s: float) -> float:
+    """Return the value of scenes.min_length_s that gives a recording of that length, rounded to milliseconds, a scene."""
+    return max(0.0, floor(100 * (length_s - 0.001)) / 100)
+
+
 def _reason(facts: JsonMapping, stamps_of: StampsOf, min_length_s: float) -> str:
     counts, reference = facts["counts"], facts["reference"]
     if counts["dropped_keyframes"]:
         return f"{_dropped(facts, stamps_of)}; {_ADVICE}"
     if counts["remainder_s"]:
-        length_s = counts.get("longest_remainder_s", counts["remainder_s"])  # rounded to milliseconds
-        enough_s = max(0.0, floor(100 * (length_s - 0.001)) / 100)
+        length_s = _longest_s(counts)
         longest = " (the longest stretch between pauses)" if "longest_remainder_s" in counts else ""
         limit = f"scenes.min_length_s ({min_length_s:g})"
-        return f"its {length_s:g} s are shorter than {limit}{longest}; set that to {enough_s:g} for a scene"
+        return f"its {length_s:g} s are shorter than {limit}{longest}; set that to {enough_s(length_s):g} for a scene"
     if counts["channels"][reference].get("without_pose"):
         return f"the readings of {reference} have no ego pose"
     return (

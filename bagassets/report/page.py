@@ -7,6 +7,7 @@ from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
 
+from bagassets.alike import Told, told_once
 from bagassets.escaping import html
 from bagassets.json_types import JsonObject
 from bagassets.quantities import count_text, readable_length
@@ -190,15 +191,17 @@ def _map(data: ReportData) -> str:
 
 
 def _left_out(data: ReportData) -> str:
-    rows = [
-        *((r.key, r.state, r.reason) for r in data.recordings if r.state in {"skipped", "failed"}),
-        *((path, "excluded", why) for path, why in sorted(data.excluded.items())),
-    ]
+    rows = told_once(
+        [
+            *(((r.state,), r.key, r.reason) for r in data.recordings if r.state in {"skipped", "failed"}),
+            *((("excluded",), path, why) for path, why in sorted(data.excluded.items())),
+        ]
+    )
     if not rows:
         return ""
     body = "".join(
-        f'<tr><td>{html(name)}</td><td class="{state}">{state}</td><td>{html(why)}</td></tr>'
-        for name, state, why in rows
+        f'<tr><td>{_names(one)}</td><td class="{one.kind[0]}">{one.kind[0]}</td><td>{html(one.text)}</td></tr>'
+        for one in rows
     )
     head = "<th>recording</th><th>what</th><th>why</th>"
     return f"<h2>Left out</h2><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
@@ -213,12 +216,17 @@ def _checks(data: ReportData) -> str:
     if not found and not passed:
         return ""
     found.sort(key=lambda one: one[1].weight != "error")
-    rows = "".join(
-        f'<tr><td>{html(name)}</td><td>{html(problem.check)}</td><td class="{_COLOURS.get(problem.weight, "")}">{problem.weight}'
-        f"</td><td>{html(problem.sentence)}{f' (and {problem.more} more)' if problem.more else ''}</td></tr>"
-        for name, problem in found[:_MOST_PROBLEMS]
+    told = told_once(
+        ((one.check, one.weight), name, f"{one.sentence}{f' (and {one.more} more)' if one.more else ''}")
+        for name, one in found
     )
-    more = f"; the first {_MOST_PROBLEMS} are shown" if len(found) > _MOST_PROBLEMS else ""
+    rows = "".join(
+        f'<tr><td>{_names(one)}</td><td>{html(one.kind[0])}</td><td class="{_COLOURS.get(one.kind[1], "")}">{one.kind[1]}'
+        f"</td><td>{html(one.text)}</td></tr>"
+        for one in told[:_MOST_PROBLEMS]
+    )
+    left_out = sum(len(one.names) for one in told[_MOST_PROBLEMS:])
+    more = f"; {left_out:,} of these are not shown" if left_out else ""
     summary = (
         f"<p>{passed:,} passed, {len(found):,} found something{more}.</p>"
         if found
@@ -227,6 +235,14 @@ def _checks(data: ReportData) -> str:
     head = "<th>recording</th><th>check</th><th>severity</th><th>what</th>"
     table = f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>" if found else ""
     return f"<h2>Checks</h2>{summary}{table}"
+
+
+def _names(told: Told) -> str:
+    """Return the recordings that something is said of: of many the first few, and the others on a click."""
+    if len(told.names) == 1:
+        return html(told.title)
+    names = "<br>".join(map(html, told.names))
+    return f"<details><summary>{html(told.title)}</summary>{names}</details>"
 
 
 def _categories(recordings: Sequence[RecordingFacts]) -> str:

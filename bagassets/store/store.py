@@ -235,6 +235,13 @@ class Store:
             return action
         return None
 
+    def seconds(self, action_digest: str) -> float:
+        """Return the time that a recorded action took; 0 if there is no record."""
+        try:
+            return float(json.loads(self._action_file(action_digest).read_bytes())["seconds"])
+        except (OSError, ValueError, KeyError):
+            return 0.0
+
     def forget(self, action_digest: str) -> None:
         """Remove the records of an action, so that it runs again."""
         for path in (self._action_file(action_digest), self._failure_file(action_digest)):

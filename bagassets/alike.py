@@ -1,0 +1,94 @@
+"""Telling once what holds for many recordings: sentences that are the same, or differ in their numbers only."""
+
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+__all__ = ["Told", "told_once"]
+
+# Fewer are told one by one, as they are.
+_FEWEST = 4
+_MOST_NAMED = 3
+_SPACES = re.compile(r"(\s+)")
+# A number or a time (ISO 8601), in what may surround it: brackets, a unit, a full stop.
+_NUMBER = re.compile(r"(\W*?)(\d{4}-\d\d-\d\dT[\d:.]+Z|-?\d+(?:\.\d+)?)(\D*)")
+_HERE = "\0"
+
+
+@dataclass(frozen=True)
+class Told:
+    """What is said of some recordings.
+
+    Attributes:
+        kind: what they have in common besides, such as the check that found it.
+        names: the recordings.
+        text: the sentence; of several, it has the range of numbers that differ, and `…` for the name of each recording.
+    """
+
+    kind: tuple[str, ...]
+    names: tuple[str, ...]
+    text: str
+
+    @property
+    def title(self) -> str:
+        """The recordings, of many only the first few by name."""
+        if len(self.names) == 1:
+            return self.names[0]
+        more = len(self.names) - _MOST_NAMED
+        return f"{len(self.names)} recordings ({', '.join(self.names[:_MOST_NAMED])} and {more} more)"
+
+
+def told_once(found: Iterable[tuple[tuple[str, ...], str, str]]) -> list[Told]:
+    """Return each sentence with the recordings that it is about, in the order in which they are met first.
+
+    Args:
+        found: kind, name of the recording and sentence; only what is of one kind is told together.
+    """
+    split: dict[tuple[str, str], tuple[list[str], tuple[str, ...]]] = {}
+    alike: dict[tuple[tuple[str, ...], tuple[str, ...]], list[tuple[str, list[str]]]] = {}
+    for kind, name, text in found:
+        own = name if name and name in text else ""
+        if (own, text) not in split:  # it may be that of thousands of recordings
+            words = _SPACES.split(text)
+            split[own, text] = words, tuple(_pattern(word, own) for word in words)
+        words, pattern = split[own, text]
+        alike.setdefault((kind, pattern), []).append((name, words))
+    told = []
+    for (kind, _), same in alike.items():
+        if len(same) < _FEWEST:
+            told += [Told(kind, (name,), "".join(words)) for name, words in same]
+        else:
+            names = tuple(name for name, _ in same)
+            different = {id(words): words for _, words in same}.values()
+            columns = zip(*different, strict=True)
+            told.append(Told(kind, names, "".join(_summed_up(column, names[0]) for column in columns)))
+    return told
+
+
+def _pattern(word: str, name: str) -> str:
+    """Return what a word has in common with those of other recordings at its place."""
+    word = _without(name, word, _HERE) if name and name in word else word
+    number = _NUMBER.fullmatch(word)
+    return word if number is None else f"{number[1]}{_HERE}{number[3]}"
+
+
+def _summed_up(words: Sequence[str], name: str) -> str:
+    """Return one text for words of the same pattern, the first of which is about a recording of that name."""
+    first = words[0]
+    if all(word == first for word in words):
+        return first
+    numbers = [found for word in words if (found := _NUMBER.fullmatch(word)) is not None]
+    if len(numbers) < len(words):
+        return _without(name, first, "…")
+    values = sorted((number[2] for number in numbers), key=lambda text: (_value(text), text))
+    return f"{numbers[0][1]}{values[0]} to {values[-1]}{numbers[0][3]}"
+
+
+def _without(name: str, word: str, stand_in: str) -> str:
+    """Return a word with the name of its recording replaced, where it ends a path or names what follows: it may be `a`."""
+    whole = re.escape(name)
+    return re.sub(rf"(?<=/){whole}(?![\w-]|\.\w)|^{whole}(?=:)", stand_in, word)
+
+
+def _value(number: str) -> float:
+    return 0.0 if "T" in number else float(number)

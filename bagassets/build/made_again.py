@@ -1,0 +1,71 @@
+"""What a build makes again because this version of bagassets makes it differently, and about how long that takes."""
+
+from collections.abc import Iterable, Mapping, Sequence
+
+from bagassets.alike import told_once
+from bagassets.build.plan import Plan, Recorded
+from bagassets.build.recording_assets import RecordingAssets
+from bagassets.quantities import readable_time
+from bagassets.store.store import Store
+
+__all__ = ["made_again"]
+
+# What the others took is told from these, by their size.
+_MOST_COMPARED = 20
+
+
+def made_again(
+    plan: Plan,
+    recorded: Mapping[str, Mapping[str, Recorded]],
+    todo: Mapping[str, Sequence[str]],
+    sizes: Mapping[str, int],
+    assets: RecordingAssets,
+    store: Store,
+    jobs: int,
+) -> str:
+    """Return one line about the assets whose version was raised since they were recorded; "" if there are none.
+
+    Args:
+        plan: states of all recordings.
+        recorded: partition key -> asset -> what Dagster recorded last.
+        todo: recording that needs a run -> assets that it is about.
+        sizes: size of each recording in bytes.
+        assets: assets of recordings, with their versions.
+        store: has the actions that made what is recorded, and the time that they took.
+        jobs: recordings built at the same time.
+    """
+    found: dict[str, list[str]] = {}
+    told: list[tuple[tuple[str, ...], str, str]] = []
+    for key, names in todo.items():
+        states, before = plan.bags[key].assets, recorded.get(key, {})
+        changed = [name for name in names if states[name].state in {"stale", "unknown"} and name in before]
+        raised = {name for name in changed if name != "bag" and _is_older(before[name], assets[name].version)}
+        if raised:
+            found[key] = [name for name in changed if not raised.isdisjoint(assets.with_upstream([name]))]
+            told.append(((), key, ", ".join(name for name in names if name in raised)))
+    if not found:
+        return ""
+    what = "; ".join(f"{one.text} of {one.title}" for one in told_once(told))
+    compared = list(found)[:: max(1, len(found) // _MOST_COMPARED)]
+    took_s = sum(_took_s(store, [recorded[key][name] for name in found[key]]) for key in compared)
+    share = sum(1 + sizes[key] for key in compared) / sum(1 + sizes[key] for key in found)
+    time = f"; about {readable_time(took_s / share / jobs)}, going by what they took before" if took_s else ""
+    return (
+        f"made again: {what}, as this version of bagassets makes them differently (see its changelog){time}"
+    )
+
+
+def _is_older(record: Recorded, version: int) -> bool:
+    """Return whether an asset was recorded with another version of its step, which its code version begins with."""
+    return record.code_version is not None and record.code_version.partition("-")[0] != str(version)
+
+
+def _took_s(store: Store, records: Iterable[Recorded]) -> float:
+    """Return the seconds that assets of a recording took when they were made; all channels shared one pass."""
+    pass_s = others_s = 0.0
+    for record in records:
+        action = None if record.action is None else store.action(record.action)
+        channels = (action or {"params": {}})["params"].get("actions", {}).values()
+        pass_s = max([pass_s, *map(store.seconds, channels)])
+        others_s += store.seconds(record.action) if record.action is not None and not channels else 0.0
+    return pass_s + others_s

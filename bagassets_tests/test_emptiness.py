@@ -1,0 +1,104 @@
+"""A dataset that has nothing of its recordings is no success: the build ends with the reason and the way out."""
+
+import json
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from bagassets.formats import emptiness
+from bagassets.formats.dataset_build import datasets_of
+from bagassets.formats.emptiness import why_empty
+from bagassets.freshness.decide import nothing_to_do
+from bagassets.quality.scene_rules import scenes_made, too_short_s
+from bagassets.recipe import load_recipe, parse_recipe
+from bagassets_tests.in_process import QUICK, build, make_project
+from bagassets_tests.small_drive import write_drive
+
+
+def test_recordings_too_short_for_a_scene_fail_the_build_and_the_way_out_gives_scenes(tmp_path, monkeypatch):
+    recipe_file = make_project(tmp_path, (), text=QUICK.replace("min_length_s: 0.5", "min_length_s: 1"))
+    for key, duration_s in (("a.bag", 0.6), ("b.bag", 0.8)):
+        write_drive(tmp_path / "bags" / key, "ros1", duration_s)  # clouds each 0.1 s, of 0.4 and 0.6 s
+    line = recipe_file.read_text().splitlines().index("scenes: {min_length_s: 1}") + 1
+    report, _ = build(recipe_file, monkeypatch, jobs=1)
+    assert report.dataset_problem == (
+        "nuscenes: 0 scenes from 2 recordings: all, of 0.4 to 0.6 s, are shorter than scenes.min_length_s (1); to have a "
+        f"scene of each, set it to 0.39 ({recipe_file}:{line}: scenes.min_length_s)."
+    )
+    assert (report.dataset, report.succeeded) == ("updated", False)  # exit status 1, also of the next one:
+    assert nothing_to_do(["build", "--recipe", str(recipe_file)]) is None
+    recipe_file.write_text(recipe_file.read_text().replace("min_length_s: 1", "min_length_s: 0.39"))
+    report, _ = build(recipe_file, monkeypatch, jobs=1)
+    assert (report.dataset_problem, report.succeeded) == ("", True)
+    assert len(json.loads((report.dataset_path / "v1.0-test" / "scene.json").read_text())) == 2
+
+
+FEW = {"scenes": 0, "dropped_keyframes": 0, "remainder_s": 0.0, "samples": 0}
+
+
+def facts(**counts):
+    channels = {"LIDAR_TOP": {"without_pose": counts.pop("without_pose", 0)}}
+    return {"reference": "LIDAR_TOP", "counts": FEW | {"channels": channels} | counts}
+
+
+SHORT, DROPPED, NO_POSES, LONG = (
+    facts(remainder_s=0.3), facts(dropped_keyframes=3), facts(without_pose=9), facts(scenes=2),
+)  # fmt: skip
+
+
+@pytest.fixture
+def why(tmp_path, monkeypatch):
+    """Return what is said of a dataset whose recordings have these facts."""
+    recipe_file = tmp_path / "recipe.yaml"
+    recipe_file.write_text(QUICK.format(name="x", root="bags").replace("scenes: {min_length_s: 0.5}\n", ""))
+
+    def said(*found, chosen=("nuscenes_dataset",)):
+        bags = {
+            str(number): SimpleNamespace(
+                artifact=one, counts={"scenes": one["counts"]["scenes"], "samples": 0}
+            )
+            for number, one in enumerate(found)
+        }
+        monkeypatch.setattr(emptiness, "read_lock", lambda _: SimpleNamespace(bags=bags))
+        store = SimpleNamespace(artifact=lambda one: SimpleNamespace(read_json=lambda _: one))
+        return why_empty(load_recipe(recipe_file), recipe_file, store, chosen).replace(
+            str(recipe_file), "FILE"
+        )
+
+    return said
+
+
+def test_a_recipe_without_the_field_is_told_what_to_add(why):
+    assert why(SHORT) == (
+        "nuscenes: 0 scenes from 1 recording: all, of 0.3 s, are shorter than scenes.min_length_s (1); to have a scene of "
+        "each, add `scenes: {min_length_s: 0.29}` to FILE."
+    )
+
+
+def test_other_reasons_are_left_to_the_check_that_knows_them(why):
+    assert why(DROPPED, NO_POSES) == "nuscenes: 0 scenes from 2 recordings: `bagassets check` says why."
+    assert why(SHORT, DROPPED, facts()).startswith(
+        "nuscenes: 0 scenes from 3 recordings: 2, of 0 to 0.3 s, are shorter"
+    )
+    assert why(SHORT, DROPPED).endswith("`bagassets check` says why the others have none.")
+
+
+def test_another_format_names_its_section(why, monkeypatch):
+    vision = datasets_of(parse_recipe(QUICK.format(name="x", root="b") + "vision: {}\n", Path("r.yaml")))
+    monkeypatch.setattr(emptiness, "datasets_of", lambda _: {"vision_dataset": vision["vision_dataset"]})
+    said = why(SHORT, chosen=("vision_dataset",))
+    assert said == "vision: 0 scenes from 1 recording: its settings leave nothing of them (FILE:1: vision)."
+
+
+def test_a_dataset_with_a_single_scene_is_none_of_these(why):
+    assert why(SHORT, SHORT, LONG, DROPPED) == ""
+    assert why() == ""
+    assert why(SHORT, chosen=("trajectory_map",)) == ""
+
+
+@pytest.mark.parametrize("found", [SHORT, DROPPED, NO_POSES, LONG, facts()], ids=str)
+def test_the_check_of_a_recording_and_the_dataset_mean_the_same_recordings(found):
+    found["counts"]["channels"]["LIDAR_TOP"] |= {"lacking_at_keyframes": {"keyframes": 0}, "span_ns": None}
+    said = " ".join(scenes_made(found | {"tolerance_s": 0.1}, None, 1.0).problems)
+    assert (too_short_s(found) is not None) == ("min_length_s" in said)
