@@ -11,7 +11,7 @@ from bagassets.quantities import readable_time
 from bagassets.recipe.load import parse_recipe
 from bagassets_tests.small_drive import RECIPE
 
-WHY = "as this version of bagassets makes them differently (see its changelog)"
+WHY = "as far as this version of bagassets makes them differently (see its changelog)"
 
 
 class Actions:

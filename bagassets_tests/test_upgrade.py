@@ -95,12 +95,16 @@ def test_the_build_says_what_this_version_makes_again(built):
     for path in (built / ".bagassets" / "store" / "actions").glob("*/*.json"):
         action = json.loads(path.read_text())["action"]
         recorded.setdefault(action["step"], set()).add(action["version"])
+    # The inventory of a recording that has to be read again, as here, is made before the build plans.
+    raised = [
+        asset.name
+        for asset in known_assets()
+        if asset.name != "inventory" and min(recorded.get(asset.name, {asset.version})) < asset.version
+    ]
     # Of what the build has made again, the store has the actions of both versions.
-    raised = [asset.name for asset in known_assets() if len(recorded.get(asset.name, ())) > 1]
+    assert {name for name, versions in recorded.items() if len(versions) > 1} <= {*raised, "inventory"}
     lines = [line for line in (built / "said.txt").read_text().splitlines() if "made again" in line]
-    expected = (
-        f"made again: {', '.join(raised)} of a.mcap, as this version of bagassets makes them differently"
-    )
+    expected = f"made again: {', '.join(raised)} of a.mcap, as far as this version of bagassets makes them differently"
     assert [line.partition(" (see")[0] for line in lines] == ([expected] if raised else [])
     assert all(re.search(r"; about \d+ s, going by what they took before$", line) for line in lines)
 

@@ -50,9 +50,7 @@ def made_again(
     took_s = sum(_took_s(store, [recorded[key][name] for name in found[key]]) for key in compared)
     share = sum(1 + sizes[key] for key in compared) / sum(1 + sizes[key] for key in found)
     time = f"; about {readable_time(took_s / share / jobs)}, going by what they took before" if took_s else ""
-    return (
-        f"made again: {what}, as this version of bagassets makes them differently (see its changelog){time}"
-    )
+    return f"made again: {what}, as far as this version of bagassets makes them differently (see its changelog){time}"
 
 
 def _is_older(record: Recorded, version: int) -> bool:
