@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 from bagassets.assets.asset import Facts
-from bagassets.decode.camera_info import IDENTITY, CameraCalibration, check_lens, named_distortion
+from bagassets.decode.camera_info import IDENTITY, check_lens, named_distortion
 from bagassets.errors import CalibrationError, DecodeError
-from bagassets.geometry.calibration import RegionOfInterest
+from bagassets.geometry.calibration import CameraCalibration, RegionOfInterest
 from bagassets.geometry.calibration_files.model import FilePose
 from bagassets.geometry.calibration_files.read import MOST_BYTES, read_calibration_file
 from bagassets.recipe.model_calibration import ExtrinsicsFile, IntrinsicsFile
@@ -121,7 +121,7 @@ def intrinsics_in(
         r=lens.r if lens.r is not None and any(lens.r) else IDENTITY,
         p=(*k[:3], 0.0, *k[3:6], 0.0, *k[6:], 0.0) if lens.p is None else lens.p,
         binning=(1, 1),
-        roi=RegionOfInterest(0, 0, lens.width, lens.height, do_rectify=False),
+        roi=RegionOfInterest.whole(lens.width, lens.height),
     )
     return FileIntrinsics(calibration, lens.p is not None)
 
