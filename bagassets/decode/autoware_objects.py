@@ -1,6 +1,6 @@
 """Autoware's `DetectedObjects` and `TrackedObjects`."""
 
-from collections.abc import Sequence
+from operator import attrgetter
 
 from bagassets.decode.boxes import NO_EXTENT, BoxDecoder, box_around
 from bagassets.decode.fields import rigid_transform, stamp_and_frame
@@ -9,7 +9,7 @@ from bagassets.errors import DecodeError
 from bagassets.geometry.se3 import SE3
 from bagassets.recordings.model import Message
 
-__all__ = ["OBJECTS", "decode_object", "items"]
+__all__ = ["OBJECTS", "decode_object"]
 
 # autoware_perception_msgs/ObjectClassification; the last four came later.
 CLASSES = (
@@ -27,12 +27,6 @@ CLASSES = (
     "under_drivable",
 )
 BOUNDING_BOX, CYLINDER, POLYGON = 0, 1, 2  # autoware_perception_msgs/Shape
-
-
-def items(message: Message) -> Sequence[Message]:
-    """Return the objects of a `DetectedObjects` or `TrackedObjects`."""
-    objects: Sequence[Message] = message.objects
-    return objects
 
 
 def decode_object(message: Message, item: Message) -> BoxReading:
@@ -74,4 +68,4 @@ def _uuid(identifier: Message | None) -> str:
     return "" if identifier is None else bytes(int(byte) for byte in identifier.uuid).hex()
 
 
-OBJECTS = BoxDecoder(items, decode_object)
+OBJECTS = BoxDecoder(attrgetter("objects"), decode_object)
