@@ -6,7 +6,6 @@ from functools import cached_property
 from math import ceil
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bagassets.annotations.table import BoxTable
 from bagassets.annotations.tracks import messages_of, tracks_of
@@ -18,13 +17,12 @@ from bagassets.preview.canvas import Image
 from bagassets.preview.channels import CameraImages, Clouds
 from bagassets.preview.contact_sheet import contact_sheet
 from bagassets.preview.future import future_trajectory
+from bagassets.preview.lens import View
 from bagassets.preview.lidar_over_camera import lidar_over_camera
 from bagassets.preview.timeline import timeline
-from bagassets.timeline.keyframes import nearest
+from bagassets.timeline.keyframes import Stamps, partner_readings
 
 __all__ = ["TITLES", "CannotDrawError", "Pictures", "best_moment", "evenly_spaced", "reading_at"]
-
-Stamps = NDArray[np.int64]
 
 TITLES = {
     "lidar_over_camera": "Lidar over camera",
@@ -111,6 +109,14 @@ class Pictures:
                     return camera, image
         raise CannotDrawError("there is no camera with images")
 
+    def _view(self, camera: CameraImages, image: int) -> View:
+        view = camera.view(image, self.trajectory)
+        if view is None:
+            raise CannotDrawError(
+                f"{camera.channel} has no intrinsics, or no ego pose at the time of the image"
+            )
+        return view
+
     def _revolution(self) -> tuple[Clouds, int]:
         if self.clouds is None:
             raise CannotDrawError("there is no lidar")
@@ -132,11 +138,7 @@ class Pictures:
     def _lidar_over_camera(self) -> Image:
         camera, image = self._front()
         points = self._points
-        view = camera.view(image, self.trajectory)
-        if view is None:
-            raise CannotDrawError(
-                f"{camera.channel} has no intrinsics, or no ego pose at the time of the image"
-            )
+        view = self._view(camera, image)
         title = f"{self.clouds.channel if self.clouds else ''} over {camera.channel}"
         return lidar_over_camera(camera.read(image), points, view, width=self.width, title=title)
 
@@ -172,11 +174,7 @@ class Pictures:
         if self.trajectory.fixed:
             raise CannotDrawError("the rig stands still")
         camera, image = self._front()
-        view = camera.view(image, self.trajectory)
-        if view is None:
-            raise CannotDrawError(
-                f"{camera.channel} has no intrinsics, or no ego pose at the time of the image"
-            )
+        view = self._view(camera, image)
         start_ns = int(camera.stamps_ns[image])
         stamps_ns = start_ns + np.arange(0, round(self.future_s * 1e9) + 1, FUTURE_STEP_NS, dtype=np.int64)
         positions, rotations, valid = self.trajectory.at(stamps_ns)
@@ -254,10 +252,8 @@ def evenly_spaced(first_ns: int, last_ns: int, number: int) -> list[int]:
 
 def reading_at(stamps_ns: Stamps, moment_ns: int, tolerance_ns: int) -> int | None:
     """Return the index of the reading nearest to a moment, or None if it is too far."""
-    if not len(stamps_ns):
-        return None
-    index = int(nearest(stamps_ns, np.array([moment_ns], dtype=np.int64))[0])
-    return index if abs(int(stamps_ns[index]) - moment_ns) <= tolerance_ns else None
+    index = int(partner_readings(np.array([moment_ns], dtype=np.int64), stamps_ns, tolerance_ns)[0])
+    return index if index >= 0 else None
 
 
 def best_moment(
@@ -278,8 +274,7 @@ def best_moment(
         return None
     accompanied = np.zeros(len(stamps_ns), dtype=np.int64)
     for other in others_ns:
-        if len(other):
-            accompanied += np.abs(other[nearest(other, stamps_ns)] - stamps_ns) <= tolerance_ns
+        accompanied += partner_readings(stamps_ns, other, tolerance_ns) >= 0
     candidates = np.flatnonzero(accompanied == accompanied.max())
     first, last = int(stamps_ns[0]), int(stamps_ns[-1])
     wanted = min((first + last) // 2, max(last - future_ns, first + (last - first) // 4))
