@@ -10,7 +10,6 @@ import numpy as np
 import pyarrow as pa
 
 from bagassets.assets.asset import Asset, Facts, Inputs, Summary, Use
-from bagassets.assets.channel import Counts
 from bagassets.assets.inventory import INVENTORY
 from bagassets.assets.pose_outliers import Mask, Stamps, overlaps, strays
 from bagassets.assets.pose_samples import Joint, MovingRig, PoseSamples
@@ -166,14 +165,9 @@ def make_ego_poses(use: FixedPose | MovingRig, recording: Recording, out: Artifa
         LossLimitError: more messages were lost than the recipe allows.
     """
     if isinstance(use, FixedPose):
-        samples = PoseSamples(
-            [0],
-            [SE3.create(use.pose.rotation, use.pose.translation)],
-            "global",
-            None,
-            Counts(read=0, written=0),
-        )
-        return _write(use.source, samples, *_ordered(samples)[:2], out, fixed=True)
+        pose = SE3.create(use.pose.rotation, use.pose.translation)
+        samples = PoseSamples([0], [pose], global_frame="global")
+        return _write(use, samples, *_ordered(samples)[:2], out)
     samples = read_samples(use.source, use, recording)
     counts = samples.counts
     if not samples.poses:
@@ -197,48 +191,37 @@ def make_ego_poses(use: FixedPose | MovingRig, recording: Recording, out: Artifa
     counts.written = len(stamps_ns)
     if not counts.balanced:
         raise PoseError(f"ego poses: counts do not add up, {counts.as_json()}; please report this.")
-    source = use.source
-    return _write(
-        source.source,
-        samples,
-        stamps_ns,
-        rows,
-        out,
-        max_gap_s=source.max_gap_s,
-        extrapolate_s=source.extrapolate_s,
-    )
+    return _write(use.source, samples, stamps_ns, rows, out)
 
 
 def _write(
-    source: str,
+    source: FixedPose | MovingPoseSource,
     samples: PoseSamples,
     stamps_ns: Stamps,
     rows: Floats,
     out: ArtifactWriter,
-    *,
-    max_gap_s: float = 0.0,
-    extrapolate_s: float = 0.0,
-    fixed: bool = False,
 ) -> Summary:
     """Write (N,) stamps and (N, 7) poses, and facts about them; return the summary."""
     origin = samples.origin or _recentre(rows)
     columns = [pa.array(stamps_ns), *map(pa.array, rows.T)]
     out.write_table("ego_poses.parquet", pa.table(columns, schema=POSE_SCHEMA))
     steps = np.diff(rows[:, :3], axis=0)
-    length_m = round(float(np.sqrt((steps * steps).sum(axis=1)).sum()), 3)
     summary = {
-        "source": source,
+        "source": source.source,
         "count": len(stamps_ns),
         "counts": samples.counts.as_json(),
-        "length_m": length_m,
+        "length_m": round(float(np.sqrt((steps * steps).sum(axis=1)).sum()), 3),
         "notes": samples.notes,
         "helpers": {topic: helper.as_json() for topic, helper in sorted(samples.helpers.items())},
     }
+    max_gap_s, extrapolate_s = (
+        (0.0, 0.0) if isinstance(source, FixedPose) else (source.max_gap_s, source.extrapolate_s)
+    )
     out.write_json(
         "ego_poses.json",
         summary
         | {
-            "fixed": fixed,
+            "fixed": isinstance(source, FixedPose),
             "max_gap_s": max_gap_s,
             "extrapolate_s": extrapolate_s,
             "global_frame": samples.global_frame,
