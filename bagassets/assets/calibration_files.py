@@ -16,7 +16,7 @@ from bagassets.geometry.calibration_files.model import FilePose
 from bagassets.geometry.calibration_files.read import MOST_BYTES, read_calibration_file
 from bagassets.recipe.model_calibration import ExtrinsicsFile, IntrinsicsFile
 
-__all__ = ["FileContent", "FileIntrinsics", "intrinsics_in", "pose_in", "read_files", "short_names"]
+__all__ = ["FileContent", "intrinsics_in", "pose_in", "read_files", "short_names"]
 
 
 @dataclass(frozen=True)
@@ -30,19 +30,6 @@ class FileContent:
 
     path: Path
     data: bytes
-
-
-@dataclass(frozen=True)
-class FileIntrinsics:
-    """The intrinsics of a camera.
-
-    Attributes:
-        calibration: as a CameraInfo would have them; P is K without a baseline if the file has no P.
-        has_projection: the file has P, which describes rectified images.
-    """
-
-    calibration: CameraCalibration
-    has_projection: bool
 
 
 def short_names(paths: Collection[Path]) -> dict[Path, str]:
@@ -84,8 +71,10 @@ def _content(path: Path, facts: Facts) -> bytes:
 
 def intrinsics_in(
     channel: str, given: IntrinsicsFile, topic: str, files: Mapping[str, FileContent]
-) -> FileIntrinsics:
-    """Return the intrinsics that a file has for a channel.
+) -> tuple[CameraCalibration, bool]:
+    """Return the intrinsics that a file has for a channel, and whether it has P, which describes rectified images.
+
+    They are as a CameraInfo would have them; P is K without a baseline if the file has none.
 
     Args:
         channel: its name, for messages.
@@ -123,7 +112,7 @@ def intrinsics_in(
         binning=(1, 1),
         roi=RegionOfInterest.whole(lens.width, lens.height),
     )
-    return FileIntrinsics(calibration, lens.p is not None)
+    return calibration, lens.p is not None
 
 
 def pose_in(channel: str, given: ExtrinsicsFile, topic: str, files: Mapping[str, FileContent]) -> FilePose:

@@ -12,7 +12,7 @@ from functools import partial
 import cv2
 import pyarrow as pa
 
-from bagassets.assets.asset import Asset, Facts, Inputs, Use, uses_of
+from bagassets.assets.asset import Asset, Facts, Use, uses_of
 from bagassets.assets.calibration import CALIBRATION
 from bagassets.assets.channel import Counts
 from bagassets.assets.grey_survey import GreySurvey
@@ -304,12 +304,6 @@ def _outlasts_the_call(data: bytes | memoryview) -> bool:
     return isinstance(data.obj if isinstance(data, memoryview) else data, bytes)
 
 
-def _extract(
-    use: Use[CameraUse], _: Inputs, recording: Recording, out: ArtifactWriter, pool: Executor | None
-) -> FrameExtractor:
-    return FrameExtractor(use.params, recording, out, pool)
-
-
 FRAMES = Asset(
     name="frames",
     version=6,
@@ -325,7 +319,7 @@ becomes a keyframe.""",
     families=("image",),
     params=FramesParams.of,
     use=use,
-    extract=_extract,
+    extract=lambda use, _, recording, out, pool: FrameExtractor(use.params, recording, out, pool),
     checks=(
         RecordingCheck(
             "frames_complete",

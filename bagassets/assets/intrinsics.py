@@ -60,13 +60,11 @@ def camera_intrinsics(
         CalibrationError: the camera needs intrinsics and has none, or they are implausible.
     """
     if isinstance(lens.intrinsics, IntrinsicsFile):
-        given = intrinsics_in(name, lens.intrinsics, camera.sensor.topic, files)
+        calibration, has_projection = intrinsics_in(name, lens.intrinsics, camera.sensor.topic, files)
         # Without P, a file knows of one image only, and that is the recorded one.
-        rectified = lens.rectified and given.has_projection
+        rectified = lens.rectified and has_projection
         source = lens.intrinsics.file.as_posix()
-        return _calibrated(
-            name, camera, _Found(given.calibration, source, source, rectified), recording, notes
-        )
+        return _calibrated(name, camera, _Found(calibration, source, source, rectified), recording, notes)
     if lens.intrinsics is not None:
         return _by_hand(name, lens.intrinsics), SE3()
     if lens.recorded is None:
