@@ -105,9 +105,13 @@ def use(params: FixedPose | MovingRigParams, facts: Facts) -> dict[str, Use[Fixe
     joints = () if params.urdf is None else _fixed_joints(params.urdf, facts)
     static = tuple(topic for topic in params.tf_static if inventory.has(topic))
     moving = tuple(topic for topic in params.tf if inventory.has(topic))
-    topics = _topics_of(source)
-    if isinstance(source, TfSource) and not moving:
-        topics = (params.tf[0] if params.tf else "/tf",)
+    # What a recording must have for its poses.
+    if isinstance(source, TfSource):
+        topics = [] if moving else [params.tf[0] if params.tf else "/tf"]
+    else:
+        topics = [source.topic]
+    if isinstance(source, NavSatSource) and source.imu is not None:
+        topics.append(source.imu)
     for topic in topics:
         _require(topic, inventory)
     decoder = None
@@ -124,14 +128,6 @@ def use(params: FixedPose | MovingRigParams, facts: Facts) -> dict[str, Use[Fixe
         decoder=decoder,
     )
     return {"": Use(rig, tuple(sorted({*static, *moving, *topics})))}
-
-
-def _topics_of(source: MovingPoseSource) -> tuple[str, ...]:
-    """Return the topics that a recording must have for its poses."""
-    if isinstance(source, TfSource):
-        return ()
-    imu = source.imu if isinstance(source, NavSatSource) else None
-    return (source.topic,) if imu is None else (source.topic, imu)
 
 
 def _fixed_joints(urdf: Path, facts: Facts) -> tuple[Joint, ...]:

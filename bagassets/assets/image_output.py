@@ -226,7 +226,10 @@ class ImageOutput:
         jpeg = self._format == "jpeg" or (
             self._format == "as_recorded" and reading.encoding.startswith("jpeg")
         )
-        pixels = self._pixels(reading, four=self.undistort is not None)
+        # A Bayer mosaic as BGRA, which can be undistorted faster, into BGR.
+        mosaic = None if self.undistort is None else reading.pixels
+        bgra = None if mosaic is None else bayer_to_bgra(mosaic, reading.encoding)
+        pixels = _converted(reading) if bgra is None else bgra
         if pixels.dtype == np.uint16:
             pixels = self._to_8bit(pixels)
         if self.undistort is not None:
@@ -238,13 +241,6 @@ class ImageOutput:
         if not done:
             raise DecodeError("the image cannot be encoded")
         return EncodedImage(data.data, ".jpg" if jpeg else ".png", pixels.shape[1], pixels.shape[0])
-
-    @staticmethod
-    def _pixels(reading: ImageReading, *, four: bool) -> Pixels:
-        """Return grey, BGR, or, for a Bayer mosaic, BGRA, which can be undistorted faster, into BGR."""
-        mosaic = reading.pixels if four else None
-        pixels = None if mosaic is None else bayer_to_bgra(mosaic, reading.encoding)
-        return _converted(reading) if pixels is None else pixels
 
     def _to_8bit(self, pixels: Pixels) -> Pixels:
         if self.grey_range is None:

@@ -116,9 +116,9 @@ class PoseSamples:
         self, stamps_ns: list[int], positions_m: Floats, rotations: Floats, sensor_SE3_ego: SE3
     ) -> None:
         """Add poses of the ego frame, given (N, 3) and (N, 4) poses of a sensor in the global frame."""
-        for stamp_ns, position, rotation in zip(stamps_ns, positions_m, rotations, strict=True):
-            self.stamps_ns.append(stamp_ns)
-            self.poses.append(SE3.create(rotation, position) @ sensor_SE3_ego)
+        self.stamps_ns += stamps_ns
+        places = zip(rotations, positions_m, strict=True)
+        self.poses += [SE3.create(rotation, position) @ sensor_SE3_ego for rotation, position in places]
 
 
 def stamp_of(clock: Clock, message: RawMessage, header_ns: int | None) -> int:

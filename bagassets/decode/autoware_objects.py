@@ -41,12 +41,13 @@ def decode_object(message: Message, item: Message) -> BoxReading:
     label = int(max(item.classification, key=lambda entry: float(entry.probability)).label)
     pose = item.kinematics.pose_with_covariance.pose
     frame_SE3_box, size_m = _box(rigid_transform(pose.position, pose.orientation), item.shape)
+    identifier = getattr(item, "object_id", None)
     return BoxReading(
         stamp_ns=stamp_ns,
         frame_id=frame_id,
         frame_SE3_box=frame_SE3_box,
         size_m=size_m,
-        track_id=_uuid(getattr(item, "object_id", None)),
+        track_id="" if identifier is None else bytes(int(byte) for byte in identifier.uuid).hex(),
         category=CLASSES[label] if label < len(CLASSES) else f"class_{label}",
         score=float(item.existence_probability),
     )
@@ -62,10 +63,6 @@ def _box(frame_SE3_object: SE3, shape: Message) -> tuple[SE3, tuple[float, float
     if shape.type == POLYGON:
         return box_around(frame_SE3_object, shape.footprint, height_m)
     raise DecodeError(NO_EXTENT)
-
-
-def _uuid(identifier: Message | None) -> str:
-    return "" if identifier is None else bytes(int(byte) for byte in identifier.uuid).hex()
 
 
 OBJECTS = BoxDecoder(attrgetter("objects"), decode_object)
