@@ -5,13 +5,13 @@ moved stays as fresh as it is.
 """
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 
 from bagassets.assets.asset import Facts
-from bagassets.decode.camera_info import IDENTITY, check_lens, named_distortion
+from bagassets.decode.camera_info import check_lens, named_distortion
 from bagassets.errors import CalibrationError, DecodeError
-from bagassets.geometry.calibration import CameraCalibration, RegionOfInterest
+from bagassets.geometry.calibration import CameraCalibration
 from bagassets.geometry.calibration_files.model import FilePose
 from bagassets.geometry.calibration_files.read import MOST_BYTES, read_calibration_file
 from bagassets.recipe.model_calibration import ExtrinsicsFile, IntrinsicsFile
@@ -100,18 +100,11 @@ def intrinsics_in(
         raise CalibrationError(
             f"{channel}: {file.path}: the intrinsics{which} cannot be used: {err}; correct the file or name another one."
         ) from err
-    k = lens.k
-    calibration = CameraCalibration(
-        model=model,
-        width=lens.width,
-        height=lens.height,
-        k=k,
-        d=d,
-        r=lens.r if lens.r is not None and any(lens.r) else IDENTITY,
-        p=(*k[:3], 0.0, *k[3:6], 0.0, *k[6:], 0.0) if lens.p is None else lens.p,
-        binning=(1, 1),
-        roi=RegionOfInterest.whole(lens.width, lens.height),
-    )
+    calibration = CameraCalibration.of_lens(model, lens.width, lens.height, lens.k, d)
+    if lens.r is not None and any(lens.r):
+        calibration = replace(calibration, r=lens.r)
+    if lens.p is not None:
+        calibration = replace(calibration, p=lens.p)
     return calibration, lens.p is not None
 
 

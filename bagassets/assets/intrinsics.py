@@ -8,7 +8,7 @@ Tx is 0, is in the same frame: two cameras cannot be in the same place.
 """
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from math import acos, degrees, hypot
 
 import numpy as np
@@ -16,10 +16,10 @@ import numpy as np
 from bagassets.assets.calibration_files import FileContent, intrinsics_in
 from bagassets.assets.channel import Counts
 from bagassets.assets.sensors import CameraInfo, Lens, RecordedSensor
-from bagassets.decode.camera_info import IDENTITY, CameraInfoReading, check_lens
+from bagassets.decode.camera_info import CameraInfoReading, check_lens
 from bagassets.decode.loading import own_decoder
 from bagassets.errors import CalibrationError, DecodeError
-from bagassets.geometry.calibration import CalibratedCamera, CameraCalibration, RegionOfInterest
+from bagassets.geometry.calibration import CalibratedCamera, CameraCalibration
 from bagassets.geometry.se3 import SE3, quaternion_from_rotation
 from bagassets.recipe.model_calibration import Intrinsics, IntrinsicsFile
 from bagassets.recordings.recording import Recording
@@ -127,9 +127,8 @@ def _calibrated(
 ) -> tuple[CalibratedCamera, SE3]:
     """Return the camera of the recorded images, and `frame_SE3_image`."""
     calibration = found.calibration
-    values = {field.name: getattr(calibration, field.name) for field in fields(calibration)}
-    values |= {name: _all_rounded(values[name]) for name in "kdrp"}
-    known = CalibratedCamera(**values, source=found.source)
+    numbers = {name: _all_rounded(getattr(calibration, name)) for name in "kdrp"}
+    known = CalibratedCamera(**vars(calibration) | numbers, source=found.source)
     first = _first_of_pair(name, camera, calibration, recording, notes, rectified=found.rectified)
     if not found.rectified:
         return known, SE3()
@@ -258,22 +257,12 @@ def _by_hand(name: str, given: Intrinsics) -> CalibratedCamera:
     d = tuple(given.distortion)
     if not d:  # without coefficients, an equidistant lens still distorts
         model, d = ("equidistant", (0.0,) * 4) if model == "equidistant" else ("none", ())
-    width, height = given.width, given.height
     try:
-        check_lens(model, width, height, k, d)
+        check_lens(model, given.width, given.height, k, d)
     except DecodeError as err:
         raise CalibrationError(f"{name}: intrinsics in the recipe: {err}.") from err
     return CalibratedCamera(
-        model=model,
-        width=width,
-        height=height,
-        k=k,
-        d=d,
-        r=IDENTITY,
-        p=(*k[:3], 0.0, *k[3:6], 0.0, *k[6:], 0.0),
-        binning=(1, 1),
-        roi=RegionOfInterest.whole(width, height),
-        source="recipe",
+        **vars(CameraCalibration.of_lens(model, given.width, given.height, k, d)), source="recipe"
     )
 
 

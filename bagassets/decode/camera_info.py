@@ -6,18 +6,10 @@ from math import isfinite
 
 from bagassets.decode.fields import stamp_and_frame
 from bagassets.errors import DecodeError
-from bagassets.geometry.calibration import CameraCalibration, RegionOfInterest
+from bagassets.geometry.calibration import IDENTITY, CameraCalibration, RegionOfInterest
 from bagassets.recordings.model import Message
 
-__all__ = [
-    "IDENTITY",
-    "CameraInfoReading",
-    "check_lens",
-    "decode_camera_info",
-    "named_distortion",
-]
-
-IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+__all__ = ["CameraInfoReading", "check_lens", "decode_camera_info", "named_distortion"]
 
 # Names in the wild -> names of the models this package knows.
 MODELS = {

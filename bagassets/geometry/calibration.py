@@ -13,6 +13,7 @@ from bagassets.geometry.se3 import SE3
 from bagassets.json_types import JsonMapping
 
 __all__ = [
+    "IDENTITY",
     "CalibratedCamera",
     "CalibratedSensor",
     "Calibration",
@@ -22,6 +23,9 @@ __all__ = [
     "Mounts",
     "RegionOfInterest",
 ]
+
+IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+"""A (3, 3) matrix, row by row."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,11 +37,6 @@ class RegionOfInterest:
     width: int
     height: int
     do_rectify: bool
-
-    @classmethod
-    def whole(cls, width: int, height: int) -> Self:
-        """Return the region that is the whole image."""
-        return cls(0, 0, width, height, do_rectify=False)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,6 +73,21 @@ class CameraCalibration(CameraLens):
 
     r: tuple[float, ...]
     p: tuple[float, ...]
+
+    @classmethod
+    def of_lens(cls, model: str, width: int, height: int, k: tuple[float, ...], d: tuple[float, ...]) -> Self:
+        """Return that of a camera that sends whole images; R is identity, and P is K without a baseline."""
+        return cls(
+            model=model,
+            width=width,
+            height=height,
+            k=k,
+            d=d,
+            binning=(1, 1),
+            roi=RegionOfInterest(0, 0, width, height, do_rectify=False),
+            r=IDENTITY,
+            p=(*k[:3], 0.0, *k[3:6], 0.0, *k[6:], 0.0),
+        )
 
     @property
     def lens(self) -> CameraLens:

@@ -45,7 +45,7 @@ def calibration_plausible(calibration: Calibration, rig: Rig, check: Calibration
 
 def _full_image(camera: CameraLens) -> CameraModel:
     """Return the model of the whole image, because a region of interest may be off centre."""
-    whole = RegionOfInterest.whole(camera.width, camera.height)
+    whole = RegionOfInterest(0, 0, camera.width, camera.height, do_rectify=False)
     return CameraModel.from_calibration(replace(camera, roi=whole, binning=(1, 1)))
 
 
