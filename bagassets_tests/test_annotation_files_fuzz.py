@@ -20,7 +20,7 @@ from bagassets.annotations.files.kitti_tracklets import read_kitti_tracklets
 from bagassets.annotations.files.label import UnreadableLabelsError
 from bagassets.annotations.files.nuscenes_tables import TableSet, read_tables
 from bagassets.annotations.files.sustechpoints import read_sustechpoints
-from bagassets.annotations.files.times import NamedFrames, NumberedFrames, read_times
+from bagassets.annotations.files.times import named_frames, numbered_frames, read_times
 from bagassets.annotations.frames import BoxFrames
 from bagassets.geometry.trajectory import Trajectory
 
@@ -226,11 +226,11 @@ class TestTimes:
         ],
     )
     def test_names_give_times(self, unit, name, stamp_ns):
-        assert NamedFrames(unit).stamp_ns(name, None) == stamp_ns
-        assert NamedFrames(unit).stamp_ns(name, 3) is None  # a number inside the file is no name
+        assert named_frames(unit)(name, None) == stamp_ns
+        assert named_frames(unit)(name, 3) is None  # a number inside the file is no name
 
     def test_frames_are_counted_from_the_first(self):
-        frames = NumberedFrames([10, 20, 30], first=5)
-        assert [frames.stamp_ns("", number) for number in (4, 5, 7, 8)] == [None, 10, 30, None]
-        assert frames.stamp_ns("cloud_000006.json", None) == 20
-        assert frames.stamp_ns("cloud.json", None) is None
+        frames = numbered_frames([10, 20, 30], first=5)
+        assert [frames("", number) for number in (4, 5, 7, 8)] == [None, 10, 30, None]
+        assert frames("cloud_000006.json", None) == 20
+        assert frames("cloud.json", None) is None

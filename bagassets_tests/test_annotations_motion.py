@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from handmade import Drive, make_tables, true_boxes
 
-from bagassets.annotations.motion import MotionRule, motion_attributes, motion_of
+from bagassets.annotations.motion import MotionRule, motion_attributes
 from bagassets.annotations.table import BoxTable
 from bagassets.annotations.tracks import Track
 from bagassets.formats.nuscenes.tokens import attribute_token
@@ -31,7 +31,7 @@ def track(way, hz=10.0, seconds=10.0, noise_m=0.0):
 
 def attributes(the_track, *seconds, category=CAR, rule=RULE):
     times = np.array([round(t * S) for t in seconds], dtype=np.int64)
-    return motion_attributes(category, motion_of(the_track, times, rule), rule)
+    return motion_attributes(category, the_track, times, rule)
 
 
 def stop_and_go(t):

@@ -9,7 +9,7 @@ from bagassets.assets.asset import as_json
 from bagassets.assets.calibration import CALIBRATION, make_calibration
 from bagassets.assets.sensors import camera_info_topic, is_rectified
 from bagassets.errors import CalibrationError, DecodeError
-from bagassets.geometry.calibration import CalibratedCamera
+from bagassets.geometry.calibration import Calibration
 from bagassets.geometry.camera import CameraModel
 from bagassets.geometry.se3 import SE3
 from bagassets.recipe.model import Rig
@@ -77,6 +77,9 @@ class Calibrated:
     def pose(self, channel):
         value = self.channels[channel]["ego_SE3_sensor"]
         return SE3.create(value["rotation"], value["translation"])
+
+    def camera(self, channel):
+        return Calibration.from_json(self.json).channels[channel].camera
 
 
 def assert_same(found, truth):
@@ -471,7 +474,7 @@ class TestRectified:
     def test_a_point_lands_where_p_puts_it(self, tmp_path):
         """The whole way: ego frame -> camera -> rectified pixel."""
         made = Calibrated(tmp_path, rig({"topic": "/cam/image_rect_color"}), *self.entries())
-        model = CameraModel.from_calibration(CalibratedCamera.from_json(made.channels["CAM_FRONT"]["camera"]))
+        model = CameraModel.from_calibration(made.camera("CAM_FRONT"))
         point_ego = np.array([[12.0, 1.0, 0.5]])
         pixel = model.project(made.pose("CAM_FRONT").inverse().transform_points(point_ego))[0][0]
         x, y, z = self.TURN.transform_points(CAM.inverse().transform_points(point_ego))[0]
@@ -592,7 +595,7 @@ class TestStereo:
     def test_a_point_lands_where_p_puts_it(self, tmp_path, tx, ty):
         """The whole way, by the definition of the message: [u v w] = P [X Y Z 1], rectified frame of the first."""
         made = self.made(tmp_path, tx=tx, ty=ty)
-        model = CameraModel.from_calibration(CalibratedCamera.from_json(made.channels["CAM_FRONT"]["camera"]))
+        model = CameraModel.from_calibration(made.camera("CAM_FRONT"))
         point_ego = np.array([[12.0, 1.0, 0.5]])
         pixel = model.project(made.pose("CAM_FRONT").inverse().transform_points(point_ego))[0][0]
         x, y, z = self.FIRST_TURN.transform_points(CAM.inverse().transform_points(point_ego))[0]

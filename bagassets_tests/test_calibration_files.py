@@ -12,7 +12,6 @@ import yaml
 
 from bagassets.assets.calibration_files import short_names
 from bagassets.errors import BagAssetsError, CalibrationError
-from bagassets.geometry.calibration import CalibratedCamera
 from bagassets.geometry.calibration_files.read import MOST_BYTES, read_calibration_file
 from bagassets.geometry.camera import CameraModel
 from bagassets.geometry.se3 import SE3
@@ -63,7 +62,7 @@ def second(folder):
 
 
 def model_of(made):
-    return CameraModel.from_calibration(CalibratedCamera.from_json(made.channels["CAM_FRONT"]["camera"]))
+    return CameraModel.from_calibration(made.camera("CAM_FRONT"))
 
 
 def points_in_view(model, seed=1):

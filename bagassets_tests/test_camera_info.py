@@ -155,15 +155,17 @@ def test_where_only_p_is_filled_in_it_counts(ros1, model, d):
     message = camera_info(model=model, d=d, ros1=ros1)
     for name, value in names.items():
         setattr(message, name.upper() if ros1 else name, value)
-    calibration = decode_camera_info(message).calibration
-    assert (calibration.model, calibration.d, calibration.rectified) == ("none", (), True)
+    reading = decode_camera_info(message)
+    calibration = reading.calibration
+    assert (calibration.model, calibration.d, reading.rectified) == ("none", (), True)
     assert calibration.k == (300.0, 0, 310.0, 0, 305.0, 230.0, 0, 0, 1)
     assert (calibration.r, calibration.p) == ((1, 0, 0, 0, 1, 0, 0, 0, 1), tuple(P))
 
 
 def test_where_k_is_filled_in_p_does_not_count():
-    calibration = decode_camera_info(camera_info(d=FIVE, p=P)).calibration
-    assert (calibration.k[0], calibration.d, calibration.rectified) == (400.0, FIVE, False)
+    reading = decode_camera_info(camera_info(d=FIVE, p=P))
+    calibration = reading.calibration
+    assert (calibration.k[0], calibration.d, reading.rectified) == (400.0, FIVE, False)
 
 
 @pytest.mark.parametrize(

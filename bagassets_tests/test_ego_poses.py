@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from bagassets.assets.ego_poses import EGO_POSES
 from bagassets.errors import DecodeError, LossLimitError, PoseError
 from bagassets.geometry.se3 import SE3
-from bagassets.geometry.wgs84 import utm
+from bagassets.geometry.wgs84 import utm_track
 from bagassets.recipe.model import Limits
 from bagassets_tests.facts import MadeUpFacts, use_of
 from bagassets_tests.pose_data import (
@@ -402,14 +402,14 @@ class TestNavSat:
 
     def test_the_origin_is_reported_with_its_utm_coordinates(self, tmp_path):
         origin = Posed(tmp_path, GNSS_IMU, *fixes(TIMES), *turns(TIMES)).json["origin"]
-        grid = utm(48.137, 11.575)
+        grid = utm_track(np.array([48.137]), np.array([11.575]))
         assert origin["kind"] == "wgs84"
         assert (origin["lat"], origin["lon"], origin["alt"]) == pytest.approx(
             (48.137, 11.575, 520.0), abs=1e-9
         )
         assert origin["utm_zone"] == "32N"
         assert (origin["easting"], origin["northing"]) == pytest.approx(
-            (grid.easting_m, grid.northing_m), abs=1e-3
+            (grid.easting_m[0], grid.northing_m[0]), abs=1e-3
         )
 
     def test_the_utm_origin_is_the_published_one(self, tmp_path):

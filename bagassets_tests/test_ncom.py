@@ -14,7 +14,7 @@ from bagassets.assets.inventory import make_inventory
 from bagassets.decode.ncom import decode_ncom
 from bagassets.decode.packets import payload, sender
 from bagassets.errors import DecodeError, LossLimitError, PoseError
-from bagassets.geometry.euler import quaternion_from_rpy
+from bagassets.geometry.euler import quaternions_from_rpy
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.wgs84 import LocalFrame
 from bagassets.propose.scan import scan_recording
@@ -90,7 +90,7 @@ class TestPackets:
         """From north, east, down with axes forward, right, down to east, north, up with forward, left, up."""
         heading, pitch, roll = (math.radians(v) for v in (heading_deg, pitch_deg, roll_deg))
         pose = decode_ncom(ncom(heading=heading, pitch=pitch, roll=roll)).pose
-        rotation = SE3.create(quaternion_from_rpy(*pose.enu_rpy_rad), (0, 0, 0)).rotation_matrix
+        rotation = SE3.create(quaternions_from_rpy(np.array(pose.enu_rpy_rad)), (0, 0, 0)).rotation_matrix
         np.testing.assert_allclose(rotation, np.array([forward, left, up]).T, atol=2e-6)
 
     @given(angles, st.floats(-1.5, 1.5), angles)
@@ -106,7 +106,7 @@ class TestPackets:
         enu_R_ned = np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1]])
         truth_matrix = enu_R_ned @ ned_R_frd @ np.diag([1, -1, -1])
         pose = decode_ncom(ncom(heading=heading, pitch=pitch, roll=roll)).pose
-        rotation = SE3.create(quaternion_from_rpy(*pose.enu_rpy_rad), (0, 0, 0)).rotation_matrix
+        rotation = SE3.create(quaternions_from_rpy(np.array(pose.enu_rpy_rad)), (0, 0, 0)).rotation_matrix
         np.testing.assert_allclose(rotation, truth_matrix, atol=3e-6)
 
     def test_status_channels(self):

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bagassets.errors import CalibrationError
-from bagassets.geometry.euler import quaternion_from_rpy
+from bagassets.geometry.euler import quaternions_from_rpy
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.tf_tree import TfTree
 from bagassets.geometry.urdf import urdf_edges
@@ -38,7 +38,7 @@ def joint(parent, child, origin='<origin xyz="1 2 3" rpy="0 0 0"/>', kind="fixed
 @given(angles, angles, angles)
 def test_rpy_turns_about_the_fixed_axes_in_order(roll, pitch, yaw):
     matrix = about(2, yaw) @ about(1, pitch) @ about(0, roll)
-    rotation = SE3.create(quaternion_from_rpy(roll, pitch, yaw), (0, 0, 0)).rotation_matrix
+    rotation = SE3.create(quaternions_from_rpy(np.array([roll, pitch, yaw])), (0, 0, 0)).rotation_matrix
     np.testing.assert_allclose(rotation, matrix, atol=1e-12)
 
 

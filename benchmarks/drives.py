@@ -14,13 +14,13 @@ import numpy as np
 from rosbags.typesys import get_types_from_msg
 
 from bagassets.geometry.se3 import SE3
+from bagassets.kernels.returns import PACKET
 from bagassets.propose.project import write_project
 from bagassets.sample.drive import PROFILES, drive_start_ns
 from bagassets.sample.recipe import sample_recipe
 from bagassets.sample.recorder import Compression, Recorder, RecordingFormat, open_recorder
 from bagassets.sample.schedule import Event
 from bagassets.sample.throughput import (
-    PACKET,
     PACKET_NS,
     PACKETS,
     PERIOD_NS,

@@ -1,7 +1,7 @@
 """Collecting boxes: mapping categories, checking boxes, and counting those that are not kept."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from math import isfinite
 from typing import Literal, NamedTuple
 
@@ -104,13 +104,7 @@ class BoxCounts:
 
     def as_json(self) -> JsonObject:
         """Return the counts as JSON."""
-        return {
-            "read": self.read,
-            "written": self.written,
-            "lost": dict(self.lost),
-            "first": dict(self.first),
-            "kept": dict(self.kept),
-        }
+        return asdict(self)
 
 
 class BoxCollector:

@@ -48,7 +48,7 @@ class BoxFrames:
     def knows(self, frame: str) -> bool:
         """Return whether boxes in a frame can be transformed at all."""
         known = (self.global_frame, DATASET_FRAME, self.ego_frame)
-        return frame in known or frame in self.ego_SE3_sensor or self._root(frame) is not None
+        return frame in known or frame in self.ego_SE3_sensor or frame in self._roots
 
     def describe(self) -> str:
         """Return a text that names the known frames."""
@@ -100,7 +100,7 @@ class BoxFrames:
             return True, *_fixed(SE3(), stamps_ns)
         if frame in self.ego_SE3_sensor:
             return True, *_fixed(self.ego_SE3_sensor[frame], stamps_ns)
-        root = self._root(frame)
+        root = self._roots.get(frame)
         if self.tree is None or root is None:
             raise CalibrationError(
                 f"boxes in frame {frame} cannot be transformed; the known frames are {self.describe()}."
@@ -113,15 +113,12 @@ class BoxFrames:
             return True, t, q, known
         return False, t - np.array(self.origin_m), q, known
 
-    def _root(self, frame: str) -> str | None:
-        """Return the frame, global or ego, that TF relates a further one to; None if neither.
+    @cached_property
+    def _roots(self) -> dict[str, str]:
+        """Further frame -> the frame, global or ego, that TF relates it to.
 
         The global one, if the way there does not lead over the vehicle: whose poses are known better.
         """
-        return self._roots.get(frame)
-
-    @cached_property
-    def _roots(self) -> dict[str, str]:
         roots: dict[str, str] = {}
         if self.tree is None:
             return roots

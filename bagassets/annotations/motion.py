@@ -23,7 +23,7 @@ from bagassets.annotations.tracks import Track
 from bagassets.geometry.se3 import Floats
 from bagassets.timeline.keyframes import Stamps, nearest
 
-__all__ = ["Motion", "MotionRule", "has_attributes", "motion_attributes", "motion_of", "speeds_of"]
+__all__ = ["MotionRule", "has_attributes", "motion_attributes", "speeds_of"]
 
 _CYCLES = frozenset({"vehicle.bicycle", "vehicle.motorcycle"})
 # Classes that nuscenes-devkit detects as pedestrians; somebody in a wheelchair never stands.
@@ -49,51 +49,38 @@ class MotionRule:
     gap_ns: int
 
 
-@dataclass(frozen=True, eq=False)
-class Motion:
-    """The motion of one object at given times.
-
-    Attributes:
-        speeds_mps: (T,) speeds over ground; NaN where the track is too short.
-        moved: True if it ever moved in the recording; None if every part of the track is too short.
-    """
-
-    speeds_mps: Floats
-    moved: bool | None
-
-
 def has_attributes(category: str) -> bool:
     """Return whether nuScenes has attributes for a category."""
     return category.startswith(("vehicle.", "human.pedestrian."))
 
 
-def motion_of(track: Track, times_ns: Stamps, rule: MotionRule) -> Motion:
-    """Return the motion of a track at (T,) times."""
-    speeds = speeds_of(track, times_ns, rule.window_ns, rule.gap_ns)
-    observed = speeds_of(track, track.stamps_ns, rule.window_ns, rule.gap_ns)
-    known = observed[np.isfinite(observed)]
-    if not len(known):
-        return Motion(speeds, None)
-    away = track.centers_m[:, :2] - track.centers_m[0, :2]
-    farthest_m = np.sqrt((away * away).sum(axis=1).max())
-    return Motion(speeds, bool(known.max() >= rule.moving_mps or farthest_m > rule.parked_m))
-
-
-def motion_attributes(category: str, motion: Motion, rule: MotionRule) -> list[str]:
-    """Return for each speed the attribute of an object of a category; empty where it is not determined."""
+def motion_attributes(category: str, track: Track, times_ns: Stamps, rule: MotionRule) -> list[str]:
+    """Return for each of (T,) times the attribute of an object of a category; empty where it is not determined."""
     is_person = category in _PERSONS
     is_vehicle = category.startswith("vehicle.") and category not in _CYCLES
-    if motion.moved is None or not (is_person or is_vehicle):
-        return [""] * len(motion.speeds_mps)
-    if not motion.moved:
-        return ["" if is_person else "vehicle.parked"] * len(motion.speeds_mps)
+    moved = _moved(track, rule) if is_person or is_vehicle else None
+    if moved is None:
+        return [""] * len(times_ns)
+    if not moved:
+        return ["" if is_person else "vehicle.parked"] * len(times_ns)
     moving, still = (
         ("pedestrian.moving", "pedestrian.standing") if is_person else ("vehicle.moving", "vehicle.stopped")
     )
     return [
         "" if np.isnan(speed) else moving if speed >= rule.moving_mps else still
-        for speed in motion.speeds_mps.tolist()
+        for speed in speeds_of(track, times_ns, rule.window_ns, rule.gap_ns).tolist()
     ]
+
+
+def _moved(track: Track, rule: MotionRule) -> bool | None:
+    """Return whether an object ever moved in the recording; None if every part of the track is too short."""
+    observed = speeds_of(track, track.stamps_ns, rule.window_ns, rule.gap_ns)
+    known = observed[np.isfinite(observed)]
+    if not len(known):
+        return None
+    away = track.centers_m[:, :2] - track.centers_m[0, :2]
+    farthest_m = np.sqrt((away * away).sum(axis=1).max())
+    return bool(known.max() >= rule.moving_mps or farthest_m > rule.parked_m)
 
 
 def speeds_of(track: Track, times_ns: Stamps, window_ns: int, gap_ns: int) -> Floats:

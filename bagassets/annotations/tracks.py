@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from bagassets.annotations.table import BoxTable
 from bagassets.geometry.se3 import Floats
 from bagassets.geometry.trajectory import Trajectory
-from bagassets.timeline.keyframes import Stamps, nearest
+from bagassets.timeline.keyframes import Stamps, nearest, partner_readings
 
 __all__ = ["Messages", "Track", "TrackBoxes", "messages_of", "tracks_of"]
 
@@ -101,9 +101,7 @@ class Messages:
 
     def at(self, times_ns: Stamps, tolerance_ns: int) -> NDArray[np.intp]:
         """Return for each of (T,) times the index of the nearest message, or -1 if it is not within `tolerance_ns`."""
-        message = nearest(self.stamps_ns, times_ns)
-        close = np.abs(self.stamps_ns[message] - times_ns) <= tolerance_ns
-        return np.where(close, message, -1)
+        return partner_readings(times_ns, self.stamps_ns, tolerance_ns)
 
 
 def messages_of(table: BoxTable) -> Iterator[Messages]:

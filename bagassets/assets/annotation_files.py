@@ -12,7 +12,7 @@ from bagassets.annotations.files.kitti_tracklets import read_kitti_tracklets
 from bagassets.annotations.files.label import Label, LabelFile, UnreadableLabelsError
 from bagassets.annotations.files.nuscenes_tables import TableSet, read_tables
 from bagassets.annotations.files.sustechpoints import read_sustechpoints
-from bagassets.annotations.files.times import FrameClock, NamedFrames, NumberedFrames, read_times
+from bagassets.annotations.files.times import FrameClock, named_frames, numbered_frames, read_times
 from bagassets.annotations.frames import DATASET_FRAME
 from bagassets.assets.asset import Facts, by_digest, inlined, omitted
 from bagassets.assets.channel import Counts
@@ -206,7 +206,7 @@ def _add(
         return True
     stamp_ns: int | None = label.box.stamp_ns
     if frames is not None:
-        stamp_ns = frames.stamp_ns(file.name, label.frame_number)
+        stamp_ns = frames(file.name, label.frame_number)
         if stamp_ns is None:
             collector.lose_undecoded(source, "its frame has no time", place)
             return False
@@ -256,16 +256,16 @@ def _frame_clock(labels: Labels, recording: Recording, clock: Clock) -> FrameClo
     if times is None:
         return None
     if isinstance(times, NameTimes):
-        return NamedFrames(times.unit)
+        return named_frames(times.unit)
     if isinstance(times, TopicTimes):
-        return NumberedFrames(_stamps_ns(recording, times.topic, clock), times.first)
+        return numbered_frames(_stamps_ns(recording, times.topic, clock), times.first)
     if found.times is None:
         raise DecodeError(f"{found.place}: its file of times is gone; build again.")
     try:
         stamps = read_times(_content(found.times))
     except UnreadableLabelsError as err:
         raise DecodeError(f"{found.times.path}{_line(err)}: {err}; fix the file of times.") from err
-    return NumberedFrames(stamps, times.first)
+    return numbered_frames(stamps, times.first)
 
 
 def _stamps_ns(recording: Recording, topic: str, clock: Clock) -> list[int]:

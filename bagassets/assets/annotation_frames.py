@@ -9,7 +9,6 @@ from bagassets.assets.transform_logs import read_transforms
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.tf_tree import TfTree
 from bagassets.geometry.trajectory import Trajectory
-from bagassets.json_types import JsonMapping
 from bagassets.recipe.model_base import Clock, Vector3
 from bagassets.recordings.inventory import Inventory
 from bagassets.recordings.recording import Recording
@@ -65,9 +64,11 @@ def box_places(
     mounts = {sensor.frame: sensor.ego_SE3_sensor for sensor in facts.calibration.channels.values()}
     known = {poses["global_frame"], DATASET_FRAME, ego_frame, *mounts}
     needed = any(frame not in known for frame in frames)
+    origin = poses["origin"]
+    is_local = origin is not None and origin["kind"] == "local"
     return BoxPlaces(
         poses["global_frame"],
-        _origin_m(poses["origin"]),
+        (origin["x"], origin["y"], origin["z"]) if is_local else (0.0, 0.0, 0.0),
         ego_frame,
         mounts,
         tuple(topic for topic in tf_static if needed and facts.inventory.has(topic)),
@@ -94,10 +95,3 @@ def box_frames(places: BoxPlaces, clock: Clock, recording: Recording, trajectory
             read_transforms(recording, places.tf, "tf", clock=clock),
         )
     return BoxFrames(places.global_frame, places.ego_frame, extrinsics, trajectory, places.origin_m, tree)
-
-
-def _origin_m(origin: JsonMapping | None) -> Vector3:
-    """Return the offset that `ego_poses` subtracted from recorded coordinates in the global frame."""
-    if origin is None or origin["kind"] != "local":
-        return (0.0, 0.0, 0.0)
-    return (origin["x"], origin["y"], origin["z"])

@@ -175,7 +175,11 @@ def use(params: AnnotationParams, facts: Facts) -> dict[str, Use[AnnotationUse]]
     places = box_places(
         facts, frames, ego_frame=reading.ego_frame, tf_static=reading.tf_static, tf=reading.tf
     )
-    sources = {name: _box_topic(source, inventory.topic(name).msgtype) for name, source in topics.items()}
+    sources = {}
+    for name, source in topics.items():
+        msgtype = inventory.topic(name).msgtype
+        shapes = msgtype.partition("/")[0] in _SHAPES
+        sources[name] = BoxTopic(source, decoder_key("boxes", msgtype), shapes)
     boxes = BoxSources(reading.clock, reading.lost_messages, sources, labels, places)
     read = {
         *topics,
@@ -187,10 +191,6 @@ def use(params: AnnotationParams, facts: Facts) -> dict[str, Use[AnnotationUse]]
     for entry in labels.values():
         inputs |= entry.found.inputs
     return {"": Use(AnnotationUse((*absent, *without), boxes), tuple(sorted(read)), inputs)}
-
-
-def _box_topic(source: AnnotationTopic, msgtype: str) -> BoxTopic:
-    return BoxTopic(source, decoder_key("boxes", msgtype), msgtype.partition("/")[0] in _SHAPES)
 
 
 def make_annotations(
@@ -216,7 +216,9 @@ def make_annotations(
     sources, files, clock = boxes.sources, boxes.files, boxes.clock
     decoders = {topic: _decoder(topic, source, recording) for topic, source in sources.items()}
     rules = {topic: _rules(source.rules) for topic, source in sources.items()}
-    rules |= {path: _rules_of_labels(entry) for path, entry in files.items()}
+    for path, labels in files.items():
+        entry = labels.entry
+        rules[path] = replace(_rules(entry), outside=entry.outside, span_ns=labels.span_ns)
     collector = BoxCollector(box_frames(boxes.places, clock, recording, trajectory), rules)
     messages = {topic: Counts() for topic in sources}
     ignored = dict.fromkeys(sources, 0)
@@ -287,10 +289,6 @@ def _rules(source: AnnotationTopic | AnnotationFiles) -> SourceRules:
         unmapped=source.unmapped,
         outside="keep",
     )
-
-
-def _rules_of_labels(labels: Labels) -> SourceRules:
-    return replace(_rules(labels.entry), outside=labels.entry.outside, span_ns=labels.span_ns)
 
 
 def _add_boxes(

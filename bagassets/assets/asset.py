@@ -254,10 +254,6 @@ class Inputs(Facts, Protocol):
         ...
 
 
-def _always(_: Recipe) -> bool:
-    return True
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Asset(Generic[P, U]):
     """An asset that every recording has, one artifact each.
@@ -300,7 +296,7 @@ class Asset(Generic[P, U]):
     waits_for: Callable[[P, Inventory | None], frozenset[str]] | None = None
     libraries: tuple[str, ...] = ()
     families: tuple[Family, ...] = ()
-    enabled: Callable[[Recipe], bool] = _always
+    enabled: Callable[[Recipe], bool] = lambda _: True
     optional: bool = False
     checks: tuple[RecordingCheck, ...] = ()
     distribution: str = ""

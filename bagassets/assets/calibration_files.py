@@ -5,18 +5,18 @@ moved stays as fresh as it is.
 """
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 
 from bagassets.assets.asset import Facts
-from bagassets.decode.camera_info import IDENTITY, CameraCalibration, check_lens, named_distortion
+from bagassets.decode.camera_info import check_lens, named_distortion
 from bagassets.errors import CalibrationError, DecodeError
-from bagassets.geometry.calibration import RegionOfInterest
+from bagassets.geometry.calibration import CameraCalibration
 from bagassets.geometry.calibration_files.model import FilePose
 from bagassets.geometry.calibration_files.read import MOST_BYTES, read_calibration_file
 from bagassets.recipe.model_calibration import ExtrinsicsFile, IntrinsicsFile
 
-__all__ = ["FileContent", "FileIntrinsics", "intrinsics_in", "pose_in", "read_files", "short_names"]
+__all__ = ["FileContent", "intrinsics_in", "pose_in", "read_files", "short_names"]
 
 
 @dataclass(frozen=True)
@@ -30,19 +30,6 @@ class FileContent:
 
     path: Path
     data: bytes
-
-
-@dataclass(frozen=True)
-class FileIntrinsics:
-    """The intrinsics of a camera.
-
-    Attributes:
-        calibration: as a CameraInfo would have them; P is K without a baseline if the file has no P.
-        has_projection: the file has P, which describes rectified images.
-    """
-
-    calibration: CameraCalibration
-    has_projection: bool
 
 
 def short_names(paths: Collection[Path]) -> dict[Path, str]:
@@ -84,8 +71,10 @@ def _content(path: Path, facts: Facts) -> bytes:
 
 def intrinsics_in(
     channel: str, given: IntrinsicsFile, topic: str, files: Mapping[str, FileContent]
-) -> FileIntrinsics:
-    """Return the intrinsics that a file has for a channel.
+) -> tuple[CameraCalibration, bool]:
+    """Return the intrinsics that a file has for a channel, and whether it has P, which describes rectified images.
+
+    They are as a CameraInfo would have them; P is K without a baseline if the file has none.
 
     Args:
         channel: its name, for messages.
@@ -111,19 +100,12 @@ def intrinsics_in(
         raise CalibrationError(
             f"{channel}: {file.path}: the intrinsics{which} cannot be used: {err}; correct the file or name another one."
         ) from err
-    k = lens.k
-    calibration = CameraCalibration(
-        model=model,
-        width=lens.width,
-        height=lens.height,
-        k=k,
-        d=d,
-        r=lens.r if lens.r is not None and any(lens.r) else IDENTITY,
-        p=(*k[:3], 0.0, *k[3:6], 0.0, *k[6:], 0.0) if lens.p is None else lens.p,
-        binning=(1, 1),
-        roi=RegionOfInterest(0, 0, lens.width, lens.height, do_rectify=False),
-    )
-    return FileIntrinsics(calibration, lens.p is not None)
+    calibration = CameraCalibration.of_lens(model, lens.width, lens.height, lens.k, d)
+    if lens.r is not None and any(lens.r):
+        calibration = replace(calibration, r=lens.r)
+    if lens.p is not None:
+        calibration = replace(calibration, p=lens.p)
+    return calibration, lens.p is not None
 
 
 def pose_in(channel: str, given: ExtrinsicsFile, topic: str, files: Mapping[str, FileContent]) -> FilePose:

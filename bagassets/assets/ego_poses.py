@@ -10,7 +10,6 @@ import numpy as np
 import pyarrow as pa
 
 from bagassets.assets.asset import Asset, Facts, Inputs, Summary, Use
-from bagassets.assets.channel import Counts
 from bagassets.assets.inventory import INVENTORY
 from bagassets.assets.pose_outliers import Mask, Stamps, overlaps, strays
 from bagassets.assets.pose_samples import Joint, MovingRig, PoseSamples
@@ -106,9 +105,13 @@ def use(params: FixedPose | MovingRigParams, facts: Facts) -> dict[str, Use[Fixe
     joints = () if params.urdf is None else _fixed_joints(params.urdf, facts)
     static = tuple(topic for topic in params.tf_static if inventory.has(topic))
     moving = tuple(topic for topic in params.tf if inventory.has(topic))
-    topics = _topics_of(source)
-    if isinstance(source, TfSource) and not moving:
-        topics = (params.tf[0] if params.tf else "/tf",)
+    # What a recording must have for its poses.
+    if isinstance(source, TfSource):
+        topics = [] if moving else [params.tf[0] if params.tf else "/tf"]
+    else:
+        topics = [source.topic]
+    if isinstance(source, NavSatSource) and source.imu is not None:
+        topics.append(source.imu)
     for topic in topics:
         _require(topic, inventory)
     decoder = None
@@ -125,14 +128,6 @@ def use(params: FixedPose | MovingRigParams, facts: Facts) -> dict[str, Use[Fixe
         decoder=decoder,
     )
     return {"": Use(rig, tuple(sorted({*static, *moving, *topics})))}
-
-
-def _topics_of(source: MovingPoseSource) -> tuple[str, ...]:
-    """Return the topics that a recording must have for its poses."""
-    if isinstance(source, TfSource):
-        return ()
-    imu = source.imu if isinstance(source, NavSatSource) else None
-    return (source.topic,) if imu is None else (source.topic, imu)
 
 
 def _fixed_joints(urdf: Path, facts: Facts) -> tuple[Joint, ...]:
@@ -166,14 +161,9 @@ def make_ego_poses(use: FixedPose | MovingRig, recording: Recording, out: Artifa
         LossLimitError: more messages were lost than the recipe allows.
     """
     if isinstance(use, FixedPose):
-        samples = PoseSamples(
-            [0],
-            [SE3.create(use.pose.rotation, use.pose.translation)],
-            "global",
-            None,
-            Counts(read=0, written=0),
-        )
-        return _write(use.source, samples, *_ordered(samples)[:2], out, fixed=True)
+        pose = SE3.create(use.pose.rotation, use.pose.translation)
+        samples = PoseSamples([0], [pose], global_frame="global")
+        return _write(use, samples, *_ordered(samples)[:2], out)
     samples = read_samples(use.source, use, recording)
     counts = samples.counts
     if not samples.poses:
@@ -197,48 +187,37 @@ def make_ego_poses(use: FixedPose | MovingRig, recording: Recording, out: Artifa
     counts.written = len(stamps_ns)
     if not counts.balanced:
         raise PoseError(f"ego poses: counts do not add up, {counts.as_json()}; please report this.")
-    source = use.source
-    return _write(
-        source.source,
-        samples,
-        stamps_ns,
-        rows,
-        out,
-        max_gap_s=source.max_gap_s,
-        extrapolate_s=source.extrapolate_s,
-    )
+    return _write(use.source, samples, stamps_ns, rows, out)
 
 
 def _write(
-    source: str,
+    source: FixedPose | MovingPoseSource,
     samples: PoseSamples,
     stamps_ns: Stamps,
     rows: Floats,
     out: ArtifactWriter,
-    *,
-    max_gap_s: float = 0.0,
-    extrapolate_s: float = 0.0,
-    fixed: bool = False,
 ) -> Summary:
     """Write (N,) stamps and (N, 7) poses, and facts about them; return the summary."""
     origin = samples.origin or _recentre(rows)
     columns = [pa.array(stamps_ns), *map(pa.array, rows.T)]
     out.write_table("ego_poses.parquet", pa.table(columns, schema=POSE_SCHEMA))
     steps = np.diff(rows[:, :3], axis=0)
-    length_m = round(float(np.sqrt((steps * steps).sum(axis=1)).sum()), 3)
     summary = {
-        "source": source,
+        "source": source.source,
         "count": len(stamps_ns),
         "counts": samples.counts.as_json(),
-        "length_m": length_m,
+        "length_m": round(float(np.sqrt((steps * steps).sum(axis=1)).sum()), 3),
         "notes": samples.notes,
         "helpers": {topic: helper.as_json() for topic, helper in sorted(samples.helpers.items())},
     }
+    max_gap_s, extrapolate_s = (
+        (0.0, 0.0) if isinstance(source, FixedPose) else (source.max_gap_s, source.extrapolate_s)
+    )
     out.write_json(
         "ego_poses.json",
         summary
         | {
-            "fixed": fixed,
+            "fixed": isinstance(source, FixedPose),
             "max_gap_s": max_gap_s,
             "extrapolate_s": extrapolate_s,
             "global_frame": samples.global_frame,

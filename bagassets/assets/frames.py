@@ -12,13 +12,14 @@ from functools import partial
 import cv2
 import pyarrow as pa
 
-from bagassets.assets.asset import Asset, Facts, Inputs, Use, uses_of
+from bagassets.assets.asset import Asset, Facts, Use, uses_of
 from bagassets.assets.calibration import CALIBRATION
 from bagassets.assets.channel import Counts
 from bagassets.assets.grey_survey import GreySurvey
 from bagassets.assets.image_output import (
     CameraSettings,
     CameraUse,
+    EncodedImage,
     ImageOutput,
     intrinsic_matrix,
     raw_pixels,
@@ -119,16 +120,7 @@ def _use_of_camera(facts: Facts, name: str, settings: CameraSettings) -> Use[Cam
 # Images of one channel in the queue or in work: enough to keep threads busy, few enough to bound memory.
 _MOST_IN_FLIGHT = 4
 _LARGE_BYTES = 40_000_000  # of images this large, only one waits
-
-
-@dataclass(frozen=True, slots=True)
-class _Written:
-    """An image file in the artifact."""
-
-    entry: FileEntry
-    extension: str
-    width: int
-    height: int
+Written = tuple[FileEntry, EncodedImage]  # an image in the artifact, without its data
 
 
 class FrameExtractor:
@@ -161,7 +153,7 @@ class FrameExtractor:
         self._survey = None if self._percentiles is None else GreySurvey(out.scratch)
         self._output = ImageOutput(use, None if rule is None else rule.range)
         self._pool = pool
-        self._in_flight: deque[tuple[int, int, Future[_Written]]] = deque()
+        self._in_flight: deque[tuple[int, int, Future[Written]]] = deque()
         self._rows: list[JsonObject] = []
         self._stamps_us: set[int] = set()
         self._frame_id = ""
@@ -252,17 +244,17 @@ class FrameExtractor:
         stamp_ns, log_time_ns, future = self._in_flight.popleft()
         self._take(stamp_ns, log_time_ns, future.result)
 
-    def _write(self, reading: ImageReading) -> "_Written":
+    def _write(self, reading: ImageReading) -> Written:
         """Make and write one file; runs in a thread of the pool."""
         with span("image", channel=self._use.channel):
             image = self._output.make(reading)
             entry = self._out.write(f"{reading.stamp_ns}{image.extension}", image.data)
-        return _Written(entry, image.extension, image.width, image.height)
+        return entry, replace(image, data=b"")
 
-    def _take(self, stamp_ns: int, log_time_ns: int, result: "Callable[[], _Written]") -> None:
+    def _take(self, stamp_ns: int, log_time_ns: int, result: Callable[[], Written]) -> None:
         """Record one written file, or why it could not be written."""
         try:
-            image = result()
+            entry, image = result()
         except DecodeError as err:
             self._stamps_us.discard(stamp_ns // 1000)
             self._fail(err)
@@ -270,7 +262,6 @@ class FrameExtractor:
         except BagAssetsError:
             self._stop()
             raise
-        entry = image.entry
         self._extension = image.extension
         self._rows.append(
             {
@@ -313,12 +304,6 @@ def _outlasts_the_call(data: bytes | memoryview) -> bool:
     return isinstance(data.obj if isinstance(data, memoryview) else data, bytes)
 
 
-def _extract(
-    use: Use[CameraUse], _: Inputs, recording: Recording, out: ArtifactWriter, pool: Executor | None
-) -> FrameExtractor:
-    return FrameExtractor(use.params, recording, out, pool)
-
-
 FRAMES = Asset(
     name="frames",
     version=6,
@@ -334,7 +319,7 @@ becomes a keyframe.""",
     families=("image",),
     params=FramesParams.of,
     use=use,
-    extract=_extract,
+    extract=lambda use, _, recording, out, pool: FrameExtractor(use.params, recording, out, pool),
     checks=(
         RecordingCheck(
             "frames_complete",

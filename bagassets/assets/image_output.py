@@ -209,8 +209,11 @@ class ImageOutput:
             RecipeError: a JPEG is wanted of 16-bit grey, and `to_8bit` is not set.
         """
         width, height = _size_of(reading, self._most_pixels)
-        self._check(width, height)
-        if self._passes(reading) and reading.encoded is not None:
+        if self._recorded is not None:
+            self._recorded.check_size(width, height, self._name, self._camera_from)
+        # Unchanged without undistortion, if any viewer shows it correctly.
+        passes = self._format == "as_recorded" and self.undistort is None and ":" not in reading.encoding
+        if passes and reading.encoded is not None:
             extension = ".png" if reading.encoding.startswith("png") else ".jpg"
             return EncodedImage(reading.encoded, extension, width, height)
         try:
@@ -223,7 +226,10 @@ class ImageOutput:
         jpeg = self._format == "jpeg" or (
             self._format == "as_recorded" and reading.encoding.startswith("jpeg")
         )
-        pixels = self._pixels(reading, four=self.undistort is not None)
+        # A Bayer mosaic as BGRA, which can be undistorted faster, into BGR.
+        mosaic = None if self.undistort is None else reading.pixels
+        bgra = None if mosaic is None else bayer_to_bgra(mosaic, reading.encoding)
+        pixels = _converted(reading) if bgra is None else bgra
         if pixels.dtype == np.uint16:
             pixels = self._to_8bit(pixels)
         if self.undistort is not None:
@@ -235,21 +241,6 @@ class ImageOutput:
         if not done:
             raise DecodeError("the image cannot be encoded")
         return EncodedImage(data.data, ".jpg" if jpeg else ".png", pixels.shape[1], pixels.shape[0])
-
-    def _passes(self, reading: ImageReading) -> bool:
-        """Return whether the recorded file can be used unchanged: no undistortion, and any viewer shows it correctly."""
-        return self._format == "as_recorded" and self.undistort is None and ":" not in reading.encoding
-
-    @staticmethod
-    def _pixels(reading: ImageReading, *, four: bool) -> Pixels:
-        """Return grey, BGR, or, for a Bayer mosaic, BGRA, which can be undistorted faster, into BGR."""
-        mosaic = reading.pixels if four else None
-        pixels = None if mosaic is None else bayer_to_bgra(mosaic, reading.encoding)
-        return _converted(reading) if pixels is None else pixels
-
-    def _check(self, width: int, height: int) -> None:
-        if self._recorded is not None:
-            self._recorded.check_size(width, height, self._name, self._camera_from)
 
     def _to_8bit(self, pixels: Pixels) -> Pixels:
         if self.grey_range is None:

@@ -16,10 +16,10 @@ import numpy as np
 from bagassets.assets.calibration_files import FileContent, intrinsics_in
 from bagassets.assets.channel import Counts
 from bagassets.assets.sensors import CameraInfo, Lens, RecordedSensor
-from bagassets.decode.camera_info import CameraCalibration, CameraInfoReading, check_lens
+from bagassets.decode.camera_info import CameraInfoReading, check_lens
 from bagassets.decode.loading import own_decoder
 from bagassets.errors import CalibrationError, DecodeError
-from bagassets.geometry.calibration import CalibratedCamera, RegionOfInterest
+from bagassets.geometry.calibration import CalibratedCamera, CameraCalibration
 from bagassets.geometry.se3 import SE3, quaternion_from_rotation
 from bagassets.recipe.model_calibration import Intrinsics, IntrinsicsFile
 from bagassets.recordings.recording import Recording
@@ -60,13 +60,11 @@ def camera_intrinsics(
         CalibrationError: the camera needs intrinsics and has none, or they are implausible.
     """
     if isinstance(lens.intrinsics, IntrinsicsFile):
-        given = intrinsics_in(name, lens.intrinsics, camera.sensor.topic, files)
+        calibration, has_projection = intrinsics_in(name, lens.intrinsics, camera.sensor.topic, files)
         # Without P, a file knows of one image only, and that is the recorded one.
-        rectified = lens.rectified and given.has_projection
+        rectified = lens.rectified and has_projection
         source = lens.intrinsics.file.as_posix()
-        return _calibrated(
-            name, camera, _Found(given.calibration, source, source, rectified), recording, notes
-        )
+        return _calibrated(name, camera, _Found(calibration, source, source, rectified), recording, notes)
     if lens.intrinsics is not None:
         return _by_hand(name, lens.intrinsics), SE3()
     if lens.recorded is None:
@@ -100,7 +98,7 @@ def _from_messages(
         return None, SE3()
     if lost:
         notes.append(f"{name}: {sum(lost.values())} messages on {topic} cannot be used{_reasons(lost)}.")
-    place, rectified = f"the CameraInfo on {topic}", info.rectified or reading.calibration.rectified
+    place, rectified = f"the CameraInfo on {topic}", info.rectified or reading.rectified
     if rectified and not info.rectified:
         notes.append(f"{name}: K in {place} is zero, so its images are taken for rectified: P and R hold.")
     found = _Found(reading.calibration, place, "camera_info", rectified)
@@ -129,18 +127,8 @@ def _calibrated(
 ) -> tuple[CalibratedCamera, SE3]:
     """Return the camera of the recorded images, and `frame_SE3_image`."""
     calibration = found.calibration
-    known = CalibratedCamera(
-        model=calibration.model,
-        width=calibration.width,
-        height=calibration.height,
-        k=_all_rounded(calibration.k),
-        d=_all_rounded(calibration.d),
-        r=_all_rounded(calibration.r),
-        p=_all_rounded(calibration.p),
-        binning=calibration.binning,
-        roi=calibration.roi,
-        source=found.source,
-    )
+    numbers = {name: _all_rounded(getattr(calibration, name)) for name in "kdrp"}
+    known = CalibratedCamera(**vars(calibration) | numbers, source=found.source)
     first = _first_of_pair(name, camera, calibration, recording, notes, rectified=found.rectified)
     if not found.rectified:
         return known, SE3()
@@ -247,12 +235,11 @@ def _one_calibration(
         except DecodeError as err:
             counts.lose(str(err))
             continue
-        now = reading.calibration
         if first is None:
             first, repeated = reading, content
             continue
-        then = first.calibration
-        if now.lens != then.lens or ((rectified or then.rectified) and (now.r, now.p) != (then.r, then.p)):
+        now, then = reading.calibration, first.calibration
+        if now.lens != then.lens or ((rectified or first.rectified) and (now.r, now.p) != (then.r, then.p)):
             raise CalibrationError(
                 f"{name}: the calibration on {topic} changes at {reading.stamp_ns / 1e9:.3f} s; one recording has "
                 "one calibration. Split the recording there, or give `intrinsics` in the recipe."
@@ -270,22 +257,12 @@ def _by_hand(name: str, given: Intrinsics) -> CalibratedCamera:
     d = tuple(given.distortion)
     if not d:  # without coefficients, an equidistant lens still distorts
         model, d = ("equidistant", (0.0,) * 4) if model == "equidistant" else ("none", ())
-    width, height = given.width, given.height
     try:
-        check_lens(model, width, height, k, d)
+        check_lens(model, given.width, given.height, k, d)
     except DecodeError as err:
         raise CalibrationError(f"{name}: intrinsics in the recipe: {err}.") from err
     return CalibratedCamera(
-        model=model,
-        width=width,
-        height=height,
-        k=k,
-        d=d,
-        r=(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),
-        p=(*k[:3], 0.0, *k[3:6], 0.0, *k[6:], 0.0),
-        binning=(1, 1),
-        roi=RegionOfInterest(0, 0, width, height, do_rectify=False),
-        source="recipe",
+        **vars(CameraCalibration.of_lens(model, given.width, given.height, k, d)), source="recipe"
     )
 
 

@@ -127,7 +127,8 @@ def _courses(positions_m: Floats) -> Floats:
     """
     anchors = [0]
     for i in range(1, len(positions_m)):
-        if _distance(positions_m, anchors[-1], i) >= LEAST_STEP_M:
+        east, north = (positions_m[i, :2] - positions_m[anchors[-1], :2]).tolist()
+        if sqrt(east * east + north * north) >= LEAST_STEP_M:
             anchors.append(i)
     if len(anchors) == 1:
         return np.tile(IDENTITY_QUATERNION, (len(positions_m), 1))
@@ -139,9 +140,3 @@ def _courses(positions_m: Floats) -> Floats:
     at_anchors = np.concatenate([chords[:1], tangents, chords[-1:]])
     latest = np.searchsorted(np.array(anchors), np.arange(len(positions_m)), side="right") - 1
     return at_anchors[latest]
-
-
-def _distance(positions_m: Floats, one: int, other: int) -> float:
-    """Return the horizontal distance between two of (N, 3) positions."""
-    east, north = (float(v) for v in positions_m[other, :2] - positions_m[one, :2])
-    return sqrt(east * east + north * north)

@@ -13,7 +13,7 @@ from bagassets.assets.rig_frames import RigFrames
 from bagassets.errors import CalibrationError
 from bagassets.geometry.se3 import SE3, Floats
 from bagassets.geometry.tf_tree import Edge
-from bagassets.geometry.wgs84 import LocalFrame, utm
+from bagassets.geometry.wgs84 import LocalFrame, utm_track
 from bagassets.json_types import JsonObject
 from bagassets.recipe.model_base import Clock, Quaternion, Vector3
 from bagassets.recipe.model_poses import MovingPoseSource, TfSource
@@ -116,9 +116,9 @@ class PoseSamples:
         self, stamps_ns: list[int], positions_m: Floats, rotations: Floats, sensor_SE3_ego: SE3
     ) -> None:
         """Add poses of the ego frame, given (N, 3) and (N, 4) poses of a sensor in the global frame."""
-        for stamp_ns, position, rotation in zip(stamps_ns, positions_m, rotations, strict=True):
-            self.stamps_ns.append(stamp_ns)
-            self.poses.append(SE3.create(rotation, position) @ sensor_SE3_ego)
+        self.stamps_ns += stamps_ns
+        places = zip(rotations, positions_m, strict=True)
+        self.poses += [SE3.create(rotation, position) @ sensor_SE3_ego for rotation, position in places]
 
 
 def stamp_of(clock: Clock, message: RawMessage, header_ns: int | None) -> int:
@@ -144,12 +144,12 @@ def mounted(frames: RigFrames, frame: str, ego_frame: str, what: str, samples: P
 def wgs84_origin(frame: LocalFrame) -> JsonObject:
     """Return the position of a local frame on Earth, in the form of `ego_poses.json`."""
     origin = {"kind": "wgs84", "lat": frame.lat_deg, "lon": frame.lon_deg, "alt": frame.alt_m}
-    grid = utm(frame.lat_deg, frame.lon_deg)
-    if grid is None:
+    grid = utm_track(np.array([frame.lat_deg]), np.array([frame.lon_deg]))
+    if grid.zones == [None]:
         return origin | {"utm_zone": None, "easting": None, "northing": None, "convergence_deg": None}
     return origin | {
-        "utm_zone": grid.zone,
-        "easting": round(grid.easting_m, 4),
-        "northing": round(grid.northing_m, 4),
-        "convergence_deg": round(grid.convergence_deg, 9),
+        "utm_zone": grid.zones[0],
+        "easting": round(float(grid.easting_m[0]), 4),
+        "northing": round(float(grid.northing_m[0]), 4),
+        "convergence_deg": round(float(grid.convergence_deg[0]), 9),
     }

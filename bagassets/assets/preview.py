@@ -24,7 +24,7 @@ from bagassets.geometry.calibration import CalibratedCamera
 from bagassets.geometry.se3 import SE3
 from bagassets.preview.canvas import Image, jpeg, jpeg_within
 from bagassets.preview.channels import CameraImages, Clouds
-from bagassets.preview.pictures import TITLES, CannotDrawError, Pictures
+from bagassets.preview.pictures import TITLES, CannotDrawError, Pictures, Style
 from bagassets.preview.timeline import timeline, timeline_facts
 from bagassets.recipe.model import CameraChannel, LidarChannel, Recipe, Rig
 from bagassets.store.artifact import ArtifactWriter
@@ -43,16 +43,6 @@ _THREADS = 2
 _LONGEST = "contact_sheet"  # decodes two dozen images, so it is begun first
 # The first of these that there is stands for the recording.
 _THUMBNAILS = ("lidar_over_camera", "contact_sheet", "birds_eye", "timeline")
-
-
-@dataclass(frozen=True)
-class Style:
-    """How pictures are drawn; see `preview` in the recipe."""
-
-    columns: int
-    width: int
-    future_s: float
-    range_m: float | None
 
 
 @dataclass(frozen=True)
@@ -144,10 +134,7 @@ def make(use: Use[PreviewUse], inputs: Inputs, out: ArtifactWriter) -> Summary:
         trajectory=inputs.trajectory,
         boxes=BoxTable.from_arrow(inputs.artifact("annotations").read_table("annotations.parquet")),
         timeline_facts=timeline_facts(inputs.inventory),
-        width=params.style.width,
-        columns=params.style.columns,
-        future_s=params.style.future_s,
-        range_m=params.style.range_m,
+        style=params.style,
     )
     _ = pictures.moment_ns  # found once, not by each thread
 

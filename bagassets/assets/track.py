@@ -104,9 +104,8 @@ def make(use: Use[TrackUse], inputs: TrackInputs, out: ArtifactWriter) -> Summar
     """Write the track; return the summary."""
     trajectory = inputs.trajectory
     origin = inputs.artifact("ego_poses").read_json("ego_poses.json")["origin"]
-    chosen = [] if trajectory.fixed else _thinned(trajectory.stamps_ns.tolist())
-    positions_m = trajectory.positions_m[chosen] if chosen else trajectory.positions_m[:1]
-    stamps_ns = trajectory.stamps_ns[chosen] if chosen else trajectory.stamps_ns[:1]
+    chosen = _thinned(trajectory.stamps_ns.tolist())
+    positions_m, stamps_ns = trajectory.positions_m[chosen], trajectory.stamps_ns[chosen]
     source, points = None, []
     if origin is not None and origin.get("kind") == "wgs84":
         source = "ego_poses"

@@ -1,6 +1,6 @@
 """Autoware's `DetectedObjects` and `TrackedObjects`."""
 
-from collections.abc import Sequence
+from operator import attrgetter
 
 from bagassets.decode.boxes import NO_EXTENT, BoxDecoder, box_around
 from bagassets.decode.fields import rigid_transform, stamp_and_frame
@@ -9,7 +9,7 @@ from bagassets.errors import DecodeError
 from bagassets.geometry.se3 import SE3
 from bagassets.recordings.model import Message
 
-__all__ = ["OBJECTS", "decode_object", "items"]
+__all__ = ["OBJECTS", "decode_object"]
 
 # autoware_perception_msgs/ObjectClassification; the last four came later.
 CLASSES = (
@@ -29,12 +29,6 @@ CLASSES = (
 BOUNDING_BOX, CYLINDER, POLYGON = 0, 1, 2  # autoware_perception_msgs/Shape
 
 
-def items(message: Message) -> Sequence[Message]:
-    """Return the objects of a `DetectedObjects` or `TrackedObjects`."""
-    objects: Sequence[Message] = message.objects
-    return objects
-
-
 def decode_object(message: Message, item: Message) -> BoxReading:
     """Return the box of an object with its most probable class; detected objects have no track.
 
@@ -47,12 +41,13 @@ def decode_object(message: Message, item: Message) -> BoxReading:
     label = int(max(item.classification, key=lambda entry: float(entry.probability)).label)
     pose = item.kinematics.pose_with_covariance.pose
     frame_SE3_box, size_m = _box(rigid_transform(pose.position, pose.orientation), item.shape)
+    identifier = getattr(item, "object_id", None)
     return BoxReading(
         stamp_ns=stamp_ns,
         frame_id=frame_id,
         frame_SE3_box=frame_SE3_box,
         size_m=size_m,
-        track_id=_uuid(getattr(item, "object_id", None)),
+        track_id="" if identifier is None else bytes(int(byte) for byte in identifier.uuid).hex(),
         category=CLASSES[label] if label < len(CLASSES) else f"class_{label}",
         score=float(item.existence_probability),
     )
@@ -70,8 +65,4 @@ def _box(frame_SE3_object: SE3, shape: Message) -> tuple[SE3, tuple[float, float
     raise DecodeError(NO_EXTENT)
 
 
-def _uuid(identifier: Message | None) -> str:
-    return "" if identifier is None else bytes(int(byte) for byte in identifier.uuid).hex()
-
-
-OBJECTS = BoxDecoder(items, decode_object)
+OBJECTS = BoxDecoder(attrgetter("objects"), decode_object)

@@ -1,19 +1,13 @@
 """`jsk_recognition_msgs/BoundingBoxArray`: boxes with a number as label and no track."""
 
-from collections.abc import Sequence
+from operator import attrgetter
 
 from bagassets.decode.boxes import BoxDecoder
 from bagassets.decode.fields import rigid_transform, stamp_and_frame
 from bagassets.decode.model import BoxReading
 from bagassets.recordings.model import Message
 
-__all__ = ["BOXES", "decode_box", "items"]
-
-
-def items(message: Message) -> Sequence[Message]:
-    """Return the boxes of a `BoundingBoxArray`."""
-    boxes: Sequence[Message] = message.boxes
-    return boxes
+__all__ = ["BOXES", "decode_box"]
 
 
 def decode_box(message: Message, box: Message) -> BoxReading:
@@ -22,11 +16,10 @@ def decode_box(message: Message, box: Message) -> BoxReading:
     Raises:
         DecodeError: the pose is not usable.
     """
-    stamp_ns, frame_id = stamp_and_frame(box.header)
-    array_stamp_ns, array_frame_id = stamp_and_frame(message.header)
+    stamp_ns, frame_id = stamp_and_frame(box.header, message.header)
     return BoxReading(
-        stamp_ns=stamp_ns or array_stamp_ns,
-        frame_id=frame_id or array_frame_id,
+        stamp_ns=stamp_ns,
+        frame_id=frame_id,
         frame_SE3_box=rigid_transform(box.pose.position, box.pose.orientation),
         size_m=(float(box.dimensions.y), float(box.dimensions.x), float(box.dimensions.z)),
         track_id="",
@@ -35,4 +28,4 @@ def decode_box(message: Message, box: Message) -> BoxReading:
     )
 
 
-BOXES = BoxDecoder(items, decode_box)
+BOXES = BoxDecoder(attrgetter("boxes"), decode_box)

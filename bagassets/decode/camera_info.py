@@ -6,19 +6,10 @@ from math import isfinite
 
 from bagassets.decode.fields import stamp_and_frame
 from bagassets.errors import DecodeError
-from bagassets.geometry.calibration import RegionOfInterest
+from bagassets.geometry.calibration import IDENTITY, CameraCalibration, RegionOfInterest
 from bagassets.recordings.model import Message
 
-__all__ = [
-    "IDENTITY",
-    "CameraCalibration",
-    "CameraInfoReading",
-    "check_lens",
-    "decode_camera_info",
-    "named_distortion",
-]
-
-IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+__all__ = ["CameraInfoReading", "check_lens", "decode_camera_info", "named_distortion"]
 
 # Names in the wild -> names of the models this package knows.
 MODELS = {
@@ -40,46 +31,20 @@ COEFFICIENTS: Mapping[str, tuple[int, ...]] = {
 
 
 @dataclass(frozen=True, slots=True)
-class CameraCalibration:
-    """Intrinsics and distortion, for the full-resolution image.
+class CameraInfoReading:
+    """One CameraInfo message.
 
     Attributes:
-        model: plumb_bob, rational_polynomial, equidistant or none.
-        width: width of the full-resolution image in pixels.
-        height: height of the full-resolution image in pixels.
-        k: (9,) intrinsic matrix, row by row, pixels.
-        d: coefficients of the model; empty for none.
-        r: (9,) rectification; identity if the message leaves it zero.
-        p: (12,) projection matrix, row by row, as recorded.
-        binning: pixels combined along x and y, at least 1.
-        roi: part of the image that is sent; the whole of it if the message leaves it zero.
-        rectified: only P was filled in, as for images that were rectified before they were sent; `k` is P's.
+        stamp_ns: header stamp.
+        frame_id: frame of the camera, without leading slash.
+        calibration: R is identity if the message leaves it zero, and the region is the whole image.
+        rectified: only P was filled in, as for images that were rectified before they were sent; K is P's.
     """
-
-    model: str
-    width: int
-    height: int
-    k: tuple[float, ...]
-    d: tuple[float, ...]
-    r: tuple[float, ...]
-    p: tuple[float, ...]
-    binning: tuple[int, int]
-    roi: RegionOfInterest
-    rectified: bool = False
-
-    @property
-    def lens(self) -> tuple[object, ...]:
-        """What undistortion depends on: everything except R and P, which describe a stereo pair."""
-        return (self.model, self.width, self.height, self.k, self.d, self.binning, self.roi)
-
-
-@dataclass(frozen=True, slots=True)
-class CameraInfoReading:
-    """One CameraInfo message: when, of which frame, and the calibration."""
 
     stamp_ns: int
     frame_id: str
     calibration: CameraCalibration
+    rectified: bool
 
 
 def decode_camera_info(message: Message) -> CameraInfoReading:
@@ -100,18 +65,17 @@ def decode_camera_info(message: Message) -> CameraInfoReading:
     model, d = ("none", ()) if rectified else named_distortion(str(message.distortion_model), d)
     check_lens(model, width, height, k, d)
     calibration = CameraCalibration(
-        model,
-        width,
-        height,
-        k,
-        d,
-        r if any(r) else IDENTITY,
-        p,
-        (max(1, int(message.binning_x)), max(1, int(message.binning_y))),
-        _region(message.roi, width, height),
-        rectified,
+        model=model,
+        width=width,
+        height=height,
+        k=k,
+        d=d,
+        binning=(max(1, int(message.binning_x)), max(1, int(message.binning_y))),
+        roi=_region(message.roi, width, height),
+        r=r if any(r) else IDENTITY,
+        p=p,
     )
-    return CameraInfoReading(stamp_ns, frame_id, calibration)
+    return CameraInfoReading(stamp_ns, frame_id, calibration, rectified)
 
 
 def _matrix_of(p: tuple[float, ...], d: tuple[float, ...]) -> tuple[float, ...]:

@@ -1,6 +1,6 @@
 """`vision_msgs/Detection3DArray`: detections with a box, hypotheses and, since ROS 2 Humble, an id."""
 
-from collections.abc import Sequence
+from operator import attrgetter
 
 from bagassets.decode.boxes import BoxDecoder
 from bagassets.decode.fields import rigid_transform, stamp_and_frame
@@ -8,13 +8,7 @@ from bagassets.decode.model import BoxReading
 from bagassets.errors import DecodeError
 from bagassets.recordings.model import Message
 
-__all__ = ["DETECTIONS", "decode_detection", "items"]
-
-
-def items(message: Message) -> Sequence[Message]:
-    """Return the detections of a `Detection3DArray`."""
-    detections: Sequence[Message] = message.detections
-    return detections
+__all__ = ["DETECTIONS", "decode_detection"]
 
 
 def decode_detection(message: Message, detection: Message) -> BoxReading:
@@ -25,16 +19,15 @@ def decode_detection(message: Message, detection: Message) -> BoxReading:
     Raises:
         DecodeError: the pose is not usable, or there is no hypothesis that names a class.
     """
-    stamp_ns, frame_id = stamp_and_frame(detection.header)
-    array_stamp_ns, array_frame_id = stamp_and_frame(message.header)
+    stamp_ns, frame_id = stamp_and_frame(detection.header, message.header)
     hypotheses = [_hypothesis(result) for result in detection.results]
     if not hypotheses:
         raise DecodeError("its detection names no class")
     score, category = max(hypotheses, key=lambda pair: pair[0])
     size = detection.bbox.size
     return BoxReading(
-        stamp_ns=stamp_ns or array_stamp_ns,
-        frame_id=frame_id or array_frame_id,
+        stamp_ns=stamp_ns,
+        frame_id=frame_id,
         frame_SE3_box=rigid_transform(detection.bbox.center.position, detection.bbox.center.orientation),
         size_m=(float(size.y), float(size.x), float(size.z)),
         track_id=str(getattr(detection, "id", "")),
@@ -50,4 +43,4 @@ def _hypothesis(result: Message) -> tuple[float, str]:
     return float(inner.score), str(inner.id if category is None else category)
 
 
-DETECTIONS = BoxDecoder(items, decode_detection)
+DETECTIONS = BoxDecoder(attrgetter("detections"), decode_detection)

@@ -30,9 +30,18 @@ def stamp_ns(time: Message) -> int:
     return int(time.sec) * 1_000_000_000 + int(time.nanosec)
 
 
-def stamp_and_frame(header: Message) -> tuple[int, str]:
-    """Return stamp in nanoseconds and frame id, without leading slash, of a `std_msgs/Header`."""
-    return stamp_ns(header.stamp), normalise_frame(header.frame_id)
+def stamp_and_frame(header: Message, otherwise: Message | None = None) -> tuple[int, str]:
+    """Return stamp in nanoseconds and frame id, without leading slash, of a `std_msgs/Header`.
+
+    Args:
+        header: of a message.
+        otherwise: the header whose stamp or frame holds where this one leaves it empty.
+    """
+    time_ns, frame_id = stamp_ns(header.stamp), normalise_frame(header.frame_id)
+    if otherwise is None:
+        return time_ns, frame_id
+    other_ns, other_frame_id = stamp_and_frame(otherwise)
+    return time_ns or other_ns, frame_id or other_frame_id
 
 
 def unit_quaternion(orientation: Message) -> tuple[float, float, float, float]:

@@ -3,28 +3,17 @@
 Spheres mark points (of a path, the head of a person), which are no objects.
 """
 
-from collections.abc import Sequence
+from operator import attrgetter
 
 from bagassets.decode.boxes import BoxDecoder
 from bagassets.decode.fields import rigid_transform, stamp_and_frame
 from bagassets.decode.model import BoxReading
 from bagassets.recordings.model import Message
 
-__all__ = ["MARKER", "MARKERS", "decode_marker", "items", "single_item"]
+__all__ = ["MARKER", "MARKERS", "decode_marker"]
 
 CUBE, CYLINDER = 1, 3
 ADD = 0
-
-
-def items(message: Message) -> Sequence[Message]:
-    """Return the markers of a `MarkerArray`."""
-    markers: Sequence[Message] = message.markers
-    return markers
-
-
-def single_item(message: Message) -> Sequence[Message]:
-    """Return the one marker that a `Marker` message is."""
-    return (message,)
 
 
 def decode_marker(message: Message, marker: Message) -> BoxReading | None:  # noqa: ARG001  (as BoxDecoder.decode)
@@ -49,5 +38,5 @@ def decode_marker(message: Message, marker: Message) -> BoxReading | None:  # no
     )
 
 
-MARKER = BoxDecoder(single_item, decode_marker)
-MARKERS = BoxDecoder(items, decode_marker)
+MARKER = BoxDecoder(lambda marker: [marker], decode_marker)
+MARKERS = BoxDecoder(attrgetter("markers"), decode_marker)

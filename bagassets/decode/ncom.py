@@ -124,7 +124,7 @@ def holds_ncom(data: bytes) -> bool:
 
 
 def _pose(lat_rad: float, lon_rad: float, alt_m: float, angles: bytes) -> NcomPose:
-    heading, pitch, roll = _triple(angles)
+    heading, pitch, roll = (int.from_bytes(angles[i : i + 3], "little", signed=True) for i in (0, 3, 6))
     if not (isfinite(lat_rad) and isfinite(lon_rad) and isfinite(alt_m)):
         raise DecodeError("its NCOM position is not finite")
     lat_deg, lon_deg = lat_rad * (180 / pi), lon_rad * (180 / pi)
@@ -140,9 +140,3 @@ def _pose(lat_rad: float, lon_rad: float, alt_m: float, angles: bytes) -> NcomPo
         pitch * 1e-6,
         roll * 1e-6,
     )
-
-
-def _triple(data: bytes) -> tuple[int, int, int]:
-    """Return three signed 24-bit integers."""
-    one, two, three = (int.from_bytes(data[i : i + 3], "little", signed=True) for i in (0, 3, 6))
-    return one, two, three

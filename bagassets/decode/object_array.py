@@ -1,6 +1,6 @@
 """`derived_object_msgs/ObjectArray`: tracked objects with a class and a shape."""
 
-from collections.abc import Sequence
+from operator import attrgetter
 
 from bagassets.decode.boxes import NO_EXTENT, BoxDecoder, box_around
 from bagassets.decode.fields import rigid_transform, stamp_and_frame
@@ -9,7 +9,7 @@ from bagassets.errors import DecodeError
 from bagassets.geometry.se3 import SE3
 from bagassets.recordings.model import Message
 
-__all__ = ["OBJECTS", "decode_object", "items"]
+__all__ = ["OBJECTS", "decode_object"]
 
 # derived_object_msgs/Object CLASSIFICATION_*
 CLASSES = (
@@ -29,12 +29,6 @@ CLASSES = (
 BOX, SPHERE, CYLINDER, PRISM = 1, 2, 3, 5  # shape_msgs/SolidPrimitive
 
 
-def items(message: Message) -> Sequence[Message]:
-    """Return the objects of an `ObjectArray`."""
-    objects: Sequence[Message] = message.objects
-    return objects
-
-
 def decode_object(message: Message, item: Message) -> BoxReading:
     """Return the box of an `Object`; its class is the lower-case name of the classification.
 
@@ -43,12 +37,11 @@ def decode_object(message: Message, item: Message) -> BoxReading:
     """
     frame_SE3_object = rigid_transform(item.pose.position, item.pose.orientation)
     frame_SE3_box, size_m = _box(frame_SE3_object, item.shape)
-    stamp_ns, frame_id = stamp_and_frame(item.header)
-    array_stamp_ns, array_frame_id = stamp_and_frame(message.header)
+    stamp_ns, frame_id = stamp_and_frame(item.header, message.header)
     label = int(item.classification)
     return BoxReading(
-        stamp_ns=stamp_ns or array_stamp_ns,
-        frame_id=frame_id or array_frame_id,
+        stamp_ns=stamp_ns,
+        frame_id=frame_id,
         frame_SE3_box=frame_SE3_box,
         size_m=size_m,
         track_id=str(int(item.id)),
@@ -74,4 +67,4 @@ def _box(frame_SE3_object: SE3, shape: Message) -> tuple[SE3, tuple[float, float
     raise DecodeError(NO_EXTENT)
 
 
-OBJECTS = BoxDecoder(items, decode_object)
+OBJECTS = BoxDecoder(attrgetter("objects"), decode_object)

@@ -92,7 +92,7 @@ BUILT_IN = (
     _line("radar", "sensor_msgs/PointCloud2", "radar:decode_radar", bulk="yes"),
     _line("radar", "sensor_msgs/PointCloud", "radar:decode_radar", by_fields=True, bulk="yes"),
     _line("radar", ANY, "radar:decode_radar"),
-    _line("pose", "nav_msgs/Odometry", "odometry:decode_odometry"),
+    _line("pose", "nav_msgs/Odometry", "pose:decode_pose"),
     _line("pose", "geometry_msgs/PoseStamped", "pose:decode_pose"),
     _line("pose", "geometry_msgs/PoseWithCovarianceStamped", "pose:decode_pose"),
     _line("fix", "sensor_msgs/NavSatFix", "navsat:decode_navsat"),

@@ -1,9 +1,9 @@
 """`tf2_msgs/TFMessage` and the older `tf/tfMessage`: several edges of a TF tree."""
 
-from collections.abc import Sequence
+from operator import attrgetter
 
 from bagassets.decode.fields import rigid_transform, stamp_and_frame
-from bagassets.decode.model import TransformReading
+from bagassets.decode.model import PoseReading
 from bagassets.errors import DecodeError
 from bagassets.geometry.tf_tree import normalise_frame
 from bagassets.recordings.model import Message
@@ -11,16 +11,12 @@ from bagassets.recordings.model import Message
 __all__ = ["decode_transform", "transforms"]
 
 
-def transforms(message: Message) -> Sequence[Message]:
-    """Return the `TransformStamped` messages inside, each to be decoded by itself.
-
-    One edge that is nonsense must not cost the others of its message.
-    """
-    stamped: Sequence[Message] = message.transforms
-    return stamped
+transforms = attrgetter("transforms")
+"""Returns the `TransformStamped` messages inside, each to be decoded by itself: one edge that is nonsense must not cost the
+others of its message."""
 
 
-def decode_transform(stamped: Message) -> TransformReading:
+def decode_transform(stamped: Message) -> PoseReading:
     """Return one edge.
 
     Raises:
@@ -34,6 +30,4 @@ def decode_transform(stamped: Message) -> TransformReading:
     if parent == child:
         raise DecodeError("its frame is its own parent")
     transform = stamped.transform
-    return TransformReading(
-        stamp_ns, parent, child, rigid_transform(transform.translation, transform.rotation)
-    )
+    return PoseReading(stamp_ns, parent, child, rigid_transform(transform.translation, transform.rotation))

@@ -4,21 +4,28 @@ Numbers stay as they were written, rounded to 12 significant digits: digests of 
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Self
+
+from pydantic import TypeAdapter
 
 from bagassets.geometry.se3 import SE3
 from bagassets.json_types import JsonMapping
 
 __all__ = [
+    "IDENTITY",
     "CalibratedCamera",
     "CalibratedSensor",
     "Calibration",
+    "CameraCalibration",
     "CameraLens",
     "Mount",
     "Mounts",
     "RegionOfInterest",
 ]
+
+IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+"""A (3, 3) matrix, row by row."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,48 +63,47 @@ class CameraLens:
 
 
 @dataclass(frozen=True, kw_only=True)
-class CalibratedCamera(CameraLens):
-    """`camera` of a channel.
+class CameraCalibration(CameraLens):
+    """What a CameraInfo says of a camera.
 
     Attributes:
-        r: (9,) rectification.
+        r: (9,) rectification, row by row.
         p: (12,) projection matrix, row by row.
-        source: where it comes from: `camera_info`, `recipe`, or the name of a calibration file.
     """
 
     r: tuple[float, ...]
     p: tuple[float, ...]
-    source: str
 
     @classmethod
-    def from_json(cls, value: JsonMapping) -> Self:
-        """Return what `as_json` of it was."""
-        across, down = value["binning"]
+    def of_lens(cls, model: str, width: int, height: int, k: tuple[float, ...], d: tuple[float, ...]) -> Self:
+        """Return that of a camera that sends whole images; R is identity, and P is K without a baseline."""
         return cls(
-            model=value["model"],
-            width=value["width"],
-            height=value["height"],
-            k=tuple(value["k"]),
-            d=tuple(value["d"]),
-            binning=(across, down),
-            roi=RegionOfInterest(**value["roi"]),
-            r=tuple(value["r"]),
-            p=tuple(value["p"]),
-            source=value["source"],
+            model=model,
+            width=width,
+            height=height,
+            k=k,
+            d=d,
+            binning=(1, 1),
+            roi=RegionOfInterest(0, 0, width, height, do_rectify=False),
+            r=IDENTITY,
+            p=(*k[:3], 0.0, *k[3:6], 0.0, *k[6:], 0.0),
         )
 
     @property
     def lens(self) -> CameraLens:
-        """What of it shapes images."""
-        return CameraLens(
-            model=self.model,
-            width=self.width,
-            height=self.height,
-            k=self.k,
-            d=self.d,
-            binning=self.binning,
-            roi=self.roi,
-        )
+        """What of it shapes images: everything except R and P, which describe a stereo pair."""
+        return CameraLens(**{field.name: getattr(self, field.name) for field in fields(CameraLens)})
+
+
+@dataclass(frozen=True, kw_only=True)
+class CalibratedCamera(CameraCalibration):
+    """`camera` of a channel.
+
+    Attributes:
+        source: where it comes from: `camera_info`, `recipe`, or the name of a calibration file.
+    """
+
+    source: str
 
 
 @dataclass(frozen=True)
@@ -138,18 +144,6 @@ class CalibratedSensor(Mount):
     source: str
     camera: CalibratedCamera | None
 
-    @classmethod
-    def from_json(cls, value: JsonMapping) -> Self:
-        """Return what `as_json` of it was."""
-        pose, camera = value["ego_SE3_sensor"], value["camera"]
-        (w, x, y, z), (tx, ty, tz) = pose["rotation"], pose["translation"]
-        return cls(
-            value["frame"],
-            SE3((w, x, y, z), (tx, ty, tz)),
-            value["source"],
-            None if camera is None else CalibratedCamera.from_json(camera),
-        )
-
 
 @dataclass(frozen=True)
 class Calibration:
@@ -166,13 +160,15 @@ class Calibration:
     notes: tuple[str, ...] = ()
 
     @classmethod
-    def from_json(cls, value: JsonMapping) -> Self:
+    def from_json(cls, value: JsonMapping) -> "Calibration":
         """Return what `as_json` of it was."""
-        channels = {name: CalibratedSensor.from_json(one) for name, one in value["channels"].items()}
-        return cls(value["ego_frame"], channels, tuple(value["notes"]))
+        return _JSON.validate_python(value)
 
     @property
     def mounts(self) -> Mounts:
         """Where the sensors sit, without their lenses."""
         channels = {name: Mount(one.frame, one.ego_SE3_sensor) for name, one in self.channels.items()}
         return Mounts(self.ego_frame, channels)
+
+
+_JSON = TypeAdapter(Calibration)

@@ -5,11 +5,11 @@ import numpy as np
 from bagassets.geometry.portable import sin_cos
 from bagassets.geometry.se3 import Floats
 
-__all__ = ["quaternion_from_rpy", "quaternions_from_rpy"]
+__all__ = ["quaternions_from_rpy"]
 
 
 def quaternions_from_rpy(rpy_rad: Floats) -> Floats:
-    """Return (N, 4) quaternions w, x, y, z of (N, 3) roll, pitch and yaw in radians."""
+    """Return (..., 4) quaternions w, x, y, z of (..., 3) roll, pitch and yaw in radians."""
     sines, cosines = sin_cos(rpy_rad / 2)
     sr, sp, sy = np.moveaxis(sines, -1, 0)
     cr, cp, cy = np.moveaxis(cosines, -1, 0)
@@ -22,11 +22,3 @@ def quaternions_from_rpy(rpy_rad: Floats) -> Floats:
         ],
         axis=-1,
     )
-
-
-def quaternion_from_rpy(
-    roll_rad: float, pitch_rad: float, yaw_rad: float
-) -> tuple[float, float, float, float]:
-    """Return the quaternion (w, x, y, z) of one roll, pitch and yaw in radians."""
-    w, x, y, z = (float(v) for v in quaternions_from_rpy(np.array([[roll_rad, pitch_rad, yaw_rad]]))[0])
-    return w, x, y, z

@@ -9,8 +9,10 @@ from dataclasses import dataclass, field
 from math import isfinite
 from xml.parsers import expat
 
+import numpy as np
+
 from bagassets.errors import CalibrationError
-from bagassets.geometry.euler import quaternion_from_rpy
+from bagassets.geometry.euler import quaternions_from_rpy
 from bagassets.geometry.se3 import SE3
 from bagassets.geometry.tf_tree import Edge, normalise_frame
 
@@ -89,7 +91,8 @@ def _edge(joint: _Joint, name: str) -> Edge:
         _triple(origin.get(key, "0 0 0"), key, f"{name}, line {line}: joint {joint.name}")
         for key in ("xyz", "rpy")
     )
-    return Edge.fixed(frames["parent"], frames["child"], "urdf", SE3.create(quaternion_from_rpy(*rpy), xyz))
+    parent_SE3_child = SE3.create(quaternions_from_rpy(np.array(rpy)), xyz)
+    return Edge.fixed(frames["parent"], frames["child"], "urdf", parent_SE3_child)
 
 
 def _triple(text: str, attribute: str, place: str) -> tuple[float, float, float]:

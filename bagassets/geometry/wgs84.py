@@ -12,7 +12,7 @@ import numpy as np
 from bagassets.geometry.portable import arctan2, arctanh_small, sin_cos, sin_cos_deg, sinh_cosh_small
 from bagassets.geometry.se3 import SE3, Floats, quaternion_multiply
 
-__all__ = ["LocalFrame", "Utm", "UtmTrack", "ecef", "ecef_Q_enu", "utm", "utm_track"]
+__all__ = ["LocalFrame", "UtmTrack", "ecef", "ecef_Q_enu", "utm_track"]
 
 # NIMA TR8350.2, "Department of Defense World Geodetic System 1984".
 SEMI_MAJOR_M = 6_378_137.0
@@ -118,27 +118,17 @@ class LocalFrame:
         return lat_rad * (180 / pi), arctan2(y, x) * (180 / pi), alt_m
 
 
-@dataclass(frozen=True)
-class Utm:
-    """Universal Transverse Mercator coordinates of a point.
+@dataclass(frozen=True, eq=False)
+class UtmTrack:
+    """Universal Transverse Mercator coordinates of N points, each in its own zone; None and NaN where UTM is not defined.
 
     Attributes:
-        zone: number and hemisphere: 32N, 55S.
+        zones: number and hemisphere: 32N, 55S.
         easting_m: false easting included.
         northing_m: false northing included in the south.
         convergence_deg: direction of grid north, clockwise from true north. East-north-up
             metres are aligned with true north; this turns them onto the grid.
     """
-
-    zone: str
-    easting_m: float
-    northing_m: float
-    convergence_deg: float
-
-
-@dataclass(frozen=True, eq=False)
-class UtmTrack:
-    """UTM coordinates of N points, each in its own zone, as in `Utm`; where UTM is not defined, None and NaN."""
 
     zones: list[str | None]
     easting_m: Floats
@@ -146,17 +136,8 @@ class UtmTrack:
     convergence_deg: Floats
 
 
-def utm(lat_deg: float, lon_deg: float) -> Utm | None:
-    """Return UTM coordinates of a point, or None beyond 80° S and 84° N, where UTM is not defined."""
-    track = utm_track(np.array([lat_deg]), np.array([lon_deg]))
-    zone = track.zones[0]
-    if zone is None:
-        return None
-    return Utm(zone, float(track.easting_m[0]), float(track.northing_m[0]), float(track.convergence_deg[0]))
-
-
 def utm_track(lat_deg: Floats, lon_deg: Floats) -> UtmTrack:
-    """Return UTM coordinates of (N,) points.
+    """Return UTM coordinates of (N,) points, which are defined from 80° S to 84° N.
 
     The series of Krüger in the third flattening to the sixth order, with errors of nanometres in a
     zone: C. F. F. Karney, "Transverse Mercator with an accuracy of a few nanometers", Journal of

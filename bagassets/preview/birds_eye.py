@@ -106,8 +106,6 @@ def _rings(picture: Image, ground: _Ground, range_m: float) -> None:
 
 
 def _points(picture: Image, ground: _Ground, points_global: Floats) -> None:
-    if not len(points_global):
-        return
     points_ego = ground.ego_SE3_global.transform_points(points_global)
     pixels, height_m = ground.pixels_of(points_ego), points_ego[:, 2]
     size = picture.shape[0]

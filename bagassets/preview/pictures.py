@@ -6,7 +6,6 @@ from functools import cached_property
 from math import ceil
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bagassets.annotations.table import BoxTable
 from bagassets.annotations.tracks import messages_of, tracks_of
@@ -18,13 +17,12 @@ from bagassets.preview.canvas import Image
 from bagassets.preview.channels import CameraImages, Clouds
 from bagassets.preview.contact_sheet import contact_sheet
 from bagassets.preview.future import future_trajectory
+from bagassets.preview.lens import View
 from bagassets.preview.lidar_over_camera import lidar_over_camera
 from bagassets.preview.timeline import timeline
-from bagassets.timeline.keyframes import nearest
+from bagassets.timeline.keyframes import Stamps, partner_readings
 
-__all__ = ["TITLES", "CannotDrawError", "Pictures", "best_moment", "evenly_spaced", "reading_at"]
-
-Stamps = NDArray[np.int64]
+__all__ = ["TITLES", "CannotDrawError", "Pictures", "Style", "best_moment", "evenly_spaced", "reading_at"]
 
 TITLES = {
     "lidar_over_camera": "Lidar over camera",
@@ -47,6 +45,23 @@ class CannotDrawError(Exception):
 
 
 @dataclass(frozen=True)
+class Style:
+    """How pictures are drawn; see `preview` in the recipe.
+
+    Attributes:
+        columns: number of moments on the contact sheet.
+        width: of the pictures in pixels.
+        future_s: duration of the future trajectory.
+        range_m: half the side of the bird's-eye view; None to fit the points.
+    """
+
+    columns: int
+    width: int
+    future_s: float
+    range_m: float | None
+
+
+@dataclass(frozen=True)
 class Pictures:
     """The data that pictures of one recording are drawn from.
 
@@ -56,10 +71,7 @@ class Pictures:
         trajectory: `global_SE3_ego`.
         boxes: annotations in the global frame.
         timeline_facts: from `timeline_facts`.
-        width: of the pictures in pixels.
-        columns: number of moments on the contact sheet.
-        future_s: duration of the future trajectory.
-        range_m: half the side of the bird's-eye view; None to fit the points.
+        style: how they are drawn.
     """
 
     cameras: Mapping[str, CameraImages]
@@ -67,10 +79,7 @@ class Pictures:
     trajectory: Trajectory
     boxes: BoxTable
     timeline_facts: JsonMapping
-    width: int
-    columns: int
-    future_s: float
-    range_m: float | None
+    style: Style
 
     def draw(self, name: str) -> Image:
         """Return one of the pictures in `TITLES`.
@@ -83,7 +92,7 @@ class Pictures:
             "birds_eye": self._birds_eye,
             "future_trajectory": self._future_trajectory,
             "contact_sheet": self._contact_sheet,
-            "timeline": lambda: timeline(self.timeline_facts, self.width),
+            "timeline": lambda: timeline(self.timeline_facts, self.style.width),
         }
         return drawers[name]()
 
@@ -91,7 +100,7 @@ class Pictures:
     def moment_ns(self) -> int | None:
         """The moment of the single pictures: a reading of the front camera, else of the lidar."""
         cloud_stamps = [self.clouds.stamps_ns] if self.clouds is not None else []
-        future_ns = round(self.future_s * 1e9)
+        future_ns = round(self.style.future_s * 1e9)
         for stamps_ns, others in (
             *((camera.stamps_ns, cloud_stamps) for camera in self.cameras.values()),
             *((stamps, []) for stamps in cloud_stamps),
@@ -110,6 +119,14 @@ class Pictures:
                 if image is not None:
                     return camera, image
         raise CannotDrawError("there is no camera with images")
+
+    def _view(self, camera: CameraImages, image: int) -> View:
+        view = camera.view(image, self.trajectory)
+        if view is None:
+            raise CannotDrawError(
+                f"{camera.channel} has no intrinsics, or no ego pose at the time of the image"
+            )
+        return view
 
     def _revolution(self) -> tuple[Clouds, int]:
         if self.clouds is None:
@@ -132,13 +149,9 @@ class Pictures:
     def _lidar_over_camera(self) -> Image:
         camera, image = self._front()
         points = self._points
-        view = camera.view(image, self.trajectory)
-        if view is None:
-            raise CannotDrawError(
-                f"{camera.channel} has no intrinsics, or no ego pose at the time of the image"
-            )
+        view = self._view(camera, image)
         title = f"{self.clouds.channel if self.clouds else ''} over {camera.channel}"
-        return lidar_over_camera(camera.read(image), points, view, width=self.width, title=title)
+        return lidar_over_camera(camera.read(image), points, view, width=self.style.width, title=title)
 
     def _birds_eye(self) -> Image:
         if self.moment_ns is None:
@@ -150,14 +163,14 @@ class Pictures:
         boxes, past = boxes_at(self.boxes, self.moment_ns), self._past(self.moment_ns)
         if not len(points) and not boxes and not len(past):
             raise CannotDrawError("there are no points, no boxes, and the rig stands still")
-        range_m = self.range_m or suitable_range_m(points, global_SE3_ego)
+        range_m = self.style.range_m or suitable_range_m(points, global_SE3_ego)
         return birds_eye(
             points,
             boxes,
             past,
             global_SE3_ego,
             range_m=range_m,
-            width=self.width * 3 // 4,
+            width=self.style.width * 3 // 4,
             title=f"+/- {range_m:g} m",
         )
 
@@ -172,13 +185,11 @@ class Pictures:
         if self.trajectory.fixed:
             raise CannotDrawError("the rig stands still")
         camera, image = self._front()
-        view = camera.view(image, self.trajectory)
-        if view is None:
-            raise CannotDrawError(
-                f"{camera.channel} has no intrinsics, or no ego pose at the time of the image"
-            )
+        view = self._view(camera, image)
         start_ns = int(camera.stamps_ns[image])
-        stamps_ns = start_ns + np.arange(0, round(self.future_s * 1e9) + 1, FUTURE_STEP_NS, dtype=np.int64)
+        stamps_ns = start_ns + np.arange(
+            0, round(self.style.future_s * 1e9) + 1, FUTURE_STEP_NS, dtype=np.int64
+        )
         positions, rotations, valid = self.trajectory.at(stamps_ns)
         # Only up to the first moment without a pose, so that the trajectory has no gap.
         known = len(valid) if valid.all() else int(np.argmin(valid))
@@ -188,7 +199,7 @@ class Pictures:
             rotations[:known],
             (stamps_ns[:known] - start_ns) / 1e9,
             view,
-            width=self.width,
+            width=self.style.width,
             title=f"{camera.channel}: the next {max(known - 1, 0) * FUTURE_STEP_NS / 1e9:g} s",
         )
 
@@ -200,10 +211,10 @@ class Pictures:
             raise CannotDrawError("there is no camera with images")
         first_ns, last_ns = min(start for start, _ in spans), max(end for _, end in spans)
         # A recording with few images shows each of them once.
-        columns = min(self.columns, max(len(camera.files) for camera in self.cameras.values()))
+        columns = min(self.style.columns, max(len(camera.files) for camera in self.cameras.values()))
         moments = evenly_spaced(first_ns, last_ns, columns)
         tolerance_ns = max(TOLERANCE_NS, (last_ns - first_ns) // (2 * columns))
-        tile_width = self.width // columns
+        tile_width = self.style.width // columns
         tiles: dict[str, list[Image | None]] = {}
         for name, camera in self.cameras.items():
             found = [reading_at(camera.stamps_ns, moment, tolerance_ns) for moment in moments]
@@ -211,7 +222,7 @@ class Pictures:
                 None if image is None else camera.read_reduced(image, tile_width) for image in found
             ]
         start_ns = self.timeline_facts["start_ns"] or first_ns
-        return contact_sheet(tiles, [(moment - start_ns) / 1e9 for moment in moments], self.width)
+        return contact_sheet(tiles, [(moment - start_ns) / 1e9 for moment in moments], self.style.width)
 
 
 def suitable_range_m(points_global: Floats, global_SE3_ego: SE3) -> float:
@@ -254,10 +265,8 @@ def evenly_spaced(first_ns: int, last_ns: int, number: int) -> list[int]:
 
 def reading_at(stamps_ns: Stamps, moment_ns: int, tolerance_ns: int) -> int | None:
     """Return the index of the reading nearest to a moment, or None if it is too far."""
-    if not len(stamps_ns):
-        return None
-    index = int(nearest(stamps_ns, np.array([moment_ns], dtype=np.int64))[0])
-    return index if abs(int(stamps_ns[index]) - moment_ns) <= tolerance_ns else None
+    index = int(partner_readings(np.array([moment_ns], dtype=np.int64), stamps_ns, tolerance_ns)[0])
+    return index if index >= 0 else None
 
 
 def best_moment(
@@ -278,8 +287,7 @@ def best_moment(
         return None
     accompanied = np.zeros(len(stamps_ns), dtype=np.int64)
     for other in others_ns:
-        if len(other):
-            accompanied += np.abs(other[nearest(other, stamps_ns)] - stamps_ns) <= tolerance_ns
+        accompanied += partner_readings(stamps_ns, other, tolerance_ns) >= 0
     candidates = np.flatnonzero(accompanied == accompanied.max())
     first, last = int(stamps_ns[0]), int(stamps_ns[-1])
     wanted = min((first + last) // 2, max(last - future_ns, first + (last - first) // 4))

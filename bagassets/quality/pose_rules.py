@@ -1,6 +1,6 @@
 """Rules about ego poses: readings have one, and the vehicle does not jump."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
@@ -40,31 +40,29 @@ def poses_cover_sensors(
     return Finding([*_overlaps(trajectory), *problems, *_jumps(trajectory, check)], {"with_pose": shares})
 
 
-def _overlaps(trajectory: Trajectory) -> list[str]:
+def _overlaps(trajectory: Trajectory) -> Iterator[str]:
     if not trajectory.holes_ns:
-        return []
+        return
     (first_ns, last_ns), number = trajectory.holes_ns[0], len(trajectory.holes_ns)
     often = "once" if number == 1 else f"{number} times, first"
-    sentence = (
+    yield (
         f"ego poses go to and fro between two trajectories {often} for {(last_ns - first_ns) / 1e9:.2f} s from {clock(first_ns)}, "
         "as if a clock was set back or two nodes published; readings in that time are left out"
     )
-    return [sentence]
 
 
-def _jumps(trajectory: Trajectory, check: PosesCheck) -> list[str]:
+def _jumps(trajectory: Trajectory, check: PosesCheck) -> Iterator[str]:
     seconds = np.diff(trajectory.stamps_ns) / 1e9
     moves = np.diff(trajectory.positions_m, axis=0)
     speeds = np.sqrt((moves * moves).sum(axis=1)) / seconds
     # Between poses within a millisecond, noise alone gives high speeds.
     jumps = np.flatnonzero((speeds > check.max_speed_mps) & (seconds > 1e-3))
     if not len(jumps):
-        return []
+        return
     first = int(jumps[0])
     often = "once, by" if len(jumps) == 1 else f"{len(jumps)} times, first by"
-    sentence = (
+    yield (
         f"ego poses jump {often} {speeds[first] * seconds[first]:.1f} m at "
         f"{clock(int(trajectory.stamps_ns[first]))} ({speeds[first]:.0f} m/s; "
         f"at most {check.max_speed_mps:g} m/s expected)"
     )
-    return [sentence]

@@ -1,7 +1,5 @@
 """Rules about the inventory: channels, rates, pauses and header stamps."""
 
-from collections.abc import Mapping
-
 from bagassets.decode.robots import robot_of, robots_of
 from bagassets.quality.finding import Finding, clock
 from bagassets.recipe.model import Rig
@@ -125,19 +123,16 @@ def _span(seconds: float) -> str:
 def stamps_monotonic(rig: Rig, inventory: Inventory, check: StampsCheck) -> Finding:
     """Check that header stamps go forward and are near the log time."""
     problems = []
-    backward: Mapping[str, int] = {
-        topic: inventory.topics[topic].unordered_stamps
-        for topic in watched_topics(rig)
-        if topic in inventory.topics
-    }
-    for topic, number in backward.items():
-        record = inventory.topics[topic]
+    backward: dict[str, int] = {}
+    for topic in watched_topics(rig):
+        record = inventory.topics.get(topic)
+        if record is None:
+            continue
+        number, first_ns = record.unordered_stamps, record.first_unordered_ns
+        if number:
+            backward[topic] = number
         if number > check.max_backward:
-            first = (
-                ""
-                if record.first_unordered_ns is None
-                else f", the first to {clock(record.first_unordered_ns)}"
-            )
+            first = "" if first_ns is None else f", the first to {clock(first_ns)}"
             verb = "goes" if number == 1 else "go"
             problems.append(f"{topic}: {number} of {record.count} header stamps {verb} back in time{first}")
         offset = record.header_offset_s
@@ -147,4 +142,4 @@ def stamps_monotonic(rig: Rig, inventory: Inventory, check: StampsCheck) -> Find
                 f"{topic}: header stamps are {_span(abs(offset.median))} {side} the log time, "
                 f"at most {check.max_offset_s:g} s expected"
             )
-    return Finding(problems, {"backward": {topic: number for topic, number in backward.items() if number}})
+    return Finding(problems, {"backward": backward})

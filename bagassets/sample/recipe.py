@@ -14,7 +14,6 @@ def sample_recipe(
     root: str = "recordings",
     output: str = "nuscenes",
     version: str = "v1.0-sample",
-    match: str = "**",
     throughput: bool = False,
 ) -> str:
     """Return a recipe for drives that `write_drive` writes.
@@ -24,7 +23,6 @@ def sample_recipe(
         root: folder of the recordings, relative to the recipe.
         output: dataroot, relative to the recipe.
         version: version folder of the dataset.
-        match: glob of the rig.
         throughput: for drives of the profile `tas`.
     """
     sheet = Sheet()
@@ -40,8 +38,6 @@ def sample_recipe(
     sheet.field(1, "length_s: 20")
     sheet.field(0, "rigs:")
     sheet.field(1, f"- name: {'throughput' if throughput else 'car'}")
-    if match != "**":
-        sheet.field(2, f"match: [{yaml_scalar(match)}]")
     sheet.field(2, "ego_frame: base_link")
     sheet.field(2, "ego_pose: {source: odometry, topic: /odom}")
     if not throughput:

@@ -19,6 +19,7 @@ import yaml
 from numpy.typing import NDArray
 
 from bagassets.geometry.se3 import Floats, quaternion_multiply, rotate
+from bagassets.kernels.returns import BANK_FLAGS, PACKET
 from bagassets.recordings.model import Message
 from bagassets.sample.cast import cast
 from bagassets.sample.messages import Messages
@@ -37,9 +38,6 @@ _NOISE = 4.0  # standard deviation, grey values
 PERIOD_NS = 100_000_000
 
 # Velodyne VLS-128 User Manual (63-9483), section 9: three firings of four blocks of 32 lasers a packet.
-BLOCK = np.dtype([("flag", "<u2"), ("azimuth", "<u2"), ("returns", [("distance", "<u2"), ("i", "u1")], 32)])
-PACKET = np.dtype([("blocks", BLOCK, 12), ("us", "<u4"), ("mode", "u1"), ("product", "u1")])
-_FLAGS = (0xEEFF, 0xDDFF, 0xCCFF, 0xBBFF)
 _LASERS, _FIRINGS, _FIRING_NS = 128, 3, 57_800
 _DISTANCE_UNIT_M, _MAX_RANGE_M = 0.004, 200.0
 _STRONGEST_RETURN, _VLS_128 = 0x37, 0xA1
@@ -174,13 +172,15 @@ def packets_of_revolution(world: World, start_s: float) -> NDArray[np.void]:
     seen = (hits.thing >= 0) & (hits.distance_m < _MAX_RANGE_M)
     packets = np.zeros(PACKETS, PACKET)
     blocks = packets["blocks"]
-    blocks["flag"] = np.tile(_FLAGS, _FIRINGS)
+    blocks["flag"] = np.tile(BANK_FLAGS, _FIRINGS)
     hundredths = np.mod(np.round(np.rad2deg(head) * 100), 36_000).astype(np.uint16)
-    blocks["azimuth"] = np.repeat(hundredths, len(_FLAGS)).reshape(PACKETS, 12)
+    blocks["azimuth"] = np.repeat(hundredths, len(BANK_FLAGS)).reshape(PACKETS, 12)
     shape = (PACKETS, 12, 32)
     distance = np.where(seen, np.where(seen, hits.distance_m, 0.0) / _DISTANCE_UNIT_M, 0.0)
     blocks["returns"]["distance"] = np.round(distance).astype(np.uint16).reshape(shape)
-    blocks["returns"]["i"] = np.where(seen, 20 + (hits.thing * 37) % 200, 0).astype(np.uint8).reshape(shape)
+    blocks["returns"]["intensity"] = (
+        np.where(seen, 20 + (hits.thing * 37) % 200, 0).astype(np.uint8).reshape(shape)
+    )
     packets["mode"], packets["product"] = _STRONGEST_RETURN, _VLS_128
     return packets
 

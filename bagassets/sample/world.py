@@ -17,6 +17,8 @@ __all__ = ["Ego", "Thing", "World"]
 
 # Labels surround an object without cutting into it.
 LABEL_MARGIN_M = 0.02
+# Radius of the ego car's lane; the centre of the circle is (0, RADIUS_M).
+RADIUS_M = 90.0
 
 
 @dataclass(frozen=True)
@@ -56,20 +58,12 @@ class Thing:
         centres = np.stack(
             [
                 self.radius_m * np.sin(angle),
-                self.radius_m * (1 - np.cos(angle)) + _circle_shift(self.radius_m),
+                self.radius_m * (1 - np.cos(angle)) + (RADIUS_M - self.radius_m),
                 np.full_like(angle, self.size_m[2] / 2),
             ],
             axis=-1,
         )
         return centres, angle + self.yaw_rad
-
-
-# Radius of the ego car's lane; the centre of the circle is (0, RADIUS_M).
-RADIUS_M = 90.0
-
-
-def _circle_shift(radius_m: float) -> float:
-    return RADIUS_M - radius_m
 
 
 @dataclass(frozen=True)
@@ -122,18 +116,9 @@ class World:
             things.append(Thing(len(things) + 1, category, size, radius, angle, speed, yaw, colour))
 
         for i in range(7):
-            add(
-                "",
-                (12.0, dice.uniform(10, 18), dice.uniform(6, 15)),
-                22.0 + dice.uniform(0, 6),
-                24.0 * i - 20,
-            )
-            add(
-                "",
-                (12.0, dice.uniform(10, 18), dice.uniform(6, 15)),
-                -24.0 - dice.uniform(0, 6),
-                24.0 * i - 14,
-            )
+            for sign, lateral, along in ((1.0, 22.0, -20.0), (-1.0, 24.0, -14.0)):
+                size = (12.0, dice.uniform(10, 18), dice.uniform(6, 15))
+                add("", size, sign * (lateral + dice.uniform(0, 6)), 24.0 * i + along)
         for i in range(5):
             add("vehicle.car", (1.9, dice.uniform(4.1, 4.9), 1.5), -4.6, 12.0 + 14 * i + dice.uniform(0, 5))
         # Beyond the pavement, where it occludes nobody, and within 50 m of the first seconds of every drive.

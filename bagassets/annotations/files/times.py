@@ -2,14 +2,13 @@
 
 import re
 from calendar import timegm
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from pathlib import PurePath
-from typing import Protocol
 
 from bagassets.annotations.files.label import UnreadableLabelsError, as_text
 
-__all__ = ["FrameClock", "NamedFrames", "NumberedFrames", "read_times"]
+__all__ = ["FrameClock", "named_frames", "numbered_frames", "read_times"]
 
 _DIGITS = {"ns": 0, "us": 3, "ms": 6, "s": 9}
 _MOST_DIGITS = 19
@@ -18,50 +17,36 @@ _NUMBER = re.compile(r"(\d+)(?:\.(\d+))?(?:\.[A-Za-z]\w*)*$")
 _DATE = re.compile(r"(\d{4})-(\d\d)-(\d\d)[ T](\d\d):(\d\d):(\d\d)(?:\.(\d{1,9})\d*)?Z?$")
 
 
-class FrameClock(Protocol):
-    """Gives the times of labelled frames."""
-
-    def stamp_ns(self, file: str, number: int | None) -> int | None:
-        """Return the time of a frame, or None if it has none.
-
-        Args:
-            file: name of the label file.
-            number: number of the frame in the label; None to take it from the name of the file.
-        """
-        ...
+FrameClock = Callable[[str, int | None], int | None]
+"""Returns the time of a labelled frame, or None if it has none; given the name of the label file, and the number of the frame
+in the label, or None to take it from the name of the file."""
 
 
-class NumberedFrames:
-    """Frames counted from `first`, with a list of their stamps."""
+def numbered_frames(stamps_ns: Sequence[int], first: int) -> FrameClock:
+    """Return the clock of frames that are counted from `first`, with a list of their stamps."""
 
-    def __init__(self, stamps_ns: Sequence[int], first: int) -> None:
-        self._stamps_ns = stamps_ns
-        self._first = first
-
-    def stamp_ns(self, file: str, number: int | None) -> int | None:
-        """Return the stamp of frame `number`, else of the number at the end of the file's name."""
+    def stamp_ns(file: str, number: int | None) -> int | None:
         if number is None:
             found = _NUMBER.search(PurePath(file).stem)
             if found is None:
                 return None
             number = int(found[1])
-        index = number - self._first
-        return self._stamps_ns[index] if 0 <= index < len(self._stamps_ns) else None
+        return stamps_ns[number - first] if 0 <= number - first < len(stamps_ns) else None
+
+    return stamp_ns
 
 
-class NamedFrames:
-    """Frames whose time is at the end of the file's name."""
+def named_frames(unit: str) -> FrameClock:
+    """Return the clock of frames whose time is at the end of the file's name; those numbered inside a file have none."""
+    digits = _DIGITS[unit]
 
-    def __init__(self, unit: str) -> None:
-        self._digits: int = _DIGITS[unit]
-
-    def stamp_ns(self, file: str, number: int | None) -> int | None:
-        """Return the time in the file's name; frames numbered inside a file have none."""
+    def stamp_ns(file: str, number: int | None) -> int | None:
         found = _NUMBER.search(PurePath(file).stem)
         if found is None or number is not None:
             return None
-        fraction = (found[2] or "")[: self._digits]
-        return int(found[1] + fraction.ljust(self._digits, "0"))
+        return int(found[1] + (found[2] or "")[:digits].ljust(digits, "0"))
+
+    return stamp_ns
 
 
 def read_times(data: bytes) -> list[int]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from bagassets.annotations.motion import MotionRule, has_attributes, motion_attributes, motion_of, speeds_of
+from bagassets.annotations.motion import MotionRule, has_attributes, motion_attributes, speeds_of
 from bagassets.annotations.table import BoxTable
 from bagassets.annotations.tracks import Messages, Track, messages_of, tracks_of
 from bagassets.assets.lidar_file import read_lidar_file
@@ -202,7 +202,7 @@ class _Builder:
         """Return the attribute at each time according to the motion of a track, or an empty name."""
         if self._motion is None:
             return [""] * len(times_ns)
-        return motion_attributes(category, motion_of(track, times_ns, self._motion), self._motion)
+        return motion_attributes(category, track, times_ns, self._motion)
 
     def _attributes(self, row: int, category: str, by_motion: str) -> list[str]:
         """Return the attribute tokens of a box: those from its source, else the one by motion."""
