@@ -71,9 +71,8 @@ def find_calibrations(root: Path, project: Path | None, *, nested: bool = True) 
             content = read_calibration_file(data, str(path))
         except (OSError, CalibrationError):
             continue  # some other YAML, such as the metadata of a ROS 2 bag
-        inside = project is not None and path.is_relative_to(project)
-        written = os.path.relpath(path, project) if inside and project is not None else str(path)
-        found.append(FoundCalibration(written, path, content))
+        written = path if project is None or not path.is_relative_to(project) else path.relative_to(project)
+        found.append(FoundCalibration(str(written), path, content))
     return found
 
 
