@@ -53,7 +53,7 @@ class TableFolder:
             DatasetError: it is missing, or no JSON.
         """
         if name not in self._files:
-            raise DatasetError(f"{self.path / name}: this file of the dataset is missing; {self.remedy()}")
+            raise self.missing(self.path / name)
         try:
             return json.loads(_content(self._files[name]))
         except (OSError, ValueError) as err:
