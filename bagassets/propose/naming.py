@@ -14,12 +14,18 @@ __all__ = [
     "is_sensor_type",
     "sensor_of",
     "tokens",
+    "word_list",
     "word_set",
 ]
 
 Modality = Literal["camera", "lidar", "radar"]
 
 PREFIX: dict[str, str] = {"camera": "CAM", "lidar": "LIDAR", "radar": "RADAR"}
+
+
+def word_list(text: str) -> tuple[str, ...]:
+    """Return the words of a text, in order."""
+    return tuple(text.split())
 
 
 def word_set(text: str) -> frozenset[str]:
