@@ -20,13 +20,15 @@ from bagassets.quantities import count_text
 from bagassets.reader.boxes import Boxes, View
 from bagassets.reader.nuscenes import NuScenesSource
 from bagassets.reader.reading_files import Points, read_image, read_points
-from bagassets.reader.source import Reading, SceneRow, Source
+from bagassets.reader.source import Reading, SceneRow
 from bagassets.reader.table_folder import LOCK, TableFolder
 from bagassets.reader.vision import VisionSource
 
 __all__ = ["Dataset", "Sample", "Scene", "Sweep", "open_dataset"]
 
 T = TypeVar("T")
+Source = NuScenesSource | VisionSource
+"""The content of a dataset of one format, offered alike; tables are read when they are first needed."""
 
 _ANNOTATIONS = "annotations"  # folder of a vision dataset that is swapped
 _MOST_NAMES = 12
