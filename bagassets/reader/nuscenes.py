@@ -182,7 +182,10 @@ class NuScenesSource:
         return self._kept[table]
 
     def _row(self, table: str, token: str) -> JsonObject:
-        return self._lookup(self._by_token(table), table, token)
+        try:
+            return self._kept[table][token]  # this is asked for every box, several times
+        except KeyError:
+            return self._lookup(self._by_token(table), table, token)
 
     def _lookup(self, rows: Mapping[str, JsonObject], table: str, token: str) -> JsonObject:
         try:
